@@ -1,0 +1,107 @@
+"""Files that are either whole or not there: atomic writes, staged folders and content hashes."""
+
+import hashlib
+import json
+import os
+import shutil
+import tempfile
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from wordcraft_kg.errors import ArtefactError, OutputExistsError
+
+
+def sha256_of(path: Path) -> str:
+    """Return the SHA-256 of a file's bytes, in hexadecimal."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def dump_json(value: Any) -> str:
+    """Serialise ``value`` readably, with keys in the order given and NaN refused."""
+    return json.dumps(value, ensure_ascii=False, indent=2, allow_nan=False) + "\n"
+
+
+def read_json(path: Path) -> Any:
+    """Read a JSON file written by this package.
+
+    Raises:
+        ArtefactError: if the file is missing, not UTF-8 or not JSON.
+    """
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise ArtefactError(f"{path} is missing; the folder is incomplete or not of the expected kind.") from None
+    except (UnicodeDecodeError, json.JSONDecodeError) as error:
+        raise ArtefactError(f"{path} is damaged: {error}. Make it again, or restore a copy.") from None
+
+
+def write_atomically(path: Path, content: str | bytes | Iterable[str]) -> None:
+    """Write a file through a temporary sibling, so that a reader sees the old content or the new, never a part."""
+    descriptor, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    try:
+        if isinstance(content, bytes):
+            with os.fdopen(descriptor, "wb") as binary:
+                binary.write(content)
+        else:
+            with os.fdopen(descriptor, "w", encoding="utf-8", newline="") as text:
+                text.writelines([content] if isinstance(content, str) else content)
+        os.chmod(temporary, 0o666 & ~_umask())
+        os.replace(temporary, path)
+    except BaseException:
+        Path(temporary).unlink(missing_ok=True)
+        raise
+
+
+def check_output(out: Path, *, force: bool) -> None:
+    """Refuse an output that exists, before any work is done.
+
+    Raises:
+        OutputExistsError: if ``out`` exists and ``force`` is False, or if it is a file where a folder is to be
+            written, which is never replaced.
+    """
+    if out.is_file():
+        raise OutputExistsError(f"'{out}' is a file; a folder is to be written there. Choose another --out.")
+    if out.exists() and not force:
+        raise OutputExistsError(f"'{out}' exists. Choose another --out, or replace it with --force.")
+
+
+@contextmanager
+def staged_folder(out: Path, *, force: bool = False) -> Iterator[Path]:
+    """Yield an empty folder that becomes ``out`` when the block ends well, and vanishes when it does not.
+
+    An earlier ``out`` stays as it was until the very end, whatever happens in the block (Ctrl-C included).
+    """
+    check_output(out, force=force)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    staging = Path(tempfile.mkdtemp(dir=out.parent, prefix=f".{out.name}."))
+    try:
+        os.chmod(staging, 0o777 & ~_umask())
+        yield staging
+        replace_folder(staging, out)
+    finally:
+        shutil.rmtree(staging, ignore_errors=True)
+
+
+def replace_folder(staging: Path, out: Path) -> None:
+    """Rename ``staging`` to ``out``; an ``out`` that exists is put aside first and comes back if that fails."""
+    if not out.exists():
+        os.rename(staging, out)
+        return
+    aside = Path(tempfile.mkdtemp(dir=out.parent, prefix=f".{out.name}.old."))
+    os.rename(out, aside / "was")
+    try:
+        os.rename(staging, out)
+    except BaseException:
+        os.rename(aside / "was", out)
+        raise
+    finally:
+        shutil.rmtree(aside, ignore_errors=True)
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask

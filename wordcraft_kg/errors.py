@@ -1,0 +1,54 @@
+"""What can go wrong for a user: one class a cause, each saying what was found, what was expected and what to do."""
+
+import difflib
+from collections.abc import Iterable
+
+
+class WordCraftKGError(Exception):
+    """Base of all errors that a user's input can cause; the command line prints them without a traceback."""
+
+
+class RecipeFileError(WordCraftKGError, ValueError):
+    """A recipe book cannot be read; the message names the line or the key."""
+
+
+class GraphError(WordCraftKGError, ValueError):
+    """A recipe graph cannot be built from what was given."""
+
+
+class UnknownEntityError(WordCraftKGError, LookupError):
+    """A label is not in the vocabulary; the message suggests the nearest ones."""
+
+
+class SplitError(WordCraftKGError, ValueError):
+    """A split cannot be drawn with these settings."""
+
+
+class ConfigError(WordCraftKGError, ValueError):
+    """An option has a value outside its allowed range."""
+
+
+class ArtefactError(WordCraftKGError, ValueError):
+    """A folder or file written by this package is missing a part, damaged, or of another kind."""
+
+
+class GraphMismatchError(ArtefactError):
+    """Two artefacts belong to different recipe graphs or different splits."""
+
+
+class OutputExistsError(WordCraftKGError, FileExistsError):
+    """The output is there already and overwriting was not asked for."""
+
+
+class FetchError(WordCraftKGError, OSError):
+    """A published book could not be downloaded, or is not the file that was pinned."""
+
+
+class MissingExtraError(WordCraftKGError, ImportError):
+    """An optional dependency is needed; the message names the extra that installs it."""
+
+
+def nearest(label: str, known: Iterable[str], limit: int = 3) -> str:
+    """Return " Did you mean 'a', 'b'?" for the labels closest to ``label``, or "" when none is close."""
+    matches = difflib.get_close_matches(label, list(known), n=limit, cutoff=0.6)
+    return f" Did you mean {', '.join(repr(m) for m in matches)}?" if matches else ""

@@ -1,0 +1,86 @@
+"""Graph folders on disk: writing one whole, and opening a graph by folder, book file or book name."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from wordcraft_kg.artefacts import dump_json, read_json, staged_folder, write_atomically
+from wordcraft_kg.errors import ArtefactError
+from wordcraft_kg.graphs.audit import audit
+from wordcraft_kg.graphs.books import open_book
+from wordcraft_kg.graphs.recipe_graph import RecipeGraph
+from wordcraft_kg.graphs.recipes import RecipeBook, book_json, read_book, recipe_table
+from wordcraft_kg.graphs.splits import Split, SplitConfig, make_split, read_split
+from wordcraft_kg.graphs.triples import triple_lines
+
+
+@dataclass(frozen=True)
+class OpenedGraph:
+    """A graph with its split, and where it came from (a folder, a file or a book's name)."""
+
+    graph: RecipeGraph
+    split: Split
+    source: str
+
+
+def write_graph_folder(out: Path, book: RecipeBook, split: Split, *, force: bool = False) -> dict[str, Any]:
+    """Write a graph folder and return its audit.
+
+    The folder holds ``graph.json``, ``split.json``, ``recipes.csv``, ``entities.tsv``, ``triples/full.tsv``,
+    ``partial.tsv`` and ``unseen.tsv``, and ``audit.json``. Its bytes depend on the book's content, name and the
+    split's settings only. It appears whole or not at all.
+
+    Raises:
+        OutputExistsError: if ``out`` exists and ``force`` is False.
+    """
+    graph = split.graph
+    with staged_folder(out, force=force) as folder:
+        source = {
+            "sha256": book.sha256,
+            "dropped_self_results": book.dropped_self_results,
+            "merged_duplicates": book.merged_duplicates,
+        }
+        of_graph = RecipeBook(graph.name, tuple(graph.recipe_labels()), graph.base, book.idle)
+        write_atomically(folder / "graph.json", book_json(of_graph, hash=graph.hash, source=source))
+        write_atomically(folder / "split.json", split.to_json())
+        write_atomically(folder / "recipes.csv", recipe_table(of_graph.recipes))
+        frame = graph.entities_frame()
+        frame.insert(0, "id", range(len(frame)))
+        write_atomically(folder / "entities.tsv", frame.to_csv(sep="\t", index=False, lineterminator="\n"))
+        (folder / "triples").mkdir()
+        for name, triples in (("full", graph.triples), ("partial", split.partial), ("unseen", split.unseen)):
+            write_atomically(folder / "triples" / f"{name}.tsv", triple_lines(triples, graph.entities))
+        found = {"dropped_self_results": book.dropped_self_results, "merged_duplicates": book.merged_duplicates}
+        found |= audit(graph, split)
+        write_atomically(folder / "audit.json", dump_json(found))
+    return found
+
+
+def open_graph(source: str | Path, config: SplitConfig | None = None) -> OpenedGraph:
+    """Open a graph and its split.
+
+    Args:
+        source: a graph folder, a recipe book's file, or the name of a known book.
+        config: how to split a book that has no split yet; ignored for a graph folder. Default: ``SplitConfig()``.
+
+    Raises:
+        ArtefactError: if a graph folder is incomplete, damaged, or its parts belong to different graphs.
+        RecipeFileError: if a book cannot be read, or there is no such folder, file or book.
+    """
+    folder = Path(source)
+    if folder.is_dir():
+        if not (folder / "graph.json").is_file():
+            raise ArtefactError(f"'{source}' is not a graph folder (no graph.json). Make one: wordcraft-kg build-graph")
+        recorded = read_json(folder / "graph.json")
+        book = read_book(folder / "graph.json", keep_self_results=True, name=recorded.get("name"))
+        graph = RecipeGraph.from_book(book)
+        if recorded.get("hash") != graph.hash:
+            raise ArtefactError(
+                f"{folder / 'graph.json'} is damaged or was edited: its content does not give its hash. "
+                "Build the graph again with `wordcraft-kg build-graph`."
+            )
+        split = read_split(read_json(folder / "split.json"), graph, str(folder / "split.json"))
+    else:
+        graph = RecipeGraph.from_book(open_book(source))
+        split = make_split(graph, config or SplitConfig())
+    return OpenedGraph(graph, split, str(source))

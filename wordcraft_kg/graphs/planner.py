@@ -1,0 +1,133 @@
+"""What can be made from what: reachability by rounds, layers, and cheapest derivations."""
+
+import heapq
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from wordcraft_kg.errors import GraphError
+from wordcraft_kg.graphs.recipe_graph import Entity, Ids, RecipeGraph
+from wordcraft_kg.graphs.recipes import Recipe
+
+
+def layers(graph: RecipeGraph, start: Iterable[Entity] | None = None) -> Ids:
+    """Return the round in which each entity can first be made.
+
+    In a round, every pair of entities known before it is combined. Base entities have layer 0.
+
+    Args:
+        graph: the recipe graph.
+        start: entities known at the start; None takes the graph's base entities.
+
+    Returns:
+        shape (num_entities,), int64; -1 where the entity is never reached.
+    """
+    starts, order = graph.by_ingredient
+    a, b, result = graph.recipes.T
+    layer = np.full(graph.num_entities, -1, dtype=np.int64)
+    frontier = graph.base_ids if start is None else np.unique([graph.id_of(entity) for entity in start])
+    frontier = frontier.astype(np.int64)
+    depth = 0
+    while len(frontier):
+        layer[frontier] = depth
+        depth += 1
+        # Only recipes with an ingredient that is new can fire for the first time, so each is looked at twice at most.
+        spans = [order[starts[i] : starts[i + 1]] for i in frontier.tolist()]
+        recipes = np.concatenate(spans)
+        made = result[recipes[(layer[a[recipes]] >= 0) & (layer[b[recipes]] >= 0)]]
+        frontier = np.unique(made[layer[made] < 0])
+    return layer
+
+
+def rounds(layer: Ids) -> list[int]:
+    """Return how many entities are known after 0, 1, 2, ... rounds, from the result of :func:`layers`."""
+    reached = layer[layer >= 0]
+    return np.cumsum(np.bincount(reached)).tolist() if len(reached) else []
+
+
+@dataclass(frozen=True)
+class Derivation:
+    """A way to make an entity from base entities.
+
+    Attributes:
+        goal: label of the entity.
+        steps: recipes in an order in which they can be carried out, each once; the last makes the goal. Empty for a
+            base entity.
+        cost: combinations needed if every use of an intermediate entity is made anew (the size of the derivation
+            tree). Entities are not used up, so carrying out ``steps`` takes ``len(steps) <= cost`` combinations.
+    """
+
+    goal: str
+    steps: tuple[Recipe, ...]
+    cost: int
+
+
+class Planner:
+    """Cheapest derivations of every entity of a graph.
+
+    The cost of a derivation is its tree size: 1 + cost(a) + cost(b). With this additive cost the minimum over all
+    derivations is exact and found for all entities at once, by Knuth's generalisation of Dijkstra's algorithm (Knuth,
+    "A generalization of Dijkstra's algorithm", 1977). Counting shared intermediates once would be the set version of
+    the problem, which is NP-hard. Ties go to the earlier recipe in the graph's order.
+
+    Attributes:
+        costs: cost of each entity by id; ``math.inf`` where it cannot be reached. Python integers, since a tree may
+            grow exponentially with depth.
+    """
+
+    def __init__(self, graph: RecipeGraph, start: Iterable[Entity] | None = None):
+        """Solve the graph from ``start`` (default: its base entities)."""
+        self.graph = graph
+        starts, order = (array.tolist() for array in graph.by_ingredient)
+        recipes = graph.recipes.tolist()
+        initial = graph.base_ids.tolist() if start is None else sorted({graph.id_of(entity) for entity in start})
+        self.costs: list[float] = [math.inf] * graph.num_entities
+        self._recipe: list[int] = [-1] * graph.num_entities
+        settled = [False] * graph.num_entities
+        queue: list[tuple[float, int, int]] = [(0, -1, entity) for entity in initial]
+        for entity in initial:
+            self.costs[entity] = 0
+        while queue:
+            cost, recipe, entity = heapq.heappop(queue)
+            if settled[entity]:
+                continue
+            settled[entity] = True
+            self._recipe[entity] = recipe
+            for index in order[starts[entity] : starts[entity + 1]]:
+                a, b, result = recipes[index]
+                if settled[a] and settled[b] and not settled[result]:
+                    candidate = 1 + self.costs[a] + self.costs[b]
+                    if candidate <= self.costs[result]:
+                        self.costs[result] = candidate
+                        heapq.heappush(queue, (candidate, index, result))
+
+    def derivation(self, goal: Entity) -> Derivation:
+        """Return the cheapest derivation of an entity, with its steps.
+
+        Raises:
+            UnknownEntityError: if there is no such entity.
+            GraphError: if it cannot be made from the start.
+        """
+        graph = self.graph
+        target = graph.id_of(goal)
+        if math.isinf(self.costs[target]):
+            raise GraphError(f"'{graph.entities[target]}' cannot be made from {', '.join(graph.base) or 'nothing'}.")
+        steps: list[int] = []
+        done: set[int] = set()
+        stack = [target]
+        while stack:
+            entity = stack[-1]
+            index = self._recipe[entity]
+            missing = [] if index < 0 else [part for part in graph.recipes[index, :2].tolist() if part not in done]
+            if entity not in done and not missing:
+                done.add(entity)
+                if index >= 0:
+                    steps.append(index)
+            if missing:
+                stack.extend(reversed(missing))
+            else:
+                stack.pop()
+        labels = graph.recipe_labels(graph.recipes[steps])
+        return Derivation(graph.entities[target], tuple(labels), int(self.costs[target]))

@@ -1,0 +1,37 @@
+"""What environments, policies and reports may ask of a scorer, whatever is behind it."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
+
+if TYPE_CHECKING:
+    import torch
+
+    EntityIds = int | str | Sequence[int] | Sequence[str] | torch.Tensor
+    """Entities by id or label: one, a sequence, or a tensor of ids of any shape."""
+    RelationIds = int | str | torch.Tensor
+    """Relations by id or label, or a tensor of ids."""
+
+
+@runtime_checkable
+class TripleScorer(Protocol):
+    """Scores triples of one recipe graph; a higher score means more plausible, on a scale of the scorer's own.
+
+    Attributes:
+        graph_hash: content hash of the graph whose ids it understands.
+        entities: labels in id order.
+    """
+
+    graph_hash: str
+    entities: tuple[str, ...]
+
+    def score(self, heads: "EntityIds", relations: "RelationIds", tails: "EntityIds") -> "torch.Tensor":
+        """Score triples; ids broadcast against each other.
+
+        Returns:
+            float32, of the broadcast shape, on the scorer's device.
+        """
+        ...
+
+    def table(self, relation: "int | str") -> "torch.Tensor":
+        """Return the scores of all pairs: shape (E, E), float32, row = head, column = tail."""
+        ...

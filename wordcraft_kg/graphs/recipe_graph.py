@@ -1,0 +1,327 @@
+"""The recipe graph: entities, recipes and base entities of a crafting world, and every lookup on them."""
+
+import hashlib
+import json
+from collections.abc import Iterable, Sequence
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wordcraft_kg.errors import GraphError, UnknownEntityError, nearest
+from wordcraft_kg.graphs.recipes import Recipe, RecipeBook
+from wordcraft_kg.graphs.triples import RELATIONS, recipe_triples
+
+if TYPE_CHECKING:
+    import networkx as nx
+    import pandas as pd
+
+Ids = NDArray[np.int64]
+Entity = int | str
+"""An entity, by id or by label."""
+
+
+class RecipeGraph:
+    """An immutable graph of recipes, the one source of truth that triples, splits, tasks and scorers derive from.
+
+    Entities have ids ``0 .. num_entities - 1`` in the order of their sorted labels, so two graphs with the same
+    content have the same ids. Equality and hash go by content: entities, base entities and recipes, not the name.
+
+    Attributes:
+        name: what reports call the graph.
+        entities: labels in id order.
+        base_ids: shape (num_base,), int64, ascending: the entities that a world starts with.
+        recipes: shape (num_recipes, 3), int64, rows ``(a, b, result)`` with ``a <= b``, sorted, unique.
+    """
+
+    def __init__(self, entities: Iterable[str], recipes: Ids, base_ids: Sequence[int] | Ids, name: str = "graph"):
+        """Build a graph from ids; most callers want :meth:`from_book` or :meth:`from_recipes`.
+
+        Args:
+            entities: labels, sorted, unique.
+            recipes: shape (num_recipes, 3), integer rows ``(ingredient, ingredient, result)`` in any order.
+            base_ids: ids of the base entities.
+            name: what reports call the graph.
+
+        Raises:
+            GraphError: if labels are not sorted and unique, or an id is out of range.
+        """
+        self.name = name
+        self.entities = tuple(entities)
+        if any(left >= right for left, right in zip(self.entities, self.entities[1:], strict=False)):
+            raise GraphError("entity labels must be sorted and unique.")
+        recipes = np.asarray(recipes, dtype=np.int64).reshape(-1, 3)
+        base = np.unique(np.asarray(base_ids, dtype=np.int64))
+        for what, ids in (("recipe", recipes), ("base", base)):
+            if ids.size and not 0 <= ids.min() <= ids.max() < len(self.entities):
+                raise GraphError(f"a {what} id is outside 0 .. {len(self.entities) - 1}.")
+        pairs = np.sort(recipes[:, :2], axis=1)
+        self.recipes: Ids = _unique_rows(np.column_stack([pairs, recipes[:, 2]]), len(self.entities))
+        self.base_ids: Ids = base
+        self.recipes.flags.writeable = False
+        self.base_ids.flags.writeable = False
+
+    @classmethod
+    def from_book(cls, book: RecipeBook, base: Iterable[str] | None = None) -> "RecipeGraph":
+        """Turn a recipe book into a graph.
+
+        Args:
+            book: the validated recipes.
+            base: labels of the base entities; None takes the book's own, or else infers them as the entities that
+                no recipe makes.
+
+        Raises:
+            UnknownEntityError: if a base label is not an entity of the book.
+        """
+        entities = book.entities
+        index = {label: i for i, label in enumerate(entities)}
+        recipes = np.fromiter(
+            (index[label] for recipe in book.recipes for label in recipe), np.int64, 3 * len(book.recipes)
+        ).reshape(-1, 3)
+        labels = book.base if base is None else sorted(set(base))
+        if labels is None:
+            base_ids = np.setdiff1d(np.arange(len(entities)), recipes[:, 2])
+        else:
+            unknown = [label for label in labels if label not in index]
+            if unknown:
+                raise UnknownEntityError(
+                    f"base entity '{unknown[0]}' is not in {book.name}.{nearest(unknown[0], entities)}"
+                )
+            base_ids = np.array([index[label] for label in labels], dtype=np.int64)
+        return cls(entities, recipes, base_ids, book.name)
+
+    @classmethod
+    def from_recipes(
+        cls, recipes: Iterable[Sequence[str]], base: Iterable[str] | None = None, name: str = "graph"
+    ) -> "RecipeGraph":
+        """Build a graph from rows ``(ingredient, ingredient, result)`` of labels."""
+        return cls.from_book(RecipeBook.of(name, recipes, keep_self_results=True), base)
+
+    # --- what there is -----------------------------------------------------------------------------------------------
+
+    @property
+    def num_entities(self) -> int:
+        """Number of entities."""
+        return len(self.entities)
+
+    @property
+    def num_recipes(self) -> int:
+        """Number of recipes, counting each result of a pair."""
+        return len(self.recipes)
+
+    @property
+    def num_pairs(self) -> int:
+        """Number of distinct unordered pairs that make something."""
+        return len(self.pair_starts) - 1
+
+    @property
+    def base(self) -> tuple[str, ...]:
+        """Labels of the base entities, sorted."""
+        return self.labels(self.base_ids)
+
+    @cached_property
+    def hash(self) -> str:
+        """SHA-256 of the content, in hexadecimal: the same for equal graphs on any machine."""
+        digest = hashlib.sha256(b"wordcraft-kg recipe graph 1\n")
+        digest.update(json.dumps([self.entities, self.base]).encode())
+        digest.update(self.recipes.astype("<i8").tobytes())
+        return digest.hexdigest()
+
+    def __eq__(self, other: object) -> bool:
+        return self.hash == other.hash if isinstance(other, RecipeGraph) else NotImplemented
+
+    def __hash__(self) -> int:
+        return hash(self.hash)
+
+    def __repr__(self) -> str:
+        return (
+            f"RecipeGraph({self.name!r}, {self.num_entities:,} entities, {self.num_recipes:,} recipes, "
+            f"hash {self.hash[:12]})"
+        )
+
+    # --- labels and ids ----------------------------------------------------------------------------------------------
+
+    @cached_property
+    def _index(self) -> dict[str, int]:
+        return {label: i for i, label in enumerate(self.entities)}
+
+    def id_of(self, entity: Entity) -> int:
+        """Return the id of an entity given by label or id.
+
+        Raises:
+            UnknownEntityError: with the nearest labels, or with the range of ids.
+        """
+        if isinstance(entity, str):
+            found = self._index.get(entity)
+            if found is None:
+                raise UnknownEntityError(f"no entity '{entity}' in {self.name}.{nearest(entity, self.entities)}")
+            return found
+        if not 0 <= entity < self.num_entities:
+            raise UnknownEntityError(f"no entity id {entity} in {self.name}; ids are 0 .. {self.num_entities - 1}.")
+        return int(entity)
+
+    def labels(self, ids: Iterable[int]) -> tuple[str, ...]:
+        """Return the labels of ids."""
+        return tuple(self.entities[i] for i in ids)
+
+    def recipe_labels(self, recipes: Ids | None = None) -> list[Recipe]:
+        """Return recipes (all, or the given rows of ids) as sorted rows of labels."""
+        rows = (self.recipes if recipes is None else recipes).tolist()
+        names = self.entities
+        return [Recipe(names[a], names[b], names[result]) for a, b, result in rows]
+
+    # --- lookups -----------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def pair_starts(self) -> Ids:
+        """Shape (num_pairs + 1,): pair ``p`` owns the recipes ``pair_starts[p] : pair_starts[p + 1]``."""
+        is_first = np.ones(self.num_recipes, dtype=bool)
+        is_first[1:] = np.any(np.diff(self.recipes[:, :2], axis=0) != 0, axis=1)
+        return np.append(np.flatnonzero(is_first), self.num_recipes)
+
+    @cached_property
+    def pair_of_recipe(self) -> Ids:
+        """Shape (num_recipes,): the number of each recipe's pair."""
+        return np.repeat(np.arange(self.num_pairs), np.diff(self.pair_starts))
+
+    @cached_property
+    def _pair_keys(self) -> Ids:
+        firsts = self.recipes[self.pair_starts[:-1]]
+        return firsts[:, 0] * self.num_entities + firsts[:, 1]
+
+    @cached_property
+    def by_result(self) -> tuple[Ids, Ids]:
+        """``(starts, order)``: entity ``i`` is made by the recipes ``order[starts[i] : starts[i + 1]]``."""
+        return _group(self.recipes[:, 2], np.arange(self.num_recipes), self.num_entities)
+
+    @cached_property
+    def by_ingredient(self) -> tuple[Ids, Ids]:
+        """``(starts, order)``: entity ``i`` is used by the recipes ``order[starts[i] : starts[i + 1]]``."""
+        # A self pair uses its ingredient once: the second column is skipped where it repeats the first.
+        rows = np.arange(self.num_recipes)
+        distinct = self.recipes[:, 0] != self.recipes[:, 1]
+        users = np.concatenate([self.recipes[:, 0], self.recipes[distinct, 1]])
+        return _group(users, np.concatenate([rows, rows[distinct]]), self.num_entities)
+
+    def results(self, one: Entity, other: Entity) -> Ids:
+        """Return the ids of all results of a pair, ascending; empty when the pair makes nothing."""
+        a, b = sorted((self.id_of(one), self.id_of(other)))
+        key = a * self.num_entities + b
+        pair = int(np.searchsorted(self._pair_keys, key))
+        if pair == self.num_pairs or self._pair_keys[pair] != key:
+            return np.empty(0, dtype=np.int64)
+        return self.recipes[self.pair_starts[pair] : self.pair_starts[pair + 1], 2]
+
+    def recipes_of(self, result: Entity) -> Ids:
+        """Return the indices into :attr:`recipes` of the recipes that make ``result``, ascending."""
+        starts, order = self.by_result
+        i = self.id_of(result)
+        return order[starts[i] : starts[i + 1]]
+
+    def uses_of(self, entity: Entity) -> Ids:
+        """Return the indices into :attr:`recipes` of the recipes that use ``entity`` as an ingredient, ascending."""
+        starts, order = self.by_ingredient
+        i = self.id_of(entity)
+        return order[starts[i] : starts[i + 1]]
+
+    @property
+    def recipe_counts(self) -> Ids:
+        """Shape (num_entities,): number of recipes that make each entity."""
+        return np.diff(self.by_result[0])
+
+    @property
+    def use_counts(self) -> Ids:
+        """Shape (num_entities,): number of recipes that use each entity as an ingredient."""
+        return np.diff(self.by_ingredient[0])
+
+    @cached_property
+    def triples(self) -> Ids:
+        """Shape (num_triples, 3), int64: all ``(head, relation, tail)`` of the full knowledge graph, sorted."""
+        triples = recipe_triples(self.recipes)
+        triples.flags.writeable = False
+        return triples
+
+    # --- views -------------------------------------------------------------------------------------------------------
+
+    def to_networkx(self, *, recipe_nodes: bool = False) -> "nx.MultiDiGraph":
+        """Return a networkx view.
+
+        Args:
+            recipe_nodes: False gives the typed multigraph, entities joined by edges whose key and ``relation`` is
+                ``combinesWith`` or ``componentOf``. True keeps which pair makes what: each recipe is a node
+                ``recipe <index>`` of ``kind="recipe"`` with edges ``ingredient -> recipe -> result`` (two parallel
+                ingredient edges for a self pair).
+        """
+        import networkx as nx
+
+        view = nx.MultiDiGraph(name=self.name, hash=self.hash)
+        in_base = set(self.base_ids.tolist())
+        view.add_nodes_from((label, {"kind": "entity", "base": i in in_base}) for i, label in enumerate(self.entities))
+        if recipe_nodes:
+            for index, recipe in enumerate(self.recipe_labels()):
+                node = f"recipe {index}"
+                view.add_node(node, kind="recipe")
+                view.add_edges_from(
+                    [
+                        (recipe.ingredient_a, node, "ingredient_a", {"role": "ingredient"}),
+                        (recipe.ingredient_b, node, "ingredient_b", {"role": "ingredient"}),
+                        (node, recipe.result, "result", {"role": "result"}),
+                    ]
+                )
+        else:
+            names = self.entities
+            view.add_edges_from(
+                (names[head], names[tail], RELATIONS[relation], {"relation": RELATIONS[relation]})
+                for head, relation, tail in self.triples.tolist()
+            )
+        return view
+
+    def entities_frame(self) -> "pd.DataFrame":
+        """Return a row per entity: label, base, layer (None where unreachable), recipes and uses."""
+        import pandas as pd
+
+        from wordcraft_kg.graphs.planner import layers
+
+        depth = pd.array(layers(self), dtype="Int64")
+        depth[depth < 0] = pd.NA
+        return pd.DataFrame(
+            {
+                "entity": self.entities,
+                "base": np.isin(np.arange(self.num_entities), self.base_ids),
+                "layer": depth,
+                "recipes": self.recipe_counts,
+                "uses": self.use_counts,
+            }
+        )
+
+    def recipes_frame(self) -> "pd.DataFrame":
+        """Return a row per recipe: ingredient_a, ingredient_b and result as labels."""
+        import pandas as pd
+
+        return pd.DataFrame(self.recipe_labels(), columns=list(Recipe._fields))
+
+    def triples_frame(self) -> "pd.DataFrame":
+        """Return a row per triple of the full knowledge graph: head, relation and tail as labels."""
+        import pandas as pd
+
+        names = np.array(self.entities, dtype=object)
+        head, relation, tail = self.triples.T
+        return pd.DataFrame(
+            {"head": names[head], "relation": np.array(RELATIONS, dtype=object)[relation], "tail": names[tail]}
+        )
+
+
+def _unique_rows(rows: Ids, num_entities: int) -> Ids:
+    """Sort integer rows ``(a, b, c)`` lexicographically and drop duplicates."""
+    if not len(rows):
+        return rows.copy()
+    rows = rows[np.lexsort((rows[:, 2], rows[:, 1], rows[:, 0]))]
+    return np.ascontiguousarray(rows[np.concatenate([[True], np.any(np.diff(rows, axis=0) != 0, axis=1)])])
+
+
+def _group(keys: Ids, values: Ids, size: int) -> tuple[Ids, Ids]:
+    """Group ``values`` by key: group ``k`` is ``ordered[starts[k] : starts[k + 1]]``, ascending."""
+    order = np.lexsort((values, keys))
+    starts = np.concatenate([[0], np.cumsum(np.bincount(keys, minlength=size))])
+    return starts, values[order]

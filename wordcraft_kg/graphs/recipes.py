@@ -1,0 +1,345 @@
+"""Recipes, and reading, validating and writing recipe books.
+
+Three layouts are read: CSV or TSV (``ingredient_a,ingredient_b,result``), our own JSON, and the JSON released with the
+paper's code (``{"entities": {label: {"recipes": [[a, b], ...]}}}``). Labels are kept verbatim and matched exactly.
+"""
+
+import csv
+import hashlib
+import io
+import json
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from wordcraft_kg.artefacts import write_atomically
+from wordcraft_kg.errors import RecipeFileError
+
+CSV_HEADER = ("ingredient_a", "ingredient_b", "result")
+JSON_FORMAT = "wordcraft-kg recipe book 1"
+MAX_LABEL_LENGTH = 1_000
+"""Characters. Longer ones are taken for a file of another kind."""
+MAX_LINE_LENGTH = 100_000
+"""Characters of one CSV or TSV record, so that a file without line ends fails early and says why."""
+
+
+class Recipe(NamedTuple):
+    """One unordered pair of ingredients and one of its results; ``ingredient_a <= ingredient_b``."""
+
+    ingredient_a: str
+    ingredient_b: str
+    result: str
+
+    @classmethod
+    def of(cls, one: str, other: str, result: str) -> "Recipe":
+        """Return the recipe with its ingredients in canonical order."""
+        return cls(one, other, result) if one <= other else cls(other, one, result)
+
+    @property
+    def is_self_result(self) -> bool:
+        """Whether the result is one of its own ingredients."""
+        return self.result in (self.ingredient_a, self.ingredient_b)
+
+
+@dataclass(frozen=True)
+class RecipeBook:
+    """A validated recipe book: recipes without duplicates, and the counts of what was left out.
+
+    Attributes:
+        name: how reports call it; not part of its content.
+        recipes: sorted, without duplicates.
+        base: the base entities the book declares, sorted, or None where it declares none.
+        idle: entities that the book lists although no kept recipe mentions them, sorted.
+        dropped_self_results: rows left out because their result is one of their own ingredients.
+        merged_duplicates: rows left out because the same recipe stood there already.
+        sha256: hash of the file's bytes, or None for a book that was not read from a file.
+    """
+
+    name: str
+    recipes: tuple[Recipe, ...]
+    base: tuple[str, ...] | None = None
+    idle: tuple[str, ...] = ()
+    dropped_self_results: int = 0
+    merged_duplicates: int = 0
+    sha256: str | None = None
+
+    @classmethod
+    def of(
+        cls,
+        name: str,
+        rows: Iterable[Sequence[str]],
+        *,
+        base: Iterable[str] | None = None,
+        listed: Iterable[str] = (),
+        keep_self_results: bool = False,
+        sha256: str | None = None,
+    ) -> "RecipeBook":
+        """Collect rows ``(ingredient, ingredient, result)`` into a book, counting what is dropped and merged."""
+        kept: set[Recipe] = set()
+        dropped = merged = 0
+        for one, other, result in rows:
+            recipe = Recipe.of(one, other, result)
+            if recipe.is_self_result and not keep_self_results:
+                dropped += 1
+            elif recipe in kept:
+                merged += 1
+            else:
+                kept.add(recipe)
+        mentioned = {label for recipe in kept for label in recipe}
+        declared = None if base is None else tuple(sorted(set(base)))
+        idle = tuple(sorted((set(listed) | set(declared or ())) - mentioned))
+        return cls(name, tuple(sorted(kept)), declared, idle, dropped, merged, sha256)
+
+    @property
+    def entities(self) -> tuple[str, ...]:
+        """All labels, sorted."""
+        return tuple(sorted({label for recipe in self.recipes for label in recipe}.union(self.idle)))
+
+
+def read_book(path: str | Path, *, keep_self_results: bool = False, name: str | None = None) -> RecipeBook:
+    """Read and validate a recipe book from a file, or from the ``graph.json`` of a graph folder.
+
+    The layout follows the ending: ``.csv``, ``.tsv`` (or ``.tab``), ``.json``. In CSV and TSV, lines that start with
+    ``#`` before the header are comments; ``# base: a, b`` declares base entities and ``# entities: a, b`` lists
+    entities that no recipe mentions.
+
+    Raises:
+        RecipeFileError: naming the line or key of the first thing that is wrong.
+    """
+    path = Path(path)
+    if (path / "graph.json").is_file():
+        path = path / "graph.json"
+    data = _read_bytes(path)
+    text = _decode(path, data)
+    if path.suffix.lower() == ".json":
+        base, listed, rows = _parse_json(path, text)
+    elif path.suffix.lower() in (".csv", ".tsv", ".tab"):
+        base, listed, rows = _parse_table(path, text, "," if path.suffix.lower() == ".csv" else "\t")
+    else:
+        raise RecipeFileError(f"{path}: unknown ending '{path.suffix}'; a recipe book is .csv, .tsv or .json.")
+    book = RecipeBook.of(
+        name or (path.parent.name if path.name == "graph.json" else path.stem),
+        rows,
+        base=base,
+        listed=listed,
+        keep_self_results=keep_self_results,
+        sha256=hashlib.sha256(data).hexdigest(),
+    )
+    if not book.recipes:
+        raise RecipeFileError(f"{path} has no recipe to keep ({book.dropped_self_results} self results dropped).")
+    return book
+
+
+def write_book(book: RecipeBook, path: Path) -> None:
+    """Write a book as ``.csv``, ``.tsv`` or ``.json`` by the ending of ``path``; reading it back gives an equal book.
+
+    Raises:
+        RecipeFileError: for another ending.
+    """
+    ending = path.suffix.lower()
+    if ending == ".json":
+        write_atomically(path, book_json(book))
+    elif ending in (".csv", ".tsv"):
+        directives = [("base", book.base), ("entities", book.idle or None)]
+        head = [f"# {key}: {_csv_line(labels, ',')}" for key, labels in directives if labels is not None]
+        write_atomically(path, [*head, *recipe_table(book.recipes, "," if ending == ".csv" else "\t")])
+    else:
+        raise RecipeFileError(f"{path}: unknown ending '{ending}'; a recipe book is written as .csv, .tsv or .json.")
+
+
+def recipe_table(recipes: Iterable[Recipe], delimiter: str = ",") -> Iterator[str]:
+    """Yield the lines of a recipe table, header first."""
+    yield delimiter.join(CSV_HEADER) + "\n"
+    for recipe in recipes:
+        yield _csv_line(recipe, delimiter)
+
+
+def book_json(book: RecipeBook, **extra: Any) -> Iterator[str]:
+    """Yield our own JSON layout, a recipe a line so that it diffs well; ``extra`` keys come after the name."""
+    dump = json.JSONEncoder(ensure_ascii=False, allow_nan=False).encode
+    yield f'{{\n"format": {dump(JSON_FORMAT)},\n"name": {dump(book.name)},\n'
+    for key, value in extra.items():
+        yield f"{dump(key)}: {dump(value)},\n"
+    yield f'"base": {dump(book.base)},\n"entities": {dump(book.entities)},\n"recipes": [\n'
+    last = len(book.recipes) - 1
+    for index, recipe in enumerate(book.recipes):
+        yield dump(recipe) + (",\n" if index < last else "\n")
+    yield "]\n}\n"
+
+
+def check_label(label: Any, where: str) -> str:
+    """Return ``label`` if it can name an entity.
+
+    Raises:
+        RecipeFileError: if it is not text, blank, too long, or holds a tab, a line break or another control character.
+    """
+    if not isinstance(label, str):
+        raise RecipeFileError(f"{where}: {label!r} is not a label; a label is text.")
+    if not label or label.isspace():
+        raise RecipeFileError(f"{where}: the label {label!r} is blank; every entity needs a name.")
+    if len(label) > MAX_LABEL_LENGTH:
+        raise RecipeFileError(f"{where}: a label of {len(label):,} characters; the limit is {MAX_LABEL_LENGTH:,}.")
+    if not label.isprintable() and any(ord(char) < 32 or char in "\x7f\x85\u2028\u2029" for char in label):
+        raise RecipeFileError(f"{where}: the label {label!r} holds a tab, line break or control character.")
+    return label
+
+
+def _csv_line(labels: Iterable[str], delimiter: str) -> str:
+    # Quoting only where it is needed; csv.writer is reached through a buffer because it writes to files only.
+    cells = list(labels)
+    if not any(delimiter in cell or '"' in cell or cell != cell.strip() or cell[0] == "#" for cell in cells):
+        return delimiter.join(cells) + "\n"
+    buffer = io.StringIO()
+    csv.writer(buffer, delimiter=delimiter, lineterminator="\n", quoting=csv.QUOTE_ALL).writerow(cells)
+    return buffer.getvalue()
+
+
+def _read_bytes(path: Path) -> bytes:
+    if path.is_dir():
+        raise RecipeFileError(f"{path} is a directory without a graph.json; give a recipe book (.csv, .tsv, .json).")
+    try:
+        return path.read_bytes()
+    except FileNotFoundError:
+        raise RecipeFileError(f"{path} does not exist. `wordcraft-kg books` lists the books known by name.") from None
+    except OSError as error:
+        raise RecipeFileError(f"{path} cannot be read: {error.strerror}.") from None
+
+
+def _decode(path: Path, data: bytes) -> str:
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        raise RecipeFileError(f"{path}, line {line}: not UTF-8 (byte 0x{data[error.start]:02x}). Save it as UTF-8.") from None
+    if not text.strip():
+        raise RecipeFileError(f"{path} is empty; a recipe book needs at least one recipe.")
+    return text
+
+
+Parsed = tuple[list[str] | None, list[str], Iterable[Sequence[str]]]
+
+
+def _parse_table(path: Path, text: str, delimiter: str) -> Parsed:
+    base: list[str] | None = None
+    listed: list[str] = []
+    lines = io.StringIO(text, newline="")
+    number = 0
+    for line in lines:
+        number += 1
+        if not line.startswith("#"):
+            break
+        key, colon, rest = line[1:].strip().partition(":")
+        if colon and key.strip() in ("base", "entities"):
+            labels = [cell for row in csv.reader([rest], skipinitialspace=True) for cell in row]
+            checked = [check_label(label, f"{path}, line {number}") for label in labels]
+            if key.strip() == "base":
+                base = checked
+            else:
+                listed = checked
+    header = tuple(cell.strip() for cell in line.rstrip("\r\n")[:MAX_LINE_LENGTH].split(delimiter))
+    if header != CSV_HEADER:
+        found = line.strip()[:80]
+        raise RecipeFileError(
+            f"{path}, line {number}: the header is '{found}'; expected '{delimiter.join(CSV_HEADER)}'"
+            f"{' separated by tabs' if delimiter == chr(9) else ''}."
+        )
+    return base, listed, _table_rows(path, lines, delimiter, number)
+
+
+def _table_rows(path: Path, lines: io.StringIO, delimiter: str, header_line: int) -> Iterator[Sequence[str]]:
+    def bounded() -> Iterator[str]:
+        for count, line in enumerate(lines, start=header_line + 1):
+            if len(line) > MAX_LINE_LENGTH:
+                raise RecipeFileError(
+                    f"{path}, line {count}: a line of {len(line):,} characters; the limit is {MAX_LINE_LENGTH:,}."
+                )
+            yield line
+
+    reader = csv.reader(bounded(), delimiter=delimiter, strict=True)
+    while True:
+        try:
+            row = next(reader)
+        except StopIteration:
+            return
+        except csv.Error as error:
+            raise RecipeFileError(f"{path}, line {header_line + reader.line_num}: {error}.") from None
+        if len(row) == 3 and all(row) and all(map(str.isprintable, row)) and not any(map(str.isspace, row)):
+            if max(map(len, row)) <= MAX_LABEL_LENGTH:
+                yield row
+                continue
+        elif not row:
+            continue
+        where = f"{path}, line {header_line + reader.line_num}"
+        if len(row) != 3:
+            count = max(len(row) - 1, 0)
+            shown = delimiter.join(row)[:80]
+            raise RecipeFileError(
+                f"{where}: '{shown}' has {count} ingredient{'s' * (count != 1)} and a result"
+                f"{'' if len(row) > 1 else ' missing'}; a recipe needs two and a result, in three columns."
+            )
+        yield [check_label(label, where) for label in row]
+
+
+def _parse_json(path: Path, text: str) -> Parsed:
+    def without_duplicate_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        keys = dict(pairs)
+        if len(keys) < len(pairs):
+            names = [key for key, _ in pairs]
+            twice = next(key for key in names if names.count(key) > 1)
+            raise RecipeFileError(f"{path}: the key '{twice}' stands twice in one object.")
+        return keys
+
+    try:
+        content = json.loads(text, object_pairs_hook=without_duplicate_keys)
+    except json.JSONDecodeError as error:
+        raise RecipeFileError(f"{path}, line {error.lineno}, column {error.colno}: not JSON ({error.msg}).") from None
+    except RecursionError:
+        raise RecipeFileError(f"{path}: nested too deeply for a recipe book.") from None
+    entities = content.get("entities") if isinstance(content, dict) else None
+    if isinstance(entities, dict):
+        return None, list(entities), _official_rows(path, entities)
+    if isinstance(entities, list) and isinstance(content.get("recipes"), list):
+        known = {check_label(label, f"{path}: entities[{index}]") for index, label in enumerate(entities)}
+        base = content.get("base")
+        if base is not None:
+            if not isinstance(base, list):
+                raise RecipeFileError(f"{path}: 'base' is {type(base).__name__}; expected a list of labels or null.")
+            base = [check_label(label, f"{path}: base[{index}]") for index, label in enumerate(base)]
+        return base, sorted(known), _own_rows(path, content["recipes"], known)
+    raise RecipeFileError(
+        f"{path}: neither of the known layouts. Expected an object with the lists 'entities' and 'recipes', "
+        "or the official one with an object 'entities'."
+    )
+
+
+def _own_rows(path: Path, recipes: list[Any], known: set[str]) -> Iterator[Sequence[str]]:
+    for index, row in enumerate(recipes):
+        where = f"{path}: recipes[{index}]"
+        if not isinstance(row, list) or len(row) != 3:
+            raise RecipeFileError(f"{where} is {_shown(row)}; expected [ingredient, ingredient, result].")
+        yield [_known(label, known, where) for label in row]
+
+
+def _official_rows(path: Path, entities: dict[str, Any]) -> Iterator[Sequence[str]]:
+    known = {check_label(label, f"{path}: entities") for label in entities}
+    for result, entry in entities.items():
+        where = f"{path}: entities['{result}']"
+        if not isinstance(entry, dict) or not isinstance(entry.get("recipes"), list):
+            raise RecipeFileError(f"{where} has no list 'recipes'.")
+        for index, pair in enumerate(entry["recipes"]):
+            here = f"{where}.recipes[{index}]"
+            if not isinstance(pair, list) or len(pair) != 2:
+                raise RecipeFileError(f"{here} is {_shown(pair)}; a recipe needs two ingredients.")
+            yield [*(_known(label, known, here) for label in pair), result]
+
+
+def _known(label: Any, known: set[str], where: str) -> str:
+    label = check_label(label, where)
+    if label not in known:
+        raise RecipeFileError(f"{where}: '{label}' is not among the file's entities.")
+    return label
+
+
+def _shown(value: Any) -> str:
+    return repr(value)[:80]

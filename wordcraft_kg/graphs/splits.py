@@ -1,0 +1,280 @@
+"""Splitting recipes into train, validation and test, and the full, partial and unseen triples that follow.
+
+A new split is a function ``(graph, config, rng) -> Draw`` in :data:`SPLITS`.
+"""
+
+import hashlib
+import json
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from typing import Any, Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wordcraft_kg.errors import ArtefactError, GraphMismatchError, SplitError, nearest
+from wordcraft_kg.graphs.recipe_graph import Ids, RecipeGraph
+from wordcraft_kg.graphs.recipes import Recipe
+from wordcraft_kg.graphs.triples import is_in, recipe_triples
+
+SPLIT_FORMAT = "wordcraft-kg split 1"
+TRAIN, VALID, TEST = 0, 1, 2
+PARTS = ("train", "valid", "test")
+Part = Literal["train", "valid", "test"]
+SplitKind = Literal["by-recipe", "by-recipe-plain", "by-goal", "by-goal-terminals", "none"]
+
+
+@dataclass(frozen=True)
+class SplitConfig:
+    """How to split the recipes of a graph.
+
+    Attributes:
+        kind: what is held out, see :data:`SPLITS`.
+        train_ratio: share kept for training, between 0 and 1, of the pairs (by-recipe, by-recipe-plain) or of the
+            goals (by-goal, by-goal-terminals). 0.8 is the paper's.
+        valid_ratio: share kept for validation, from 0; the rest, which must not be empty, is the test part.
+        seed: of the draw.
+    """
+
+    kind: SplitKind = "by-recipe"
+    train_ratio: float = 0.8
+    valid_ratio: float = 0.0
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if self.kind not in SPLITS:
+            raise SplitError(f"no split '{self.kind}'; there are {', '.join(SPLITS)}.{nearest(self.kind, SPLITS)}")
+        if not 0 < self.train_ratio < 1:
+            raise SplitError(f"train ratio {self.train_ratio}: expected more than 0 and less than 1, such as 0.8.")
+        if not 0 <= self.valid_ratio < 1 or math.isclose(self.train_ratio + self.valid_ratio, 1):
+            raise SplitError(f"valid ratio {self.valid_ratio}: expected 0, or a share that leaves a test part.")
+        if self.train_ratio + self.valid_ratio > 1:
+            raise SplitError(f"train ratio {self.train_ratio} and valid ratio {self.valid_ratio} leave no test part.")
+        if self.seed < 0:
+            raise SplitError(f"seed {self.seed}: expected 0 or more.")
+
+
+@dataclass(frozen=True)
+class Draw:
+    """What a split function decides: the part of each recipe, and how many it moved to cover all entities."""
+
+    parts: NDArray[np.int8]
+    moved_for_coverage: int = 0
+
+
+class Split:
+    """The parts of a graph's recipes, and the triples of each.
+
+    *full* are the triples of all recipes, *partial* those of the train recipes, *unseen* = full - partial. A triple
+    may follow from several recipes; a test triple that a train recipe gives too is *leaked* and never evaluated.
+
+    Attributes:
+        graph: the graph that was split.
+        config: the settings.
+        parts: shape (num_recipes,), int8: 0 train, 1 validation, 2 test.
+        moved_for_coverage: recipes moved to train so that every entity occurs there.
+    """
+
+    def __init__(self, graph: RecipeGraph, config: SplitConfig, draw: Draw):
+        """Bind a draw to its graph; :func:`make_split` and :func:`read_split` are the usual ways."""
+        self.graph = graph
+        self.config = config
+        self.parts = draw.parts
+        self.parts.flags.writeable = False
+        self.moved_for_coverage = draw.moved_for_coverage
+
+    def recipes(self, part: Part) -> Ids:
+        """Return the recipes of a part, shape (n, 3), in the graph's order."""
+        return self.graph.recipes[self.parts == PARTS.index(part)]
+
+    @cached_property
+    def partial(self) -> Ids:
+        """Triples of the train recipes, shape (T, 3), sorted."""
+        return recipe_triples(self.recipes("train"))
+
+    @cached_property
+    def unseen(self) -> Ids:
+        """Triples of the graph that no train recipe gives, shape (T, 3), sorted."""
+        full = self.graph.triples
+        return full[~is_in(full, self.partial, self.graph.num_entities)]
+
+    def candidates(self, part: Part) -> Ids:
+        """Return all triples of a part's recipes, leaked ones included, shape (T, 3), sorted."""
+        return recipe_triples(self.recipes(part))
+
+    def held_out(self, part: Literal["valid", "test"]) -> Ids:
+        """Return the triples of a part that may be evaluated, shape (T, 3), sorted.
+
+        Those of the train recipes are left out; for the test part also those of the validation recipes, on which
+        settings may have been chosen.
+        """
+        triples = self.candidates(part)
+        seen = self.partial if part == "valid" else np.concatenate([self.partial, self.candidates("valid")])
+        return triples[~is_in(triples, seen, self.graph.num_entities)]
+
+    @cached_property
+    def uncovered(self) -> Ids:
+        """Ids of the entities that occur in no train recipe."""
+        return np.setdiff1d(np.arange(self.graph.num_entities), self.recipes("train"))
+
+    @cached_property
+    def pairs_on_both_sides(self) -> int:
+        """Number of pairs with results in more than one part."""
+        starts = self.graph.pair_starts[:-1]
+        if not len(starts):
+            return 0
+        return int(np.sum(np.minimum.reduceat(self.parts, starts) != np.maximum.reduceat(self.parts, starts)))
+
+    @cached_property
+    def hash(self) -> str:
+        """SHA-256 of the graph's hash and every recipe's part, in hexadecimal."""
+        return hashlib.sha256(f"{self.graph.hash}\n".encode() + self.parts.tobytes()).hexdigest()
+
+    def to_json(self) -> Iterator[str]:
+        """Yield ``split.json``: settings, hashes, and each part's recipes as rows of labels, a recipe a line."""
+        head = {
+            "format": SPLIT_FORMAT,
+            "graph": self.graph.hash,
+            "hash": self.hash,
+            **asdict(self.config),
+            "moved_for_coverage": self.moved_for_coverage,
+        }
+        dump = json.JSONEncoder(ensure_ascii=False, allow_nan=False).encode
+        yield "{\n" + "".join(f"{dump(key)}: {dump(value)},\n" for key, value in head.items())
+        for index, part in enumerate(get_args(Part)):
+            rows = self.graph.recipe_labels(self.recipes(part))
+            yield f"{dump(part)}: [\n"
+            yield from (dump(row) + (",\n" if i < len(rows) - 1 else "\n") for i, row in enumerate(rows))
+            yield "],\n" if index < len(PARTS) - 1 else "]\n"
+        yield "}\n"
+
+
+def make_split(graph: RecipeGraph, config: SplitConfig) -> Split:
+    """Split a graph's recipes; the same graph and settings give the same split on any machine.
+
+    Raises:
+        SplitError: if a part comes out empty because the graph is too small for the ratios.
+    """
+    draw = SPLITS[config.kind](graph, config, np.random.default_rng(config.seed))
+    split = Split(graph, config, draw)
+    if config.kind != "none":
+        needed = ["train", "test", *(["valid"] if config.valid_ratio else [])]
+        empty = [part for part in needed if not np.any(draw.parts == PARTS.index(part))]
+        if empty:
+            raise SplitError(
+                f"the {empty[0]} part of a {config.kind} split of {graph.num_recipes} recipes is empty; "
+                "choose another ratio, or --split none for the full graph only."
+            )
+    return split
+
+
+def read_split(content: Any, graph: RecipeGraph, where: str = "split.json") -> Split:
+    """Rebuild a split from the content of ``split.json``.
+
+    Raises:
+        GraphMismatchError: if it belongs to another graph.
+        ArtefactError: if it is damaged.
+    """
+    try:
+        if content["format"] != SPLIT_FORMAT:
+            raise ArtefactError(f"{where} has the format {content['format']!r}; expected {SPLIT_FORMAT!r}.")
+        if content["graph"] != graph.hash:
+            raise GraphMismatchError(
+                f"{where} belongs to graph {content['graph'][:12]} but the graph beside it is {graph.hash[:12]} "
+                f"({graph.num_entities} entities). Build the graph again with `wordcraft-kg build-graph`."
+            )
+        config = SplitConfig(**{key: content[key] for key in ("kind", "train_ratio", "valid_ratio", "seed")})
+        row_of = {recipe: row for row, recipe in enumerate(graph.recipe_labels())}
+        parts = np.full(graph.num_recipes, -1, dtype=np.int8)
+        for index, part in enumerate(PARTS):
+            parts[[row_of[Recipe(*row)] for row in content[part]]] = index
+        split = Split(graph, config, Draw(parts, content["moved_for_coverage"]))
+        if split.hash != content["hash"]:
+            raise ArtefactError(f"{where} is damaged: its recipes do not give its hash. Build the graph again.")
+        return split
+    except (KeyError, TypeError, SplitError) as error:
+        raise ArtefactError(f"{where} is damaged ({type(error).__name__}: {error}). Build the graph again.") from None
+
+
+def _part_of_units(num_units: int, config: SplitConfig, rng: np.random.Generator) -> NDArray[np.int8]:
+    """Deal ``num_units`` pairs or goals to the parts at random, by rounded ratios."""
+    order = rng.permutation(num_units)
+    num_train = round(config.train_ratio * num_units)
+    num_valid = round(config.valid_ratio * num_units)
+    parts = np.full(num_units, TEST, dtype=np.int8)
+    parts[order[:num_train]] = TRAIN
+    parts[order[num_train : num_train + num_valid]] = VALID
+    return parts
+
+
+def _by_recipe_plain(graph: RecipeGraph, config: SplitConfig, rng: np.random.Generator) -> Draw:
+    """Hold out pairs, whole: all results of a pair stay on one side."""
+    return Draw(_part_of_units(graph.num_pairs, config, rng)[graph.pair_of_recipe])
+
+
+def _by_recipe(graph: RecipeGraph, config: SplitConfig, rng: np.random.Generator) -> Draw:
+    """Hold out pairs, then move a random pair of each entity that train lacks, so that train covers every entity.
+
+    Source: Jiang et al. 2020, section "Link Prediction Model": "a subgraph ... containing all nodes".
+    """
+    parts = _by_recipe_plain(graph, config, rng).parts.copy()
+    covered = np.zeros(graph.num_entities, dtype=bool)
+    covered[graph.recipes[parts == TRAIN]] = True
+    moved = 0
+    for entity in np.flatnonzero(~covered).tolist():
+        if covered[entity]:
+            continue
+        around = np.concatenate([graph.recipes_of(entity), graph.uses_of(entity)])
+        if not len(around):
+            continue  # mentioned by no recipe at all: nothing can cover it
+        pair = graph.pair_of_recipe[rng.choice(around)]
+        rows = slice(graph.pair_starts[pair], graph.pair_starts[pair + 1])
+        parts[rows] = TRAIN
+        covered[graph.recipes[rows]] = True
+        moved += rows.stop - rows.start
+    return Draw(parts, int(moved))
+
+
+def _by_goal(graph: RecipeGraph, config: SplitConfig, rng: np.random.Generator) -> Draw:
+    """Hold out goals: every recipe goes where its result goes."""
+    goals = np.unique(graph.recipes[:, 2])
+    part_of = np.full(graph.num_entities, TRAIN, dtype=np.int8)
+    part_of[goals] = _part_of_units(len(goals), config, rng)
+    return Draw(part_of[graph.recipes[:, 2]])
+
+
+def _by_goal_terminals(graph: RecipeGraph, config: SplitConfig, rng: np.random.Generator) -> Draw:
+    """Hold out goals that are ingredients of something; terminal entities stay in train.
+
+    The ratios count all goals, so the held-out parts are as large as those of by-goal.
+    """
+    goals = np.unique(graph.recipes[:, 2])
+    inner = goals[graph.use_counts[goals] > 0]
+    num_held_out = len(goals) - round(config.train_ratio * len(goals))
+    num_valid = round(config.valid_ratio * len(goals))
+    if num_held_out > len(inner):
+        raise SplitError(
+            f"{num_held_out} goals are to be held out but only {len(inner)} are not terminal; raise the train ratio."
+        )
+    held_out = rng.permutation(inner)[:num_held_out]
+    part_of = np.full(graph.num_entities, TRAIN, dtype=np.int8)
+    part_of[held_out[:num_valid]] = VALID
+    part_of[held_out[num_valid:]] = TEST
+    return Draw(part_of[graph.recipes[:, 2]])
+
+
+def _none(graph: RecipeGraph, config: SplitConfig, rng: np.random.Generator) -> Draw:
+    """Keep everything in train: for the full knowledge graph only."""
+    return Draw(np.full(graph.num_recipes, TRAIN, dtype=np.int8))
+
+
+SPLITS: dict[str, Callable[[RecipeGraph, SplitConfig, np.random.Generator], Draw]] = {
+    "by-recipe": _by_recipe,
+    "by-recipe-plain": _by_recipe_plain,
+    "by-goal": _by_goal,
+    "by-goal-terminals": _by_goal_terminals,
+    "none": _none,
+}
+"""The splits by name."""

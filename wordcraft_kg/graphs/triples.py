@@ -1,0 +1,56 @@
+"""The two relations of a recipe graph, and triples as arrays of ids."""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+Ids = NDArray[np.int64]
+
+COMBINES_WITH = 0
+"""Id of ``combinesWith``: the head and the tail make something together; symmetric."""
+COMPONENT_OF = 1
+"""Id of ``componentOf``: the head is an ingredient of the tail."""
+RELATIONS = ("combinesWith", "componentOf")
+"""Labels of the relations, in id order."""
+
+
+def recipe_triples(recipes: Ids) -> Ids:
+    """Return the triples of recipes: four a recipe, duplicates merged.
+
+    ``{a, b} -> c`` gives (a, combinesWith, b), (b, combinesWith, a), (a, componentOf, c) and (b, componentOf, c).
+
+    Args:
+        recipes: shape (N, 3), rows ``(a, b, result)`` of entity ids.
+
+    Returns:
+        shape (T, 3), int64, rows ``(head, relation, tail)``, sorted by relation, head, tail.
+
+    Source: Jiang et al. 2020, section "Link Prediction Model", whose fourth triple is misprinted as
+    (b, componentOf, b).
+    """
+    a, b, result = recipes.T
+    heads = np.concatenate([a, b, a, b])
+    tails = np.concatenate([b, a, result, result])
+    relations = np.repeat([COMBINES_WITH, COMPONENT_OF], 2 * len(recipes))
+    order = np.lexsort((tails, heads, relations))
+    triples = np.column_stack([heads, relations, tails])[order]
+    if not len(triples):
+        return triples
+    return np.ascontiguousarray(triples[np.concatenate([[True], np.any(np.diff(triples, axis=0) != 0, axis=1)])])
+
+
+def triple_keys(triples: Ids, num_entities: int) -> Ids:
+    """Return one int64 per triple that identifies it and sorts like (relation, head, tail)."""
+    head, relation, tail = triples.T
+    return (relation * num_entities + head) * num_entities + tail
+
+
+def is_in(triples: Ids, others: Ids, num_entities: int) -> NDArray[np.bool_]:
+    """Return, for each triple, whether it is among ``others``; shape (T,)."""
+    return np.isin(triple_keys(triples, num_entities), triple_keys(others, num_entities))
+
+
+def triple_lines(triples: Ids, entities: Sequence[str]) -> Iterator[str]:
+    """Yield ``head<TAB>relation<TAB>tail`` lines of labels; labels hold no tab or line break."""
+    return (f"{entities[head]}\t{RELATIONS[relation]}\t{entities[tail]}\n" for head, relation, tail in triples.tolist())

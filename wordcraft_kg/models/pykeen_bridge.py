@@ -1,0 +1,99 @@
+"""Between recipe graphs and PyKEEN: triples factories, a dataset by name, and the guard around its global seeding.
+
+PyKEEN appears here, in ``complex.py`` and ``symmetric_lcwa.py`` (what it trains), and in ``link_training.py`` and
+``link_tuning.py`` (which call it); nowhere else.
+"""
+
+import gc
+import random
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from pykeen.datasets.base import EagerDataset
+from pykeen.triples import TriplesFactory
+
+from wordcraft_kg.errors import SplitError
+from wordcraft_kg.graphs.folder import open_graph
+from wordcraft_kg.graphs.recipe_graph import Ids, RecipeGraph
+from wordcraft_kg.graphs.triples import RELATIONS
+
+
+def triples_factory(graph: RecipeGraph, triples: Ids, *, create_inverse_triples: bool = False) -> TriplesFactory:
+    """Wrap triples of ids for PyKEEN; entity and relation ids are the graph's own."""
+    return TriplesFactory(
+        mapped_triples=torch.from_numpy(triples.copy()),
+        entity_to_id={label: i for i, label in enumerate(graph.entities)},
+        relation_to_id={label: i for i, label in enumerate(RELATIONS)},
+        create_inverse_triples=create_inverse_triples,
+    )
+
+
+class WordCraft(EagerDataset):
+    """A recipe graph as a PyKEEN dataset, known to PyKEEN as ``wordcraft``.
+
+    Training triples are the partial knowledge graph; validation and testing are the held-out triples that training
+    does not contain, so PyKEEN's numbers on it are leak-free.
+    """
+
+    def __init__(self, graph: str | Path = "kitchen", create_inverse_triples: bool = False, **kwargs: Any) -> None:
+        """Open a graph.
+
+        Args:
+            graph: a graph folder, a recipe book's file, or the name of a known book (split by recipe, seed 0).
+            create_inverse_triples: as in PyKEEN.
+            kwargs: passed to PyKEEN's dataset class.
+
+        Raises:
+            SplitError: if the graph's split has no test triples.
+        """
+        opened = open_graph(graph)
+        test, valid = (opened.split.held_out(part) for part in ("test", "valid"))
+        if not len(test):
+            raise SplitError(f"'{graph}' has no unseen test triples; build it with a split, such as --split by-recipe.")
+        super().__init__(
+            training=triples_factory(
+                opened.graph, opened.split.partial, create_inverse_triples=create_inverse_triples
+            ),
+            testing=triples_factory(opened.graph, test),
+            validation=triples_factory(opened.graph, valid) if len(valid) else None,
+            **kwargs,
+        )
+
+
+def seed_everything(seed: int, epoch: int = 0) -> None:
+    """Seed the global generators that PyKEEN draws from, by root seed and epoch; use inside :func:`pykeen_guard`."""
+    value = int(np.random.SeedSequence([seed, epoch]).generate_state(1)[0])
+    random.seed(value)
+    np.random.seed(value)  # noqa: NPY002 - PyKEEN's negative samplers draw from it
+    torch.manual_seed(value)
+
+
+@contextmanager
+def pykeen_guard(seed: int, threads: int) -> Iterator[None]:
+    """Seed the global generators, as PyKEEN needs, and put everything back afterwards, on errors too.
+
+    Within the block torch uses ``threads`` CPU threads, and the objects alive at its start are exempt from garbage
+    collection: PyKEEN collects after each epoch, which would cost 0.2 s there for what its imports left behind.
+    """
+    states = random.getstate(), np.random.get_state(), torch.get_rng_state()  # noqa: NPY002
+    cuda_states = torch.cuda.get_rng_state_all() if torch.cuda.is_available() else []
+    threads_before = torch.get_num_threads()
+    frozen_before = gc.get_freeze_count()
+    torch.set_num_threads(threads)
+    gc.freeze()
+    try:
+        seed_everything(seed)
+        yield
+    finally:
+        random.setstate(states[0])
+        np.random.set_state(states[1])  # noqa: NPY002
+        torch.set_rng_state(states[2])
+        if cuda_states:
+            torch.cuda.set_rng_state_all(cuda_states)
+        torch.set_num_threads(threads_before)
+        if not frozen_before:
+            gc.unfreeze()

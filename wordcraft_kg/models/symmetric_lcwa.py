@@ -1,0 +1,71 @@
+"""The paper's training objective as a PyKEEN training loop: softmax over all heads plus softmax over all tails.
+
+PyKEEN's ``SymmetricLCWATrainingLoop`` computes the same loss, but looks all embeddings up twice, regularises them twice
+and builds dense one-hot targets. This one reads the entity table once a batch and uses the target indices themselves.
+Two private methods of PyKEEN's training loop are overridden, which pins PyKEEN's minor version.
+"""
+
+import torch
+from pykeen.losses import CrossEntropyLoss
+from pykeen.models import ERModel
+from pykeen.training import SymmetricLCWATrainingLoop, training_loop_resolver
+from pykeen.triples import CoreTriplesFactory
+from torch.nn.functional import cross_entropy
+from torch.utils.data import BatchSampler, DataLoader, RandomSampler, TensorDataset
+
+from wordcraft_kg.errors import ConfigError
+
+
+class IndexedSymmetricLCWATrainingLoop(SymmetricLCWATrainingLoop):
+    """Both-side softmax cross entropy with index targets, for models with one embedding per entity and relation.
+
+    ``loss = mean_b [ -log p(t | h, r) - log p(h | r, t) ] + regularisation(h) + (r) + (t)``, with the softmax over all
+    entities and each looked-up factor regularised once.
+
+    Source: Jiang et al. 2020, Eq. 2; Lacroix et al. 2018.
+    """
+
+    def __init__(self, model: ERModel, *args: object, **kwargs: object) -> None:
+        """Check that the model suits this loop, then set it up as PyKEEN does.
+
+        Raises:
+            ConfigError: for another loss than cross entropy, or a model that is not built from single embeddings.
+        """
+        if not isinstance(model.loss, CrossEntropyLoss):
+            raise ConfigError(f"this loop computes a cross entropy; the model has the loss {type(model.loss).__name__}.")
+        if not isinstance(model, ERModel) or any(
+            len(parts) != 1 for parts in (model.entity_representations, model.relation_representations)
+        ):
+            raise ConfigError(f"{type(model).__name__} has no single embedding per entity; train it with 'SymmetricLCWA'.")
+        super().__init__(model, *args, **kwargs)
+
+    def _create_training_data_loader(
+        self, triples_factory: CoreTriplesFactory, sampler: str | None, **kwargs: object
+    ) -> DataLoader:
+        # A sampler of whole batches: one indexing operation a batch instead of one a triple.
+        data = TensorDataset(triples_factory.mapped_triples)
+        batches = BatchSampler(RandomSampler(data), int(kwargs["batch_size"]), bool(kwargs["drop_last"]))  # type: ignore[call-overload]
+        return DataLoader(data, sampler=batches, batch_size=None, pin_memory=self.model.device.type == "cuda")
+
+    def _process_batch(
+        self,
+        batch: tuple[torch.Tensor],
+        start: int,
+        stop: int,
+        label_smoothing: float = 0.0,
+        slice_size: int | None = None,
+    ) -> torch.Tensor:
+        heads, relations, tails = batch[0][start:stop].to(self.model.device).unbind(dim=1)
+        (entity,) = self.model.entity_representations
+        (relation,) = self.model.relation_representations
+        # The public call regularises what it looks up; the candidates must not be, hence the private one for them.
+        h, r, t = (x.unsqueeze(dim=1) for x in (entity(heads), relation(relations), entity(tails)))
+        everything = entity._plain_forward().unsqueeze(dim=0)
+        return (
+            cross_entropy(self.model.interaction(h, r, everything), tails, label_smoothing=label_smoothing)
+            + cross_entropy(self.model.interaction(everything, r, t), heads, label_smoothing=label_smoothing)
+            + self.model.collect_regularization_term()
+        )
+
+
+training_loop_resolver.register(IndexedSymmetricLCWATrainingLoop, raise_on_conflict=False)

@@ -11,10 +11,10 @@ from typing import Any
 from wrapt import register_post_import_hook
 
 _HOME = {
-    "ComplExConfig": "link_training",
+    "ComplExConfig": "link_config",
     "ComplExN3": "complex",
     "FrequencyScorer": "scorers",
-    "LinkModelConfig": "link_training",
+    "LinkModelConfig": "link_config",
     "SymbolicScorer": "scorers",
     "TableScorer": "scorers",
     "load_scorer": "scorers",

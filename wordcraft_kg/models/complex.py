@@ -13,12 +13,7 @@ from pykeen.models import ERModel, model_resolver
 from pykeen.nn.modules import ComplExInteraction, interaction_resolver
 from pykeen.regularizers import PowerSumRegularizer
 
-DIM = 128
-"""Complex dimensions; the paper's "ComplEx embedding size 128"."""
-INIT_SCALE = 1e-3
-"""Standard deviation of the initial embeddings; with PyKEEN's standard normal the model does not learn."""
-N3_WEIGHT = 0.1
-"""Chosen on validation parts, see docs/link-prediction.md."""
+from wordcraft_kg.models.link_config import N3_PARTIAL, PAPER_DIM, ComplExConfig
 
 
 class MatmulComplExInteraction(ComplExInteraction):
@@ -76,13 +71,13 @@ class ComplExN3(ERModel):
     loss_default_kwargs: ClassVar[Mapping[str, Any]] = {"reduction": "mean"}
     regularizer_default: ClassVar[type[PowerSumRegularizer]] = PowerSumRegularizer
     #: N3 is the sum over dimensions of the cubed moduli, averaged over the batch: p = 3, not normalised.
-    regularizer_default_kwargs: ClassVar[Mapping[str, Any]] = {"weight": N3_WEIGHT, "p": 3.0, "normalize": False}
+    regularizer_default_kwargs: ClassVar[Mapping[str, Any]] = {"weight": N3_PARTIAL, "p": 3.0, "normalize": False}
 
     def __init__(
         self,
         *,
-        embedding_dim: int = DIM,
-        init_scale: float = INIT_SCALE,
+        embedding_dim: int = PAPER_DIM,
+        init_scale: float = ComplExConfig.init_scale,
         regularizer: Any = PowerSumRegularizer,
         regularizer_kwargs: Mapping[str, Any] | None = None,
         **kwargs: Any,
@@ -91,7 +86,8 @@ class ComplExN3(ERModel):
 
         Args:
             embedding_dim: number of complex dimensions.
-            init_scale: standard deviation of the real and imaginary parts at the start.
+            init_scale: standard deviation of the real and imaginary parts at the start; with PyKEEN's standard normal
+                the model does not learn.
             regularizer: of each embedding that a batch looks up; None for none.
             regularizer_kwargs: its settings; those given replace the defaults key by key, so a weight alone does.
             kwargs: passed to :class:`pykeen.models.ERModel`.

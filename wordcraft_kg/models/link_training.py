@@ -6,214 +6,39 @@ The folder grows as ``<out>.unfinished`` and becomes ``<out>`` when it is whole.
 
 import json
 import logging
-import math
+import os
 import shutil
 import signal
 import threading
 import time
-import tomllib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import safetensors.torch
 import torch
-from pykeen.losses import loss_resolver
-from pykeen.models import Model, model_resolver
-from pykeen.training import TrainingLoop, training_loop_resolver
+from pykeen.training import TrainingLoop
 from pykeen.training.callbacks import TrainingCallback
-from pykeen.triples import TriplesFactory
 
 from wordcraft_kg.artefacts import check_output, dump_json, read_json, replace_folder, write_atomically
-from wordcraft_kg.errors import ArtefactError, ConfigError, GraphMismatchError, OutputExistsError, nearest
+from wordcraft_kg.errors import ArtefactError, ConfigError, OutputExistsError
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
 from wordcraft_kg.graphs.recipe_graph import Ids
 from wordcraft_kg.graphs.triples import RELATIONS
-from wordcraft_kg.models.complex import DIM, INIT_SCALE, N3_WEIGHT, ComplExN3
+from wordcraft_kg.models.families import make_training_loop, scorer_tensors
+from wordcraft_kg.models.link_config import ComplExConfig, LinkConfig, read_config
 from wordcraft_kg.models.link_prediction import rank_triples, ranking_metrics
-from wordcraft_kg.models.pykeen_bridge import pykeen_guard, seed_everything, triples_factory
-from wordcraft_kg.models.scorers import ComplExScorer, Scorer, TableScorer, read_tensors
-from wordcraft_kg.models.symmetric_lcwa import IndexedSymmetricLCWATrainingLoop
+from wordcraft_kg.models.model_folder import check_inputs
+from wordcraft_kg.models.pykeen_bridge import pykeen_guard, quiet_pykeen, seed_everything, triples_factory
+from wordcraft_kg.models.scorers import make_scorer, read_tensors
 from wordcraft_kg.runs import end_run, read_run, start_run
 
 UNFINISHED = ".unfinished"
 Progress = Callable[[int, int, dict[str, float]], None]
 """Called after each epoch with the epoch, the number of epochs and the latest figures."""
-
-
-@dataclass(frozen=True)
-class TrainingConfig:
-    """What every link predictor's training has.
-
-    Attributes:
-        kg: triples to train on: partial (those of the train recipes) or full (all of them, test recipes included).
-        epochs: passes over the triples.
-        batch_size: triples a step.
-        eval_every: epochs between rankings of the validation triples; 0 never ranks them.
-        patience: rankings without a better validation MRR before training stops and returns to the best epoch; 0
-            never stops early.
-        checkpoint_every: epochs between checkpoints.
-        seed: root seed of initialisation and batches.
-        device: torch device to train on, such as cpu or cuda.
-        threads: CPU threads; 1 is rarely slower for models this small, and much faster on a busy machine.
-    """
-
-    kg: Literal["partial", "full"] = "partial"
-    epochs: int = 50
-    batch_size: int = 512
-    eval_every: int = 0
-    patience: int = 0
-    checkpoint_every: int = 10
-    seed: int = 0
-    device: str = "cpu"
-    threads: int = 1
-
-    def __post_init__(self) -> None:
-        for name in ("epochs", "batch_size", "checkpoint_every", "threads"):
-            _require(self, name, getattr(self, name) >= 1, "1 or more")
-        for name in ("eval_every", "patience", "seed"):
-            _require(self, name, getattr(self, name) >= 0, "0 or more")
-        if self.patience and not self.eval_every:
-            raise ConfigError("patience counts rankings of the validation triples; give --eval-every too, such as 5.")
-
-
-@dataclass(frozen=True)
-class ComplExConfig(TrainingConfig):
-    """ComplEx with the paper's objective.
-
-    Attributes:
-        dim: complex dimensions; 128 is the paper's.
-        learning_rate: of Adagrad; 0.1 as in Lacroix et al. 2018.
-        n3: weight of the N3 regulariser. Default: 0.1 on the partial graph, chosen on validation parts; 0 on the full
-            graph, which is there to be remembered, not generalised from.
-        init_scale: standard deviation of the initial embeddings; 0.001 as in the paper's released code.
-    """
-
-    dim: int = DIM
-    learning_rate: float = 0.1
-    n3: float | None = None
-    init_scale: float = INIT_SCALE
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        _require(self, "dim", self.dim >= 1, "1 or more")
-        for name in ("learning_rate", "init_scale"):
-            value = getattr(self, name)
-            _require(self, name, math.isfinite(value) and value > 0, "more than 0")
-        if self.n3 is None:
-            object.__setattr__(self, "n3", N3_WEIGHT if self.kg == "partial" else 0.0)
-        _require(self, "n3", math.isfinite(self.n3 or 0) and (self.n3 or 0) >= 0, "0 or more")
-
-    @property
-    def command(self) -> str:
-        """The command that takes this configuration."""
-        return "train-complex"
-
-    def training_loop(self, factory: TriplesFactory) -> TrainingLoop:
-        """Build the PyKEEN model and its training loop."""
-        model = ComplExN3(
-            triples_factory=factory,
-            embedding_dim=self.dim,
-            init_scale=self.init_scale,
-            regularizer="powersum" if self.n3 else None,
-            regularizer_kwargs={"weight": self.n3} if self.n3 else None,
-            random_seed=self.seed,
-        ).to(self.device)
-        return IndexedSymmetricLCWATrainingLoop(
-            model, triples_factory=factory, optimizer="Adagrad", optimizer_kwargs={"lr": self.learning_rate}
-        )
-
-    def scorer(self, model: Model, opened: OpenedGraph) -> tuple[Scorer, dict[str, torch.Tensor]]:
-        """Return the scorer of a trained model, and the tensors that the model folder keeps of it."""
-        entity, relation = (
-            representation[0]().detach().cpu()
-            for representation in (model.entity_representations, model.relation_representations)
-        )
-        tensors = {
-            "entity_real": entity.real.contiguous(),
-            "entity_imag": entity.imag.contiguous(),
-            "relation_real": relation.real.contiguous(),
-            "relation_imag": relation.imag.contiguous(),
-        }
-        return ComplExScorer(tensors, opened.graph.entities, opened.graph.hash), tensors
-
-
-@dataclass(frozen=True)
-class LinkModelConfig(TrainingConfig):
-    """Any other PyKEEN model, since the paper's method takes any link predictor.
-
-    Attributes:
-        model: PyKEEN's name, such as rotate, transe, distmult, tucker.
-        dim: embedding dimensions.
-        learning_rate: of Adam.
-        loop: how triples become training examples: slcwa (sampled negatives) or symmetric (softmax over all heads and
-            all tails, the paper's objective; slow for models whose scores need large tensors).
-        negatives: sampled per triple, with slcwa.
-    """
-
-    model: str = "rotate"
-    dim: int = 128
-    learning_rate: float = 0.01
-    loop: Literal["slcwa", "symmetric"] = "slcwa"
-    negatives: int = 32
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        for name in ("dim", "negatives"):
-            _require(self, name, getattr(self, name) >= 1, "1 or more")
-        _require(self, "learning_rate", math.isfinite(self.learning_rate) and self.learning_rate > 0, "more than 0")
-        if self.model.lower() not in model_resolver.lookup_dict:
-            hint = nearest(self.model.lower(), model_resolver.lookup_dict)
-            raise ConfigError(f"PyKEEN has no model '{self.model}'.{hint}")
-
-    @property
-    def command(self) -> str:
-        """The command that takes this configuration."""
-        return "train-links"
-
-    def training_loop(self, factory: TriplesFactory) -> TrainingLoop:
-        """Build the PyKEEN model and its training loop."""
-        softmax = self.loop == "symmetric"
-        loss = loss_resolver.make("crossentropy") if softmax else loss_resolver.make("nssa")
-        try:
-            model = model_resolver.make(
-                self.model, triples_factory=factory, embedding_dim=self.dim, loss=loss, random_seed=self.seed
-            ).to(self.device)
-        except TypeError as error:
-            raise ConfigError(f"the model '{self.model}' cannot be set up with these options: {error}") from None
-        loop = training_loop_resolver.lookup("symmetriclcwa" if softmax else "slcwa")
-        sampling = {} if softmax else {"negative_sampler_kwargs": {"num_negs_per_pos": self.negatives}}
-        return loop(
-            model,
-            triples_factory=factory,
-            optimizer="Adam",
-            optimizer_kwargs={"lr": self.learning_rate},
-            **sampling,
-        )
-
-    def scorer(self, model: Model, opened: OpenedGraph) -> tuple[Scorer, dict[str, torch.Tensor]]:
-        """Return the scorer of a trained model, a table of all scores, and the tensors that the folder keeps."""
-        everything = torch.arange(opened.graph.num_entities, device=model.device)
-        with torch.no_grad():
-            scores = torch.stack(
-                [
-                    torch.cat(
-                        [
-                            model.score_t(torch.stack([heads, torch.full_like(heads, relation)], dim=1))
-                            for heads in everything.split(64)
-                        ]
-                    )
-                    for relation in range(len(RELATIONS))
-                ]
-            ).cpu()
-        tensors = {"scores": scores} | {f"pykeen.{name}": value for name, value in model.state_dict().items()}
-        return TableScorer(scores, opened.graph.entities, opened.graph.hash), tensors
-
-
-LinkConfig = ComplExConfig | LinkModelConfig
 
 
 @dataclass(frozen=True)
@@ -303,48 +128,6 @@ def resume_links(
     return _run(opened, config, out, unfinished, run, progress)
 
 
-def read_config(folder: Path) -> tuple[LinkConfig, str]:
-    """Return the configuration of a model folder, and its graph as a path or a book's name.
-
-    Raises:
-        ArtefactError: if ``config.toml`` is missing or damaged.
-    """
-    path = folder / "config.toml"
-    try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-        ((command, table),) = content.items()
-        graph = table.pop("graph")
-        # The path is kept relative to the model folder, so that both can be moved together.
-        beside = folder / graph
-        kind: type[LinkConfig] = {"train-complex": ComplExConfig, "train-links": LinkModelConfig}[command]
-        return kind(**table), str(beside) if beside.exists() else graph
-    except FileNotFoundError:
-        raise ArtefactError(f"{path} is missing; '{folder}' is incomplete. Train the model again.") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, ValueError, KeyError, TypeError) as error:
-        raise ArtefactError(f"{path} is damaged ({error}). Train the model again, or restore a copy.") from None
-
-
-def check_inputs(folder: Path, run: dict[str, Any], opened: OpenedGraph) -> None:
-    """Make sure that a graph and its split are those that a run was made with.
-
-    Raises:
-        GraphMismatchError: naming both.
-    """
-    for what, found in (("graph", opened.graph.hash), ("split", opened.split.hash)):
-        expected = run["inputs"][what]
-        if found != expected:
-            raise GraphMismatchError(
-                f"'{folder}' was trained on {what} {expected[:12]} but '{opened.source}' has {found[:12]}. "
-                "Give the right one with --graph, or train again."
-            )
-
-
-def _require(config: Any, name: str, holds: bool, expected: str) -> None:
-    if not holds:
-        option = "--" + name.replace("_", "-")
-        raise ConfigError(f"{option} {getattr(config, name)}: expected {expected}.")
-
-
 def _check_fit(opened: OpenedGraph, config: LinkConfig) -> None:
     if config.eval_every and not len(opened.split.held_out("valid")):
         raise ConfigError(
@@ -360,17 +143,10 @@ def _check_fit(opened: OpenedGraph, config: LinkConfig) -> None:
 
 def _config_toml(opened: OpenedGraph, config: LinkConfig, out: Path) -> str:
     source = Path(opened.source)
-    graph = str(_relative(source.resolve(), out.resolve())) if source.exists() else opened.source
+    graph = os.path.relpath(source, out) if source.exists() else opened.source
     lines = [f"[{config.command}]", f"graph = {json.dumps(graph)}"]
     lines += [f"{field.name} = {json.dumps(getattr(config, field.name))}" for field in fields(config)]
     return "\n".join(lines) + "\n"
-
-
-def _relative(path: Path, start: Path) -> Path:
-    """Return ``path`` relative to the folder ``start``, with ``..`` where needed."""
-    common = [a for a, b in zip(path.parts, start.parts, strict=False) if a == b]
-    depth = next((i for i, (a, b) in enumerate(zip(path.parts, start.parts, strict=False)) if a != b), len(common))
-    return Path(*[".."] * (len(start.parts) - depth), *path.parts[depth:])
 
 
 def _run(
@@ -385,8 +161,8 @@ def _run(
     triples = split.partial if config.kg == "partial" else opened.graph.triples
     factory = triples_factory(opened.graph, triples)
     try:
-        with pykeen_guard(config.seed, config.threads), _quiet_pykeen(), _first_interrupt() as interrupted:
-            loop = config.training_loop(factory)
+        with pykeen_guard(config.seed, config.threads), quiet_pykeen(), _first_interrupt() as interrupted:
+            loop = make_training_loop(config, factory)
             state = _Checkpoints(folder, opened, config, interrupted, progress)
             begun = state.restore(loop)
             if loop._epoch < config.epochs and not state.has_stopped:
@@ -424,10 +200,11 @@ def _finish(
 ) -> dict[str, Any]:
     model = loop.model
     model.eval()
-    scorer, tensors = config.scorer(model, opened)
+    kind, tensors = scorer_tensors(config, model)
+    scorer = make_scorer(kind, tensors, opened.graph.entities, opened.graph.hash)
     vocabulary = {
         "format": "wordcraft-kg vocabulary 1",
-        "scorer": "complex" if isinstance(config, ComplExConfig) else "table",
+        "scorer": kind,
         "graph": opened.graph.hash,
         "entities": opened.graph.entities,
         "relations": RELATIONS,
@@ -558,8 +335,9 @@ class _Checkpoints(TrainingCallback):
 
     def _validate(self) -> float:
         self.model.eval()
-        scorer, _ = self.config.scorer(self.model, self.opened)
-        ranks = rank_triples(scorer, self._valid, self.opened.graph.triples)  # type: ignore[arg-type]
+        graph = self.opened.graph
+        scorer = make_scorer(*scorer_tensors(self.config, self.model), graph.entities, graph.hash)
+        ranks = rank_triples(scorer, self._valid, graph.triples)  # type: ignore[arg-type]
         self.model.train()
         return ranking_metrics(ranks)["mrr"]
 
@@ -590,18 +368,6 @@ def _first_interrupt() -> Iterator[threading.Event]:
         yield asked
     finally:
         signal.signal(signal.SIGINT, before)
-
-
-@contextmanager
-def _quiet_pykeen() -> Iterator[None]:
-    """Keep PyKEEN's advice about its own command line out of ours."""
-    logger = logging.getLogger("pykeen")
-    level = logger.level
-    logger.setLevel(logging.ERROR)
-    try:
-        yield
-    finally:
-        logger.setLevel(level)
 
 
 def _model_card(opened: OpenedGraph, config: LinkConfig, metrics: dict[str, Any]) -> str:

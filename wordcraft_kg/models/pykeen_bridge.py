@@ -1,10 +1,11 @@
 """Between recipe graphs and PyKEEN: triples factories, a dataset by name, and the guard around its global seeding.
 
-PyKEEN appears here, in ``complex.py`` and ``symmetric_lcwa.py`` (what it trains), and in ``link_training.py`` and
-``link_tuning.py`` (which call it); nowhere else.
+PyKEEN appears here, in ``complex.py``, ``symmetric_lcwa.py`` and ``families.py`` (what it trains), and in
+``link_training.py`` and ``link_tuning.py`` (which call it); nowhere else.
 """
 
 import gc
+import logging
 import random
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -97,3 +98,15 @@ def pykeen_guard(seed: int, threads: int) -> Iterator[None]:
         torch.set_num_threads(threads_before)
         if not frozen_before:
             gc.unfreeze()
+
+
+@contextmanager
+def quiet_pykeen() -> Iterator[None]:
+    """Keep PyKEEN's advice about its own command line out of ours."""
+    logger = logging.getLogger("pykeen")
+    level = logger.level
+    logger.setLevel(logging.ERROR)
+    try:
+        yield
+    finally:
+        logger.setLevel(level)

@@ -105,9 +105,9 @@ class Scorer(ABC):
         return ids
 
     def top(
-        self, head: EntityIds | None, relation: RelationIds, tail: EntityIds | None, limit: int = 10
+        self, head: EntityIds | None, relation: RelationIds, tail: EntityIds | None, limit: int | None = 10
     ) -> list[tuple[str, float]]:
-        """Return the best entities for the one open slot (None), best first, with their scores."""
+        """Return the best entities for the one open slot (None), best first, with their scores; None returns all."""
         if (head is None) == (tail is None):
             raise ValueError("exactly one of head and tail must be None.")
         everything = torch.arange(len(self.entities), device=self.device)
@@ -183,7 +183,7 @@ class SymbolicScorer(Scorer):
     def __init__(self, graph: RecipeGraph, triples: np.ndarray, **kwargs: Any):
         """Keep the triples, shape (T, 3), ids of ``graph``."""
         super().__init__(graph.entities, graph.hash, **kwargs)
-        self._keys = torch.unique(self._key(*torch.as_tensor(triples, dtype=torch.int64, device=self.device).T))
+        self._keys = torch.unique(self._key(*torch.tensor(triples, dtype=torch.int64, device=self.device).T))
 
     def _key(self, heads: torch.Tensor, relations: torch.Tensor, tails: torch.Tensor) -> torch.Tensor:
         return (relations * len(self.entities) + heads) * len(self.entities) + tails
@@ -202,7 +202,7 @@ class FrequencyScorer(Scorer):
     def __init__(self, graph: RecipeGraph, triples: np.ndarray, **kwargs: Any):
         """Count heads and tails of the triples, shape (T, 3), ids of ``graph``."""
         super().__init__(graph.entities, graph.hash, **kwargs)
-        heads, relations, tails = torch.as_tensor(triples, dtype=torch.int64, device=self.device).T
+        heads, relations, tails = torch.tensor(triples, dtype=torch.int64, device=self.device).T
         size = len(RELATIONS) * len(self.entities)
         shape = (len(RELATIONS), len(self.entities))
         self._as_head = torch.bincount(relations * shape[1] + heads, minlength=size).view(shape).float()
@@ -229,20 +229,31 @@ def load_scorer(folder: str | Path, *, graph: RecipeGraph | None = None, device:
     tensors = read_tensors(folder / "model.safetensors", verified_bytes(folder, run, "model.safetensors"))
     try:
         vocabulary = json.loads(verified_bytes(folder, run, "vocabulary.json"))
-        entities, graph_hash = vocabulary["entities"], vocabulary["graph"]
-        settings: dict[str, Any] = {"device": device, "name": folder.name}
-        scorer: Scorer
-        if vocabulary["scorer"] == "table":
-            scorer = TableScorer(tensors["scores"], entities, graph_hash, **settings)
-        else:
-            scorer = ComplExScorer(tensors, entities, graph_hash, **settings)
-            if len(RELATIONS) * len(entities) ** 2 * 4 <= TABLE_LIMIT:
-                scorer = scorer.to_table()
+        kind, entities, graph_hash = vocabulary["scorer"], vocabulary["entities"], vocabulary["graph"]
+        scorer = make_scorer(kind, tensors, entities, graph_hash, device=device, name=folder.name)
     except (KeyError, ValueError) as error:
         raise ArtefactError(f"{folder} does not hold a scorer ({error!r}). Train it again.") from None
     if graph is not None:
         scorer.check_graph(graph)
     return scorer
+
+
+def make_scorer(
+    kind: str, tensors: dict[str, torch.Tensor], entities: Sequence[str], graph_hash: str, **settings: Any
+) -> Scorer:
+    """Make a scorer from the tensors of a trained model: a table where it fits :data:`TABLE_LIMIT`.
+
+    Args:
+        kind: ``complex`` (embeddings) or ``table`` (scores), as in ``vocabulary.json``.
+        tensors: what that kind needs.
+        entities: labels in id order.
+        graph_hash: of the graph that the ids belong to.
+        settings: ``device`` and ``name``.
+    """
+    if kind == "table":
+        return TableScorer(tensors["scores"], entities, graph_hash, **settings)
+    scorer = ComplExScorer(tensors, entities, graph_hash, **settings)
+    return scorer.to_table() if len(RELATIONS) * len(entities) ** 2 * 4 <= TABLE_LIMIT else scorer
 
 
 def read_tensors(path: Path, data: bytes) -> dict[str, torch.Tensor]:

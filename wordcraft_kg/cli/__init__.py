@@ -1,0 +1,102 @@
+"""The command line: one thin module a command; results on stdout, log and progress on stderr.
+
+A new command is a module with a function of its own name and ``EXAMPLES``, and an entry of :data:`COMMANDS`. Modules
+import what is heavy inside the function, so that help stays fast.
+"""
+
+import logging
+import os
+import sys
+from collections.abc import Sequence
+from importlib import import_module
+
+from cyclopts import App, Group
+from cyclopts.config import Toml
+
+from wordcraft_kg import __version__
+from wordcraft_kg.errors import WordCraftKGError
+
+COMMANDS = {
+    "Recipe books": ["books", "fetch"],
+    "Graphs": ["build-graph", "describe", "export"],
+    "Link prediction": [
+        "train-complex",
+        "train-links",
+        "resume",
+        "tune-links",
+        "evaluate-links",
+        "compare-links",
+        "score",
+    ],
+}
+"""Commands by group."""
+
+START = """Start here:
+
+  wordcraft-kg build-graph kitchen --out graphs/kitchen
+  wordcraft-kg train-complex graphs/kitchen --out models/kitchen
+  wordcraft-kg evaluate-links models/kitchen
+
+Options may also stand in a TOML file, --config FILE, in a table named like the command."""
+
+
+def make_app() -> App:
+    """Build the application with all its commands."""
+    app = App(
+        name="wordcraft-kg",
+        help="Recipe graphs of crafting worlds, link prediction on them, and honest reports.",
+        help_epilogue=START,
+        version=__version__,
+        help_format="plaintext",
+        result_action="return_value",
+        suppress_keyboard_interrupt=False,
+    )
+    for rank, (title, commands) in enumerate(COMMANDS.items()):
+        group = Group(title, sort_key=rank)
+        for name in commands:
+            module = import_module(f"{__name__}.{name.replace('-', '_')}")
+            examples = "Examples:\n\n" + "\n".join(f"  {line}" for line in module.EXAMPLES)
+            app.command(getattr(module, name.replace("-", "_")), name=name, group=group, help_epilogue=examples)
+    return app
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a command and return its exit code: 0 done, 1 bad input or a failed check, 2 misuse, 130 interrupted."""
+    logging.basicConfig(level=logging.WARNING, format="%(levelname)s: %(message)s", stream=sys.stderr)
+    logging.captureWarnings(True)
+    tokens = list(sys.argv[1:] if arguments is None else arguments)
+    app = make_app()
+    try:
+        config = _config_path(tokens)
+        if config:
+            app.config = [Toml(config, must_exist=True)]
+        return int(app(tokens) or 0)
+    except SystemExit as stop:
+        return stop.code if isinstance(stop.code, int) else 1
+    except KeyboardInterrupt:
+        return _fail("interrupted; nothing was written", 130)
+    except WordCraftKGError as error:
+        return _fail(f"{type(error).__name__}: {error}", 1)
+    except BrokenPipeError:
+        # The reader of our output went away, as `| head` does: no error, but Python must not flush into it at exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except OSError as error:
+        where = f"'{error.filename}': " if error.filename else ""
+        return _fail(f"{type(error).__name__}: {where}{error.strerror or error}. Nothing was changed.", 1)
+    except MemoryError:
+        return _fail("MemoryError: the machine has not enough memory for this. Nothing was changed.", 1)
+
+
+def _config_path(tokens: Sequence[str]) -> str | None:
+    for i, token in enumerate(tokens):
+        if token == "--config" and i + 1 < len(tokens):
+            return tokens[i + 1]
+        if token.startswith("--config="):
+            return token.removeprefix("--config=")
+    return None
+
+
+def _fail(message: str, code: int) -> int:
+    print(message, file=sys.stderr)
+    return code

@@ -1,0 +1,150 @@
+"""``wordcraft-kg build-graph``."""
+
+import logging
+from pathlib import Path
+from typing import Annotated, Any
+
+from cyclopts import Parameter
+
+from wordcraft_kg.cli.console import Flag, Output, aligned, names, split_labels
+from wordcraft_kg.graphs.splits import SplitConfig, SplitKind
+
+EXAMPLES = (
+    "wordcraft-kg build-graph kitchen --out graphs/kitchen",
+    "wordcraft-kg build-graph kitchen --split by-goal --seed 1 --out graphs/kitchen-by-goal",
+)
+
+
+def build_graph(
+    book: str = "kitchen",
+    *,
+    base: Annotated[list[str] | None, Parameter(negative=(), consume_multiple=False)] = None,
+    base_file: Path | None = None,
+    split: SplitKind = SplitConfig.kind,
+    train_ratio: float = SplitConfig.train_ratio,
+    valid_ratio: float = SplitConfig.valid_ratio,
+    seed: int = SplitConfig.seed,
+    keep_self_results: Flag = False,
+    out: Path | None = None,
+    force: Flag = False,
+    output: Output = Output(),
+) -> None:
+    """Turn a recipe book into a graph folder: graph, split, triples and audit.
+
+    Args:
+        book: recipe book: a .csv, .tsv or .json file, or a known book's name.
+        base: base entities, repeatable, commas separate. Default: the book's own, else the entities without a recipe.
+        base_file: text file with one base entity a line.
+        split: by-recipe (pairs are held out, every entity stays in train), by-recipe-plain (without that), by-goal,
+            by-goal-terminals (goals that nothing needs stay in train), none (full graph only).
+        train_ratio: share of the pairs (or goals) kept for training, between 0 and 1.
+        valid_ratio: share kept for validation; the rest is the test part.
+        seed: seed of the split.
+        keep_self_results: keep rows whose result is one of their own ingredients.
+        out: folder to write. Default: graphs/<book's name>.
+        force: replace the folder if it exists.
+    """
+    from wordcraft_kg.artefacts import check_output
+    from wordcraft_kg.graphs.books import open_book
+    from wordcraft_kg.graphs.folder import write_graph_folder
+    from wordcraft_kg.graphs.recipe_graph import RecipeGraph
+    from wordcraft_kg.graphs.splits import make_split
+
+    config = SplitConfig(split, train_ratio, valid_ratio, seed)
+    recipes = open_book(book, keep_self_results=keep_self_results)
+    folder = out or Path("graphs") / recipes.name
+    check_output(folder, force=force)
+    graph = RecipeGraph.from_book(recipes, _base(base, base_file))
+    found = write_graph_folder(folder, recipes, make_split(graph, config), force=force)
+    reach = found["reachability"]
+    if reach["unreachable"]:
+        inferred = base is None and base_file is None and recipes.base is None
+        logging.getLogger(__name__).warning(
+            "%s of %s entities cannot be made from the base (%s)%s: %s",
+            f"{reach['unreachable']:,}",
+            f"{graph.num_entities:,}",
+            names(graph.base[:10], len(graph.base)),
+            ", which was inferred as the entities without a recipe; name it with --base" if inferred else "",
+            names(reach["unreachable_entities"][:10], reach["unreachable"]),
+        )
+    result = build_result(found, folder)
+    output.result(result, _text(result, found, folder))
+
+
+def _base(base: list[str] | None, base_file: Path | None) -> list[str] | None:
+    if base is None and base_file is None:
+        return None
+    from wordcraft_kg.errors import ConfigError
+
+    labels = split_labels(base or [])
+    if base_file is not None:
+        try:
+            text = base_file.read_text(encoding="utf-8-sig")
+        except UnicodeDecodeError:
+            raise ConfigError(f"--base-file {base_file} is not UTF-8 text.") from None
+        labels += [line for line in text.splitlines() if line.strip()]
+    if not labels:
+        raise ConfigError("the list of base entities is empty; name at least one, or leave --base out to infer them.")
+    return labels
+
+
+def build_result(found: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """Return what ``build-graph --json`` prints, from the audit."""
+    reach, split = found["reachability"], found["split"]
+    return {
+        **{key: found[key] for key in ("entities", "recipes", "pairs", "base")},
+        "reachable": reach["reachable"],
+        "rounds": reach["rounds"],
+        "dropped_self_results": found["dropped_self_results"],
+        "merged_duplicates": found["merged_duplicates"],
+        "triples": found["triples"],
+        "split": split,
+        "hash": found["hash"],
+        "out": str(folder),
+    }
+
+
+def _text(result: dict[str, Any], found: dict[str, Any], folder: Path) -> list[str]:
+    split, triples = result["split"], result["triples"]
+    left_out = f", {result['dropped_self_results']:,} left out (the result is one of its own parts)"
+    merged = f", {result['merged_duplicates']:,} duplicates merged" if result["merged_duplicates"] else ""
+    rows = [
+        ("recipes", f"{result['recipes']:,} kept{left_out}{merged}"),
+        ("pairs", f"{result['pairs']:,}, {found['ambiguity']['pairs_with_several_results']:,} with several results"),
+        ("entities", f"{result['entities']:,}"),
+        ("base", f"{len(result['base'])}: {names(result['base'][:10], len(result['base']))}"),
+        ("reachable", f"{result['reachable']:,} of {result['entities']:,}, in {result['rounds']} rounds"),
+        (
+            "triples",
+            f"{triples['total']:,} = {triples['combinesWith']:,} combinesWith + {triples['componentOf']:,} componentOf",
+        ),
+        *split_rows(split),
+        ("hash", result["hash"][:12]),
+    ]
+    kg = "full" if split["kind"] == "none" else "partial"
+    return [*aligned(rows), f"wrote {folder}/   next: wordcraft-kg train-complex {folder} --kg {kg}"]
+
+
+def split_rows(split: dict[str, Any]) -> list[tuple[str, str]]:
+    """Describe a split in a few lines."""
+    if split["kind"] == "none":
+        return [("split", "none: every recipe is in train")]
+    ratios = [split["train_ratio"], split["valid_ratio"]]
+    shares = [*ratios, 1 - sum(ratios)] if ratios[1] else [ratios[0], 1 - ratios[0]]
+    sizes = f"{split['train_recipes']:,} train"
+    sizes += f", {split['valid_recipes']:,} validation" if split["valid_recipes"] else ""
+    sizes += f", {split['test_recipes']:,} test recipes"
+    rows = [
+        ("split", f"{split['kind']} {'/'.join(f'{share:.0%}' for share in shares)}, seed {split['seed']}: {sizes}"),
+        ("unseen", f"{split['unseen_triples']:,} triples; leaked and set aside: {split['leaked_triples']:,}"),
+    ]
+    if split["moved_for_coverage"]:
+        rows.append(("moved", f"{split['moved_for_coverage']} recipes to train, so that it covers every entity"))
+    if split["uncovered"]:
+        listed = names(split["uncovered_entities"][:5], split["uncovered"])
+        rows.append(("uncovered", f"{split['uncovered']} entities are in no train recipe: {listed}"))
+    else:
+        rows.append(("covered", "every entity is in a train recipe"))
+    if split["pairs_on_both_sides"]:
+        rows.append(("both sides", f"{split['pairs_on_both_sides']} pairs have results in more than one part"))
+    return rows

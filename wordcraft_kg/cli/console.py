@@ -1,0 +1,98 @@
+"""What the commands share: common options, results as text or JSON, and progress."""
+
+import json
+import sys
+import time
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+from cyclopts import Parameter
+
+
+@Parameter(name="*", group="Output and configuration")
+@dataclass(frozen=True)
+class Output:
+    """Options of every command.
+
+    Attributes:
+        json: print one JSON object on stdout instead of text.
+        quiet: no progress on stderr.
+        config: TOML file with options in a table named like the command; the command line goes first.
+    """
+
+    json: Annotated[bool, Parameter(negative="", show_default=False)] = False
+    quiet: Annotated[bool, Parameter(negative="", show_default=False)] = False
+    config: Path | None = None
+
+    def result(self, values: dict[str, Any], text: Iterable[str]) -> None:
+        """Print the result of a command, as one JSON object or as lines of text."""
+        if self.json:
+            print(json.dumps(values, ensure_ascii=False, allow_nan=False, default=str))
+        else:
+            for line in text:
+                print(line)
+
+    def progress(self, what: str) -> "Progress":
+        """Return a progress reporter for the epochs of a training."""
+        return Progress(what, hidden=self.quiet)
+
+
+Flag = Annotated[bool, Parameter(negative="", show_default=False)]
+"""An option that is only ever switched on."""
+
+
+def split_labels(values: Sequence[str]) -> list[str]:
+    """Split comma-separated labels; a label that holds a comma goes into a file instead."""
+    return [label for value in values for part in value.split(",") if (label := part.strip())]
+
+
+class Progress:
+    """A bar on a terminal, else a plain line every few seconds; always on stderr."""
+
+    INTERVAL = 5.0  # seconds between plain lines
+
+    def __init__(self, what: str, *, hidden: bool = False):
+        """Name what is counted; ``hidden`` reports nothing."""
+        self.what = what
+        self.hidden = hidden
+        self._bar: Any = None
+        self._last = time.monotonic()
+
+    def __call__(self, done: int, total: int, figures: dict[str, float]) -> None:
+        """Report that ``done`` of ``total`` are done, with the latest figures."""
+        if self.hidden:
+            return
+        shown = {name: f"{value:.4g}" for name, value in figures.items() if name not in ("epoch", "seconds")}
+        if sys.stderr.isatty():
+            from tqdm import tqdm
+
+            if self._bar is None:
+                self._bar = tqdm(total=total, initial=done - 1, desc=self.what, unit="epoch", ncols=80, file=sys.stderr)
+            self._bar.set_postfix(shown, refresh=False)
+            self._bar.update(done - self._bar.n)
+            if done == total:
+                self.close()
+        elif time.monotonic() - self._last >= self.INTERVAL or done == total:
+            self._last = time.monotonic()
+            detail = " ".join(f"{name} {value}" for name, value in shown.items())
+            print(f"{self.what}: epoch {done} of {total}, {detail}", file=sys.stderr, flush=True)
+
+    def close(self) -> None:
+        """End the bar, wherever it stands."""
+        if self._bar is not None:
+            self._bar.close()
+
+
+def aligned(rows: Iterable[tuple[str, str]]) -> list[str]:
+    """Lay out ``name  value`` lines with the values in one column."""
+    pairs = list(rows)
+    width = max((len(name) for name, _ in pairs), default=0)
+    return [f"{name:<{width}}  {value}" for name, value in pairs]
+
+
+def names(labels: Sequence[str], total: int | None = None) -> str:
+    """Join labels with commas; says how many more there are when only some are listed."""
+    more = (total if total is not None else len(labels)) - len(labels)
+    return ", ".join(labels) + (f" and {more:,} more" if more > 0 else "")

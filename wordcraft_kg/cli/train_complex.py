@@ -1,0 +1,34 @@
+"""``wordcraft-kg train-complex``."""
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from wordcraft_kg.cli.console import Flag, Output
+from wordcraft_kg.cli.training import train
+from wordcraft_kg.models.link_config import ComplExConfig
+
+EXAMPLES = (
+    "wordcraft-kg train-complex kitchen --out models/kitchen",
+    "wordcraft-kg train-complex kitchen --kg full --seed 1 --out models/kitchen-full",
+)
+
+
+def train_complex(
+    graph: str,
+    *,
+    settings: Annotated[ComplExConfig, Parameter(name="*")] = ComplExConfig(),
+    out: Path | None = None,
+    force: Flag = False,
+    output: Output = Output(),
+) -> int:
+    """Train ComplEx with the paper's objective on the partial or the full knowledge graph.
+
+    Args:
+        graph: graph folder, recipe book or known book's name.
+        settings: of the model and its training.
+        out: model folder to write. Default: models/<graph's name>-<kg>.
+        force: replace the folder if it exists.
+    """
+    return train(graph, settings, out, force, output)

@@ -1,0 +1,34 @@
+"""``wordcraft-kg train-links``."""
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from wordcraft_kg.cli.console import Flag, Output
+from wordcraft_kg.cli.training import train
+from wordcraft_kg.models.link_config import LinkModelConfig
+
+EXAMPLES = (
+    "wordcraft-kg train-links kitchen --model rotate --out models/kitchen-rotate",
+    "wordcraft-kg train-links kitchen --model distmult --loop symmetric --out models/kitchen-distmult",
+)
+
+
+def train_links(
+    graph: str,
+    *,
+    settings: Annotated[LinkModelConfig, Parameter(name="*")] = LinkModelConfig(),
+    out: Path | None = None,
+    force: Flag = False,
+    output: Output = Output(),
+) -> int:
+    """Train another PyKEEN model; its scorer, report and commands are those of ComplEx.
+
+    Args:
+        graph: graph folder, recipe book or known book's name.
+        settings: of the model and its training.
+        out: model folder to write. Default: models/<graph's name>-<model>-<kg>.
+        force: replace the folder if it exists.
+    """
+    return train(graph, settings, out, force, output)

@@ -1,0 +1,50 @@
+"""What the training commands share: run, report, and say how to go on after Ctrl-C."""
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from wordcraft_kg.cli.console import Output, aligned
+from wordcraft_kg.models.link_config import LinkConfig, LinkModelConfig
+
+if TYPE_CHECKING:
+    from wordcraft_kg.models.link_training import TrainedLinks
+
+
+def train(graph: str, settings: LinkConfig, out: Path | None, force: bool, output: Output) -> int:
+    """Train a link predictor and print what came of it; return the exit code."""
+    from wordcraft_kg.artefacts import check_output
+    from wordcraft_kg.graphs.folder import open_graph
+
+    opened = open_graph(graph)
+    kind = f"{settings.model.lower()}-" if isinstance(settings, LinkModelConfig) else ""
+    folder = out or Path("models") / f"{opened.graph.name}-{kind}{settings.kg}"
+    check_output(folder, force=force)  # before the slow imports
+    from wordcraft_kg.models.link_training import train_links
+
+    progress = output.progress(f"training on the {settings.kg} graph")
+    return report(train_links(opened, settings, folder, force=force, progress=progress), output)
+
+
+def report(trained: "TrainedLinks", output: Output) -> int:
+    """Print the outcome of a training run; return 0, or 130 when Ctrl-C ended it."""
+    if trained.interrupted:
+        print(
+            f"interrupted; epoch {trained.epoch} is saved. Go on with: wordcraft-kg resume {trained.folder}",
+            file=sys.stderr,
+        )
+        return 130
+    metrics = trained.metrics
+    values = {"out": str(trained.folder), **metrics}
+    rows = [
+        ("trained", f"{metrics['epochs']} epochs on {metrics['triples']:,} triples ({metrics['kg']} graph)"),
+        ("time", f"{metrics['seconds']:.1f} s, {metrics['seconds_per_epoch']:.3f} s an epoch"),
+        ("parameters", f"{metrics['parameters']:,}"),
+        ("train MRR", f"{metrics['train_mrr']:.3f} on its own training triples: what it remembers"),
+    ]
+    if metrics["valid_mrr"] is not None:
+        rows.append(("valid MRR", f"{metrics['valid_mrr']:.3f} at best, in epoch {metrics['best_epoch']}"))
+    output.result(
+        values, [*aligned(rows), f"wrote {trained.folder}/   next: wordcraft-kg evaluate-links {trained.folder}"]
+    )
+    return 0

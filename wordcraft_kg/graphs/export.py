@@ -1,0 +1,161 @@
+"""Writing a graph for other tools. A new exporter is a function ``(opened, path) -> None`` in :data:`EXPORTERS`."""
+
+import shutil
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+from wordcraft_kg.artefacts import check_output, staged_folder, write_atomically
+from wordcraft_kg.errors import ConfigError, MissingExtraError, OutputExistsError, nearest
+from wordcraft_kg.graphs.folder import OpenedGraph
+from wordcraft_kg.graphs.recipes import RecipeBook, write_book
+from wordcraft_kg.graphs.triples import RELATIONS, triple_lines
+
+NAMESPACE = "urn:wordcraft-kg:"
+"""IRI prefix of entities (``...entity:<label, percent-encoded>``) and relations (``...relation:<name>``)."""
+
+
+@dataclass(frozen=True)
+class Exporter:
+    """A way to write a graph: what it is for, whether it writes a folder, and the function that writes it."""
+
+    about: str
+    write: Callable[[OpenedGraph, Path], None]
+    is_folder: bool = False
+
+
+def export_graph(opened: OpenedGraph, format: str, out: Path, *, force: bool = False) -> None:
+    """Write a graph in one of the formats of :data:`EXPORTERS`; the output appears whole or not at all.
+
+    Raises:
+        ConfigError: for an unknown format.
+        MissingExtraError: if the format needs a package that is not installed.
+        OutputExistsError: if ``out`` exists and ``force`` is False.
+    """
+    exporter = EXPORTERS.get(format)
+    if exporter is None:
+        raise ConfigError(f"--format {format}: expected one of {', '.join(EXPORTERS)}.{nearest(format, EXPORTERS)}")
+    if exporter.is_folder:
+        check_output(out, force=force)
+        with staged_folder(out, force=force) as folder:
+            exporter.write(opened, folder)
+        return
+    if out.is_dir():
+        raise OutputExistsError(f"'{out}' is a folder; the format {format} writes a file. Choose another --out.")
+    if out.exists() and not force:
+        raise OutputExistsError(f"'{out}' exists. Choose another --out, or replace it with --force.")
+    out.parent.mkdir(parents=True, exist_ok=True)
+    staging = Path(tempfile.mkdtemp(dir=out.parent, prefix=f".{out.name}."))
+    try:
+        exporter.write(opened, staging / out.name)
+        (staging / out.name).replace(out)
+    finally:
+        shutil.rmtree(staging, ignore_errors=True)
+
+
+def _book(ending: str) -> Callable[[OpenedGraph, Path], None]:
+    def write(opened: OpenedGraph, path: Path) -> None:
+        graph = opened.graph
+        recipes = graph.recipe_labels()
+        book = RecipeBook.of(graph.name, recipes, base=graph.base, listed=graph.entities, keep_self_results=True)
+        staged = path.with_name("book" + ending)
+        write_book(book, staged)
+        staged.rename(path)
+
+    return write
+
+
+def _tsv(opened: OpenedGraph, path: Path) -> None:
+    write_atomically(path, triple_lines(opened.graph.triples, opened.graph.entities))
+
+
+def _libkge(opened: OpenedGraph, folder: Path) -> None:
+    """LibKGE's dataset folder: ids as ``.del`` files, the triples of each part by id, and ``dataset.yaml``."""
+    graph, split = opened.graph, opened.split
+    for name, labels in (("entity_ids", graph.entities), ("relation_ids", RELATIONS)):
+        write_atomically(folder / f"{name}.del", (f"{i}\t{label}\n" for i, label in enumerate(labels)))
+    parts = {"train": split.partial, "valid": split.held_out("valid"), "test": split.held_out("test")}
+    lines = [
+        "# Triples of the partial knowledge graph, and the held-out ones that it does not contain.",
+        "dataset:",
+        f"  name: {graph.name!r}",
+        f"  num_entities: {graph.num_entities}",
+        f"  num_relations: {len(RELATIONS)}",
+        "  files.entity_ids.filename: entity_ids.del",
+        "  files.entity_ids.type: map",
+        "  files.relation_ids.filename: relation_ids.del",
+        "  files.relation_ids.type: map",
+    ]
+    for part, triples in parts.items():
+        write_atomically(folder / f"{part}.del", (f"{h}\t{r}\t{t}\n" for h, r, t in triples.tolist()))
+        lines += [
+            f"  files.{part}.filename: {part}.del",
+            f"  files.{part}.size: {len(triples)}",
+            f"  files.{part}.split_type: {part}",
+            f"  files.{part}.type: triples",
+        ]
+    write_atomically(folder / "dataset.yaml", "\n".join(lines) + "\n")
+
+
+def _graphml(opened: OpenedGraph, path: Path) -> None:
+    import networkx as nx
+
+    nx.write_graphml(opened.graph.to_networkx(recipe_nodes=True), path)
+
+
+def _gexf(opened: OpenedGraph, path: Path) -> None:
+    import networkx as nx
+
+    nx.write_gexf(opened.graph.to_networkx(recipe_nodes=True), path)
+
+
+def _rdf(format: str) -> Callable[[OpenedGraph, Path], None]:
+    def write(opened: OpenedGraph, path: Path) -> None:
+        rdflib = _needs("rdflib", "rdf")
+        store = rdflib.Graph()
+        entity, relation = (rdflib.Namespace(f"{NAMESPACE}{kind}:") for kind in ("entity", "relation"))
+        store.bind("relation", relation)
+        store.bind("entity", entity)
+        nodes = [entity[quote(label, safe="")] for label in opened.graph.entities]
+        for node, label in zip(nodes, opened.graph.entities, strict=True):
+            store.add((node, rdflib.RDFS.label, rdflib.Literal(label)))
+        for head, predicate, tail in opened.graph.triples.tolist():
+            store.add((nodes[head], relation[RELATIONS[predicate]], nodes[tail]))
+        text = store.serialize(format=format, encoding="utf-8")
+        # N-Triples come in the order of a hash table; sorted lines are the same graph and the same bytes every time.
+        path.write_bytes(b"".join(sorted(text.splitlines(keepends=True))) if format == "nt" else text)
+
+    return write
+
+
+def _parquet(opened: OpenedGraph, path: Path) -> None:
+    _needs("pyarrow", "parquet")
+    opened.graph.triples_frame().to_parquet(path, engine="pyarrow", index=False)
+
+
+def _needs(package: str, extra: str) -> Any:
+    from importlib import import_module
+
+    try:
+        return import_module(package)
+    except ImportError:
+        raise MissingExtraError(
+            f"this format needs {package}, which is not installed. Install it: pip install 'wordcraft-kg[{extra}]'"
+        ) from None
+
+
+EXPORTERS = {
+    "tsv": Exporter("triples of the full graph, head relation tail", _tsv),
+    "libkge": Exporter("LibKGE dataset folder with train, valid and test", _libkge, is_folder=True),
+    "graphml": Exporter("GraphML, each recipe a node between ingredients and result", _graphml),
+    "gexf": Exporter("GEXF for Gephi, each recipe a node", _gexf),
+    "nt": Exporter("RDF N-Triples (extra: rdf)", _rdf("nt")),
+    "ttl": Exporter("RDF Turtle (extra: rdf)", _rdf("turtle")),
+    "parquet": Exporter("triples as a Parquet table (extra: parquet)", _parquet),
+    "csv": Exporter("recipe book with its base, for build-graph", _book(".csv")),
+    "json": Exporter("recipe book in our own JSON, for build-graph", _book(".json")),
+}
+"""The formats by name."""

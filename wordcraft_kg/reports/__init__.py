@@ -1,0 +1,1 @@
+"""HTML, JSON and tables from a model or run folder."""

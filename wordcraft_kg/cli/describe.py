@@ -43,8 +43,7 @@ def _entity(graph: Any, label: str) -> dict[str, Any]:
         "layer": depth if depth >= 0 else None,
         "recipes": [list(recipe) for recipe in graph.recipe_labels(graph.recipes[graph.recipes_of(entity)])],
         "uses": [list(recipe) for recipe in graph.recipe_labels(graph.recipes[graph.uses_of(entity)])],
-        "derivation": derivation
-        and {"cost": derivation.cost, "steps": [list(recipe) for recipe in derivation.steps]},
+        "derivation": derivation and {"cost": derivation.cost, "steps": [list(recipe) for recipe in derivation.steps]},
     }
 
 
@@ -67,7 +66,10 @@ def _audit_text(name: str, found: dict[str, Any]) -> list[str]:
     rows = [
         ("graph", f"{name}, hash {found['hash'][:12]}"),
         ("entities", f"{found['entities']:,}, {degrees['craftable']:,} craftable, {degrees['terminal']:,} terminal"),
-        ("recipes", f"{found['recipes']:,} over {found['pairs']:,} pairs, {degrees['self_pairs']:,} of them self pairs"),
+        (
+            "recipes",
+            f"{found['recipes']:,} over {found['pairs']:,} pairs, {degrees['self_pairs']:,} of them self",
+        ),
         ("per entity", f"{per['mean']:.2f} recipes on average, median {per['median']:.0f}, at most {per['max']}"),
         (
             "ambiguity",
@@ -86,7 +88,7 @@ def _audit_text(name: str, found: dict[str, Any]) -> list[str]:
         rows.append(("unreachable", names(reach["unreachable_entities"][:10], reach["unreachable"])))
     if found["labels"]["alike"]:
         alike = " / ".join(", ".join(map(repr, labels)) for labels in found["labels"]["alike_labels"][:3])
-        rows.append(("look alike", f"{found['labels']['alike']} groups of labels differ in case or blanks only: {alike}"))
+        rows.append(("look alike", f"{found['labels']['alike']} groups differ in case or blanks only: {alike}"))
     rows += split_rows(found["split"])
     text = aligned(rows)
     if found["split"]["kind"] != "none":

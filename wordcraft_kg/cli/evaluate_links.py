@@ -69,5 +69,5 @@ def _text(values: dict[str, Any], folder: Path) -> list[str]:
         first = f"{values['triples']:,} triples of the graph, all of them seen in training: memory, not prediction"
     else:
         first = f"{values['triples']:,} unseen triples; {values['leaked_left_out']:,} leaked ones left out"
-        rows.append(("with leaked", f"MRR {values['with_leaked']['mrr']:.3f}, inflated: training contains those triples"))
+        rows.append(("with leaked", f"MRR {values['with_leaked']['mrr']:.3f}, inflated: training contains them"))
     return [first, *aligned(rows), f"wrote {folder}/   open {folder / 'index.html'}"]

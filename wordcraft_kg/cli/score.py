@@ -13,9 +13,7 @@ EXAMPLES = (
 OPEN = "?"
 
 
-def score(
-    model: Path, head: str, relation: str, tail: str = OPEN, *, top: int = 10, output: Output = Output()
-) -> None:
+def score(model: Path, head: str, relation: str, tail: str = OPEN, *, top: int = 10, output: Output = Output()) -> None:
     """Score a triple, or list the best entities for an open slot.
 
     Args:
@@ -40,7 +38,8 @@ def score(
         size = len(scorer.entities)
         text = [
             f"{values['score']:.4f}  {head} {relation} {tail}",
-            f"among all {size:,} entities: tail {values['rank_as_tail']:,}, head {values['rank_as_head']:,} (unfiltered)",
+            f"place among all {size:,} entities, unfiltered: "
+            f"tail {values['rank_as_tail']:,}, head {values['rank_as_head']:,}",
         ]
     elif head == tail:
         raise ConfigError("both slots are open; name the head or the tail.")

@@ -17,7 +17,7 @@ def tune_links(
     trials: int = 20,
     valid_ratio: float = 0.1,
     seed: int = 0,
-    timeout: float | None = None,
+    timeout: int | None = None,
     device: str = "cpu",
     out: Path = Path("tuned.toml"),
     force: Flag = False,

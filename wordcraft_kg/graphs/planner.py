@@ -90,7 +90,7 @@ class Planner:
         for entity in initial:
             self.costs[entity] = 0
         while queue:
-            cost, recipe, entity = heapq.heappop(queue)
+            _, recipe, entity = heapq.heappop(queue)
             if settled[entity]:
                 continue
             settled[entity] = True

@@ -283,13 +283,12 @@ class RecipeGraph:
 
         from wordcraft_kg.graphs.planner import layers
 
-        depth = pd.array(layers(self), dtype="Int64")
-        depth[depth < 0] = pd.NA
+        depth = layers(self)
         return pd.DataFrame(
             {
                 "entity": self.entities,
                 "base": np.isin(np.arange(self.num_entities), self.base_ids),
-                "layer": depth,
+                "layer": pd.Series(depth, dtype="Int64").mask(depth < 0),
                 "recipes": self.recipe_counts,
                 "uses": self.use_counts,
             }

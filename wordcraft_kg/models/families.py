@@ -49,7 +49,7 @@ def _complex_loop(config: ComplExConfig, factory: TriplesFactory) -> TrainingLoo
 
 
 def _embeddings(model: Model) -> dict[str, torch.Tensor]:
-    tensors = {}
+    tensors: dict[str, torch.Tensor] = {}
     for name, (representation,) in (
         ("entity", model.entity_representations),
         ("relation", model.relation_representations),

@@ -32,8 +32,8 @@ def compare(a: OpenedModel, b: OpenedModel, *, resamples: int = 1_000, seed: int
     ):
         if left != right:
             raise GraphMismatchError(
-                f"'{a.scorer.name}' and '{b.scorer.name}' were trained on different {what} ({left[:12]}, {right[:12]}); "
-                "their figures cannot be compared. Train both on one graph folder."
+                f"'{a.scorer.name}' and '{b.scorer.name}' were trained on different {what} "
+                f"({left[:12]}, {right[:12]}); their figures cannot be compared. Train both on one graph folder."
             )
     graph, split = a.data.graph, a.data.split
     queries = split.held_out("test")

@@ -71,7 +71,7 @@ def train_links(
     folder = out.with_name(out.name + UNFINISHED)
     if folder.exists() and not force:
         raise OutputExistsError(
-            f"an unfinished run is in '{folder}'. Go on with `wordcraft-kg resume {folder}`, or start anew with --force."
+            f"an unfinished run is in '{folder}'. Go on: wordcraft-kg resume {folder}, or start anew with --force."
         )
     _check_fit(opened, config)
     if folder.exists():

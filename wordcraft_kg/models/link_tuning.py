@@ -31,7 +31,7 @@ def tune(
     trials: int = 20,
     valid_ratio: float = 0.1,
     seed: int = 0,
-    timeout: float | None = None,
+    timeout: int | None = None,
     device: str = "cpu",
 ) -> dict[str, Any]:
     """Search settings of a model on the partial graph and write the best as a TOML file.

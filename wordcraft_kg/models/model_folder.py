@@ -51,7 +51,9 @@ def open_model(folder: Path, graph: str | None = None) -> OpenedModel:
     except ArtefactError:
         raise
     except ValueError as error:
-        raise ArtefactError(f"the graph that '{folder}' was trained on is not to be found ({error}) Give it: --graph") from None
+        raise ArtefactError(
+            f"the graph that '{folder}' was trained on is not to be found ({error}) Give it: --graph"
+        ) from None
     check_inputs(folder, run, data)
     metrics = json.loads(verified_bytes(folder, run, "metrics.json"))
     trace = [json.loads(line) for line in verified_bytes(folder, run, "trace.jsonl").splitlines()]

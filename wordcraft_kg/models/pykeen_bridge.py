@@ -56,9 +56,7 @@ class WordCraft(EagerDataset):
         if not len(test):
             raise SplitError(f"'{graph}' has no unseen test triples; build it with a split, such as --split by-recipe.")
         super().__init__(
-            training=triples_factory(
-                opened.graph, opened.split.partial, create_inverse_triples=create_inverse_triples
-            ),
+            training=triples_factory(opened.graph, opened.split.partial, create_inverse_triples=create_inverse_triples),
             testing=triples_factory(opened.graph, test),
             validation=triples_factory(opened.graph, valid) if len(valid) else None,
             **kwargs,

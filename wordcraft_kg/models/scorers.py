@@ -83,7 +83,9 @@ class Scorer(ABC):
             unknown = [label for label in entities if label not in self._index]
             if unknown:
                 hint = nearest(str(unknown[0]), self.entities)
-                raise UnknownEntityError(f"no entity '{unknown[0]}' among the {len(self.entities)} of {self.name}.{hint}")
+                raise UnknownEntityError(
+                    f"no entity '{unknown[0]}' among the {len(self.entities)} of {self.name}.{hint}"
+                )
             entities = [self._index[str(label)] for label in entities]
         ids = torch.as_tensor(entities, dtype=torch.int64, device=self.device)
         _check_range(ids, len(self.entities), "entity")

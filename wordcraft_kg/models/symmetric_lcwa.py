@@ -5,6 +5,8 @@ and builds dense one-hot targets. This one reads the entity table once a batch a
 Two private methods of PyKEEN's training loop are overridden, which pins PyKEEN's minor version.
 """
 
+from typing import Any
+
 import torch
 from pykeen.losses import CrossEntropyLoss
 from pykeen.models import ERModel
@@ -25,26 +27,30 @@ class IndexedSymmetricLCWATrainingLoop(SymmetricLCWATrainingLoop):
     Source: Jiang et al. 2020, Eq. 2; Lacroix et al. 2018.
     """
 
-    def __init__(self, model: ERModel, *args: object, **kwargs: object) -> None:
+    def __init__(self, model: ERModel, *args: Any, **kwargs: Any) -> None:
         """Check that the model suits this loop, then set it up as PyKEEN does.
 
         Raises:
             ConfigError: for another loss than cross entropy, or a model that is not built from single embeddings.
         """
         if not isinstance(model.loss, CrossEntropyLoss):
-            raise ConfigError(f"this loop computes a cross entropy; the model has the loss {type(model.loss).__name__}.")
+            raise ConfigError(
+                f"this loop computes a cross entropy; the model has the loss {type(model.loss).__name__}."
+            )
         if not isinstance(model, ERModel) or any(
             len(parts) != 1 for parts in (model.entity_representations, model.relation_representations)
         ):
-            raise ConfigError(f"{type(model).__name__} has no single embedding per entity; train it with 'SymmetricLCWA'.")
+            raise ConfigError(
+                f"{type(model).__name__} has no single embedding per entity; train it with 'SymmetricLCWA'."
+            )
         super().__init__(model, *args, **kwargs)
 
     def _create_training_data_loader(
-        self, triples_factory: CoreTriplesFactory, sampler: str | None, **kwargs: object
+        self, triples_factory: CoreTriplesFactory, sampler: str | None, **kwargs: Any
     ) -> DataLoader:
         # A sampler of whole batches: one indexing operation a batch instead of one a triple.
         data = TensorDataset(triples_factory.mapped_triples)
-        batches = BatchSampler(RandomSampler(data), int(kwargs["batch_size"]), bool(kwargs["drop_last"]))  # type: ignore[call-overload]
+        batches = BatchSampler(RandomSampler(data), kwargs["batch_size"], kwargs["drop_last"])
         return DataLoader(data, sampler=batches, batch_size=None, pin_memory=self.model.device.type == "cuda")
 
     def _process_batch(

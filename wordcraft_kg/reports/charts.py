@@ -7,7 +7,7 @@ import base64
 import math
 import struct
 import zlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from html import escape
 
 import numpy as np
@@ -137,16 +137,19 @@ class _Plot:
         low, high = self.y_range
         return round(HEIGHT - BOTTOM - (value - low) / (high - low) * (HEIGHT - TOP - BOTTOM), 1)
 
-    def y_ticks(self, values: Sequence[float], text: object) -> None:
+    def y_ticks(self, values: Sequence[float], text: Callable[[float], str]) -> None:
         for value in values:
             y = self.y(value)
             self.parts.append(f'<line x1="{LEFT}" x2="{WIDTH - RIGHT}" y1="{y}" y2="{y}" class="grid"/>')
-            self.parts.append(f'<text x="{LEFT - 5}" y="{y + 4}" text-anchor="end">{text(value)}</text>')  # type: ignore[operator]
+            self.parts.append(f'<text x="{LEFT - 5}" y="{y + 4}" text-anchor="end">{text(value)}</text>')
 
     def x_labels(self, labels: Sequence[tuple[float, str]]) -> None:
+        style = "small" if len(labels) > 6 else "tick"
         for value, label in labels:
             y = HEIGHT - BOTTOM + 15
-            self.parts.append(f'<text x="{self.x(value)}" y="{y}" text-anchor="middle">{escape(label)}</text>')
+            self.parts.append(
+                f'<text x="{self.x(value)}" y="{y}" text-anchor="middle" class="{style}">{escape(label)}</text>'
+            )
 
     def rectangle(self, left: float, right: float, low: float, high: float, style: str, title: str) -> None:
         x, y = self.x(left), self.y(high)
@@ -161,7 +164,8 @@ class _Plot:
 
     def circle(self, x: float, y: float, radius: float, style: str, title: str) -> None:
         self.parts.append(
-            f'<circle cx="{self.x(x)}" cy="{self.y(y)}" r="{radius}" class="{style}"><title>{escape(title)}</title></circle>'
+            f'<circle cx="{self.x(x)}" cy="{self.y(y)}" r="{radius}" class="{style}">'
+            f"<title>{escape(title)}</title></circle>"
         )
 
     def titles(self, x_title: str, y_title: str) -> None:

@@ -11,6 +11,7 @@ import jsonschema
 import numpy as np
 import pandas as pd
 import torch
+from markupsafe import Markup
 from numpy.typing import NDArray
 
 from wordcraft_kg.artefacts import dump_json, staged_folder, write_atomically
@@ -48,7 +49,7 @@ class LinkReport:
 
     values: dict[str, Any]
     ranks: pd.DataFrame
-    pictures: dict[str, str]
+    pictures: dict[str, Markup]
 
 
 def make_link_report(
@@ -115,9 +116,7 @@ def make_link_report(
         "leakage": leakage(split),
         "checks": _checks(opened, scorer),
         "metrics": metrics,
-        "ties": {
-            column: ranking_metrics(ranks, column) for column in ("optimistic", "pessimistic", "raw_rank")
-        },
+        "ties": {column: ranking_metrics(ranks, column) for column in ("optimistic", "pessimistic", "raw_rank")},
         "with_leaked": ranking_metrics(leaked_ranks),
         "baselines": {
             "frequency": _by_slice(frequency_ranks, lambda part, _: ranking_metrics(part)),
@@ -134,7 +133,7 @@ def make_link_report(
         "trace": trace or [],
         "provenance": provenance or {},
     }
-    pictures: dict[str, str] = {
+    pictures: dict[str, Markup] = {
         "ranks": charts.grouped_bars(
             values["histogram"]["bins"],
             values["histogram"]["shares"],
@@ -196,7 +195,8 @@ def summary_values(values: dict[str, Any]) -> dict[str, Any]:
     metrics = values["metrics"]
     return {
         **{
-            metric: {name: metrics[name].get(metric) for name in slices} for metric in ("mrr", "hits@1", "hits@3", "hits@10")
+            metric: {name: metrics[name].get(metric) for name in slices}
+            for metric in ("mrr", "hits@1", "hits@3", "hits@10")
         },
         "mrr_ci": {name: metrics[name].get("mrr_ci") for name in slices},
         "queries": values["queries"],
@@ -276,9 +276,7 @@ def _drill_down(opened: OpenedGraph, ranks: pd.DataFrame, trained_on: Ids) -> di
             *rows([("not reachable", layer < 0)]),
             *between(layer, [(0, 2), (3, 5), (6, 8), (9, 11), (12, top)]),
         ],
-        "self_combination": rows(
-            [("with itself", is_symmetric & is_self), ("with another", is_symmetric & ~is_self)]
-        ),
+        "self_combination": rows([("with itself", is_symmetric & is_self), ("with another", is_symmetric & ~is_self)]),
     }
 
 
@@ -288,24 +286,17 @@ def _histogram(ranks: pd.DataFrame) -> dict[str, Any]:
         rank = ranks.loc[ranks["relation"] == relation, "rank"].to_numpy(dtype=float)
         # A realistic rank may end in .5; it counts for the bin it falls into when rounded up.
         whole = np.ceil(rank)
-        shares[name] = [float(np.mean((whole >= low) & (whole <= high))) if len(rank) else 0.0 for low, high in RANK_BINS]
+        shares[name] = [
+            float(np.mean((whole >= low) & (whole <= high))) if len(rank) else 0.0 for low, high in RANK_BINS
+        ]
     bins = [str(low) if low == high else f"{low}–{high}" if high < 10**9 else f"{low}+" for low, high in RANK_BINS]
     return {"bins": bins, "shares": shares}
 
 
 def _listed(graph: RecipeGraph, ranks: pd.DataFrame) -> list[dict[str, Any]]:
-    return [
-        {
-            "head": graph.entities[row.head],
-            "relation": RELATIONS[row.relation],
-            "tail": graph.entities[row.tail],
-            "side": row.side,
-            "rank": float(row.rank),
-            "score": float(row.score),
-            "top": graph.entities[row.top],
-        }
-        for row in ranks.head(LISTED).itertuples()
-    ]
+    columns = ["head", "relation", "tail", "side", "rank", "score", "top"]
+    shown = _labelled(graph, ranks.head(LISTED))[columns]
+    return [{str(name): value for name, value in row.items()} for row in shown.to_dict("records")]
 
 
 def _perhaps_missing(graph: RecipeGraph, table: NDArray[np.float32]) -> list[dict[str, Any]]:
@@ -362,7 +353,7 @@ def _neighbours(graph: RecipeGraph, profiles: NDArray[np.float64]) -> list[dict[
 
 def _pictures_of_all_entities(
     graph: RecipeGraph, table: NDArray[np.float32], profiles: NDArray[np.float64], test: Ids, seed: int
-) -> dict[str, str]:
+) -> dict[str, Markup]:
     from sklearn.decomposition import PCA
     from sklearn.manifold import TSNE
     from threadpoolctl import threadpool_limits

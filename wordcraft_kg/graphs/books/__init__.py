@@ -127,7 +127,9 @@ def fetch_book(name: str) -> Path:
     """
     book = FETCHABLE.get(name)
     if book is None:
-        raise FetchError(f"'{name}' is not a book to fetch; there are: {', '.join(FETCHABLE)}.{nearest(name, FETCHABLE)}")
+        raise FetchError(
+            f"'{name}' is not a book to fetch; there are: {', '.join(FETCHABLE)}.{nearest(name, FETCHABLE)}"
+        )
     target = cache_folder() / book.file_name
     if target.is_file() and sha256_of(target) == book.sha256:
         return target

@@ -1,0 +1,54 @@
+# Everything runs in .venv, which `make install` sets up from nothing.
+PYTHON ?= python3
+BIN := .venv/bin
+DEMO := demo
+
+.DEFAULT_GOAL := help
+.PHONY: help install demo test slow lint format docs clean
+
+help:
+	@echo "make demo     set up, then book -> graph -> ComplEx -> report, on the built-in book kitchen"
+	@echo "make test     set up, then the tests"
+	@echo "make install  set up .venv only"
+	@echo "make slow     the tests that take minutes"
+	@echo "make lint     ruff and mypy"
+	@echo "make docs     write docs/commands.md from the commands' help"
+	@echo "make clean    remove what was built; .venv stays"
+
+install: .venv/installed
+
+.venv/installed: pyproject.toml constraints.txt
+	test -x $(BIN)/python || $(PYTHON) -m venv .venv
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt torch
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable ".[dev]"
+	touch $@
+
+demo: install
+	$(BIN)/wordcraft-kg build-graph kitchen --out $(DEMO)/graphs/kitchen --force
+	$(BIN)/wordcraft-kg train-complex $(DEMO)/graphs/kitchen --kg partial --out $(DEMO)/models/kitchen-partial --force
+	$(BIN)/wordcraft-kg train-complex $(DEMO)/graphs/kitchen --kg full --out $(DEMO)/models/kitchen-full --force
+	$(BIN)/wordcraft-kg evaluate-links $(DEMO)/models/kitchen-partial
+	$(BIN)/wordcraft-kg evaluate-links $(DEMO)/models/kitchen-full
+	$(BIN)/wordcraft-kg score $(DEMO)/models/kitchen-partial "?" componentOf bread --top 5
+
+test: install
+	$(BIN)/python -m pytest -m "not slow"
+
+slow: install
+	$(BIN)/python -m pytest -m slow
+
+lint: install
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+format: install
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+docs: install
+	$(BIN)/python docs/make_commands.py
+
+clean:
+	rm -rf $(DEMO) build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	find . -name __pycache__ -not -path "./.venv/*" -prune -exec rm -rf {} +

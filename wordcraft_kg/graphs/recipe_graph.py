@@ -167,9 +167,10 @@ class RecipeGraph:
 
     def recipe_labels(self, recipes: Ids | None = None) -> list[Recipe]:
         """Return recipes (all, or the given rows of ids) as sorted rows of labels."""
-        rows = (self.recipes if recipes is None else recipes).tolist()
-        names = self.entities
-        return [Recipe(names[a], names[b], names[result]) for a, b, result in rows]
+        rows = self.recipes if recipes is None else recipes
+        # By column: a million short lists would keep the garbage collector busy for longer than the work takes.
+        columns = ([self.entities[i] for i in column] for column in rows.T.tolist())
+        return list(map(Recipe, *columns))
 
     # --- lookups -----------------------------------------------------------------------------------------------------
 

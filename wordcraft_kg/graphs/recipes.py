@@ -10,6 +10,7 @@ import io
 import json
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -91,7 +92,7 @@ class RecipeBook:
         idle = tuple(sorted((set(listed) | set(declared or ())) - mentioned))
         return cls(name, tuple(sorted(kept)), declared, idle, dropped, merged, sha256)
 
-    @property
+    @cached_property
     def entities(self) -> tuple[str, ...]:
         """All labels, sorted."""
         return tuple(sorted({label for recipe in self.recipes for label in recipe}.union(self.idle)))

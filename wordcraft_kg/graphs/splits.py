@@ -84,15 +84,17 @@ class Split:
         self.parts = draw.parts
         self.parts.flags.writeable = False
         self.moved_for_coverage = draw.moved_for_coverage
+        self._candidates: dict[str, Ids] = {}
+        self._held_out: dict[str, Ids] = {}
 
     def recipes(self, part: Part) -> Ids:
         """Return the recipes of a part, shape (n, 3), in the graph's order."""
         return self.graph.recipes[self.parts == PARTS.index(part)]
 
-    @cached_property
+    @property
     def partial(self) -> Ids:
         """Triples of the train recipes, shape (T, 3), sorted."""
-        return recipe_triples(self.recipes("train"))
+        return self.candidates("train")
 
     @cached_property
     def unseen(self) -> Ids:
@@ -102,7 +104,9 @@ class Split:
 
     def candidates(self, part: Part) -> Ids:
         """Return all triples of a part's recipes, leaked ones included, shape (T, 3), sorted."""
-        return recipe_triples(self.recipes(part))
+        if part not in self._candidates:
+            self._candidates[part] = recipe_triples(self.recipes(part))
+        return self._candidates[part]
 
     def held_out(self, part: Literal["valid", "test"]) -> Ids:
         """Return the triples of a part that may be evaluated, shape (T, 3), sorted.
@@ -110,9 +114,11 @@ class Split:
         Those of the train recipes are left out; for the test part also those of the validation recipes, on which
         settings may have been chosen.
         """
-        triples = self.candidates(part)
-        seen = self.partial if part == "valid" else np.concatenate([self.partial, self.candidates("valid")])
-        return triples[~is_in(triples, seen, self.graph.num_entities)]
+        if part not in self._held_out:
+            triples = self.candidates(part)
+            seen = self.partial if part == "valid" else np.concatenate([self.partial, self.candidates("valid")])
+            self._held_out[part] = triples[~is_in(triples, seen, self.graph.num_entities)]
+        return self._held_out[part]
 
     @cached_property
     def uncovered(self) -> Ids:

@@ -48,9 +48,17 @@ def triple_keys(triples: Ids, num_entities: int) -> Ids:
 
 def is_in(triples: Ids, others: Ids, num_entities: int) -> NDArray[np.bool_]:
     """Return, for each triple, whether it is among ``others``; shape (T,)."""
-    return np.isin(triple_keys(triples, num_entities), triple_keys(others, num_entities))
+    if not len(others):
+        return np.zeros(len(triples), dtype=bool)
+    # Binary search in sorted keys: several times faster here than np.isin, which hashes.
+    keys, known = triple_keys(triples, num_entities), np.sort(triple_keys(others, num_entities))
+    return known[np.minimum(np.searchsorted(known, keys), len(known) - 1)] == keys
 
 
 def triple_lines(triples: Ids, entities: Sequence[str]) -> Iterator[str]:
     """Yield ``head<TAB>relation<TAB>tail`` lines of labels; labels hold no tab or line break."""
-    return (f"{entities[head]}\t{RELATIONS[relation]}\t{entities[tail]}\n" for head, relation, tail in triples.tolist())
+    columns = (column.tolist() for column in triples.T)
+    return (
+        f"{entities[head]}\t{RELATIONS[relation]}\t{entities[tail]}\n"
+        for head, relation, tail in zip(*columns, strict=True)
+    )

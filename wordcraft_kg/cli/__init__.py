@@ -8,14 +8,17 @@ import gc
 import logging
 import os
 import sys
+import tomllib
 from collections.abc import Sequence
 from importlib import import_module
+from pathlib import Path
+from typing import Any
 
 from cyclopts import App, Group
-from cyclopts.config import Toml
+from cyclopts.config import Dict
 
 from wordcraft_kg import __version__
-from wordcraft_kg.errors import WordCraftKGError
+from wordcraft_kg.errors import ConfigError, WordCraftKGError
 
 COMMANDS = {
     "Recipe books": ["books", "fetch"],
@@ -70,9 +73,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     tokens = list(sys.argv[1:] if arguments is None else arguments)
     app = make_app()
     try:
-        config = _config_path(tokens)
-        if config:
-            app.config = [Toml(config, must_exist=True)]
+        path = _config_path(tokens)
+        if path:
+            app.config = [Dict(_read_toml(path), source=path)]
         return int(app(tokens) or 0)
     except SystemExit as stop:
         return stop.code if isinstance(stop.code, int) else 1
@@ -98,6 +101,15 @@ def _config_path(tokens: Sequence[str]) -> str | None:
         if token.startswith("--config="):
             return token.removeprefix("--config=")
     return None
+
+
+def _read_toml(path: str) -> dict[str, Any]:
+    try:
+        return tomllib.loads(Path(path).read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise ConfigError(f"--config {path}: there is no such file.") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ConfigError(f"--config {path}: not a TOML file ({error}).") from None
 
 
 def _fail(message: str, code: int) -> int:

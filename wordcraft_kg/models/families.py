@@ -72,8 +72,9 @@ def model_class(name: str) -> type[Model]:
 
 def _pykeen_loop(config: LinkModelConfig, factory: TriplesFactory) -> TrainingLoop:
     is_softmax = config.loop == "symmetric"
+    kind = model_class(config.model)
     try:
-        model = model_class(config.model)(
+        model = kind(
             triples_factory=factory,
             embedding_dim=config.dim,
             loss=loss_resolver.make("crossentropy" if is_softmax else "nssa"),
@@ -82,7 +83,7 @@ def _pykeen_loop(config: LinkModelConfig, factory: TriplesFactory) -> TrainingLo
     except (TypeError, ValueError, NotImplementedError) as error:
         raise ConfigError(f"PyKEEN's '{config.model}' cannot be set up with these options: {error}") from None
     return training_loop_resolver.lookup("symmetriclcwa" if is_softmax else "slcwa")(
-        model,
+        model=model,
         triples_factory=factory,
         optimizer="Adam",
         optimizer_kwargs={"lr": config.learning_rate},

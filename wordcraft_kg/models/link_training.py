@@ -174,15 +174,19 @@ def _run(
                     continue_training=begun,
                     use_tqdm=False,
                     use_tqdm_batch=False,
+                    pin_memory=torch.device(config.device).type == "cuda",
                     callbacks=state,
                 )
-            if interrupted.is_set() and loop._epoch < config.epochs:
+            if interrupted.is_set() and loop._epoch < config.epochs and not state.has_stopped:
                 end_run(folder, run, "interrupted")
                 return TrainedLinks(folder, {}, True, loop._epoch)
             state.restore_best(loop)
             metrics = _finish(opened, config, folder, loop, state, triples)
     except BaseException:
-        end_run(folder, run, "failed")
+        if (folder / "checkpoints" / "last.json").exists():
+            end_run(folder, run, "failed")
+        else:
+            shutil.rmtree(folder)  # nothing in it to go on with
         raise
     shutil.rmtree(folder / "checkpoints")
     end_run(folder, run, "done", ("model.safetensors", "vocabulary.json", "config.toml", "metrics.json", "trace.jsonl"))

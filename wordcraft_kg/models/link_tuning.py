@@ -33,6 +33,7 @@ def tune(
     seed: int = 0,
     timeout: int | None = None,
     device: str = "cpu",
+    quiet: bool = False,
 ) -> dict[str, Any]:
     """Search settings of a model on the partial graph and write the best as a TOML file.
 
@@ -45,6 +46,7 @@ def tune(
         seed: of the search, the drawing and each training.
         timeout: seconds after which no new trial begins.
         device: torch device.
+        quiet: no line on stderr after each trial.
 
     Returns:
         model, command, trials, valid_mrr, settings and out.
@@ -59,7 +61,7 @@ def tune(
         raise ConfigError(f"--valid-ratio {valid_ratio}: expected more than 0 and less than 1.")
     train, valid = _validation_split(opened, valid_ratio, seed)
     search = _complex_search() if model.lower() == "complex" else _pykeen_search(model)
-    optuna.logging.set_verbosity(optuna.logging.WARNING)
+    optuna.logging.set_verbosity(optuna.logging.WARNING if quiet else optuna.logging.INFO)
     with pykeen_guard(seed, threads=1), quiet_pykeen():
         result = hpo_pipeline(
             training=triples_factory(opened.graph, train),

@@ -100,11 +100,13 @@ def pykeen_guard(seed: int, threads: int) -> Iterator[None]:
 
 @contextmanager
 def quiet_pykeen() -> Iterator[None]:
-    """Keep PyKEEN's advice about its own command line out of ours."""
-    logger = logging.getLogger("pykeen")
-    level = logger.level
-    logger.setLevel(logging.ERROR)
+    """Keep what PyKEEN and its helpers say about their own options out of our log."""
+    loggers = [logging.getLogger(name) for name in ("pykeen", "torch_max_mem")]
+    levels = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.ERROR)
     try:
         yield
     finally:
-        logger.setLevel(level)
+        for logger, level in zip(loggers, levels, strict=True):
+            logger.setLevel(level)

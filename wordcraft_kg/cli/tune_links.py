@@ -47,8 +47,17 @@ def tune_links(
         raise OutputExistsError(f"'{out}' exists. Choose another --out, or replace it with --force.")
     from wordcraft_kg.models.link_tuning import tune
 
-    options = {"trials": trials, "valid_ratio": valid_ratio, "seed": seed, "timeout": timeout, "device": device}
-    found = tune(opened, model, out, quiet=output.quiet, **options)
+    found = tune(
+        opened,
+        model,
+        out,
+        trials=trials,
+        valid_ratio=valid_ratio,
+        seed=seed,
+        timeout=timeout,
+        device=device,
+        quiet=output.quiet,
+    )
     settings = ", ".join(f"{name} {value}" for name, value in found["settings"].items())
     command = found["command"]
     output.result(

@@ -48,7 +48,8 @@ def evaluate_links(
     write_link_report(report, folder, force=force)
     values = summary_values(report.values) | {"report": str(folder / "index.html")}
     output.result(values, _text(report.values, folder))
-    failed = [check for check in report.values["checks"][:3] if not check["passed"]]
+    # Coverage is the split's own choice (by-goal cannot have it); the other checks must hold for any figure to count.
+    failed = [check for check in report.values["checks"] if not check["passed"] and check["id"] != "coverage"]
     for check in failed:
         print(f"CHECK FAILED: {check['name']} ({check['detail']})", file=sys.stderr)
     return 1 if failed else 0

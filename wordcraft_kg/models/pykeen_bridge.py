@@ -1,7 +1,7 @@
-"""Between recipe graphs and PyKEEN: triples factories, a dataset by name, and the guard around its global seeding.
+"""Between recipe graphs and PyKEEN: triples factories, and the guard around its global seeding.
 
-PyKEEN appears here, in ``complex.py``, ``symmetric_lcwa.py`` and ``families.py`` (what it trains), and in
-``link_training.py`` and ``link_tuning.py`` (which call it); nowhere else.
+PyKEEN appears here, in ``complex.py``, ``symmetric_lcwa.py`` and ``families.py`` (what it trains), in
+``link_training.py`` and ``link_tuning.py`` (which call it), and in ``wordcraft_kg/pykeen_dataset.py``; nowhere else.
 """
 
 import gc
@@ -9,16 +9,11 @@ import logging
 import random
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
-from pykeen.datasets.base import EagerDataset
 from pykeen.triples import TriplesFactory
 
-from wordcraft_kg.errors import SplitError
-from wordcraft_kg.graphs.folder import open_graph
 from wordcraft_kg.graphs.recipe_graph import Ids, RecipeGraph
 from wordcraft_kg.graphs.triples import RELATIONS
 
@@ -31,36 +26,6 @@ def triples_factory(graph: RecipeGraph, triples: Ids, *, create_inverse_triples:
         relation_to_id={label: i for i, label in enumerate(RELATIONS)},
         create_inverse_triples=create_inverse_triples,
     )
-
-
-class WordCraft(EagerDataset):
-    """A recipe graph as a PyKEEN dataset, known to PyKEEN as ``wordcraft``.
-
-    Training triples are the partial knowledge graph; validation and testing are the held-out triples that training
-    does not contain, so PyKEEN's numbers on it are leak-free.
-    """
-
-    def __init__(self, graph: str | Path = "kitchen", create_inverse_triples: bool = False, **kwargs: Any) -> None:
-        """Open a graph.
-
-        Args:
-            graph: a graph folder, a recipe book's file, or the name of a known book (split by recipe, seed 0).
-            create_inverse_triples: as in PyKEEN.
-            kwargs: passed to PyKEEN's dataset class.
-
-        Raises:
-            SplitError: if the graph's split has no test triples.
-        """
-        opened = open_graph(graph)
-        test, valid = (opened.split.held_out(part) for part in ("test", "valid"))
-        if not len(test):
-            raise SplitError(f"'{graph}' has no unseen test triples; build it with a split, such as --split by-recipe.")
-        super().__init__(
-            training=triples_factory(opened.graph, opened.split.partial, create_inverse_triples=create_inverse_triples),
-            testing=triples_factory(opened.graph, test),
-            validation=triples_factory(opened.graph, valid) if len(valid) else None,
-            **kwargs,
-        )
 
 
 def seed_everything(seed: int, epoch: int = 0) -> None:

@@ -1,0 +1,51 @@
+"""A recipe graph as a PyKEEN dataset, found by PyKEEN through the entry point group ``pykeen.datasets``.
+
+PyKEEN loads this module in the middle of its own imports, whichever of its modules came first. So it imports no more of
+PyKEEN than the base class, and it lies outside ``wordcraft_kg.models``, whose hooks must not run while PyKEEN's models
+are half imported.
+"""
+
+from pathlib import Path
+from typing import Any
+
+from pykeen.datasets import dataset_resolver
+from pykeen.datasets.base import EagerDataset
+
+from wordcraft_kg.errors import SplitError
+from wordcraft_kg.graphs.folder import open_graph
+
+
+class WordCraft(EagerDataset):
+    """A recipe graph as a PyKEEN dataset, known to PyKEEN as ``wordcraft``.
+
+    Training triples are the partial knowledge graph; validation and testing are the held-out triples that training
+    does not contain, so PyKEEN's numbers on it are leak-free.
+    """
+
+    def __init__(self, graph: str | Path = "kitchen", create_inverse_triples: bool = False, **kwargs: Any) -> None:
+        """Open a graph.
+
+        Args:
+            graph: a graph folder, a recipe book's file, or the name of a known book (split by recipe, seed 0).
+            create_inverse_triples: as in PyKEEN.
+            kwargs: passed to PyKEEN's dataset class.
+
+        Raises:
+            SplitError: if the graph's split has no test triples.
+        """
+        from wordcraft_kg.models.pykeen_bridge import triples_factory
+
+        opened = open_graph(graph)
+        test, valid = (opened.split.held_out(part) for part in ("test", "valid"))
+        if not len(test):
+            raise SplitError(f"'{graph}' has no unseen test triples; build it with a split, such as --split by-recipe.")
+        super().__init__(
+            training=triples_factory(opened.graph, opened.split.partial, create_inverse_triples=create_inverse_triples),
+            testing=triples_factory(opened.graph, test),
+            validation=triples_factory(opened.graph, valid) if len(valid) else None,
+            **kwargs,
+        )
+
+
+# Also when this module is imported before PyKEEN's, where the entry point finds it half made.
+dataset_resolver.register(WordCraft, raise_on_conflict=False)

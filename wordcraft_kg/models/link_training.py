@@ -84,6 +84,7 @@ def train_links(
         seed=config.seed,
         device=config.device,
         threads=config.threads,
+        replaces=force,
         inputs={"graph": opened.graph.hash, "split": opened.split.hash},
     )
     return _run(opened, config, out, folder, run, progress)
@@ -112,6 +113,7 @@ def resume_links(
         raise ArtefactError(f"'{folder}' {state}. Train a model with `wordcraft-kg train-complex`.")
     out = unfinished.with_name(unfinished.name.removesuffix(UNFINISHED))
     run = read_run(unfinished)
+    check_output(out, force=run.get("replaces", False))
     config, recorded_graph = read_config(unfinished)
     opened = open_graph(graph or recorded_graph)
     check_inputs(unfinished, run, opened)
@@ -182,9 +184,9 @@ def _run(
                 return TrainedLinks(folder, {}, True, loop._epoch)
             state.restore_best(loop)
             metrics = _finish(opened, config, folder, loop, state, triples)
-    except BaseException:
+    except BaseException as error:
         if (folder / "checkpoints" / "last.json").exists():
-            end_run(folder, run, "failed")
+            end_run(folder, run, "interrupted" if isinstance(error, KeyboardInterrupt) else "failed")
         else:
             shutil.rmtree(folder)  # nothing in it to go on with
         raise

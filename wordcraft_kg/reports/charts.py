@@ -64,18 +64,23 @@ def reliability(points: Sequence[tuple[float, float, int]], description: str) ->
 
 
 def labelled_points(
-    points: np.ndarray, labels: Sequence[str], groups: Sequence[int], shown: set[int], description: str
+    points: np.ndarray, labels: Sequence[str], groups: Sequence[int], order: Sequence[int], description: str
 ) -> Markup:
-    """Draw a map of points coloured by group; those in ``shown`` carry their label, all carry a tooltip."""
-    width, height = 940, 620
+    """Draw a map of points coloured by group; all have tooltips, and labels are set in ``order`` where they fit."""
+    width, height = 940, 640
     low, high = points.min(axis=0), points.max(axis=0)
     scaled = (points - low) / np.where(high > low, high - low, 1) * [width - 110, height - 30] + [10, 15]
+    places = scaled.round(1).tolist()
     parts = [f'<svg viewBox="0 0 {width} {height}" role="img" aria-label="{escape(description)}">']
-    for i, (x, y) in enumerate(scaled.round(1).tolist()):
-        name = escape(labels[i])
-        parts.append(f'<circle cx="{x}" cy="{y}" r="3" class="group-{groups[i] % 8}"><title>{name}</title></circle>')
-        if i in shown:
-            parts.append(f'<text x="{x + 5}" y="{y + 3}" class="small">{name}</text>')
+    for (x, y), label, group in zip(places, labels, groups, strict=True):
+        title = f"<title>{escape(label)}</title>"
+        parts.append(f'<circle cx="{x}" cy="{y}" r="3" class="group-{group % 8}">{title}</circle>')
+    taken: list[tuple[float, float, float]] = []
+    for i in order:
+        (x, y), end = places[i], places[i][0] + 8 + 5.5 * len(labels[i])
+        if all(x > right or end < left or abs(y - line) > 10 for left, right, line in taken):
+            taken.append((x, end, y))
+            parts.append(f'<text x="{x + 5}" y="{y + 3}" class="small">{escape(labels[i])}</text>')
     return Markup("".join([*parts, "</svg>"]))
 
 

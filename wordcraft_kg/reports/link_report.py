@@ -218,7 +218,7 @@ def _by_slice(ranks: pd.DataFrame, measure: Any) -> dict[str, dict[str, Any]]:
 def _checks(opened: OpenedGraph, scorer: TripleScorer, is_full: bool) -> list[dict[str, Any]]:
     """The conditions without which the headline means nothing; a full-graph model is not asked about leaks."""
     graph, split = opened.graph, opened.split
-    uncovered = [] if is_full else split.uncovered
+    uncovered = np.empty(0, dtype=np.int64) if is_full else split.uncovered
     listed = f"{len(uncovered)} do not ({', '.join(graph.labels(uncovered[:6]))}): their ranks are near chance"
     checks = [
         ("graph", "the model was trained on the graph that is evaluated", scorer.graph_hash == graph.hash, ""),
@@ -320,11 +320,15 @@ def _self_edges(graph: RecipeGraph, scores: NDArray[np.float32]) -> dict[str, fl
 
 
 def _profiles(table: NDArray[np.float32]) -> NDArray[np.float64]:
-    """Unit vectors of each entity's standardised scores as head and as tail; any scorer has them."""
-    parts = [part for scores in table for part in (scores, scores.T)]
-    standard = [(part - part.mean()) / (part.std() or 1.0) for part in parts]
-    profiles = np.concatenate(standard, axis=1).astype(np.float64)
-    profiles -= profiles.mean(axis=0)
+    """Unit vectors of each entity's scores as head and as tail of both relations; any scorer has them.
+
+    Each part is centred by row and by column, else all that it shows is which entities score high with everything.
+    """
+    parts = []
+    for scores in table.astype(np.float64):
+        centred = scores - scores.mean(axis=1, keepdims=True) - scores.mean(axis=0) + scores.mean()
+        parts += [part / (centred.std() or 1.0) for part in (centred, centred.T)]
+    profiles = np.concatenate(parts, axis=1)
     return profiles / np.maximum(np.linalg.norm(profiles, axis=1, keepdims=True), 1e-12)
 
 
@@ -364,9 +368,9 @@ def _pictures_of_all_entities(
         reduced = PCA(components, random_state=seed).fit_transform(profiles)
         perplexity = min(20.0, (graph.num_entities - 1) / 3)
         points = TSNE(perplexity=perplexity, random_state=seed, init="pca", n_jobs=1).fit_transform(reduced)
-    shown = set(np.argsort(-graph.use_counts, kind="stable")[:120].tolist())
+    by_use = np.argsort(-graph.use_counts, kind="stable").tolist()
     pictures["map"] = charts.labelled_points(
-        points, graph.entities, group_of.tolist(), shown, "Map of entities by their scores"
+        points, graph.entities, group_of.tolist(), by_use, "Map of entities by their scores"
     )
     return pictures
 

@@ -34,7 +34,7 @@ def read_json(path: Path) -> Any:
         return json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         raise ArtefactError(f"{path} is missing; the folder is incomplete or not of the expected kind.") from None
-    except (UnicodeDecodeError, json.JSONDecodeError) as error:
+    except (ValueError, RecursionError) as error:  # not UTF-8, not JSON, a number of 5,000 digits, nested too deeply
         raise ArtefactError(f"{path} is damaged: {error}. Make it again, or restore a copy.") from None
 
 
@@ -75,14 +75,47 @@ def staged_folder(out: Path, *, force: bool = False) -> Iterator[Path]:
     An earlier ``out`` stays as it was until the very end, whatever happens in the block (Ctrl-C included).
     """
     check_output(out, force=force)
+    with _parents_of(out):
+        staging = Path(tempfile.mkdtemp(dir=out.parent, prefix=f".{out.name}."))
+        try:
+            os.chmod(staging, 0o777 & ~_umask())
+            yield staging
+            replace_folder(staging, out)
+        finally:
+            shutil.rmtree(staging, ignore_errors=True)
+
+
+@contextmanager
+def staged_file(out: Path, *, force: bool = False) -> Iterator[Path]:
+    """Yield a path in an empty folder whose file becomes ``out`` when the block ends well.
+
+    Raises:
+        OutputExistsError: if ``out`` is a folder, or exists and ``force`` is False.
+    """
+    if out.is_dir():
+        raise OutputExistsError(f"'{out}' is a folder; a file is to be written there. Choose another --out.")
+    if out.exists() and not force:
+        raise OutputExistsError(f"'{out}' exists. Choose another --out, or replace it with --force.")
+    with _parents_of(out):
+        staging = Path(tempfile.mkdtemp(dir=out.parent, prefix=f".{out.name}."))
+        try:
+            yield staging / out.name
+            os.replace(staging / out.name, out)
+        finally:
+            shutil.rmtree(staging, ignore_errors=True)
+
+
+@contextmanager
+def _parents_of(out: Path) -> Iterator[None]:
+    """Make the folders above ``out``, and take back those that were new if the block fails."""
+    missing = [parent for parent in out.parents if not parent.exists()]
     out.parent.mkdir(parents=True, exist_ok=True)
-    staging = Path(tempfile.mkdtemp(dir=out.parent, prefix=f".{out.name}."))
     try:
-        os.chmod(staging, 0o777 & ~_umask())
-        yield staging
-        replace_folder(staging, out)
-    finally:
-        shutil.rmtree(staging, ignore_errors=True)
+        yield
+    except BaseException:
+        for parent in missing:
+            parent.rmdir()
+        raise
 
 
 def replace_folder(staging: Path, out: Path) -> None:

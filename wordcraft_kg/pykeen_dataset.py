@@ -46,6 +46,17 @@ class WordCraft(EagerDataset):
             **kwargs,
         )
 
+    def to_directory_binary(self, path: str | Path) -> None:
+        """Write the dataset as PyKEEN does, but not into PyKEEN's own cache.
+
+        That cache goes by the arguments: a graph built again in the same folder, or a folder of the same name
+        elsewhere, would be answered with the triples of the first.
+        """
+        from pykeen.datasets.utils import PYKEEN_DATASETS as CACHE
+
+        if not Path(path).resolve().is_relative_to(CACHE.resolve()):
+            super().to_directory_binary(path)
+
 
 # Also when this module is imported before PyKEEN's, where the entry point finds it half made.
 dataset_resolver.register(WordCraft, raise_on_conflict=False)

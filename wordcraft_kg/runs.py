@@ -32,6 +32,7 @@ def start_run(folder: Path, kind: str, **facts: Any) -> dict[str, Any]:
         "ended": None,
         "versions": _versions(),
         "git": _git_state(),
+        "inputs": {},
         **facts,
         "outputs": {},
     }
@@ -56,6 +57,10 @@ def read_run(folder: Path) -> dict[str, Any]:
     run = read_json(folder / "run.json")
     if not isinstance(run, dict) or run.get("format") != RUN_FORMAT:
         raise ArtefactError(f"{folder / 'run.json'} is not a run record of this version ({RUN_FORMAT}).")
+    expected = {"kind": str, "status": str, "argv": list, "versions": dict, "inputs": dict, "outputs": dict}
+    damaged = [key for key, kind in expected.items() if not isinstance(run.get(key), kind)]
+    if damaged:
+        raise ArtefactError(f"{folder / 'run.json'} is damaged: '{damaged[0]}' is missing or of another kind.")
     return run
 
 

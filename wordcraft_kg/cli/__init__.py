@@ -18,7 +18,7 @@ from cyclopts import App, Group
 from cyclopts.config import Dict
 
 from wordcraft_kg import __version__
-from wordcraft_kg.errors import ConfigError, WordCraftKGError
+from wordcraft_kg.errors import ConfigError, WordCraftKGError, nearest
 
 COMMANDS = {
     "Recipe books": ["books", "fetch"],
@@ -105,11 +105,16 @@ def _config_path(tokens: Sequence[str]) -> str | None:
 
 def _read_toml(path: str) -> dict[str, Any]:
     try:
-        return tomllib.loads(Path(path).read_text(encoding="utf-8"))
+        content = tomllib.loads(Path(path).read_text(encoding="utf-8"))
     except FileNotFoundError:
         raise ConfigError(f"--config {path}: there is no such file.") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ConfigError(f"--config {path}: not a TOML file ({error}).") from None
+    known = [name for names in COMMANDS.values() for name in names]
+    for key, value in content.items():
+        if key not in known or not isinstance(value, dict):
+            raise ConfigError(f"--config {path}: '{key}' is not a table named like a command.{nearest(key, known)}")
+    return content
 
 
 def _fail(message: str, code: int) -> int:

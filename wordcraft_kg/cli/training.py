@@ -22,7 +22,7 @@ def train(graph: str, settings: LinkConfig, out: Path | None, force: bool, outpu
     check_output(folder, force=force)  # before the slow imports
     from wordcraft_kg.models.link_training import train_links
 
-    progress = output.progress(f"training on the {settings.kg} graph")
+    progress = output.progress(f"{settings.kg} graph")
     return report(train_links(opened, settings, folder, force=force, progress=progress), output)
 
 

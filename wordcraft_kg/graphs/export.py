@@ -1,15 +1,14 @@
 """Writing a graph for other tools. A new exporter is a function ``(opened, path) -> None`` in :data:`EXPORTERS`."""
 
-import shutil
-import tempfile
+import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from wordcraft_kg.artefacts import check_output, staged_folder, write_atomically
-from wordcraft_kg.errors import ConfigError, MissingExtraError, OutputExistsError, nearest
+from wordcraft_kg.artefacts import staged_file, staged_folder, write_atomically
+from wordcraft_kg.errors import ConfigError, MissingExtraError, nearest
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.recipes import RecipeBook, write_book
 from wordcraft_kg.graphs.triples import RELATIONS, triple_lines
@@ -38,22 +37,9 @@ def export_graph(opened: OpenedGraph, format: str, out: Path, *, force: bool = F
     exporter = EXPORTERS.get(format)
     if exporter is None:
         raise ConfigError(f"--format {format}: expected one of {', '.join(EXPORTERS)}.{nearest(format, EXPORTERS)}")
-    if exporter.is_folder:
-        check_output(out, force=force)
-        with staged_folder(out, force=force) as folder:
-            exporter.write(opened, folder)
-        return
-    if out.is_dir():
-        raise OutputExistsError(f"'{out}' is a folder; the format {format} writes a file. Choose another --out.")
-    if out.exists() and not force:
-        raise OutputExistsError(f"'{out}' exists. Choose another --out, or replace it with --force.")
-    out.parent.mkdir(parents=True, exist_ok=True)
-    staging = Path(tempfile.mkdtemp(dir=out.parent, prefix=f".{out.name}."))
-    try:
-        exporter.write(opened, staging / out.name)
-        (staging / out.name).replace(out)
-    finally:
-        shutil.rmtree(staging, ignore_errors=True)
+    staged = staged_folder if exporter.is_folder else staged_file
+    with staged(out, force=force) as path:
+        exporter.write(opened, path)
 
 
 def _book(ending: str) -> Callable[[OpenedGraph, Path], None]:
@@ -81,7 +67,7 @@ def _libkge(opened: OpenedGraph, folder: Path) -> None:
     lines = [
         "# Triples of the partial knowledge graph, and the held-out ones that it does not contain.",
         "dataset:",
-        f"  name: {graph.name!r}",
+        f"  name: {json.dumps(graph.name, ensure_ascii=False)}",
         f"  num_entities: {graph.num_entities}",
         f"  num_relations: {len(RELATIONS)}",
         "  files.entity_ids.filename: entity_ids.del",

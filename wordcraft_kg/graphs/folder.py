@@ -1,11 +1,11 @@
 """Graph folders on disk: writing one whole, and opening a graph by folder, book file or book name."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from wordcraft_kg.artefacts import dump_json, read_json, staged_folder, write_atomically
-from wordcraft_kg.errors import ArtefactError
+from wordcraft_kg.errors import ArtefactError, RecipeFileError, SplitError
 from wordcraft_kg.graphs.audit import audit
 from wordcraft_kg.graphs.books import open_book
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
@@ -61,7 +61,8 @@ def open_graph(source: str | Path, config: SplitConfig | None = None) -> OpenedG
 
     Args:
         source: a graph folder, a recipe book's file, or the name of a known book.
-        config: how to split a book that has no split yet; ignored for a graph folder. Default: ``SplitConfig()``.
+        config: how to split a book that has no split yet; ignored for a graph folder. Default: ``SplitConfig()``, or
+            no split if the book is too small for it.
 
     Raises:
         ArtefactError: if a graph folder is incomplete, damaged, or its parts belong to different graphs.
@@ -71,9 +72,12 @@ def open_graph(source: str | Path, config: SplitConfig | None = None) -> OpenedG
     if folder.is_dir():
         if not (folder / "graph.json").is_file():
             raise ArtefactError(f"'{source}' is not a graph folder (no graph.json). Make one: wordcraft-kg build-graph")
+        try:
+            book = read_book(folder / "graph.json", keep_self_results=True)
+        except RecipeFileError as error:
+            raise ArtefactError(f"{error} The graph folder is damaged; build it again.") from None
         recorded = read_json(folder / "graph.json")
-        book = read_book(folder / "graph.json", keep_self_results=True, name=recorded.get("name"))
-        graph = RecipeGraph.from_book(book)
+        graph = RecipeGraph.from_book(replace(book, name=recorded.get("name", book.name)))
         if recorded.get("hash") != graph.hash:
             raise ArtefactError(
                 f"{folder / 'graph.json'} is damaged or was edited: its content does not give its hash. "
@@ -82,5 +86,10 @@ def open_graph(source: str | Path, config: SplitConfig | None = None) -> OpenedG
         split = read_split(read_json(folder / "split.json"), graph, str(folder / "split.json"))
     else:
         graph = RecipeGraph.from_book(open_book(source))
-        split = make_split(graph, config or SplitConfig())
+        try:
+            split = make_split(graph, config or SplitConfig())
+        except SplitError:
+            if config is not None:
+                raise
+            split = make_split(graph, SplitConfig("none"))
     return OpenedGraph(graph, split, str(source))

@@ -73,6 +73,7 @@ class Planner:
     the problem, which is NP-hard. Ties go to the earlier recipe in the graph's order.
 
     Attributes:
+        start: labels of the entities known at the start.
         costs: cost of each entity by id; ``math.inf`` where it cannot be reached. Python integers, since a tree may
             grow exponentially with depth.
     """
@@ -83,6 +84,7 @@ class Planner:
         starts, order = (array.tolist() for array in graph.by_ingredient)
         recipes = graph.recipes.tolist()
         initial = graph.base_ids.tolist() if start is None else sorted({graph.id_of(entity) for entity in start})
+        self.start = graph.labels(initial)
         self.costs: list[float] = [math.inf] * graph.num_entities
         self._recipe: list[int] = [-1] * graph.num_entities
         settled = [False] * graph.num_entities
@@ -112,8 +114,8 @@ class Planner:
         """
         graph = self.graph
         target = graph.id_of(goal)
-        if math.isinf(self.costs[target]):
-            raise GraphError(f"'{graph.entities[target]}' cannot be made from {', '.join(graph.base) or 'nothing'}.")
+        if self.costs[target] == math.inf:
+            raise GraphError(f"'{graph.entities[target]}' cannot be made from {', '.join(self.start) or 'nothing'}.")
         steps: list[int] = []
         done: set[int] = set()
         stack = [target]

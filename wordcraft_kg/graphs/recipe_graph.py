@@ -59,8 +59,8 @@ class RecipeGraph:
         pairs = np.sort(recipes[:, :2], axis=1)
         self.recipes: Ids = _unique_rows(np.column_stack([pairs, recipes[:, 2]]), len(self.entities))
         self.base_ids: Ids = base
-        self.recipes.flags.writeable = False
-        self.base_ids.flags.writeable = False
+        frozen(self.recipes)
+        frozen(self.base_ids)
 
     @classmethod
     def from_book(cls, book: RecipeBook, base: Iterable[str] | None = None) -> "RecipeGraph":
@@ -179,12 +179,12 @@ class RecipeGraph:
         """Shape (num_pairs + 1,): pair ``p`` owns the recipes ``pair_starts[p] : pair_starts[p + 1]``."""
         is_first = np.ones(self.num_recipes, dtype=bool)
         is_first[1:] = np.any(np.diff(self.recipes[:, :2], axis=0) != 0, axis=1)
-        return np.append(np.flatnonzero(is_first), self.num_recipes)
+        return frozen(np.append(np.flatnonzero(is_first), self.num_recipes))
 
     @cached_property
     def pair_of_recipe(self) -> Ids:
         """Shape (num_recipes,): the number of each recipe's pair."""
-        return np.repeat(np.arange(self.num_pairs), np.diff(self.pair_starts))
+        return frozen(np.repeat(np.arange(self.num_pairs), np.diff(self.pair_starts)))
 
     @cached_property
     def _pair_keys(self) -> Ids:
@@ -239,9 +239,7 @@ class RecipeGraph:
     @cached_property
     def triples(self) -> Ids:
         """Shape (num_triples, 3), int64: all ``(head, relation, tail)`` of the full knowledge graph, sorted."""
-        triples = recipe_triples(self.recipes)
-        triples.flags.writeable = False
-        return triples
+        return frozen(recipe_triples(self.recipes))
 
     # --- views -------------------------------------------------------------------------------------------------------
 
@@ -252,7 +250,7 @@ class RecipeGraph:
             recipe_nodes: False gives the typed multigraph, entities joined by edges whose key and ``relation`` is
                 ``combinesWith`` or ``componentOf``. True keeps which pair makes what: each recipe is a node
                 ``recipe <index>`` of ``kind="recipe"`` with edges ``ingredient -> recipe -> result`` (two parallel
-                ingredient edges for a self pair).
+                ingredient edges for a self pair). Where a label starts like that, underscores go before the name.
         """
         import networkx as nx
 
@@ -260,8 +258,11 @@ class RecipeGraph:
         in_base = set(self.base_ids.tolist())
         view.add_nodes_from((label, {"kind": "entity", "base": i in in_base}) for i, label in enumerate(self.entities))
         if recipe_nodes:
+            prefix = "recipe "
+            while any(label.startswith(prefix) for label in self.entities):
+                prefix = "_" + prefix
             for index, recipe in enumerate(self.recipe_labels()):
-                node = f"recipe {index}"
+                node = f"{prefix}{index}"
                 view.add_node(node, kind="recipe")
                 view.add_edges_from(
                     [
@@ -324,4 +325,10 @@ def _group(keys: Ids, values: Ids, size: int) -> tuple[Ids, Ids]:
     """Group ``values`` by key: group ``k`` is ``ordered[starts[k] : starts[k + 1]]``, ascending."""
     order = np.lexsort((values, keys))
     starts = np.concatenate([[0], np.cumsum(np.bincount(keys, minlength=size))])
-    return starts, values[order]
+    return frozen(starts), frozen(values[order])
+
+
+def frozen(array: Ids) -> Ids:
+    """Make an array read-only, so that what a graph or split hands out cannot change it."""
+    array.flags.writeable = False
+    return array

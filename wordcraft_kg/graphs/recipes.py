@@ -173,16 +173,20 @@ def check_label(label: Any, where: str) -> str:
     """Return ``label`` if it can name an entity.
 
     Raises:
-        RecipeFileError: if it is not text, blank, too long, or holds a tab, a line break or another control character.
+        RecipeFileError: if it is not text, blank, too long, or holds a tab, a line break, another control character or
+            half of a character.
     """
     if not isinstance(label, str):
         raise RecipeFileError(f"{where}: {label!r} is not a label; a label is text.")
     if not label or label.isspace():
-        raise RecipeFileError(f"{where}: the label {label!r} is blank; every entity needs a name.")
+        raise RecipeFileError(f"{where}: the label {_shown(label)} is blank; every entity needs a name.")
     if len(label) > MAX_LABEL_LENGTH:
         raise RecipeFileError(f"{where}: a label of {len(label):,} characters; the limit is {MAX_LABEL_LENGTH:,}.")
-    if not label.isprintable() and any(ord(char) < 32 or char in "\x7f\x85\u2028\u2029" for char in label):
-        raise RecipeFileError(f"{where}: the label {label!r} holds a tab, line break or control character.")
+    if not label.isprintable():
+        if any(ord(char) < 32 or char in "\x7f\x85\u2028\u2029" for char in label):
+            raise RecipeFileError(f"{where}: the label {_shown(label)} holds a tab, line break or control character.")
+        if any("\ud800" <= char <= "\udfff" for char in label):
+            raise RecipeFileError(f"{where}: the label {_shown(label)} holds half of a character (a lone surrogate).")
     return label
 
 
@@ -297,8 +301,10 @@ def _parse_json(path: Path, text: str) -> Parsed:
         content = json.loads(text, object_pairs_hook=without_duplicate_keys)
     except json.JSONDecodeError as error:
         raise RecipeFileError(f"{path}, line {error.lineno}, column {error.colno}: not JSON ({error.msg}).") from None
-    except RecursionError:
-        raise RecipeFileError(f"{path}: nested too deeply for a recipe book.") from None
+    except RecipeFileError:
+        raise
+    except (ValueError, RecursionError) as error:  # a number of thousands of digits, brackets without end
+        raise RecipeFileError(f"{path}: not a recipe book ({error}).") from None
     entities = content.get("entities") if isinstance(content, dict) else None
     if isinstance(entities, dict):
         return None, list(entities), _official_rows(path, entities)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wordcraft_kg.errors import ArtefactError, GraphMismatchError, SplitError, nearest
-from wordcraft_kg.graphs.recipe_graph import Ids, RecipeGraph
+from wordcraft_kg.graphs.recipe_graph import Ids, RecipeGraph, frozen
 from wordcraft_kg.graphs.recipes import Recipe
 from wordcraft_kg.graphs.triples import is_in, recipe_triples
 
@@ -100,12 +100,12 @@ class Split:
     def unseen(self) -> Ids:
         """Triples of the graph that no train recipe gives, shape (T, 3), sorted."""
         full = self.graph.triples
-        return full[~is_in(full, self.partial, self.graph.num_entities)]
+        return frozen(full[~is_in(full, self.partial, self.graph.num_entities)])
 
     def candidates(self, part: Part) -> Ids:
         """Return all triples of a part's recipes, leaked ones included, shape (T, 3), sorted."""
         if part not in self._candidates:
-            self._candidates[part] = recipe_triples(self.recipes(part))
+            self._candidates[part] = frozen(recipe_triples(self.recipes(part)))
         return self._candidates[part]
 
     def held_out(self, part: Literal["valid", "test"]) -> Ids:
@@ -117,13 +117,13 @@ class Split:
         if part not in self._held_out:
             triples = self.candidates(part)
             seen = self.partial if part == "valid" else np.concatenate([self.partial, self.candidates("valid")])
-            self._held_out[part] = triples[~is_in(triples, seen, self.graph.num_entities)]
+            self._held_out[part] = frozen(triples[~is_in(triples, seen, self.graph.num_entities)])
         return self._held_out[part]
 
     @cached_property
     def uncovered(self) -> Ids:
         """Ids of the entities that occur in no train recipe."""
-        return np.setdiff1d(np.arange(self.graph.num_entities), self.recipes("train"))
+        return frozen(np.setdiff1d(np.arange(self.graph.num_entities), self.recipes("train")))
 
     @cached_property
     def pairs_on_both_sides(self) -> int:
@@ -197,7 +197,7 @@ def read_split(content: Any, graph: RecipeGraph, where: str = "split.json") -> S
         for index, part in enumerate(PARTS):
             parts[[row_of[Recipe(*row)] for row in content[part]]] = index
         split = Split(graph, config, Draw(parts, content["moved_for_coverage"]))
-        if split.hash != content["hash"]:
+        if split.hash != content["hash"] or sum(len(content[part]) for part in PARTS) != graph.num_recipes:
             raise ArtefactError(f"{where} is damaged: its recipes do not give its hash. Build the graph again.")
         return split
     except (KeyError, TypeError, SplitError) as error:

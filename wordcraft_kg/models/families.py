@@ -44,7 +44,11 @@ def _complex_loop(config: ComplExConfig, factory: TriplesFactory) -> TrainingLoo
         random_seed=config.seed,
     ).to(config.device)
     return IndexedSymmetricLCWATrainingLoop(
-        model, triples_factory=factory, optimizer="Adagrad", optimizer_kwargs={"lr": config.learning_rate}
+        model,
+        triples_factory=factory,
+        automatic_memory_optimization=False,
+        optimizer="Adagrad",
+        optimizer_kwargs={"lr": config.learning_rate},
     )
 
 
@@ -80,11 +84,14 @@ def _pykeen_loop(config: LinkModelConfig, factory: TriplesFactory) -> TrainingLo
             loss=loss_resolver.make("crossentropy" if is_softmax else "nssa"),
             random_seed=config.seed,
         ).to(config.device)
-    except (TypeError, ValueError, NotImplementedError) as error:
-        raise ConfigError(f"PyKEEN's '{config.model}' cannot be set up with these options: {error}") from None
+    except (TypeError, ValueError, NotImplementedError, AttributeError, AssertionError) as error:
+        # Models that need more than triples (literals, inverse triples) fail in any of these ways.
+        raise ConfigError(f"PyKEEN's '{config.model}' cannot be set up for a recipe graph: {error!r}") from None
     return training_loop_resolver.lookup("symmetriclcwa" if is_softmax else "slcwa")(
         model=model,
         triples_factory=factory,
+        # Its search for the largest batch that fits is for GPUs; on a CPU it only trains two batches in vain.
+        automatic_memory_optimization=model.device.type == "cuda",
         optimizer="Adam",
         optimizer_kwargs={"lr": config.learning_rate},
         **({} if is_softmax else {"negative_sampler_kwargs": {"num_negs_per_pos": config.negatives}}),

@@ -50,6 +50,7 @@ class TrainingConfig:
             require(self, name, getattr(self, name) >= 1, "1 or more")
         for name in ("eval_every", "patience", "seed"):
             require(self, name, getattr(self, name) >= 0, "0 or more")
+        require(self, "seed", self.seed < 2**32, "less than 2^32, as PyKEEN needs")
         if self.patience and not self.eval_every:
             raise ConfigError("--patience counts rankings of the validation triples; give --eval-every too, such as 5.")
 
@@ -147,5 +148,5 @@ def read_config(folder: Path) -> tuple[LinkConfig, str]:
         return CONFIGS[command](**table), os.path.normpath(beside) if beside.exists() else graph
     except FileNotFoundError:
         raise ArtefactError(f"{path} is missing; '{folder}' is incomplete. Train the model again.") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, ValueError, KeyError, TypeError) as error:
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise ArtefactError(f"{path} is damaged ({error}). Train the model again, or restore a copy.") from None

@@ -4,6 +4,7 @@ The folder grows as ``<out>.unfinished`` and becomes ``<out>`` when it is whole.
 (seed, n) alone, so a checkpoint needs no generator states and a resumed run is bit-identical on CPU.
 """
 
+import hashlib
 import json
 import logging
 import os
@@ -13,7 +14,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -124,10 +125,31 @@ def resume_links(
             torch.__version__,
         )
     if epochs is not None:
-        config = type(config)(**{**asdict(config), "epochs": epochs})
-        write_atomically(unfinished / "config.toml", _config_toml(opened, config, out))
+        config = replace(config, epochs=epochs)
+        done = _Checkpoints.last_epoch(unfinished)
+        if epochs < done:
+            raise ConfigError(f"--epochs {epochs}: the run has done {done} already; give {done} or more.")
+    write_atomically(unfinished / "config.toml", _config_toml(opened, config, out))
     write_atomically(unfinished / "run.json", dump_json(run | {"status": "running", "ended": None}))
     return _run(opened, config, out, unfinished, run, progress)
+
+
+def toml_value(value: Any) -> str:
+    """Write a string or a number as TOML; the two formats agree on these when no character is escaped as a pair."""
+    return json.dumps(value, ensure_ascii=False)
+
+
+def check_device(device: str) -> None:
+    """Make sure that torch can compute on a device.
+
+    Raises:
+        ConfigError: saying why not.
+    """
+    try:
+        torch.zeros(1, device=device).item()
+    except (RuntimeError, AssertionError) as error:
+        reason = str(error).splitlines()[0]
+        raise ConfigError(f"--device {device} is not to be had here ({reason}). Use --device cpu.") from None
 
 
 def _check_fit(opened: OpenedGraph, config: LinkConfig) -> None:
@@ -136,18 +158,14 @@ def _check_fit(opened: OpenedGraph, config: LinkConfig) -> None:
             "--eval-every needs validation triples and this split has none. Build the graph with a validation part, "
             "such as --train-ratio 0.8 --valid-ratio 0.1."
         )
-    try:
-        torch.empty(0, device=config.device)
-    except (RuntimeError, AssertionError) as error:
-        reason = str(error).splitlines()[0]
-        raise ConfigError(f"--device {config.device} is not to be had here ({reason}). Use --device cpu.") from None
+    check_device(config.device)
 
 
 def _config_toml(opened: OpenedGraph, config: LinkConfig, out: Path) -> str:
     source = Path(opened.source)
     graph = os.path.relpath(source, out) if source.exists() else opened.source
-    lines = [f"[{config.command}]", f"graph = {json.dumps(graph)}"]
-    lines += [f"{field.name} = {json.dumps(getattr(config, field.name))}" for field in fields(config)]
+    values = {"graph": graph} | {field.name: getattr(config, field.name) for field in fields(config)}
+    lines = [f"[{config.command}]", *(f"{name} = {toml_value(value)}" for name, value in values.items())]
     return "\n".join(lines) + "\n"
 
 
@@ -228,7 +246,7 @@ def _finish(
         # Filtered by the training triples themselves: how well the model remembers, not how well it predicts.
         "train_mrr": ranking_metrics(rank_triples(scorer, triples, triples))["mrr"],
     }
-    write_atomically(folder / "model.safetensors", safetensors.torch.save(tensors))
+    write_atomically(folder / "model.safetensors", safetensors.torch.save(_copy(tensors)))
     write_atomically(folder / "vocabulary.json", dump_json(vocabulary))
     write_atomically(folder / "metrics.json", dump_json(metrics))
     write_atomically(folder / "trace.jsonl", [json.dumps(row) + "\n" for row in state.trace])
@@ -287,26 +305,46 @@ class _Checkpoints(TrainingCallback):
             self.training_loop._should_stop = True
         seed_everything(config.seed, epoch + 1)
 
+    @staticmethod
+    def last_epoch(folder: Path) -> int:
+        """Return the epoch of the last checkpoint in a run's folder, 0 if there is none."""
+        path = folder / "checkpoints" / "last.json"
+        return int(read_json(path)["epoch"]) if path.exists() else 0
+
     def restore(self, loop: TrainingLoop) -> bool:
-        """Load the last checkpoint into a training loop; return whether there was one."""
-        if not (self.folder / "last.json").exists():
+        """Load the last checkpoint into a training loop; return whether there was one.
+
+        Raises:
+            ArtefactError: if it is damaged.
+        """
+        path = self.folder / "last.json"
+        if not path.exists():
             return False
-        record = read_json(self.folder / "last.json")
-        path = self.folder / record["tensors"]
-        tensors = read_tensors(path, path.read_bytes())
-        loop.model.load_state_dict(_with_prefix(tensors, "model."))
-        self._best = _with_prefix(tensors, "best.")
-        values: dict[int, dict[str, Any]] = {}
-        for name, value in _with_prefix(tensors, "optimizer.").items():
-            index, _, key = name.partition(".")
-            values.setdefault(int(index), {})[key] = value
-        loop.optimizer.load_state_dict({"state": values, "param_groups": record["param_groups"]})
-        loop._epoch = record["epoch"]
-        loop.losses_per_epochs = [row["loss"] for row in record["trace"]]
-        self.trace = record["trace"]
-        self.seconds = record["seconds"]
-        self.best_mrr, self.best_epoch = record["best_mrr"], record["best_epoch"]
-        self.has_stopped = record["has_stopped"]
+        record = read_json(path)
+        try:
+            data = (self.folder / record["tensors"]).read_bytes()
+            if hashlib.sha256(data).hexdigest() != record["sha256"]:
+                raise ArtefactError(
+                    f"{self.folder / record['tensors']} is damaged: its SHA-256 is not the one written."
+                )
+            tensors = read_tensors(self.folder / record["tensors"], data)
+            loop.model.load_state_dict(_with_prefix(tensors, "model."))
+            self._best = _with_prefix(tensors, "best.")
+            values: dict[int, dict[str, Any]] = {}
+            for name, value in _with_prefix(tensors, "optimizer.").items():
+                index, _, key = name.partition(".")
+                values.setdefault(int(index), {})[key] = value
+            loop.optimizer.load_state_dict({"state": values, "param_groups": record["param_groups"]})
+            loop._epoch = record["epoch"]
+            loop.losses_per_epochs = [row["loss"] for row in record["trace"]]
+            self.trace = record["trace"]
+            self.seconds = record["seconds"]
+            self.best_mrr, self.best_epoch = record["best_mrr"], record["best_epoch"]
+            self.has_stopped = record["has_stopped"]
+        except (KeyError, TypeError, AttributeError, RuntimeError, OSError) as error:
+            raise ArtefactError(
+                f"{path} is not a checkpoint of this run ({type(error).__name__}: {error}). Train anew."
+            ) from None
         return True
 
     def restore_best(self, loop: TrainingLoop) -> None:
@@ -323,10 +361,12 @@ class _Checkpoints(TrainingCallback):
         self.folder.mkdir(exist_ok=True)
         # A new file each time, then the record that names it: at every moment one complete checkpoint is named.
         name = f"epoch-{epoch}.safetensors"
-        write_atomically(self.folder / name, safetensors.torch.save(_copy(tensors)))
+        data = safetensors.torch.save(_copy(tensors))
+        write_atomically(self.folder / name, data)
         record = {
             "epoch": epoch,
             "tensors": name,
+            "sha256": hashlib.sha256(data).hexdigest(),
             "param_groups": optimizer["param_groups"],
             "trace": self.trace,
             "seconds": self.seconds,

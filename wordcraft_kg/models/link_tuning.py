@@ -1,6 +1,5 @@
 """Choosing settings by PyKEEN's hyper-parameter optimisation, on validation triples; test triples take no part."""
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +16,7 @@ from wordcraft_kg.graphs.triples import is_in, recipe_triples
 from wordcraft_kg.models.complex import ComplExN3
 from wordcraft_kg.models.families import model_class
 from wordcraft_kg.models.link_config import CONFIGS, ComplExConfig, LinkModelConfig
+from wordcraft_kg.models.link_training import check_device, toml_value
 from wordcraft_kg.models.pykeen_bridge import pykeen_guard, quiet_pykeen, triples_factory
 
 _EPOCHS = {"type": "int", "low": 20, "high": 100, "q": 20}
@@ -59,24 +59,33 @@ def tune(
         raise ConfigError(f"--trials {trials}: expected 1 or more.")
     if not 0 < valid_ratio < 1:
         raise ConfigError(f"--valid-ratio {valid_ratio}: expected more than 0 and less than 1.")
+    if timeout is not None and timeout < 1:
+        raise ConfigError(f"--timeout {timeout}: expected 1 second or more.")
+    if not 0 <= seed < 2**32:
+        raise ConfigError(f"--seed {seed}: expected 0 or more, and less than 2^32.")
+    check_device(device)
     train, valid = _validation_split(opened, valid_ratio, seed)
     search = _complex_search() if model.lower() == "complex" else _pykeen_search(model)
     optuna.logging.set_verbosity(optuna.logging.WARNING if quiet else optuna.logging.INFO)
-    with pykeen_guard(seed, threads=1), quiet_pykeen():
-        result = hpo_pipeline(
-            training=triples_factory(opened.graph, train),
-            validation=triples_factory(opened.graph, valid),
-            # PyKEEN asks for test triples too; it never looks at them while it searches.
-            testing=triples_factory(opened.graph, valid),
-            device=device,
-            training_kwargs={"use_tqdm": False},
-            evaluation_kwargs={"batch_size": 512, "use_tqdm": False},
-            sampler="tpe",
-            sampler_kwargs={"seed": seed},
-            n_trials=trials,
-            timeout=timeout,
-            **search,
-        )
+    try:
+        with pykeen_guard(seed, threads=1), quiet_pykeen():
+            result = hpo_pipeline(
+                training=triples_factory(opened.graph, train),
+                validation=triples_factory(opened.graph, valid),
+                # PyKEEN asks for test triples too; it never looks at them while it searches.
+                testing=triples_factory(opened.graph, valid),
+                device=device,
+                training_kwargs={"use_tqdm": False, "pin_memory": False},
+                evaluation_kwargs={"batch_size": 512, "use_tqdm": False},
+                sampler="tpe",
+                sampler_kwargs={"seed": seed},
+                n_trials=trials,
+                timeout=timeout,
+                **search,
+            )
+        best = result.study.best_trial
+    except (TypeError, ValueError, NotImplementedError, AttributeError, AssertionError) as error:
+        raise ConfigError(f"no trial of '{model}' came to an end ({error!r}).") from None
     names = {
         "model.embedding_dim": "dim",
         "regularizer.weight": "n3",
@@ -85,17 +94,17 @@ def tune(
         "training.num_epochs": "epochs",
         "negative_sampler.num_negs_per_pos": "negatives",
     }
-    settings: dict[str, Any] = {names[name]: value for name, value in sorted(result.study.best_params.items())}
+    settings: dict[str, Any] = {names[name]: value for name, value in sorted(best.params.items())}
     config: type[ComplExConfig] | type[LinkModelConfig] = ComplExConfig
     if model.lower() != "complex":
         config, settings = LinkModelConfig, {"model": model, **settings}
     config(**settings)  # what is written must be readable
-    valid_mrr = float(result.study.best_value)
+    valid_mrr = float(best.value)
     lines = [
         f"# validation MRR {valid_mrr:.4f}, the best of {len(result.study.trials)} trials on {opened.graph.name}",
         f"# graph {opened.graph.hash[:12]}, split {opened.split.hash[:12]}, seed {seed}",
         f"[{config.command}]",
-        *(f"{name} = {json.dumps(value)}" for name, value in settings.items()),
+        *(f"{name} = {toml_value(value)}" for name, value in settings.items()),
     ]
     out.parent.mkdir(parents=True, exist_ok=True)
     write_atomically(out, "\n".join(lines) + "\n")

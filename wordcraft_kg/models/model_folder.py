@@ -76,7 +76,7 @@ def check_inputs(folder: Path, run: dict[str, Any], data: OpenedGraph) -> None:
         GraphMismatchError: naming both.
     """
     for what, found in (("graph", data.graph.hash), ("split", data.split.hash)):
-        expected = run["inputs"][what]
+        expected = str(run["inputs"].get(what))
         if found != expected:
             raise GraphMismatchError(
                 f"'{folder}' was trained on {what} {expected[:12]} but '{data.source}' has {found[:12]}. "

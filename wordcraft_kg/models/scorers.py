@@ -23,7 +23,7 @@ from wordcraft_kg.runs import read_finished_run, verified_bytes
 TABLE_LIMIT = 2**28
 """Bytes. Up to this size all scores are computed once and looked up; above it they come from the embeddings."""
 
-EntityIds = int | str | Sequence[int] | Sequence[str] | torch.Tensor
+EntityIds = int | str | Sequence[int] | Sequence[str] | np.ndarray | torch.Tensor
 RelationIds = int | str | torch.Tensor
 
 
@@ -76,18 +76,18 @@ class Scorer(ABC):
         Raises:
             UnknownEntityError: with the nearest labels, or the range of ids.
         """
-        if isinstance(entities, str):
-            entities = [entities]
-            return self.entity_ids(entities)[0]
-        if not isinstance(entities, int | torch.Tensor) and len(entities) and isinstance(entities[0], str):
-            unknown = [label for label in entities if label not in self._index]
-            if unknown:
-                hint = nearest(str(unknown[0]), self.entities)
-                raise UnknownEntityError(
-                    f"no entity '{unknown[0]}' among the {len(self.entities)} of {self.name}.{hint}"
-                )
-            entities = [self._index[str(label)] for label in entities]
-        ids = torch.as_tensor(entities, dtype=torch.int64, device=self.device)
+        if not isinstance(entities, torch.Tensor):
+            values = np.asarray(entities)
+            if values.dtype.kind == "U":
+                unknown = [str(label) for label in values.flat if str(label) not in self._index]
+                if unknown:
+                    hint = nearest(unknown[0], self.entities)
+                    raise UnknownEntityError(f"no entity '{unknown[0]}' in {self.name}.{hint}")
+                values = np.array([self._index[str(label)] for label in values.flat]).reshape(values.shape)
+            entities = torch.tensor(values if values.size else values.astype(np.int64))
+        if entities.is_floating_point() or entities.is_complex():
+            raise UnknownEntityError(f"entities are labels or integer ids; found numbers of type {entities.dtype}.")
+        ids = entities.to(self.device, torch.int64)
         _check_range(ids, len(self.entities), "entity")
         return ids
 
@@ -233,7 +233,7 @@ def load_scorer(folder: str | Path, *, graph: RecipeGraph | None = None, device:
         vocabulary = json.loads(verified_bytes(folder, run, "vocabulary.json"))
         kind, entities, graph_hash = vocabulary["scorer"], vocabulary["entities"], vocabulary["graph"]
         scorer = make_scorer(kind, tensors, entities, graph_hash, device=device, name=folder.name)
-    except (KeyError, ValueError) as error:
+    except (KeyError, TypeError, ValueError) as error:
         raise ArtefactError(f"{folder} does not hold a scorer ({error!r}). Train it again.") from None
     if graph is not None:
         scorer.check_graph(graph)
@@ -251,7 +251,12 @@ def make_scorer(
         entities: labels in id order.
         graph_hash: of the graph that the ids belong to.
         settings: ``device`` and ``name``.
+
+    Raises:
+        ValueError: for another kind.
     """
+    if kind not in ("complex", "table"):
+        raise ValueError(f"no kind of scorer '{kind}'")
     if kind == "table":
         return TableScorer(tensors["scores"], entities, graph_hash, **settings)
     scorer = ComplExScorer(tensors, entities, graph_hash, **settings)

@@ -35,7 +35,8 @@ class IndexedSymmetricLCWATrainingLoop(SymmetricLCWATrainingLoop):
         """
         if not isinstance(model.loss, CrossEntropyLoss):
             raise ConfigError(
-                f"this loop computes a cross entropy; the model has the loss {type(model.loss).__name__}."
+                f"this loop computes a cross entropy; the model has {type(model.loss).__name__}. "
+                'PyKEEN\'s pipeline gives every model its own default loss; pass loss="crossentropy".'
             )
         if not isinstance(model, ERModel) or any(
             len(parts) != 1 for parts in (model.entity_representations, model.relation_representations)

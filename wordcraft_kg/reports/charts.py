@@ -95,10 +95,11 @@ def matrix_image(values: np.ndarray, marked: np.ndarray, description: str, size:
     """
     step = math.ceil(len(values) / size)
     edges = np.arange(0, len(values), step)
-    sums = np.add.reduceat(np.add.reduceat(values, edges, axis=0), edges, axis=1)
+    widths = np.diff(np.append(edges, len(values)))
+    means = np.add.reduceat(np.add.reduceat(values, edges, axis=0), edges, axis=1) / np.outer(widths, widths)
     hit = np.add.reduceat(np.add.reduceat(marked.astype(int), edges, axis=0), edges, axis=1) > 0
     # Ranks, since raw scores have heavy tails; 48 shades keep the picture small.
-    order = sums.ravel().argsort(kind="stable").argsort(kind="stable").reshape(sums.shape)
+    order = means.ravel().argsort(kind="stable").argsort(kind="stable").reshape(means.shape)
     pixels = (order * 48 // order.size).astype(np.uint8)
     pixels[hit] = 48
     ramp = np.linspace(0, 1, 48)[:, None]

@@ -362,6 +362,8 @@ def _pictures_of_all_entities(
         pictures[f"matrix_{name}"] = charts.matrix_image(
             table[relation][shuffled], held_out[shuffled], f"Scores of {name} for all pairs of entities"
         )
+    if not np.ptp(profiles):
+        return pictures  # a scorer that tells no entities apart has no map
     # On two cores t-SNE with all threads is many times slower than with one.
     with threadpool_limits(1):
         components = min(50, *profiles.shape)

@@ -8,6 +8,7 @@ import os
 import urllib.request
 from collections.abc import Iterator
 from dataclasses import dataclass
+from http.client import HTTPException
 from pathlib import Path
 
 from wordcraft_kg.artefacts import sha256_of, write_atomically
@@ -137,7 +138,7 @@ def fetch_book(name: str) -> Path:
     try:
         with urllib.request.urlopen(book.url, timeout=_TIMEOUT) as response:
             data = response.read(_MAX_BYTES)
-    except (OSError, ValueError) as error:
+    except (OSError, HTTPException, ValueError) as error:
         reason = getattr(error, "reason", error)
         raise FetchError(f"could not download '{name}' ({reason}). Try again when online. {by_hand}") from None
     found = hashlib.sha256(data).hexdigest()

@@ -79,8 +79,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return int(app(tokens) or 0)
     except SystemExit as stop:
         return stop.code if isinstance(stop.code, int) else 1
-    except KeyboardInterrupt:
-        return _fail("interrupted; nothing was written", 130)
+    except KeyboardInterrupt as interruption:
+        return _fail(str(interruption) or "interrupted; nothing was written", 130)
     except WordCraftKGError as error:
         return _fail(f"{type(error).__name__}: {error}", 1)
     except BrokenPipeError:

@@ -1,6 +1,5 @@
 """What the training commands share: run, report, and say how to go on after Ctrl-C."""
 
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -27,13 +26,11 @@ def train(graph: str, settings: LinkConfig, out: Path | None, force: bool, outpu
 
 
 def report(trained: "TrainedLinks", output: Output) -> int:
-    """Print the outcome of a training run; return 0, or 130 when Ctrl-C ended it."""
+    """Print the outcome of a training run and return 0; raise KeyboardInterrupt when Ctrl-C ended it."""
+    from wordcraft_kg.models.link_training import interruption_message
+
     if trained.interrupted:
-        print(
-            f"interrupted; epoch {trained.epoch} is saved. Go on with: wordcraft-kg resume {trained.folder}",
-            file=sys.stderr,
-        )
-        return 130
+        raise KeyboardInterrupt(interruption_message(trained.folder, trained.epoch))
     metrics = trained.metrics
     values = {"out": str(trained.folder), **metrics}
     rows = [

@@ -91,6 +91,11 @@ def train_links(
     return _run(opened, config, out, folder, run, progress)
 
 
+def interruption_message(folder: Path, epoch: int) -> str:
+    """Say what an interrupted run has kept and how to go on."""
+    return f"interrupted; epoch {epoch} is saved. Go on with: wordcraft-kg resume {folder}"
+
+
 def resume_links(
     folder: Path, *, graph: str | None = None, epochs: int | None = None, progress: Progress | None = None
 ) -> TrainedLinks:
@@ -205,6 +210,9 @@ def _run(
     except BaseException as error:
         if (folder / "checkpoints" / "last.json").exists():
             end_run(folder, run, "interrupted" if isinstance(error, KeyboardInterrupt) else "failed")
+            if isinstance(error, KeyboardInterrupt):
+                done = _Checkpoints.last_epoch(folder)
+                raise KeyboardInterrupt(interruption_message(folder, done)) from None
         else:
             shutil.rmtree(folder)  # nothing in it to go on with
         raise

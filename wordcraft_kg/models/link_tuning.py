@@ -17,7 +17,7 @@ from wordcraft_kg.models.complex import ComplExN3
 from wordcraft_kg.models.families import model_class
 from wordcraft_kg.models.link_config import CONFIGS, ComplExConfig, LinkModelConfig
 from wordcraft_kg.models.link_training import check_device, toml_value
-from wordcraft_kg.models.pykeen_bridge import pykeen_guard, quiet_pykeen, triples_factory
+from wordcraft_kg.models.pykeen_bridge import pykeen_guard, quiet_pykeen, seeded_pipelines, triples_factory
 
 _EPOCHS = {"type": "int", "low": 20, "high": 100, "q": 20}
 _BATCH = {"type": "categorical", "choices": [256, 512, 1024]}
@@ -68,7 +68,7 @@ def tune(
     search = _complex_search() if model.lower() == "complex" else _pykeen_search(model)
     optuna.logging.set_verbosity(optuna.logging.WARNING if quiet else optuna.logging.INFO)
     try:
-        with pykeen_guard(seed, threads=1), quiet_pykeen():
+        with pykeen_guard(seed, threads=1), seeded_pipelines(seed), quiet_pykeen():
             result = hpo_pipeline(
                 training=triples_factory(opened.graph, train),
                 validation=triples_factory(opened.graph, valid),
@@ -153,8 +153,13 @@ def _complex_search() -> dict[str, Any]:
 
 
 def _pykeen_search(model: str) -> dict[str, Any]:
+    kind = model_class(model)
     return {
-        "model": model_class(model),
+        "model": kind,
+        # Settings that train-links does not have stay at the model's defaults.
+        "regularizer_kwargs": {"weight": 1.0, **(kind.regularizer_default_kwargs or {})}
+        if kind.regularizer_default
+        else None,
         "model_kwargs_ranges": {"embedding_dim": {"type": "categorical", "choices": [64, 128, 256]}},
         "loss": "nssa",
         "loss_kwargs": {"margin": 9.0, "adversarial_temperature": 1.0, "reduction": "mean"},

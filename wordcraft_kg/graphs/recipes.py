@@ -303,7 +303,9 @@ def _parse_json(path: Path, text: str) -> Parsed:
         raise RecipeFileError(f"{path}, line {error.lineno}, column {error.colno}: not JSON ({error.msg}).") from None
     except RecipeFileError:
         raise
-    except (ValueError, RecursionError) as error:  # a number of thousands of digits, brackets without end
+    except RecursionError:
+        raise RecipeFileError(f"{path}: nested too deeply for a recipe book.") from None
+    except ValueError as error:  # such as a number of thousands of digits
         raise RecipeFileError(f"{path}: not a recipe book ({error}).") from None
     entities = content.get("entities") if isinstance(content, dict) else None
     if isinstance(entities, dict):

@@ -1,0 +1,658 @@
+import errno
+import io
+import json
+import os
+import subprocess
+import sys
+import urllib.error
+import urllib.request
+from pathlib import Path
+from typing import get_args
+
+import pytest
+
+from wordcraft_kg.cli.export import Format
+from wordcraft_kg.graphs import SPLITS, RecipeGraph, SplitConfig, make_split, open_graph, read_book, write_graph_folder
+from wordcraft_kg.graphs.books import DATA_VARIABLE, FETCHABLE
+
+TABLE = "ingredient_a,ingredient_b,result\n"
+KEPT = "of an earlier build"
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    """Return all files and folders below, hidden ones too, with the bytes of files."""
+    return {str(path.relative_to(folder)): path.read_bytes() if path.is_file() else b"" for path in folder.rglob("*")}
+
+
+@pytest.fixture
+def out(home):
+    """Give a folder that holds an earlier output, ``earlier``, and nothing else."""
+    folder = home / "out"
+    (folder / "earlier").mkdir(parents=True)
+    (folder / "earlier" / "graph.json").write_text(KEPT, encoding="utf-8")
+    return folder
+
+
+@pytest.fixture
+def refused(run, out):
+    """Check that ``build-graph`` refuses, over an earlier output and beside it, and leaves the disk as it was."""
+
+    def refused(*arguments, says, codes=(1,)):
+        before = contents(out)
+        for target in ("earlier", "new"):
+            outcome = run("build-graph", *arguments, "--out", out / target, "--force")
+            assert outcome.code in codes
+            for part in says:
+                assert part in outcome.err
+            assert "Traceback" not in outcome.err
+            assert outcome.out == ""
+            assert contents(out) == before
+
+    return refused
+
+
+@pytest.fixture
+def book(home):
+    """Write a recipe book, and return its path."""
+
+    def write(name, content):
+        path = home / name
+        path.write_bytes(content if isinstance(content, bytes) else content.encode())
+        return path
+
+    return write
+
+
+@pytest.fixture(scope="module")
+def kitchen_folder(tmp_path_factory, kitchen):
+    from wordcraft_kg.graphs import open_book
+
+    folder = tmp_path_factory.mktemp("graphs") / "kitchen"
+    write_graph_folder(folder, open_book("kitchen"), make_split(kitchen, SplitConfig()))
+    return folder
+
+
+BAD_TABLES = {
+    "empty file": ("book.csv", "", ["book.csv is empty; a recipe book needs at least one recipe"]),
+    "blanks only": ("book.csv", " \n\n", ["book.csv is empty"]),
+    "header only": ("book.csv", TABLE, ["book.csv has no recipe to keep"]),
+    "self results only": ("book.csv", TABLE + "a,b,a\n", ["has no recipe to keep (1 self results dropped)"]),
+    "not UTF-8": (
+        "book.csv",
+        TABLE.encode() + b"a,b,c\nd,\xe9,f\n",
+        ["book.csv, line 3: not UTF-8 (byte 0xe9). Save it as UTF-8"],
+    ),
+    "UTF-16": ("book.csv", (TABLE + "a,b,c\n").encode("utf-16"), ["book.csv, line 1: not UTF-8"]),
+    "header missing": (
+        "book.csv",
+        "a,b,c\nd,e,f\n",
+        ["book.csv, line 1: the header is 'a,b,c'; expected 'ingredient_a,ingredient_b,result'"],
+    ),
+    "column missing": ("book.csv", "ingredient_a,result\na,c\n", ["line 1: the header is 'ingredient_a,result'"]),
+    "header after comments": ("book.csv", "# one\n# two\na,b,c\n", ["book.csv, line 3: the header is 'a,b,c'"]),
+    "commas in a tsv": ("book.tsv", TABLE, ["book.tsv, line 1: the header is", "separated by tabs"]),
+    "one ingredient": (
+        "book.csv",
+        TABLE + "a,b,c\ngrass,dew\n",
+        ["book.csv, line 3: 'grass,dew' has 1 ingredient and a result; a recipe needs two"],
+    ),
+    "no ingredient": ("book.csv", TABLE + "dew\n", ["line 2: 'dew' has 0 ingredients and a result missing"]),
+    "three ingredients": (
+        "book.csv",
+        TABLE + "a,b,c\n\na,b,c,d\n",
+        ["book.csv, line 4: 'a,b,c,d' has 3 ingredients and a result; a recipe needs two"],
+    ),
+    "empty label": (
+        "book.csv",
+        TABLE + "a,,c\n",
+        ["book.csv, line 2: the label '' is blank; every entity needs a name"],
+    ),
+    "blank label": ("book.csv", TABLE + "a,b,c\na,  ,c\n", ["book.csv, line 3: the label '  ' is blank"]),
+    "tab in a label": (
+        "book.csv",
+        TABLE + "a,b\tb,c\n",
+        [r"line 2: the label 'b\tb' holds a tab, line break or control"],
+    ),
+    "newline in a label": ("book.csv", TABLE + 'a,"b\nb",c\n', [r"the label 'b\nb' holds a tab, line break"]),
+    "NUL in a label": ("book.csv", TABLE + "a,b\0b,c\n", ["book.csv, line 2: "]),
+    "blank label in the base": (
+        "book.csv",
+        "# base: a,,b\n" + TABLE + "a,b,c\n",
+        ["book.csv, line 1: the label '' is"],
+    ),
+    "long label": (
+        "book.csv",
+        TABLE + f"a,{'b' * 1001},c\n",
+        ["line 2: a label of 1,001 characters; the limit is 1,000"],
+    ),
+    "unclosed quote": ("book.csv", TABLE + 'a,b,c\na,"b,c\n', ["book.csv, line 3: unexpected end of data"]),
+    "quote amid a label": ("book.csv", TABLE + 'a,"b"b,c\n', ["book.csv, line 2: ',' expected after '\"'"]),
+    "wrong ending": ("book.xml", TABLE + "a,b,c\n", ["unknown ending '.xml'; a recipe book is .csv, .tsv or .json"]),
+    "no ending": ("book", TABLE + "a,b,c\n", ["unknown ending ''; a recipe book is"]),
+}
+
+BAD_JSON = {
+    "truncated": ('{"entities": [\n"a",', ["book.json, line 2, column 5: not JSON (Expecting value)"]),
+    "text": ("a,b,c", ["book.json, line 1, column 1: not JSON"]),
+    "not UTF-8": (b'{"entities":\n["\xff"]}', ["book.json, line 2: not UTF-8 (byte 0xff)"]),
+    "empty file": ("", ["book.json is empty"]),
+    "list": ("[1, 2]", ["neither of the known layouts. Expected an object with the lists 'entities' and 'recipes'"]),
+    "null": ("null", ["book.json: neither of the known layouts"]),
+    "no recipes": ('{"entities": ["a"]}', ["book.json: neither of the known layouts"]),
+    "nested too deeply": ("[" * 200_000, ["book.json: nested too deeply for a recipe book"]),
+    "huge number": ('{"entities": ' + "1" * 5000 + "}", ["book.json"]),
+    "duplicate key": (
+        '{"entities": {"a": {"recipes": []}, "b": {"recipes": [["a", "a"]]}, "a": {"recipes": []}}}',
+        ["book.json: the key 'a' stands twice in one object"],
+    ),
+    "unlisted entity": (
+        '{"entities": ["a", "b"], "recipes": [["a", "a", "b"], ["a", "b", "gold"]]}',
+        ["book.json: recipes[1]: 'gold' is not among the file's entities"],
+    ),
+    "one ingredient": (
+        '{"entities": ["a", "b"], "recipes": [["a", "b"]]}',
+        ["book.json: recipes[0] is ['a', 'b']; expected [ingredient, ingredient, result]"],
+    ),
+    "three ingredients": ('{"entities": ["a"], "recipes": [["a", "a", "a", "a"]]}', ["book.json: recipes[0] is ['a',"]),
+    "number for a label": ('{"entities": ["a", 7], "recipes": []}', ["entities[1]: 7 is not a label; a label is text"]),
+    "null for a label": ('{"entities": ["a"], "recipes": [["a", "a", null]]}', ["recipes[0]: None is not a label"]),
+    "blank label": ('{"entities": [" "], "recipes": []}', ["book.json: entities[0]: the label ' ' is blank"]),
+    "tab in a label": ('{"entities": ["a\\tb"], "recipes": []}', [r"entities[0]: the label 'a\tb' holds a tab"]),
+    "newline in a label": ('{"entities": ["a\\nb"], "recipes": []}', [r"entities[0]: the label 'a\nb' holds a tab"]),
+    "half of a character": (
+        '{"entities": ["a", "b", "c\\ud800"], "recipes": [["a", "b", "c\\ud800"], ["a", "a", "b"], ["b", "b", "a"]]}',
+        ["book.json: entities[2]"],
+    ),
+    "base is text": (
+        '{"entities": ["a"], "base": "a", "recipes": []}',
+        ["'base' is str; expected a list of labels or"],
+    ),
+    "official, one ingredient": (
+        '{"entities": {"a": {"recipes": []}, "dew": {"recipes": [["a", "a"], ["a"]]}}}',
+        ["book.json: entities['dew'].recipes[1] is ['a']; a recipe needs two ingredients"],
+    ),
+    "official, three ingredients": (
+        '{"entities": {"a": {"recipes": []}, "dew": {"recipes": [["a", "a", "a"]]}}}',
+        ["book.json: entities['dew'].recipes[0] is ['a', 'a', 'a']; a recipe needs two ingredients"],
+    ),
+    "official, unlisted entity": (
+        '{"entities": {"dew": {"recipes": [["gold", "dew"]]}}}',
+        ["book.json: entities['dew'].recipes[0]: 'gold' is not among the file's entities"],
+    ),
+    "official, no recipes": ('{"entities": {"dew": {}}}', ["book.json: entities['dew'] has no list 'recipes'"]),
+}
+
+
+@pytest.mark.parametrize(("name", "content", "says"), BAD_TABLES.values(), ids=BAD_TABLES)
+def test_a_bad_table_is_refused_naming_the_line(refused, book, name, content, says):
+    refused(book(name, content), "--split", "none", says=["RecipeFileError: ", *says])
+
+
+@pytest.mark.parametrize(("content", "says"), BAD_JSON.values(), ids=BAD_JSON)
+def test_a_bad_json_book_is_refused_naming_the_key(refused, book, content, says):
+    refused(book("book.json", content), "--split", "none", says=["RecipeFileError: ", *says])
+
+
+@pytest.mark.parametrize(
+    ("name", "head", "tail", "says"),
+    [
+        ("book.csv", TABLE, "\n", "book.csv, line 2: a line of 200,000,001 characters; the limit is 100,000"),
+        ("book.csv", "", "", "book.csv, line 1: the header is 'aaaa"),
+        ("book.json", '{"entities": ["', '"], "recipes": []}', "entities[0]: a label of 200,000,000 characters"),
+    ],
+    ids=["csv", "csv without a header", "json"],
+)
+def test_a_line_of_two_hundred_megabytes_is_refused_in_a_short_message(run, out, home, name, head, tail, says):
+    path = home / name
+    try:
+        with path.open("w", encoding="utf-8") as file:
+            file.writelines([head, *["a" * 1_000_000] * 200, tail])
+        before = contents(out)
+        outcome = run("build-graph", path, "--out", out / "earlier", "--force")
+    finally:
+        path.unlink()
+    assert outcome.code == 1
+    assert says in outcome.err
+    assert len(outcome.err) < 1000
+    assert contents(out) == before
+
+
+def test_a_blank_label_of_a_megabyte_is_refused_in_a_short_message(run, book, out):
+    path = book("book.json", json.dumps({"entities": [" " * 1_000_000], "recipes": []}))
+    outcome = run("build-graph", path, "--out", out / "new")
+    assert outcome.code == 1
+    assert "entities[0]" in outcome.err
+    assert len(outcome.err) < 2000
+
+
+def test_a_directory_is_refused(refused, home):
+    (home / "books").mkdir()
+    refused(home / "books", says=["books is a directory without a graph.json; give a recipe book (.csv, .tsv, .json)"])
+
+
+def test_a_file_that_does_not_exist_is_refused(refused, home):
+    refused(home / "nowhere.csv", says=["nowhere.csv' is neither a file nor a known book", "`wordcraft-kg books`"])
+
+
+def test_an_unknown_book_is_refused_with_the_nearest_one(refused):
+    refused("kitchn", says=["'kitchn' is neither a file nor a known book. Did you mean 'kitchen'?"])
+
+
+def test_an_unknown_base_entity_is_refused_with_the_nearest_ones(refused):
+    refused("kitchen", "--base", "watr,fire", says=["base entity 'watr' is not in kitchen. Did you mean 'water'"])
+
+
+@pytest.mark.parametrize("base", ["", ",", " , "])
+def test_an_empty_base_is_refused(refused, base):
+    refused("kitchen", "--base", base, says=["ConfigError: the list of base entities is empty; name at least one"])
+
+
+def test_a_bad_base_file_is_refused(refused, home, book):
+    refused("kitchen", "--base-file", book("base.txt", b"\xe9\n"), says=["base.txt is not UTF-8 text"])
+    refused("kitchen", "--base-file", book("none.txt", "\n"), says=["the list of base entities is empty"])
+    refused("kitchen", "--base-file", home / "nowhere.txt", says=["nowhere.txt", "No such file"])
+
+
+@pytest.mark.parametrize("ratio", ["0", "1", "nan", "-0.5", "inf"])
+def test_a_train_ratio_outside_its_range_is_refused(refused, ratio):
+    refused(
+        "kitchen",
+        f"--train-ratio={ratio}",
+        says=[f"SplitError: train ratio {float(ratio)}: expected more than 0 and less than 1, such as 0.8."],
+    )
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["--train-ratio", "abc"], ["Invalid value for --train-ratio", '"abc"']),
+        (["--split", "by-gaol"], ["Invalid value", "--split", '"by-gaol"', '"by-goal"']),
+        (["--trian-ratio", "0.5"], ["Unknown option: --trian-ratio. Did you mean --train-ratio?"]),
+        (["--base"], ["--base", "requires an argument"]),
+    ],
+    ids=["ratio", "split", "unknown option", "no value"],
+)
+def test_misuse_is_refused_with_exit_code_two(refused, arguments, says):
+    refused("kitchen", *arguments, says=says, codes=(2,))
+
+
+def test_an_unknown_command_is_refused_with_the_nearest_one(run):
+    outcome = run("build-grap")
+    assert outcome.code == 2
+    assert 'Did you mean "build-graph"?' in outcome.err
+
+
+def test_a_negative_seed_is_refused(refused):
+    refused("kitchen", "--seed=-1", says=["SplitError: seed -1: expected 0 or more."])
+
+
+def test_a_book_too_small_to_split_is_refused_and_says_how_to_go_on(refused, run, book, home):
+    path = book("tiny.csv", TABLE + "a,b,c\n")
+    refused(path, says=["the test part of a by-recipe split of 1 recipes is empty", "--split none"])
+    assert run("build-graph", path, "--split", "none", "--out", home / "tiny").code == 0
+
+
+def test_an_output_that_exists_is_kept_until_it_is_forced(run, out):
+    before = contents(out)
+    outcome = run("build-graph", "kitchen", "--out", out / "earlier")
+    assert outcome.code == 1
+    assert "earlier' exists. Choose another --out, or replace it with --force." in outcome.err
+    assert contents(out) == before
+    assert run("build-graph", "kitchen", "--out", out / "earlier", "--force").code == 0
+    assert open_graph(out / "earlier").graph.num_entities == 80
+    assert [path.name for path in out.iterdir()] == ["earlier"]
+
+
+@pytest.mark.parametrize("options", [[], ["--force"]])
+def test_an_output_that_is_a_file_is_never_replaced(run, out, options):
+    (out / "file").write_text(KEPT, encoding="utf-8")
+    before = contents(out)
+    outcome = run("build-graph", "kitchen", "--out", out / "file", *options)
+    assert outcome.code == 1
+    assert "file' is a file; a folder is to be written there. Choose another --out." in outcome.err
+    assert contents(out) == before
+
+
+def test_an_output_below_a_file_is_refused(run, out):
+    (out / "file").write_text(KEPT, encoding="utf-8")
+    before = contents(out)
+    outcome = run("build-graph", "kitchen", "--out", out / "file" / "below" / "kitchen")
+    assert outcome.code == 1
+    assert f"NotADirectoryError: '{out / 'file' / 'below'}': Not a directory. Nothing was changed." in outcome.err
+    assert contents(out) == before
+
+
+def test_an_output_in_a_read_only_folder_is_refused(run, out):
+    out.chmod(0o555)
+    try:
+        if os.access(out, os.W_OK):
+            pytest.skip("this user may write into read-only folders")
+        outcome = run("build-graph", "kitchen", "--out", out / "new")
+    finally:
+        out.chmod(0o755)
+    assert outcome.code == 1
+    assert "PermissionError" in outcome.err
+    assert [path.name for path in out.iterdir()] == ["earlier"]
+
+
+def test_a_full_disk_leaves_nothing_half_written(refused, monkeypatch):
+    def full(*arguments):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), "disk")
+
+    monkeypatch.setattr(RecipeGraph, "entities_frame", full)
+    refused("kitchen", says=["OSError: 'disk': No space left on device. Nothing was changed."])
+
+
+@pytest.mark.parametrize("where", ["audit", "triple_lines", "write_atomically"])
+def test_an_interrupted_build_leaves_nothing_half_written(refused, monkeypatch, where):
+    def interrupt(*arguments):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(f"wordcraft_kg.graphs.folder.{where}", interrupt)
+    refused("kitchen", says=["interrupted; nothing was written"], codes=(130,))
+
+
+def test_an_interrupted_build_leaves_no_new_parent_folders(run, out, monkeypatch):
+    def interrupt(*arguments):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("wordcraft_kg.graphs.folder.audit", interrupt)
+    before = contents(out)
+    assert run("build-graph", "kitchen", "--out", out / "a" / "b" / "kitchen").code == 130
+    assert contents(out) == before
+
+
+def test_an_interrupt_while_the_folders_are_swapped_brings_the_earlier_one_back(refused, monkeypatch):
+    rename = os.rename
+
+    def interrupt_the_last(source, target):
+        if Path(target).name in ("earlier", "new") and Path(source).name != "was":
+            raise KeyboardInterrupt
+        rename(source, target)
+
+    monkeypatch.setattr(os, "rename", interrupt_the_last)
+    refused("kitchen", says=["interrupted; nothing was written"], codes=(130,))
+
+
+def test_an_interrupted_export_leaves_nothing_half_written(run, out, monkeypatch):
+    def interrupt(*arguments):
+        yield "half a line"
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("wordcraft_kg.graphs.export.triple_lines", interrupt)
+    (out / "earlier.tsv").write_text(KEPT, encoding="utf-8")
+    before = contents(out)
+    for name in ("earlier.tsv", "new.tsv"):
+        outcome = run("export", "kitchen", "--format", "tsv", "--out", out / name, "--force")
+        assert (outcome.code, outcome.out) == (130, "")
+        assert contents(out) == before
+
+
+def test_build_graph_prints_what_it_made(run, home):
+    outcome = run("build-graph", "kitchen", "--out", home / "kitchen")
+    assert (outcome.code, outcome.err) == (0, "")
+    lines = dict(line.split("  ", 1) for line in outcome.out.splitlines()[:-1])
+    assert lines["recipes"].strip().startswith("326 kept, 0 left out")
+    assert lines["entities"].strip() == "80"
+    assert lines["triples"].strip() == "961 = 608 combinesWith + 353 componentOf"
+    assert lines["reachable"].strip() == "80 of 80, in 8 rounds"
+    assert f"next: wordcraft-kg train-complex {home / 'kitchen'} --kg partial" in outcome.out
+
+
+def test_build_graph_prints_one_json_object(run, home, kitchen):
+    outcome = run("build-graph", "kitchen", "--json", "--split", "by-goal", "--seed", "2", "--out", home / "kitchen")
+    result = json.loads(outcome.out)
+    split = make_split(kitchen, SplitConfig("by-goal", seed=2))
+    assert result["hash"] == kitchen.hash
+    assert result["split"]["hash"] == split.hash
+    assert result["triples"] == {"combinesWith": 608, "componentOf": 353, "total": 961}
+    assert result["out"] == str(home / "kitchen")
+    assert open_graph(home / "kitchen").split.hash == split.hash
+
+
+def test_build_graph_of_little_alchemy_2_reports_the_known_figures(run, alchemy_home):
+    outcome = run("build-graph", "little-alchemy-2", "--json", "--out", alchemy_home / "la2")
+    result = json.loads(outcome.out)
+    assert (result["entities"], result["recipes"], result["pairs"]) == (700, 3417, 3277)
+    assert (result["reachable"], result["rounds"], result["dropped_self_results"]) == (700, 16, 9)
+    assert result["triples"] == {"combinesWith": 6420, "componentOf": 3578, "total": 9998}
+    assert result["split"]["covered"]
+
+
+@pytest.mark.parametrize("split", SPLITS)
+def test_every_split_can_be_built(run, home, split):
+    assert run("build-graph", "kitchen", "--split", split, "--out", home / "out").code == 0
+    assert open_graph(home / "out").split.config.kind == split
+
+
+def test_base_entities_come_from_options_and_a_file(run, home, book):
+    path = book("base.txt", "\ufeffwater\r\n\r\nstone\r\n")
+    arguments = ["--base", "fire, earth", "--base", "seed", "--base-file", path, "--json"]
+    result = json.loads(run("build-graph", "kitchen", *arguments, "--out", home / "out").out)
+    assert result["base"] == ["earth", "fire", "seed", "stone", "water"]
+
+
+def test_entities_that_cannot_be_made_are_warned_about(run, home, book, caplog):
+    path = book("book.csv", TABLE + "a,b,c\na,c,b\nd,c,e\n")
+    assert run("build-graph", path, "--split", "none", "--out", home / "out").code == 0
+    [record] = caplog.records
+    assert record.levelname == "WARNING"
+    assert "3 of 5 entities cannot be made from the base (a, d), which was inferred" in record.getMessage()
+    assert "name it with --base" in record.getMessage()
+
+
+def test_self_results_are_kept_when_asked_for(run, home, book):
+    path = book("book.csv", TABLE + "a,b,c\na,c,a\n")
+    for options, recipes, dropped in (([], 1, 1), (["--keep-self-results"], 2, 0)):
+        arguments = ["build-graph", path, "--split", "none", "--json", "--force", "--out", home / "out"]
+        result = json.loads(run(*arguments, *options).out)
+        assert (result["recipes"], result["dropped_self_results"]) == (recipes, dropped)
+
+
+def test_a_graph_folder_is_a_recipe_book_too(run, home, kitchen, kitchen_folder):
+    result = json.loads(run("build-graph", kitchen_folder, "--json", "--seed", "5", "--out", home / "again").out)
+    assert result["hash"] == kitchen.hash
+    assert result["split"]["seed"] == 5
+
+
+def test_options_of_a_toml_file_are_used_and_the_command_line_goes_first(run, home, book):
+    config = book("options.toml", '[build-graph]\nseed = 3\ntrain-ratio = 0.5\nsplit = "by-goal"\n')
+    outcome = run("build-graph", "kitchen", "--config", config, "--seed", "5", "--out", home / "out")
+    assert (outcome.code, outcome.err) == (0, "")
+    assert open_graph(home / "out").split.config == SplitConfig("by-goal", 0.5, 0.0, 5)
+
+
+def test_a_toml_file_may_hold_tables_of_other_commands(run, home, book):
+    config = book("options.toml", '[build-graph]\nseed = 3\n[describe]\nentity = "bread"\n')
+    assert run("build-graph", "kitchen", f"--config={config}", "--out", home / "out").code == 0
+    assert open_graph(home / "out").split.config == SplitConfig(seed=3)
+
+
+BAD_TOML = {
+    "unknown key": ('[build-graph]\nsplitt = "none"\n', ["options.toml", "splitt", "Did you mean --split?"]),
+    "wrong type": ('[build-graph]\nseed = "many"\n', ["options.toml", "seed", '"many"']),
+    "unknown table": ("[build-grahp]\nseed = 3\n", ["options.toml", "build-grahp"]),
+    "key outside a table": ("seed = 3\n", ["options.toml", "seed"]),
+    "not TOML": ("[build-graph\n", ["options.toml: not a TOML file", "line 1"]),
+    "not UTF-8": (b'[build-graph]\nsplit = "\xff"\n', ["options.toml: not a TOML file"]),
+    "out of range": ("[build-graph]\ntrain-ratio = 5\n", ["train ratio 5.0: expected more than 0"]),
+}
+
+
+@pytest.mark.parametrize(("content", "says"), BAD_TOML.values(), ids=BAD_TOML)
+def test_a_bad_toml_file_is_refused_by_name(refused, book, content, says):
+    refused("kitchen", "--config", book("options.toml", content), says=says, codes=(1, 2))
+
+
+def test_a_toml_file_that_does_not_exist_is_refused(refused, home):
+    refused("kitchen", "--config", home / "nowhere.toml", says=["nowhere.toml: there is no such file"])
+
+
+def test_describe_shows_the_audit_of_a_folder_with_its_own_split(run, kitchen, kitchen_folder):
+    found = json.loads(run("describe", kitchen_folder, "--json").out)
+    recorded = json.loads((kitchen_folder / "audit.json").read_text(encoding="utf-8"))
+    assert recorded == found | {"dropped_self_results": 0, "merged_duplicates": 0}
+    text = run("describe", kitchen_folder).out
+    assert f"kitchen, hash {kitchen.hash[:12]}" in text
+    assert "80 of 80, in 8 rounds" in text
+    assert "leak check" in text
+
+
+def test_describe_shows_an_entity_with_its_recipes_uses_and_derivation(run, kitchen):
+    found = json.loads(run("describe", "kitchen", "--entity", "bread", "--json").out)
+    assert found["recipes"] == [list(recipe) for recipe in kitchen.recipe_labels() if recipe.result == "bread"]
+    assert found["uses"] == [list(recipe) for recipe in kitchen.recipe_labels() if "bread" in recipe[:2]]
+    assert found["derivation"]["steps"][-1][2] == "bread"
+    text = run("describe", "kitchen", "--entity", "bread").out
+    assert text.startswith(f"bread: first made in round {found['layer']}\n")
+    assert f"recipes ({len(found['recipes'])})" in text
+    assert f"cheapest derivation ({len(found['derivation']['steps'])})" in text
+
+
+def test_describe_says_that_an_entity_is_base_or_cannot_be_made(run, home, kitchen):
+    assert run("describe", "kitchen", "--entity", "water").out.startswith("water: base entity\n")
+    run("build-graph", "kitchen", "--base", "seed", "--out", home / "out")
+    outcome = run("describe", home / "out", "--entity", "bread")
+    assert outcome.out.startswith("bread: cannot be made from the base\n")
+    assert "derivation" not in outcome.out
+
+
+def test_describe_refuses_an_unknown_entity_with_the_nearest_one(run):
+    outcome = run("describe", "kitchen", "--entity", "bred")
+    assert (outcome.code, outcome.out) == (1, "")
+    assert outcome.err == "UnknownEntityError: no entity 'bred' in kitchen. Did you mean 'bread'?\n"
+
+
+def test_describe_refuses_a_damaged_folder(run, home, kitchen_folder):
+    damaged = home / "damaged"
+    damaged.mkdir()
+    for name in ("graph.json", "split.json"):
+        text = (kitchen_folder / name).read_text(encoding="utf-8")
+        (damaged / name).write_text(text.replace('"bread"', '"broad"'), encoding="utf-8")
+    outcome = run("describe", damaged)
+    assert (outcome.code, outcome.out) == (1, "")
+    assert "graph.json is damaged or was edited" in outcome.err
+    assert "wordcraft-kg build-graph" in outcome.err
+
+
+def test_a_book_too_small_to_split_can_be_described_and_exported(run, home, book):
+    path = book("tiny.csv", TABLE + "a,b,c\n")
+    assert run("describe", path, "--entity", "c").code == 0
+    assert run("describe", path).code == 0
+    assert run("export", path, "--format", "tsv", "--out", home / "tiny.tsv").code == 0
+
+
+def test_labels_of_any_script_are_printed(run, home, book):
+    path = book("book.csv", TABLE + "火,crème brûlée,🍞\n")
+    run("build-graph", path, "--split", "none", "--out", home / "out")
+    assert "crème brûlée + 火 -> 🍞" in run("describe", home / "out", "--entity", "🍞").out
+    assert json.loads(run("describe", home / "out", "--entity", "🍞", "--json").out)["entity"] == "🍞"
+
+
+@pytest.mark.parametrize("format", get_args(Format))
+def test_every_format_can_be_exported_once_and_again_by_force(run, home, format):
+    arguments = ["export", "kitchen", "--format", format, "--out", home / "deeper" / "out", "--json"]
+    outcome = run(*arguments)
+    assert (outcome.code, outcome.err) == (0, "")
+    assert json.loads(outcome.out)["format"] == format
+    before = contents(home)
+    outcome = run(*arguments)
+    assert (outcome.code, outcome.out) == (1, "")
+    assert "exists. Choose another --out, or replace it with --force." in outcome.err
+    assert contents(home) == before
+    assert run(*arguments, "--force").code == 0
+    assert [path.name for path in (home / "deeper").iterdir()] == ["out"]
+
+
+def test_an_exported_book_builds_the_same_graph(run, home, kitchen):
+    run("export", "kitchen", "--format", "json", "--out", home / "copy.json")
+    assert RecipeGraph.from_book(read_book(home / "copy.json")) == kitchen
+
+
+def test_an_unknown_format_is_misuse(run, home):
+    outcome = run("export", "kitchen", "--format", "rdf", "--out", home / "out")
+    assert outcome.code == 2
+    assert '"rdf"' in outcome.err
+    assert '"ttl"' in outcome.err
+    assert not (home / "out").exists()
+
+
+def test_books_lists_names_origins_and_what_can_be_fetched(run, home):
+    listed = json.loads(run("books", "--json").out)
+    assert {book["name"]: book["origin"] for book in listed["books"]} == {
+        **{"kitchen": "built in", "paper-examples": "built in", "little-alchemy-2": "to fetch"},
+    }
+    assert listed["data_folder"] is None
+    text = run("books").out
+    assert "get it: wordcraft-kg fetch little-alchemy-2" in text
+    assert f"{DATA_VARIABLE} names (not set)" in text
+
+
+def test_fetch_without_a_network_says_how_to_place_the_file_by_hand(run, home, monkeypatch):
+    def offline(url, **options):
+        raise urllib.error.URLError("Name or service not known")
+
+    monkeypatch.setattr(urllib.request, "urlopen", offline)
+    outcome = run("fetch", "little-alchemy-2")
+    assert (outcome.code, outcome.out) == (1, "")
+    assert "could not download 'little-alchemy-2' (Name or service not known)" in outcome.err
+    assert f"save {FETCHABLE['little-alchemy-2'].url} as {home / 'cache'}" in outcome.err
+    assert DATA_VARIABLE in outcome.err
+    assert not (home / "cache").exists()
+
+
+def test_fetch_keeps_no_other_file_than_the_pinned_one(run, home, monkeypatch):
+    monkeypatch.setattr(urllib.request, "urlopen", lambda url, **options: io.BytesIO(b"{}"))
+    outcome = run("fetch", "little-alchemy-2")
+    assert (outcome.code, outcome.out) == (1, "")
+    assert "not kept" in outcome.err
+    assert not (home / "cache").exists()
+
+
+def test_fetch_reports_the_real_book_that_the_cache_holds(run, home, alchemy_path, monkeypatch):
+    monkeypatch.setattr(urllib.request, "urlopen", lambda url, **options: io.BytesIO(alchemy_path.read_bytes()))
+    result = json.loads(run("fetch", "little-alchemy-2", "--json").out)
+    assert Path(result["path"]).read_bytes() == alchemy_path.read_bytes()
+    monkeypatch.delattr(urllib.request, "urlopen")
+    assert "next: wordcraft-kg build-graph little-alchemy-2" in run("fetch", "little-alchemy-2").out
+    assert run("build-graph", "little-alchemy-2", "--out", home / "la2").code == 0
+
+
+def test_fetch_refuses_an_unknown_book_with_the_nearest_one(run, home):
+    outcome = run("fetch", "little-alchemy-3")
+    assert (outcome.code, outcome.out) == (1, "")
+    assert "'little-alchemy-3' is not a book to fetch" in outcome.err
+    assert "Did you mean 'little-alchemy-2'?" in outcome.err
+
+
+def test_another_file_in_place_of_the_published_book_is_refused_by_name(refused, home, book, monkeypatch):
+    book("alchemy2.json", '{"entities": {"a": {"recipes": []}, "b": {"recipes": [["a", "a"]]}}}')
+    monkeypatch.setenv(DATA_VARIABLE, str(home))
+    refused("little-alchemy-2", says=["alchemy2.json is not the published 'little-alchemy-2' (its SHA-256 differs)"])
+
+
+def test_a_book_that_was_not_fetched_says_how_to_fetch_it(refused):
+    refused("little-alchemy-2", says=["Fetch it: wordcraft-kg fetch little-alchemy-2"])
+
+
+@pytest.mark.parametrize("command", ["build-graph", "describe", "books", "fetch", "export"])
+def test_help_gives_examples_that_start_with_the_command(run, command):
+    outcome = run(command, "--help")
+    assert (outcome.code, outcome.err) == (0, "")
+    assert f"\n  wordcraft-kg {command}" in outcome.out
+
+
+def test_a_reader_that_goes_away_is_no_error(tmp_path):
+    reader, writer = os.pipe()
+    os.close(reader)
+    done = subprocess.run(
+        [sys.executable, "-m", "wordcraft_kg", "describe", "kitchen"],
+        stdout=writer,
+        stderr=subprocess.PIPE,
+        cwd=tmp_path,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    os.close(writer)
+    assert (done.returncode, done.stderr) == (0, "")

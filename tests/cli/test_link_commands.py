@@ -1,0 +1,633 @@
+"""The commands of link prediction as a user runs them: output, exit codes and bad input."""
+
+import json
+import os
+import shlex
+import shutil
+import signal
+import subprocess
+import sys
+import tomllib
+from collections.abc import Callable
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from wordcraft_kg.cli import COMMANDS, main, make_app
+from wordcraft_kg.cli.console import Progress
+from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_book
+from wordcraft_kg.graphs.folder import open_graph, write_graph_folder
+from wordcraft_kg.graphs.splits import Split
+from wordcraft_kg.graphs.triples import RELATIONS
+
+Run = Callable[..., Any]
+TINY = ("--dim", "8", "--epochs", "4")
+NAMES = [name for group in COMMANDS.values() for name in group]
+SLICES = {"all", *RELATIONS}
+
+
+@pytest.fixture(scope="session", autouse=True)
+def one_torch_thread() -> None:
+    torch.set_num_threads(1)
+
+
+def build(folder: Path, **settings: Any) -> None:
+    book = open_book("kitchen")
+    write_graph_folder(folder, book, make_split(RecipeGraph.from_book(book), SplitConfig(**settings)), force=True)
+
+
+@pytest.fixture(scope="session")
+def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a graph, two models of its partial graph and one of its full graph; read only."""
+    root = tmp_path_factory.mktemp("trained")
+    build(root / "graph")
+    for name, extra in (("one", []), ("two", ["--seed", "1"]), ("full", ["--kg", "full"])):
+        command = ["train-complex", str(root / "graph"), *TINY, *extra, "--out", str(root / name), "--quiet"]
+        assert main(command) == 0
+    return root
+
+
+@pytest.fixture
+def workshop(trained: Path, tmp_path: Path) -> Path:
+    """A copy of the graph and the models, for a test to change."""
+    shutil.copytree(trained, tmp_path / "workshop")
+    return tmp_path / "workshop"
+
+
+def one_object(outcome: Any) -> dict[str, Any]:
+    """The one JSON object on stdout of a command that went well."""
+    assert outcome.code == 0, outcome.err
+    value = json.loads(outcome.out)
+    assert isinstance(value, dict)
+    assert outcome.out.count("\n") == 1
+    return value
+
+
+def refused(outcome: Any, kind: str) -> str:
+    """The message of a command that was refused: one line that begins with the kind of error, and no result."""
+    assert (outcome.code, outcome.out) == (1, "")
+    assert outcome.err.startswith(f"{kind}: ")
+    assert "Traceback" not in outcome.err
+    return outcome.err
+
+
+# --- help ------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_command_prints_help_with_two_examples(run: Run, name: str):
+    outcome = run(name, "--help")
+    assert (outcome.code, outcome.err) == (0, "")
+    examples = import_module(f"wordcraft_kg.cli.{name.replace('-', '_')}").EXAMPLES
+    assert len(examples) >= 2
+    for example in examples:
+        assert example in outcome.out
+    assert "--json" in outcome.out
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_example_is_one_of_our_commands_and_parses(name: str):
+    app = make_app()
+    examples = import_module(f"wordcraft_kg.cli.{name.replace('-', '_')}").EXAMPLES
+    for example in examples:
+        program, *tokens = shlex.split(example)
+        assert program == "wordcraft-kg"
+        command, bound, _ = app.parse_args(tokens, exit_on_error=False, print_error=False)
+        assert command.__name__.replace("_", "-") == tokens[0]
+        assert bound.args or bound.kwargs or len(tokens) == 1
+    assert any(shlex.split(example)[1] == name for example in examples)
+
+
+def test_an_option_that_does_not_exist_does_not_parse(run: Run):
+    with pytest.raises(Exception, match="epoch"):
+        make_app().parse_args(["train-complex", "kitchen", "--epoch", "3"], exit_on_error=False, print_error=False)
+    outcome = run("train-complex", "kitchen", "--epoch", "3")
+    assert (outcome.code, outcome.out) == (2, "")
+    assert "--epoch" in outcome.err
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("train-complex",),
+        ("train-complex", "kitchen", "--epochs", "many"),
+        ("train-complex", "kitchen", "--kg", "half"),
+        ("score", "model"),
+        ("compare-links", "one"),
+        ("no-such-command",),
+    ],
+)
+def test_wrong_usage_has_exit_code_2_and_an_explanation(run: Run, arguments: tuple[str, ...]):
+    outcome = run(*arguments)
+    assert (outcome.code, outcome.out) == (2, "")
+    assert outcome.err.strip()
+    assert "Traceback" not in outcome.err
+
+
+def test_the_start_page_lists_every_command_and_imports_no_torch():
+    code = "import sys\nfrom wordcraft_kg.cli import main\ncode = main(['--help'])\nprint(code, 'torch' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
+    assert done.stdout.splitlines()[-1] == "0 False"
+    for name in NAMES:
+        assert f" {name} " in done.stdout
+
+
+@pytest.mark.parametrize("name", ["train-complex", "train-links", "tune-links", "score"])
+def test_help_of_a_command_imports_no_torch(name: str):
+    code = f"import sys\nfrom wordcraft_kg.cli import main\nmain([{name!r}, '--help'])\nprint('torch' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
+    assert done.stdout.splitlines()[-1] == "False"
+
+
+# --- training --------------------------------------------------------------------------------------------------------
+
+
+def test_train_complex_prints_one_object_with_what_was_trained(run: Run, tmp_path: Path):
+    values = one_object(run("train-complex", "kitchen", *TINY, "--out", tmp_path / "model", "--json", "--quiet"))
+    assert {"out", "kg", "epochs", "seconds", "parameters", "train_mrr"} <= set(values)
+    assert (values["out"], values["kg"], values["epochs"]) == (str(tmp_path / "model"), "partial", 4)
+    assert values["parameters"] == 2 * 8 * (80 + 2)
+    assert 0 < values["train_mrr"] < 1
+    assert values["seconds"] > 0
+
+
+def test_train_links_prints_the_same_keys(run: Run, tmp_path: Path):
+    options = ("--model", "distmult", "--dim", "4", "--epochs", "1", "--negatives", "2")
+    values = one_object(run("train-links", "kitchen", *options, "--out", tmp_path / "model", "--json", "--quiet"))
+    assert {"out", "kg", "epochs", "seconds", "parameters", "train_mrr"} <= set(values)
+    assert (tmp_path / "model" / "model.safetensors").is_file()
+
+
+def test_a_quiet_training_says_nothing_on_stderr(run: Run, tmp_path: Path):
+    for command, extra in (("train-complex", TINY), ("train-links", ("--model", "distmult", *TINY))):
+        outcome = run(command, "kitchen", *extra, "--out", tmp_path / command, "--quiet")
+        assert (outcome.code, outcome.err) == (0, "")
+
+
+def test_progress_goes_to_stderr_and_the_result_to_stdout(run: Run, tmp_path: Path):
+    outcome = run("train-complex", "kitchen", *TINY, "--out", tmp_path / "model")
+    assert "epoch 4 of 4" in outcome.err
+    assert "epoch 4 of 4" not in outcome.out
+    assert f"next: wordcraft-kg evaluate-links {tmp_path / 'model'}" in outcome.out
+
+
+def test_models_go_to_a_folder_of_their_own_by_default(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.chdir(tmp_path)
+    run("train-complex", "kitchen", *TINY, "--kg", "full")
+    run("train-links", "kitchen", *TINY, "--model", "DistMult", "--loop", "symmetric")
+    assert sorted(path.name for path in (tmp_path / "models").iterdir()) == ["kitchen-distmult-partial", "kitchen-full"]
+
+
+@pytest.mark.parametrize(
+    ("option", "value"),
+    [
+        ("--epochs", "0"),
+        ("--learning-rate", "nan"),
+        ("--learning-rate", "-1"),
+        ("--n3", "-1"),
+        ("--patience", "3"),
+        ("--eval-every", "2"),
+        ("--device", "nonsense"),
+    ],
+)
+def test_a_bad_setting_is_one_line_that_names_the_option(run: Run, tmp_path: Path, option: str, value: str):
+    outcome = run("train-complex", "kitchen", option, value, "--out", tmp_path / "model")
+    assert option in refused(outcome, "ConfigError")
+    assert outcome.err.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_unknown_model_is_one_line_with_a_suggestion(run: Run, tmp_path: Path):
+    outcome = run("train-links", "kitchen", "--model", "rotat", "--out", tmp_path / "model")
+    assert "'rotate'" in refused(outcome, "ConfigError")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_model_folder_that_exists_is_refused_before_anything_is_trained(run: Run, workshop: Path):
+    weights = (workshop / "one" / "model.safetensors").read_bytes()
+    outcome = run("train-complex", workshop / "graph", *TINY, "--seed", "5", "--out", workshop / "one")
+    assert "--force" in refused(outcome, "OutputExistsError")
+    assert (workshop / "one" / "model.safetensors").read_bytes() == weights
+    assert (
+        run("train-complex", workshop / "graph", *TINY, "--seed", "5", "--out", workshop / "one", "--force").code == 0
+    )
+    assert (workshop / "one" / "model.safetensors").read_bytes() != weights
+
+
+def test_a_file_is_never_replaced_by_a_model(run: Run, tmp_path: Path):
+    (tmp_path / "model").write_text("mine")
+    outcome = run("train-complex", "kitchen", *TINY, "--out", tmp_path / "model", "--force")
+    refused(outcome, "OutputExistsError")
+    assert (tmp_path / "model").read_text() == "mine"
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
+def test_a_read_only_folder_is_a_clear_error(run: Run, tmp_path: Path):
+    (tmp_path / "locked").mkdir(mode=0o500)
+    outcome = run("train-complex", "kitchen", *TINY, "--out", tmp_path / "locked" / "model")
+    assert str(tmp_path / "locked") in refused(outcome, "PermissionError")
+
+
+def test_settings_may_stand_in_a_toml_file_and_the_command_line_goes_first(run: Run, tmp_path: Path):
+    (tmp_path / "mine.toml").write_text("[train-complex]\ndim = 4\nepochs = 3\nlearning_rate = 0.05\n")
+    out = tmp_path / "model"
+    options = ("--config", tmp_path / "mine.toml", "--epochs", "2", "--out", out, "--json", "--quiet")
+    assert one_object(run("train-complex", "kitchen", *options))["epochs"] == 2
+    written = tomllib.loads((out / "config.toml").read_text())["train-complex"]
+    assert (written["dim"], written["epochs"], written["learning_rate"]) == (4, 2, 0.05)
+
+
+@pytest.mark.parametrize("line", ["epoch = 3", "epochs = 'ten'", "surprise = true"])
+def test_a_toml_file_with_a_wrong_setting_is_refused(run: Run, tmp_path: Path, line: str):
+    (tmp_path / "mine.toml").write_text(f"[train-complex]\n{line}\n")
+    outcome = run("train-complex", "kitchen", "--config", tmp_path / "mine.toml", "--out", tmp_path / "model")
+    assert outcome.code in (1, 2)
+    assert line.split()[0] in outcome.err
+    assert "Traceback" not in outcome.err
+    assert not (tmp_path / "model").exists()
+
+
+def test_a_models_own_config_file_trains_the_same_model_again(run: Run, workshop: Path):
+    options = ("--config", workshop / "one" / "config.toml", "--out", workshop / "again", "--quiet")
+    outcome = run("train-complex", workshop / "graph", *options)
+    assert outcome.code == 0, outcome.err
+    for name in ("model.safetensors", "vocabulary.json"):
+        assert (workshop / "again" / name).read_bytes() == (workshop / "one" / name).read_bytes()
+
+
+# --- interruption ----------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def ctrl_c_in_epoch_2(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
+    def press(self: Progress, done: int, total: int, figures: dict[str, float]) -> None:
+        if done == 2:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    monkeypatch.setattr(Progress, "__call__", press)
+    return monkeypatch
+
+
+def test_ctrl_c_in_a_training_ends_with_130_and_says_how_to_resume(
+    run: Run, workshop: Path, ctrl_c_in_epoch_2: pytest.MonkeyPatch
+):
+    settings = (workshop / "graph", "--dim", "8", "--epochs", "6", "--seed", "3")
+    outcome = run("train-complex", *settings, "--out", workshop / "model")
+    assert (outcome.code, outcome.out) == (130, "")
+    assert f"wordcraft-kg resume {workshop / 'model.unfinished'}" in outcome.err
+    assert "epoch 3" in outcome.err
+    assert not (workshop / "model").exists()
+    refused(run("train-complex", *settings, "--out", workshop / "model"), "OutputExistsError")
+    ctrl_c_in_epoch_2.undo()
+    values = one_object(run("resume", workshop / "model.unfinished", "--json", "--quiet"))
+    assert (values["out"], values["epochs"]) == (str(workshop / "model"), 6)
+    run("train-complex", *settings, "--out", workshop / "undisturbed")
+    weights = [(workshop / name / "model.safetensors").read_bytes() for name in ("model", "undisturbed")]
+    assert weights[0] == weights[1]
+
+
+def test_a_second_ctrl_c_says_truly_what_is_left(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    def press_twice(self: Progress, done: int, total: int, figures: dict[str, float]) -> None:
+        if done == 3:
+            os.kill(os.getpid(), signal.SIGINT)
+            os.kill(os.getpid(), signal.SIGINT)
+
+    monkeypatch.setattr(Progress, "__call__", press_twice)
+    outcome = run("train-complex", "kitchen", *TINY, "--checkpoint-every", "1", "--out", tmp_path / "model")
+    assert (outcome.code, outcome.out) == (130, "")
+    assert [path.name for path in tmp_path.iterdir()] == ["model.unfinished"]
+    assert "wordcraft-kg resume" in outcome.err
+    assert "nothing was written" not in outcome.err
+
+
+@pytest.mark.usefixtures("ctrl_c_in_epoch_2")
+def test_ctrl_c_in_a_forced_training_leaves_the_earlier_model(run: Run, workshop: Path):
+    weights = (workshop / "one" / "model.safetensors").read_bytes()
+    outcome = run("train-complex", workshop / "graph", *TINY, "--seed", "3", "--out", workshop / "one", "--force")
+    assert outcome.code == 130
+    assert (workshop / "one" / "model.safetensors").read_bytes() == weights
+    assert run("score", workshop / "one", "flour", "combinesWith", "water").code == 0
+
+
+def test_ctrl_c_elsewhere_ends_with_130_and_one_line(run: Run, workshop: Path, monkeypatch: pytest.MonkeyPatch):
+    def interrupted(*arguments: Any, **settings: Any) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("wordcraft_kg.reports.link_report.render", interrupted)
+    outcome = run("evaluate-links", workshop / "one")
+    assert (outcome.code, outcome.out) == (130, "")
+    assert outcome.err.splitlines()[-1].startswith("interrupted")
+    assert not (workshop / "one" / "report").exists()
+
+
+def test_resuming_what_is_finished_or_missing_is_a_clear_error(run: Run, trained: Path, tmp_path: Path):
+    assert "finished" in refused(run("resume", trained / "one"), "ArtefactError")
+    assert "does not exist" in refused(run("resume", tmp_path / "nowhere.unfinished"), "ArtefactError")
+
+
+# --- evaluation ------------------------------------------------------------------------------------------------------
+
+
+def test_evaluate_links_prints_one_object_with_the_headline_and_its_baselines(run: Run, workshop: Path):
+    values = one_object(run("evaluate-links", workshop / "one", "--json"))
+    for metric in ("mrr", "hits@1", "hits@3", "hits@10"):
+        assert set(values[metric]) == SLICES
+        assert all(0 <= value <= 1 for value in values[metric].values())
+    assert set(values["baselines"]) == {"frequency", "random"}
+    assert {"queries", "leaked_left_out", "mrr_with_leaked", "report"} <= set(values)
+    split = open_graph(workshop / "graph").split
+    assert values["queries"] == 2 * len(split.held_out("test"))
+    assert values["leaked_left_out"] == len(split.candidates("test")) - len(split.held_out("test"))
+
+
+def test_evaluate_links_writes_the_report_that_it_names(run: Run, workshop: Path):
+    values = one_object(run("evaluate-links", workshop / "one", "--json"))
+    report = Path(values["report"])
+    assert report == workshop / "one" / "report" / "index.html"
+    assert f"{values['mrr']['all']:.3f}" in report.read_text(encoding="utf-8")
+    written = json.loads((report.parent / "report.json").read_text(encoding="utf-8"))
+    assert written["metrics"]["all"]["mrr"] == values["mrr"]["all"]
+    assert "train-complex" in written["provenance"]["trained by"] or written["provenance"]["trained by"]
+    assert (report.parent / "ranks.csv").is_file()
+
+
+def test_the_text_of_evaluate_links_names_the_leaks_the_baselines_and_the_report(run: Run, workshop: Path):
+    outcome = run("evaluate-links", workshop / "one")
+    assert outcome.code == 0
+    for expected in ("leaked ones left out", "frequency", "random", "inflated", str(workshop / "one" / "report")):
+        assert expected in outcome.out
+
+
+def test_a_model_of_the_full_graph_is_evaluated_as_memory(run: Run, workshop: Path):
+    values = one_object(run("evaluate-links", workshop / "full", "--json"))
+    assert values["has_seen_the_test_recipes"]
+    assert values["queries"] == 2 * len(open_graph(workshop / "graph").graph.triples)
+    assert "memory, not prediction" in run("evaluate-links", workshop / "full", "--force").out
+
+
+def test_a_report_that_exists_is_refused_without_force(run: Run, workshop: Path):
+    assert run("evaluate-links", workshop / "one").code == 0
+    report = workshop / "one" / "report" / "report.json"
+    report.write_text("mine")
+    assert "--force" in refused(run("evaluate-links", workshop / "one"), "OutputExistsError")
+    assert report.read_text() == "mine"
+    assert run("evaluate-links", workshop / "one", "--force").code == 0
+    assert json.loads(report.read_text())["queries"] > 0
+
+
+def test_a_report_goes_where_it_is_asked_to(run: Run, workshop: Path):
+    values = one_object(run("evaluate-links", workshop / "one", "--out", workshop / "reports" / "one", "--json"))
+    assert values["report"] == str(workshop / "reports" / "one" / "index.html")
+    assert not (workshop / "one" / "report").exists()
+
+
+def test_a_graph_that_has_moved_is_found_with_graph(run: Run, workshop: Path):
+    (workshop / "graph").rename(workshop / "moved")
+    assert "--graph" in refused(run("evaluate-links", workshop / "one"), "ArtefactError")
+    assert run("evaluate-links", workshop / "one", "--graph", workshop / "moved").code == 0
+
+
+def test_a_graph_built_again_with_another_split_is_refused(run: Run, workshop: Path):
+    build(workshop / "graph", seed=1)
+    for command in (["evaluate-links", workshop / "one"], ["compare-links", workshop / "one", workshop / "two"]):
+        assert "split" in refused(run(*command), "GraphMismatchError")
+    assert not (workshop / "one" / "report").exists()
+
+
+def test_a_leak_is_an_exit_code_of_1_and_said_on_stderr(run: Run, workshop: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(Split, "held_out", lambda self, part: self.candidates(part))
+    outcome = run("evaluate-links", workshop / "one", "--json")
+    assert outcome.code == 1
+    assert "CHECK FAILED: no evaluated triple is in the training triples" in outcome.err
+    assert not json.loads(outcome.out)["checks_passed"]
+
+
+def test_too_few_unseen_triples_are_an_error_that_suggests_another_ratio(run: Run, tmp_path: Path):
+    build(tmp_path / "graph", train_ratio=0.99)
+    assert run("train-complex", tmp_path / "graph", *TINY, "--out", tmp_path / "model").code == 0
+    assert "--train-ratio" in refused(run("evaluate-links", tmp_path / "model"), "SplitError")
+    assert not (tmp_path / "model" / "report").exists()
+
+
+def test_a_missing_or_foreign_folder_is_a_clear_error_everywhere(run: Run, trained: Path, tmp_path: Path):
+    for command in (
+        ["evaluate-links", "{}"],
+        ["score", "{}", "flour", "combinesWith", "water"],
+        ["compare-links", "{}", str(trained / "one")],
+        ["compare-links", str(trained / "one"), "{}"],
+    ):
+        for folder, expected in ((tmp_path / "nowhere", "does not exist"), (trained / "graph", "run.json is missing")):
+            assert expected in refused(run(*(part.format(folder) for part in command)), "ArtefactError")
+
+
+@pytest.mark.parametrize("name", ["model.safetensors", "vocabulary.json", "config.toml", "metrics.json", "trace.jsonl"])
+def test_a_damaged_model_is_a_clear_error(run: Run, workshop: Path, name: str):
+    path = workshop / "one" / name
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 4
+    path.write_bytes(data)
+    assert name in refused(run("evaluate-links", workshop / "one"), "ArtefactError")
+
+
+# --- scores ----------------------------------------------------------------------------------------------------------
+
+
+def test_score_prints_one_object_with_the_score_of_a_triple(run: Run, trained: Path):
+    from wordcraft_kg.models import load_scorer
+
+    values = one_object(run("score", trained / "one", "flour", "combinesWith", "water", "--json"))
+    scorer = load_scorer(trained / "one")
+    assert {"head", "relation", "tail", "score"} <= set(values)
+    assert (values["head"], values["relation"], values["tail"]) == ("flour", "combinesWith", "water")
+    assert values["score"] == pytest.approx(float(scorer.score("flour", "combinesWith", "water")))
+    better = (scorer.score("flour", "combinesWith", torch.arange(80)) > values["score"]).sum()
+    assert values["rank_as_tail"] == 1 + int(better)
+
+
+@pytest.mark.parametrize(
+    "arguments", [("?", "componentOf", "bread"), ("flour", "componentOf", "?"), ("flour", "componentOf")]
+)
+def test_score_lists_the_best_entities_of_an_open_slot(run: Run, trained: Path, arguments: tuple[str, ...]):
+    from wordcraft_kg.models import load_scorer
+
+    values = one_object(run("score", trained / "one", *arguments, "--top", "3", "--json"))
+    head, relation, tail = (*arguments, "?")[:3]
+    expected = load_scorer(trained / "one").top(
+        None if head == "?" else head, relation, None if tail == "?" else tail, limit=3
+    )
+    assert [(row["entity"], row["score"]) for row in values["top"]] == expected
+    text = run("score", trained / "one", *arguments, "--top", "3").out.splitlines()
+    assert [line.split(maxsplit=1)[1] for line in text] == [
+        f"{name} componentOf bread" if head == "?" else f"flour componentOf {name}" for name, _ in expected
+    ]
+
+
+def test_score_lists_ten_entities_unless_told_otherwise(run: Run, trained: Path):
+    assert len(one_object(run("score", trained / "one", "?", "componentOf", "bread", "--json"))["top"]) == 10
+    assert (
+        len(one_object(run("score", trained / "one", "?", "componentOf", "bread", "--top", "500", "--json"))["top"])
+        == 80
+    )
+
+
+@pytest.mark.parametrize("slot", [0, 2])
+def test_score_suggests_entities_for_an_unknown_one(run: Run, trained: Path, slot: int):
+    triple = ["flour", "componentOf", "flour"]
+    triple[slot] = "bred"
+    message = refused(run("score", trained / "one", *triple), "UnknownEntityError")
+    assert "'bred'" in message
+    assert "'bread'" in message
+
+
+def test_score_suggests_a_relation_for_an_unknown_one(run: Run, trained: Path):
+    message = refused(run("score", trained / "one", "flour", "combineWith", "water"), "UnknownEntityError")
+    assert "'combinesWith'" in message
+
+
+@pytest.mark.parametrize("arguments", [("?", "componentOf", "?"), ("?", "componentOf")])
+def test_score_wants_one_slot_filled(run: Run, trained: Path, arguments: tuple[str, ...]):
+    assert "both slots are open" in refused(run("score", trained / "one", *arguments), "ConfigError")
+
+
+@pytest.mark.parametrize("top", ["0", "-1"])
+def test_score_wants_to_list_at_least_one(run: Run, trained: Path, top: str):
+    outcome = run("score", trained / "one", "?", "componentOf", "bread", "--top", top)
+    assert f"--top {top}" in refused(outcome, "ConfigError")
+
+
+# --- comparison ------------------------------------------------------------------------------------------------------
+
+
+def test_compare_links_prints_one_object_with_the_paired_difference(run: Run, trained: Path):
+    values = one_object(run("compare-links", trained / "one", trained / "two", "--json"))
+    assert {"a", "b", "queries", "difference", "difference_ci", "probability_a_better"} <= set(values)
+    assert (values["a"]["name"], values["b"]["name"]) == ("one", "two")
+    assert values["difference"] == pytest.approx(values["a"]["mrr"] - values["b"]["mrr"])
+    assert values["difference_ci"][0] <= values["difference"] <= values["difference_ci"][1]
+
+
+def test_compare_links_agrees_with_the_reports_of_both(run: Run, workshop: Path):
+    values = one_object(run("compare-links", workshop / "one", workshop / "two", "--json"))
+    for side, name in (("a", "one"), ("b", "two")):
+        assert values[side]["mrr"] == one_object(run("evaluate-links", workshop / name, "--json"))["mrr"]["all"]
+
+
+def test_a_model_does_not_differ_from_itself(run: Run, trained: Path):
+    values = one_object(run("compare-links", trained / "one", trained / "one", "--json"))
+    assert (values["difference"], values["difference_ci"], values["probability_a_better"]) == (0, [0, 0], 0.5)
+    assert "no difference is shown" in run("compare-links", trained / "one", trained / "one").out
+
+
+def test_models_of_different_splits_are_not_compared(run: Run, workshop: Path):
+    build(workshop / "other", seed=1)
+    assert run("train-complex", workshop / "other", *TINY, "--out", workshop / "three").code == 0
+    outcome = run("compare-links", workshop / "one", workshop / "three")
+    assert "different splits" in refused(outcome, "GraphMismatchError")
+
+
+def test_comparing_with_a_model_of_the_full_graph_says_that_it_has_seen_the_triples(run: Run, trained: Path):
+    assert "has seen these triples" in run("compare-links", trained / "one", trained / "full").out
+    assert "has seen these triples" not in run("compare-links", trained / "one", trained / "two").out
+
+
+@pytest.mark.parametrize("resamples", ["0", "-5"])
+def test_comparing_without_resamples_is_refused(run: Run, trained: Path, resamples: str):
+    outcome = run("compare-links", trained / "one", trained / "two", "--resamples", resamples)
+    assert f"--resamples {resamples}" in refused(outcome, "ConfigError")
+
+
+# --- tuning ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def fast_search(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Search among few epochs, so that a trial takes a moment."""
+    monkeypatch.setattr("wordcraft_kg.models.link_tuning._EPOCHS", {"type": "int", "low": 2, "high": 4, "q": 2})
+
+
+@pytest.mark.usefixtures("fast_search")
+@pytest.mark.parametrize(("model", "command"), [("complex", "train-complex"), ("distmult", "train-links")])
+def test_tuned_settings_are_a_file_that_training_takes(run: Run, tmp_path: Path, model: str, command: str):
+    out = tmp_path / "tuned" / "kitchen.toml"
+    values = one_object(
+        run("tune-links", "kitchen", "--model", model, "--trials", "2", "--out", out, "--json", "--quiet")
+    )
+    assert (values["trials"], values["out"], values["command"]) == (2, str(out), command)
+    assert 0 < values["valid_mrr"] < 1
+    settings = tomllib.loads(out.read_text())[command]
+    assert settings == values["settings"]
+    outcome = run(command, "kitchen", "--config", out, "--out", tmp_path / "model", "--json", "--quiet")
+    assert one_object(outcome)["epochs"] == settings["epochs"]
+    trained = tomllib.loads((tmp_path / "model" / "config.toml").read_text())[command]
+    assert trained.items() >= settings.items()
+
+
+@pytest.mark.usefixtures("fast_search")
+def test_tuning_with_the_same_seed_finds_the_same_settings(run: Run, tmp_path: Path):
+    for name in ("one", "two"):
+        options = ("--trials", "2", "--seed", "3", "--out", tmp_path / f"{name}.toml", "--quiet")
+        assert run("tune-links", "kitchen", *options).code == 0
+    assert (tmp_path / "one.toml").read_bytes() == (tmp_path / "two.toml").read_bytes()
+
+
+def test_a_tuned_file_that_exists_is_refused_without_force(run: Run, tmp_path: Path):
+    (tmp_path / "tuned.toml").write_text("mine")
+    outcome = run("tune-links", "kitchen", "--out", tmp_path / "tuned.toml")
+    assert "--force" in refused(outcome, "OutputExistsError")
+    assert (tmp_path / "tuned.toml").read_text() == "mine"
+
+
+@pytest.mark.parametrize(
+    ("option", "value"),
+    [("--trials", "0"), ("--valid-ratio", "0"), ("--valid-ratio", "nan"), ("--model", "rotat"), ("--timeout", "0")],
+)
+def test_a_bad_setting_of_the_search_is_one_line(run: Run, tmp_path: Path, option: str, value: str):
+    outcome = run("tune-links", "kitchen", option, value, "--out", tmp_path / "tuned.toml")
+    assert value in refused(outcome, "ConfigError")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.slow
+def test_tuning_over_the_whole_range_on_the_kitchen(run: Run, tmp_path: Path):
+    out = tmp_path / "tuned.toml"
+    assert run("tune-links", "kitchen", "--trials", "3", "--out", out).code == 0
+    values = one_object(run("train-complex", "kitchen", "--config", out, "--out", tmp_path / "model", "--json"))
+    assert values["epochs"] >= 20
+
+
+# --- the whole way ---------------------------------------------------------------------------------------------------
+
+
+def test_the_start_page_works_from_a_book_to_a_report(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.chdir(tmp_path)
+    assert run("build-graph", "kitchen", "--out", "graphs/kitchen").code == 0
+    assert run("train-complex", "graphs/kitchen", "--out", "models/kitchen", *TINY).code == 0
+    values = one_object(run("evaluate-links", "models/kitchen", "--json"))
+    assert Path(values["report"]).is_file()
+    assert values["mrr"]["all"] > values["baselines"]["random"]["all"]
+
+
+@pytest.mark.slow
+def test_complex_with_its_defaults_predicts_unseen_links_better_than_frequency(run: Run, tmp_path: Path):
+    assert run("train-complex", "kitchen", "--out", tmp_path / "partial").code == 0
+    values = one_object(run("evaluate-links", tmp_path / "partial", "--json"))
+    assert values["mrr"]["all"] > 1.2 * values["baselines"]["frequency"]["all"]
+    assert values["mrr_with_leaked"] > values["mrr"]["all"]
+    trained = one_object(run("train-complex", "kitchen", "--kg", "full", "--out", tmp_path / "full", "--json"))
+    assert trained["train_mrr"] > 0.99
+
+
+def test_a_model_trained_from_a_script_file_is_the_commands_model(trained: Path, tmp_path: Path):
+    from wordcraft_kg.models.link_config import ComplExConfig
+    from wordcraft_kg.models.link_training import train_links
+
+    here = train_links(open_graph(trained / "graph"), ComplExConfig(dim=8, epochs=4), tmp_path / "model").folder
+    assert (here / "model.safetensors").read_bytes() == (trained / "one" / "model.safetensors").read_bytes()
+    assert not np.array_equal(
+        np.frombuffer((trained / "two" / "model.safetensors").read_bytes(), dtype=np.uint8),
+        np.frombuffer((trained / "one" / "model.safetensors").read_bytes(), dtype=np.uint8),
+    )

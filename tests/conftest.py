@@ -1,0 +1,83 @@
+"""What all tests share: hypothesis settings, running a command in-process, and the books that are at hand."""
+
+import gc
+import logging
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+from hypothesis import settings
+
+from wordcraft_kg.cli import main
+from wordcraft_kg.graphs import RecipeGraph, open_book
+from wordcraft_kg.graphs.books import DATA_VARIABLE
+
+settings.register_profile("wordcraft", deadline=None, max_examples=60, print_blob=True)
+settings.load_profile("wordcraft")
+
+DATA_FOLDER = os.environ.get(DATA_VARIABLE)
+OFFICIAL_FILE = "alchemy2.json"
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a command left behind: exit code, stdout and stderr."""
+
+    code: int
+    out: str
+    err: str
+
+
+@pytest.fixture
+def run(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Callable[..., Outcome]:
+    """Run a command of the command line in this process."""
+    monkeypatch.setenv("COLUMNS", "1000")
+
+    def run(*arguments: object) -> Outcome:
+        capsys.readouterr()
+        collection = gc.get_threshold()
+        try:
+            code = main([str(argument) for argument in arguments])
+        finally:
+            logging.captureWarnings(False)
+            gc.set_threshold(*collection)
+        captured = capsys.readouterr()
+        return Outcome(code, captured.out, captured.err)
+
+    return run
+
+
+@pytest.fixture
+def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Give the test an empty cache of its own and no data folder."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.delenv(DATA_VARIABLE, raising=False)
+    return tmp_path
+
+
+@pytest.fixture(scope="session")
+def kitchen() -> RecipeGraph:
+    return RecipeGraph.from_book(open_book("kitchen"))
+
+
+@pytest.fixture(scope="session")
+def alchemy_path() -> Path:
+    path = Path(DATA_FOLDER or "") / OFFICIAL_FILE
+    if not DATA_FOLDER or not path.is_file():
+        pytest.skip(f"needs Little Alchemy 2: set {DATA_VARIABLE} to a folder that holds {OFFICIAL_FILE}")
+    return path
+
+
+@pytest.fixture
+def alchemy_home(home: Path, alchemy_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Make the real Little Alchemy 2 known by name, from the data folder only."""
+    monkeypatch.setenv(DATA_VARIABLE, str(alchemy_path.parent))
+    return home
+
+
+@pytest.fixture(scope="session")
+def alchemy(alchemy_path: Path) -> RecipeGraph:
+    """Little Alchemy 2 with its five base entities."""
+    return RecipeGraph.from_book(open_book(alchemy_path), ["air", "earth", "fire", "time", "water"])

@@ -1,0 +1,52 @@
+"""What the graph code must compute, written as loops over labels that are too plain to be wrong."""
+
+import math
+from collections.abc import Iterable
+
+Rows = Iterable[tuple[str, str, str]]
+Triples = set[tuple[str, str, str]]
+
+
+def results(rows: Rows, one: str, other: str) -> list[str]:
+    return sorted({result for a, b, result in rows if {a, b} == {one, other}})
+
+
+def triples(rows: Rows) -> Triples:
+    found = set()
+    for a, b, result in rows:
+        found.add((a, "combinesWith", b))
+        found.add((b, "combinesWith", a))
+        found.add((a, "componentOf", result))
+        found.add((b, "componentOf", result))
+    return found
+
+
+def known_after_rounds(rows: Rows, start: Iterable[str]) -> list[set[str]]:
+    """Return what is known after 0, 1, 2, ... rounds, up to the round that adds nothing."""
+    known = [set(start)]
+    while True:
+        made = {result for a, b, result in rows if a in known[-1] and b in known[-1]}
+        if made <= known[-1]:
+            return known
+        known.append(known[-1] | made)
+
+
+def layer(rows: Rows, entity: str, start: Iterable[str]) -> int:
+    for round_, known in enumerate(known_after_rounds(rows, start)):
+        if entity in known:
+            return round_
+    return -1
+
+
+def costs(rows: Rows, entities: Iterable[str], start: Iterable[str]) -> dict[str, float]:
+    """Lower the costs until no recipe lowers one any more."""
+    start = set(start)
+    cost = {entity: 0 if entity in start else math.inf for entity in entities}
+    lowered = True
+    while lowered:
+        lowered = False
+        for a, b, result in rows:
+            if 1 + cost[a] + cost[b] < cost[result]:
+                cost[result] = 1 + cost[a] + cost[b]
+                lowered = True
+    return cost

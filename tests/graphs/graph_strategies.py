@@ -1,0 +1,62 @@
+"""Random recipes, graphs and labels for hypothesis."""
+
+from itertools import product
+
+from hypothesis import strategies as st
+
+from wordcraft_kg.graphs import Recipe, RecipeBook, RecipeGraph, SplitConfig
+
+FEW = tuple("abcdefgh")
+MANY = tuple("abcdefghijklmno")
+IDLE = ("y", "z")
+
+
+def rows(letters: tuple[str, ...] = FEW, **size: int) -> st.SearchStrategy[list[tuple[str, str, str]]]:
+    # One integer a row: hypothesis draws it several times faster than three labels.
+    possible = list(product(letters, repeat=3))
+    return st.lists(st.integers(0, len(possible) - 1).map(possible.__getitem__), **size)
+
+
+@st.composite
+def graphs(
+    draw: st.DrawFn, letters: tuple[str, ...] = FEW, min_size: int = 0, max_size: int = 24, idle: bool = True
+) -> RecipeGraph:
+    """Graphs with self results, duplicates, self pairs, ambiguous pairs, idle entities, and any base or none given."""
+    recipes = draw(rows(letters, min_size=min_size, max_size=max_size))
+    listed = draw(st.sets(st.sampled_from(IDLE))) if idle else set()
+    entities = sorted({label for recipe in recipes for label in recipe} | listed)
+    base = draw(st.none() | st.sets(st.sampled_from(entities))) if entities else None
+    return RecipeGraph.from_book(RecipeBook.of("random", recipes, base=base, listed=listed, keep_self_results=True))
+
+
+def splittable_graphs() -> st.SearchStrategy[RecipeGraph]:
+    """Graphs large enough that no part of a split comes out empty by rounding."""
+    return graphs(MANY, min_size=30, max_size=50)
+
+
+def configs(kind: str) -> st.SearchStrategy[SplitConfig]:
+    ratio = st.sampled_from([0.4, 0.5, 0.6, 0.7])
+    return st.builds(SplitConfig, st.just(kind), ratio, st.sampled_from([0.0, 0.1, 0.2]), st.integers(0, 2**32))
+
+
+AWKWARD = st.sampled_from(" ,\"'#\\;:&<>|é火🍞\u00a0\ufeff\u200b0aB")
+PRINTED = st.characters(exclude_categories=["Cc", "Cs", "Zl", "Zp"])
+
+
+def labels() -> st.SearchStrategy[str]:
+    """Any label that a book may hold: commas, quotes, outer blanks, '#', and anything of Unicode but controls."""
+    return st.text(AWKWARD | PRINTED, min_size=1, max_size=6).filter(lambda label: not label.isspace())
+
+
+def _canonical(row: tuple[str, str, str]) -> Recipe:
+    return Recipe.of(*row)
+
+
+@st.composite
+def books(draw: st.DrawFn, name: str = "book") -> RecipeBook:
+    known = draw(st.lists(labels(), min_size=1, max_size=8, unique=True))
+    label = st.sampled_from(known)
+    recipes = draw(st.lists(st.tuples(label, label, label), min_size=1, max_size=10, unique_by=_canonical))
+    base = draw(st.none() | st.sets(label))
+    listed = draw(st.sets(label))
+    return RecipeBook.of(name, recipes, base=base, listed=listed, keep_self_results=True)

@@ -1,0 +1,105 @@
+import json
+from collections import Counter
+
+import graph_oracles as oracles
+import pytest
+from graph_strategies import configs, splittable_graphs
+from hypothesis import assume, given
+
+from wordcraft_kg.errors import SplitError
+from wordcraft_kg.graphs import RecipeBook, RecipeGraph, SplitConfig, audit, make_split
+from wordcraft_kg.graphs.audit import SHOWN
+
+
+@pytest.fixture(scope="module")
+def found():
+    rows = [
+        *[("a", "a", "b"), ("a", "b", "c"), ("a", "b", "d"), ("b", "b", "D"), ("c", "d", "e")],
+        *[("lost", "c", "found"), ("found", "a", "lost")],
+    ]
+    book = RecipeBook.of("book", rows, base=["a"], listed=["idle"], keep_self_results=True)
+    graph = RecipeGraph.from_book(book)
+    return audit(graph, make_split(graph, SplitConfig("none")))
+
+
+def test_the_audit_counts_entities_recipes_pairs_and_triples(found):
+    assert (found["entities"], found["recipes"], found["pairs"], found["base"]) == (9, 7, 6, ["a"])
+    assert found["triples"] == {"combinesWith": 10, "componentOf": 12, "total": 22}
+
+
+def test_the_audit_names_pairs_with_several_results(found):
+    assert found["ambiguity"] == {
+        "pairs_by_number_of_results": {"1": 5, "2": 1},
+        "pairs_with_several_results": 1,
+        "examples": [{"pair": ["a", "b"], "results": ["c", "d"]}],
+    }
+
+
+def test_the_audit_follows_the_rounds_and_names_what_cannot_be_reached(found):
+    assert found["reachability"] == {
+        "reachable": 6,
+        "rounds": 3,
+        "known_after_round": [1, 2, 5, 6],
+        "unreachable": 3,
+        "unreachable_entities": ["found", "idle", "lost"],
+    }
+
+
+def test_the_audit_counts_terminal_idle_and_self_combining_entities(found):
+    degrees = found["degrees"]
+    assert (degrees["craftable"], degrees["terminal"], degrees["idle"], degrees["self_pairs"]) == (7, 2, 1, 2)
+    assert degrees["recipes_per_craftable"] == {"mean": 1.0, "median": 1.0, "max": 1}
+    assert degrees["most_used"][:2] == [["a", 4], ["b", 3]]
+
+
+def test_the_audit_names_labels_that_differ_in_case_or_blanks_only(found):
+    assert found["labels"] == {"alike": 1, "alike_labels": [["D", "d"]]}
+
+
+def test_lists_of_the_audit_are_cut_but_counts_are_complete():
+    rows = [("a", "b", f"made {i}") for i in range(50)] + [("lost", f"lost {i}", "end") for i in range(50)]
+    graph = RecipeGraph.from_recipes(rows, base=["a", "b"])
+    found = audit(graph, make_split(graph, SplitConfig("none")))
+    assert found["reachability"]["unreachable"] == 52
+    assert len(found["reachability"]["unreachable_entities"]) == SHOWN
+
+
+def test_the_audit_of_a_graph_without_recipes_is_all_zeros():
+    graph = RecipeGraph(["a"], [], [])
+    found = audit(graph, make_split(graph, SplitConfig("none")))
+    assert (found["recipes"], found["pairs"], found["triples"]["total"], found["reachability"]["rounds"]) == (
+        0,
+        0,
+        0,
+        0,
+    )
+
+
+def test_the_audit_is_plain_json(found):
+    assert json.loads(json.dumps(found, allow_nan=False)) == found
+
+
+@pytest.mark.parametrize("kind", ["by-recipe", "by-goal"])
+@given(graph=splittable_graphs(), config=configs("by-recipe"))
+def test_leakage_counts_equal_sets_of_triples(kind, graph, config):
+    config = SplitConfig(kind, config.train_ratio, config.valid_ratio, config.seed)
+    try:
+        split = make_split(graph, config)
+    except SplitError:
+        assume(False)
+    of = {part: oracles.triples(graph.recipe_labels(split.recipes(part))) for part in ("train", "valid", "test")}
+    evaluated = of["test"] - of["train"] - of["valid"]
+    found = audit(graph, split)
+    assert found["split"]["evaluated_triples"] == len(evaluated)
+    assert found["split"]["leaked_triples"] == len(of["test"]) - len(evaluated)
+    for relation, row in found["leakage"].items():
+        train, test, left = (Counter(r for _, r, _ in part)[relation] for part in (of["train"], of["test"], evaluated))
+        mirrored = sum(r == relation and (t, r, h) in of["train"] for h, r, t in evaluated)
+        assert row == {
+            "train": train,
+            "from_test_recipes": test,
+            "already_in_train": test - left,
+            "evaluated": left,
+            "mirror_in_train": mirrored,
+        }
+    assert found["leakage"]["combinesWith"]["mirror_in_train"] == 0

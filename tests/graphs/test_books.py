@@ -1,0 +1,194 @@
+import hashlib
+import http.client
+import io
+import json
+import urllib.error
+import urllib.request
+from dataclasses import replace
+
+import pytest
+
+from wordcraft_kg.errors import FetchError, RecipeFileError
+from wordcraft_kg.graphs import RecipeGraph, fetch_book, known_books, open_book
+from wordcraft_kg.graphs.books import DATA_VARIABLE, FETCHABLE, cache_folder
+
+NAME = "little-alchemy-2"
+BASE = ("air", "earth", "fire", "time", "water")
+PUBLISHED = json.dumps(
+    {"entities": {**{label: {"recipes": []} for label in BASE}, "mud": {"recipes": [["water", "earth"]]}}}
+).encode()
+
+
+@pytest.fixture
+def published(monkeypatch):
+    """Pin a small file of our own in place of the real one."""
+    pinned = replace(FETCHABLE[NAME], sha256=hashlib.sha256(PUBLISHED).hexdigest())
+    monkeypatch.setitem(FETCHABLE, NAME, pinned)
+    return pinned
+
+
+@pytest.fixture
+def server(monkeypatch):
+    """Answer each download with the next of the given answers, bytes or an error, and keep the addresses."""
+    answers, asked = [], []
+
+    def urlopen(url, **options):
+        asked.append(url)
+        answer = answers.pop(0)
+        if isinstance(answer, Exception):
+            raise answer
+        return io.BytesIO(answer)
+
+    monkeypatch.setattr(urllib.request, "urlopen", urlopen)
+
+    def serve(*given):
+        answers.extend(given)
+        return asked
+
+    return serve
+
+
+def origins():
+    return {book.name: book.origin for book in known_books()}
+
+
+def test_the_built_in_books_open_by_name(home):
+    assert open_book("kitchen").name == "kitchen"
+    assert len(open_book("paper-examples").recipes) == 52
+    assert origins() == {"kitchen": "built in", "paper-examples": "built in", NAME: "to fetch"}
+
+
+def test_every_entity_of_the_kitchen_can_be_made_from_its_base(kitchen):
+    from wordcraft_kg.graphs import layers
+
+    assert not (layers(kitchen) < 0).any()
+
+
+def test_a_file_of_the_same_name_goes_before_a_known_book(home, monkeypatch):
+    monkeypatch.chdir(home)
+    (home / "kitchen").mkdir()
+    with pytest.raises(RecipeFileError, match=r"kitchen is a directory without a graph\.json"):
+        open_book("kitchen")
+
+
+def test_books_of_the_data_folder_are_known_by_name(home, monkeypatch):
+    (home / "data").mkdir()
+    (home / "data" / "mine.csv").write_text("ingredient_a,ingredient_b,result\na,b,c\n", encoding="utf-8")
+    (home / "data" / "kitchen.csv").write_text("ingredient_a,ingredient_b,result\na,b,c\n", encoding="utf-8")
+    (home / "data" / "notes.txt").write_text("not a book", encoding="utf-8")
+    monkeypatch.setenv(DATA_VARIABLE, str(home / "data"))
+    assert origins() == {"kitchen": "built in", "paper-examples": "built in", "mine": "data folder", NAME: "to fetch"}
+    assert open_book("mine").name == "mine"
+    assert len(open_book("kitchen").recipes) > 100
+
+
+def test_the_data_variable_may_name_a_file_of_the_folder(home, monkeypatch):
+    (home / "data").mkdir()
+    (home / "data" / "mine.csv").write_text("ingredient_a,ingredient_b,result\na,b,c\n", encoding="utf-8")
+    monkeypatch.setenv(DATA_VARIABLE, str(home / "data" / "mine.csv"))
+    assert origins()["mine"] == "data folder"
+
+
+def test_a_data_folder_that_does_not_exist_holds_no_books(home, monkeypatch):
+    monkeypatch.setenv(DATA_VARIABLE, str(home / "nowhere"))
+    assert "data folder" not in origins().values()
+
+
+def test_an_unknown_name_is_refused_with_the_nearest_book(home):
+    with pytest.raises(RecipeFileError, match=r"'kitchn' is neither a file nor a known book\. Did you mean 'kitchen'"):
+        open_book("kitchn")
+
+
+def test_a_book_that_was_not_fetched_says_how_to_fetch_it(home):
+    with pytest.raises(RecipeFileError, match=f"not on this machine yet. Fetch it: wordcraft-kg fetch {NAME}"):
+        open_book(NAME)
+
+
+def test_a_fetched_book_is_kept_in_the_cache_and_opens_with_its_base(home, published, server):
+    asked = server(PUBLISHED)
+    path = fetch_book(NAME)
+    assert path == home / "cache" / "wordcraft-kg" / "books" / "alchemy2.json"
+    assert path.read_bytes() == PUBLISHED
+    assert asked == [published.url]
+    assert [item.name for item in path.parent.iterdir()] == ["alchemy2.json"]
+    assert origins()[NAME] == "cache"
+    assert open_book(NAME).name == NAME
+    assert RecipeGraph.from_book(open_book(NAME)).base == BASE
+
+
+def test_a_book_in_the_cache_is_not_downloaded_again(home, published, server):
+    asked = server(PUBLISHED)
+    assert fetch_book(NAME) == fetch_book(NAME)
+    assert len(asked) == 1
+
+
+def test_a_damaged_book_in_the_cache_is_refused_and_downloaded_again(home, published, server):
+    server(PUBLISHED, PUBLISHED)
+    path = fetch_book(NAME)
+    path.write_bytes(PUBLISHED[:-3])
+    with pytest.raises(RecipeFileError, match=rf"alchemy2\.json is not the published '{NAME}'.*Fetch it again"):
+        open_book(NAME)
+    assert fetch_book(NAME).read_bytes() == PUBLISHED
+
+
+def test_other_bytes_than_the_pinned_ones_are_not_kept(home, published, server):
+    server(b"<html>not found</html>")
+    with pytest.raises(FetchError, match=rf"expected {published.sha256[:12]}…; not kept\. Or place the file by hand"):
+        fetch_book(NAME)
+    assert not cache_folder().exists()
+
+
+def test_other_bytes_leave_an_earlier_file_as_it_is(home, published, server):
+    cache_folder().mkdir(parents=True)
+    earlier = cache_folder() / "alchemy2.json"
+    earlier.write_bytes(b"mine")
+    server(b"<html>not found</html>")
+    with pytest.raises(FetchError, match="not kept"):
+        fetch_book(NAME)
+    assert earlier.read_bytes() == b"mine"
+
+
+@pytest.mark.parametrize(
+    ("failure", "reason"),
+    [
+        (urllib.error.URLError("no route to host"), "no route to host"),
+        (TimeoutError("timed out"), "timed out"),
+        (ConnectionResetError(104, "Connection reset by peer"), "reset by peer"),
+        (http.client.IncompleteRead(b"half", 400), "IncompleteRead"),
+        (http.client.BadStatusLine("nonsense"), "nonsense"),
+    ],
+    ids=["no network", "timeout", "reset", "cut off", "no HTTP"],
+)
+def test_a_failed_download_says_how_to_place_the_file_by_hand(home, published, server, failure, reason):
+    server(failure)
+    with pytest.raises(FetchError) as caught:
+        fetch_book(NAME)
+    message = str(caught.value)
+    assert f"could not download '{NAME}'" in message
+    assert reason in message
+    assert f"save {published.url} as {cache_folder() / 'alchemy2.json'}" in message
+    assert DATA_VARIABLE in message
+    assert not cache_folder().exists()
+
+
+def test_a_file_placed_in_the_data_folder_by_hand_is_known_by_the_published_name(home, published, monkeypatch):
+    (home / "data").mkdir()
+    (home / "data" / "alchemy2.json").write_bytes(PUBLISHED)
+    monkeypatch.setenv(DATA_VARIABLE, str(home / "data"))
+    assert origins()[NAME] == "data folder"
+    assert RecipeGraph.from_book(open_book(NAME)).base == BASE
+
+
+def test_another_file_in_its_place_is_refused_by_name_but_opens_by_path(home, monkeypatch):
+    path = home / "data" / "alchemy2.json"
+    path.parent.mkdir()
+    path.write_bytes(PUBLISHED)
+    monkeypatch.setenv(DATA_VARIABLE, str(path.parent))
+    with pytest.raises(RecipeFileError, match=rf"is not the published '{NAME}' \(its SHA-256 differs\).*{path.name}"):
+        open_book(NAME)
+    assert open_book(path).name == "alchemy2"
+
+
+def test_a_book_that_nobody_publishes_cannot_be_fetched(home):
+    with pytest.raises(FetchError, match=rf"'kitchen' is not a book to fetch; there are: {NAME}"):
+        fetch_book("kitchen")

@@ -1,0 +1,201 @@
+import csv
+import sys
+from pathlib import Path
+from typing import get_args
+from urllib.parse import unquote
+
+import graph_oracles as oracles
+import networkx as nx
+import pandas as pd
+import pytest
+
+from wordcraft_kg.cli.export import Format
+from wordcraft_kg.errors import ConfigError, MissingExtraError, OutputExistsError
+from wordcraft_kg.graphs import Recipe, RecipeBook, RecipeGraph, SplitConfig, make_split, read_book
+from wordcraft_kg.graphs.export import EXPORTERS, NAMESPACE, export_graph
+from wordcraft_kg.graphs.folder import OpenedGraph
+
+AWKWARD = [
+    "#hash",
+    " lead",
+    "a, b",
+    'say "x"',
+    "<&>",
+    "crème brûlée",
+    "火",
+    "it's",
+    "null",
+    "100%",
+    "a/b?c#d",
+    "\ufeffBOM",
+]
+
+
+def opened(graph: RecipeGraph, config: SplitConfig | None = None) -> OpenedGraph:
+    return OpenedGraph(graph, make_split(graph, config or SplitConfig()), graph.name)
+
+
+@pytest.fixture(params=["kitchen", "awkward labels"])
+def source(request, kitchen) -> OpenedGraph:
+    if request.param == "kitchen":
+        return opened(kitchen, SplitConfig(train_ratio=0.7, valid_ratio=0.1))
+    rows = [(one, other, AWKWARD[(i * j) % 11]) for i, one in enumerate(AWKWARD) for j, other in enumerate(AWKWARD[:i])]
+    rows += [(one, one, AWKWARD[0]) for one in AWKWARD]
+    book = RecipeBook.of("awkward", rows, base=AWKWARD[:3], listed=["idle"], keep_self_results=True)
+    return opened(RecipeGraph.from_book(book))
+
+
+def exported(source: OpenedGraph, format: str, folder: Path) -> Path:
+    path = folder / f"export.{format}"
+    export_graph(source, format, path)
+    assert list(folder.iterdir()) == [path]
+    return path
+
+
+def test_the_formats_of_the_command_are_those_that_there_are():
+    assert list(get_args(Format)) == list(EXPORTERS)
+
+
+def test_tsv_holds_the_triples(source, tmp_path):
+    frame = pd.read_csv(
+        exported(source, "tsv", tmp_path),
+        sep="\t",
+        names=["head", "relation", "tail"],
+        quoting=csv.QUOTE_NONE,
+        keep_default_na=False,
+    )
+    pd.testing.assert_frame_equal(frame, source.graph.triples_frame(), check_dtype=False)
+
+
+def test_parquet_holds_the_triples(source, tmp_path):
+    pytest.importorskip("pyarrow")
+    frame = pd.read_parquet(exported(source, "parquet", tmp_path))
+    pd.testing.assert_frame_equal(frame, source.graph.triples_frame(), check_dtype=False)
+
+
+@pytest.mark.parametrize("format", ["csv", "json"])
+def test_exported_books_read_back_to_an_equal_graph(source, tmp_path, format):
+    book = read_book(exported(source, format, tmp_path), keep_self_results=True)
+    assert RecipeGraph.from_book(book) == source.graph
+
+
+def recipes_in(view: nx.MultiDiGraph) -> list[Recipe]:
+    recipes = []
+    for node, kind in view.nodes(data="kind"):
+        if kind == "recipe":
+            ingredients = [ingredient for ingredient, _ in view.in_edges(node)]
+            [(_, result)] = view.out_edges(node)
+            recipes.append(Recipe.of(*ingredients, result))
+    return sorted(recipes)
+
+
+@pytest.mark.parametrize(("format", "read"), [("graphml", nx.read_graphml), ("gexf", nx.read_gexf)])
+def test_graph_drawings_hold_each_recipe_as_a_node(source, tmp_path, format, read):
+    view = read(exported(source, format, tmp_path))
+    kinds = [kind for _, kind in view.nodes(data="kind")]
+    assert kinds.count("recipe") == source.graph.num_recipes
+    assert kinds.count("entity") == source.graph.num_entities
+    assert view.number_of_edges() == 3 * source.graph.num_recipes
+    assert recipes_in(view) == source.graph.recipe_labels()
+    assert {node for node, base in view.nodes(data="base") if base} == set(source.graph.base)
+
+
+@pytest.mark.parametrize("format", ["nt", "ttl"])
+def test_rdf_holds_the_triples_and_labels(source, tmp_path, format):
+    rdflib = pytest.importorskip("rdflib")
+    store = rdflib.Graph().parse(exported(source, format, tmp_path), format=format)
+    entity, relation = f"{NAMESPACE}entity:", f"{NAMESPACE}relation:"
+    found = {
+        (
+            unquote(str(head).removeprefix(entity)),
+            str(predicate).removeprefix(relation),
+            unquote(str(tail).removeprefix(entity)),
+        )
+        for head, predicate, tail in store
+        if str(predicate).startswith(relation)
+    }
+    assert found == oracles.triples(source.graph.recipe_labels())
+    labels = {str(label) for label in store.objects(predicate=rdflib.RDFS.label)}
+    assert labels == set(source.graph.entities)
+    assert len(store) == len(found) + len(labels)
+
+
+def test_libkge_holds_ids_and_the_triples_of_each_part(source, tmp_path):
+    yaml = pytest.importorskip("yaml")
+    folder = exported(source, "libkge", tmp_path)
+    dataset = yaml.safe_load((folder / "dataset.yaml").read_text(encoding="utf-8"))["dataset"]
+    assert dataset["name"] == source.graph.name
+    ids = {}
+    for what in ("entity_ids", "relation_ids"):
+        lines = (folder / dataset[f"files.{what}.filename"]).read_text(encoding="utf-8").splitlines()
+        ids[what] = dict(line.split("\t") for line in lines)
+        assert list(ids[what]) == [str(i) for i in range(len(lines))]
+    assert tuple(ids["entity_ids"].values()) == source.graph.entities
+    assert (dataset["num_entities"], dataset["num_relations"]) == (source.graph.num_entities, 2)
+    train, valid, test = (
+        oracles.triples(source.graph.recipe_labels(source.split.recipes(part))) for part in ("train", "valid", "test")
+    )
+    for part, expected in (("train", train), ("valid", valid - train), ("test", test - train - valid)):
+        lines = (folder / dataset[f"files.{part}.filename"]).read_text(encoding="utf-8").splitlines()
+        rows = [line.split("\t") for line in lines]
+        found = {(ids["entity_ids"][h], ids["relation_ids"][r], ids["entity_ids"][t]) for h, r, t in rows}
+        assert found == expected
+        assert dataset[f"files.{part}.size"] == len(lines) == len(expected)
+        assert dataset[f"files.{part}.type"] == "triples"
+
+
+@pytest.mark.parametrize("name", ['it\'s "best"', "a: b #c", "back\\slash", "no", "12", "ö", "火🍞"])
+def test_the_libkge_name_is_yaml_whatever_the_graph_is_called(tmp_path, name):
+    yaml = pytest.importorskip("yaml")
+    graph = RecipeGraph.from_recipes([("a", "b", "c")], name=name)
+    export_graph(opened(graph, SplitConfig("none")), "libkge", tmp_path / "out")
+    content = yaml.safe_load((tmp_path / "out" / "dataset.yaml").read_text(encoding="utf-8"))
+    assert content["dataset"]["name"] == name
+
+
+@pytest.mark.parametrize("format", EXPORTERS)
+def test_an_export_that_exists_is_kept_unless_forced(kitchen, tmp_path, format):
+    path = tmp_path / "out"
+    if EXPORTERS[format].is_folder:
+        path.mkdir()
+    earlier = path / "mine" if EXPORTERS[format].is_folder else path
+    earlier.write_text("mine", encoding="utf-8")
+    with pytest.raises(OutputExistsError, match=r"out' exists\. Choose another --out, or replace it with --force"):
+        export_graph(opened(kitchen), format, path)
+    assert earlier.read_text(encoding="utf-8") == "mine"
+    export_graph(opened(kitchen), format, path, force=True)
+    assert not earlier.is_file() or earlier.read_bytes() != b"mine"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize("format", [format for format, exporter in EXPORTERS.items() if not exporter.is_folder])
+def test_a_folder_is_never_replaced_by_a_file(kitchen, tmp_path, format):
+    (tmp_path / "out").mkdir()
+    with pytest.raises(OutputExistsError, match="is a folder; a file is to be written there"):
+        export_graph(opened(kitchen), format, tmp_path / "out", force=True)
+    assert (tmp_path / "out").is_dir()
+
+
+def test_a_file_is_never_replaced_by_a_folder(kitchen, tmp_path):
+    (tmp_path / "out").write_text("mine", encoding="utf-8")
+    with pytest.raises(OutputExistsError, match="is a file; a folder is to be written there"):
+        export_graph(opened(kitchen), "libkge", tmp_path / "out", force=True)
+    assert (tmp_path / "out").read_text(encoding="utf-8") == "mine"
+
+
+def test_an_unknown_format_is_refused_with_the_nearest_one(kitchen, tmp_path):
+    with pytest.raises(ConfigError, match=r"--format graphm: expected one of tsv, .*Did you mean 'graphml'"):
+        export_graph(opened(kitchen), "graphm", tmp_path / "out")
+
+
+@pytest.mark.parametrize(
+    ("format", "package", "extra"),
+    [("nt", "rdflib", "rdf"), ("ttl", "rdflib", "rdf"), ("parquet", "pyarrow", "parquet")],
+)
+def test_a_missing_package_is_refused_with_the_extra_that_brings_it(
+    kitchen, tmp_path, monkeypatch, format, package, extra
+):
+    monkeypatch.setitem(sys.modules, package, None)
+    with pytest.raises(MissingExtraError, match=rf"needs {package}, .*pip install 'wordcraft-kg\[{extra}\]'"):
+        export_graph(opened(kitchen), format, tmp_path / "out")
+    assert not list(tmp_path.iterdir())

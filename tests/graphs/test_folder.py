@@ -1,0 +1,181 @@
+import json
+import shutil
+
+import pytest
+
+from wordcraft_kg.errors import ArtefactError, GraphMismatchError, OutputExistsError, RecipeFileError
+from wordcraft_kg.graphs import (
+    RecipeBook,
+    RecipeGraph,
+    SplitConfig,
+    audit,
+    make_split,
+    open_book,
+    open_graph,
+    read_book,
+    write_graph_folder,
+)
+from wordcraft_kg.graphs.triples import triple_lines
+
+
+@pytest.fixture(scope="module")
+def pristine(tmp_path_factory, kitchen):
+    folder = tmp_path_factory.mktemp("graphs") / "kitchen"
+    write_graph_folder(folder, open_book("kitchen"), make_split(kitchen, SplitConfig(valid_ratio=0.1, seed=4)))
+    return folder
+
+
+@pytest.fixture
+def folder(pristine, tmp_path):
+    """Copy of a graph folder that a test may damage."""
+    return shutil.copytree(pristine, tmp_path / "kitchen")
+
+
+def test_a_graph_folder_has_its_files_and_no_others(pristine):
+    files = sorted(str(path.relative_to(pristine)) for path in pristine.rglob("*") if path.is_file())
+    assert files == [
+        *("audit.json", "entities.tsv", "graph.json", "recipes.csv", "split.json"),
+        *("triples/full.tsv", "triples/partial.tsv", "triples/unseen.tsv"),
+    ]
+
+
+def test_a_graph_folder_opens_to_the_graph_and_split_that_were_written(pristine, kitchen):
+    opened = open_graph(pristine)
+    split = make_split(kitchen, SplitConfig(valid_ratio=0.1, seed=4))
+    assert opened.graph == kitchen
+    assert opened.graph.name == "kitchen"
+    assert opened.split.hash == split.hash
+    assert opened.split.config == split.config
+    assert opened.source == str(pristine)
+
+
+def test_the_files_of_a_graph_folder_agree_with_the_graph(pristine, kitchen):
+    split = make_split(kitchen, SplitConfig(valid_ratio=0.1, seed=4))
+    for name, triples in (("full", kitchen.triples), ("partial", split.partial), ("unseen", split.unseen)):
+        text = (pristine / "triples" / f"{name}.tsv").read_text(encoding="utf-8")
+        assert text == "".join(triple_lines(triples, kitchen.entities))
+    assert read_book(pristine / "recipes.csv").recipes == tuple(kitchen.recipe_labels())
+    lines = (pristine / "entities.tsv").read_text(encoding="utf-8").splitlines()
+    assert lines[0] == "id\tentity\tbase\tlayer\trecipes\tuses"
+    assert [line.split("\t")[:2] for line in lines[1:]] == [[str(i), label] for i, label in enumerate(kitchen.entities)]
+    recorded = json.loads((pristine / "audit.json").read_text(encoding="utf-8"))
+    assert recorded == {"dropped_self_results": 0, "merged_duplicates": 0} | audit(kitchen, split)
+
+
+def test_idle_entities_and_kept_self_results_survive_the_folder(tmp_path):
+    rows = [("a", "a", "a"), ("a", "b", "c")]
+    book = RecipeBook.of("book", rows, base=[], listed=["idle"], keep_self_results=True)
+    graph = RecipeGraph.from_book(book)
+    write_graph_folder(tmp_path / "out", book, make_split(graph, SplitConfig("none")))
+    assert open_graph(tmp_path / "out").graph == graph
+    assert open_graph(tmp_path / "out").graph.entities == ("a", "b", "c", "idle")
+
+
+def test_a_book_opens_with_the_split_asked_for(kitchen):
+    opened = open_graph("kitchen", SplitConfig("by-goal", seed=7))
+    assert opened.split.hash == make_split(kitchen, SplitConfig("by-goal", seed=7)).hash
+    assert open_graph("kitchen").split.config == SplitConfig()
+
+
+def test_an_existing_folder_is_kept_unless_forced(folder, kitchen):
+    before = (folder / "split.json").read_bytes()
+    split = make_split(kitchen, SplitConfig("by-goal"))
+    with pytest.raises(OutputExistsError, match="--force"):
+        write_graph_folder(folder, open_book("kitchen"), split)
+    assert (folder / "split.json").read_bytes() == before
+    (folder / "stray.txt").write_text("of an earlier version", encoding="utf-8")
+    write_graph_folder(folder, open_book("kitchen"), split, force=True)
+    assert open_graph(folder).split.hash == split.hash
+    assert not (folder / "stray.txt").exists()
+    assert list(folder.parent.iterdir()) == [folder]
+
+
+def test_a_folder_without_a_graph_is_refused(tmp_path):
+    with pytest.raises(ArtefactError, match=r"is not a graph folder \(no graph\.json\).*wordcraft-kg build-graph"):
+        open_graph(tmp_path)
+
+
+def test_a_folder_that_does_not_exist_is_refused(tmp_path):
+    with pytest.raises(RecipeFileError, match="is neither a file nor a known book"):
+        open_graph(tmp_path / "nowhere")
+
+
+def edit(path, old, new):
+    text = path.read_text(encoding="utf-8")
+    assert old in text
+    path.write_text(text.replace(old, new), encoding="utf-8")
+
+
+def test_an_edited_label_is_noticed(folder):
+    edit(folder / "graph.json", '"bread"', '"broad"')
+    with pytest.raises(
+        ArtefactError, match=r"graph\.json is damaged or was edited: its content does not give its hash"
+    ):
+        open_graph(folder)
+
+
+def test_a_label_edited_in_one_recipe_only_is_noticed(folder):
+    edit(folder / "graph.json", '["animal", "earth", "pig"]', '["animal", "earth", "pug"]')
+    with pytest.raises((ArtefactError, RecipeFileError), match=r"graph\.json: recipes\[0\]: 'pug' is not among"):
+        open_graph(folder)
+
+
+def test_an_edited_base_is_noticed(folder):
+    edit(folder / "graph.json", '"base": ["animal", ', '"base": [')
+    with pytest.raises(ArtefactError, match="does not give its hash"):
+        open_graph(folder)
+
+
+@pytest.mark.parametrize("name", ["graph.json", "split.json"])
+@pytest.mark.parametrize(
+    ("data", "detail"),
+    [
+        (b"", ""),
+        (b'{"format": "wordcraft', "Unterminated string"),
+        (b"\xff\xfe", "0xff"),
+        (b"[]", ""),
+        (b"7", ""),
+        (b"{}", ""),
+        (b"[" * 200_000, ""),
+        (b'{"format": ' + b"1" * 5000 + b"}", "4300 digits"),
+    ],
+    ids=["empty", "truncated", "not UTF-8", "list", "number", "no keys", "nested too deeply", "huge number"],
+)
+def test_a_damaged_file_of_a_graph_folder_is_refused_by_name(folder, name, data, detail):
+    (folder / name).write_bytes(data)
+    with pytest.raises((ArtefactError, RecipeFileError)) as caught:
+        open_graph(folder)
+    message = str(caught.value)
+    assert str(folder / name) in message
+    assert "damaged" in message
+    assert detail in message
+
+
+def test_a_missing_split_is_refused_by_name(folder):
+    (folder / "split.json").unlink()
+    with pytest.raises(ArtefactError, match=r"split\.json is missing; the folder is incomplete"):
+        open_graph(folder)
+
+
+def test_the_split_of_another_graph_is_refused(folder):
+    other = RecipeGraph.from_recipes([("a", "b", "c"), ("a", "c", "d")])
+    text = "".join(make_split(other, SplitConfig("none")).to_json())
+    (folder / "split.json").write_text(text, encoding="utf-8")
+    with pytest.raises(GraphMismatchError, match=rf"belongs to graph {other.hash[:12]} but the graph beside it"):
+        open_graph(folder)
+
+
+def test_a_recipe_moved_to_another_part_of_the_split_is_noticed(folder):
+    content = json.loads((folder / "split.json").read_text(encoding="utf-8"))
+    content["test"].append(content["train"].pop())
+    (folder / "split.json").write_text(json.dumps(content), encoding="utf-8")
+    with pytest.raises(ArtefactError, match=r"split\.json is damaged: its recipes do not give its hash"):
+        open_graph(folder)
+
+
+def test_a_recipe_in_two_parts_of_the_split_is_noticed(folder):
+    content = json.loads((folder / "split.json").read_text(encoding="utf-8"))
+    content["train"].append(content["test"][0])
+    (folder / "split.json").write_text(json.dumps(content), encoding="utf-8")
+    with pytest.raises(ArtefactError, match=r"split\.json is damaged"):
+        open_graph(folder)

@@ -1,0 +1,178 @@
+"""Figures that are known from elsewhere, or were once looked through by eye and must not change unnoticed."""
+
+from collections import Counter
+
+import numpy as np
+import pytest
+
+from wordcraft_kg.graphs import (
+    Planner,
+    RecipeGraph,
+    SplitConfig,
+    audit,
+    layers,
+    make_split,
+    open_book,
+    read_book,
+    rounds,
+)
+from wordcraft_kg.graphs.triples import triple_lines
+
+MUD = [
+    ("water", "earth", "mud"),
+    ("earth", "water", "plant"),
+    ("mud", "fire", "brick"),
+    ("brick", "brick", "wall"),
+    ("fire", "water", "steam"),
+]
+
+
+@pytest.fixture(scope="module")
+def mud() -> RecipeGraph:
+    return RecipeGraph.from_recipes(MUD)
+
+
+def test_the_small_graph_has_its_ids_recipes_and_base(mud):
+    assert mud.entities == ("brick", "earth", "fire", "mud", "plant", "steam", "wall", "water")
+    assert mud.base == ("earth", "fire", "water")
+    assert mud.recipes.tolist() == [[0, 0, 6], [1, 7, 3], [1, 7, 4], [2, 3, 0], [2, 7, 5]]
+
+
+def test_the_small_graph_has_its_triples(mud):
+    assert list(triple_lines(mud.triples, mud.entities)) == [
+        "brick\tcombinesWith\tbrick\n",
+        "earth\tcombinesWith\twater\n",
+        "fire\tcombinesWith\tmud\n",
+        "fire\tcombinesWith\twater\n",
+        "mud\tcombinesWith\tfire\n",
+        "water\tcombinesWith\tearth\n",
+        "water\tcombinesWith\tfire\n",
+        "brick\tcomponentOf\twall\n",
+        "earth\tcomponentOf\tmud\n",
+        "earth\tcomponentOf\tplant\n",
+        "fire\tcomponentOf\tbrick\n",
+        "fire\tcomponentOf\tsteam\n",
+        "mud\tcomponentOf\tbrick\n",
+        "water\tcomponentOf\tmud\n",
+        "water\tcomponentOf\tplant\n",
+        "water\tcomponentOf\tsteam\n",
+    ]
+
+
+def test_the_small_graph_has_its_hash(mud):
+    assert mud.hash == "1c95ed91bd75498735e3822d5b67038c625f86fa5ed8e84e856eb99ab9a74e58"
+
+
+def test_the_small_graph_has_its_layers_and_costs(mud):
+    assert dict(zip(mud.entities, layers(mud).tolist(), strict=True)) == {
+        **{"earth": 0, "fire": 0, "water": 0, "mud": 1, "plant": 1, "steam": 1, "brick": 2, "wall": 3},
+    }
+    assert Planner(mud).costs == [2, 0, 0, 1, 1, 1, 5, 0]
+
+
+def test_the_kitchen_is_the_book_that_was_published(kitchen):
+    assert kitchen.hash == "43fe37e2e912f6b42e9b5f510cde548bc69cc02f72d403c5365572355e54e772"
+    assert (kitchen.num_entities, kitchen.num_recipes, kitchen.num_pairs, len(kitchen.triples)) == (80, 326, 310, 961)
+
+
+@pytest.mark.parametrize(
+    ("kind", "expected"),
+    [
+        ("by-recipe", "e17828c193e12803ec1efc240f508b8ac7402aa2391918e583e6756eba4b5ea1"),
+        ("by-recipe-plain", "e17828c193e12803ec1efc240f508b8ac7402aa2391918e583e6756eba4b5ea1"),
+        ("by-goal", "ff7dfdb10b99e13b61a6c21b3d65bd37a61fcd44db607e85cd9c23f94493db76"),
+        ("by-goal-terminals", "7a44d212e4169524e557bcf90e032fc4b79b3f48264c28fd656385c82c9c857b"),
+        ("none", "04c0ae68447618fc8d30337de5851f616ebd726c1ab2c7c9c7942ff1d9651248"),
+    ],
+)
+def test_the_kitchen_is_split_as_ever(kitchen, kind, expected):
+    assert make_split(kitchen, SplitConfig(kind, seed=0)).hash == expected
+
+
+def test_little_alchemy_2_has_its_known_size(alchemy):
+    assert (alchemy.num_entities, alchemy.num_recipes, alchemy.num_pairs) == (700, 3417, 3277)
+    assert alchemy.triples[:, 1].tolist().count(0) == 6420
+    assert alchemy.triples[:, 1].tolist().count(1) == 3578
+    assert len(alchemy.triples) == 9998
+
+
+def test_little_alchemy_2_has_nine_self_results(alchemy_path):
+    assert read_book(alchemy_path).dropped_self_results == 9
+    kept = RecipeGraph.from_book(read_book(alchemy_path, keep_self_results=True))
+    assert (kept.num_recipes, kept.num_pairs) == (3426, 3285)
+    assert Counter(np.diff(kept.pair_starts).tolist()) == {1: 3151, 2: 127, 3: 7}
+
+
+def test_little_alchemy_2_has_its_pairs_with_several_results(alchemy):
+    assert Counter(np.diff(alchemy.pair_starts).tolist()) == {1: 3144, 2: 126, 3: 7}
+    assert alchemy.labels(alchemy.results("water", "grass")) == ("algae", "dew")
+
+
+def test_little_alchemy_2_loses_no_result_of_an_ambiguous_pair(alchemy):
+    assert not {"arctic", "bee", "piranha"} & {alchemy.entities[i] for i in np.flatnonzero(alchemy.recipe_counts == 0)}
+    assert "camel" in alchemy.labels(alchemy.results("animal", "dune"))
+
+
+def test_little_alchemy_2_has_its_self_pairs_terminals_and_componentof_cycles(alchemy):
+    firsts = alchemy.recipes[alchemy.pair_starts[:-1]]
+    assert np.sum(firsts[:, 0] == firsts[:, 1]) == 134
+    combines = alchemy.triples[alchemy.triples[:, 1] == 0]
+    assert np.sum(combines[:, 0] == combines[:, 2]) == 134
+    assert np.sum(alchemy.use_counts == 0) == 171
+    component = {(head, tail) for head, relation, tail in alchemy.triples.tolist() if relation == 1}
+    assert sum((tail, head) in component for head, tail in component) == 322
+
+
+def test_little_alchemy_2_has_its_recipes_per_result(alchemy):
+    degrees = audit(alchemy, make_split(alchemy, SplitConfig("none")))["degrees"]
+    assert degrees["craftable"] == 697
+    assert degrees["recipes_per_craftable"] == {"mean": 4.902, "median": 4.0, "max": 41}
+    assert degrees["most_recipes"][0] == ["meat", 41]
+    assert [label for label, _ in degrees["most_used"][:5]] == ["human", "container", "house", "tool", "metal"]
+
+
+def test_little_alchemy_2_is_reached_in_sixteen_rounds_with_time(alchemy):
+    known = [5, 15, 27, 37, 53, 84, 109, 128, 178, 293, 396, 468, 560, 640, 687, 698, 700]
+    assert rounds(layers(alchemy)) == known
+
+
+def test_little_alchemy_2_is_not_all_reached_from_the_four_elements(alchemy):
+    layer = layers(alchemy, ["air", "earth", "fire", "water"])
+    assert (max(layer), rounds(layer)[-1]) == (16, 697)
+    assert alchemy.labels(np.flatnonzero(layer < 0)) == ("archeologist", "ruins", "time")
+
+
+def test_little_alchemy_2_is_hardly_reached_from_the_entities_without_a_recipe(alchemy_path):
+    inferred = RecipeGraph.from_book(read_book(alchemy_path))
+    assert inferred.base == ("earth", "fire", "time")
+    assert rounds(layers(inferred))[-1] == 30
+
+
+def test_little_alchemy_2_by_name_has_the_five_base_entities(alchemy_home, alchemy):
+    graph = RecipeGraph.from_book(open_book("little-alchemy-2"))
+    assert graph.base == ("air", "earth", "fire", "time", "water")
+    assert graph == alchemy
+    assert graph.name == "little-alchemy-2"
+
+
+@pytest.mark.parametrize("kind", ["by-recipe", "by-recipe-plain", "by-goal", "by-goal-terminals"])
+def test_no_evaluated_triple_of_little_alchemy_2_is_in_train(alchemy, kind):
+    found = audit(alchemy, make_split(alchemy, SplitConfig(kind)))
+    for row in found["leakage"].values():
+        assert row["evaluated"] == row["from_test_recipes"] - row["already_in_train"] > 0
+    assert found["leakage"]["combinesWith"]["mirror_in_train"] == 0
+    assert found["split"]["leaked_triples"] > 0
+
+
+def test_a_by_recipe_split_of_little_alchemy_2_covers_every_entity(alchemy):
+    split = make_split(alchemy, SplitConfig())
+    assert not len(split.uncovered)
+    assert not split.pairs_on_both_sides
+
+
+def test_terminals_of_little_alchemy_2_are_trained_on(alchemy):
+    split = make_split(alchemy, SplitConfig("by-goal-terminals"))
+    terminal = np.flatnonzero((alchemy.use_counts == 0) & (alchemy.recipe_counts > 0))
+    assert len(terminal) == 171
+    assert set(terminal) <= set(split.recipes("train")[:, 2])
+    assert len(np.unique(split.recipes("test")[:, 2])) == 697 - round(0.8 * 697)

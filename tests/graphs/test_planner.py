@@ -1,0 +1,134 @@
+import graph_oracles as oracles
+import pytest
+from graph_strategies import graphs
+from hypothesis import given
+from hypothesis import strategies as st
+
+from wordcraft_kg.errors import GraphError, UnknownEntityError
+from wordcraft_kg.graphs import Derivation, Planner, Recipe, RecipeGraph, layers, rounds
+
+
+def chosen(graph: RecipeGraph, data: st.DataObject) -> set[str]:
+    return data.draw(st.sets(st.sampled_from(graph.entities))) if graph.entities else set()
+
+
+@given(graphs())
+def test_layers_equal_a_closure_round_by_round(graph):
+    expected = [oracles.layer(graph.recipe_labels(), entity, graph.base) for entity in graph.entities]
+    assert layers(graph).tolist() == expected
+
+
+@given(graphs(), st.data())
+def test_reachability_from_a_custom_start_equals_a_closure_from_there(graph, data):
+    start = chosen(graph, data)
+    known = oracles.known_after_rounds(graph.recipe_labels(), start)[-1]
+    layer = layers(graph, start)
+    assert {entity for entity, depth in zip(graph.entities, layer, strict=True) if depth >= 0} == known
+    assert {entity for entity, depth in zip(graph.entities, layer, strict=True) if depth == 0} == start
+
+
+@given(graphs())
+def test_rounds_count_what_is_known_after_each(graph):
+    known = [len(round_) for round_ in oracles.known_after_rounds(graph.recipe_labels(), graph.base)]
+    assert rounds(layers(graph)) == (known if graph.base else [])
+
+
+def test_a_start_may_be_given_by_ids_and_labels_more_than_once():
+    graph = RecipeGraph.from_recipes([("a", "b", "c")])
+    assert layers(graph, [0, "b", "a"]).tolist() == [0, 0, 1]
+    assert Planner(graph, [0, "b", "a"]).costs == [0, 0, 1]
+
+
+@given(graphs())
+def test_costs_equal_lowering_them_until_nothing_changes(graph):
+    expected = oracles.costs(graph.recipe_labels(), graph.entities, graph.base)
+    assert dict(zip(graph.entities, Planner(graph).costs, strict=True)) == expected
+
+
+@given(graphs(), st.data())
+def test_costs_from_a_custom_start_equal_lowering_them_until_nothing_changes(graph, data):
+    start = chosen(graph, data)
+    expected = oracles.costs(graph.recipe_labels(), graph.entities, start)
+    assert dict(zip(graph.entities, Planner(graph, start).costs, strict=True)) == expected
+
+
+def replay(graph: RecipeGraph, derivation: Derivation, start: set[str]) -> None:
+    recipes, known, tree = set(graph.recipe_labels()), set(start), dict.fromkeys(start, 0)
+    for step in derivation.steps:
+        assert step in recipes
+        assert {step.ingredient_a, step.ingredient_b} <= known
+        assert step.result not in known
+        known.add(step.result)
+        tree[step.result] = 1 + tree[step.ingredient_a] + tree[step.ingredient_b]
+    assert derivation.goal in known
+    assert tree[derivation.goal] == derivation.cost
+    assert len(derivation.steps) <= derivation.cost
+    assert not derivation.steps or derivation.steps[-1].result == derivation.goal
+
+
+@given(graphs(), st.data())
+def test_the_steps_of_a_derivation_can_be_carried_out_from_the_start(graph, data):
+    start = chosen(graph, data)
+    planner = Planner(graph, start)
+    for entity, depth in zip(graph.entities, layers(graph, start), strict=True):
+        if depth < 0:
+            with pytest.raises(GraphError, match="cannot be made"):
+                planner.derivation(entity)
+        else:
+            derivation = planner.derivation(entity)
+            assert derivation.goal == entity
+            replay(graph, derivation, start)
+
+
+def test_every_derivation_of_the_kitchen_can_be_carried_out(kitchen):
+    planner = Planner(kitchen)
+    for entity in range(kitchen.num_entities):
+        replay(kitchen, planner.derivation(entity), set(kitchen.base))
+
+
+def test_a_base_entity_costs_nothing_even_where_a_recipe_makes_it():
+    graph = RecipeGraph.from_recipes([("a", "a", "b"), ("b", "b", "a")], base=["a"])
+    assert Planner(graph).derivation("a") == Derivation("a", (), 0)
+
+
+def test_a_shared_intermediate_is_one_step_but_counts_in_the_cost_each_time():
+    graph = RecipeGraph.from_recipes([("a", "a", "b"), ("b", "b", "c")], base=["a"])
+    assert Planner(graph).derivation("c") == Derivation("c", (Recipe("a", "a", "b"), Recipe("b", "b", "c")), 3)
+
+
+def test_of_two_equally_cheap_recipes_the_earlier_is_taken():
+    graph = RecipeGraph.from_recipes([("b", "b", "goal"), ("a", "b", "goal"), ("a", "c", "goal")], base=["a", "b", "c"])
+    assert Planner(graph).derivation("goal").steps == (Recipe("a", "b", "goal"),)
+
+
+def test_a_cheaper_derivation_beats_one_found_in_an_earlier_round():
+    deep = [("a", "a", "b"), ("b", "b", "c"), ("c", "c", "goal")]
+    thrifty = [("a", "b", "d"), ("a", "d", "e"), ("a", "e", "f"), ("a", "f", "goal")]
+    graph = RecipeGraph.from_recipes([*deep, *thrifty], base=["a"])
+    assert layers(graph)[graph.id_of("goal")] == 3
+    assert Planner(graph).derivation("goal").cost == 5
+
+
+def test_a_cost_beyond_floating_point_stays_exact():
+    doubling = [(f"{i:04}", f"{i:04}", f"{i + 1:04}") for i in range(1100)]
+    graph = RecipeGraph.from_recipes(doubling, base=["0000"])
+    assert Planner(graph).derivation("1100").cost == 2**1100 - 1
+
+
+def test_a_derivation_a_thousand_steps_deep_does_not_exhaust_the_stack():
+    chain = [("0000", f"{i:04}", f"{i + 1:04}") for i in range(3000)]
+    graph = RecipeGraph.from_recipes(chain, base=["0000"])
+    assert len(Planner(graph).derivation("3000").steps) == 3000
+
+
+def test_an_unreachable_goal_is_refused_naming_the_start_it_was_planned_from():
+    graph = RecipeGraph.from_recipes([("a", "b", "c")], base=["a", "b"])
+    with pytest.raises(GraphError, match="'c' cannot be made from b"):
+        Planner(graph, ["b"]).derivation("c")
+
+
+def test_an_unknown_goal_or_start_is_refused(kitchen):
+    with pytest.raises(UnknownEntityError, match="no entity 'bred'"):
+        Planner(kitchen).derivation("bred")
+    with pytest.raises(UnknownEntityError, match="no entity 'bred'"):
+        layers(kitchen, ["bred"])

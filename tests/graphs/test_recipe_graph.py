@@ -1,0 +1,251 @@
+import random
+from itertools import combinations_with_replacement
+
+import graph_oracles as oracles
+import numpy as np
+import pytest
+from graph_strategies import graphs, rows
+from hypothesis import given
+from hypothesis import strategies as st
+
+from wordcraft_kg.errors import GraphError, UnknownEntityError
+from wordcraft_kg.graphs import Recipe, RecipeBook, RecipeGraph, SplitConfig, make_split, recipe_triples
+from wordcraft_kg.graphs.triples import RELATIONS, is_in, triple_keys, triple_lines
+
+
+def labelled(graph: RecipeGraph, triples: np.ndarray) -> list[tuple[str, str, str]]:
+    return [(graph.entities[head], RELATIONS[relation], graph.entities[tail]) for head, relation, tail in triples]
+
+
+@given(graphs())
+def test_results_of_every_pair_equal_a_search_through_all_recipes(graph):
+    recipes = graph.recipe_labels()
+    for one, other in combinations_with_replacement(graph.entities, 2):
+        expected = oracles.results(recipes, one, other)
+        assert list(graph.labels(graph.results(one, other))) == expected
+        assert list(graph.labels(graph.results(other, one))) == expected
+
+
+@given(rows())
+def test_a_graph_keeps_each_distinct_recipe_once_and_no_other(recipes):
+    assert set(RecipeGraph.from_recipes(recipes).recipe_labels()) == {Recipe.of(*row) for row in recipes}
+    assert RecipeGraph.from_recipes(recipes).num_recipes == len({Recipe.of(*row) for row in recipes})
+
+
+@given(graphs())
+def test_recipes_and_uses_of_every_entity_equal_a_search_through_all_recipes(graph):
+    recipes = graph.recipe_labels()
+    for entity in graph.entities:
+        making = [i for i, recipe in enumerate(recipes) if recipe.result == entity]
+        using = [i for i, recipe in enumerate(recipes) if entity in recipe[:2]]
+        assert graph.recipes_of(entity).tolist() == making
+        assert graph.uses_of(entity).tolist() == using
+        assert graph.recipe_counts[graph.id_of(entity)] == len(making)
+        assert graph.use_counts[graph.id_of(entity)] == len(using)
+
+
+@given(graphs())
+def test_pairs_group_the_recipes_that_share_their_ingredients(graph):
+    pairs = [recipe[:2] for recipe in graph.recipe_labels()]
+    assert graph.num_pairs == len(set(pairs))
+    numbers = graph.pair_of_recipe.tolist()
+    assert [numbers[i] == numbers[i - 1] for i in range(1, len(pairs))] == [
+        pairs[i] == pairs[i - 1] for i in range(1, len(pairs))
+    ]
+
+
+@given(graphs())
+def test_triples_are_four_a_recipe_with_duplicates_merged_and_sorted(graph):
+    found = labelled(graph, graph.triples)
+    assert set(found) == oracles.triples(graph.recipe_labels())
+    assert len(found) == len(set(found))
+    assert found == sorted(found, key=lambda triple: (triple[1], triple[0], triple[2]))
+
+
+def test_the_fourth_triple_of_a_recipe_is_corrected():
+    graph = RecipeGraph.from_recipes([("a", "b", "c")])
+    assert labelled(graph, graph.triples) == [
+        ("a", "combinesWith", "b"),
+        ("b", "combinesWith", "a"),
+        ("a", "componentOf", "c"),
+        ("b", "componentOf", "c"),
+    ]
+
+
+def test_no_recipes_give_no_triples():
+    assert recipe_triples(np.empty((0, 3), dtype=np.int64)).shape == (0, 3)
+
+
+@given(graphs(), st.data())
+def test_membership_and_keys_of_triples_equal_sets_of_tuples(graph, data):
+    triples = graph.triples
+    some = triples[[i for i in range(len(triples)) if data.draw(st.booleans())]]
+    chosen = set(map(tuple, some.tolist()))
+    assert is_in(triples, some, graph.num_entities).tolist() == [tuple(row) in chosen for row in triples.tolist()]
+    assert np.all(np.diff(triple_keys(triples, graph.num_entities)) > 0)
+
+
+def test_triple_lines_are_labels_between_tabs():
+    graph = RecipeGraph.from_recipes([("hay", "hay", "hay bale")])
+    assert list(triple_lines(graph.triples, graph.entities)) == [
+        "hay\tcombinesWith\thay\n",
+        "hay\tcomponentOf\thay bale\n",
+    ]
+
+
+@given(rows(min_size=1), st.randoms(use_true_random=False))
+def test_graphs_are_equal_whatever_the_order_of_rows_and_ingredients_and_the_name(recipes, shuffler: random.Random):
+    shuffled = [(b, a, result) if shuffler.random() < 0.5 else (a, b, result) for a, b, result in recipes]
+    shuffler.shuffle(shuffled)
+    one, other = RecipeGraph.from_recipes(recipes, name="one"), RecipeGraph.from_recipes(shuffled, name="other")
+    assert one == other
+    assert hash(one) == hash(other)
+    assert one.hash == other.hash
+    assert np.array_equal(one.recipes, other.recipes)
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        RecipeGraph.from_recipes([("a", "b", "c")], base=["a", "b"]),
+        RecipeGraph.from_recipes([("a", "b", "d"), ("a", "c", "d")], base=["a", "b"]),
+        RecipeGraph.from_recipes([("a", "b", "c"), ("a", "c", "d")], base=["a"]),
+        RecipeGraph.from_recipes([("a", "b", "c"), ("a", "c", "e")], base=["a", "b"]),
+        RecipeGraph.from_recipes([("a", "b", "c"), ("a", "c", "d"), ("a", "c", "b")], base=["a", "b"]),
+        RecipeGraph.from_book(
+            RecipeBook.of("idle", [("a", "b", "c"), ("a", "c", "d")], base=["a", "b"], listed=["idle"])
+        ),
+    ],
+    ids=["recipe less", "other ingredient", "other base", "other label", "recipe more", "idle entity more"],
+)
+def test_graphs_with_another_content_are_unequal(other):
+    graph = RecipeGraph.from_recipes([("a", "b", "c"), ("a", "c", "d")], base=["a", "b"])
+    assert graph != other
+    assert graph.hash != other.hash
+
+
+def test_a_graph_is_unequal_to_anything_else():
+    graph = RecipeGraph.from_recipes([("a", "b", "c")])
+    assert graph != graph.hash
+
+
+@pytest.mark.parametrize(
+    "array_of",
+    [
+        lambda graph: graph.recipes,
+        lambda graph: graph.base_ids,
+        lambda graph: graph.triples,
+        lambda graph: graph.pair_starts,
+        lambda graph: graph.pair_of_recipe,
+        lambda graph: graph.results("seed", "water"),
+        lambda graph: graph.recipes_of("tree"),
+        lambda graph: graph.uses_of("water"),
+        lambda graph: make_split(graph, SplitConfig()).parts,
+        lambda graph: make_split(graph, SplitConfig()).partial,
+        lambda graph: make_split(graph, SplitConfig()).unseen,
+        lambda graph: make_split(graph, SplitConfig("by-goal")).uncovered,
+    ],
+    ids=[
+        *("recipes", "base_ids", "triples", "pair_starts", "pair_of_recipe", "results", "recipes_of", "uses_of"),
+        *("parts", "partial", "unseen", "uncovered"),
+    ],
+)
+def test_arrays_of_a_graph_and_its_split_cannot_be_written(kitchen, array_of):
+    array = array_of(kitchen)
+    assert array.size
+    assert not array.flags.writeable
+
+
+def test_a_graph_does_not_change_with_the_arrays_it_was_made_from():
+    recipes, base = np.array([[0, 1, 2]]), np.array([0, 1])
+    graph = RecipeGraph("abc", recipes, base)
+    before = graph.recipe_labels(), graph.base
+    recipes[:], base[:] = 0, 2
+    assert (graph.recipe_labels(), graph.base) == before
+
+
+def test_ids_follow_the_sorted_labels(kitchen):
+    assert list(kitchen.entities) == sorted(kitchen.entities)
+    assert [kitchen.id_of(label) for label in kitchen.entities] == list(range(kitchen.num_entities))
+    assert kitchen.id_of(3) == 3
+
+
+def test_an_unknown_label_is_refused_with_the_nearest_ones(kitchen):
+    with pytest.raises(UnknownEntityError, match=r"no entity 'bred' in kitchen\. Did you mean 'bread'"):
+        kitchen.results("bred", "water")
+
+
+@pytest.mark.parametrize("entity", [-1, 80])
+def test_an_id_out_of_range_is_refused_and_never_wraps_around(kitchen, entity):
+    with pytest.raises(UnknownEntityError, match=rf"no entity id {entity} in kitchen; ids are 0 \.\. 79"):
+        kitchen.recipes_of(entity)
+
+
+@pytest.mark.parametrize("entities", [["b", "a"], ["a", "a"]])
+def test_labels_that_are_not_sorted_and_unique_are_refused(entities):
+    with pytest.raises(GraphError, match="sorted and unique"):
+        RecipeGraph(entities, np.empty((0, 3)), [])
+
+
+@pytest.mark.parametrize(("recipes", "base", "what"), [([[0, 1, 2]], [], "recipe"), ([[0, 1, 1]], [-1], "base")])
+def test_ids_outside_the_vocabulary_are_refused(recipes, base, what):
+    with pytest.raises(GraphError, match=rf"a {what} id is outside 0 \.\. 1"):
+        RecipeGraph("ab", recipes, base)
+
+
+def test_base_entities_are_those_without_a_recipe_unless_given():
+    recipes = [("a", "b", "c"), ("a", "c", "d"), ("d", "d", "a")]
+    assert RecipeGraph.from_recipes(recipes).base == ("b",)
+    assert RecipeGraph.from_recipes(recipes, base=["d", "b", "d"]).base == ("b", "d")
+    assert RecipeGraph.from_recipes(recipes, base=[]).base == ()
+
+
+def test_the_base_of_a_book_goes_before_the_inferred_one():
+    book = RecipeBook.of("book", [("a", "b", "c")], base=["c"])
+    assert RecipeGraph.from_book(book).base == ("c",)
+    assert RecipeGraph.from_book(book, base=["a"]).base == ("a",)
+
+
+def test_an_unknown_base_entity_is_refused_with_the_nearest_ones():
+    with pytest.raises(UnknownEntityError, match=r"base entity 'watr' is not in graph\. Did you mean 'water'"):
+        RecipeGraph.from_recipes([("water", "earth", "mud")], base=["watr"])
+
+
+@given(graphs())
+def test_the_networkx_multigraph_holds_the_triples(graph):
+    view = graph.to_networkx()
+    assert set(view.nodes) == set(graph.entities)
+    assert {label for label, base in view.nodes(data="base") if base} == set(graph.base)
+    assert {(head, key, tail) for head, tail, key in view.edges(keys=True)} == oracles.triples(graph.recipe_labels())
+
+
+@given(graphs())
+def test_the_networkx_view_with_recipe_nodes_keeps_which_pair_makes_what(graph):
+    view = graph.to_networkx(recipe_nodes=True)
+    nodes = [node for node, kind in view.nodes(data="kind") if kind == "recipe"]
+    found = [
+        Recipe.of(*(a for a, _, role in view.in_edges(node, data="role") if role == "ingredient"), result)
+        for node in nodes
+        for _, result in view.out_edges(node)
+    ]
+    assert sorted(found) == graph.recipe_labels()
+    assert len(view) == graph.num_entities + graph.num_recipes
+
+
+def test_an_entity_named_like_a_recipe_node_stays_an_entity():
+    graph = RecipeGraph.from_recipes([("recipe 0", "recipe 1", "recipe 2"), ("recipe 0", "recipe 2", "meal")])
+    view = graph.to_networkx(recipe_nodes=True)
+    assert len(view) == graph.num_entities + graph.num_recipes
+    assert {node for node, kind in view.nodes(data="kind") if kind == "entity"} == set(graph.entities)
+
+
+def test_frames_have_a_row_per_entity_recipe_and_triple():
+    book = RecipeBook.of("book", [("a", "b", "c"), ("c", "c", "d")], base=["a", "b"], listed=["idle"])
+    graph = RecipeGraph.from_book(book)
+    entities = graph.entities_frame().set_index("entity")
+    assert entities["layer"].fillna(-1).to_dict() == {"a": 0, "b": 0, "c": 1, "d": 2, "idle": -1}
+    assert entities["base"].to_dict() == {"a": True, "b": True, "c": False, "d": False, "idle": False}
+    assert entities["recipes"].to_dict() == {"a": 0, "b": 0, "c": 1, "d": 1, "idle": 0}
+    assert entities["uses"].to_dict() == {"a": 1, "b": 1, "c": 1, "d": 0, "idle": 0}
+    assert graph.recipes_frame().to_numpy().tolist() == [["a", "b", "c"], ["c", "c", "d"]]
+    assert set(graph.triples_frame().itertuples(index=False, name=None)) == oracles.triples(graph.recipe_labels())

@@ -1,0 +1,264 @@
+import json
+import math
+from collections import defaultdict
+from dataclasses import replace
+from typing import get_args
+
+import graph_oracles as oracles
+import numpy as np
+import pytest
+from graph_strategies import configs, splittable_graphs
+from hypothesis import assume, given, settings
+
+from wordcraft_kg.errors import ArtefactError, GraphMismatchError, SplitError
+from wordcraft_kg.graphs import SPLITS, RecipeGraph, Split, SplitConfig, make_split
+from wordcraft_kg.graphs.splits import PARTS, SplitKind, read_split
+
+HELD_OUT_KINDS = [kind for kind in SPLITS if kind != "none"]
+
+
+def drawn(graph: RecipeGraph, config: SplitConfig) -> Split:
+    """Split, or give the example up where the graph is too small for it."""
+    try:
+        return make_split(graph, config)
+    except SplitError:
+        assume(False)
+        raise
+
+
+def parts_by(split: Split, key: slice | int) -> dict:
+    parts = defaultdict(set)
+    for recipe, part in zip(split.graph.recipe_labels(), split.parts.tolist(), strict=True):
+        parts[recipe[key]].add(part)
+    return parts
+
+
+def labelled(split: Split, triples: np.ndarray) -> set[tuple[str, str, str]]:
+    names = split.graph.entities
+    return {(names[h], ("combinesWith", "componentOf")[r], names[t]) for h, r, t in triples.tolist()}
+
+
+def on_every_split(test):
+    """Run a property on random graphs for each kind of split."""
+
+    @pytest.mark.parametrize("kind", SPLITS)
+    def run(kind):
+        @settings(max_examples=15)
+        @given(splittable_graphs(), configs(kind))
+        def check(graph, config):
+            test(drawn(graph, config))
+
+        check()
+
+    run.__name__ = test.__name__
+    return run
+
+
+@on_every_split
+def test_every_recipe_is_in_exactly_one_part(split):
+    recipes = [recipe for part in PARTS for recipe in split.graph.recipe_labels(split.recipes(part))]
+    assert sorted(recipes) == split.graph.recipe_labels()
+
+
+@on_every_split
+def test_full_partial_and_unseen_triples_follow_from_the_recipes(split):
+    train = oracles.triples(split.graph.recipe_labels(split.recipes("train")))
+    full = oracles.triples(split.graph.recipe_labels())
+    assert labelled(split, split.partial) == train
+    assert labelled(split, split.unseen) == full - train
+    assert len(split.partial) + len(split.unseen) == len(split.graph.triples) == len(full)
+
+
+@on_every_split
+def test_held_out_triples_are_those_that_no_earlier_part_gives(split):
+    of = {part: oracles.triples(split.graph.recipe_labels(split.recipes(part))) for part in PARTS}
+    assert labelled(split, split.candidates("test")) == of["test"]
+    assert labelled(split, split.held_out("valid")) == of["valid"] - of["train"]
+    assert labelled(split, split.held_out("test")) == of["test"] - of["train"] - of["valid"]
+
+
+@on_every_split
+def test_no_held_out_combines_with_triple_has_its_mirror_in_an_earlier_part(split):
+    for part, earlier in (("valid", ["train"]), ("test", ["train", "valid"])):
+        given_away = set().union(*(labelled(split, split.candidates(name)) for name in earlier))
+        for head, relation, tail in labelled(split, split.held_out(part)):
+            assert relation != "combinesWith" or (tail, relation, head) not in given_away
+
+
+@on_every_split
+def test_uncovered_entities_are_those_of_no_train_recipe(split):
+    mentioned = {label for recipe in split.graph.recipe_labels(split.recipes("train")) for label in recipe}
+    assert set(split.graph.labels(split.uncovered)) == set(split.graph.entities) - mentioned
+
+
+@on_every_split
+def test_pairs_on_both_sides_are_counted(split):
+    assert split.pairs_on_both_sides == sum(len(parts) > 1 for parts in parts_by(split, slice(2)).values())
+
+
+@on_every_split
+def test_a_split_read_back_from_its_json_is_the_same(split):
+    again = read_split(json.loads("".join(split.to_json())), split.graph)
+    assert np.array_equal(again.parts, split.parts)
+    assert (again.config, again.hash, again.moved_for_coverage) == (split.config, split.hash, split.moved_for_coverage)
+
+
+@on_every_split
+def test_the_same_settings_give_the_same_split(split):
+    assert make_split(split.graph, split.config).hash == split.hash
+
+
+@pytest.mark.parametrize("kind", ["by-recipe", "by-recipe-plain"])
+@given(graph=splittable_graphs(), config=configs("by-recipe"))
+def test_all_results_of_a_pair_stay_on_one_side_of_the_split(kind, graph, config):
+    split = drawn(graph, replace(config, kind=kind))
+    assert all(len(parts) == 1 for parts in parts_by(split, slice(2)).values())
+
+
+@given(splittable_graphs(), configs("by-recipe"))
+def test_a_by_recipe_split_covers_every_entity_that_a_recipe_mentions(graph, config):
+    split = drawn(graph, config)
+    mentioned = {label for recipe in graph.recipe_labels() for label in recipe}
+    assert set(graph.labels(split.uncovered)) == set(graph.entities) - mentioned
+
+
+@given(splittable_graphs(), configs("by-recipe"))
+def test_covering_only_moves_recipes_to_train_and_counts_them(graph, config):
+    split, plain = drawn(graph, config), drawn(graph, replace(config, kind="by-recipe-plain"))
+    moved = split.parts != plain.parts
+    assert split.moved_for_coverage == np.sum(moved)
+    assert not np.any(split.parts[moved])
+
+
+@given(splittable_graphs(), configs("by-recipe-plain"))
+def test_a_plain_by_recipe_split_has_its_exact_shares_of_pairs(graph, config):
+    sides = [parts.pop() for parts in parts_by(drawn(graph, config), slice(2)).values()]
+    assert sides.count(0) == round(config.train_ratio * graph.num_pairs)
+    assert sides.count(1) == round(config.valid_ratio * graph.num_pairs)
+
+
+@given(splittable_graphs(), configs("by-goal"))
+def test_in_a_by_goal_split_every_recipe_follows_its_result_in_exact_shares(graph, config):
+    parts = parts_by(drawn(graph, config), 2)
+    assert all(len(of_goal) == 1 for of_goal in parts.values())
+    sides = [of_goal.pop() for of_goal in parts.values()]
+    assert sides.count(0) == round(config.train_ratio * len(sides))
+    assert sides.count(1) == round(config.valid_ratio * len(sides))
+
+
+@given(splittable_graphs(), configs("by-goal-terminals"))
+def test_a_split_by_goal_with_terminals_keeps_every_terminal_goal_in_train(graph, config):
+    split = drawn(graph, config)
+    used = {label for recipe in graph.recipe_labels() for label in recipe[:2]}
+    parts = parts_by(split, 2)
+    assert all(len(of_goal) == 1 for of_goal in parts.values())
+    assert all(part == {0} for goal, part in parts.items() if goal not in used)
+    assert sum(part == {0} for part in parts.values()) == round(config.train_ratio * len(parts))
+    assert sum(part == {1} for part in parts.values()) == round(config.valid_ratio * len(parts))
+
+
+def test_terminal_goals_exist_where_terminals_are_kept(kitchen):
+    split = make_split(kitchen, SplitConfig("by-goal-terminals"))
+    terminal = (kitchen.use_counts == 0) & (kitchen.recipe_counts > 0)
+    assert np.sum(terminal) > 10
+    assert set(split.parts[terminal[kitchen.recipes[:, 2]]].tolist()) == {0}
+    assert set(split.parts.tolist()) == {0, 2}
+
+
+@given(splittable_graphs(), configs("none"))
+def test_the_split_none_keeps_all_in_train(graph, config):
+    split = make_split(graph, config)
+    assert not np.any(split.parts)
+    assert np.array_equal(split.partial, graph.triples)
+    assert not len(split.unseen)
+    assert not len(split.held_out("test"))
+
+
+@pytest.mark.parametrize("kind", HELD_OUT_KINDS)
+def test_another_seed_gives_another_split(kitchen, kind):
+    hashes = {make_split(kitchen, SplitConfig(kind, seed=seed)).hash for seed in range(5)}
+    assert len(hashes) == 5
+
+
+def test_the_hash_of_a_split_covers_its_graph(kitchen):
+    other = RecipeGraph(kitchen.entities, kitchen.recipes, [0])
+    one, two = make_split(kitchen, SplitConfig()), make_split(other, SplitConfig())
+    assert np.array_equal(one.parts, two.parts)
+    assert one.hash != two.hash
+
+
+def test_every_kind_of_split_that_the_types_name_is_there():
+    assert list(get_args(SplitKind)) == list(SPLITS)
+
+
+@pytest.mark.parametrize("ratio", [0.0, 1.0, -0.1, 1.5, math.nan, math.inf])
+def test_a_train_ratio_outside_its_range_is_refused(ratio):
+    with pytest.raises(SplitError, match=rf"train ratio {ratio}: expected more than 0 and less than 1"):
+        SplitConfig(train_ratio=ratio)
+
+
+@pytest.mark.parametrize("ratio", [-0.1, 0.2, 1.0, math.nan])
+def test_a_valid_ratio_that_leaves_no_test_part_is_refused(ratio):
+    with pytest.raises(SplitError, match=rf"valid ratio {ratio}: expected 0, or a share that leaves a test part"):
+        SplitConfig(train_ratio=0.8, valid_ratio=ratio)
+
+
+def test_ratios_of_more_than_one_together_are_refused():
+    with pytest.raises(SplitError, match=r"train ratio 0\.8 and valid ratio 0\.3 leave no test part"):
+        SplitConfig(train_ratio=0.8, valid_ratio=0.3)
+
+
+def test_a_negative_seed_is_refused():
+    with pytest.raises(SplitError, match="seed -1: expected 0 or more"):
+        SplitConfig(seed=-1)
+
+
+def test_an_unknown_split_is_refused_with_the_nearest_ones():
+    with pytest.raises(SplitError, match=r"no split 'by-goals'; there are by-recipe, .*Did you mean 'by-goal'"):
+        SplitConfig("by-goals")
+
+
+@pytest.mark.parametrize("kind", ["by-recipe", "by-recipe-plain", "by-goal"])
+def test_a_graph_too_small_for_the_ratios_is_refused(kind):
+    graph = RecipeGraph.from_recipes([("a", "b", "c")])
+    with pytest.raises(SplitError, match=rf"the test part of a {kind} split of 1 recipes is empty; .* --split none"):
+        make_split(graph, SplitConfig(kind))
+
+
+def test_more_held_out_goals_than_there_are_inner_ones_are_refused():
+    graph = RecipeGraph.from_recipes([("a", "b", label) for label in "cdefg"])
+    with pytest.raises(SplitError, match="2 goals are to be held out but only 0 are not terminal; raise the train"):
+        make_split(graph, SplitConfig("by-goal-terminals", train_ratio=0.6))
+
+
+def test_a_split_of_another_graph_is_refused(kitchen):
+    content = json.loads("".join(make_split(kitchen, SplitConfig()).to_json()))
+    other = RecipeGraph.from_recipes([("a", "b", "c")])
+    with pytest.raises(GraphMismatchError, match=rf"belongs to graph {kitchen.hash[:12]} but .* {other.hash[:12]} \(3"):
+        read_split(content, other)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"format": "wordcraft-kg split 9"}, "has the format 'wordcraft-kg split 9'; expected 'wordcraft-kg split 1'"),
+        ({"train": []}, "its recipes do not give its hash"),
+        ({"test": [["seed", "water", "gold"]]}, "is damaged .*gold"),
+        ({"test": [["seed"]]}, "is damaged .*TypeError"),
+        ({"train_ratio": 7}, "is damaged .*train ratio 7"),
+        ({"kind": "by-mood"}, "is damaged .*by-mood"),
+        ({"hash": "0"}, "its recipes do not give its hash"),
+    ],
+    ids=["format", "part emptied", "unknown entity", "short row", "ratio", "kind", "hash"],
+)
+def test_a_damaged_split_is_refused(kitchen, change, message):
+    content = json.loads("".join(make_split(kitchen, SplitConfig()).to_json()))
+    with pytest.raises(ArtefactError, match=message):
+        read_split(content | change, kitchen)
+
+
+def test_a_split_with_a_key_missing_is_refused_naming_it(kitchen):
+    content = json.loads("".join(make_split(kitchen, SplitConfig()).to_json()))
+    del content["valid"]
+    with pytest.raises(ArtefactError, match=r"split\.json is damaged \(KeyError: 'valid'\)\. Build the graph again"):
+        read_split(content, kitchen)

@@ -1,0 +1,70 @@
+"""Tiny graphs and models that are trained once a session."""
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+import torch
+
+from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_book
+from wordcraft_kg.graphs.folder import OpenedGraph, open_graph, write_graph_folder
+from wordcraft_kg.models.link_config import ComplExConfig, LinkModelConfig
+
+
+@pytest.fixture(scope="session", autouse=True)
+def one_torch_thread() -> None:
+    torch.set_num_threads(1)
+
+
+@pytest.fixture(scope="session")
+def opened_kitchen() -> OpenedGraph:
+    """The kitchen with its default split, 80 % train and no validation part."""
+    return open_graph("kitchen")
+
+
+@pytest.fixture(scope="session")
+def kitchen_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A graph folder of the kitchen with a validation part."""
+    folder = tmp_path_factory.mktemp("graphs") / "kitchen"
+    book = open_book("kitchen")
+    split = make_split(RecipeGraph.from_book(book), SplitConfig(train_ratio=0.7, valid_ratio=0.15))
+    write_graph_folder(folder, book, split)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def validated_kitchen(kitchen_folder: Path) -> OpenedGraph:
+    return open_graph(kitchen_folder)
+
+
+@pytest.fixture(scope="session")
+def complex_folder(opened_kitchen: OpenedGraph, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A ComplEx model of the kitchen; read only, see `spoilt`."""
+    from wordcraft_kg.models.link_training import train_links
+
+    out = tmp_path_factory.mktemp("models") / "kitchen"
+    return train_links(opened_kitchen, ComplExConfig(dim=8, epochs=4), out).folder
+
+
+@pytest.fixture(scope="session")
+def distmult_folder(opened_kitchen: OpenedGraph, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A model whose scorer is a table; read only."""
+    from wordcraft_kg.models.link_training import train_links
+
+    out = tmp_path_factory.mktemp("models") / "kitchen-distmult"
+    config = LinkModelConfig(model="distmult", loop="symmetric", dim=4, epochs=2)
+    return train_links(opened_kitchen, config, out).folder
+
+
+@pytest.fixture
+def spoilt(complex_folder: Path, tmp_path: Path) -> Callable[[str], tuple[Path, Path]]:
+    """Copy the ComplEx model and return the copy, with the path of one of its files, for a test to damage."""
+
+    def copy(name: str) -> tuple[Path, Path]:
+        folder = tmp_path / "copy"
+        shutil.rmtree(folder, ignore_errors=True)
+        shutil.copytree(complex_folder, folder)
+        return folder, folder / name
+
+    return copy

@@ -1,0 +1,58 @@
+"""Small graphs and small mishaps for the tests of link prediction."""
+
+import hashlib
+import os
+import random
+import signal
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from wordcraft_kg.graphs import RecipeGraph
+
+
+def random_graph(seed: int = 0, num_entities: int = 10, num_recipes: int = 25) -> RecipeGraph:
+    """A graph of random recipes, with self pairs, ambiguous pairs and self results as they come."""
+    rows = np.random.default_rng(seed).integers(num_entities, size=(num_recipes, 3))
+    return RecipeGraph.from_recipes([tuple(f"e{i}" for i in row) for row in rows], name=f"random-{seed}")
+
+
+def interrupt_after(*epochs: int, times: int = 1) -> Callable[[int, int, dict[str, float]], None]:
+    """A progress callback that presses Ctrl-C when an epoch is reported."""
+
+    def progress(done: int, total: int, figures: dict[str, float]) -> None:
+        if done in epochs:
+            for _ in range(times):
+                os.kill(os.getpid(), signal.SIGINT)
+
+    return progress
+
+
+def contents(folder: Path) -> dict[str, str]:
+    """SHA-256 of every file below a folder."""
+    return {
+        str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file()
+    }
+
+
+def flip_bit(path: Path, position: int, bit: int = 0) -> None:
+    data = bytearray(path.read_bytes())
+    data[position] ^= 1 << bit
+    path.write_bytes(data)
+
+
+def global_states() -> dict[str, Any]:
+    """Everything global that PyKEEN's seeding, or a training of ours, could leave changed."""
+    legacy = np.random.get_state()  # noqa: NPY002
+    return {
+        "python": random.getstate(),
+        "numpy": (legacy[1].tobytes(), *legacy[2:]),
+        "torch": torch.get_rng_state().numpy().tobytes(),
+        "threads": torch.get_num_threads(),
+        "sigint": signal.getsignal(signal.SIGINT),
+    }

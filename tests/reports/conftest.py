@@ -1,0 +1,62 @@
+"""A trained model of the kitchen and its report, made once a session."""
+
+from pathlib import Path
+
+import pytest
+import torch
+
+from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split
+from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
+from wordcraft_kg.models.model_folder import OpenedModel, open_model
+from wordcraft_kg.reports.link_report import LinkReport, make_link_report, write_link_report
+
+
+@pytest.fixture(scope="session", autouse=True)
+def one_torch_thread() -> None:
+    torch.set_num_threads(1)
+
+
+@pytest.fixture(scope="session")
+def kitchen_model(tmp_path_factory: pytest.TempPathFactory) -> OpenedModel:
+    from wordcraft_kg.models.link_config import ComplExConfig
+    from wordcraft_kg.models.link_training import train_links
+
+    out = tmp_path_factory.mktemp("models") / "kitchen"
+    return open_model(train_links(open_graph("kitchen"), ComplExConfig(dim=8, epochs=6), out).folder)
+
+
+@pytest.fixture(scope="session")
+def kitchen_report(kitchen_model: OpenedModel) -> LinkReport:
+    """Read only: its values are shared by the tests."""
+    return make_link_report(
+        kitchen_model.scorer,
+        kitchen_model.data,
+        name="kitchen",
+        provenance=kitchen_model.provenance,
+        trace=kitchen_model.trace,
+    )
+
+
+@pytest.fixture(scope="session")
+def report_folder(kitchen_report: LinkReport, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("reports") / "kitchen"
+    write_link_report(kitchen_report, folder)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def full_report(kitchen_model: OpenedModel) -> LinkReport:
+    return make_link_report(kitchen_model.scorer, kitchen_model.data, kg="full", name="kitchen-full")
+
+
+AWKWARD = "<i>&\"'</i>,"
+
+
+@pytest.fixture(scope="session")
+def awkward_graph() -> OpenedGraph:
+    """A graph whose labels would break a page, an attribute or a table that does not escape them."""
+    import numpy as np
+
+    rows = np.random.default_rng(0).integers(14, size=(110, 3))
+    graph = RecipeGraph.from_recipes([tuple(f"{AWKWARD}{i}" for i in row) for row in rows], name=f"{AWKWARD} graph")
+    return OpenedGraph(graph, make_split(graph, SplitConfig(train_ratio=0.5)), "awkward")

@@ -1,0 +1,663 @@
+"""The link-prediction report: honest numbers, checks that can fail, and a page that stands alone."""
+
+import copy
+import json
+import math
+import os
+import re
+import subprocess
+import sys
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import numpy as np
+import pandas as pd
+import pytest
+import torch
+
+from wordcraft_kg.errors import OutputExistsError, SplitError
+from wordcraft_kg.graphs import SplitConfig, make_split
+from wordcraft_kg.graphs.folder import OpenedGraph
+from wordcraft_kg.graphs.splits import Split
+from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS, is_in
+from wordcraft_kg.models.link_prediction import random_metrics, rank_triples, ranking_metrics
+from wordcraft_kg.models.model_folder import OpenedModel
+from wordcraft_kg.models.scorers import FrequencyScorer, SymbolicScorer, TableScorer
+from wordcraft_kg.reports import link_report
+from wordcraft_kg.reports.link_report import (
+    LinkReport,
+    make_link_report,
+    render,
+    report_schema,
+    summary_values,
+    write_link_report,
+)
+
+Values = dict[str, Any]
+
+
+@pytest.fixture
+def values(kitchen_report: LinkReport) -> Values:
+    """The report's numbers, for a test to break."""
+    return copy.deepcopy(kitchen_report.values)
+
+
+def checks(values: Values) -> dict[str, bool]:
+    return {check["id"]: check["passed"] for check in values["checks"]}
+
+
+def detail(values: Values, name: str) -> str:
+    return next(check["detail"] for check in values["checks"] if check["id"] == name)
+
+
+ALL_PASS = {"leak": True, "mirror": True, "graph": True, "coverage": True}
+
+
+# --- the schema ------------------------------------------------------------------------------------------------------
+
+
+def test_the_reports_values_are_valid(values: Values, full_report: LinkReport):
+    jsonschema.Draft202012Validator.check_schema(report_schema())
+    jsonschema.validate(values, report_schema())
+    jsonschema.validate(full_report.values, report_schema())
+
+
+def test_the_schema_requires_every_key_of_the_report(values: Values):
+    for key in list(values):
+        broken = {name: value for name, value in values.items() if name != key}
+        with pytest.raises(jsonschema.ValidationError, match=key):
+            jsonschema.validate(broken, report_schema())
+
+
+def test_the_schema_knows_no_other_keys(values: Values):
+    for place in (values, values["model"], values["graph"], values["metrics"]["all"], values["best"][0]):
+        place["surprise"] = 1
+        with pytest.raises(jsonschema.ValidationError, match="surprise"):
+            jsonschema.validate(values, report_schema())
+        del place["surprise"]
+    jsonschema.validate(values, report_schema())
+
+
+@pytest.mark.parametrize(
+    ("path", "value"),
+    [
+        (("metrics", "all", "mrr"), 1.5),
+        (("metrics", "all", "mrr"), "0.3"),
+        (("metrics", "all", "mean_rank"), 0.5),
+        (("metrics", "all", "mrr_ci"), [0.1]),
+        (("model", "kg"), "half"),
+        (("graph", "hash"), "abc"),
+        (("queries",), -1),
+        (("checks",), []),
+        (("best", 0, "side"), "left"),
+        (("format",), "something else"),
+    ],
+)
+def test_a_value_out_of_range_is_not_valid(values: Values, path: tuple, value: Any):
+    place = values
+    for key in path[:-1]:
+        place = place[key]
+    place[path[-1]] = value
+    with pytest.raises(jsonschema.ValidationError):
+        jsonschema.validate(values, report_schema())
+
+
+@pytest.mark.parametrize("number", [float("nan"), float("inf")])
+def test_a_report_with_a_number_that_is_none_is_not_written(kitchen_report: LinkReport, tmp_path: Path, number: float):
+    broken = copy.deepcopy(kitchen_report)
+    broken.values["metrics"]["all"]["amri"] = number
+    with pytest.raises((ValueError, jsonschema.ValidationError)):
+        write_link_report(broken, tmp_path / "report")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_report_that_lacks_a_key_is_not_written(kitchen_report: LinkReport, tmp_path: Path):
+    broken = copy.deepcopy(kitchen_report)
+    del broken.values["leakage"]
+    with pytest.raises(jsonschema.ValidationError, match="leakage"):
+        write_link_report(broken, tmp_path / "report")
+    assert list(tmp_path.iterdir()) == []
+
+
+# --- the numbers -----------------------------------------------------------------------------------------------------
+
+
+def test_the_headline_is_the_filtered_ranking_of_unseen_triples(values: Values, kitchen_model: OpenedModel):
+    split, graph = kitchen_model.data.split, kitchen_model.data.graph
+    queries = split.held_out("test")
+    assert not is_in(queries, split.partial, graph.num_entities).any()
+    expected = ranking_metrics(rank_triples(kitchen_model.scorer, queries, graph.triples))
+    found = values["metrics"]["all"]
+    assert {name: found[name] for name in expected} == expected
+    assert (values["triples"], values["queries"]) == (len(queries), 2 * len(queries))
+    assert found["mrr_ci"][0] <= found["mrr"] <= found["mrr_ci"][1]
+
+
+def test_slices_add_up_to_the_headline(values: Values):
+    metrics = values["metrics"]
+    for parts in (RELATIONS, [f"{name}, predict {side}" for name in RELATIONS for side in ("head", "tail")]):
+        assert sum(metrics[name]["queries"] for name in parts) == values["queries"]
+        total = sum(metrics[name]["mrr"] * metrics[name]["queries"] for name in parts)
+        assert total / values["queries"] == pytest.approx(metrics["all"]["mrr"])
+
+
+def test_with_leaked_is_the_ranking_of_all_triples_of_the_test_recipes(values: Values, kitchen_model: OpenedModel):
+    split, graph = kitchen_model.data.split, kitchen_model.data.graph
+    candidates = split.candidates("test")
+    expected = ranking_metrics(rank_triples(kitchen_model.scorer, candidates, graph.triples))
+    assert values["with_leaked"] == expected
+    assert values["leaked_left_out"] == len(candidates) - values["triples"] > 0
+
+
+def test_the_baselines_are_frequency_in_train_and_expected_chance(values: Values, kitchen_model: OpenedModel):
+    split, graph = kitchen_model.data.split, kitchen_model.data.graph
+    ranks = rank_triples(FrequencyScorer(graph, split.partial), split.held_out("test"), graph.triples)
+    assert values["baselines"]["frequency"]["all"] == ranking_metrics(ranks)
+    assert values["baselines"]["random"]["all"] == random_metrics(ranks)
+    assert set(values["baselines"]["frequency"]) == set(values["baselines"]["random"]) == set(values["metrics"])
+
+
+def test_ties_and_unfiltered_ranks_surround_the_headline(values: Values):
+    ties, mrr = values["ties"], values["metrics"]["all"]["mrr"]
+    assert ties["pessimistic"]["mrr"] <= mrr <= ties["optimistic"]["mrr"]
+    assert ties["raw_rank"]["mrr"] < mrr
+
+
+def test_drill_downs_part_the_queries(values: Values):
+    drill_down = values["drill_down"]
+    for name in ("seen_in_train", "layer"):
+        assert sum(row["queries"] for row in drill_down[name]) == values["queries"]
+    symmetric = values["metrics"]["combinesWith"]["queries"]
+    assert sum(row["queries"] for row in drill_down["self_combination"]) == symmetric
+
+
+def test_the_histogram_parts_the_queries_of_each_relation(values: Values):
+    histogram = values["histogram"]
+    for relation in RELATIONS:
+        assert len(histogram["shares"][relation]) == len(histogram["bins"])
+        assert sum(histogram["shares"][relation]) == pytest.approx(1)
+        assert histogram["shares"][relation][0] == pytest.approx(values["metrics"][relation]["hits@1"])
+
+
+def test_best_and_worst_are_the_ends_of_the_ranking(values: Values, kitchen_report: LinkReport):
+    ranks = sorted(kitchen_report.ranks["rank"])
+    assert [row["rank"] for row in values["best"]] == ranks[: len(values["best"])]
+    assert [row["rank"] for row in values["worst"]] == ranks[::-1][: len(values["worst"])]
+    assert len(values["best"]) == len(values["worst"]) > 0
+
+
+def test_perhaps_missing_lists_the_best_triples_that_the_graph_lacks(values: Values, kitchen_model: OpenedModel):
+    graph, scorer = kitchen_model.data.graph, kitchen_model.scorer
+    known = {tuple(triple) for triple in graph.triples.tolist()}
+    table = scorer.table(COMPONENT_OF).numpy()
+    missing = sorted(
+        (
+            float(table[head, tail])
+            for head in range(graph.num_entities)
+            for tail in range(graph.num_entities)
+            if head != tail and (head, COMPONENT_OF, tail) not in known
+        ),
+        reverse=True,
+    )
+    listed = [row for row in values["perhaps_missing"] if row["relation"] == "componentOf"]
+    assert [row["score"] for row in listed] == pytest.approx(missing[: len(listed)])
+    for row in values["perhaps_missing"]:
+        triple = (graph.id_of(row["head"]), RELATIONS.index(row["relation"]), graph.id_of(row["tail"]))
+        assert triple not in known
+        assert row["head"] != row["tail"]
+    symmetric = [
+        frozenset((row["head"], row["tail"])) for row in values["perhaps_missing"] if row["relation"] == "combinesWith"
+    ]
+    assert len(set(symmetric)) == len(symmetric) > 0
+
+
+def test_an_entity_is_never_listed_as_missing_from_itself(kitchen_model: OpenedModel):
+    graph = kitchen_model.data.graph
+    scores = torch.eye(graph.num_entities).repeat(2, 1, 1)
+    listed = make_link_report(TableScorer(scores, graph.entities, graph.hash), kitchen_model.data).values
+    assert {row["relation"] for row in listed["perhaps_missing"]} == set(RELATIONS)
+    assert all(row["head"] != row["tail"] for row in listed["perhaps_missing"])
+
+
+def test_self_edges_count_the_entities_that_are_their_own_best_answer(kitchen_model: OpenedModel):
+    graph = kitchen_model.data.graph
+    scores = torch.zeros(2, graph.num_entities, graph.num_entities)
+    scores[COMBINES_WITH].fill_diagonal_(1.0)
+    scores[COMBINES_WITH, 0, 1] = 2.0
+    scorer = TableScorer(scores, graph.entities, graph.hash)
+    found = make_link_report(scorer, kitchen_model.data).values["self_edges"]
+    assert found["top_answer_is_itself"] == pytest.approx((graph.num_entities - 1) / graph.num_entities)
+    pairs = {tuple(sorted(pair)) for pair in graph.recipes[:, :2].tolist()}
+    assert found["really_combines_with_itself"] == pytest.approx(sum(a == b for a, b in pairs) / graph.num_entities)
+
+
+def test_neighbours_are_other_entities(values: Values, kitchen_model: OpenedModel):
+    assert len(values["neighbours"]) == 10
+    for row in values["neighbours"]:
+        assert row["entity"] not in row["neighbours"]
+        assert len(set(row["neighbours"])) == 5
+        assert set(row["neighbours"]) <= set(kitchen_model.data.graph.entities)
+
+
+@pytest.mark.parametrize("score", ["0.5", "0.1"])
+def test_a_constant_scorer_is_reported_as_no_better_than_chance(tmp_path: Path, score: str):
+    # In a process of its own: what goes wrong with equal points in a map may end the whole process.
+    code = """
+import sys
+from pathlib import Path
+import torch
+from wordcraft_kg.graphs.folder import open_graph
+from wordcraft_kg.models.scorers import TableScorer
+from wordcraft_kg.reports.link_report import make_link_report, write_link_report
+
+opened = open_graph("kitchen")
+size = opened.graph.num_entities
+scorer = TableScorer(torch.full((2, size, size), float(sys.argv[2])), opened.graph.entities, opened.graph.hash)
+write_link_report(make_link_report(scorer, opened), Path(sys.argv[1]))
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(tmp_path / "report"), score], capture_output=True, timeout=120
+    )
+    assert done.returncode == 0, done.stderr.decode()[-500:]
+    values = json.loads((tmp_path / "report" / "report.json").read_text())
+    jsonschema.validate(values, report_schema())
+    assert values["metrics"]["all"]["hits@1"] == 0
+    assert values["metrics"]["all"]["amri"] == pytest.approx(0, abs=1e-9)
+
+
+def test_the_summary_holds_the_headline_by_relation(values: Values):
+    summary = summary_values(values)
+    for metric in ("mrr", "hits@1", "hits@3", "hits@10"):
+        assert summary[metric] == {name: values["metrics"][name][metric] for name in ("all", *RELATIONS)}
+    assert summary["mrr_with_leaked"] == values["with_leaked"]["mrr"]
+    assert summary["leaked_left_out"] == values["leaked_left_out"]
+    for name in ("frequency", "random"):
+        assert summary["baselines"][name]["all"] == values["baselines"][name]["all"]["mrr"]
+    assert summary["checks_passed"]
+
+
+# --- the checks ------------------------------------------------------------------------------------------------------
+
+
+def test_every_check_passes_on_an_honest_split(values: Values):
+    assert checks(values) == ALL_PASS
+
+
+def test_a_leaked_test_triple_fails_the_leak_check(kitchen_model: OpenedModel, monkeypatch: pytest.MonkeyPatch):
+    split = kitchen_model.data.split
+    honest = split.held_out("test")
+    leaked = next(t for t in split.partial.tolist() if t[1] == COMPONENT_OF)
+    monkeypatch.setattr(Split, "held_out", lambda self, part: np.concatenate([honest, [leaked]]))
+    monkeypatch.setattr(link_report, "recipe_clusters", lambda graph, chosen, triples: np.arange(len(triples)))
+    values = make_link_report(kitchen_model.scorer, kitchen_model.data).values
+    assert checks(values) == ALL_PASS | {"leak": False}
+    assert detail(values, "leak") == "1 found"
+    assert not summary_values(values)["checks_passed"]
+
+
+def test_ranking_all_test_candidates_fails_the_leak_check(kitchen_model: OpenedModel, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(Split, "held_out", lambda self, part: self.candidates(part))
+    values = make_link_report(kitchen_model.scorer, kitchen_model.data).values
+    leaked = is_in(
+        kitchen_model.data.split.candidates("test"),
+        kitchen_model.data.split.partial,
+        kitchen_model.data.graph.num_entities,
+    )
+    assert not checks(values)["leak"]
+    assert detail(values, "leak") == f"{leaked.sum()} found"
+
+
+def test_a_mirror_in_train_fails_the_mirror_check(kitchen_model: OpenedModel, monkeypatch: pytest.MonkeyPatch):
+    split = kitchen_model.data.split
+    given_away = next(t for t in split.held_out("test").tolist() if t[1] == COMBINES_WITH and t[0] != t[2])
+    # The mirror is put into train, and the triple itself remains the only one of the two that is evaluated.
+    partial = np.concatenate([split.partial, [given_away[::-1]]])
+    test = np.array([t for t in split.held_out("test").tolist() if t != given_away[::-1]])
+    monkeypatch.setattr(Split, "partial", property(lambda self: partial))
+    monkeypatch.setattr(Split, "held_out", lambda self, part: test)
+    values = make_link_report(kitchen_model.scorer, kitchen_model.data).values
+    assert checks(values) == ALL_PASS | {"mirror": False}
+
+
+def test_a_scorer_of_another_graph_fails_the_graph_check(kitchen_model: OpenedModel):
+    graph = kitchen_model.data.graph
+    scores = torch.stack([kitchen_model.scorer.table(relation) for relation in RELATIONS])
+    foreign = TableScorer(scores, graph.entities, "0" * 64)
+    assert not checks(make_link_report(foreign, kitchen_model.data).values)["graph"]
+
+
+def test_entities_that_training_lacks_fail_the_coverage_check(kitchen_model: OpenedModel):
+    graph = kitchen_model.data.graph
+    split = make_split(graph, SplitConfig(kind="by-recipe-plain", train_ratio=0.3))
+    assert len(split.uncovered)
+    values = make_link_report(FrequencyScorer(graph, split.partial), OpenedGraph(graph, split, "sparse")).values
+    assert checks(values) == ALL_PASS | {"coverage": False}
+    assert graph.entities[split.uncovered[0]] in detail(values, "coverage")
+
+
+@pytest.mark.parametrize("kind", ["by-recipe", "by-recipe-plain", "by-goal", "by-goal-terminals"])
+def test_a_report_of_every_split_is_valid_and_free_of_leaks(kitchen_model: OpenedModel, kind: str):
+    graph = kitchen_model.data.graph
+    split = make_split(graph, SplitConfig(kind=kind, train_ratio=0.5, valid_ratio=0.1))
+    values = make_link_report(FrequencyScorer(graph, split.partial), OpenedGraph(graph, split, kind)).values
+    jsonschema.validate(values, report_schema())
+    assert checks(values)["leak"]
+    assert render(LinkReport(values, pd.DataFrame(), dict.fromkeys(pictures_of(values), "")))
+
+
+def pictures_of(values: Values) -> list[str]:
+    return ["ranks", "calibration", "map", *(f"matrix_{name}" for name in RELATIONS)]
+
+
+def test_fewer_than_thirty_unseen_triples_are_an_error_that_suggests_another_ratio(kitchen_model: OpenedModel):
+    graph = kitchen_model.data.graph
+    split = make_split(graph, SplitConfig(train_ratio=0.99))
+    assert 0 < len(split.held_out("test")) < 30
+    with pytest.raises(SplitError, match=rf"only {len(split.held_out('test'))} unseen .*--train-ratio, such as 0\.7"):
+        make_link_report(FrequencyScorer(graph, split.partial), OpenedGraph(graph, split, "few"))
+
+
+def test_a_graph_without_a_split_has_nothing_to_report_but_memory(kitchen_model: OpenedModel):
+    graph = kitchen_model.data.graph
+    opened = OpenedGraph(graph, make_split(graph, SplitConfig(kind="none")), "unsplit")
+    with pytest.raises(SplitError, match="only 0 unseen"):
+        make_link_report(FrequencyScorer(graph, graph.triples), opened)
+    values = make_link_report(SymbolicScorer(graph, graph.triples), opened, kg="full").values
+    jsonschema.validate(values, report_schema())
+    assert values["metrics"]["all"]["mrr"] == 1
+
+
+# --- the full graph --------------------------------------------------------------------------------------------------
+
+
+def test_a_report_of_the_full_graph_is_marked_as_having_seen_the_data(
+    full_report: LinkReport, kitchen_report: LinkReport
+):
+    assert full_report.values["model"]["has_seen_the_test_recipes"]
+    assert not kitchen_report.values["model"]["has_seen_the_test_recipes"]
+    assert summary_values(full_report.values)["has_seen_the_test_recipes"]
+
+
+def test_a_report_of_the_full_graph_asks_for_all_its_triples(full_report: LinkReport, kitchen_model: OpenedModel):
+    values, graph = full_report.values, kitchen_model.data.graph
+    assert values["triples"] == len(graph.triples)
+    assert values["leaked_left_out"] == 0
+    assert values["with_leaked"]["mrr"] == values["metrics"]["all"]["mrr"]
+
+
+def test_a_model_of_the_full_graph_is_not_asked_about_leaks(full_report: LinkReport):
+    assert checks(full_report.values) == {"graph": True, "coverage": True}
+
+
+def test_the_page_of_the_full_graph_says_that_it_measures_memory(full_report: LinkReport, kitchen_report: LinkReport):
+    full, partial = text_of(render(full_report)), text_of(render(kitchen_report))
+    assert "memory, not prediction" in full
+    assert "what it remembers" in full
+    assert "memory, not prediction" not in partial
+    assert "links it has never seen" in partial
+
+
+# --- the page --------------------------------------------------------------------------------------------------------
+
+VOID = {"area", "base", "br", "col", "embed", "hr", "img", "input", "link", "meta", "source", "track", "wbr"}
+
+
+class Page(HTMLParser):
+    """Collects tags, attributes and text, and notices what is not balanced."""
+
+    def __init__(self, html: str):
+        super().__init__(convert_charrefs=True)
+        self.open: list[str] = []
+        self.tags: list[str] = []
+        self.attributes: list[tuple[str, str, str]] = []
+        self.text: list[str] = []
+        self.faults: list[str] = []
+        self.feed(html)
+        self.close()
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        self.attributes += [(tag, name, value or "") for name, value in attrs]
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.handle_starttag(tag, attrs)
+        if tag not in VOID:
+            self.open.pop()
+
+    def handle_endtag(self, tag: str) -> None:
+        if not self.open or self.open.pop() != tag:
+            self.faults.append(f"</{tag}> at {self.getpos()}")
+
+    def handle_data(self, data: str) -> None:
+        self.text.append(data)
+
+
+def text_of(html: str) -> str:
+    return re.sub(r"\s+", " ", " ".join(Page(html).text))
+
+
+@pytest.fixture(scope="module", params=["partial", "full"])
+def html(request: pytest.FixtureRequest) -> str:
+    return render(request.getfixturevalue({"partial": "kitchen_report", "full": "full_report"}[request.param]))
+
+
+def test_the_page_is_balanced_html(html: str):
+    page = Page(html)
+    assert (page.faults, page.open) == ([], [])
+    assert {"html", "head", "title", "body", "table", "svg"} <= set(page.tags)
+
+
+def test_a_page_with_a_fault_is_noticed():
+    assert Page("<p><b>text</p></b>").faults
+    assert Page("<div>").open
+
+
+def test_the_page_needs_nothing_from_elsewhere(html: str):
+    page = Page(html)
+    links = [
+        value
+        for _, name, value in page.attributes
+        if name in ("src", "href", "xlink:href", "srcset", "action", "data", "poster")
+    ]
+    assert links
+    assert [link[:60] for link in links if not link.startswith(("data:", "#"))] == []
+    assert re.findall(r"url\(|@import", html) == []
+    assert not {"link", "iframe", "object", "embed", "base"} & set(page.tags)
+
+
+def test_the_page_needs_no_script(html: str):
+    page = Page(html)
+    assert "script" not in page.tags
+    assert [name for _, name, _ in page.attributes if name.startswith("on")] == []
+
+
+def test_every_picture_has_a_description(html: str):
+    page = Page(html)
+    described = [
+        name for tag, name, value in page.attributes if (tag, name) in (("svg", "aria-label"), ("img", "alt")) and value
+    ]
+    assert len(described) == page.tags.count("svg") + page.tags.count("img") > 3
+
+
+def test_the_page_shows_the_headline_the_baseline_and_the_leak_check(kitchen_report: LinkReport):
+    text, values = text_of(render(kitchen_report)), kitchen_report.values
+    for number in (
+        values["metrics"]["all"]["mrr"],
+        *values["metrics"]["all"]["mrr_ci"],
+        values["baselines"]["frequency"]["all"]["mrr"],
+        values["with_leaked"]["mrr"],
+    ):
+        assert f"{number:.3f}" in text
+    for check in values["checks"]:
+        assert check["name"] in text
+    assert "FAIL" not in text
+
+
+def test_a_failed_check_is_shown_as_failed(kitchen_report: LinkReport):
+    for index, check in enumerate(kitchen_report.values["checks"]):
+        broken = copy.deepcopy(kitchen_report)
+        broken.values["checks"][index]["passed"] = False
+        assert f"FAIL {check['name']}" in text_of(render(broken))
+
+
+def test_the_page_shows_the_curves_of_the_training(kitchen_model: OpenedModel):
+    trace = [{"epoch": 1, "loss": 3.0}, {"epoch": 2, "loss": 2.0, "valid_mrr": 0.25}]
+    report = make_link_report(kitchen_model.scorer, kitchen_model.data, trace=trace)
+    assert {"loss", "valid"} <= set(report.pictures)
+    assert "validation MRR" in text_of(render(report))
+    without = make_link_report(kitchen_model.scorer, kitchen_model.data, trace=trace[:1])
+    assert "valid" not in without.pictures
+    assert "loss" in without.pictures
+
+
+def test_a_large_graph_has_a_report_without_the_map(kitchen_model: OpenedModel, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(link_report, "MAP_LIMIT", kitchen_model.data.graph.num_entities - 1)
+    report = make_link_report(kitchen_model.scorer, kitchen_model.data)
+    assert set(report.pictures) == {"ranks", "calibration"}
+    jsonschema.validate(report.values, report_schema())
+    assert Page(render(report)).faults == []
+
+
+def test_labels_are_escaped_wherever_they_are_shown(awkward_graph: OpenedGraph, tmp_path: Path):
+    graph, split = awkward_graph.graph, awkward_graph.split
+    scorer = FrequencyScorer(graph, split.partial)
+    name = '</title><script>alert("1")</script>'
+    report = make_link_report(scorer, awkward_graph, name=name, provenance={"trained by": name})
+    write_link_report(report, tmp_path / "report")
+    html = (tmp_path / "report" / "index.html").read_text(encoding="utf-8")
+    page = Page(html)
+    assert (page.faults, page.open) == ([], [])
+    assert not {"i", "script"} & set(page.tags)
+    label = graph.entities[0]
+    assert any(label in text for text in page.text)
+    assert html.count("&lt;i&gt;&amp;") > 10
+    assert "&amp;lt;" not in html
+    assert page.text.count(name) >= 1
+
+
+# --- the files -------------------------------------------------------------------------------------------------------
+
+
+def test_a_report_is_three_files(report_folder: Path, kitchen_report: LinkReport):
+    assert sorted(path.name for path in report_folder.iterdir()) == ["index.html", "ranks.csv", "report.json"]
+    written = json.loads((report_folder / "report.json").read_text(encoding="utf-8"))
+    jsonschema.validate(written, report_schema())
+    assert written == kitchen_report.values
+
+
+def test_the_table_of_ranks_has_a_row_a_query_and_gives_the_headline(report_folder: Path, values: Values):
+    ranks = pd.read_csv(report_folder / "ranks.csv", keep_default_na=False)
+    assert len(ranks) == values["queries"]
+    assert (1 / ranks["rank"]).mean() == pytest.approx(values["metrics"]["all"]["mrr"], rel=1e-6)
+    for relation in RELATIONS:
+        part = ranks[ranks["relation"] == relation]
+        assert (1 / part["rank"]).mean() == pytest.approx(values["metrics"][relation]["mrr"], rel=1e-6)
+
+
+def test_the_table_of_ranks_names_triples_of_the_graph(report_folder: Path, kitchen_model: OpenedModel):
+    ranks = pd.read_csv(report_folder / "ranks.csv", keep_default_na=False)
+    graph, split = kitchen_model.data.graph, kitchen_model.data.split
+    named = {
+        (graph.id_of(head), RELATIONS.index(relation), graph.id_of(tail))
+        for head, relation, tail in ranks[["head", "relation", "tail"]].itertuples(index=False)
+    }
+    assert named == {tuple(triple) for triple in split.held_out("test").tolist()}
+    assert set(ranks["side"]) == {"head", "tail"}
+
+
+def test_awkward_labels_come_back_from_the_table_of_ranks(awkward_graph: OpenedGraph, tmp_path: Path):
+    graph, split = awkward_graph.graph, awkward_graph.split
+    write_link_report(make_link_report(FrequencyScorer(graph, split.partial), awkward_graph), tmp_path / "report")
+    ranks = pd.read_csv(tmp_path / "report" / "ranks.csv", keep_default_na=False)
+    assert set(ranks["head"]) <= set(graph.entities)
+    assert len(ranks) == 2 * len(split.held_out("test"))
+
+
+def test_the_same_inputs_give_the_same_bytes(kitchen_model: OpenedModel, report_folder: Path, tmp_path: Path):
+    again = make_link_report(
+        kitchen_model.scorer,
+        kitchen_model.data,
+        name="kitchen",
+        provenance=kitchen_model.provenance,
+        trace=kitchen_model.trace,
+    )
+    write_link_report(again, tmp_path / "report")
+    for name in ("report.json", "ranks.csv", "index.html"):
+        assert (tmp_path / "report" / name).read_bytes() == (report_folder / name).read_bytes(), name
+
+
+def test_another_process_with_another_hash_seed_gives_the_same_bytes(kitchen_model: OpenedModel, tmp_path: Path):
+    code = """
+import sys
+from pathlib import Path
+from wordcraft_kg.graphs.folder import open_graph
+from wordcraft_kg.models.scorers import FrequencyScorer
+from wordcraft_kg.reports.link_report import make_link_report, write_link_report
+
+opened = open_graph("kitchen")
+scorer = FrequencyScorer(opened.graph, opened.split.partial)
+write_link_report(make_link_report(scorer, opened), Path(sys.argv[1]))
+"""
+    opened = kitchen_model.data
+    report = make_link_report(FrequencyScorer(opened.graph, opened.split.partial), opened)
+    write_link_report(report, tmp_path / "here")
+    command = [sys.executable, "-c", code, str(tmp_path / "there")]
+    subprocess.run(command, check=True, timeout=120, env={**os.environ, "PYTHONHASHSEED": "1"})
+    for name in ("report.json", "ranks.csv", "index.html"):
+        assert (tmp_path / "here" / name).read_bytes() == (tmp_path / "there" / name).read_bytes(), name
+
+
+def test_the_seed_moves_the_interval_but_not_the_headline(kitchen_model: OpenedModel, values: Values):
+    other = make_link_report(kitchen_model.scorer, kitchen_model.data, seed=1).values
+    assert other["metrics"]["all"]["mrr"] == values["metrics"]["all"]["mrr"]
+    assert other["metrics"]["all"]["mrr_ci"] != values["metrics"]["all"]["mrr_ci"]
+    assert other["metrics"]["all"]["mrr_ci"] == pytest.approx(values["metrics"]["all"]["mrr_ci"], abs=0.03)
+
+
+def test_making_a_report_leaves_the_global_generators_as_they_were(kitchen_model: OpenedModel):
+    import random
+
+    before = random.getstate(), np.random.get_state()[1].tobytes(), torch.get_rng_state().tolist()  # noqa: NPY002
+    make_link_report(kitchen_model.scorer, kitchen_model.data)
+    after = random.getstate(), np.random.get_state()[1].tobytes(), torch.get_rng_state().tolist()  # noqa: NPY002
+    assert after == before
+
+
+def test_a_report_is_not_overwritten_unless_forced(kitchen_report: LinkReport, full_report: LinkReport, tmp_path: Path):
+    write_link_report(kitchen_report, tmp_path / "report")
+    with pytest.raises(OutputExistsError, match="--force"):
+        write_link_report(full_report, tmp_path / "report")
+    assert json.loads((tmp_path / "report" / "report.json").read_text())["model"]["name"] == "kitchen"
+    write_link_report(full_report, tmp_path / "report", force=True)
+    assert json.loads((tmp_path / "report" / "report.json").read_text())["model"]["name"] == "kitchen-full"
+
+
+def test_an_earlier_report_stays_when_writing_fails(
+    kitchen_report: LinkReport, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    write_link_report(kitchen_report, tmp_path / "report")
+    before = (tmp_path / "report" / "report.json").read_bytes()
+
+    def interrupted(report: LinkReport) -> str:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(link_report, "render", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        write_link_report(kitchen_report, tmp_path / "report", force=True)
+    assert (tmp_path / "report" / "report.json").read_bytes() == before
+    assert [path.name for path in tmp_path.iterdir()] == ["report"]
+
+
+def test_numbers_in_the_report_are_plain(values: Values):
+    def leaves(value: Any) -> list[Any]:
+        if isinstance(value, dict):
+            return [leaf for part in value.values() for leaf in leaves(part)]
+        return [leaf for part in value for leaf in leaves(part)] if isinstance(value, list) else [value]
+
+    found = leaves(values)
+    assert {type(leaf) for leaf in found} <= {int, float, str, bool, type(None)}
+    assert all(math.isfinite(leaf) for leaf in found if isinstance(leaf, float))

@@ -16,7 +16,11 @@ from wordcraft_kg.graphs.triples import triple_lines
 
 @dataclass(frozen=True)
 class OpenedGraph:
-    """A graph with its split, and where it came from (a folder, a file or a book's name)."""
+    """A graph with its split, and where it came from (a folder, a file or a book's name).
+
+    A model folder records ``source`` to open the same graph and split again when it is evaluated. For a split of your
+    own, write a graph folder and train on that.
+    """
 
     graph: RecipeGraph
     split: Split

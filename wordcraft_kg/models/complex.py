@@ -60,8 +60,9 @@ class ComplExN3(ERModel):
     """ComplEx with softmax cross entropy and the N3 regulariser.
 
     A PyKEEN model like any other: ``pipeline`` and ``hpo_pipeline`` take it as ``model="ComplExN3"``. Train it with
-    ``training_loop="IndexedSymmetricLCWA"``, which regularises each looked-up factor once; PyKEEN's stock
-    ``SymmetricLCWA`` regularises twice, so halve ``regularizer_kwargs["weight"]`` there.
+    ``training_loop="IndexedSymmetricLCWA"``, which regularises each looked-up factor once. PyKEEN's stock
+    ``SymmetricLCWA`` looks the batch and all entities up twice and regularises both, so about half of
+    ``regularizer_kwargs["weight"]`` does the same there.
 
     Source: Trouillon et al. 2016 (model), Lacroix et al. 2018 (objective), Jiang et al. 2020 (dimension).
     """

@@ -20,6 +20,7 @@ def shelf(tmp_path_factory):
 @given(book=books())
 @example(book=RecipeBook.of("book", [("# a", ' "b, c" ', " lead")], base=None, listed=["ä, ö", "'"]))
 @example(book=RecipeBook.of("book", [("a", "b", "c")], base=[], listed=["idle"]))
+@example(book=RecipeBook.of("book", [("a", "b", "c")], base=[" lead"], listed=["trail "]))
 @example(book=RecipeBook.of("book", [("a", "b", "c")], base=["# hash", "a,b", '"', " é "]))
 def test_a_book_written_and_read_back_is_equal(shelf, ending, book):
     path = shelf / f"book.{ending}"
@@ -27,6 +28,13 @@ def test_a_book_written_and_read_back_is_equal(shelf, ending, book):
     again = read_book(path, keep_self_results=True)
     assert replace(again, sha256=None) == book
     assert RecipeGraph.from_book(again) == RecipeGraph.from_book(book)
+
+
+@pytest.mark.parametrize(("ending", "delimiter"), [("csv", ","), ("tsv", "\t")])
+def test_a_row_that_starts_with_a_hash_is_quoted_so_that_no_reader_takes_it_for_a_comment(tmp_path, ending, delimiter):
+    path = tmp_path / f"book.{ending}"
+    write_book(RecipeBook.of("book", [("#a", "b", "c")]), path)
+    assert path.read_text(encoding="utf-8").splitlines()[1] == delimiter.join(['"#a"', '"b"', '"c"'])
 
 
 @pytest.mark.parametrize("ending", [".csv", ".tsv", ".json"])

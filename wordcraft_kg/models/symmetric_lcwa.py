@@ -1,8 +1,8 @@
 """The paper's training objective as a PyKEEN training loop: softmax over all heads plus softmax over all tails.
 
 PyKEEN's ``SymmetricLCWATrainingLoop`` computes the same loss, but looks everything up twice, regularises the candidates
-as well as the batch, and builds dense one-hot targets. This one reads the entity table once a batch and uses the target indices themselves.
-Two private methods of PyKEEN's training loop are overridden, which pins PyKEEN's minor version.
+as well as the batch, and builds dense one-hot targets. This one reads the entity table once a batch and uses the target
+indices themselves. Two private methods of PyKEEN's training loop are overridden, which pins PyKEEN's minor version.
 """
 
 from typing import Any

@@ -64,7 +64,7 @@ def main() -> None:
     opened = open_graph(arguments.graph)
     config = ComplExConfig()
     factory = triples_factory(opened.graph, opened.split.partial)
-    training = {"batch_size": config.batch_size, "use_tqdm": False, "use_tqdm_batch": False}
+    training = {"batch_size": config.batch_size, "use_tqdm": False, "use_tqdm_batch": False, "pin_memory": False}
     with pykeen_guard(config.seed, config.threads), quiet_pykeen():
         plain = PlainTorch(factory.mapped_triples, factory.num_entities, factory.num_relations, config)
         ours = make_training_loop(config, factory)

@@ -14,7 +14,7 @@ from wordcraft_kg.graphs.books import DATA_VARIABLE, FETCHABLE, cache_folder
 
 NAME = "little-alchemy-2"
 BASE = ("air", "earth", "fire", "time", "water")
-RECIPES = {**dict.fromkeys(BASE, []), "mud": [["water", "earth"]], "water": [["mud", "fire"]]}
+RECIPES = {**{label: [] for label in BASE}, "mud": [["water", "earth"]], "water": [["mud", "fire"]]}
 PUBLISHED = json.dumps({"entities": {label: {"recipes": pairs} for label, pairs in RECIPES.items()}}).encode()
 """Water has a recipe, as in the real file, so the base cannot be inferred from it."""
 

@@ -12,6 +12,9 @@ from typing import Any
 
 from wordcraft_kg.errors import ArtefactError, OutputExistsError
 
+OWN_FILES = ("graph.json", "run.json", "report.json", "dataset.yaml")
+"""A folder that holds one of these was written by this package, so that --force may replace it."""
+
 
 def sha256_of(path: Path) -> str:
     """Return the SHA-256 of a file's bytes, in hexadecimal."""
@@ -59,13 +62,18 @@ def check_output(out: Path, *, force: bool) -> None:
     """Refuse an output that exists, before any work is done.
 
     Raises:
-        OutputExistsError: if ``out`` exists and ``force`` is False, or if it is a file where a folder is to be
-            written, which is never replaced.
+        OutputExistsError: if ``out`` exists and ``force`` is False. A file, or a folder with something in it that this
+            package did not write, is never replaced.
     """
     if out.is_file():
         raise OutputExistsError(f"'{out}' is a file; a folder is to be written there. Choose another --out.")
     if out.exists() and not force:
         raise OutputExistsError(f"'{out}' exists. Choose another --out, or replace it with --force.")
+    if out.exists() and any(out.iterdir()) and not any((out / name).is_file() for name in OWN_FILES):
+        raise OutputExistsError(
+            f"'{out}' holds something else than an output of wordcraft-kg (none of {', '.join(OWN_FILES)} is in it); "
+            "it is not replaced, even with --force. Choose another --out."
+        )
 
 
 @contextmanager

@@ -292,6 +292,15 @@ def test_a_book_too_small_to_split_is_refused_and_says_how_to_go_on(refused, run
     assert run("build-graph", path, "--split", "none", "--out", home / "tiny").code == 0
 
 
+def test_a_folder_of_somebody_else_is_never_replaced(run, home):
+    (home / "thesis").mkdir()
+    (home / "thesis" / "chapter.tex").write_text("mine")
+    outcome = run("build-graph", "kitchen", "--out", home / "thesis", "--force")
+    assert outcome.code == 1
+    assert "holds something else than an output of wordcraft-kg" in outcome.err
+    assert [path.name for path in (home / "thesis").iterdir()] == ["chapter.tex"]
+
+
 def test_an_output_that_exists_is_kept_until_it_is_forced(run, out):
     before = contents(out)
     outcome = run("build-graph", "kitchen", "--out", out / "earlier")

@@ -158,7 +158,7 @@ def test_an_export_that_exists_is_kept_unless_forced(kitchen, tmp_path, format):
     path = tmp_path / "out"
     if EXPORTERS[format].is_folder:
         path.mkdir()
-    earlier = path / "mine" if EXPORTERS[format].is_folder else path
+    earlier = path / "dataset.yaml" if EXPORTERS[format].is_folder else path
     earlier.write_text("mine", encoding="utf-8")
     with pytest.raises(OutputExistsError, match=r"out' exists\. Choose another --out, or replace it with --force"):
         export_graph(opened(kitchen), format, path)

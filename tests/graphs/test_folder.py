@@ -169,7 +169,9 @@ def test_a_recipe_moved_to_another_part_of_the_split_is_noticed(folder):
     content = json.loads((folder / "split.json").read_text(encoding="utf-8"))
     content["test"].append(content["train"].pop())
     (folder / "split.json").write_text(json.dumps(content), encoding="utf-8")
-    with pytest.raises(ArtefactError, match=r"split\.json is damaged: its recipes do not give its hash"):
+    with pytest.raises(
+        ArtefactError, match=r"split\.json is damaged or was edited: its content does not give its hash"
+    ):
         open_graph(folder)
 
 
@@ -178,4 +180,13 @@ def test_a_recipe_in_two_parts_of_the_split_is_noticed(folder):
     content["train"].append(content["test"][0])
     (folder / "split.json").write_text(json.dumps(content), encoding="utf-8")
     with pytest.raises(ArtefactError, match=r"split\.json is damaged"):
+        open_graph(folder)
+
+
+@pytest.mark.parametrize(
+    ("old", "new"), [('"by-recipe"', '"by-recipe-plain"'), ('"train_ratio": 0.8', '"train_ratio": 0.7')]
+)
+def test_edited_settings_of_a_split_are_noticed(folder, old, new):
+    edit(folder / "split.json", old, new)
+    with pytest.raises(ArtefactError, match="its content does not give its hash"):
         open_graph(folder)

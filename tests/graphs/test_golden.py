@@ -78,11 +78,11 @@ def test_the_kitchen_is_the_book_that_was_published(kitchen):
 @pytest.mark.parametrize(
     ("kind", "expected"),
     [
-        ("by-recipe", "e17828c193e12803ec1efc240f508b8ac7402aa2391918e583e6756eba4b5ea1"),
-        ("by-recipe-plain", "e17828c193e12803ec1efc240f508b8ac7402aa2391918e583e6756eba4b5ea1"),
-        ("by-goal", "ff7dfdb10b99e13b61a6c21b3d65bd37a61fcd44db607e85cd9c23f94493db76"),
-        ("by-goal-terminals", "7a44d212e4169524e557bcf90e032fc4b79b3f48264c28fd656385c82c9c857b"),
-        ("none", "04c0ae68447618fc8d30337de5851f616ebd726c1ab2c7c9c7942ff1d9651248"),
+        ("by-recipe", "62faec6fe06217e84565be30e46c521126ff7701dc233ed1690aa14cad22d0b7"),
+        ("by-recipe-plain", "66473333a27f415d10e124396a3bed46d9c5f17cba65e27ce5d982d634eb6716"),
+        ("by-goal", "566741cd3cbdc0033b8f348f8235d47b31a83120148c1427d230ea1ee9bffe77"),
+        ("by-goal-terminals", "07c884f04ff290a60d408d5d0cf0029f29c8d8f9ec784ac2bef5c0a69c7e8c20"),
+        ("none", "d598958fe9302c32f980219c352839a17e8b2165f9b4677d49d19c98be8f992d"),
     ],
 )
 def test_the_kitchen_is_split_as_ever(kitchen, kind, expected):

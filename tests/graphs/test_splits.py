@@ -242,12 +242,12 @@ def test_a_split_of_another_graph_is_refused(kitchen):
     ("change", "message"),
     [
         ({"format": "wordcraft-kg split 9"}, "has the format 'wordcraft-kg split 9'; expected 'wordcraft-kg split 1'"),
-        ({"train": []}, "its recipes do not give its hash"),
+        ({"train": []}, "its content does not give its hash"),
         ({"test": [["seed", "water", "gold"]]}, "is damaged .*gold"),
         ({"test": [["seed"]]}, "is damaged .*TypeError"),
         ({"train_ratio": 7}, "is damaged .*train ratio 7"),
         ({"kind": "by-mood"}, "is damaged .*by-mood"),
-        ({"hash": "0"}, "its recipes do not give its hash"),
+        ({"hash": "0"}, "its content does not give its hash"),
     ],
     ids=["format", "part emptied", "unknown entity", "short row", "ratio", "kind", "hash"],
 )

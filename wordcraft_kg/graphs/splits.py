@@ -135,8 +135,9 @@ class Split:
 
     @cached_property
     def hash(self) -> str:
-        """SHA-256 of the graph's hash and every recipe's part, in hexadecimal."""
-        return hashlib.sha256(f"{self.graph.hash}\n".encode() + self.parts.tobytes()).hexdigest()
+        """SHA-256 of the graph's hash, the settings and every recipe's part, in hexadecimal."""
+        head = json.dumps([self.graph.hash, asdict(self.config), self.moved_for_coverage])
+        return hashlib.sha256(head.encode() + self.parts.tobytes()).hexdigest()
 
     def to_json(self) -> Iterator[str]:
         """Yield ``split.json``: settings, hashes, and each part's recipes as rows of labels, a recipe a line."""
@@ -198,7 +199,9 @@ def read_split(content: Any, graph: RecipeGraph, where: str = "split.json") -> S
             parts[[row_of[Recipe(*row)] for row in content[part]]] = index
         split = Split(graph, config, Draw(parts, content["moved_for_coverage"]))
         if split.hash != content["hash"] or sum(len(content[part]) for part in PARTS) != graph.num_recipes:
-            raise ArtefactError(f"{where} is damaged: its recipes do not give its hash. Build the graph again.")
+            raise ArtefactError(
+                f"{where} is damaged or was edited: its content does not give its hash. Build the graph again."
+            )
         return split
     except (KeyError, TypeError, SplitError) as error:
         raise ArtefactError(f"{where} is damaged ({type(error).__name__}: {error}). Build the graph again.") from None

@@ -3,7 +3,8 @@
     python benchmarks/link_quality.py settings little-alchemy-2     # sweep, judged on validation parts of other splits
     python benchmarks/link_quality.py test little-alchemy-2         # the defaults on the test parts of splits 0, 1, 2
 
-The sweep never looks at a test triple, and its splits (seeds 10, 11, 12) are not those of the test (0, 1, 2).
+The sweep never ranks a test triple (they are only filtered from the candidates), and its splits (seeds 10, 11, 12) are
+not those of the test (0, 1, 2).
 """
 
 import argparse

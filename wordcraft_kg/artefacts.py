@@ -6,7 +6,7 @@ import os
 import shutil
 import tempfile
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,11 @@ from wordcraft_kg.errors import ArtefactError, OutputExistsError
 
 OWN_FILES = ("graph.json", "run.json", "report.json", "dataset.yaml")
 """A folder that holds one of these was written by this package, so that --force may replace it."""
+
+
+def with_a_name(path: Path) -> Path:
+    """Return a path whose last part is a name; ``.`` and ``..`` have none that a sibling could be named after."""
+    return path if path.name not in ("", "..") else path.resolve()
 
 
 def sha256_of(path: Path) -> str:
@@ -121,8 +126,9 @@ def _parents_of(out: Path) -> Iterator[None]:
     try:
         yield
     except BaseException:
-        for parent in missing:
-            parent.rmdir()
+        with suppress(OSError):  # somebody else has put something there: it stays, and the error is still ours
+            for parent in missing:
+                parent.rmdir()
         raise
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from wordcraft_kg import __version__
-from wordcraft_kg.artefacts import dump_json, read_json, sha256_of, write_atomically
+from wordcraft_kg.artefacts import dump_json, read_json, sha256_of, with_a_name, write_atomically
 from wordcraft_kg.errors import ArtefactError
 
 RUN_FORMAT = "wordcraft-kg run 1"
@@ -22,12 +22,11 @@ def start_run(folder: Path, kind: str, **facts: Any) -> dict[str, Any]:
 
     No host or user name and no environment variable goes in; the home folder in arguments becomes ``~``.
     """
-    home = str(Path.home())
     run = {
         "format": RUN_FORMAT,
         "kind": kind,
         "status": "running",
-        "argv": [Path(sys.argv[0]).name, *(argument.replace(home, "~") for argument in sys.argv[1:])],
+        "argv": _arguments(),
         "started": _now(),
         "ended": None,
         "versions": _versions(),
@@ -38,6 +37,13 @@ def start_run(folder: Path, kind: str, **facts: Any) -> dict[str, Any]:
     }
     write_atomically(folder / "run.json", dump_json(run))
     return run
+
+
+def resume_run(folder: Path, run: dict[str, Any]) -> None:
+    """Put a run back to ``running`` and note when, how and with which versions it went on."""
+    again = {"started": _now(), "argv": _arguments(), "versions": _versions(), "git": _git_state()}
+    run |= {"status": "running", "ended": None, "resumed": [*run.get("resumed", []), again]}
+    write_atomically(folder / "run.json", dump_json(run))
 
 
 def end_run(folder: Path, run: dict[str, Any], status: str, outputs: tuple[str, ...] = ()) -> None:
@@ -70,6 +76,7 @@ def read_finished_run(folder: Path, command: str) -> dict[str, Any]:
     Raises:
         ArtefactError: if there is no such folder or the run is not done; the message names ``command``.
     """
+    folder = with_a_name(folder)
     unfinished = folder.with_name(folder.name + ".unfinished")
     if not folder.exists() and unfinished.exists():
         raise ArtefactError(f"'{folder}' is not finished yet. Go on with: wordcraft-kg resume {unfinished}")
@@ -97,6 +104,12 @@ def verified_bytes(folder: Path, run: dict[str, Any], name: str) -> bytes:
             "Train the model again, or restore a copy."
         )
     return data
+
+
+def _arguments() -> list[str]:
+    home = str(Path.home())
+    shown = [argument if home == "/" else argument.replace(home, "~") for argument in sys.argv[1:]]
+    return [Path(sys.argv[0]).name, *shown]
 
 
 def _now() -> str:

@@ -653,10 +653,31 @@ def test_every_model_of_pykeen_trains_or_is_refused_clearly(opened_kitchen: Open
     assert crashed == {}
 
 
-def test_a_graph_without_a_split_trains_on_everything(tmp_path: Path):
+def test_a_graph_without_a_split_has_no_partial_graph_to_train_on(tmp_path: Path):
     graph = random_graph(num_entities=12, num_recipes=60)
     opened = OpenedGraph(graph, make_split(graph, SplitConfig(kind="none")), "random")
-    assert train_links(opened, SHORT, tmp_path / "model").metrics["triples"] == len(graph.triples)
+    with pytest.raises(ConfigError, match="Use --kg full, or build the graph with a split"):
+        train_links(opened, SHORT, tmp_path / "model")
+    trained = train_links(opened, replace(SHORT, kg="full"), tmp_path / "model")
+    assert trained.metrics["triples"] == len(graph.triples)
+
+
+def test_the_full_graph_is_not_validated_on_triples_it_has_seen(validated_kitchen: OpenedGraph, tmp_path: Path):
+    with pytest.raises(ConfigError, match="holds the validation triples too"):
+        train_links(validated_kitchen, replace(SHORT, kg="full", eval_every=2), tmp_path / "model")
+
+
+def test_a_diverging_training_is_a_clear_error_and_leaves_nothing(opened_kitchen: OpenedGraph, tmp_path: Path):
+    with pytest.raises(ConfigError, match="lower --learning-rate"):
+        train_links(opened_kitchen, replace(SHORT, learning_rate=1e30), tmp_path / "model")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_misspelt_model_leaves_an_unfinished_run_alone(opened_kitchen: OpenedGraph, tmp_path: Path):
+    stopped = train_links(opened_kitchen, SHORT, tmp_path / "model", progress=interrupt_after(2))
+    with pytest.raises(ConfigError, match="PyKEEN has no model"):
+        train_links(opened_kitchen, LinkModelConfig(model="nosuch"), tmp_path / "model", force=True)
+    assert (stopped.folder / "checkpoints" / "last.json").exists()
 
 
 def test_an_unsplit_graph_folder_can_be_trained_on(tmp_path: Path):

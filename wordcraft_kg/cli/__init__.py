@@ -71,11 +71,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     # A large book makes millions of small objects that all stay: collecting among them takes longer than making them.
     gc.set_threshold(200_000, 20, 100)
     tokens = list(sys.argv[1:] if arguments is None else arguments)
-    app = make_app()
     try:
+        app = make_app()
         path = _config_path(tokens)
         if path:
-            app.config = [Dict(_read_toml(path), source=path)]
+            app.config = [Dict(_read_toml(path, tokens), source=path)]
         return int(app(tokens) or 0)
     except SystemExit as stop:
         return stop.code if isinstance(stop.code, int) else 1
@@ -103,7 +103,7 @@ def _config_path(tokens: Sequence[str]) -> str | None:
     return None
 
 
-def _read_toml(path: str) -> dict[str, Any]:
+def _read_toml(path: str, tokens: Sequence[str]) -> dict[str, Any]:
     try:
         content = tomllib.loads(Path(path).read_text(encoding="utf-8"))
     except FileNotFoundError:
@@ -114,6 +114,9 @@ def _read_toml(path: str) -> dict[str, Any]:
     for key, value in content.items():
         if key not in known or not isinstance(value, dict):
             raise ConfigError(f"--config {path}: '{key}' is not a table named like a command.{nearest(key, known)}")
+    command = next((token for token in tokens if token in known), None)
+    if command and command not in content:
+        raise ConfigError(f"--config {path}: no table [{command}]; there is {', '.join(content) or 'nothing'} in it.")
     return content
 
 

@@ -65,7 +65,7 @@ def _libkge(opened: OpenedGraph, folder: Path) -> None:
         write_atomically(folder / f"{name}.del", (f"{i}\t{label}\n" for i, label in enumerate(labels)))
     parts = {"train": split.partial, "valid": split.held_out("valid"), "test": split.held_out("test")}
     lines = [
-        "# Triples of the partial knowledge graph, and the held-out ones that it does not contain.",
+        "# wordcraft-kg: triples of the partial knowledge graph, and the held-out ones that it does not contain.",
         "dataset:",
         f"  name: {json.dumps(graph.name, ensure_ascii=False)}",
         f"  num_entities: {graph.num_entities}",

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wordcraft_kg.errors import GraphError, UnknownEntityError, nearest
-from wordcraft_kg.graphs.recipes import Recipe, RecipeBook
+from wordcraft_kg.graphs.recipes import Recipe, RecipeBook, check_label
 from wordcraft_kg.graphs.triples import RELATIONS, recipe_triples
 
 if TYPE_CHECKING:
@@ -95,8 +95,13 @@ class RecipeGraph:
     def from_recipes(
         cls, recipes: Iterable[Sequence[str]], base: Iterable[str] | None = None, name: str = "graph"
     ) -> "RecipeGraph":
-        """Build a graph from rows ``(ingredient, ingredient, result)`` of labels."""
-        return cls.from_book(RecipeBook.of(name, recipes, keep_self_results=True), base)
+        """Build a graph from rows ``(ingredient, ingredient, result)`` of labels.
+
+        Raises:
+            RecipeFileError: if a label cannot name an entity.
+        """
+        rows = [[check_label(label, f"row {i}") for label in row] for i, row in enumerate(recipes)]
+        return cls.from_book(RecipeBook.of(name, rows, keep_self_results=True), base)
 
     # --- what there is -----------------------------------------------------------------------------------------------
 

@@ -78,18 +78,20 @@ class RecipeBook:
     ) -> "RecipeBook":
         """Collect rows ``(ingredient, ingredient, result)`` into a book, counting what is dropped and merged."""
         kept: set[Recipe] = set()
+        dropped_labels: set[str] = set()
         dropped = merged = 0
         for one, other, result in rows:
             recipe = Recipe.of(one, other, result)
             if recipe.is_self_result and not keep_self_results:
                 dropped += 1
+                dropped_labels.update(recipe)
             elif recipe in kept:
                 merged += 1
             else:
                 kept.add(recipe)
         mentioned = {label for recipe in kept for label in recipe}
         declared = None if base is None else tuple(sorted(set(base)))
-        idle = tuple(sorted((set(listed) | set(declared or ())) - mentioned))
+        idle = tuple(sorted((dropped_labels.union(listed, declared or ())) - mentioned))
         return cls(name, tuple(sorted(kept)), declared, idle, dropped, merged, sha256)
 
     @cached_property
@@ -237,13 +239,16 @@ def _parse_table(path: Path, text: str, delimiter: str) -> Parsed:
         if not line.startswith("#"):
             break
         key, colon, rest = line[1:].strip().partition(":")
-        if colon and key.strip() in ("base", "entities"):
+        if colon and key.strip().lower() in ("base", "entities"):
+            where = f"{path}, line {number}"
+            if len(line) > MAX_LINE_LENGTH:
+                raise RecipeFileError(f"{where}: a line of {len(line):,} characters; the limit is {MAX_LINE_LENGTH:,}.")
             labels = [cell for row in csv.reader([rest], skipinitialspace=True) for cell in row]
-            checked = [check_label(label, f"{path}, line {number}") for label in labels]
-            if key.strip() == "base":
-                base = checked
+            checked = [check_label(label, where) for label in labels]
+            if key.strip().lower() == "base":
+                base = [*(base or []), *checked]
             else:
-                listed = checked
+                listed += checked
     header = tuple(cell.strip() for cell in line.rstrip("\r\n")[:MAX_LINE_LENGTH].split(delimiter))
     if header != CSV_HEADER:
         found = line.strip()[:80]

@@ -26,6 +26,8 @@ def compare(a: OpenedModel, b: OpenedModel, *, resamples: int = 1_000, seed: int
     """
     if resamples < 1:
         raise ConfigError(f"--resamples {resamples}: expected 1 or more.")
+    if seed < 0:
+        raise ConfigError(f"--seed {seed}: expected 0 or more.")
     for what, left, right in (
         ("graphs", a.data.graph.hash, b.data.graph.hash),
         ("splits", a.data.split.hash, b.data.split.hash),

@@ -62,8 +62,7 @@ class ComplExConfig(TrainingConfig):
     Attributes:
         dim: complex dimensions; 128 is the paper's.
         learning_rate: of Adagrad; 0.2 chosen on validation parts, see docs/link-prediction.md.
-        n3: weight of the N3 regulariser. Default: 0.1 on the partial graph, chosen on validation parts; 0 on the full
-            graph, which is to be remembered.
+        n3: weight of the N3 regulariser. Default: 0.1 on the partial graph (chosen on validation parts), 0 on the full.
         init_scale: standard deviation of the initial embeddings; 0.001 as in the paper's released code.
     """
 

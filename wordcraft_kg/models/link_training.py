@@ -21,23 +21,32 @@ from typing import Any
 import numpy as np
 import safetensors.torch
 import torch
-from pykeen.training import TrainingLoop
+from pykeen.training import NonFiniteLossError, TrainingLoop
 from pykeen.training.callbacks import TrainingCallback
 
-from wordcraft_kg.artefacts import check_output, dump_json, read_json, replace_folder, write_atomically
+from wordcraft_kg.artefacts import (
+    check_output,
+    dump_json,
+    read_json,
+    replace_folder,
+    with_a_name,
+    write_atomically,
+)
 from wordcraft_kg.errors import ArtefactError, ConfigError, OutputExistsError
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
 from wordcraft_kg.graphs.recipe_graph import Ids
 from wordcraft_kg.graphs.triples import RELATIONS
-from wordcraft_kg.models.families import make_training_loop, scorer_tensors
-from wordcraft_kg.models.link_config import ComplExConfig, LinkConfig, read_config
+from wordcraft_kg.models.families import make_training_loop, model_class, scorer_tensors
+from wordcraft_kg.models.link_config import ComplExConfig, LinkConfig, LinkModelConfig, read_config
 from wordcraft_kg.models.link_prediction import rank_triples, ranking_metrics
 from wordcraft_kg.models.model_folder import check_inputs
 from wordcraft_kg.models.pykeen_bridge import pykeen_guard, quiet_pykeen, seed_everything, triples_factory
-from wordcraft_kg.models.scorers import make_scorer, read_tensors
-from wordcraft_kg.runs import end_run, read_run, start_run
+from wordcraft_kg.models.scorers import TABLE_LIMIT, make_scorer, read_tensors
+from wordcraft_kg.runs import end_run, read_run, resume_run, start_run
 
 UNFINISHED = ".unfinished"
+RANKED_IN_TRAIN = 20_000
+"""Training triples that are ranked at the end of a training, at most."""
 Progress = Callable[[int, int, dict[str, float]], None]
 """Called after each epoch with the epoch, the number of epochs and the latest figures."""
 
@@ -68,6 +77,7 @@ def train_links(
         OutputExistsError: if ``out``, or an unfinished run of the same name, exists and ``force`` is False.
         ConfigError: if the settings do not fit the graph or the machine.
     """
+    out = with_a_name(out)
     check_output(out, force=force)
     folder = out.with_name(out.name + UNFINISHED)
     if folder.exists() and not force:
@@ -113,6 +123,7 @@ def resume_links(
         ArtefactError: if there is nothing to resume, or it is damaged.
         GraphMismatchError: if the graph or its split is not the one that the run began with.
     """
+    folder = with_a_name(folder)
     unfinished = folder if folder.name.endswith(UNFINISHED) else folder.with_name(folder.name + UNFINISHED)
     if not unfinished.is_dir():
         state = "is finished; there is nothing to resume" if folder.is_dir() else "does not exist"
@@ -135,7 +146,7 @@ def resume_links(
         if epochs < done:
             raise ConfigError(f"--epochs {epochs}: the run has done {done} already; give {done} or more.")
     write_atomically(unfinished / "config.toml", _config_toml(opened, config, out))
-    write_atomically(unfinished / "run.json", dump_json(run | {"status": "running", "ended": None}))
+    resume_run(unfinished, run)
     return _run(opened, config, out, unfinished, run, progress)
 
 
@@ -158,6 +169,20 @@ def check_device(device: str) -> None:
 
 
 def _check_fit(opened: OpenedGraph, config: LinkConfig) -> None:
+    if isinstance(config, LinkModelConfig):
+        model_class(config.model)
+        if len(RELATIONS) * opened.graph.num_entities**2 * 4 > TABLE_LIMIT:
+            raise ConfigError(
+                f"'{config.model}' is served from a table of all scores, too large for {opened.graph.num_entities:,} "
+                "entities. Use train-complex."
+            )
+    if config.kg == "partial" and opened.split.config.kind == "none":
+        raise ConfigError(
+            "the split of this graph holds nothing out, so there is no partial graph to train on. Use --kg full, or "
+            "build the graph with a split, such as --split by-recipe."
+        )
+    if config.kg == "full" and config.eval_every:
+        raise ConfigError("--eval-every: the full graph holds the validation triples too; validate with --kg partial.")
     if config.eval_every and not len(opened.split.held_out("valid")):
         raise ConfigError(
             "--eval-every needs validation triples and this split has none. Build the graph with a validation part, "
@@ -215,6 +240,8 @@ def _run(
                 raise KeyboardInterrupt(interruption_message(folder, done)) from None
         else:
             shutil.rmtree(folder)  # nothing in it to go on with
+        if isinstance(error, NonFiniteLossError):
+            raise ConfigError("the loss is no longer a finite number; train with a lower --learning-rate.") from None
         raise
     shutil.rmtree(folder / "checkpoints")
     end_run(folder, run, "done", ("model.safetensors", "vocabulary.json", "config.toml", "metrics.json", "trace.jsonl"))
@@ -234,6 +261,9 @@ def _finish(
     model.eval()
     kind, tensors = scorer_tensors(config, model)
     scorer = make_scorer(kind, tensors, opened.graph.entities, opened.graph.hash)
+    sample = triples
+    if len(triples) > RANKED_IN_TRAIN:
+        sample = triples[np.sort(np.random.default_rng(0).permutation(len(triples))[:RANKED_IN_TRAIN])]
     vocabulary = {
         "format": "wordcraft-kg vocabulary 1",
         "scorer": kind,
@@ -252,7 +282,9 @@ def _finish(
         "loss": state.trace[-1]["loss"],
         "valid_mrr": state.best_mrr,
         # Filtered by the training triples themselves: how well the model remembers, not how well it predicts.
-        "train_mrr": ranking_metrics(rank_triples(scorer, triples, triples))["mrr"],
+        # On large graphs a fixed sample is enough.
+        "train_mrr": ranking_metrics(rank_triples(scorer, sample, triples))["mrr"],
+        "train_mrr_triples": len(sample),
     }
     write_atomically(folder / "model.safetensors", safetensors.torch.save(_copy(tensors)))
     write_atomically(folder / "vocabulary.json", dump_json(vocabulary))

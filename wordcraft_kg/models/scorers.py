@@ -166,6 +166,11 @@ class ComplExScorer(Scorer):
         self.relation = torch.complex(tensors["relation_real"], tensors["relation_imag"])
 
     def _score(self, heads: torch.Tensor, relations: torch.Tensor, tails: torch.Tensor) -> torch.Tensor:
+        if tails.ndim == 2 and tails.shape[0] == 1 and heads.ndim == 2 and heads.shape[1] == 1:
+            return _real_dot(self.entity[heads[:, 0]] * self.relation[relations.reshape(-1)], self.entity[tails[0]])
+        if heads.ndim == 2 and heads.shape[0] == 1 and tails.ndim == 2 and tails.shape[1] == 1:
+            known = self.relation[relations.reshape(-1)].conj() * self.entity[tails[:, 0]]
+            return _real_dot(known, self.entity[heads[0]])
         product = self.entity[heads] * self.relation[relations] * self.entity[tails].conj()
         return product.real.sum(dim=-1)
 
@@ -177,6 +182,11 @@ class ComplExScorer(Scorer):
         """Score everything once."""
         scores = torch.stack([self.table(relation) for relation in range(len(RELATIONS))])
         return TableScorer(scores, self.entities, self.graph_hash, device=self.device, name=self.name)
+
+
+def _real_dot(queries: torch.Tensor, candidates: torch.Tensor) -> torch.Tensor:
+    """Return ``Re<query, conj(candidate)>`` of (B, d) and (N, d) complex rows, shape (B, N), by one real product."""
+    return torch.view_as_real(queries.resolve_conj()).flatten(1) @ torch.view_as_real(candidates).flatten(1).T
 
 
 class SymbolicScorer(Scorer):
@@ -233,6 +243,8 @@ def load_scorer(folder: str | Path, *, graph: RecipeGraph | None = None, device:
         vocabulary = json.loads(verified_bytes(folder, run, "vocabulary.json"))
         kind, entities, graph_hash = vocabulary["scorer"], vocabulary["entities"], vocabulary["graph"]
         scorer = make_scorer(kind, tensors, entities, graph_hash, device=device, name=folder.name)
+    except ArtefactError:
+        raise
     except (KeyError, TypeError, ValueError) as error:
         raise ArtefactError(f"{folder} does not hold a scorer ({error!r}). Train it again.") from None
     if graph is not None:

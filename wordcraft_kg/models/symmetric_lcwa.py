@@ -2,7 +2,11 @@
 
 PyKEEN's ``SymmetricLCWATrainingLoop`` computes the same loss, but looks everything up twice, regularises the candidates
 as well as the batch, and builds dense one-hot targets. This one reads the entity table once a batch and uses the target
-indices themselves. Two private methods of PyKEEN's training loop are overridden, which pins PyKEEN's minor version.
+indices themselves.
+
+PyKEEN's minor version is pinned because of what is used of its private side: two methods overridden and
+``_plain_forward`` here, ``_epoch`` and ``_should_stop`` in ``link_training.py``, and the pipeline's seed in
+``pykeen_bridge.py``.
 """
 
 from typing import Any

@@ -1,5 +1,6 @@
 """What the training commands share: run, report, and say how to go on after Ctrl-C."""
 
+import logging
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -41,6 +42,10 @@ def report(trained: "TrainedLinks", output: Output) -> int:
     ]
     if metrics["valid_mrr"] is not None:
         rows.append(("valid MRR", f"{metrics['valid_mrr']:.3f} at best, in epoch {metrics['best_epoch']}"))
+    if metrics["train_mrr"] < 0.1:
+        logging.getLogger(__name__).warning(
+            "the model hardly remembers its own training triples; try more epochs, another rate, or --loop symmetric."
+        )
     output.result(
         values, [*aligned(rows), f"wrote {trained.folder}/   next: wordcraft-kg evaluate-links {trained.folder}"]
     )

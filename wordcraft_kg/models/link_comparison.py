@@ -6,7 +6,14 @@ import numpy as np
 
 from wordcraft_kg.errors import ConfigError, GraphMismatchError, SplitError
 from wordcraft_kg.graphs.splits import PARTS
-from wordcraft_kg.models.link_prediction import bootstrap, interval, rank_triples, ranking_metrics, recipe_clusters
+from wordcraft_kg.models.link_prediction import (
+    MIN_TRIPLES,
+    bootstrap,
+    interval,
+    rank_triples,
+    ranking_metrics,
+    recipe_clusters,
+)
 from wordcraft_kg.models.model_folder import OpenedModel
 
 
@@ -39,8 +46,11 @@ def compare(a: OpenedModel, b: OpenedModel, *, resamples: int = 1_000, seed: int
             )
     graph, split = a.data.graph, a.data.split
     queries = split.held_out("test")
-    if not len(queries):
-        raise SplitError("this split leaves no unseen test triples to compare on; build the graph with a split.")
+    if len(queries) < MIN_TRIPLES:
+        raise SplitError(
+            f"only {len(queries)} unseen test triples to compare on; {MIN_TRIPLES} are needed. Build the graph with a "
+            "split and a smaller --train-ratio, such as 0.7."
+        )
     ranks = [rank_triples(model.scorer, queries, graph.triples) for model in (a, b)]
     clusters = np.tile(recipe_clusters(graph, split.parts == PARTS.index("test"), queries), 2)
     gain = 1 / ranks[0]["rank"].to_numpy(dtype=float) - 1 / ranks[1]["rank"].to_numpy(dtype=float)

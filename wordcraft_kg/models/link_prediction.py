@@ -13,6 +13,8 @@ from wordcraft_kg.graphs.recipe_graph import Ids, RecipeGraph
 from wordcraft_kg.graphs.triples import RELATIONS, triple_keys
 
 HITS = (1, 3, 10)
+MIN_TRIPLES = 30
+"""Fewer held-out triples than this give no figure that means something."""
 BATCH = 1_024
 """Queries scored at once: (BATCH, E) floats."""
 

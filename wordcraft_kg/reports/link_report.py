@@ -24,6 +24,7 @@ from wordcraft_kg.graphs.recipe_graph import Ids, RecipeGraph
 from wordcraft_kg.graphs.splits import PARTS
 from wordcraft_kg.graphs.triples import COMBINES_WITH, RELATIONS, is_in
 from wordcraft_kg.models.link_prediction import (
+    MIN_TRIPLES,
     calibration,
     random_metrics,
     rank_triples,
@@ -36,7 +37,6 @@ from wordcraft_kg.models.scorers import FrequencyScorer
 from wordcraft_kg.reports import charts
 
 REPORT_FORMAT = "wordcraft-kg link report 1"
-MIN_TRIPLES = 30
 RANK_BINS = ((1, 1), (2, 3), (4, 5), (6, 10), (11, 20), (21, 50), (51, 100), (101, 200), (201, 10**9))
 LISTED = 8
 MAP_LIMIT = 3_000

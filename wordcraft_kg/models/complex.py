@@ -14,6 +14,7 @@ from pykeen.nn.modules import ComplExInteraction, interaction_resolver
 from pykeen.regularizers import PowerSumRegularizer
 
 from wordcraft_kg.models.link_config import N3_PARTIAL, PAPER_DIM, ComplExConfig
+from wordcraft_kg.models.scorers import real_dot
 
 
 class MatmulComplExInteraction(ComplExInteraction):
@@ -32,11 +33,11 @@ class MatmulComplExInteraction(ComplExInteraction):
             (B, N) scores cost one product of (B, 2d) and (2d, N).
         """
         if _is_all(t) and _is_one(h) and _is_one(r):
-            return _real_dot(h * r, t)
+            return real_dot((h * r).squeeze(dim=1), t.squeeze(dim=0))
         if _is_all(h) and _is_one(r) and _is_one(t):
-            return _real_dot(r.conj() * t, h)
+            return real_dot((r.conj() * t).squeeze(dim=1), h.squeeze(dim=0))
         if _is_all(r) and _is_one(h) and _is_one(t):
-            return _real_dot(h.conj() * t, r)
+            return real_dot((h.conj() * t).squeeze(dim=1), r.squeeze(dim=0))
         # Two factors first here too: the plain formula, without PyKEEN's search for an einsum path.
         return torch.real(h * r * t.conj()).sum(dim=-1)
 
@@ -47,13 +48,6 @@ def _is_all(x: torch.Tensor) -> bool:
 
 def _is_one(x: torch.Tensor) -> bool:
     return x.ndim == 3 and x.shape[1] == 1
-
-
-def _real_dot(query: torch.Tensor, candidates: torch.Tensor) -> torch.Tensor:
-    """Return ``Re<query, conj(candidates)>`` for (B, 1, d) and (1, N, d) complex tensors, shape (B, N)."""
-    left = torch.view_as_real(query.resolve_conj()).flatten(start_dim=-2).squeeze(dim=1)
-    right = torch.view_as_real(candidates.resolve_conj()).flatten(start_dim=-2).squeeze(dim=0)
-    return left @ right.T
 
 
 class ComplExN3(ERModel):

@@ -167,10 +167,10 @@ class ComplExScorer(Scorer):
 
     def _score(self, heads: torch.Tensor, relations: torch.Tensor, tails: torch.Tensor) -> torch.Tensor:
         if tails.ndim == 2 and tails.shape[0] == 1 and heads.ndim == 2 and heads.shape[1] == 1:
-            return _real_dot(self.entity[heads[:, 0]] * self.relation[relations.reshape(-1)], self.entity[tails[0]])
+            return real_dot(self.entity[heads[:, 0]] * self.relation[relations.reshape(-1)], self.entity[tails[0]])
         if heads.ndim == 2 and heads.shape[0] == 1 and tails.ndim == 2 and tails.shape[1] == 1:
             known = self.relation[relations.reshape(-1)].conj() * self.entity[tails[:, 0]]
-            return _real_dot(known, self.entity[heads[0]])
+            return real_dot(known, self.entity[heads[0]])
         product = self.entity[heads] * self.relation[relations] * self.entity[tails].conj()
         return product.real.sum(dim=-1)
 
@@ -184,9 +184,12 @@ class ComplExScorer(Scorer):
         return TableScorer(scores, self.entities, self.graph_hash, device=self.device, name=self.name)
 
 
-def _real_dot(queries: torch.Tensor, candidates: torch.Tensor) -> torch.Tensor:
+def real_dot(queries: torch.Tensor, candidates: torch.Tensor) -> torch.Tensor:
     """Return ``Re<query, conj(candidate)>`` of (B, d) and (N, d) complex rows, shape (B, N), by one real product."""
-    return torch.view_as_real(queries.resolve_conj()).flatten(1) @ torch.view_as_real(candidates).flatten(1).T
+    return (
+        torch.view_as_real(queries.resolve_conj()).flatten(1)
+        @ torch.view_as_real(candidates.resolve_conj()).flatten(1).T
+    )
 
 
 class SymbolicScorer(Scorer):

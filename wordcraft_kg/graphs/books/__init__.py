@@ -7,7 +7,7 @@ import hashlib
 import os
 import urllib.request
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from http.client import HTTPException
 from pathlib import Path
 
@@ -115,7 +115,7 @@ def open_book(name_or_path: str | Path, *, keep_self_results: bool = False) -> R
         )
     content = read_book(book.path, keep_self_results=keep_self_results, name=book.name)
     if published and content.base is None:
-        return RecipeBook(**{**vars(content), "base": published.base})
+        return replace(content, base=published.base)
     return content
 
 

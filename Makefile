@@ -7,7 +7,7 @@ DEMO := demo
 .PHONY: help install demo test slow lint format docs clean
 
 help:
-	@echo "make demo     set up, then book -> graph -> ComplEx -> report, on the built-in book kitchen"
+	@echo "make demo     set up, then book -> graph -> ComplEx -> report, on the built-in book everyday"
 	@echo "make test     set up, then the tests"
 	@echo "make install  set up .venv only"
 	@echo "make slow     the tests that take minutes"
@@ -24,12 +24,12 @@ install: .venv/installed
 	touch $@
 
 demo: install
-	$(BIN)/wordcraft-kg build-graph kitchen --out $(DEMO)/graphs/kitchen --force
-	$(BIN)/wordcraft-kg train-complex $(DEMO)/graphs/kitchen --kg partial --out $(DEMO)/models/kitchen-partial --force
-	$(BIN)/wordcraft-kg train-complex $(DEMO)/graphs/kitchen --kg full --out $(DEMO)/models/kitchen-full --force
-	$(BIN)/wordcraft-kg evaluate-links $(DEMO)/models/kitchen-partial
-	$(BIN)/wordcraft-kg evaluate-links $(DEMO)/models/kitchen-full
-	$(BIN)/wordcraft-kg score $(DEMO)/models/kitchen-partial "?" componentOf bread --top 5
+	$(BIN)/wordcraft-kg build-graph everyday --out $(DEMO)/graphs/everyday --force
+	$(BIN)/wordcraft-kg train-complex $(DEMO)/graphs/everyday --kg partial --out $(DEMO)/models/everyday-partial --force
+	$(BIN)/wordcraft-kg train-complex $(DEMO)/graphs/everyday --kg full --out $(DEMO)/models/everyday-full --force
+	$(BIN)/wordcraft-kg evaluate-links $(DEMO)/models/everyday-partial
+	$(BIN)/wordcraft-kg evaluate-links $(DEMO)/models/everyday-full
+	$(BIN)/wordcraft-kg score $(DEMO)/models/everyday-partial "?" componentOf bread --top 5
 
 test: install
 	$(BIN)/python -m pytest -m "not slow"

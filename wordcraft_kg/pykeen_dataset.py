@@ -22,7 +22,7 @@ class WordCraft(EagerDataset):
     does not contain, so PyKEEN's numbers on it are leak-free.
     """
 
-    def __init__(self, graph: str | Path = "kitchen", create_inverse_triples: bool = False, **kwargs: Any) -> None:
+    def __init__(self, graph: str | Path = "everyday", create_inverse_triples: bool = False, **kwargs: Any) -> None:
         """Open a graph.
 
         Args:

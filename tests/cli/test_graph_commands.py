@@ -13,7 +13,7 @@ import pytest
 
 from wordcraft_kg.cli.export import Format
 from wordcraft_kg.graphs import SPLITS, RecipeGraph, SplitConfig, make_split, open_graph, read_book, write_graph_folder
-from wordcraft_kg.graphs.books import DATA_VARIABLE, FETCHABLE
+from wordcraft_kg.graphs.books import DATA_VARIABLE, FETCHABLE, open_book
 
 TABLE = "ingredient_a,ingredient_b,result\n"
 KEPT = "of an earlier build"
@@ -589,7 +589,10 @@ def test_an_unknown_format_is_misuse(run, home):
 def test_books_lists_names_origins_and_what_can_be_fetched(run, home):
     listed = json.loads(run("books", "--json").out)
     assert {book["name"]: book["origin"] for book in listed["books"]} == {
-        **{"kitchen": "built in", "paper-examples": "built in", "little-alchemy-2": "to fetch"},
+        "everyday": "built in",
+        "kitchen": "built in",
+        "paper-examples": "built in",
+        "little-alchemy-2": "to fetch",
     }
     assert listed["data_folder"] is None
     text = run("books").out
@@ -665,3 +668,58 @@ def test_a_reader_that_goes_away_is_no_error(tmp_path):
     )
     os.close(writer)
     assert (done.returncode, done.stderr) == (0, "")
+
+
+# --- check-book ------------------------------------------------------------------------------------------------------
+
+
+def test_check_book_lists_all_findings_with_lines_and_fails(run, book):
+    path = book("mine.csv", "# base: a\ningredient_a,ingredient_b,result\na,a,b\na,a,b\nx,a,y\nB,a,c\n")
+    before = path.read_bytes()
+    outcome = run("check-book", path)
+    assert outcome.code == 1
+    assert "problem [duplicate] lines 3, 4: a + a -> b is listed 2 times" in outcome.out
+    assert "problem [unreachable] line 5: 2 entities cannot be made from the base (a): x, y" in outcome.out
+    assert "problem [spelling] lines 3, 6: 'B' and 'b' count as different entities" in outcome.out
+    assert outcome.out.rstrip().endswith("4 problems, 1 to look at")
+    assert path.read_bytes() == before
+
+
+def test_check_book_of_a_good_book_prints_its_figures_and_passes(run):
+    outcome = run("check-book", "everyday", "--against", "kitchen", "--json")
+    assert outcome.code == 0
+    result = json.loads(outcome.out)
+    assert result["passed"] is True
+    figures = result["figures"]
+    assert figures["entities"] == figures["reachable"]
+    assert 0 < figures["near_synonym_share"] < 1
+    shared = set(open_book("everyday").recipes) & set(open_book("kitchen").recipes)
+    assert figures["shared_recipes"] == len(shared) > 0
+    assert {finding["severity"] for finding in result["findings"]} <= {"note"}
+
+
+def test_check_book_names_words_without_a_vector(run, book):
+    path = book("mine.csv", "ingredient_a,ingredient_b,result\nwater,zqxjkv,mud\n")
+    outcome = run("check-book", path)
+    assert outcome.code == 0
+    assert "note [vector] 1 of 3 words have no word vector: zqxjkv" in outcome.out
+
+
+def test_check_book_takes_the_base_and_a_graph_folder(run, book, kitchen_folder):
+    path = book("mine.csv", "ingredient_a,ingredient_b,result\na,b,c\nb,c,a\n")
+    assert run("check-book", path).code == 1
+    assert run("check-book", path, "--base", "a,b").code == 0
+    assert run("check-book", kitchen_folder).code == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["nowhere"], "'nowhere' is neither a file nor a known book"),
+        (["kitchen", "--against", "evryday"], "Did you mean 'everyday'?"),
+    ],
+)
+def test_check_book_refuses_what_is_not_a_book(run, home, arguments, says):
+    outcome = run("check-book", *arguments)
+    assert (outcome.code, outcome.out) == (1, "")
+    assert says in outcome.err

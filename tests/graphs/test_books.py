@@ -48,6 +48,9 @@ def server(monkeypatch):
     return serve
 
 
+BUILT_IN = dict.fromkeys(["everyday", "kitchen", "paper-examples"], "built in")
+
+
 def origins():
     return {book.name: book.origin for book in known_books()}
 
@@ -55,7 +58,7 @@ def origins():
 def test_the_built_in_books_open_by_name(home):
     assert open_book("kitchen").name == "kitchen"
     assert len(open_book("paper-examples").recipes) == 52
-    assert origins() == {"kitchen": "built in", "paper-examples": "built in", NAME: "to fetch"}
+    assert origins() == BUILT_IN | {NAME: "to fetch"}
 
 
 def test_every_entity_of_the_kitchen_can_be_made_from_its_base(kitchen):
@@ -64,11 +67,25 @@ def test_every_entity_of_the_kitchen_can_be_made_from_its_base(kitchen):
     assert not (layers(kitchen) < 0).any()
 
 
-def test_a_file_of_the_same_name_goes_before_a_known_book(home, monkeypatch):
+def test_a_file_or_graph_folder_of_the_same_name_goes_before_a_known_book(home, monkeypatch):
     monkeypatch.chdir(home)
-    (home / "kitchen").mkdir()
-    with pytest.raises(RecipeFileError, match=r"kitchen is a directory without a graph\.json"):
+    book = open_book("kitchen")
+    (home / "kitchen").write_text("not a book", encoding="utf-8")
+    with pytest.raises(RecipeFileError, match="unknown ending"):
         open_book("kitchen")
+    (home / "kitchen").unlink()
+    (home / "kitchen").mkdir()
+    assert open_book("kitchen") == book  # a folder of another kind hides nothing
+    (home / "kitchen" / "graph.json").write_text("{}", encoding="utf-8")
+    with pytest.raises(RecipeFileError, match="neither of the known layouts"):
+        open_book("kitchen")
+
+
+def test_a_folder_that_is_no_graph_is_refused(home, monkeypatch):
+    monkeypatch.chdir(home)
+    (home / "mine").mkdir()
+    with pytest.raises(RecipeFileError, match=r"mine is a directory without a graph\.json"):
+        open_book("mine")
 
 
 def test_books_of_the_data_folder_are_known_by_name(home, monkeypatch):
@@ -77,7 +94,7 @@ def test_books_of_the_data_folder_are_known_by_name(home, monkeypatch):
     (home / "data" / "kitchen.csv").write_text("ingredient_a,ingredient_b,result\na,b,c\n", encoding="utf-8")
     (home / "data" / "notes.txt").write_text("not a book", encoding="utf-8")
     monkeypatch.setenv(DATA_VARIABLE, str(home / "data"))
-    assert origins() == {"kitchen": "built in", "paper-examples": "built in", "mine": "data folder", NAME: "to fetch"}
+    assert origins() == BUILT_IN | {"mine": "data folder", NAME: "to fetch"}
     assert open_book("mine").name == "mine"
     assert len(open_book("kitchen").recipes) > 100
 

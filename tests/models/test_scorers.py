@@ -1,8 +1,10 @@
 """Scorers: one protocol for all, batches equal to singles, and nothing served from a damaged or foreign folder."""
 
 import json
+import math
 import subprocess
 import sys
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 
@@ -11,7 +13,7 @@ import numpy as np
 import pytest
 import safetensors.torch
 import torch
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from link_helpers import contents, flip_bit, interrupt_after, random_graph
 from link_oracles import equation_1
@@ -27,6 +29,7 @@ from wordcraft_kg.models.link_config import ComplExConfig
 from wordcraft_kg.models.scorers import (
     ComplExScorer,
     FrequencyScorer,
+    NeighbourScorer,
     Scorer,
     SymbolicScorer,
     TableScorer,
@@ -90,8 +93,16 @@ def test_batched_selection_scores_equal_single_scores(scorer: Scorer, relation: 
     )
 
 
+def shapes_of(*shapes: tuple[int, ...]) -> npst.BroadcastableShapes:
+    return npst.BroadcastableShapes(shapes, np.broadcast_shapes(*shapes))
+
+
 @pytest.mark.parametrize("name", SCORERS)
 @given(shapes=npst.mutually_broadcastable_shapes(num_shapes=3, max_dims=3, max_side=4), seed=st.integers(0, 99))
+@example(shapes=shapes_of((1, 1), (1, 1, 1), (1, 1)), seed=0)
+@example(shapes=shapes_of((3, 1), (1, 3), (1, 3)), seed=0)
+@example(shapes=shapes_of((1, 3), (1, 3), (3, 1)), seed=0)
+@example(shapes=shapes_of((3, 1), (3,), (1, 3)), seed=0)
 def test_scores_of_any_broadcastable_ids_equal_single_scores(name, shapes, seed):
     scorer, rng = SCORERS[name], np.random.default_rng(seed)
     sizes = (SIZE, len(RELATIONS), SIZE)
@@ -283,7 +294,45 @@ def test_the_frequency_scorer_counts_heads_and_tails_of_the_relation():
                 assert float(scorer.score(head, relation, tail)) == as_head + as_tail
 
 
-@pytest.mark.parametrize("kind", [SymbolicScorer, FrequencyScorer])
+def slow_neighbour_scores(graph, triples, power):
+    """The formula of the docstring with loops over entities and neighbours."""
+    size = graph.num_entities
+    facts = {tuple(triple) for triple in triples.tolist()}
+    neighbours = [
+        {("with", t) for h, r, t in facts if h == e and r == COMBINES_WITH}
+        | {("makes", t) for h, r, t in facts if h == e and r == COMPONENT_OF}
+        | {("made of", h) for h, r, t in facts if t == e and r == COMPONENT_OF}
+        for e in range(size)
+    ]
+    count = Counter(neighbour for of_one in neighbours for neighbour in of_one)
+
+    def product(one, other):
+        return sum(count[neighbour] ** -power for neighbour in neighbours[one] & neighbours[other])
+
+    def alike(one, other):
+        lengths = math.sqrt(product(one, one) * product(other, other))
+        return product(one, other) / lengths if lengths and one != other else 0.0
+
+    scores = np.zeros((len(RELATIONS), size, size))
+    for head, relation, tail in facts:
+        for other in range(size):
+            scores[relation, other, tail] += alike(other, head)
+            scores[relation, head, other] += alike(other, tail)
+    return scores
+
+
+@pytest.mark.parametrize("power", [0.0, 0.5, 1.0])
+def test_the_neighbour_scorer_follows_its_formula(power):
+    triples = GRAPH.triples[::2]
+    scorer = NeighbourScorer(GRAPH, triples, power=power)
+    expected = slow_neighbour_scores(GRAPH, triples, power)
+    for relation in range(len(RELATIONS)):
+        np.testing.assert_allclose(scorer.table(relation).numpy(), expected[relation], rtol=1e-5, atol=1e-6)
+    assert expected[COMBINES_WITH].any()
+    assert expected[COMPONENT_OF].any()
+
+
+@pytest.mark.parametrize("kind", [SymbolicScorer, FrequencyScorer, NeighbourScorer])
 def test_a_scorer_of_no_triples_scores_nothing(kind):
     scorer = kind(GRAPH, GRAPH.triples[:0])
     assert not scorer.table(COMBINES_WITH).any()

@@ -24,7 +24,7 @@ from wordcraft_kg.graphs.splits import Split
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS, is_in
 from wordcraft_kg.models.link_prediction import random_metrics, rank_triples, ranking_metrics
 from wordcraft_kg.models.model_folder import OpenedModel
-from wordcraft_kg.models.scorers import FrequencyScorer, SymbolicScorer, TableScorer
+from wordcraft_kg.models.scorers import FrequencyScorer, NeighbourScorer, SymbolicScorer, TableScorer
 from wordcraft_kg.reports import link_report
 from wordcraft_kg.reports.link_report import (
     LinkReport,
@@ -151,10 +151,14 @@ def test_with_leaked_is_the_ranking_of_all_triples_of_the_test_recipes(values: V
     assert values["leaked_left_out"] == len(candidates) - values["triples"] > 0
 
 
-def test_the_baselines_are_frequency_in_train_and_expected_chance(values: Values, kitchen_model: OpenedModel):
+def test_the_baselines_are_frequency_and_neighbours_in_train_and_expected_chance(
+    values: Values, kitchen_model: OpenedModel
+):
     split, graph = kitchen_model.data.split, kitchen_model.data.graph
     ranks = rank_triples(FrequencyScorer(graph, split.partial), split.held_out("test"), graph.triples)
     assert values["baselines"]["frequency"]["all"] == ranking_metrics(ranks)
+    ranks = rank_triples(NeighbourScorer(graph, split.partial), split.held_out("test"), graph.triples)
+    assert values["baselines"]["neighbours"]["all"] == ranking_metrics(ranks)
     assert values["baselines"]["random"]["all"] == random_metrics(ranks)
     assert set(values["baselines"]["frequency"]) == set(values["baselines"]["random"]) == set(values["metrics"])
 
@@ -167,7 +171,7 @@ def test_ties_and_unfiltered_ranks_surround_the_headline(values: Values):
 
 def test_drill_downs_part_the_queries(values: Values):
     drill_down = values["drill_down"]
-    for name in ("seen_in_train", "layer"):
+    for name in ("seen_in_train", "layer", "near_synonyms"):
         assert sum(row["queries"] for row in drill_down[name]) == values["queries"]
     symmetric = values["metrics"]["combinesWith"]["queries"]
     assert sum(row["queries"] for row in drill_down["self_combination"]) == symmetric
@@ -518,6 +522,7 @@ def test_a_large_graph_has_a_report_without_the_map(kitchen_model: OpenedModel, 
     monkeypatch.setattr(link_report, "MAP_LIMIT", kitchen_model.data.graph.num_entities - 1)
     report = make_link_report(kitchen_model.scorer, kitchen_model.data)
     assert set(report.pictures) == {"ranks", "calibration"}
+    assert set(report.values["baselines"]) == {"frequency", "random"}
     jsonschema.validate(report.values, report_schema())
     assert Page(render(report)).faults == []
 

@@ -21,7 +21,7 @@ from wordcraft_kg import __version__
 from wordcraft_kg.errors import ConfigError, WordCraftKGError, nearest
 
 COMMANDS = {
-    "Recipe books": ["books", "fetch"],
+    "Recipe books": ["books", "fetch", "check-book"],
     "Graphs": ["build-graph", "describe", "export"],
     "Link prediction": [
         "train-complex",
@@ -37,9 +37,9 @@ COMMANDS = {
 
 START = """Start here:
 
-  wordcraft-kg build-graph kitchen --out graphs/kitchen
-  wordcraft-kg train-complex graphs/kitchen --out models/kitchen
-  wordcraft-kg evaluate-links models/kitchen
+  wordcraft-kg build-graph everyday --out graphs/everyday
+  wordcraft-kg train-complex graphs/everyday --out models/everyday
+  wordcraft-kg evaluate-links models/everyday
 
 Options may also stand in a TOML file, --config FILE, in a table named like the command."""
 

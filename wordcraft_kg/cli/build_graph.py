@@ -10,13 +10,13 @@ from wordcraft_kg.cli.console import Flag, Output, aligned, names, split_labels
 from wordcraft_kg.graphs.splits import SplitConfig, SplitKind
 
 EXAMPLES = (
-    "wordcraft-kg build-graph kitchen --out graphs/kitchen",
-    "wordcraft-kg build-graph kitchen --split by-goal --seed 1 --out graphs/kitchen-by-goal",
+    "wordcraft-kg build-graph everyday --out graphs/everyday",
+    "wordcraft-kg build-graph everyday --split by-goal --seed 1 --out graphs/everyday-by-goal",
 )
 
 
 def build_graph(
-    book: str = "kitchen",
+    book: str = "everyday",
     *,
     base: Annotated[list[str] | None, Parameter(negative=(), consume_multiple=False)] = None,
     base_file: Path | None = None,

@@ -5,8 +5,8 @@ from pathlib import Path
 from wordcraft_kg.cli.console import Output, aligned
 
 EXAMPLES = (
-    "wordcraft-kg compare-links models/kitchen models/kitchen-rotate",
-    "wordcraft-kg compare-links models/kitchen models/kitchen-rotate --resamples 10000 --json",
+    "wordcraft-kg compare-links models/everyday models/everyday-rotate",
+    "wordcraft-kg compare-links models/everyday models/everyday-rotate --resamples 10000 --json",
 )
 
 

@@ -5,7 +5,7 @@ from typing import Any
 from wordcraft_kg.cli.build_graph import split_rows
 from wordcraft_kg.cli.console import Output, aligned, names
 
-EXAMPLES = ("wordcraft-kg describe kitchen", "wordcraft-kg describe graphs/kitchen --entity bread")
+EXAMPLES = ("wordcraft-kg describe everyday", "wordcraft-kg describe graphs/everyday --entity bread")
 
 
 def describe(graph: str, *, entity: str | None = None, output: Output = Output()) -> None:

@@ -7,8 +7,8 @@ from typing import Any
 from wordcraft_kg.cli.console import Flag, Output, aligned
 
 EXAMPLES = (
-    "wordcraft-kg evaluate-links models/kitchen",
-    "wordcraft-kg evaluate-links models/kitchen --json --force",
+    "wordcraft-kg evaluate-links models/everyday",
+    "wordcraft-kg evaluate-links models/everyday --json --force",
 )
 
 
@@ -65,10 +65,14 @@ def _text(values: dict[str, Any], folder: Path) -> list[str]:
         return f"MRR {table['mrr']:.3f}{interval}  hits@1 {table['hits@1']:.3f}  hits@10 {table['hits@10']:.3f}"
 
     rows = [(name, figures(metrics[name])) for name in ("all", "combinesWith", "componentOf")]
-    rows += [("frequency", figures(baselines["frequency"]["all"])), ("random", figures(baselines["random"]["all"]))]
+    rows += [(name, figures(table["all"])) for name, table in baselines.items()]
     if values["model"]["has_seen_the_test_recipes"]:
         first = f"{values['triples']:,} triples of the graph, all of them seen in training: memory, not prediction"
     else:
         first = f"{values['triples']:,} unseen triples; {values['leaked_left_out']:,} leaked ones left out"
+        others = [row for row in values["drill_down"]["near_synonyms"] if row["slice"] == "no such train recipe"]
+        rows += [
+            ("no near-synonym", f"{figures(row)}  (recipes that no train recipe nearly repeats)") for row in others
+        ]
         rows.append(("with leaked", f"MRR {values['with_leaked']['mrr']:.3f}, inflated: training contains them"))
     return [first, *aligned(rows), f"wrote {folder}/   open {folder / 'index.html'}"]

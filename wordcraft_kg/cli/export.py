@@ -8,8 +8,8 @@ from cyclopts import Parameter
 from wordcraft_kg.cli.console import Flag, Output
 
 EXAMPLES = (
-    "wordcraft-kg export kitchen --format graphml --out kitchen.graphml",
-    "wordcraft-kg export graphs/kitchen --format libkge --out kitchen-libkge",
+    "wordcraft-kg export everyday --format graphml --out everyday.graphml",
+    "wordcraft-kg export graphs/everyday --format libkge --out everyday-libkge",
 )
 Format = Literal["tsv", "libkge", "graphml", "gexf", "nt", "ttl", "parquet", "csv", "json"]
 

@@ -5,8 +5,8 @@ from pathlib import Path
 from wordcraft_kg.cli.console import Output
 
 EXAMPLES = (
-    "wordcraft-kg resume models/kitchen.unfinished",
-    "wordcraft-kg resume models/kitchen.unfinished --epochs 100",
+    "wordcraft-kg resume models/everyday.unfinished",
+    "wordcraft-kg resume models/everyday.unfinished --epochs 100",
 )
 
 

@@ -7,8 +7,8 @@ from wordcraft_kg.cli.console import Output
 from wordcraft_kg.errors import ConfigError
 
 EXAMPLES = (
-    'wordcraft-kg score models/kitchen "flour" combinesWith "water"',
-    'wordcraft-kg score models/kitchen "?" componentOf "bread" --top 5',
+    'wordcraft-kg score models/everyday "flour" combinesWith "water"',
+    'wordcraft-kg score models/everyday "?" componentOf "bread" --top 5',
 )
 OPEN = "?"
 

@@ -10,8 +10,8 @@ from wordcraft_kg.cli.training import train
 from wordcraft_kg.models.link_config import ComplExConfig
 
 EXAMPLES = (
-    "wordcraft-kg train-complex kitchen --out models/kitchen",
-    "wordcraft-kg train-complex kitchen --kg full --seed 1 --out models/kitchen-full",
+    "wordcraft-kg train-complex everyday --out models/everyday",
+    "wordcraft-kg train-complex everyday --kg full --seed 1 --out models/everyday-full",
 )
 
 

@@ -10,8 +10,8 @@ from wordcraft_kg.cli.training import train
 from wordcraft_kg.models.link_config import LinkModelConfig
 
 EXAMPLES = (
-    "wordcraft-kg train-links kitchen --model rotate --out models/kitchen-rotate",
-    "wordcraft-kg train-links kitchen --model distmult --loop symmetric --out models/kitchen-distmult",
+    "wordcraft-kg train-links everyday --model rotate --out models/everyday-rotate",
+    "wordcraft-kg train-links everyday --model distmult --loop symmetric --out models/everyday-distmult",
 )
 
 

@@ -5,8 +5,8 @@ from pathlib import Path
 from wordcraft_kg.cli.console import Flag, Output
 
 EXAMPLES = (
-    "wordcraft-kg tune-links kitchen --valid-ratio 0.1 --trials 5 --out tuned/kitchen.toml",
-    "wordcraft-kg train-complex kitchen --config tuned/kitchen.toml --out models/kitchen-tuned",
+    "wordcraft-kg tune-links everyday --valid-ratio 0.1 --trials 5 --out tuned/everyday.toml",
+    "wordcraft-kg train-complex everyday --config tuned/everyday.toml --out models/everyday-tuned",
 )
 
 

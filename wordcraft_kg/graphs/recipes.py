@@ -113,7 +113,7 @@ def read_book(path: str | Path, *, keep_self_results: bool = False, name: str | 
     path = Path(path)
     if (path / "graph.json").is_file():
         path = path / "graph.json"
-    data = _read_bytes(path)
+    data = read_bytes(path)
     text = _decode(path, data)
     if path.suffix.lower() == ".json":
         base, listed, rows = _parse_json(path, text)
@@ -192,6 +192,29 @@ def check_label(label: Any, where: str) -> str:
     return label
 
 
+def read_directive(line: str, where: str) -> tuple[str, list[str]] | None:
+    """Read ``# base: a, b`` or ``# entities: a, b``, which may stand above the header of a CSV or TSV book.
+
+    Args:
+        line: a line that starts with ``#``.
+        where: file and line, for the message of an error.
+
+    Returns:
+        ``"base"`` or ``"entities"`` and the labels; None for any other comment.
+
+    Raises:
+        RecipeFileError: if the line is too long or a label cannot name an entity.
+    """
+    key, colon, rest = line[1:].strip().partition(":")
+    key = key.strip().lower()
+    if not colon or key not in ("base", "entities"):
+        return None
+    if len(line) > MAX_LINE_LENGTH:
+        raise RecipeFileError(f"{where}: a line of {len(line):,} characters; the limit is {MAX_LINE_LENGTH:,}.")
+    labels = [cell for row in csv.reader([rest], skipinitialspace=True) for cell in row]
+    return key, [check_label(label, where) for label in labels]
+
+
 def _csv_line(labels: Iterable[str], delimiter: str) -> str:
     # Quoting only where it is needed; csv.writer is reached through a buffer because it writes to files only.
     cells = list(labels)
@@ -202,7 +225,12 @@ def _csv_line(labels: Iterable[str], delimiter: str) -> str:
     return buffer.getvalue()
 
 
-def _read_bytes(path: Path) -> bytes:
+def read_bytes(path: Path) -> bytes:
+    """Return a book's bytes.
+
+    Raises:
+        RecipeFileError: saying why there are none.
+    """
     if path.is_dir():
         raise RecipeFileError(f"{path} is a directory without a graph.json; give a recipe book (.csv, .tsv, .json).")
     try:
@@ -238,17 +266,13 @@ def _parse_table(path: Path, text: str, delimiter: str) -> Parsed:
         number += 1
         if not line.startswith("#"):
             break
-        key, colon, rest = line[1:].strip().partition(":")
-        if colon and key.strip().lower() in ("base", "entities"):
-            where = f"{path}, line {number}"
-            if len(line) > MAX_LINE_LENGTH:
-                raise RecipeFileError(f"{where}: a line of {len(line):,} characters; the limit is {MAX_LINE_LENGTH:,}.")
-            labels = [cell for row in csv.reader([rest], skipinitialspace=True) for cell in row]
-            checked = [check_label(label, where) for label in labels]
-            if key.strip().lower() == "base":
-                base = [*(base or []), *checked]
+        directive = read_directive(line, f"{path}, line {number}")
+        if directive is not None:
+            key, labels = directive
+            if key == "base":
+                base = [*(base or []), *labels]
             else:
-                listed += checked
+                listed += labels
     header = tuple(cell.strip() for cell in line.rstrip("\r\n")[:MAX_LINE_LENGTH].split(delimiter))
     if header != CSV_HEADER:
         found = line.strip()[:80]

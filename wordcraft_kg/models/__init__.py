@@ -15,6 +15,7 @@ _HOME = {
     "ComplExN3": "complex",
     "FrequencyScorer": "scorers",
     "LinkModelConfig": "link_config",
+    "NeighbourScorer": "scorers",
     "SymbolicScorer": "scorers",
     "TableScorer": "scorers",
     "load_scorer": "scorers",

@@ -17,7 +17,7 @@ from safetensors import SafetensorError
 
 from wordcraft_kg.errors import ArtefactError, GraphMismatchError, UnknownEntityError, nearest
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.graphs.triples import RELATIONS
+from wordcraft_kg.graphs.triples import COMPONENT_OF, RELATIONS
 from wordcraft_kg.runs import read_finished_run, verified_bytes
 
 TABLE_LIMIT = 2**28
@@ -166,9 +166,11 @@ class ComplExScorer(Scorer):
         self.relation = torch.complex(tensors["relation_real"], tensors["relation_imag"])
 
     def _score(self, heads: torch.Tensor, relations: torch.Tensor, tails: torch.Tensor) -> torch.Tensor:
-        if tails.ndim == 2 and tails.shape[0] == 1 and heads.ndim == 2 and heads.shape[1] == 1:
+        # All tails of some heads, or all heads of some tails, are one product of matrices.
+        by_row = relations.ndim == 0 or (relations.ndim == 2 and relations.shape[1] == 1)
+        if by_row and tails.ndim == 2 and tails.shape[0] == 1 and heads.ndim == 2 and heads.shape[1] == 1:
             return real_dot(self.entity[heads[:, 0]] * self.relation[relations.reshape(-1)], self.entity[tails[0]])
-        if heads.ndim == 2 and heads.shape[0] == 1 and tails.ndim == 2 and tails.shape[1] == 1:
+        if by_row and heads.ndim == 2 and heads.shape[0] == 1 and tails.ndim == 2 and tails.shape[1] == 1:
             known = self.relation[relations.reshape(-1)].conj() * self.entity[tails[:, 0]]
             return real_dot(known, self.entity[heads[0]])
         product = self.entity[heads] * self.relation[relations] * self.entity[tails].conj()
@@ -225,6 +227,32 @@ class FrequencyScorer(Scorer):
 
     def _score(self, heads: torch.Tensor, relations: torch.Tensor, tails: torch.Tensor) -> torch.Tensor:
         return self._as_head[relations, heads] + self._as_tail[relations, tails]
+
+
+class NeighbourScorer(TableScorer):
+    """Scores a triple by how strongly entities like its head are linked to its tail, its head to those like that.
+
+    Nothing is learned. With ``A_r`` the known links of relation r, ``score_r = S A_r + A_r S``, where ``S`` is the
+    cosine of the rows of ``[A_combinesWith, A_componentOf, A_componentOf transposed]``: entities are alike as far as
+    they share neighbours. A neighbour that n entities have weighs 1 / n, and no entity is like itself. The weight was
+    chosen among 1, 1 / sqrt(n) and 1 / n on validation parts: ``benchmarks/link_quality.py neighbours``.
+
+    Everything is dense, (E, 3 E), so this is for graphs of some thousand entities.
+
+    Source: neighbourhood-based link prediction (Adamic and Adar 2003; Sarwar et al. 2001), here on two relations.
+    """
+
+    def __init__(self, graph: RecipeGraph, triples: np.ndarray, *, power: float = 1.0, **kwargs: Any):
+        """Score all triples from the known ones, shape (T, 3); a neighbour of n entities weighs ``n ** -power``."""
+        size = graph.num_entities
+        links = torch.zeros(len(RELATIONS), size, size)
+        heads, relations, tails = torch.tensor(triples, dtype=torch.int64).T
+        links[relations, heads, tails] = 1
+        profiles = torch.cat([*links, links[COMPONENT_OF].T], dim=1)
+        weighted = profiles * profiles.sum(0).clamp(min=1) ** (-power / 2)
+        unit = torch.nn.functional.normalize(weighted, dim=1)
+        alike = (unit @ unit.T).fill_diagonal_(0)
+        super().__init__(alike @ links + links @ alike, graph.entities, graph.hash, **kwargs)
 
 
 def load_scorer(folder: str | Path, *, graph: RecipeGraph | None = None, device: str = "cpu") -> Scorer:

@@ -23,6 +23,7 @@ from wordcraft_kg.graphs.protocols import TripleScorer
 from wordcraft_kg.graphs.recipe_graph import Ids, RecipeGraph
 from wordcraft_kg.graphs.splits import PARTS
 from wordcraft_kg.graphs.triples import COMBINES_WITH, RELATIONS, is_in
+from wordcraft_kg.models.features import glove_features
 from wordcraft_kg.models.link_prediction import (
     MIN_TRIPLES,
     calibration,
@@ -33,14 +34,16 @@ from wordcraft_kg.models.link_prediction import (
     slice_masks,
     with_interval,
 )
-from wordcraft_kg.models.scorers import FrequencyScorer
+from wordcraft_kg.models.near_synonyms import NEAR_SYNONYM, near_synonym_recipes, near_synonym_triples
+from wordcraft_kg.models.scorers import FrequencyScorer, NeighbourScorer
 from wordcraft_kg.reports import charts
 
 REPORT_FORMAT = "wordcraft-kg link report 1"
 RANK_BINS = ((1, 1), (2, 3), (4, 5), (6, 10), (11, 20), (21, 50), (51, 100), (101, 200), (201, 10**9))
 LISTED = 8
 MAP_LIMIT = 3_000
-"""Entities. Above it the report leaves out what needs the scores of all pairs: matrices, neighbours, map, ..."""
+"""Entities. Above it the report leaves out what needs the scores of all pairs: matrices, map, neighbours as a
+baseline, ..."""
 
 
 @dataclass(frozen=True)
@@ -92,7 +95,9 @@ def make_link_report(
     ranks = rank_triples(scorer, queries, graph.triples)
     sources = np.ones(graph.num_recipes, dtype=bool) if is_full else split.parts == PARTS.index("test")
     clusters = np.tile(recipe_clusters(graph, sources, queries), 2)
-    frequency_ranks = rank_triples(FrequencyScorer(graph, trained_on), queries, graph.triples)
+    baselines: dict[str, TripleScorer] = {"frequency": FrequencyScorer(graph, trained_on)}
+    if graph.num_entities <= MAP_LIMIT:
+        baselines["neighbours"] = NeighbourScorer(graph, trained_on)
     metrics = _by_slice(ranks, lambda part, mask: with_interval(part, clusters[mask], seed=seed))
     everything = split.candidates("test") if not is_full else queries
     leaked_ranks = ranks if is_full else rank_triples(scorer, everything, graph.triples)
@@ -123,10 +128,17 @@ def make_link_report(
         },
         "with_leaked": ranking_metrics(leaked_ranks),
         "baselines": {
-            "frequency": _by_slice(frequency_ranks, lambda part, _: ranking_metrics(part)),
+            **{
+                name: _by_slice(rank_triples(baseline, queries, graph.triples), lambda part, _: ranking_metrics(part))
+                for name, baseline in baselines.items()
+            },
             "random": _by_slice(ranks, lambda part, _: random_metrics(part)),
         },
-        "drill_down": _drill_down(opened, ranks, trained_on),
+        "near_synonym_cosine": NEAR_SYNONYM,
+        "drill_down": {
+            **_drill_down(opened, ranks, trained_on),
+            "near_synonyms": [] if is_full else _near_synonyms(opened, ranks, queries),
+        },
         "histogram": _histogram(ranks),
         "calibration": calibration(ranks),
         "best": _listed(graph, ranks.sort_values(["rank", "score"], ascending=[True, False], kind="stable")),
@@ -210,6 +222,10 @@ def summary_values(values: dict[str, Any]) -> dict[str, Any]:
         "triples": values["triples"],
         "leaked_left_out": values["leaked_left_out"],
         "mrr_with_leaked": values["with_leaked"]["mrr"],
+        "mrr_without_near_synonyms": next(
+            (row["mrr"] for row in values["drill_down"]["near_synonyms"] if row["slice"] == "no such train recipe"),
+            None,
+        ),
         "has_seen_the_test_recipes": values["model"]["has_seen_the_test_recipes"],
         "baselines": {
             name: {slice_: table[slice_].get("mrr") for slice_ in slices} for name, table in values["baselines"].items()
@@ -274,6 +290,15 @@ def _drill_down(opened: OpenedGraph, ranks: pd.DataFrame, trained_on: Ids) -> di
         ],
         "self_combination": rows([("with itself", is_symmetric & is_self), ("with another", is_symmetric & ~is_self)]),
     }
+
+
+def _near_synonyms(opened: OpenedGraph, ranks: pd.DataFrame, queries: Ids) -> list[dict[str, Any]]:
+    """The metrics with and without the triples of test recipes that repeat a train recipe in other words."""
+    graph = opened.graph
+    recipes = near_synonym_recipes(opened.split, glove_features(graph.entities))
+    repeats = np.tile(near_synonym_triples(graph, recipes, queries), 2)
+    groups = (("a train recipe with a near-synonym", repeats), ("no such train recipe", ~repeats))
+    return [{"slice": name, **ranking_metrics(ranks[mask])} for name, mask in groups if mask.any()]
 
 
 def _histogram(ranks: pd.DataFrame) -> dict[str, Any]:

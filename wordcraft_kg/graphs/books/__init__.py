@@ -89,16 +89,25 @@ def known_books() -> list[KnownBook]:
     return list(found.values())
 
 
-def open_book(name_or_path: str | Path, *, keep_self_results: bool = False) -> RecipeBook:
-    """Read a recipe book given by path or by name; a file or folder of that path goes first.
+@dataclass(frozen=True)
+class LocatedBook:
+    """A book's file, and what its place says beyond it: its name and base where it is known by name, else None."""
+
+    path: Path
+    name: str | None = None
+    base: tuple[str, ...] | None = None
+
+
+def locate_book(name_or_path: str | Path) -> LocatedBook:
+    """Find a recipe book given by path or by name; a file or graph folder of that path goes first.
 
     Raises:
-        RecipeFileError: if there is no such book, if it is not the file it should be, or if it cannot be read.
+        RecipeFileError: if there is no such book, or a published one is not the file that was published.
     """
     path = Path(name_or_path)
-    if path.exists():
-        return read_book(path, keep_self_results=keep_self_results)
     books = {book.name: book for book in known_books()}
+    if path.is_file() or (path / "graph.json").is_file() or (path.exists() and str(name_or_path) not in books):
+        return LocatedBook(path)
     book = books.get(str(name_or_path))
     if book is None:
         raise RecipeFileError(
@@ -113,10 +122,18 @@ def open_book(name_or_path: str | Path, *, keep_self_results: bool = False) -> R
             f"{book.path} is not the published '{book.name}' (its SHA-256 differs). "
             f"Fetch it again, or give the path itself to use it as it is: {book.path}"
         )
-    content = read_book(book.path, keep_self_results=keep_self_results, name=book.name)
-    if published and content.base is None:
-        return replace(content, base=published.base)
-    return content
+    return LocatedBook(book.path, book.name, published.base if published else None)
+
+
+def open_book(name_or_path: str | Path, *, keep_self_results: bool = False) -> RecipeBook:
+    """Read a recipe book given by path or by name, see :func:`locate_book`.
+
+    Raises:
+        RecipeFileError: if there is no such book, if it is not the file it should be, or if it cannot be read.
+    """
+    located = locate_book(name_or_path)
+    content = read_book(located.path, keep_self_results=keep_self_results, name=located.name)
+    return replace(content, base=located.base) if content.base is None else content
 
 
 def fetch_book(name: str) -> Path:

@@ -1,0 +1,244 @@
+import json
+
+import pytest
+from graph_strategies import books
+from hypothesis import given
+
+from wordcraft_kg.errors import RecipeFileError
+from wordcraft_kg.graphs import RecipeGraph, open_book, read_book, write_book
+from wordcraft_kg.graphs.book_check import check_book
+from wordcraft_kg.graphs.books import locate_book
+
+HEADER = "ingredient_a,ingredient_b,result\n"
+
+
+@pytest.fixture
+def check(tmp_path):
+    def check(text, name="book.csv", **options):
+        path = tmp_path / name
+        data = text if isinstance(text, bytes) else text.encode()
+        path.write_bytes(data)
+        found = check_book(path, **options)
+        assert path.read_bytes() == data
+        return found
+
+    return check
+
+
+def kinds(found):
+    return [(finding.kind, finding.severity, finding.lines) for finding in found.findings]
+
+
+def message(found, kind):
+    (finding,) = (finding for finding in found.findings if finding.kind == kind)
+    return finding.message
+
+
+def test_everything_wrong_is_reported_in_one_run_with_its_lines(check):
+    text = (
+        "\ufeff# base: water, earth\n"  # 1: byte order mark
+        "ingredient_a,ingredient_b,result\n"
+        "water,earth,mud\r\n"  # 3: CRLF
+        "earth,water,mud\n"  # 4: listed twice
+        '"salt, white",water,brine\n'  # 5: a comma; salt cannot be made
+        "Mud,water,swamp\n"  # 6: a label in two spellings, and so out of reach
+        "egg,earth,hen\n"  # 7: a circle
+        "hen,water,egg\n"  # 8
+        "water,earth\n"  # 9: no result
+        "mud,water,mud\n"  # 10: makes itself
+        "mud,  ,clay\n"  # 11: blank
+        'mud,"water,clay\n'  # 12: a quote that never ends
+    )
+    found = check(text)
+    assert not found.passed
+    problems = [(kind, lines) for kind, severity, lines in kinds(found) if severity == "problem"]
+    assert problems == [
+        ("bom", (1,)),
+        ("duplicate", (3, 4)),
+        ("line-ends", (3,)),
+        ("spelling", (3, 6)),
+        ("comma", (5,)),
+        ("unreachable", (5,)),
+        ("unreachable", (6,)),
+        ("cycle", (7,)),
+        ("unreachable", (7,)),
+        ("row", (9,)),
+        ("self-result", (10,)),
+        ("label", (11,)),
+        ("row", (12,)),
+    ]
+    assert message(found, "duplicate") == "earth + water -> mud is listed 2 times"
+    assert message(found, "spelling") == "'Mud' and 'mud' count as different entities; use one spelling"
+    assert message(found, "comma") == "the label 'salt, white' holds a comma, which other tools may split"
+    assert message(found, "cycle") == "need each other, and nothing from the base starts them: egg, hen"
+
+
+def test_a_clean_book_passes_and_notes_do_not_fail_it(check):
+    found = check("# base: water, earth\n" + HEADER + "water,earth,mud\nmud,mud,brick\nbrick,mud,bricks\n")
+    assert found.passed
+    assert kinds(found) == [("lonely", "note", (3, 5)), ("plural", "note", (4, 5))]
+    assert message(found, "plural") == "'brick' and 'bricks' are singular and plural of one word"
+    assert message(found, "lonely") == "3 entities stand in one recipe only: bricks, earth, water"
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "expected"),
+    [
+        ("poison", "prison", True),
+        ("father", "feather", True),
+        ("feather", "father", True),
+        ("dragon", "dragons", False),  # singular and plural
+        ("prison", "person", False),  # two letters
+        ("abcdef", "bcdefg", False),  # same letters left, but two edits
+        ("cart", "card", False),  # short
+        ("castle", "castle wall", False),
+    ],
+)
+def test_long_labels_one_letter_apart_are_noted(check, one, other, expected):
+    found = check(f"{HEADER}{one},{one},x\n{other},{other},x\n{one},{other},x\n")
+    assert ("similar" in [finding.kind for finding in found.findings]) == expected
+
+
+@pytest.mark.parametrize(
+    ("labels", "expected"),
+    [(("fly", "flies"), True), (("box", "boxes"), True), (("glass", "glasses"), True), (("gras", "grass"), True)],
+)
+def test_singular_and_plural_are_noted(check, labels, expected):
+    one, other = labels
+    found = check(f"{HEADER}{one},{one},x\n{other},{other},x\n")
+    assert ("plural" in [finding.kind for finding in found.findings]) == expected
+
+
+@pytest.mark.parametrize("name", ["book.csv", "book.tsv", "book.json"])
+@given(book=books())
+def test_what_reads_is_checked_as_the_graph_it_makes(tmp_path_factory, name, book):
+    path = tmp_path_factory.mktemp("books") / name
+    write_book(book, path)
+    found = check_book(path)
+    read = read_book(path, keep_self_results=False) if any(not r.is_self_result for r in book.recipes) else None
+    if read is None:
+        assert found.graph is None
+        assert not found.passed
+    else:
+        assert found.graph == RecipeGraph.from_book(read)
+        assert not {"row", "label", "header", "directive", "bom", "line-ends"} & {f.kind for f in found.findings}
+        assert ("self-result" in {f.kind for f in found.findings}) == (read.dropped_self_results > 0)
+
+
+def test_every_island_is_a_finding_of_its_own(check):
+    text = "# base: a\n" + HEADER + "a,a,b\nx,a,y\ny,a,z\nu,u,v\n"
+    found = check(text)
+    messages = [finding.message for finding in found.findings if finding.kind == "unreachable"]
+    assert messages == [
+        "3 entities cannot be made from the base (a): x, y, z",
+        "2 entities cannot be made from the base (a): u, v",
+    ]
+
+
+def test_the_base_may_be_given(check):
+    text = HEADER + "a,b,c\nb,c,a\n"
+    assert check(text, base=["a", "b"]).passed
+    (finding, *_) = check(text, base=["q"]).findings
+    assert (finding.kind, finding.severity) == ("base", "problem")
+    assert "base entity 'q' is not in book" in finding.message
+
+
+def test_a_base_entity_that_nothing_uses_is_a_problem(check):
+    found = check("# base: a, idle\n" + HEADER + "a,a,b\n")
+    assert message(found, "base") == "base entities that no recipe uses: idle"
+
+
+def test_a_missing_header_is_a_problem_and_its_line_still_counts(check):
+    found = check("a,a,b\na,b,c\n")
+    assert message(found, "header") == "expected the header 'ingredient_a,ingredient_b,result'"
+    assert found.figures["recipes"] == 2
+
+
+def test_a_bad_directive_is_a_problem(check):
+    found = check("# base: a, \t\n" + HEADER + "a,a,b\n")
+    assert [(finding.kind, finding.lines) for finding in found.findings if finding.severity == "problem"] == [
+        ("directive", (1,))
+    ]
+
+
+@pytest.mark.parametrize("text", ["", HEADER, HEADER + "a,b\n", "# only a comment\n"])
+def test_a_book_without_recipes_fails_and_has_no_figures(check, text):
+    found = check(text)
+    assert not found.passed
+    assert (found.graph, found.figures) == (None, {})
+
+
+def test_a_json_book_reports_its_first_error_or_its_counts(check):
+    broken = check("{", "book.json")
+    assert kinds(broken) == [("unreadable", "problem", ())]
+    rows = [["a", "b", "c"], ["b", "a", "c"], ["a", "b", "a"]]
+    text = json.dumps({"entities": ["a", "b", "c"], "base": ["a", "b"], "recipes": rows})
+    found = check(text, "book.json")
+    problems = [finding.message for finding in found.findings if finding.severity == "problem"]
+    assert problems == ["1 recipes are listed twice", "1 recipes make one of their own ingredients; they are dropped"]
+
+
+def test_a_file_that_is_not_there_or_not_text_is_an_error(tmp_path):
+    with pytest.raises(RecipeFileError, match="does not exist"):
+        check_book(tmp_path / "none.csv")
+    with pytest.raises(RecipeFileError, match="does not exist"):
+        check_book(tmp_path / "none.json")
+    (tmp_path / "latin.csv").write_bytes(HEADER.encode() + b"caf\xe9,a,b\n")
+    with pytest.raises(RecipeFileError, match="line 2: not UTF-8"):
+        check_book(tmp_path / "latin.csv")
+
+
+def test_the_figures_count_the_book(check):
+    text = "# base: a, b\n" + HEADER + "a,b,c\na,b,d\na,a,c\nc,d,e\na,e,f\n"
+    figures = check(text).figures
+    assert figures == {
+        "entities": 6,
+        "recipes": 5,
+        "pairs": 4,
+        "base": ["a", "b"],
+        "reachable": 6,
+        "max_layer": 3,
+        "mean_recipes_per_craftable": 5 / 4,
+        "share_with_two_recipes": 1 / 4,
+        "terminal": 1,
+        "self_pairs": 1,
+        "pairs_with_two_or_three_results": 1,
+        "pairs_with_more_results": 0,
+        "most_used": "a",
+        "most_used_share": 4 / 5,
+    }
+
+
+# --- the built-in book everyday --------------------------------------------------------------------------------------
+
+
+def test_everyday_has_the_size_and_the_shape_it_was_written_for():
+    found = check_book(locate_book("everyday").path)
+    assert found.passed
+    figures = found.figures
+    assert set(figures["base"]) == {"air", "earth", "fire", "time", "water"}
+    assert 600 <= figures["entities"] == figures["reachable"] <= 800
+    assert figures["recipes"] >= 3_000
+    assert figures["mean_recipes_per_craftable"] >= 4
+    assert figures["share_with_two_recipes"] >= 0.9
+    assert figures["terminal"] >= 120
+    assert 60 <= figures["self_pairs"] <= 150
+    assert 80 <= figures["pairs_with_two_or_three_results"] <= 200
+    assert figures["pairs_with_more_results"] == 0
+    assert figures["max_layer"] >= 12
+    assert figures["most_used_share"] <= 0.06
+
+
+def test_everyday_is_written_in_lower_case_words_and_grouped_by_result():
+    book = open_book("everyday")
+    assert all(label == label.lower() and label.replace(" ", "").isalpha() for label in book.entities)
+    lines = locate_book("everyday").path.read_text(encoding="utf-8").splitlines()
+    results = [line.split(",")[2] for line in lines if not line.startswith("#")][1:]
+    groups = [result for i, result in enumerate(results) if i == 0 or results[i - 1] != result]
+    assert len(groups) == len(set(groups))
+
+
+def test_most_of_everyday_is_not_in_little_alchemy_2(alchemy):
+    everyday = RecipeGraph.from_book(open_book("everyday"))
+    shared = set(everyday.recipe_labels()) & set(alchemy.recipe_labels())
+    assert len(shared) <= 0.2 * everyday.num_recipes

@@ -24,8 +24,20 @@ class SplitError(WordCraftKGError, ValueError):
     """A split cannot be drawn with these settings."""
 
 
+class TaskError(WordCraftKGError, ValueError):
+    """There is no such task, or no plan does what it should."""
+
+
 class ConfigError(WordCraftKGError, ValueError):
     """An option has a value outside its allowed range."""
+
+
+class ActionError(WordCraftKGError, ValueError):
+    """An action is outside the action space, or not legal where only legal actions are allowed."""
+
+
+class EpisodeError(WordCraftKGError, RuntimeError):
+    """An environment was asked for a step that it cannot take: before a reset or after the end of an episode."""
 
 
 class ArtefactError(WordCraftKGError, ValueError):

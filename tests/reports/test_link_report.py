@@ -21,9 +21,11 @@ from wordcraft_kg.errors import OutputExistsError, SplitError
 from wordcraft_kg.graphs import SplitConfig, make_split
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.splits import Split
-from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS, is_in
+from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS, is_in, recipe_triples
+from wordcraft_kg.models.features import glove_features
 from wordcraft_kg.models.link_prediction import random_metrics, rank_triples, ranking_metrics
 from wordcraft_kg.models.model_folder import OpenedModel
+from wordcraft_kg.models.near_synonyms import near_synonym_recipes
 from wordcraft_kg.models.scorers import FrequencyScorer, NeighbourScorer, SymbolicScorer, TableScorer
 from wordcraft_kg.reports import link_report
 from wordcraft_kg.reports.link_report import (
@@ -175,6 +177,26 @@ def test_drill_downs_part_the_queries(values: Values):
         assert sum(row["queries"] for row in drill_down[name]) == values["queries"]
     symmetric = values["metrics"]["combinesWith"]["queries"]
     assert sum(row["queries"] for row in drill_down["self_combination"]) == symmetric
+
+
+def test_the_slices_by_near_synonyms_are_ranked_apart(values: Values, kitchen_model: OpenedModel):
+    graph, split = kitchen_model.data.graph, kitchen_model.data.split
+    recipes = near_synonym_recipes(split, glove_features(graph.entities))
+    repeated = {tuple(row) for row in recipe_triples(graph.recipes[recipes]).tolist()}
+    ranks = rank_triples(kitchen_model.scorer, split.held_out("test"), graph.triples)
+    mask = np.array([tuple(row) in repeated for row in ranks[["head", "relation", "tail"]].to_numpy().tolist()])
+    with_one, without = values["drill_down"]["near_synonyms"]
+    assert with_one == {"slice": "a train recipe with a near-synonym", **ranking_metrics(ranks[mask])}
+    assert without == {"slice": "no such train recipe", **ranking_metrics(ranks[~mask])}
+    assert summary_values(values)["mrr_without_near_synonyms"] == without["mrr"]
+
+
+def test_without_any_near_synonym_there_is_no_slice_that_looks_like_a_clean_bill(kitchen_model: OpenedModel):
+    by_goal = make_split(kitchen_model.data.graph, SplitConfig("by-goal"))
+    opened = OpenedGraph(by_goal.graph, by_goal, "kitchen")
+    values = make_link_report(FrequencyScorer(by_goal.graph, by_goal.partial), opened).values
+    assert values["drill_down"]["near_synonyms"] == []
+    assert summary_values(values)["mrr_without_near_synonyms"] is None
 
 
 def test_the_histogram_parts_the_queries_of_each_relation(values: Values):

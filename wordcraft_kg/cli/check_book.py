@@ -40,7 +40,7 @@ def check_book(
     located = locate_book(book)
     path = located.path / "graph.json" if (located.path / "graph.json").is_file() else located.path
     other = None if against is None else open_book(against)
-    found = check(path, split_labels(base) if base else located.base)
+    found = check(path, split_labels(base) if base else located.base, located.name)
     graph = found.graph
     if graph is not None:
         found = found.adding(*_about_words(graph))

@@ -6,6 +6,7 @@ is merely odd; this goes on, and never changes the file.
 
 import csv
 import io
+import unicodedata
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,7 +14,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from wordcraft_kg.errors import GraphError, RecipeFileError, UnknownEntityError
+from wordcraft_kg.errors import RecipeFileError, nearest
 from wordcraft_kg.graphs.planner import layers
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.recipes import (
@@ -73,88 +74,95 @@ class BookCheck:
         return replace(self, findings=_sorted([*self.findings, *findings]), figures={**self.figures, **figures})
 
 
-def check_book(path: Path, base: Iterable[str] | None = None) -> BookCheck:
+def check_book(path: Path, base: Iterable[str] | None = None, name: str | None = None) -> BookCheck:
     """Check a recipe book.
 
-    Problems are: a byte order mark, line ends other than LF, a label with a comma, rows that are not recipes, recipes
-    listed twice or made from themselves, one label in two spellings, entities that cannot be made from the base, and
-    circles of entities that need each other. Notes are: singular and plural of one word, long labels that differ by one
-    letter, and entities that stand in one recipe only.
+    Problems are: bytes that are not UTF-8, a byte order mark, line ends other than LF, a label with a comma, rows that
+    are not recipes, recipes listed twice or made from themselves, one label in two spellings, base entities that no
+    recipe uses, entities that cannot be made from the base, and circles of entities that need each other. Notes are:
+    singular and plural of one word, long labels that differ by one letter, entities that stand in one recipe only, and
+    listed entities that stand in none.
 
     Args:
-        path: a ``.csv``, ``.tsv`` or ``.json`` book. Lines are known for tables only; of a JSON book that cannot be
-            read, the first error is the only finding.
+        path: a ``.csv``, ``.tsv`` or ``.json`` book. Lines of recipes are known for tables only; of a JSON book that
+            cannot be read, the first error is the only finding about its content.
         base: base entities; None takes the book's own, or infers them.
+        name: of the book; None takes the file's.
 
     Raises:
-        RecipeFileError: if the file cannot be read as text.
+        RecipeFileError: if the file cannot be read at all.
     """
     findings: list[Finding] = []
-    book: RecipeBook | None
+    data = read_bytes(path)
+    text = _decoded(data, findings)
     lines_of: dict[Recipe, list[int]] = {}
     if path.suffix.lower() in (".csv", ".tsv", ".tab"):
-        book, lines_of = _read_table(path, findings)
+        book: RecipeBook | None = _read_table(path, text, name or path.stem, findings, lines_of)
     else:
-        book = _read_other(path, findings)
+        book = _read_other(path, name, findings)
     if book is None or not book.recipes:
-        if not findings:
+        if not any(finding.severity == "problem" for finding in findings):
             findings.append(Finding("empty", "problem", (), "there is no recipe in it"))
         return BookCheck(_sorted(findings), {}, None)
-    try:
-        graph = RecipeGraph.from_book(book, base)
-    except (GraphError, UnknownEntityError) as error:
-        findings.append(Finding("base", "problem", (), str(error)))
-        graph = RecipeGraph.from_book(replace(book, base=None))
+    wanted = book.base if base is None else tuple(base)
+    known = None if wanted is None else [label for label in wanted if label in set(book.entities)]
+    if wanted is not None and known is not None and len(known) < len(set(wanted)):
+        unknown = sorted(set(wanted) - set(known))
+        message = f"base entities that are not in {book.name}: {listed(unknown)}{nearest(unknown[0], book.entities)}"
+        findings.append(Finding("base", "problem", (), message))
+    graph = RecipeGraph.from_book(book, known)
     line_of: dict[str, int] = {}
     for recipe, numbers in lines_of.items():
         for label in recipe:
             line_of[label] = min(line_of.get(label, numbers[0]), numbers[0])
-    findings += [*_spellings(graph, line_of), *_unreachable(graph, line_of), *_twins(graph, line_of)]
-    findings += [*_unused_base(graph), *_lonely(graph, line_of)]
-    return BookCheck(_sorted(findings), _figures(graph, book), graph)
+    findings += [*_commas(graph, line_of), *_spellings(graph, line_of), *_idle(graph, wanted)]
+    findings += [*_unreachable(graph, line_of, lines_of), *_twins(graph, line_of), *_lonely(graph, line_of)]
+    return BookCheck(_sorted(findings), _figures(graph), graph)
 
 
-def _read_other(path: Path, findings: list[Finding]) -> RecipeBook | None:
-    read_bytes(path)  # a file that is not there is an error, not a finding
+def _decoded(data: bytes, findings: list[Finding]) -> str:
+    """Decode a file, with findings about its bytes."""
+    if data.startswith(b"\xef\xbb\xbf"):
+        findings.append(Finding("bom", "problem", (1,), "the file starts with a byte order mark; save it without one"))
+    text = data.decode("utf-8-sig", errors="replace")
+    lines = list(io.StringIO(text, newline=""))
+    returns = [number for number, line in enumerate(lines, start=1) if "\r" in line]
+    if returns:
+        message = f"{_count(len(returns), 'line')} with a carriage return (CRLF or CR); end lines in LF"
+        findings.append(Finding("line-ends", "problem", tuple(returns[:LISTED]), message))
     try:
-        book = read_book(path)
+        data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        bad = [number for number, line in enumerate(lines, start=1) if "\ufffd" in line]
+        findings.append(Finding("encoding", "problem", tuple(bad[:LISTED]), "not UTF-8; save it as UTF-8"))
+    return text
+
+
+def _read_other(path: Path, name: str | None, findings: list[Finding]) -> RecipeBook | None:
+    try:
+        book = read_book(path, name=name)
     except RecipeFileError as error:
         findings.append(Finding("unreadable", "problem", (), str(error)))
         return None
     if book.dropped_self_results:
-        message = f"{book.dropped_self_results} recipes make one of their own ingredients; they are dropped"
+        message = f"{_count(book.dropped_self_results, 'recipe')} made from the result itself; such rows are dropped"
         findings.append(Finding("self-result", "problem", (), message))
     if book.merged_duplicates:
-        findings.append(Finding("duplicate", "problem", (), f"{book.merged_duplicates} recipes are listed twice"))
+        findings.append(Finding("duplicate", "problem", (), f"{_count(book.merged_duplicates, 'row')} listed before"))
     return book
 
 
-def _read_table(path: Path, findings: list[Finding]) -> tuple[RecipeBook, dict[Recipe, list[int]]]:
-    """Read what can be read, with a finding for each line that cannot."""
-    data = read_bytes(path)
-    try:
-        text = data.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        line = data.count(b"\n", 0, error.start) + 1
-        raise RecipeFileError(f"{path}, line {line}: not UTF-8. Save it as UTF-8.") from None
-    if data.startswith(b"\xef\xbb\xbf"):
-        findings.append(Finding("bom", "problem", (1,), "the file starts with a byte order mark; save it without one"))
-    returns = [number for number, line in enumerate(data.split(b"\n"), start=1) if b"\r" in line]
-    if returns:
-        message = f"{len(returns)} line{'s' * (len(returns) > 1)} with a carriage return (CRLF or CR); end lines in LF"
-        findings.append(Finding("line-ends", "problem", tuple(returns[:LISTED]), message))
+def _read_table(
+    path: Path, text: str, name: str, findings: list[Finding], lines_of: dict[Recipe, list[int]]
+) -> RecipeBook:
+    """Read what can be read, with a finding for each line that cannot; fill ``lines_of``."""
     declared: dict[str, list[str]] = {}
-    lines_of: dict[Recipe, list[int]] = {}
     for number, cells in _rows(text, path, declared, findings):
         try:
             recipe = Recipe.of(*(check_label(cell, "") for cell in cells))
         except RecipeFileError as error:
             findings.append(Finding("label", "problem", (number,), str(error).removeprefix(": ")))
             continue
-        for cell in cells:
-            if "," in cell:
-                message = f"the label '{cell}' holds a comma, which other tools may split"
-                findings.append(Finding("comma", "problem", (number,), message))
         if recipe.is_self_result:
             message = f"'{recipe.result}' is made from itself; such rows are dropped"
             findings.append(Finding("self-result", "problem", (number,), message))
@@ -163,8 +171,7 @@ def _read_table(path: Path, findings: list[Finding]) -> tuple[RecipeBook, dict[R
         if len(numbers) > 1 and not recipe.is_self_result:
             message = f"{recipe.ingredient_a} + {recipe.ingredient_b} -> {recipe.result} is listed {len(numbers)} times"
             findings.append(Finding("duplicate", "problem", tuple(numbers[:LISTED]), message))
-    idle = declared.get("entities", ())
-    return RecipeBook.of(path.stem, lines_of, base=declared.get("base"), listed=idle), lines_of
+    return RecipeBook.of(name, lines_of, base=declared.get("base"), listed=declared.get("entities", ()))
 
 
 def _rows(
@@ -174,33 +181,38 @@ def _rows(
     delimiter = "," if path.suffix.lower() == ".csv" else "\t"
     expected = delimiter.join(CSV_HEADER)
     header_seen = False
-    for number, line in enumerate(io.StringIO(text), start=1):
-        line = line.rstrip("\n")
+    for number, line in enumerate(io.StringIO(text, newline=""), start=1):
+        line = line.rstrip("\r\n")
         if not header_seen and line.startswith("#"):
             try:
                 directive = read_directive(line, "")
-            except RecipeFileError as error:
+            except (RecipeFileError, csv.Error) as error:
                 findings.append(Finding("directive", "problem", (number,), str(error).removeprefix(": ")))
                 continue
             if directive is not None:
                 declared.setdefault(directive[0], []).extend(directive[1])
             continue
-        if not line.strip():
+        is_header = tuple(cell.strip() for cell in line.split(delimiter)) == CSV_HEADER
+        if not header_seen:
+            header_seen = True
+            if not is_header:
+                findings.append(Finding("header", "problem", (number,), f"expected the header {expected!r}"))
+            if is_header or sum(cell.strip() in CSV_HEADER for cell in line.split(delimiter)) > 1 or not line.strip():
+                continue
+        elif is_header:
+            findings.append(Finding("header", "problem", (number,), "the header again, in the middle"))
+            continue
+        if not line:
             continue
         try:
             (cells,) = csv.reader([line], delimiter=delimiter, strict=True)
         except csv.Error as error:
             findings.append(Finding("row", "problem", (number,), f"not a row of cells: {error}"))
             continue
-        if not header_seen:
-            header_seen = True
-            if tuple(cell.strip() for cell in cells) == CSV_HEADER:
-                continue
-            findings.append(Finding("header", "problem", (number,), f"expected the header {expected!r}"))
         if len(cells) == 3:
             yield number, cells
         else:
-            message = f"{len(cells)} cell{'s' * (len(cells) != 1)}; a recipe has two ingredients and a result"
+            message = f"{_count(len(cells), 'cell')}; a recipe has two ingredients and a result"
             findings.append(Finding("row", "problem", (number,), message))
 
 
@@ -208,42 +220,63 @@ def _at(labels: Iterable[str], line_of: Mapping[str, int]) -> tuple[int, ...]:
     return tuple(sorted({line_of[label] for label in labels if label in line_of})[:LISTED])
 
 
-def _unused_base(graph: RecipeGraph) -> Iterator[Finding]:
-    unused = graph.labels(graph.base_ids[graph.use_counts[graph.base_ids] == 0])
+def _commas(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Finding]:
+    for label in graph.entities:
+        if "," in label:
+            message = f"the label '{label}' holds a comma, which other tools may split"
+            yield Finding("comma", "problem", _at([label], line_of), message)
+
+
+def _idle(graph: RecipeGraph, base: tuple[str, ...] | None) -> Iterator[Finding]:
+    """Entities that stand in no recipe: a problem in a base that was given, else a note."""
+    idle = graph.labels(np.flatnonzero(graph.recipe_counts + graph.use_counts == 0))
+    unused = graph.labels(graph.base_ids[graph.use_counts[graph.base_ids] == 0]) if base is not None else ()
     if unused:
         yield Finding("base", "problem", (), f"base entities that no recipe uses: {listed(unused)}")
+    others = [label for label in idle if label not in unused]
+    if others:
+        yield Finding("idle", "note", (), f"listed, but in no recipe: {listed(others)}")
 
 
 def _spellings(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Finding]:
-    """Labels that are the same but for case, spaces and punctuation."""
+    """Labels that are the same but for case, blanks, hyphens and how Unicode composes them."""
     groups: dict[str, list[str]] = {}
     for label in graph.entities:
-        groups.setdefault("".join(filter(str.isalnum, label.casefold())) or label, []).append(label)
+        key = unicodedata.normalize("NFKC", label).casefold()
+        groups.setdefault("".join(char for char in key if char not in " -_'.\u2019") or key, []).append(label)
     for labels in groups.values():
         if len(labels) > 1:
             message = f"{' and '.join(map(repr, labels))} count as different entities; use one spelling"
             yield Finding("spelling", "problem", _at(labels, line_of), message)
 
 
-def _unreachable(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Finding]:
-    """What cannot be made from the base, island by island, and the circles that nothing from the base starts."""
+def _unreachable(
+    graph: RecipeGraph, line_of: Mapping[str, int], lines_of: Mapping[Recipe, list[int]]
+) -> Iterator[Finding]:
+    """What cannot be made from the base, island by island, and circles: all recipes of a member need another member."""
     import networkx as nx
 
-    outside = set(np.flatnonzero(layers(graph) < 0).tolist())
+    idle = graph.recipe_counts + graph.use_counts == 0
+    outside = set(np.flatnonzero((layers(graph) < 0) & ~idle).tolist())
     needs = nx.DiGraph()
     needs.add_nodes_from(sorted(outside))
+    recipes: dict[int, list[tuple[int, int]]] = {}
     for a, b, result in graph.recipes.tolist():
+        recipes.setdefault(result, []).append((a, b))
         needs.add_edges_from((part, result) for part in (a, b) if part in outside and result in outside)
     for island in sorted(nx.weakly_connected_components(needs), key=min):
         labels = graph.labels(sorted(island))
-        subject = f"{len(labels)} entities" if len(labels) > 1 else "1 entity"
+        subject = _count(len(labels), "entity", "entities")
         message = f"{subject} cannot be made from the base ({listed(graph.base)}): {listed(labels)}"
-        yield Finding("unreachable", "problem", _at(labels, line_of), message)
+        yield Finding("unreachable", "problem", _at(labels[:LISTED], line_of), message)
     for circle in sorted(nx.strongly_connected_components(needs), key=min):
-        if len(circle) > 1:
+        of_members = [pair for member in circle for pair in recipes.get(member, [])]
+        if len(circle) > 1 and all(circle & set(pair) for pair in of_members):
             labels = graph.labels(sorted(circle))
-            message = f"need each other, and nothing from the base starts them: {listed(labels)}"
-            yield Finding("cycle", "problem", _at(labels, line_of), message)
+            made = (recipe for recipe in lines_of if recipe.result in labels)
+            lines = sorted(number for recipe in made for number in lines_of[recipe])
+            message = f"each recipe of these needs another of them, so nothing from the base starts: {listed(labels)}"
+            yield Finding("cycle", "problem", tuple(lines[:LISTED]), message)
 
 
 def _twins(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Finding]:
@@ -263,10 +296,11 @@ def _twins(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Finding]:
             for rest in {label, *(label[:i] + label[i + 1 :] for i in range(len(label)))}:
                 left.setdefault(rest, set()).add(label)
     pairs = {(one, other) for labels in left.values() for one in labels for other in labels if one < other}
-    for one, other in sorted(pairs - plurals):
-        if abs(len(one) - len(other)) <= 1 and _one_edit_apart(one, other):
-            message = f"'{one}' and '{other}' differ by one letter"
-            yield Finding("similar", "note", _at((one, other), line_of), message)
+    similar = [pair for pair in sorted(pairs - plurals) if _one_edit_apart(*pair)]
+    for one, other in similar[:LISTED]:
+        yield Finding("similar", "note", _at((one, other), line_of), f"'{one}' and '{other}' differ by one letter")
+    if len(similar) > LISTED:
+        yield Finding("similar", "note", (), f"{len(similar) - LISTED:,} more pairs of labels differ by one letter")
 
 
 def _one_edit_apart(one: str, other: str) -> bool:
@@ -279,11 +313,11 @@ def _one_edit_apart(one: str, other: str) -> bool:
 def _lonely(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Finding]:
     lonely = graph.labels(np.flatnonzero(graph.recipe_counts + graph.use_counts == 1))
     if lonely:
-        message = f"{len(lonely)} entities stand in one recipe only: {listed(lonely)}"
-        yield Finding("lonely", "note", _at(lonely, line_of), message)
+        message = f"{_count(len(lonely), 'entity', 'entities')} in one recipe only: {listed(lonely)}"
+        yield Finding("lonely", "note", _at(lonely[:LISTED], line_of), message)
 
 
-def _figures(graph: RecipeGraph, book: RecipeBook) -> dict[str, Any]:
+def _figures(graph: RecipeGraph) -> dict[str, Any]:
     layer = layers(graph)
     made = graph.recipe_counts[graph.recipe_counts > 0]
     results = np.diff(graph.pair_starts)
@@ -295,7 +329,7 @@ def _figures(graph: RecipeGraph, book: RecipeBook) -> dict[str, Any]:
         "pairs": graph.num_pairs,
         "base": list(graph.base),
         "reachable": int(np.sum(layer >= 0)),
-        "max_layer": int(layer.max()),
+        "max_layer": max(int(layer.max()), 0),
         "mean_recipes_per_craftable": float(made.mean()),
         "share_with_two_recipes": float(np.mean(made >= 2)),
         "terminal": int(np.sum((graph.use_counts == 0) & (graph.recipe_counts > 0))),
@@ -312,6 +346,10 @@ def listed(labels: Iterable[str]) -> str:
     labels = list(labels)
     more = len(labels) - LISTED
     return ", ".join(labels[:LISTED]) + (f" and {more} more" if more > 0 else "")
+
+
+def _count(number: int, one: str, more: str = "") -> str:
+    return f"{number:,} {one if number == 1 else more or one + 's'}"
 
 
 def _sorted(findings: Iterable[Finding]) -> tuple[Finding, ...]:

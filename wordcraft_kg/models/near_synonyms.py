@@ -12,8 +12,8 @@ from wordcraft_kg.graphs.triples import is_in, recipe_triples
 from wordcraft_kg.models.features import EntityFeatures
 
 NEAR_SYNONYM = 0.7
-"""Cosine from which two ingredients count as near-synonyms, for 50-d GloVe: hammer and axe, lake and river, bread and
-cake are above it; most pairs that are related in another way are below."""
+"""Cosine from which two ingredients count as near-synonyms, for 50-d GloVe. It is generous: lake and river, bread and
+cake are above it, but so are pairs that merely go together, such as day and night or chicken and egg."""
 
 
 def near_synonym_recipes(split: Split, features: EntityFeatures, threshold: float = NEAR_SYNONYM) -> NDArray[np.bool_]:

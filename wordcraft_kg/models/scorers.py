@@ -235,7 +235,7 @@ class NeighbourScorer(TableScorer):
     Nothing is learned. With ``A_r`` the known links of relation r, ``score_r = S A_r + A_r S``, where ``S`` is the
     cosine of the rows of ``[A_combinesWith, A_componentOf, A_componentOf transposed]``: entities are alike as far as
     they share neighbours. A neighbour that n entities have weighs 1 / n, and no entity is like itself. The weight was
-    chosen among 1, 1 / sqrt(n) and 1 / n on validation parts: ``benchmarks/link_quality.py neighbours``.
+    chosen among powers of n on validation parts: ``benchmarks/link_quality.py neighbours``.
 
     Everything is dense, (E, 3 E), so this is for graphs of some thousand entities.
 

@@ -297,6 +297,8 @@ def _near_synonyms(opened: OpenedGraph, ranks: pd.DataFrame, queries: Ids) -> li
     graph = opened.graph
     recipes = near_synonym_recipes(opened.split, glove_features(graph.entities))
     repeats = np.tile(near_synonym_triples(graph, recipes, queries), 2)
+    if not repeats.any():  # by goal no result is in both parts, and labels may have no word vectors: nothing to tell
+        return []
     groups = (("a train recipe with a near-synonym", repeats), ("no such train recipe", ~repeats))
     return [{"slice": name, **ranking_metrics(ranks[mask])} for name, mask in groups if mask.any()]
 

@@ -105,8 +105,10 @@ def locate_book(name_or_path: str | Path) -> LocatedBook:
         RecipeFileError: if there is no such book, or a published one is not the file that was published.
     """
     path = Path(name_or_path)
+    if path.is_file() or (path / "graph.json").is_file():
+        return LocatedBook(path)
     books = {book.name: book for book in known_books()}
-    if path.is_file() or (path / "graph.json").is_file() or (path.exists() and str(name_or_path) not in books):
+    if path.exists() and str(name_or_path) not in books:
         return LocatedBook(path)
     book = books.get(str(name_or_path))
     if book is None:

@@ -7,4 +7,16 @@ or :mod:`wordcraft_kg.graphs` imports neither torch nor PyKEEN.
 
 from importlib.metadata import version as _version
 
+from wrapt import register_post_import_hook as _after_import
+
 __version__ = _version("wordcraft-kg")
+
+
+def _register_environments(_: object) -> None:
+    from wordcraft_kg.envs.registration import register
+
+    register()
+
+
+# gymnasium knows the environments by name as soon as both are imported, in either order; we need not import it here.
+_after_import(_register_environments, "gymnasium.envs.registration")

@@ -1,0 +1,1 @@
+"""The crafting worlds as environments: one at a time, in batches, and open-ended."""

@@ -1,0 +1,125 @@
+"""Settings of the crafting environments."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from typing import Any, Literal, get_args
+
+from wordcraft_kg.errors import ConfigError, nearest
+from wordcraft_kg.graphs.splits import PARTS
+from wordcraft_kg.graphs.tasks import DRAWN_TASKS, MAX_DEPTH, TaskPart, TaskWeighting
+
+MAX_ATTEMPTS = 1_000
+DistractorWeighting = Literal["use", "uniform"]
+DistractorPolicy = Literal["any", "no_shortcut"]
+Ambiguity = Literal["all", "last"]
+IllegalAction = Literal["waste", "raise"]
+
+
+@dataclass(frozen=True)
+class RewardConfig:
+    """Rewards besides the +1 for making the goal; penalties are magnitudes, so all of them are 0 or more.
+
+    Attributes:
+        wrong_pair_penalty: taken off for an attempt that makes nothing.
+        irrelevant_penalty: taken off for an attempt that makes something, but neither the goal nor an intermediate.
+        intermediate_reward: added for each intermediate of the task's plans when it first comes to the table.
+    """
+
+    wrong_pair_penalty: float = 0.0
+    irrelevant_penalty: float = 0.0
+    intermediate_reward: float = 0.0
+
+    def __post_init__(self) -> None:
+        for entry in fields(self):
+            value = getattr(self, entry.name)
+            if not 0 <= value < float("inf"):
+                raise ConfigError(f"{entry.name} {value}: expected a magnitude, 0 or more.")
+
+
+REWARDS = {"sparse": RewardConfig(), "official": RewardConfig(0.1, 0.1, 1.0)}
+"""Presets by name; ``official`` has the values of the paper's released code with its sub-goal rewards switched on."""
+
+
+@dataclass(frozen=True)
+class WordCraftConfig:
+    """What a crafting environment poses, and how.
+
+    Attributes:
+        part: tasks of ``train``, ``valid``, ``test`` or ``all``.
+        depth: attempts that a task takes at least, 1 to 6.
+        num_distractors: entities on the table that no plan needs.
+        max_attempts: attempts in an episode; None takes ``depth``.
+        reward: a preset's name (``sparse``, ``official``) or a :class:`RewardConfig`.
+        distractor_weighting: ``use`` draws an entity by 1 + the number of train recipes that use it, ``uniform`` all
+            alike; without replacement either way.
+        distractor_policy: ``any``, or ``no_shortcut``: no distractor opens another way to the goal.
+        task_weighting: ``task`` draws all tasks alike, ``goal`` first a goal and then one of its tasks.
+        ambiguity: ``all`` results of a pair, or only the ``last`` by label, as the paper's released code keeps one.
+        illegal_action: what picking an empty slot does: ``waste`` the attempt, or ``raise`` an error.
+        num_tasks: how many tasks to draw from depth 3 on.
+        task_seed: of that draw.
+    """
+
+    part: TaskPart = "train"
+    depth: int = 1
+    num_distractors: int = 1
+    max_attempts: int | None = None
+    reward: str | RewardConfig = "sparse"
+    distractor_weighting: DistractorWeighting = "use"
+    distractor_policy: DistractorPolicy = "any"
+    task_weighting: TaskWeighting = "task"
+    ambiguity: Ambiguity = "all"
+    illegal_action: IllegalAction = "waste"
+    num_tasks: int = DRAWN_TASKS
+    task_seed: int = 0
+    rewards: RewardConfig = field(init=False, repr=False, compare=False)
+    attempts: int = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        self._whole("depth", 1, MAX_DEPTH)
+        self._whole("num_distractors", 0, None)
+        if self.max_attempts is not None:
+            self._whole("max_attempts", 1, MAX_ATTEMPTS)
+            if self.max_attempts < self.depth:
+                raise ConfigError(
+                    f"max_attempts {self.max_attempts}: a task of depth {self.depth} takes {self.depth} attempts."
+                )
+        self._whole("num_tasks", 1, None)
+        self._whole("task_seed", 0, None)
+        self._one_of("part", ("all", *PARTS))
+        self._one_of("distractor_weighting", get_args(DistractorWeighting))
+        self._one_of("distractor_policy", get_args(DistractorPolicy))
+        self._one_of("task_weighting", get_args(TaskWeighting))
+        self._one_of("ambiguity", get_args(Ambiguity))
+        self._one_of("illegal_action", get_args(IllegalAction))
+        rewards = self.reward
+        if not isinstance(rewards, RewardConfig):
+            self._one_of("reward", tuple(REWARDS))
+            rewards = REWARDS[rewards]
+        object.__setattr__(self, "rewards", rewards)
+        object.__setattr__(self, "attempts", self.max_attempts or self.depth)
+
+    @classmethod
+    def of(cls, settings: Mapping[str, Any]) -> "WordCraftConfig":
+        """Return the configuration of keyword arguments.
+
+        Raises:
+            ConfigError: for an unknown name, with the nearest known ones, or a value out of range.
+        """
+        known = [entry.name for entry in fields(cls) if entry.init]
+        for name in settings:
+            if name not in known:
+                raise ConfigError(f"no setting '{name}'; there are {', '.join(known)}.{nearest(name, known)}")
+        return cls(**settings)
+
+    def _whole(self, name: str, low: int, high: int | None) -> None:
+        value = getattr(self, name)
+        if isinstance(value, bool) or not isinstance(value, int) or value < low or (high is not None and value > high):
+            allowed = f"{low} or more" if high is None else f"{low} to {high}"
+            raise ConfigError(f"{name} {value!r}: expected a whole number, {allowed}.")
+
+    def _one_of(self, name: str, allowed: tuple[str, ...]) -> None:
+        value = getattr(self, name)
+        if value not in allowed:
+            hint = nearest(value, allowed) if isinstance(value, str) else ""
+            raise ConfigError(f"{name} {value!r}: expected one of {', '.join(allowed)}.{hint}")

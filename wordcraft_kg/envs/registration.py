@@ -1,0 +1,14 @@
+"""Names of the environments in gymnasium's registry; importing this imports neither torch nor the environments."""
+
+
+def register() -> None:
+    """Register the environments, once."""
+    from gymnasium.envs.registration import register, registry
+
+    if "WordCraft-v0" not in registry:
+        register(
+            "WordCraft-v0",
+            entry_point="wordcraft_kg.envs.wordcraft:WordCraftEnv",
+            vector_entry_point="wordcraft_kg.envs.vector:WordCraftVectorEnv",
+        )
+        register("WordCraft-OpenEnded-v0", entry_point="wordcraft_kg.envs.open_ended:OpenEndedEnv")

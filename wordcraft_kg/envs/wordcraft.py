@@ -1,0 +1,291 @@
+"""The crafting environment for one episode at a time, plain and readable: the reference for the semantics."""
+
+import operator
+from bisect import bisect_right
+from itertools import accumulate
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from wordcraft_kg.envs.config import WordCraftConfig
+from wordcraft_kg.envs.world import GraphLike, World
+from wordcraft_kg.errors import ActionError, ConfigError, EpisodeError
+from wordcraft_kg.graphs.tasks import Task
+
+Observation = dict[str, Any]
+DRAWN_AT_ONCE = 1_024  # uniform numbers fetched from the generator in one call
+
+
+def observation_space(num_entities: int, num_slots: int, attempts: int) -> spaces.Dict:
+    """Return the space of the observations: ids and masks; ``num_entities`` stands for nothing."""
+    return spaces.Dict(
+        {
+            "goal": spaces.Discrete(num_entities),
+            "table": spaces.MultiDiscrete(np.full(num_slots, num_entities + 1)),
+            "selection": spaces.Discrete(num_entities + 1),
+            "attempts_left": spaces.Discrete(attempts + 1),
+            "action_mask": spaces.MultiBinary(num_slots),
+        }
+    )
+
+
+class WordCraftEnv(gym.Env[Observation, Any]):
+    """Make a goal by combining entities on a table: the paper's task, ``WordCraft-v0``.
+
+    ## Description
+    An episode poses a goal and puts its starting ingredients on the table, shuffled among distractors. The agent picks
+    entities; two picks make an attempt. All results of the pair come to the table (each once), and nothing is used up.
+    The book of the graph is in force as a whole, whatever part the tasks are from.
+
+    ## Action space
+    ``Discrete(num_slots)``: the slot to pick. The same slot may be picked twice. Picking an empty slot loses the
+    attempt it belongs to: nothing is made, the hand is empty, ``info["illegal_action"]`` is set; with
+    ``illegal_action="raise"`` it is an error. A number outside the space always is one.
+
+    ## Observation space
+    ``Dict`` of ids and masks, fresh arrays each time; ``num_entities`` stands for nothing.
+
+    | key | shape | meaning |
+    |---|---|---|
+    | goal | () | entity to make |
+    | table | (num_slots,) | entity in each slot |
+    | selection | () | entity in hand, the first pick of the running attempt |
+    | attempts_left | () | attempts left, this one included |
+    | action_mask | (num_slots,) | 1 where the slot holds an entity |
+
+    ``num_slots = (depth + 1) + num_distractors + r * attempts``, where a pair has at most r results.
+
+    ## Rewards
+    +1 when the goal is made. A :class:`~wordcraft_kg.envs.config.RewardConfig` may shape the rest; what counts as
+    success never depends on it.
+
+    ## Starting state
+    A task of the part, and distractors drawn without replacement. Goal, starting ingredients and intermediates of the
+    task's plans are never distractors. In the train part no distractor completes a held-out recipe of the goal.
+    ``reset(options={"task": 3})`` poses a given task of ``tasks``; ``"table"`` sets the entities of the first slots,
+    by id or label.
+
+    ## Episode end
+    *Terminated* when the goal is made or no attempt is left: the budget is observed, so there is nothing to bootstrap.
+    ``info["outcome"]`` says which: ``in_progress``, ``goal`` or ``out_of_attempts``; ``info["by_plan"]`` whether the
+    pair that made the goal ends one of the task's plans, or is another way. Never truncated; wrap in
+    ``gymnasium.wrappers.TimeLimit`` for that.
+
+    ## Arguments
+    ``graph`` is a graph folder, a book's name or file, a RecipeGraph or an OpenedGraph; the others are those of
+    :class:`~wordcraft_kg.envs.config.WordCraftConfig`.
+
+    ## Version history
+    v0: first version. Its differences from the environment of Jiang et al. 2020 are listed in docs/environment.md.
+    """
+
+    metadata: dict[str, Any] = {  # noqa: RUF012 - as gymnasium declares it
+        "render_modes": ["ansi"],
+        "render_fps": 4,
+    }
+
+    def __init__(self, graph: GraphLike, *, render_mode: str | None = None, **settings: Any):
+        """Open the graph and prepare its tasks.
+
+        Raises:
+            ConfigError: for an unknown setting, or a value out of range.
+            TaskError: if the graph has no task like that.
+        """
+        if render_mode not in (None, *self.metadata["render_modes"]):
+            raise ConfigError(f"render_mode {render_mode!r}: expected None or 'ansi'.")
+        self.render_mode = render_mode
+        self.world = World(graph, WordCraftConfig.of(settings))
+        self.config = self.world.config
+        self.tasks = self.world.tasks
+        self.num_slots = self.world.num_slots
+        self.action_space = spaces.Discrete(self.num_slots)
+        self.observation_space = observation_space(self.world.padding, self.num_slots, self.config.attempts)
+        self._outcomes = self.world.outcomes
+        self._nothing = self.world.padding
+        self._weight_ends = list(accumulate(self.world.distractor_weights.tolist()))
+        self._task_ends = list(accumulate(self.tasks.weights(self.config.task_weighting).tolist()))
+        self._uniform: list[float] = []
+        self._guarded = self._guarded_pairs()
+        self._goals, self._starts, self._made = (
+            [[entity for entity in row if entity != self._nothing] for row in rows.tolist()]
+            for rows in (self.tasks.goals[:, None], self.tasks.starts, self.tasks.intermediates)
+        )
+        pairs = self.world.graph.recipes[self.world.graph.pair_starts[:-1], :2].tolist()
+        self._last_pairs = [{tuple(pairs[i]) for i in row if i >= 0} for row in self.tasks.final_pairs.tolist()]
+        self.task_index = -1
+        self._table: list[int] = []
+        self._attempts_left = 0
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Begin an episode; see "Starting state" for ``options``."""
+        super().reset(seed=seed)
+        if seed is not None:
+            self._uniform = []
+        options = options or {}
+        unknown = set(options) - {"task", "table"}
+        if unknown:
+            raise ConfigError(f"no reset option '{min(unknown)}'; there are task and table.")
+        self.task_index = self._draw_task() if "task" not in options else self._checked_task(options["task"])
+        self._goal = self._goals[self.task_index][0]
+        if "table" in options:
+            self._table = [self.world.graph.id_of(entity) for entity in options["table"]]
+            if len(self._table) > self.num_slots - self.world.max_results * self.config.attempts:
+                raise ConfigError(f"a table of {len(self._table)} entities leaves no room for what is made.")
+        else:
+            start = self._starts[self.task_index]
+            self._table = [*start, *self._draw_distractors(start)]
+            self._shuffle(self._table)
+        self._selection = self._nothing
+        self._attempts_left = self.config.attempts
+        self._outcome = "in_progress"
+        return self._observation(), self._info(illegal=False, by_plan=False)
+
+    def step(self, action: int) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Pick the entity in a slot."""
+        if self._attempts_left == 0 or self._outcome != "in_progress":
+            raise EpisodeError("the episode is over; call reset()." if self._table else "call reset() before step().")
+        slot = self._checked_action(action)
+        reward, by_plan, illegal = 0.0, False, slot >= len(self._table)
+        if illegal:
+            if self.config.illegal_action == "raise":
+                raise ActionError(f"action {slot}: the slot is empty; slots 0 to {len(self._table) - 1} hold entities.")
+            self._selection = self._nothing
+            self._attempts_left -= 1
+        elif self._selection == self._nothing:
+            self._selection = self._table[slot]
+        else:
+            reward, by_plan = self._attempt(self._selection, self._table[slot])
+            self._selection = self._nothing
+            self._attempts_left -= 1
+        if self._outcome == "in_progress" and self._attempts_left == 0:
+            self._outcome = "out_of_attempts"
+        over = self._outcome != "in_progress"
+        return self._observation(), reward, over, False, self._info(illegal=illegal, by_plan=by_plan)
+
+    def action_masks(self) -> NDArray[np.bool_]:
+        """Return which slots hold an entity, shape (num_slots,)."""
+        return np.arange(self.num_slots) < len(self._table)
+
+    def render(self) -> str | None:
+        """Return the state in words, for ``render_mode="ansi"``."""
+        if self.render_mode is None:
+            return None
+        names = self.world.graph.entities
+        hand = names[self._selection] if self._selection != self._nothing else "nothing"
+        table = "  ".join(f"{slot}:{names[entity]}" for slot, entity in enumerate(self._table))
+        return f"goal: {names[self._goal]}   hand: {hand}   attempts left: {self._attempts_left}\ntable: {table}"
+
+    @property
+    def task(self) -> Task:
+        """The task of the running episode."""
+        return self.tasks[self.task_index]
+
+    # --- rules -------------------------------------------------------------------------------------------------------
+
+    def _attempt(self, one: int, other: int) -> tuple[float, bool]:
+        """Combine two entities; return the reward, and whether a plan's last pair made the goal."""
+        rewards = self.config.rewards
+        pair = (one, other) if one <= other else (other, one)
+        results = self._outcomes.get(pair, ())
+        fresh = [result for result in results if result not in self._table]
+        self._table += fresh
+        if self._goal in results:
+            self._outcome = "goal"
+        if not results:
+            return -rewards.wrong_pair_penalty, False
+        intermediates = self._made[self.task_index]
+        reward = rewards.intermediate_reward * sum(result in intermediates for result in fresh)
+        if self._goal in results:
+            return reward + 1.0, pair in self._last_pairs[self.task_index]
+        if not any(result in intermediates for result in results):
+            reward -= rewards.irrelevant_penalty
+        return reward, False
+
+    def _checked_action(self, action: Any) -> int:
+        try:
+            slot = operator.index(action)
+        except TypeError:
+            raise ActionError(f"action {action!r}: expected a whole number, the slot to pick.") from None
+        if not 0 <= slot < self.num_slots:
+            raise ActionError(f"action {slot}: expected 0 to {self.num_slots - 1}, a slot of the table.")
+        return slot
+
+    def _checked_task(self, task: Any) -> int:
+        index = operator.index(task)
+        if not 0 <= index < len(self.tasks):
+            raise ConfigError(f"task {index}: expected 0 to {len(self.tasks) - 1}.")
+        return index
+
+    # --- starting state ----------------------------------------------------------------------------------------------
+
+    def _random(self) -> float:
+        if not self._uniform:
+            self._uniform = self.np_random.random(DRAWN_AT_ONCE).tolist()
+        return self._uniform.pop()
+
+    def _draw_task(self) -> int:
+        if self.config.task_weighting == "task":
+            return int(self._random() * len(self.tasks))
+        return min(bisect_right(self._task_ends, self._random() * self._task_ends[-1]), len(self.tasks) - 1)
+
+    def _shuffle(self, items: list[int]) -> None:
+        for last in range(len(items) - 1, 0, -1):
+            other = int(self._random() * (last + 1))
+            items[last], items[other] = items[other], items[last]
+
+    def _draw_distractors(self, start: list[int]) -> list[int]:
+        drawn = self._draw_once(start)
+        if self.config.distractor_policy == "no_shortcut" and self.config.depth > 1:
+            while self.world.has_shortcut(self.task_index, drawn):
+                drawn = self._draw_once(start)
+        return drawn
+
+    def _draw_once(self, start: list[int]) -> list[int]:
+        """Draw distractors one after the other by their weights, skipping what may not lie on this table."""
+        guarded = self._guarded.get(self._goal, ())
+        near = {*start, *self._made[self.task_index]}
+        taken = {self._goal, self._nothing, *near}
+        drawn: list[int] = []
+        ends, total = self._weight_ends, self._weight_ends[-1]
+        while len(drawn) < self.config.num_distractors and len(taken) <= self._nothing:
+            entity = bisect_right(ends, int(self._random() * total))
+            if entity in taken:
+                continue
+            taken.add(entity)
+            if guarded and any(
+                (a == entity and (b == entity or b in near)) or (b == entity and a in near) for a, b in guarded
+            ):
+                continue
+            near.add(entity)
+            drawn.append(entity)
+        return drawn
+
+    def _guarded_pairs(self) -> dict[int, list[tuple[int, int]]]:
+        pairs: dict[int, list[tuple[int, int]]] = {}
+        for a, b, result in self.world.graph.recipes[self.world.guarded_recipes].tolist():
+            pairs.setdefault(result, []).append((a, b))
+        return pairs
+
+    # --- what is seen ------------------------------------------------------------------------------------------------
+
+    def _observation(self) -> Observation:
+        table = np.full(self.num_slots, self._nothing)
+        count = len(self._table)
+        table[:count] = self._table
+        mask = np.zeros(self.num_slots, dtype=np.int8)
+        mask[:count] = 1
+        return {
+            "goal": np.int64(self._goal),
+            "table": table,
+            "selection": np.int64(self._selection),
+            "attempts_left": np.int64(self._attempts_left),
+            "action_mask": mask,
+        }
+
+    def _info(self, *, illegal: bool, by_plan: bool) -> dict[str, Any]:
+        return {"outcome": self._outcome, "by_plan": by_plan, "illegal_action": illegal, "task": self.task_index}

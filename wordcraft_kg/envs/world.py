@@ -1,0 +1,110 @@
+"""What the readable and the batched environment have in common: tasks, outcomes of pairs, distractors, sizes."""
+
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wordcraft_kg.envs.config import WordCraftConfig
+from wordcraft_kg.errors import ConfigError
+from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
+from wordcraft_kg.graphs.recipe_graph import Ids, RecipeGraph
+from wordcraft_kg.graphs.splits import PARTS, SplitConfig, make_split
+from wordcraft_kg.graphs.tasks import TaskSet, all_ways, make_tasks
+
+GraphLike = str | Path | RecipeGraph | OpenedGraph
+"""A graph folder, a book's file or name, a graph (split by recipe with the default settings), or an opened graph."""
+
+
+def open_world_graph(graph: GraphLike) -> OpenedGraph:
+    """Return the graph and split that an environment was given."""
+    if isinstance(graph, OpenedGraph):
+        return graph
+    if isinstance(graph, RecipeGraph):
+        return OpenedGraph(graph, make_split(graph, SplitConfig()), graph.name)
+    return open_graph(graph)
+
+
+class World:
+    """A graph, its split and the settings of an environment, and what follows from them.
+
+    Attributes:
+        graph: the recipe graph; its whole book is in force, whatever the part.
+        split: its split.
+        config: the settings.
+        tasks: the tasks to draw from.
+        padding: id of "nothing": the number of entities.
+        max_results: most results of a pair.
+        num_slots: size of the table, fixed: starting ingredients, distractors, room for all results of all attempts.
+    """
+
+    def __init__(self, graph: GraphLike, config: WordCraftConfig):
+        """Open the graph and make its tasks.
+
+        Raises:
+            ConfigError: if the graph has too few entities for so many distractors.
+            TaskError: if it has no such task.
+        """
+        opened = open_world_graph(graph)
+        self.graph, self.split, self.config = opened.graph, opened.split, config
+        self.tasks: TaskSet = make_tasks(
+            self.graph,
+            config.depth,
+            None if config.part == "all" else self.split,
+            config.part,
+            weighting=config.task_weighting,
+            limit=config.num_tasks,
+            seed=config.task_seed,
+        )
+        self.padding = self.graph.num_entities
+        sizes = np.diff(self.graph.pair_starts)
+        self.max_results = 1 if config.ambiguity == "last" else int(sizes.max())
+        self.num_slots = config.depth + 1 + config.num_distractors + self.max_results * config.attempts
+        reserved = 1 + config.depth + 1 + self.tasks.intermediates.shape[1]
+        if config.num_distractors > self.padding - reserved:
+            raise ConfigError(
+                f"num_distractors {config.num_distractors}: {self.graph.name} has {self.padding} entities, of which a "
+                f"task may need {reserved}; expected at most {max(self.padding - reserved, 0)}."
+            )
+
+    @cached_property
+    def outcomes(self) -> dict[tuple[int, int], tuple[int, ...]]:
+        """Results of each pair ``(a, b)`` with ``a <= b``, ascending."""
+        found: dict[tuple[int, int], list[int]] = {}
+        for a, b, result in self.graph.recipes.tolist():
+            found.setdefault((a, b), []).append(result)
+        if self.config.ambiguity == "last":
+            return {pair: (results[-1],) for pair, results in found.items()}
+        return {pair: tuple(results) for pair, results in found.items()}
+
+    @cached_property
+    def distractor_weights(self) -> Ids:
+        """Shape (E,), int64: weight of each entity as a distractor."""
+        weights = np.ones(self.padding, dtype=np.int64)
+        if self.config.distractor_weighting == "use":
+            a, b, _ = self.split.recipes("train").T
+            users = np.concatenate([a, b[b != a]])
+            weights += np.bincount(users, minlength=self.padding)
+        return weights
+
+    @cached_property
+    def guarded_recipes(self) -> NDArray[np.bool_]:
+        """Shape (num_recipes,): recipes that no distractor may complete if they make the goal.
+
+        In the train part these are the held-out ones, so that training never shows a test pair with its goal; with
+        ``no_shortcut`` all of them.
+        """
+        if self.config.distractor_policy == "no_shortcut":
+            return np.ones(self.graph.num_recipes, dtype=bool)
+        if self.config.part == "train":
+            return np.asarray(self.split.parts != PARTS.index("train"))
+        return np.zeros(self.graph.num_recipes, dtype=bool)
+
+    def has_shortcut(self, task: int, distractors: list[int]) -> bool:
+        """Return whether distractors open a way to the goal, within an episode's attempts, that would not be there."""
+        start = [entity for entity in self.tasks.starts[task].tolist() if entity < self.padding]
+        goal, attempts = int(self.tasks.goals[task]), self.config.attempts
+        return all_ways(self.graph, goal, [*start, *distractors], attempts) != all_ways(
+            self.graph, goal, start, attempts
+        )

@@ -24,12 +24,15 @@ IN_PROGRESS, GOAL, OUT_OF_ATTEMPTS = 0, 1, 2
 OUTCOMES = ("in_progress", "goal", "out_of_attempts")
 """Names of the outcome codes."""
 
-AHEAD = 8
-"""Episodes that are prepared at a time for each environment."""
+AHEAD, AHEAD_OF_MANY, MANY = 16, 8, 1_024
+"""Episodes that are prepared at a time for each environment; fewer where more than ``MANY`` run side by side."""
 DENSE_LIMIT = 4_096
 """Entities up to which the pair of two entities is looked up in a square table, 4 bytes a cell; above it by search."""
-MASK_BITS = 62
-_SPARE = 4  # distractor candidates drawn beyond those needed, so that few rows need a second round
+CHUNK = 8_192
+"""Tables that are drawn in one piece on the CPU."""
+GUARD_BITS = 31
+_LOW = (1 << GUARD_BITS) - 1
+_STRIDE = -7046029254386353131  # 2**64 / golden ratio: keys that far apart hash independently
 
 
 @dataclass
@@ -62,6 +65,16 @@ class BatchEngine:
         num_envs: N.
     """
 
+    goal: Array
+    selection: Array
+    attempts_left: Array
+    task: Array
+    table: Array
+    _wide: Array
+    _count: Array
+    _episode: Array
+    _next: Array
+
     def __init__(self, graph: GraphLike, config: WordCraftConfig, num_envs: int, *, device: str = "cpu", seed: int = 0):
         """Prepare N environments; :meth:`reset` begins.
 
@@ -90,7 +103,7 @@ class BatchEngine:
             self.xp = torch
         self._prepare_tables()
         self._rows = self._array(np.arange(num_envs))
-        self._first_table: Array = None
+        self._ahead = AHEAD if num_envs <= MANY else AHEAD_OF_MANY
         self.reset(seed)
 
     # --- arrays of either kind ---------------------------------------------------------------------------------------
@@ -115,9 +128,12 @@ class BatchEngine:
         self.nothing = nothing
         self.num_slots = world.num_slots
         self._goals = self._array(tasks.goals)
-        self._starts = self._array(tasks.starts)
+        # Tables are drawn in 32 bits, which halves what has to be moved.
+        self._starts = self._array(tasks.starts.astype(np.int32))
+        self._goals_short = self._array(tasks.goals.astype(np.int32))
         made = tasks.intermediates if tasks.intermediates.shape[1] else np.full((len(tasks), 1), nothing)
         self._made = self._array(made)
+        self._made_short = self._array(made.astype(np.int32))
         self._finals = self._array(tasks.final_pairs)
         # Results of each pair, and of no pair in a last row.
         starts, sizes = graph.pair_starts[:-1], np.diff(graph.pair_starts)
@@ -137,155 +153,146 @@ class BatchEngine:
         else:
             self._pair_keys = self._array(np.append(firsts[:, 0] * (nothing + 1) + firsts[:, 1], np.iinfo("int64").max))
         weights = world.distractor_weights
-        self._lots = self._array(np.repeat(np.arange(nothing), weights))
-        self._weights = self._array(weights.astype(np.float64))
+        self._lots = self._array(np.repeat(np.arange(nothing, dtype=np.int32), weights))
         self._task_ends = self._array(np.cumsum(tasks.weights(self.config.task_weighting)))
         self._prepare_guards()
 
     def _prepare_guards(self) -> None:
         """Prepare the recipes that no distractor may complete: for each goal and entity, in which of them it stands.
 
-        Bit k of ``_as_one[goal, entity]`` says that the entity is the first ingredient of the goal's k-th guarded
-        recipe, ``_as_other`` the second. Rows exist for guarded goals only; row 0 is empty.
+        Bit k of a cell (goal, entity) says that the entity is the first ingredient of the goal's k-th guarded recipe,
+        bit k + 31 that it is the second. A goal with more than 31 of them has further tables. Rows are there for
+        guarded goals only; row 0 is empty.
         """
         world = self.world
-        rows = world.graph.recipes[world.guarded_recipes]
-        self._has_guards = bool(len(rows))
-        if not self._has_guards:
-            return
-        goals, counts = np.unique(rows[:, 2], return_counts=True)
-        words = -(-int(counts.max()) // MASK_BITS)
-        row_of = np.zeros(world.padding + 1, dtype=np.int64)
+        recipes = world.graph.recipes[world.guarded_recipes]
+        goals, counts = np.unique(recipes[:, 2], return_counts=True)
+        tables = -(-int(counts.max()) // GUARD_BITS) if len(goals) else 0
+        row_of = np.zeros(self.nothing + 1, dtype=np.int64)
         row_of[goals] = np.arange(1, len(goals) + 1)
-        masks = np.zeros((2, words, len(goals) + 1, world.padding + 1), dtype=np.int64)
+        masks = np.zeros((tables, len(goals) + 1, self.nothing + 1), dtype=np.int64)
         seen = np.zeros(len(goals) + 1, dtype=np.int64)
-        for a, b, goal in rows.tolist():
+        for a, b, goal in recipes.tolist():
             row = row_of[goal]
-            word, bit = divmod(int(seen[row]), MASK_BITS)
+            table, bit = divmod(int(seen[row]), GUARD_BITS)
             seen[row] += 1
-            masks[0, word, row, a] |= 1 << bit
-            masks[1, word, row, b] |= 1 << bit
-        self._guard_row = self._array(row_of)
-        self._guards = [
-            (self._array(masks[0, word].reshape(-1)), self._array(masks[1, word].reshape(-1))) for word in range(words)
-        ]
+            masks[table, row, a] |= 1 << bit
+            masks[table, row, b] |= 1 << (bit + GUARD_BITS)
+        self._guard_base = self._array(row_of[world.tasks.goals] * (self.nothing + 1))
+        self._guards = [self._array(mask.reshape(-1)) for mask in masks]
 
     # --- random numbers ----------------------------------------------------------------------------------------------
 
     def _mixed(self, x: Array) -> Array:
         """Hash 64-bit integers: the finaliser of SplitMix64 (Steele et al. 2014); products wrap around."""
-        x = (x ^ ((x >> 30) & 0x3FFFFFFFF)) * -4658895280553007687
-        x = (x ^ ((x >> 27) & 0x1FFFFFFFFF)) * -7723592293110705685
-        return x ^ ((x >> 31) & 0x1FFFFFFFF)
+        x = x ^ ((x >> 30) & 0x3FFFFFFFF)
+        x *= -4658895280553007687
+        x ^= (x >> 27) & 0x1FFFFFFFFF
+        x *= -7723592293110705685
+        x ^= (x >> 31) & 0x1FFFFFFFF
+        return x
 
     def _numbers(self, keys: Array, first: int, count: int) -> Array:
-        """Return two 31-bit numbers a hash: shape (count, len(keys)), rows by draw number from ``first`` on."""
+        """Return 31-bit numbers, shape (count, len(keys)); more of them begin with the same ones."""
         half = -(-count // 2)
-        draws = self._array((np.arange(first, first + half) * -7046029254386353131)[:, None])
+        draws = self._array((np.arange(first, first + half) * _STRIDE)[:, None])
         mixed = self._mixed(keys[None, :] + draws)
-        both = self.xp.concatenate([(mixed >> 33) & 0x7FFFFFFF, mixed & 0x7FFFFFFF])
-        return both[:count]
+        numbers = self._full((2 * half, len(keys)), 0)
+        numbers[::2] = (mixed >> 33) & 0x7FFFFFFF
+        numbers[1::2] = mixed & 0x7FFFFFFF
+        return numbers[:count]
 
     # --- episodes ----------------------------------------------------------------------------------------------------
 
     def reset(self, seed: int | None = None) -> None:
         """Begin episode 0 of every environment; ``seed`` None keeps the last one."""
         if seed is not None:
-            words = np.random.SeedSequence(seed).generate_state(1, np.uint64)
-            key = np.array([words[0]], dtype=np.uint64).view(np.int64)
-            envs = np.arange(self.num_envs, dtype=np.int64) * -7046029254386353131 + key
-            self._env_keys = self._mixed(self._array(envs))
-        self._episode = self._full((self.num_envs,), 0)
-        self._next = self._full((self.num_envs,), 0)
+            key = np.random.SeedSequence(seed).generate_state(1, np.uint64).view(np.int64)
+            self._env_keys = self._mixed(self._array(np.arange(self.num_envs) * _STRIDE + key))
+        self._blank()
         self._prepare(self._rows)
-        self.table = self._full((self.num_envs, self.num_slots + 1), self.nothing)[:, : self.num_slots]
-        self._wide = self._full((self.num_envs, self.num_slots + 1), self.nothing)
-        self.table = self._wide[:, : self.num_slots]
-        self.goal, self.task, self.selection, self.attempts_left, self._count = (
-            self._full((self.num_envs,), 0) for _ in range(5)
-        )
         self._begin(self._rows)
 
-    def pose(self, tasks: Array, first_episode: int = 0) -> None:
-        """Begin given tasks, one for each environment, with the distractors of a given episode number.
+    def pose(self, tasks: Array, episode: int = 0) -> None:
+        """Begin given tasks, one in each environment, for evaluation.
 
-        For evaluation: the table depends on the seed, the environment's number, the episode and the task only.
+        The distractors depend on the seed, the environment's number, ``episode`` and the task only.
+
+        Args:
+            tasks: shape (N,), indices into the world's tasks.
+            episode: number of the draw.
         """
-        tasks = self._array(np.asarray(tasks)) if isinstance(tasks, np.ndarray) else tasks
-        self._episode = self._full((self.num_envs,), first_episode)
-        tables = self._tables(self._keys(self._rows, self._episode), tasks)
-        width = tables.shape[1]
-        self._wide[:] = self.nothing
-        self._wide[:, :width] = tables
-        self.task = tasks + 0
-        self.goal = self._goals[tasks]
-        self.selection = self._full((self.num_envs,), self.nothing)
-        self.attempts_left = self._full((self.num_envs,), self.config.attempts)
-        self._count = (self._wide != self.nothing).sum(1)
+        self._blank()
+        self._episode = self._full((self.num_envs,), episode)
+        tasks = self._array(np.asarray(tasks, dtype=np.int64)) if isinstance(tasks, list | np.ndarray) else tasks
+        self._place(self._rows, self._tables(self._keys(self._rows, self._episode), tasks), tasks)
+
+    def _blank(self) -> None:
+        # One column more than slots: where a result that is not new goes when the table is full.
+        self._wide = self._full((self.num_envs, self.num_slots + 1), self.nothing)
+        self.table = self._wide[:, : self.num_slots]
+        names = ("goal", "task", "selection", "attempts_left", "_count", "_episode", "_next")
+        for name in names:
+            setattr(self, name, self._full((self.num_envs,), 0))
+        width = self.config.depth + 1 + self.config.num_distractors
+        self._ahead_table = self._full((self.num_envs, self._ahead, width), 0, "int32")
+        self._ahead_task = self._full((self.num_envs, self._ahead), 0, "int32")
 
     def _keys(self, rows: Array, episodes: Array) -> Array:
         return self._mixed(self._env_keys[rows] + episodes * -3335678366873096957)
 
     def _prepare(self, rows: Array) -> None:
         """Draw the next episodes of some environments."""
-        episodes = self._episode[rows][:, None] + self._array(np.arange(AHEAD))[None, :]
+        episodes = self._episode[rows][:, None] + self._array(np.arange(self._ahead))[None, :]
         keys = self._keys(rows[:, None], episodes).reshape(-1)
         number = self._numbers(keys, 0, 1)[0]
         if self.config.task_weighting == "task":
             tasks = (number * len(self.world.tasks)) >> 31
         else:
-            total = self._task_ends[-1]
-            tasks = self.xp.searchsorted(self._task_ends, self._cast(number, "float64") / 2**31 * total, side="right")
-            tasks = tasks.clip(max=len(self.world.tasks) - 1)
-        tables = self._tables(keys, tasks)
-        if self._first_table is None or self._first_table.shape[0] != self.num_envs:
-            self._first_table = self._full((self.num_envs, AHEAD, tables.shape[1]), 0, "int32")
-            self._first_task = self._full((self.num_envs, AHEAD), 0, "int32")
-        self._first_table[rows] = self._cast(tables, "int32").reshape(len(rows), AHEAD, -1)
-        self._first_task[rows] = self._cast(tasks, "int32").reshape(len(rows), AHEAD)
+            share = self._cast(number, "float64") / 2**31 * self._task_ends[-1]
+            tasks = self.xp.searchsorted(self._task_ends, share, side="right").clip(max=len(self.world.tasks) - 1)
+        # In pieces, so that their arrays stay in the processor's cache.
+        size = CHUNK if self.xp is np else len(keys)
+        pieces = [self._tables(keys[i : i + size], tasks[i : i + size]) for i in range(0, len(keys), size)]
+        tables = self.xp.concatenate(pieces)
+        self._ahead_table[rows] = tables.reshape(len(rows), self._ahead, -1)
+        self._ahead_task[rows] = self._cast(tasks, "int32").reshape(len(rows), self._ahead)
         self._next[rows] = 0
+        self._steps_since = 0
 
     def _begin(self, rows: Array) -> None:
         """Begin the next prepared episode of some environments."""
         which = self._next[rows]
-        if self.xp is np:
-            spent = which == AHEAD
-            if spent.any():
-                self._prepare(rows[spent])
-                which = self._next[rows]
-        table = self._first_table[rows, which]
-        width = table.shape[1]
-        task = self._cast(self._first_task[rows, which], "int64")
-        self._wide[rows, :width] = self._cast(table, "int64")
-        self._wide[rows, width:] = self.nothing
-        self.task[rows] = task
-        self.goal[rows] = self._goals[task]
-        self.selection[rows] = self.nothing
-        self.attempts_left[rows] = self.config.attempts
-        self._count[rows] = (table != self.nothing).sum(1)
+        if self.xp is np and (spent := which == self._ahead).any():
+            self._prepare(rows[spent])
+            which = self._next[rows]
+        tables, tasks = self._ahead_table[rows, which], self._ahead_task[rows, which]
+        self._place(rows, self._cast(tables, "int64"), self._cast(tasks, "int64"))
         self._next[rows] += 1
         self._episode[rows] += 1
 
+    def _place(self, rows: Array, tables: Array, tasks: Array) -> None:
+        width = tables.shape[1]
+        self._wide[rows, :width] = tables
+        self._wide[rows, width:] = self.nothing
+        self.task[rows] = tasks
+        self.goal[rows] = self._goals[tasks]
+        self.selection[rows] = self.nothing
+        self.attempts_left[rows] = self.config.attempts
+        self._count[rows] = (tables != self.nothing).sum(1)
+
     def _tables(self, keys: Array, tasks: Array) -> Array:
-        """Draw the entities of tables: shape (R, depth + 1 + distractors), the empty slots last."""
-        xp, wanted = self.xp, self.config.num_distractors
+        """Draw the entities of tables: shape (R, depth + 1 + distractors), shuffled, the empty slots last."""
         starts = self._starts[tasks].T
-        filled = starts != self.nothing
-        if wanted == 0:
-            columns = [starts[i] for i in range(len(starts))]
-        else:
-            drawn = self._distractors(keys, tasks, starts)
-            columns = [*(starts[i] for i in range(len(starts))), *(drawn[i] for i in range(wanted))]
-        rows = xp.stack(columns)
-        # Shuffle what is there: sort by random numbers, empty slots last.
-        order = self._numbers(keys, 1_000_000, len(rows)) * 64 + self._array(np.arange(len(rows)))[:, None]
-        if not bool(filled.all()) or bool((rows == self.nothing).any()):
-            order = xp.where(rows == self.nothing, order + (1 << 40), order)
-        if xp is np:
-            order = np.sort(order.T, axis=1) & 63
-            return rows.T[np.arange(order.shape[0])[:, None], order]
-        order = xp.sort(order.T.contiguous(), dim=1).values & 63
-        return rows.T.gather(1, order)
+        rows = starts
+        if self.config.num_distractors:
+            rows = self.xp.concatenate([starts, self._distractors(keys, tasks, starts)])
+        # Sort by random numbers; what is nothing gets larger ones.
+        order = self._numbers(keys, 1 << 20, len(rows)) * 64 + self._array(np.arange(len(rows)))[:, None]
+        order = (order + (rows == self.nothing) * (1 << 40)).T
+        if self.xp is np:
+            return np.take_along_axis(rows.T, np.sort(order, axis=1) & 63, axis=1)
+        return rows.T.gather(1, self.xp.sort(order, dim=1).values & 63)
 
     def _distractors(self, keys: Array, tasks: Array, starts: Array) -> Array:
         """Draw distractors by weight without replacement: candidates one after the other, skipping what may not be.
@@ -294,80 +301,86 @@ class BatchEngine:
             shape (num_distractors, R); the padding id where no entity is left that may lie there.
         """
         wanted = self.config.num_distractors
-        rounds, first = 0, 1
-        drawn = self._pick(keys, tasks, starts, first, wanted + _SPARE)
-        missing = (drawn[-1] == self.nothing).nonzero()
-        missing = missing[0] if self.xp is np else missing[:, 0]
-        amount = wanted + _SPARE
-        while len(missing) and rounds < 6:
-            rounds += 1
-            amount *= 4
-            again = self._pick(keys[missing], tasks[missing], starts[:, missing], first, amount)
-            drawn[:, missing] = again
-            still = again[-1] == self.nothing
-            missing = missing[still]
+        taken = self.xp.concatenate([self._goals_short[tasks][None, :], starts, self._made_short[tasks].T])
+        if self.xp is not np:
+            # One round of many candidates, because asking whether it was enough would wait for the device.
+            drawn = self._pick(keys, tasks, taken, 8 * wanted + 16)
+        else:
+            # Most tables take the first candidates as they come; the rest is looked at more closely.
+            drawn = self._candidates(keys, wanted)
+            again = self._clashes(drawn, tasks, taken).nonzero()[0]
+            amount = wanted + 4
+            while len(again):
+                picked = self._pick(keys[again], tasks[again], taken[:, again], amount)
+                drawn[:, again] = picked
+                amount *= 4
+                again = again[picked[-1] == self.nothing] if amount < 2**11 * wanted else again[:0]
         if self.config.distractor_policy == "no_shortcut" and self.config.depth > 1:
-            self._without_shortcuts(keys, tasks, starts, drawn)
+            self._avoid_shortcuts(keys, tasks, taken, drawn)
         return drawn
 
-    def _without_shortcuts(self, keys: Array, tasks: Array, starts: Array, drawn: Array) -> None:
-        """Draw again, one by one, where distractors open a shortcut of several attempts."""
-        for i in range(len(keys)):
-            key, turn = keys[i : i + 1], 0
-            while self.world.has_shortcut(int(tasks[i]), [int(x) for x in drawn[:, i] if int(x) < self.nothing]):
-                turn += 1
-                fresh = self._mixed(key + turn)
-                amount = 8 * (self.config.num_distractors + _SPARE)
-                drawn[:, i] = self._pick(fresh, tasks[i : i + 1], starts[:, i : i + 1], 1, amount)[:, 0]
+    def _candidates(self, keys: Array, amount: int) -> Array:
+        """Return entities drawn by weight, with replacement: shape (amount, R)."""
+        return self._lots[(self._numbers(keys, 1, amount) * len(self._lots)) >> 31]
 
-    def _pick(self, keys: Array, tasks: Array, starts: Array, first: int, amount: int) -> Array:
-        """Take the first distractors among ``amount`` candidates that may lie on the table."""
+    def _clashes(self, candidates: Array, tasks: Array, taken: Array) -> Array:
+        """Return which rows of candidates may not lie on the table as they are, shape (R,); some may after all."""
+        clash = self._full((candidates.shape[1],), 0, "bool")
+        for i in range(len(candidates)):
+            for j in range(len(taken)):
+                clash |= candidates[i] == taken[j]
+            for j in range(i):
+                clash |= candidates[i] == candidates[j]
+        base = self._guard_base[tasks]
+        for guard in self._guards:
+            stands = guard[base + candidates[0]]
+            for i in range(1, len(candidates)):
+                stands |= guard[base + candidates[i]]
+            there = stands != 0
+            for j in range(1, len(taken)):
+                stands |= guard[base + taken[j]]
+            clash |= there & ((stands & (stands >> GUARD_BITS) & _LOW) != 0)
+        return clash
+
+    def _pick(self, keys: Array, tasks: Array, taken: Array, amount: int) -> Array:
+        """Take the first distractors among ``amount`` candidates that may lie on the table, in their order."""
         xp, wanted = self.xp, self.config.num_distractors
-        numbers = self._numbers_of_candidates(keys, first, amount)
-        candidates = self._lots[(numbers * len(self._lots)) >> 31]
-        allowed = candidates != self._goals[tasks][None, :]
-        made = self._made[tasks].T
-        for i in range(len(starts)):
-            allowed &= candidates != starts[i][None, :]
-        for i in range(len(made)):
-            allowed &= candidates != made[i][None, :]
+        candidates = self._candidates(keys, amount)
+        allowed = self._full(tuple(candidates.shape), 1, "bool")
+        for j in range(len(taken)):
+            allowed &= candidates != taken[j][None, :]
         # An entity that came before is skipped, whether it was allowed or not: it would not be allowed now either.
         for i in range(1, amount):
             allowed[i] &= ~(candidates[:i] == candidates[i][None, :]).any(0)
-        if self._has_guards:
-            self._guard(candidates, allowed, tasks, starts, made)
+        base = self._guard_base[tasks]
+        for guard in self._guards:
+            stands = guard[base + taken[1]]
+            for j in range(2, len(taken)):
+                stands = stands | guard[base + taken[j]]
+            for i in range(amount):
+                more = guard[base + candidates[i]]
+                both = stands | more
+                # Recipes that are complete with this candidate and were not without it.
+                closes = both & (both >> GUARD_BITS) & _LOW & ~(stands & (stands >> GUARD_BITS))
+                allowed[i] &= closes == 0
+                stands = xp.where(allowed[i], both, stands)
         place = xp.cumsum(self._cast(allowed, "int64"), 0) - 1
-        drawn = self._full((wanted + 1, len(keys)), self.nothing)
         place = xp.where(allowed & (place < wanted), place, wanted)
+        drawn = self._full((wanted + 1, len(keys)), self.nothing, "int32")
         columns = self._array(np.arange(len(keys)))
         for i in range(amount):
             drawn[place[i], columns] = candidates[i]
         return drawn[:wanted]
 
-    def _numbers_of_candidates(self, keys: Array, first: int, amount: int) -> Array:
-        """Return 31-bit numbers such that more candidates begin with the same ones: shape (amount, R)."""
-        half = -(-amount // 2)
-        draws = self._array((np.arange(first, first + half) * -7046029254386353131)[:, None])
-        mixed = self._mixed(keys[None, :] + draws)
-        numbers = self.xp.stack([(mixed >> 33) & 0x7FFFFFFF, mixed & 0x7FFFFFFF], 1)
-        return numbers.reshape(2 * half, -1)[:amount]
-
-    def _guard(self, candidates: Array, allowed: Array, tasks: Array, starts: Array, made: Array) -> None:
-        """Refuse candidates that complete a guarded recipe of the goal with what lies there or will be made."""
-        wide = self.nothing + 1
-        base = self._guard_row[self._goals[tasks]] * wide
-        for as_one, as_other in self._guards:
-            one = as_one[base + starts[0]]
-            other = as_other[base + starts[0]]
-            for column in [*(starts[i] for i in range(1, len(starts))), *(made[i] for i in range(len(made)))]:
-                one |= as_one[base + column]
-                other |= as_other[base + column]
-            new_one, new_other = as_one[base[None, :] + candidates], as_other[base[None, :] + candidates]
-            for i in range(len(candidates)):
-                closes = (new_one[i] & (other | new_other[i])) | (one & new_other[i])
-                allowed[i] &= closes == 0
-                one |= self.xp.where(allowed[i], new_one[i], 0)
-                other |= self.xp.where(allowed[i], new_other[i], 0)
+    def _avoid_shortcuts(self, keys: Array, tasks: Array, taken: Array, drawn: Array) -> None:
+        """Draw again, one table after the other, where distractors open a shortcut of several attempts."""
+        for i in range(len(keys)):
+            key, turn = keys[i : i + 1], 0
+            while self.world.has_shortcut(int(tasks[i]), [int(x) for x in drawn[:, i] if int(x) < self.nothing]):
+                turn += 1
+                self.world.check_tries(turn, int(tasks[i]))
+                more = self._pick(self._mixed(key + turn), tasks[i : i + 1], taken[:, i : i + 1], 256)
+                drawn[:, i] = more[:, 0]
 
     # --- steps -------------------------------------------------------------------------------------------------------
 
@@ -406,63 +419,83 @@ class BatchEngine:
         return self._step(actions, begin=False)
 
     def _step(self, actions: Array, begin: bool) -> Step:
-        xp, nothing, rows = self.xp, self.nothing, self._rows
-        if xp is np:
-            actions = self._checked(actions)
+        xp, nothing = self.xp, self.nothing
+        actions = self._checked(actions) if xp is np else actions
         running = self.attempts_left > 0
-        picked = self._wide[rows, actions]
-        legal = picked != nothing
-        if self.config.illegal_action == "raise" and not bool((legal | ~running).all()):
-            env = int((~legal & running).nonzero()[0][0])
+        picked = self._wide[self._rows, actions]
+        empty = picked == nothing
+        if self.config.illegal_action == "raise" and bool((empty & running).any()):
+            env = int((empty & running).nonzero()[0][0])
             raise ActionError(f"action {int(actions[env])} of environment {env}: the slot is empty.")
-        held = self.selection
-        second = (held != nothing) & legal
-        pair = self.pairs(held, picked)
-        results = self._results[pair]
-        made_goal = (results[:, 0] == self.goal) & running
-        fresh = []
-        for i in range(results.shape[1]):
-            result = results[:, i]
-            if i:
-                made_goal |= (result == self.goal) & running
-            is_new = (result != nothing) & running & ~(self._wide == result[:, None]).any(1)
-            fresh.append(is_new)
-            # Where nothing is new, "nothing" goes into the first free slot, where it is already.
-            self._wide[rows, self._count] = xp.where(is_new, result, nothing)
-            self._count += is_new
-        ended = (held != nothing) | ~legal
-        self.attempts_left = self.attempts_left - (ended & running)
-        self.selection = xp.where(ended, nothing, picked)
+        second = self.selection != nothing
+        # Nothing in hand, or nothing picked, makes nothing: the tables have a row for that.
+        pair = self.pairs(self.selection, picked)
+        made_goal, by_plan, shaped = self._land(pair, running)
+        ended = (second | empty) & running
+        self.attempts_left = self.attempts_left - self._cast(ended, "int64")
+        self.selection = xp.where(second | empty, nothing, picked)
         over = running & (made_goal | (self.attempts_left == 0))
-        self.attempts_left = xp.where(made_goal, 0, self.attempts_left) if not begin else self.attempts_left
         reward = self._cast(made_goal, "float32")
-        rewards = self.config.rewards
-        if rewards.wrong_pair_penalty or rewards.irrelevant_penalty or rewards.intermediate_reward:
-            reward = reward + self._shaping(pair, results, fresh, second & running, made_goal)
-        by_plan = made_goal & (self._finals[self.task] == pair[:, None]).any(1)
-        outcome = self._cast(made_goal, "int8") + self._cast(over & ~made_goal, "int8") * OUT_OF_ATTEMPTS
-        done = Step(reward, over, outcome, by_plan, ~legal & running, self.task + 0)
+        if shaped is not None:
+            wrong = second & ~empty & running & (pair == self._no_pair)
+            reward = reward + shaped - self.config.rewards.wrong_pair_penalty * self._cast(wrong, "float32")
+        outcome = self._cast(over, "int8") * OUT_OF_ATTEMPTS - self._cast(made_goal, "int8")
+        done = Step(self._cast(reward, "float32"), over, outcome, by_plan, empty & running, self.task + 0)
         if begin:
             self._begin_over(over)
+        else:
+            self.attempts_left = xp.where(made_goal, 0, self.attempts_left)
         return done
+
+    def _land(self, pair: Array, running: Array) -> tuple[Array, Array, Array | None]:
+        """Put the results of pairs on the tables; return who made the goal, who by a plan, and the shaped reward."""
+        rewards = self.config.rewards
+        makes = (pair != self._no_pair) & running
+        made_goal, by_plan = (self._full((self.num_envs,), 0, "bool") for _ in range(2))
+        is_shaped = bool(rewards.wrong_pair_penalty or rewards.irrelevant_penalty or rewards.intermediate_reward)
+        shaped = self._full((self.num_envs,), 0, "float32") if is_shaped else None
+        # On the CPU only those that make something are looked at; a device looks at all rather than ask which.
+        rows = makes.nonzero()[0] if self.xp is np else self._rows
+        if not len(rows):
+            return made_goal, by_plan, shaped
+        results, goal, makes = self._results[pair[rows]], self.goal[rows], makes[rows]
+        hit = (results == goal[:, None]).any(1) & makes
+        made = self._made[self.task[rows]]
+        first, relevant = self._full((len(rows),), 0), hit
+        for i in range(results.shape[1]):
+            result = results[:, i]
+            is_new = makes & (result != self.nothing) & ~(self._wide[rows] == result[:, None]).any(1)
+            if is_shaped:
+                is_made = (made == result[:, None]).any(1) & (result != self.nothing)
+                first, relevant = first + (is_made & is_new), relevant | is_made
+            # Where nothing is new, "nothing" goes into the first free slot, where it is already.
+            count = self._count[rows]
+            self._wide[rows, count] = self.xp.where(is_new, result, self._wide[rows, count])
+            self._count[rows] = count + is_new
+        made_goal[rows] = hit
+        by_plan[rows] = hit & (self._finals[self.task[rows]] == pair[rows][:, None]).any(1)
+        if shaped is not None:
+            irrelevant = self._cast(makes & ~relevant, "float32")
+            shaped[rows] = (
+                rewards.intermediate_reward * self._cast(first, "float32") - rewards.irrelevant_penalty * irrelevant
+            )
+        return made_goal, by_plan, shaped
 
     def _begin_over(self, over: Array) -> None:
         if self.xp is np:
             rows = over.nonzero()[0]
             if len(rows):
                 self._begin(rows)
-            return
-        self._begin_masked(over)
+        else:
+            self._begin_masked(over)
 
     def _begin_masked(self, over: Array) -> None:
-        """Begin anew without asking the device how many episodes ended: every environment is written, or kept."""
+        """Begin anew without asking the device who: every environment is written, with what it had or the next."""
         xp = self.xp
-        self._since = getattr(self, "_since", 0) + 1
-        which = self._next.clip(max=AHEAD - 1)
-        table = self._cast(self._first_table[self._rows, which], "int64")
-        task = self._cast(self._first_task[self._rows, which], "int64")
-        spare = self._full((self.num_envs, self.num_slots + 1 - table.shape[1]), self.nothing)
-        self._wide = xp.where(over[:, None], xp.concatenate([table, spare], 1), self._wide)
+        table = self._cast(self._ahead_table[self._rows, self._next], "int64")
+        task = self._cast(self._ahead_task[self._rows, self._next], "int64")
+        room = self._full((self.num_envs, self.num_slots + 1 - table.shape[1]), self.nothing)
+        self._wide = xp.where(over[:, None], xp.concatenate([table, room], 1), self._wide)
         self.table = self._wide[:, : self.num_slots]
         self.task = xp.where(over, task, self.task)
         self.goal = xp.where(over, self._goals[task], self.goal)
@@ -471,27 +504,9 @@ class BatchEngine:
         self._count = xp.where(over, (table != self.nothing).sum(1), self._count)
         self._next = self._next + over
         self._episode = self._episode + over
-        if self._since >= AHEAD - 1:
-            self._since = 0
+        self._steps_since += 1
+        if self._steps_since == self._ahead:  # no environment can have used up more than one episode a step
             self._prepare(self._rows)
-
-    def _shaping(self, pair: Array, results: Array, fresh: list[Array], attempt: Array, made_goal: Array) -> Array:
-        xp, rewards = self.xp, self.config.rewards
-        made = self._made[self.task]
-        first = self._full((self.num_envs,), 0)
-        relevant = made_goal
-        for i in range(results.shape[1]):
-            is_made = (made == results[:, i][:, None]).any(1) & (results[:, i] != self.nothing)
-            first = first + (is_made & fresh[i])
-            relevant = relevant | is_made
-        wrong = attempt & (pair == self._no_pair)
-        irrelevant = attempt & (pair != self._no_pair) & ~relevant
-        shaped = (
-            rewards.intermediate_reward * self._cast(first, "float32")
-            - rewards.wrong_pair_penalty * self._cast(wrong, "float32")
-            - rewards.irrelevant_penalty * self._cast(irrelevant, "float32")
-        )
-        return self._cast(xp.where(attempt, shaped, 0), "float32")
 
     def _checked(self, actions: Array) -> Array:
         actions = np.asarray(actions)

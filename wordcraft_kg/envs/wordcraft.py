@@ -101,7 +101,7 @@ class WordCraftEnv(gym.Env[Observation, Any]):
         self.config = self.world.config
         self.tasks = self.world.tasks
         self.num_slots = self.world.num_slots
-        self.action_space = spaces.Discrete(self.num_slots)
+        self.action_space = self.space_of_actions(self.num_slots)
         self.observation_space = observation_space(self.world.padding, self.num_slots, self.config.attempts)
         self._outcomes = self.world.outcomes
         self._nothing = self.world.padding
@@ -118,6 +118,11 @@ class WordCraftEnv(gym.Env[Observation, Any]):
         self.task_index = -1
         self._table: list[int] = []
         self._attempts_left = 0
+
+    @staticmethod
+    def space_of_actions(num_slots: int) -> spaces.Discrete:
+        """Return the action space of a table."""
+        return spaces.Discrete(num_slots)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -241,7 +246,10 @@ class WordCraftEnv(gym.Env[Observation, Any]):
     def _draw_distractors(self, start: list[int]) -> list[int]:
         drawn = self._draw_once(start)
         if self.config.distractor_policy == "no_shortcut" and self.config.depth > 1:
+            tries = 0
             while self.world.has_shortcut(self.task_index, drawn):
+                tries += 1
+                self.world.check_tries(tries, self.task_index)
                 drawn = self._draw_once(start)
         return drawn
 

@@ -26,6 +26,9 @@ def open_world_graph(graph: GraphLike) -> OpenedGraph:
     return open_graph(graph)
 
 
+SHORTCUT_TRIES = 1_000
+
+
 class World:
     """A graph, its split and the settings of an environment, and what follows from them.
 
@@ -108,3 +111,16 @@ class World:
         return all_ways(self.graph, goal, [*start, *distractors], attempts) != all_ways(
             self.graph, goal, start, attempts
         )
+
+    def check_tries(self, tries: int, task: int) -> None:
+        """Give up on a table without shortcuts after many tries.
+
+        Raises:
+            ConfigError: naming the task.
+        """
+        if tries > SHORTCUT_TRIES:
+            raise ConfigError(
+                f"found no {self.config.num_distractors} distractors without a shortcut to "
+                f"'{self.graph.entities[self.tasks.goals[task]]}' in {SHORTCUT_TRIES} tries; "
+                "take fewer distractors, or distractor_policy 'any'."
+            )

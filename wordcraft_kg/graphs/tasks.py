@@ -50,9 +50,9 @@ class Task:
     plans: tuple[tuple[Recipe, ...], ...]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class TaskSet:
-    """The tasks of one depth and part, as arrays that environments draw from.
+    """The tasks of one depth and part, as arrays that environments draw from; equal if their content is.
 
     Attributes:
         graph: their graph.
@@ -74,6 +74,18 @@ class TaskSet:
     plans: tuple[tuple[Rows, ...], ...]
     is_complete: bool
     mixed: int
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, TaskSet):
+            return NotImplemented
+        # Plans end in their goal, so they and the starts say everything; arrays as bytes, for == of arrays is no bool.
+        return self._content() == other._content()
+
+    def __hash__(self) -> int:
+        return hash(self._content())
+
+    def _content(self) -> tuple[object, ...]:
+        return self.graph, self.depth, self.part, self.starts.tobytes(), self.plans, self.is_complete, self.mixed
 
     def __len__(self) -> int:
         return len(self.goals)
@@ -151,11 +163,11 @@ def make_tasks(
     A task belongs to *train* if all its plans use train recipes only, to *test* if each of them uses a test recipe, to
     *valid* if each uses a validation recipe and none a test recipe. Any other belongs to no part and is counted.
 
-    A deeper task is drawn backwards: a recipe of the part at random (with ``weighting="goal"``, a goal and then one of
-    its recipes) is the last step; then, ``depth - 1`` times, a random leaf that has recipes is replaced by the
-    ingredients of a random one of them. What is not a task of this depth and part is drawn again, what was drawn before
-    is kept once. So the first task drawn has the probability, up to the share of refused draws, of all ways to build
-    one of its plans, each the product of 1 / (number of choices).
+    A deeper task is drawn backwards: a recipe at random, for train tasks a train recipe, is the last step (with
+    ``weighting="goal"``, a goal and then one of its recipes); then, ``depth - 1`` times, a random leaf that has recipes
+    is replaced by the ingredients of a random one of them. What is not a task of this depth and part is drawn again,
+    what was drawn before is kept once. So the first task drawn has the probability, up to the share of refused draws,
+    of all ways to build one of its plans, each the product of 1 / (number of choices).
 
     Args:
         graph: the graph; plans may use all its recipes.

@@ -33,8 +33,15 @@ def grouped_bars(labels: Sequence[str], series: dict[str, Sequence[float]], x_ti
     return plot.done(list(series))
 
 
-def lines(series: dict[str, Sequence[tuple[float, float]]], x_title: str, y_title: str, description: str) -> Markup:
-    """Draw curves through (x, y) points."""
+def lines(
+    series: dict[str, Sequence[tuple[float, float]]],
+    x_title: str,
+    y_title: str,
+    description: str,
+    *,
+    legend_left: bool = False,
+) -> Markup:
+    """Draw curves through (x, y) points; rising curves leave room for the legend on the left."""
     points = [point for values in series.values() for point in values]
     xs, ys = zip(*points, strict=True) if points else ((0, 1), (0, 1))
     low, high = min(ys), max(ys)
@@ -45,7 +52,7 @@ def lines(series: dict[str, Sequence[tuple[float, float]]], x_title: str, y_titl
     for number, values in enumerate(series.values()):
         plot.polyline(values, f"line series-{number}")
     plot.titles(x_title, y_title)
-    return plot.done(list(series) if len(series) > 1 else [])
+    return plot.done(list(series) if len(series) > 1 else [], left=legend_left)
 
 
 def reliability(points: Sequence[tuple[float, float, int]], description: str) -> Markup:
@@ -180,11 +187,12 @@ class _Plot:
         if y_title:
             self.parts.append(f'<text x="{LEFT + 4}" y="{TOP + 8}" class="small">{escape(y_title)}</text>')
 
-    def done(self, legend: Sequence[str]) -> Markup:
+    def done(self, legend: Sequence[str], *, left: bool = False) -> Markup:
+        x, top = (LEFT + 10, TOP + 16) if left else (WIDTH - 140, TOP + 4)
         for i, name in enumerate(legend):
-            y = TOP + 4 + 16 * i
-            self.parts.append(f'<rect x="{WIDTH - 140}" y="{y}" width="11" height="11" class="series-{i}"/>')
-            self.parts.append(f'<text x="{WIDTH - 124}" y="{y + 10}">{escape(name)}</text>')
+            y = top + 16 * i
+            self.parts.append(f'<rect x="{x}" y="{y}" width="11" height="11" class="series-{i}"/>')
+            self.parts.append(f'<text x="{x + 16}" y="{y + 10}">{escape(name)}</text>')
         opening = f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" role="img" aria-label="{escape(self.description)}">'
         return Markup("".join([opening, *self.parts, "</svg>"]))
 

@@ -1,0 +1,393 @@
+"""The paper's protocol for people: picks, tasks, the file of answers, its summary, and the interval of a rate."""
+
+import json
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from statistics import NormalDist
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from wordcraft_kg.agents.human import (
+    SCHEDULE,
+    TASKS_PER_PART,
+    Answer,
+    HumanProtocol,
+    Session,
+    append_answer,
+    episode_seed,
+    open_session,
+    read_pick,
+    read_session,
+    results_of,
+    summarise,
+    table_labels,
+)
+from wordcraft_kg.agents.intervals import wilson_interval
+from wordcraft_kg.envs.wordcraft import WordCraftEnv
+from wordcraft_kg.errors import ActionError, ArtefactError, ConfigError, GraphMismatchError
+from wordcraft_kg.graphs import OpenedGraph, RecipeGraph, SplitConfig, make_split
+
+TABLE = ("water", "watch", "Fire", "fire", "fire brigade", "wood", "3")
+EDIT = Callable[[dict[str, Any]], Any]
+
+
+@pytest.fixture(scope="module")
+def protocol(kitchen: RecipeGraph) -> HumanProtocol:
+    return HumanProtocol(kitchen)
+
+
+def answer_to(protocol: HumanProtocol, part: str, number: int) -> Answer:
+    """The answer of somebody who combines the first two things, or in every third task is right."""
+    env, observation = protocol.pose(part, number)
+    table = table_labels(env, observation)
+    picks = tuple(env.task.plans[0][0][:2]) if number % 3 == 0 else table[:2]
+    made = results_of(env, *picks)
+    return Answer(part, number, env.task.goal, table, picks, made, env.task.goal in made, 1.5)
+
+
+def play(path: Path, protocol: HumanProtocol, count: int = len(SCHEDULE)) -> Session:
+    """Go on with a session until so many tasks are answered."""
+    session = open_session(path, protocol)
+    for part, number in SCHEDULE[len(session.answers) : count]:
+        session = append_answer(path, session, answer_to(protocol, part, number))
+    return session
+
+
+# --- picks -----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("typed", "slot"),
+    [
+        ("1", 0),
+        ("7", 6),
+        ("3", 2),  # a number goes before a word
+        ("water", 0),
+        ("WATCH", 1),
+        ("wo", 5),
+        ("WO", 5),
+        ("Fire", 2),
+        ("fire", 3),
+        ("fire b", 4),
+        ("  fire   brigade ", 4),
+    ],
+)
+def test_a_pick_is_a_number_from_1_a_word_or_the_beginning_of_one(typed: str, slot: int):
+    assert read_pick(typed, TABLE) == slot
+
+
+@pytest.mark.parametrize("typed", ["0", "-1", "8", "01", "²", "9" * 5_000, "1.0", "x" * 100, "\ufffd", "watr"])
+def test_what_is_not_on_the_table_is_answered_with_what_is_expected(typed: str):
+    with pytest.raises(ActionError, match="expected 1 to 7") as error:
+        read_pick(typed, TABLE)
+    assert len(str(error.value)) < 160
+
+
+def test_an_empty_pick_is_not_the_beginning_of_every_word():
+    for typed in ("", "  "):
+        with pytest.raises(ActionError, match="nothing typed: expected"):
+            read_pick(typed, TABLE)
+
+
+@pytest.mark.parametrize(("typed", "expected"), [("wat", "water (1), watch (2)"), ("FIRE", "Fire (3), fire (4)")])
+def test_an_ambiguous_pick_is_answered_with_the_choices(typed: str, expected: str):
+    with pytest.raises(ActionError) as error:
+        read_pick(typed, TABLE)
+    assert expected in str(error.value)
+
+
+def test_a_misspelt_pick_is_answered_with_the_nearest_word():
+    with pytest.raises(ActionError, match="Did you mean 'water'"):
+        read_pick("watr", TABLE)
+
+
+# --- protocol --------------------------------------------------------------------------------------------------------
+
+
+def test_a_session_is_40_train_tasks_and_then_40_test_tasks():
+    assert [part for part, _ in SCHEDULE] == ["train"] * 40 + ["test"] * 40
+    assert [number for _, number in SCHEDULE] == [*range(1, 41), *range(1, 41)]
+
+
+def test_the_tasks_are_those_of_an_environment_as_agents_get_it(protocol: HumanProtocol, kitchen: RecipeGraph):
+    for part in ("train", "test"):
+        agents = WordCraftEnv(kitchen, part=part, num_distractors=8)
+        for number in range(1, TASKS_PER_PART + 1):
+            expected, _ = agents.reset(seed=episode_seed(0, part, number))
+            env, observation = protocol.pose(part, number)
+            assert env.task == agents.task
+            assert np.array_equal(observation["table"], expected["table"])
+            assert observation["attempts_left"] == 1
+
+
+def test_a_task_does_not_depend_on_what_was_posed_before(protocol: HumanProtocol, kitchen: RecipeGraph):
+    env, observation = HumanProtocol(kitchen).pose("test", 7)
+    first = env.task, table_labels(env, observation)
+    for number in (3, 7):
+        env, observation = protocol.pose("test", number)
+    assert (env.task, table_labels(env, observation)) == first
+
+
+def test_episode_seeds_differ_by_seed_part_and_number_and_never_change():
+    keys = [(seed, part, number) for seed in (0, 1, 2**40) for part in ("train", "test") for number in range(1, 41)]
+    assert len({episode_seed(*key) for key in keys}) == len(keys)
+    golden = {(0, "train", 1): 3613627650, (0, "test", 1): 1321936645, (1, "train", 40): 264182322}
+    assert {key: episode_seed(*key) for key in golden} == golden
+
+
+def test_a_negative_seed_is_refused(kitchen: RecipeGraph):
+    with pytest.raises(ConfigError, match="seed -1"):
+        HumanProtocol(kitchen, seed=-1)
+
+
+def test_the_header_says_what_makes_sessions_comparable_and_nothing_about_people(
+    protocol: HumanProtocol, kitchen: RecipeGraph, tmp_path: Path
+):
+    play(tmp_path / "human.jsonl", protocol, 3)
+    lines = (tmp_path / "human.jsonl").read_text().splitlines()
+    header, first = json.loads(lines[0]), json.loads(lines[1])
+    assert header["format"] == "wordcraft-kg human protocol 1"
+    assert (header["graph"], header["graph_hash"]) == ("kitchen", kitchen.hash)
+    assert header["split_hash"] == make_split(kitchen, SplitConfig()).hash
+    assert header["settings"] == {
+        "tasks_per_part": 40,
+        "depth": 1,
+        "num_distractors": 8,
+        "attempts": 1,
+        "distractor_weighting": "use",
+        "distractor_policy": "any",
+        "task_weighting": "task",
+        "ambiguity": "all",
+    }
+    assert header["seed"] == 0
+    assert set(header) == {"format", "graph", "graph_hash", "split_hash", "settings", "seed"}
+    assert set(first) == {"part", "number", "goal", "table", "picks", "made", "success", "seconds"}
+
+
+# --- file ------------------------------------------------------------------------------------------------------------
+
+
+def test_a_session_in_pieces_is_the_session_in_one(protocol: HumanProtocol, tmp_path: Path):
+    for count in (0, 1, 39, 40, 41, 80, 80):
+        session = play(tmp_path / "pieces.jsonl", protocol, count)
+        assert session.is_finished == (count == 80)
+    assert session == play(tmp_path / "one.jsonl", protocol) == read_session(tmp_path / "one.jsonl")
+    assert (tmp_path / "pieces.jsonl").read_bytes() == (tmp_path / "one.jsonl").read_bytes()
+
+
+def test_a_last_line_torn_anywhere_is_dropped_and_its_task_asked_again(
+    protocol: HumanProtocol, tmp_path: Path, caplog: pytest.LogCaptureFixture
+):
+    path = tmp_path / "human.jsonl"
+    play(path, protocol, 3)
+    data = path.read_bytes()
+    start = data.rindex(b"\n", 0, -1) + 1
+    for end in range(start + 1, len(data)):
+        path.write_bytes(data[:end])
+        session = open_session(path, protocol)
+        assert (len(session.answers), session.torn) == (2, 0)
+        assert path.read_bytes() == data[:start]
+    assert "torn" in caplog.text
+    play(path, protocol, 3)
+    assert path.read_bytes() == data
+
+
+@pytest.mark.parametrize(
+    ("other", "kind", "message"),
+    [
+        ({"seed": 1}, ConfigError, "has seed 0, but this command has 1"),
+        ({"num_distractors": 1}, ConfigError, "has num_distractors 8, but this command has 1"),
+        ({"split": 1}, GraphMismatchError, "split_hash"),
+        ({"graph": 1}, GraphMismatchError, "graph_hash"),
+    ],
+)
+def test_a_file_of_another_session_is_refused_and_stays(
+    protocol: HumanProtocol, kitchen: RecipeGraph, tmp_path: Path, other: dict[str, int], kind: type, message: str
+):
+    path = tmp_path / "human.jsonl"
+    play(path, protocol, 3)
+    with path.open("ab") as file:
+        file.write(b'{"torn')
+    before = path.read_bytes()
+    graph = kitchen
+    if other.pop("graph", None):
+        graph = RecipeGraph.from_recipes([*kitchen.recipe_labels(), ("bread", "sand", "kiln")])
+    split = make_split(graph, SplitConfig(seed=other.pop("split", 0)))
+    with pytest.raises(kind, match=message):
+        open_session(path, HumanProtocol(OpenedGraph(graph, split, "here"), **other))
+    assert path.read_bytes() == before
+
+
+def test_another_name_of_the_same_graph_goes_on(protocol: HumanProtocol, kitchen: RecipeGraph, tmp_path: Path):
+    play(tmp_path / "human.jsonl", protocol, 3)
+    renamed = RecipeGraph(kitchen.entities, kitchen.recipes, kitchen.base_ids, "cuisine")
+    assert len(open_session(tmp_path / "human.jsonl", HumanProtocol(renamed)).answers) == 3
+
+
+@pytest.mark.parametrize(
+    "content", ["", "my notes", "my notes\n", "{}\n", "[]\n", "\n", '{"format": "other"}\n', "\xff"]
+)
+def test_a_file_that_is_something_else_is_refused_and_stays(protocol: HumanProtocol, tmp_path: Path, content: str):
+    path = tmp_path / "notes"
+    path.write_text(content, encoding="latin-1")
+    with pytest.raises(ArtefactError, match="not a file of the human protocol"):
+        open_session(path, protocol)
+    assert path.read_text(encoding="latin-1") == content
+
+
+DAMAGES: dict[str, EDIT] = {
+    "another part": lambda row: row | {"part": "test"},
+    "another number": lambda row: row | {"number": 3},
+    "a number that is none": lambda row: row | {"number": True},
+    "a pick that was not there": lambda row: row | {"picks": ["gold", "gold"]},
+    "one pick": lambda row: row | {"picks": row["picks"][:1]},
+    "a table of numbers": lambda row: row | {"table": [*row["table"], 1]},
+    "a success that was none": lambda row: row | {"success": not row["success"]},
+    "negative seconds": lambda row: row | {"seconds": -1.0},
+    "endless seconds": lambda row: row | {"seconds": math.inf},
+    "a key more": lambda row: row | {"name": "somebody"},
+    "a key less": lambda row: {key: value for key, value in row.items() if key != "made"},
+    "a list": lambda row: [row],
+    "nothing": lambda row: None,
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_a_damaged_answer_is_refused_with_its_line(protocol: HumanProtocol, tmp_path: Path, damage: str):
+    path = tmp_path / "human.jsonl"
+    play(path, protocol, 4)
+    lines = path.read_text().splitlines()
+    lines[2] = json.dumps(DAMAGES[damage](json.loads(lines[2])))
+    path.write_text("\n".join(lines) + "\n")
+    before = path.read_bytes()
+    for read in (read_session, lambda path: open_session(path, protocol), lambda path: summarise([path])):
+        with pytest.raises(ArtefactError, match="line 3 is damaged"):
+            read(path)
+    assert path.read_bytes() == before
+
+
+def test_a_task_that_is_not_posed_there_is_refused(protocol: HumanProtocol, tmp_path: Path):
+    path = tmp_path / "human.jsonl"
+    session = play(path, protocol, 2)
+    third = answer_to(protocol, "train", 3)
+    append_answer(path, session, replace(third, table=third.table[::-1]))
+    with pytest.raises(ArtefactError, match="line 4: not the task"):
+        open_session(path, protocol)
+
+
+def test_lines_lost_doubled_or_in_excess_are_refused(protocol: HumanProtocol, tmp_path: Path):
+    path = tmp_path / "human.jsonl"
+    play(path, protocol)
+    lines = path.read_bytes().splitlines(keepends=True)
+    for changed in (lines[:3] + lines[4:], [*lines[:3], *lines[2:]], [*lines, lines[-1]], [*lines[:4], b"\n"]):
+        path.write_bytes(b"".join(changed))
+        with pytest.raises(ArtefactError, match="damaged"):
+            read_session(path)
+
+
+# --- summary ---------------------------------------------------------------------------------------------------------
+
+
+def test_the_summary_counts_each_part_over_all_sessions(kitchen: RecipeGraph, tmp_path: Path):
+    paths = [tmp_path / "one.jsonl", tmp_path / "two.jsonl"]
+    sessions = [play(paths[0], HumanProtocol(kitchen)), play(paths[1], HumanProtocol(kitchen, seed=1), 45)]
+    values = summarise(paths)
+    assert (values["sessions"], values["finished"]) == (2, 1)
+    for part, answered in (("train", 80), ("test", 45)):
+        successes = sum(answer.success for session in sessions for answer in session.answers if answer.part == part)
+        row = values["parts"][part]
+        assert 0 < successes < answered
+        assert row == {
+            "answered": answered,
+            "successes": successes,
+            "rate": successes / answered,
+            "interval": list(wilson_interval(successes, answered)),
+        }
+
+
+def test_the_summary_of_an_unbegun_session_has_no_rates(protocol: HumanProtocol, tmp_path: Path):
+    open_session(tmp_path / "human.jsonl", protocol)
+    for row in summarise([tmp_path / "human.jsonl"])["parts"].values():
+        assert row == {"answered": 0, "successes": 0, "rate": None, "interval": None}
+
+
+@pytest.mark.parametrize(("num_distractors", "graph_of"), [(1, "kitchen"), (8, "another split")])
+def test_different_settings_or_graphs_are_not_summed_up(
+    protocol: HumanProtocol, kitchen: RecipeGraph, tmp_path: Path, num_distractors: int, graph_of: str
+):
+    play(tmp_path / "one.jsonl", protocol, 2)
+    split = make_split(kitchen, SplitConfig(seed=int(graph_of != "kitchen")))
+    play(tmp_path / "two.jsonl", HumanProtocol(OpenedGraph(kitchen, split, "here"), num_distractors), 2)
+    kind, message = (ConfigError, "num_distractors") if num_distractors == 1 else (GraphMismatchError, "split_hash")
+    with pytest.raises(kind, match=message):
+        summarise([tmp_path / "one.jsonl", tmp_path / "two.jsonl"])
+
+
+def test_a_session_is_not_counted_twice(protocol: HumanProtocol, tmp_path: Path):
+    play(tmp_path / "one.jsonl", protocol, 2)
+    (tmp_path / "copy.jsonl").write_bytes((tmp_path / "one.jsonl").read_bytes())
+    for other in ("one.jsonl", "copy.jsonl"):
+        with pytest.raises(ArtefactError, match="same answers"):
+            summarise([tmp_path / "one.jsonl", tmp_path / other])
+
+
+def test_a_torn_session_is_not_summed_up(protocol: HumanProtocol, tmp_path: Path):
+    path = tmp_path / "human.jsonl"
+    play(path, protocol, 2)
+    path.write_bytes(path.read_bytes()[:-1])
+    with pytest.raises(ArtefactError, match="torn"):
+        summarise([path])
+
+
+# --- Wilson ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("successes", "n", "low", "high"),
+    [(81, 263, 0.2553, 0.3662), (15, 148, 0.0624, 0.1605), (0, 20, 0.0, 0.1611), (1, 29, 0.0061, 0.1718)],
+)
+def test_wilson_intervals_are_those_of_newcombe_1998_table_1(successes: int, n: int, low: float, high: float):
+    assert wilson_interval(successes, n) == pytest.approx((low, high), abs=5e-5)
+
+
+@given(st.integers(1, 10_000), st.data(), st.sampled_from([0.5, 0.9, 0.95, 0.999]))
+def test_the_wilson_interval_holds_the_probabilities_that_a_score_test_does_not_refuse(
+    n: int, data: st.DataObject, level: float
+):
+    successes = data.draw(st.integers(0, n))
+    z = NormalDist().inv_cdf((1 + level) / 2)
+
+    def is_kept(p: float) -> bool:
+        return abs(successes / n - p) <= z * math.sqrt(p * (1 - p) / n)
+
+    def edge(kept: float, refused: float) -> float:
+        """Bisect between a probability that is kept and one that is refused."""
+        if is_kept(refused):
+            return refused
+        for _ in range(60):
+            middle = (kept + refused) / 2
+            kept, refused = (middle, refused) if is_kept(middle) else (kept, middle)
+        return kept
+
+    low, high = wilson_interval(successes, n, level)
+    assert low == pytest.approx(edge(successes / n, 0.0), abs=1e-9)
+    assert high == pytest.approx(edge(successes / n, 1.0), abs=1e-9)
+    assert 0 <= low <= successes / n <= high <= 1
+    assert wilson_interval(n - successes, n, level) == pytest.approx((1 - high, 1 - low), abs=1e-12)
+
+
+def test_no_success_and_all_successes_have_exact_bounds():
+    assert wilson_interval(0, 7)[0] == 0
+    assert wilson_interval(7, 7)[1] == 1
+
+
+@pytest.mark.parametrize(("successes", "n", "level"), [(0, 0, 0.95), (-1, 3, 0.95), (4, 3, 0.95), (1, 3, 0), (1, 3, 1)])
+def test_a_rate_that_cannot_be_is_refused(successes: int, n: int, level: float):
+    with pytest.raises(ConfigError, match="expected"):
+        wilson_interval(successes, n, level)

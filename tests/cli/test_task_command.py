@@ -1,0 +1,139 @@
+import json
+
+import pytest
+
+from wordcraft_kg.envs.wordcraft import WordCraftEnv
+from wordcraft_kg.graphs import Recipe, SplitConfig, make_split, open_book, write_graph_folder
+from wordcraft_kg.graphs.tasks import replay
+
+# Each depth-2 task of this book has one plan, so the text below can be read off the book.
+BREWERY = "# base: barley,water,yeast\ningredient_a,ingredient_b,result\nbarley,water,malt\nmalt,yeast,beer\n"
+
+
+@pytest.fixture
+def shown(run, home):
+    """Run ``tasks`` with ``--json``, and return its object."""
+
+    def shown(*arguments):
+        outcome = run("tasks", *arguments, "--json")
+        assert (outcome.code, outcome.err) == (0, "")
+        return json.loads(outcome.out)
+
+    return shown
+
+
+def test_tasks_are_printed_with_their_table_and_plans(run, home):
+    (home / "brewery.csv").write_text(BREWERY, encoding="utf-8")
+    outcome = run("tasks", home / "brewery.csv", "--depth", 2, "--distractors", 0, "--part", "all")
+    assert (outcome.code, outcome.err) == (0, "")
+    lines = outcome.out.splitlines()
+    table = next(line for line in lines if line.startswith("  table"))
+    assert sorted(table.removeprefix("  table").strip().split(", ")) == ["barley", "water", "yeast"]
+    assert [line for line in lines if line != table] == [
+        "graph  brewery",
+        "tasks  1 of depth 2, all there are",
+        "",
+        "beer",
+        "  start        barley, water, yeast",
+        "  distractors  none",
+        "  plan         barley + water -> malt; malt + yeast -> beer",
+    ]
+
+
+def test_text_counts_the_tasks_of_a_part_and_those_of_none(run, home):
+    made = WordCraftEnv("kitchen", part="test", depth=2).tasks
+    outcome = run("tasks", "kitchen", "--depth", 2, "--distractors", 4, "--part", "test", "--limit", 3)
+    lines = outcome.out.splitlines()
+    assert lines[1] == f"tasks  {len(made)} of depth 2 in the test part, all there are"
+    assert lines[2].startswith(f"mixed  {made.mixed} belong to no part")
+    assert lines.count("") == 3
+    assert run("tasks", "kitchen", "--limit", 0).out.splitlines()[-1].startswith("none shown of ")
+
+
+def test_text_says_where_tasks_are_drawn(run, home):
+    outcome = run("tasks", "kitchen", "--depth", 3, "--part", "test", "--limit", 1)
+    assert "tasks  1,000 of depth 3 in the test part, drawn; there may be more" in outcome.out
+    assert "of those that came up belong to no part" in outcome.out
+
+
+@pytest.mark.parametrize(("part", "depth"), [("all", 1), ("train", 2), ("test", 2), ("test", 3)])
+def test_what_is_shown_are_tasks_as_an_agent_sees_them(shown, kitchen, part, depth):
+    values = shown("kitchen", "--depth", depth, "--distractors", 4, "--part", part, "--limit", 30)
+    made = WordCraftEnv("kitchen", part=part, depth=depth, num_distractors=4).tasks
+    assert {key: values[key] for key in values if key != "shown"} == {
+        **{"graph": "kitchen", "depth": depth, "part": part},
+        **{"tasks": len(made), "complete": depth < 3, "mixed": made.mixed},
+    }
+    known = {(task.goal, task.start): task for task in made}
+    assert len({(task["goal"], *task["start"]) for task in values["shown"]}) == len(values["shown"]) == 30
+    for task in values["shown"]:
+        plans = tuple(tuple(Recipe(*row) for row in plan) for plan in task["plans"])
+        assert plans == known[task["goal"], tuple(task["start"])].plans
+        for plan in plans:
+            assert task["goal"] in replay(kitchen, task["start"], plan)
+        assert sorted(task["table"]) == sorted(task["start"] + task["distractors"])
+        assert len(task["distractors"]) == 4
+        assert task["distractors"] == sorted(task["distractors"])
+        between = {row.result for plan in plans for row in plan}
+        assert not between & set(task["table"])
+
+
+def test_tables_are_shuffled_and_differ_in_their_distractors(shown):
+    values = shown("kitchen", "--depth", 2, "--distractors", 4)
+    assert any(task["table"][: len(task["start"])] != task["start"] for task in values["shown"])
+    assert len({tuple(task["distractors"]) for task in values["shown"]}) > 15
+
+
+def test_the_order_is_seeded_and_a_lower_limit_shows_the_first(shown):
+    values = shown("kitchen", "--limit", 8)
+    assert shown("kitchen", "--limit", 8) == values
+    assert shown("kitchen", "--limit", 5)["shown"] == values["shown"][:5]
+    assert shown("kitchen", "--limit", 8, "--seed", 1)["shown"] != values["shown"]
+
+
+def test_a_limit_beyond_the_tasks_shows_each_once(shown):
+    values = shown("kitchen", "--part", "all", "--limit", 10_000)
+    assert len({(task["goal"], *task["start"]) for task in values["shown"]}) == values["tasks"] == 326
+
+
+def test_without_options_the_tasks_are_those_of_the_environment_without_settings(shown):
+    values, env = shown(), WordCraftEnv("everyday")
+    assert (values["graph"], values["tasks"]) == ("everyday", len(env.tasks))
+    assert (values["depth"], values["part"]) == (env.config.depth, env.config.part)
+    assert {len(task["distractors"]) for task in values["shown"]} == {env.config.num_distractors}
+    assert len(values["shown"]) == 20
+
+
+def test_a_graph_folder_brings_its_own_split(shown, home, kitchen):
+    split = make_split(kitchen, SplitConfig("by-goal", seed=3))
+    write_graph_folder(home / "graph", open_book("kitchen"), split)
+    held_out = {recipe.result for recipe in kitchen.recipe_labels(split.recipes("test"))}
+    values = shown(home / "graph", "--part", "test", "--limit", 10_000)
+    assert {task["goal"] for task in values["shown"]} == held_out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["evryday"], "'evryday' is neither a file nor a known book. Did you mean 'everyday'?"),
+        (["kitchen", "--depth", 0], "depth 0: expected a whole number, 1 to 6"),
+        (["kitchen", "--depth", 50], "depth 50: expected a whole number, 1 to 6"),
+        (["kitchen", "--distractors", -1], "num_distractors -1: expected a whole number, 0 or more"),
+        (["kitchen", "--distractors", 500], "num_distractors 500: kitchen has 80 entities"),
+        (["kitchen", "--part", "valid"], "kitchen has no task of depth 1 in the valid part"),
+        (["kitchen", "--limit", -1], "--limit -1: expected 0 or more"),
+        (["kitchen", "--seed", -1], "--seed -1: expected 0 or more"),
+    ],
+)
+@pytest.mark.parametrize("json_option", [[], ["--json"]], ids=["text", "json"])
+def test_what_cannot_be_shown_is_refused_with_a_reason(run, home, arguments, says, json_option):
+    outcome = run("tasks", *arguments, *json_option)
+    assert (outcome.code, outcome.out) == (1, "")
+    assert says in outcome.err
+    assert "Traceback" not in outcome.err
+
+
+def test_a_part_that_does_not_exist_is_misuse(run, home):
+    outcome = run("tasks", "kitchen", "--part", "tests")
+    assert (outcome.code, outcome.out) == (2, "")
+    assert 'Did you mean "test"' in outcome.err

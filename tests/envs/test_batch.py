@@ -1,0 +1,328 @@
+"""The batched engine against the readable environment, step for step."""
+
+from itertools import product
+
+import numpy as np
+import pytest
+import torch
+
+from wordcraft_kg.envs.batch import OUTCOMES, BatchEngine
+from wordcraft_kg.envs.config import REWARDS, RewardConfig, WordCraftConfig
+from wordcraft_kg.envs.wordcraft import WordCraftEnv
+from wordcraft_kg.errors import ActionError, ConfigError
+from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_graph
+from wordcraft_kg.graphs.folder import OpenedGraph
+
+SHAPED = RewardConfig(wrong_pair_penalty=0.25, irrelevant_penalty=0.5, intermediate_reward=2.0)
+
+
+@pytest.fixture(scope="module")
+def kitchen_opened():
+    return open_graph("kitchen")
+
+
+@pytest.fixture(scope="module")
+def ambiguous():
+    """Few entities, many pairs with two and three results, self pairs, several plans: everything happens often."""
+    rng = np.random.default_rng(3)
+    rows = [(f"e{a:02d}", f"e{b:02d}", f"e{c:02d}") for a, b, c in rng.integers(0, 24, size=(260, 3)).tolist()]
+    rows += [(a, b, f"e{c:02d}") for (a, b, _), c in zip(rows[:90], rng.integers(0, 24, 90).tolist(), strict=True)]
+    graph = RecipeGraph.from_recipes(rows)
+    return OpenedGraph(graph, make_split(graph, SplitConfig()), "ambiguous")
+
+
+class Twins:
+    """A batched engine and a readable environment for each of its rows, kept in step."""
+
+    def __init__(self, opened, num_envs, seed, device="cpu", **settings):
+        self.engine = BatchEngine(opened, WordCraftConfig(**settings), num_envs, seed=seed, device=device)
+        self.envs = [WordCraftEnv(opened, **settings) for _ in range(num_envs)]
+        self.observations = [self.begin(i) for i in range(num_envs)]
+
+    def begin(self, i):
+        """Pose the readable environment what the engine's row shows."""
+        table = [entity for entity in self.row("table", i) if entity < self.engine.nothing]
+        return self.envs[i].reset(options={"task": int(self.engine.task[i]), "table": table})[0]
+
+    def row(self, name, i):
+        return getattr(self.engine, name)[i].tolist()
+
+    def compare(self, i, seen):
+        assert seen["goal"] == self.row("goal", i)
+        assert seen["table"].tolist() == self.row("table", i)
+        assert seen["selection"] == self.row("selection", i)
+        assert seen["attempts_left"] == self.row("attempts_left", i)
+        assert seen["action_mask"].tolist() == self.engine.action_masks()[i].tolist()
+
+    def run(self, steps, rng, legal=0.9):
+        count = {"goal": 0, "over": 0, "illegal": 0, "other way": 0}
+        for _ in range(steps):
+            actions = rng.integers(self.engine.num_slots, size=len(self.envs))
+            for i, seen in enumerate(self.observations):
+                self.compare(i, seen)
+                if rng.random() < legal:
+                    actions[i] = self.wise(i, seen, rng)
+            step = self.engine.step(self.engine._array(actions))
+            for i, env in enumerate(self.envs):
+                seen, reward, terminated, truncated, info = env.step(int(actions[i]))
+                assert float(step.reward[i]) == pytest.approx(reward, abs=1e-6)
+                assert bool(step.over[i]) == terminated
+                assert not truncated
+                assert OUTCOMES[int(step.outcome[i])] == info["outcome"]
+                assert bool(step.by_plan[i]) == info["by_plan"]
+                assert bool(step.illegal[i]) == info["illegal_action"]
+                assert int(step.task[i]) == info["task"]
+                count["goal"] += info["outcome"] == "goal"
+                count["other way"] += info["outcome"] == "goal" and not info["by_plan"]
+                count["illegal"] += info["illegal_action"]
+                count["over"] += terminated
+                self.observations[i] = self.begin(i) if terminated else seen
+        return count
+
+    def wise(self, i, seen, rng):
+        """A legal slot, mostly the one that the first plan needs next."""
+        there = np.flatnonzero(seen["action_mask"]).tolist()
+        table = [int(seen["table"][slot]) for slot in there]
+        plan = self.envs[i].tasks.plans[self.envs[i].task_index][0]
+        rows = self.engine.world.graph.recipes[list(plan)].tolist()
+        a, b, _ = next((row for row in rows if row[2] not in table), rows[-1])
+        wanted = b if seen["selection"] == a else a
+        return table.index(wanted) if wanted in table and rng.random() < 0.8 else int(rng.choice(there))
+
+
+@pytest.mark.parametrize(
+    ("depth", "ambiguity", "reward"), product((1, 2, 3), ("all", "last"), ("sparse", "official", SHAPED))
+)
+def test_a_batch_does_step_for_step_what_the_readable_environment_does(ambiguous, depth, ambiguity, reward):
+    settings = {"part": "all", "depth": depth, "ambiguity": ambiguity, "reward": reward, "num_tasks": 50}
+    twins = Twins(ambiguous, 12, seed=depth, num_distractors=4, max_attempts=depth + 1, **settings)
+    count = twins.run(120, np.random.default_rng(0))
+    assert min(count["goal"], count["over"], count["illegal"]) > 3
+    assert depth == 1 or ambiguity == "last" or count["other way"] > 0
+
+
+@pytest.mark.parametrize("part", ["train", "test"])
+def test_a_batch_on_the_kitchen_agrees_in_every_part(kitchen_opened, part):
+    twins = Twins(kitchen_opened, 8, seed=5, part=part, depth=2, num_distractors=6, reward="official")
+    assert twins.run(100, np.random.default_rng(1))["goal"] > 5
+
+
+def test_torch_arrays_give_the_same_as_numpy_arrays(kitchen_opened):
+    config = WordCraftConfig(depth=2, num_distractors=6, reward="official", task_weighting="goal")
+    one = BatchEngine(kitchen_opened, config, 16, seed=3)
+    other = BatchEngine(kitchen_opened, config, 16, seed=3, device="torch:cpu")
+    rng = np.random.default_rng(0)
+    for _ in range(150):
+        for name in ("goal", "table", "selection", "attempts_left", "task"):
+            np.testing.assert_array_equal(getattr(other, name).numpy(), getattr(one, name))
+        actions = rng.integers(one.num_slots, size=16)
+        a, b = one.step(actions), other.step(torch.from_numpy(actions))
+        for name in ("reward", "over", "outcome", "by_plan", "illegal", "task"):
+            np.testing.assert_allclose(getattr(b, name).numpy(), getattr(a, name), atol=1e-6)
+
+
+def episodes(engine, steps, rng_of):
+    """What each environment sees when its own actions are the same, whoever runs beside it."""
+    seen = [[] for _ in range(engine.num_envs)]
+    for _ in range(steps):
+        actions = np.array([rng.integers(engine.num_slots) for rng in rng_of[: engine.num_envs]])
+        step = engine.step(actions)
+        for i in range(engine.num_envs):
+            seen[i].append((engine.table[i].tolist(), int(engine.goal[i]), float(step.reward[i])))
+    return seen
+
+
+def test_results_do_not_depend_on_how_many_run_side_by_side(kitchen_opened):
+    config = WordCraftConfig(num_distractors=5)
+    few = BatchEngine(kitchen_opened, config, 3, seed=7)
+    many = BatchEngine(kitchen_opened, config, 1_500, seed=7)
+    rngs = [[np.random.default_rng(i) for i in range(1_500)] for _ in range(2)]
+    assert episodes(few, 60, rngs[0]) == episodes(many, 60, rngs[1])[:3]
+
+
+def test_environments_draw_different_tasks_and_the_seed_decides_them(kitchen_opened):
+    config = WordCraftConfig(num_distractors=2)
+    one, same, other = (BatchEngine(kitchen_opened, config, 64, seed=seed) for seed in (1, 1, 2))
+    assert len(set(one.task.tolist())) > 40
+    np.testing.assert_array_equal(one.table, same.table)
+    assert (one.table != other.table).any()
+    first = one.table.copy()
+    one.step(np.zeros(64, dtype=np.int64))
+    one.reset(1)
+    np.testing.assert_array_equal(one.table, first)
+
+
+def test_global_random_states_are_left_alone(kitchen_opened):
+    np.random.seed(0)  # noqa: NPY002 - the state that must not change
+    torch.manual_seed(0)
+    before = np.random.get_state()[1].copy(), torch.get_rng_state().clone()  # noqa: NPY002
+    engine = BatchEngine(kitchen_opened, WordCraftConfig(num_distractors=3), 8, seed=1)
+    engine.step(np.zeros(8, dtype=np.int64))
+    np.testing.assert_array_equal(np.random.get_state()[1], before[0])  # noqa: NPY002
+    assert torch.equal(torch.get_rng_state(), before[1])
+
+
+# --- what is drawn ---------------------------------------------------------------------------------------------------
+
+
+def drawn_tables(opened, tables, **settings):
+    engine = BatchEngine(opened, WordCraftConfig(**settings), 500, seed=11)
+    for episode in range(tables // 500):
+        tasks = np.arange(episode * 500, (episode + 1) * 500) % len(engine.world.tasks)
+        engine.pose(tasks, episode)
+        for i in range(500):
+            yield (
+                engine.world,
+                int(tasks[i]),
+                [entity for entity in engine.table[i].tolist() if entity < engine.nothing],
+            )
+
+
+@pytest.mark.parametrize("part", ["train", "test", "all"])
+@pytest.mark.parametrize("depth", [1, 2])
+def test_tables_hold_the_start_and_distractors_that_may_lie_there(kitchen_opened, part, depth):
+    graph, split = kitchen_opened.graph, kitchen_opened.split
+    held_out = {}
+    for a, b, result in split.recipes("test").tolist():
+        held_out.setdefault(result, []).append((a, b))
+    for world, task, table in drawn_tables(kitchen_opened, 2_000, part=part, depth=depth, num_distractors=7):
+        start = {entity for entity in world.tasks.starts[task].tolist() if entity < graph.num_entities}
+        made = {entity for entity in world.tasks.intermediates[task].tolist() if entity < graph.num_entities}
+        goal = int(world.tasks.goals[task])
+        assert len(table) == len(set(table)) == len(start) + 7
+        assert start <= set(table)
+        distractors = set(table) - start
+        assert not distractors & (made | {goal})
+        if part == "train":
+            near = set(table) | made
+            for a, b in held_out.get(goal, []):
+                assert not ({a, b} <= near and {a, b} & distractors)
+
+
+@pytest.mark.parametrize("depth", [1, 2])
+def test_without_shortcuts_only_the_plans_make_the_goal(ambiguous, kitchen_opened, depth):
+    # The ambiguous graph is so dense that at depth 2 some goals have a shortcut with any distractors.
+    opened = ambiguous if depth == 1 else kitchen_opened
+    settings = {"part": "all", "num_distractors": 3, "distractor_policy": "no_shortcut", "num_tasks": 20}
+    for world, task, table in drawn_tables(opened, 500, depth=depth, **settings):
+        start = world.tasks.starts[task].tolist()
+        assert not world.has_shortcut(task, [entity for entity in table if entity not in start])
+    env = WordCraftEnv(opened, depth=depth, **settings)
+    for seed in range(100):
+        env.reset(seed=seed)
+        start = env.tasks.starts[env.task_index].tolist()
+        assert not env.world.has_shortcut(env.task_index, [entity for entity in env._table if entity not in start])
+
+
+@pytest.mark.parametrize("weighting", ["use", "uniform"])
+def test_both_engines_draw_distractors_from_the_same_distribution(kitchen_opened, weighting):
+    """First two distractors drawn, as a set: exact probabilities of drawing without replacement, by a chi-square."""
+    from scipy.stats import chisquare
+
+    settings = {"part": "test", "num_distractors": 2, "distractor_weighting": weighting}
+    env = WordCraftEnv(kitchen_opened, **settings)
+    weights = env.world.distractor_weights.astype(float)
+    start = set(env.tasks.starts[0].tolist()) - {env.world.padding}
+    weights[[*start, env.tasks.goals[0]]] = 0
+    share = weights / weights.sum()
+    expected = share + sum(share[first] * share / (1 - share[first]) for first in range(len(share)))
+    expected -= share**2 / (1 - share)  # the second is not the first
+    engine = BatchEngine(kitchen_opened, WordCraftConfig(**settings), 4_000, seed=0)
+    engine.pose(np.zeros(4_000, dtype=np.int64))
+    batched = np.bincount(engine.table.ravel(), minlength=len(share) + 1)[:-1]
+    single = np.zeros_like(batched)
+    for seed in range(4_000):
+        observation, _ = env.reset(seed=seed, options={"task": 0})
+        single += np.bincount(observation["table"], minlength=len(share) + 1)[:-1]
+    for counts in (batched, single):
+        there = expected > 0
+        there[list(start)] = False
+        counts = counts[there]
+        assert counts.sum() == 8_000
+        frequencies = expected[there] / expected[there].sum() * counts.sum()
+        # Both members of a set are counted, so the statistic is a little too small: the test is on the safe side.
+        assert chisquare(counts, frequencies).pvalue > 1e-3
+
+
+def test_the_place_on_the_table_says_nothing(kitchen_opened):
+    engine = BatchEngine(kitchen_opened, WordCraftConfig(part="all", num_distractors=4), 6_000, seed=2)
+    goal = int(np.argmax([len(set(row)) == 2 for row in engine.world.tasks.starts.tolist()]))
+    engine.pose(np.full(6_000, goal))
+    first = engine.world.tasks.starts[goal, 0]
+    places = np.bincount((engine.table == first).argmax(1), minlength=6)
+    np.testing.assert_allclose(places / 6_000, 1 / 6, atol=0.02)
+
+
+@pytest.mark.parametrize("weighting", ["task", "goal"])
+def test_tasks_are_drawn_by_their_weights(kitchen_opened, weighting):
+    config = WordCraftConfig(part="test", task_weighting=weighting)
+    engine = BatchEngine(kitchen_opened, config, 20_000, seed=4)
+    counts = np.bincount(engine.task, minlength=len(engine.world.tasks))
+    expected = engine.world.tasks.weights(weighting) * 20_000
+    assert np.abs(counts - expected).max() < 5 * np.sqrt(expected.max())
+    assert weighting == "task" or expected.std() > 0
+
+
+# --- posing and bad input --------------------------------------------------------------------------------------------
+
+
+def test_a_posed_episode_ends_and_stays(kitchen_opened):
+    engine = BatchEngine(kitchen_opened, WordCraftConfig(part="test", num_distractors=3), 50, seed=0)
+    tasks = np.arange(50) % len(engine.world.tasks)
+    engine.pose(tasks)
+    starts = engine.world.tasks.starts[tasks]
+    results = []
+    for pick in (0, -1):
+        entity = np.where(starts[:, pick] < engine.nothing, starts[:, pick], starts[:, 0])
+        results.append(engine.step_once((engine.table == entity[:, None]).argmax(1)))
+    assert results[1].over.all()
+    assert (results[1].outcome == 1).all()
+    assert results[1].by_plan.all()
+    table = engine.table.copy()
+    np.testing.assert_array_equal(engine.task, tasks)
+    assert not (engine.attempts_left > 0).any()
+    np.testing.assert_array_equal(engine.table, table)
+
+
+@pytest.mark.parametrize(
+    ("actions", "says"),
+    [
+        (np.array([0, 99]), "action 99 of environment 1: expected 0 to"),
+        (np.array([-1, 0]), "action -1 of environment 0"),
+        (np.array([0.5, 0]), "float64: expected \\(2,\\), whole numbers"),
+        (np.array([0]), "shape \\(1,\\)"),
+    ],
+)
+def test_actions_outside_the_space_are_refused_and_change_nothing(kitchen_opened, actions, says):
+    engine = BatchEngine(kitchen_opened, WordCraftConfig(), 2)
+    before = engine.selection.copy()
+    with pytest.raises(ActionError, match=says):
+        engine.step(actions)
+    np.testing.assert_array_equal(engine.selection, before)
+
+
+def test_an_empty_slot_raises_where_asked(kitchen_opened):
+    engine = BatchEngine(kitchen_opened, WordCraftConfig(illegal_action="raise"), 2)
+    with pytest.raises(ActionError, match="action 4 of environment 1: the slot is empty"):
+        engine.step(np.array([0, 4]))
+
+
+def test_no_environments_and_missing_devices_are_refused(kitchen_opened):
+    with pytest.raises(ConfigError, match="num_envs 0"):
+        BatchEngine(kitchen_opened, WordCraftConfig(), 0)
+    if not torch.cuda.is_available():
+        with pytest.raises(ConfigError, match="no CUDA device"):
+            BatchEngine(kitchen_opened, WordCraftConfig(), 1, device="cuda")
+
+
+def test_all_rewards_of_the_presets_are_magnitudes():
+    assert REWARDS["sparse"] == RewardConfig()
+    assert REWARDS["official"] == RewardConfig(0.1, 0.1, 1.0)
+
+
+def test_a_table_without_shortcuts_that_cannot_be_is_given_up(ambiguous):
+    settings = {"part": "all", "depth": 2, "num_distractors": 8, "distractor_policy": "no_shortcut"}
+    with pytest.raises(ConfigError, match="found no 8 distractors without a shortcut to 'e"):
+        BatchEngine(ambiguous, WordCraftConfig(**settings), 1)
+    with pytest.raises(ConfigError, match="found no 8 distractors without a shortcut to 'e"):
+        WordCraftEnv(ambiguous, **settings).reset(seed=0)

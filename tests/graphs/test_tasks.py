@@ -1,0 +1,478 @@
+import itertools
+import os
+import subprocess
+import sys
+from collections import Counter
+from dataclasses import replace
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from graph_strategies import graphs
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.stats import chisquare
+
+from wordcraft_kg.errors import TaskError, UnknownEntityError
+from wordcraft_kg.graphs import Recipe, RecipeGraph, Split, SplitConfig, make_split
+from wordcraft_kg.graphs.splits import PARTS, Draw
+from wordcraft_kg.graphs.tasks import MAX_DEPTH, Task, _make_tasks, all_ways, make_tasks, plans_of, replay
+
+Pair = tuple[str, str]
+Plans = dict[str, set[frozenset[Pair]]]
+
+
+# --- what the tasks must be, by trying everything ---------------------------------------------------------------------
+
+
+def outcomes(graph: RecipeGraph) -> dict[Pair, set[str]]:
+    """Results of each pair."""
+    found: dict[Pair, set[str]] = {}
+    for a, b, result in graph.recipe_labels():
+        found.setdefault((a, b), set()).add(result)
+    return found
+
+
+def plans_by_trying(book: dict[Pair, set[str]], start: set[str], attempts: int) -> list[Plans]:
+    """Try every pair at hand, again and again; return what first comes up after 1, 2, ... attempts, with the pairs.
+
+    No attempt in these sets is idle: without it the entity would have come up before.
+    """
+    tried = {frozenset(): frozenset(start)}
+    seen = set(start)
+    rounds = []
+    for _ in range(attempts):
+        tried = {
+            used | {pair}: at_hand | results
+            for used, at_hand in tried.items()
+            for pair, results in book.items()
+            if at_hand.issuperset(pair) and pair not in used
+        }
+        new: Plans = {}
+        for used, at_hand in tried.items():
+            for entity in at_hand - seen:
+                new.setdefault(entity, set()).add(used)
+        rounds.append(new)
+        seen |= new.keys()
+    return rounds
+
+
+def tasks_by_trying(graph: RecipeGraph, depth: int) -> dict[tuple[str, tuple[str, ...]], set[frozenset[Pair]]]:
+    """Try every set of starting ingredients: the goals that come up in the last round, if some plan uses the set up."""
+    book = outcomes(graph)
+    tasks = {}
+    for size in range(1, depth + 2):
+        for start in itertools.combinations(graph.entities, size):
+            for goal, plans in plans_by_trying(book, set(start), depth)[-1].items():
+                if any(set(start) <= set().union(*plan) for plan in plans):
+                    tasks[goal, start] = plans
+    return tasks
+
+
+def pairs(plan: tuple[Recipe, ...]) -> frozenset[Pair]:
+    return frozenset((recipe.ingredient_a, recipe.ingredient_b) for recipe in plan)
+
+
+def tasks_made(graph: RecipeGraph, depth: int, *arguments, **options) -> list[Task]:
+    try:
+        return list(make_tasks(graph, depth, *arguments, **options))
+    except TaskError:
+        return []
+
+
+# --- plans ------------------------------------------------------------------------------------------------------------
+
+
+@settings(max_examples=200)
+@given(graphs(min_size=8), st.data())
+def test_plans_are_all_that_trying_every_pair_finds(graph, data):
+    start = data.draw(st.sets(st.sampled_from(graph.entities), min_size=1, max_size=4))
+    rounds = plans_by_trying(outcomes(graph), start, 3)
+    for goal in graph.entities:
+        expected = next((plans[goal] for plans in rounds if goal in plans), set())
+        found = [tuple(graph.recipe_labels(graph.recipes[list(rows)])) for rows in plans_of(graph, goal, start, 3)]
+        if goal in start:
+            assert found == [()]
+        else:
+            assert {pairs(plan) for plan in found} == expected
+            assert len(found) == len(expected)
+        for plan in found:
+            assert goal in replay(graph, start, plan)
+            made = [recipe.result for recipe in plan]
+            assert len(set(made)) == len(made)
+            assert not start & set(made)
+            assert not plan or made[-1] == goal
+
+
+def test_a_plan_may_use_both_results_of_one_attempt():
+    graph = RecipeGraph.from_recipes([("a", "b", "c"), ("a", "b", "d"), ("c", "d", "e")])
+    [rows] = plans_of(graph, "e", ["a", "b"], 2)
+    assert rows == (0, 1, 2)
+    assert plans_of(graph, "e", ["a", "b"], 1) == []
+    made = make_tasks(graph, 2)
+    assert [(task.goal, task.start) for task in made] == [
+        ("e", ("a", "b")),
+        ("e", ("a", "b", "c")),
+        ("e", ("a", "b", "d")),
+    ]
+    assert made.intermediates.tolist()[0] == [graph.id_of("c"), graph.id_of("d")]
+
+
+def test_a_plan_takes_entities_by_id_or_label_and_refuses_unknown_ones(kitchen):
+    goal, start = "bread", kitchen.base
+    by_label = plans_of(kitchen, goal, start, 4)
+    assert by_label
+    assert plans_of(kitchen, kitchen.id_of(goal), kitchen.base_ids.tolist(), 4) == by_label
+    with pytest.raises(UnknownEntityError, match="no entity 'bred'"):
+        plans_of(kitchen, "bred", start, 4)
+
+
+def test_ways_are_also_longer_than_the_shortest_but_never_go_in_circles():
+    graph = RecipeGraph.from_recipes(
+        [("a", "a", "b"), ("a", "b", "c"), ("a", "c", "b"), ("b", "b", "g"), ("c", "c", "g")]
+    )
+    pair = {(a, b): number for number, (a, b, _) in enumerate(graph.recipe_labels())}
+    short, long = {pair["a", "a"], pair["b", "b"]}, {pair["a", "a"], pair["a", "b"], pair["c", "c"]}
+    assert all_ways(graph, graph.id_of("g"), [graph.id_of("a")], 2) == {frozenset(short)}
+    assert all_ways(graph, graph.id_of("g"), [graph.id_of("a")], 5) == {frozenset(short), frozenset(long)}
+
+
+@pytest.mark.parametrize(
+    ("plan", "says"),
+    [
+        ([("a", "c", "d")], "a \\+ c -> d: c is not at hand"),
+        ([("a", "b", "d")], "a \\+ b -> d: there is no such recipe"),
+    ],
+)
+def test_a_plan_that_cannot_be_carried_out_is_refused(plan, says):
+    graph = RecipeGraph.from_recipes([("a", "b", "c"), ("a", "c", "d")])
+    with pytest.raises(TaskError, match=says):
+        replay(graph, ["a", "b"], [Recipe(*row) for row in plan])
+
+
+def test_a_replay_brings_all_results_of_each_pair():
+    graph = RecipeGraph.from_recipes([("a", "b", "c"), ("a", "b", "d")])
+    assert replay(graph, ["a", "b"], [Recipe("a", "b", "c")]) == {"a", "b", "c", "d"}
+
+
+# --- tasks ------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("depth", [1, 2])
+@given(graph=graphs(tuple("abcdef"), min_size=4))
+def test_tasks_are_all_that_trying_every_start_finds(depth, graph):
+    expected = tasks_by_trying(graph, depth)
+    found = tasks_made(graph, depth)
+    assert {(task.goal, task.start): {pairs(plan) for plan in task.plans} for task in found} == expected
+    assert len(found) == len(expected)
+    if found:
+        made = make_tasks(graph, depth)
+        assert made.is_complete
+        assert made.mixed == 0
+
+
+@given(graph=graphs(tuple("abcdef"), min_size=8))
+def test_drawn_tasks_are_among_those_that_trying_every_start_finds(graph):
+    expected = tasks_by_trying(graph, 3)
+    for task in tasks_made(graph, 3, limit=20):
+        assert {pairs(plan) for plan in task.plans} == expected[task.goal, task.start]
+
+
+@pytest.fixture(params=[1, 2, 3, 4], ids="depth {}".format)
+def kitchen_tasks(kitchen, request):
+    return make_tasks(kitchen, request.param, limit=300)
+
+
+def test_every_plan_of_every_task_of_the_kitchen_can_be_carried_out(kitchen, kitchen_tasks):
+    for task in kitchen_tasks:
+        assert task.goal not in task.start
+        for plan in task.plans:
+            assert task.goal in replay(kitchen, task.start, plan)
+            assert len(pairs(plan)) == task.depth
+            assert plan[-1].result == task.goal
+        assert any(set(task.start) <= set().union(*pairs(plan)) for plan in task.plans)
+
+
+def test_one_attempt_fewer_never_makes_the_goal(kitchen, kitchen_tasks):
+    book = outcomes(kitchen)
+    for task in kitchen_tasks:
+        rounds = plans_by_trying(book, set(task.start), task.depth - 1)
+        assert not any(task.goal in plans for plans in rounds)
+
+
+def test_arrays_and_labels_of_tasks_agree(kitchen, kitchen_tasks):
+    made = kitchen_tasks
+    assert made.goals.shape == (len(made),)
+    assert made.starts.shape == (len(made), made.depth + 1)
+    for index, task in enumerate(made):
+        assert kitchen.entities[made.goals[index]] == task.goal
+        padded = [*map(kitchen.id_of, task.start), *[kitchen.num_entities] * (made.depth + 1 - len(task.start))]
+        assert made.starts[index].tolist() == padded
+        between = {recipe.result for plan in task.plans for recipe in plan} - {task.goal}
+        assert set(made.intermediates[index].tolist()) - {kitchen.num_entities} == {*map(kitchen.id_of, between)}
+        last = {tuple(map(kitchen.id_of, plan[-1][:2])) for plan in task.plans}
+        firsts = kitchen.recipes[kitchen.pair_starts[:-1], :2].tolist()
+        assert {tuple(firsts[pair]) for pair in made.final_pairs[index].tolist() if pair >= 0} == last
+
+
+def test_tasks_are_drawn_once_each(kitchen_tasks):
+    assert len({(task.goal, task.start) for task in kitchen_tasks}) == len(kitchen_tasks)
+    assert kitchen_tasks.is_complete == (kitchen_tasks.depth <= 2)
+
+
+def test_tasks_of_equal_content_are_equal():
+    graph = RecipeGraph.from_recipes([("a", "b", "c"), ("a", "c", "d")])
+    [task] = make_tasks(graph, 2)
+    assert task == Task("d", ("a", "b"), 2, ((Recipe("a", "b", "c"), Recipe("a", "c", "d")),))
+    assert hash(task) == hash(make_tasks(RecipeGraph.from_recipes(graph.recipe_labels()), 2)[0])
+
+
+def test_task_sets_of_equal_content_are_equal(kitchen):
+    again = RecipeGraph.from_recipes(kitchen.recipe_labels(), kitchen.base)
+    drawn = make_tasks(kitchen, 3, limit=20)
+    _make_tasks.cache_clear()
+    assert make_tasks(again, 3, limit=20) == drawn
+    assert hash(make_tasks(again, 3, limit=20)) == hash(drawn)
+    assert make_tasks(kitchen, 3, limit=20, seed=1) != drawn
+    assert make_tasks(kitchen, 3, limit=21) != drawn
+    assert make_tasks(kitchen, 2) != drawn
+    assert replace(drawn, starts=drawn.starts[::-1]) != drawn
+
+
+def test_another_seed_draws_other_tasks_and_a_lower_limit_the_first_of_them(kitchen):
+    drawn = list(make_tasks(kitchen, 3, limit=50))
+    assert list(make_tasks(kitchen, 3, limit=20)) == drawn[:20]
+    assert list(make_tasks(kitchen, 3, limit=50, seed=1)) != drawn
+
+
+def test_drawing_ends_when_no_new_task_comes_up():
+    graph = RecipeGraph.from_recipes([("a", "b", "c"), ("a", "c", "d"), ("a", "d", "e")])
+    made = make_tasks(graph, 3, limit=50)
+    assert [(task.goal, task.start) for task in made] == [("e", ("a", "b"))]
+    assert not made.is_complete
+
+
+def test_weights_are_equal_for_all_tasks_or_for_all_goals(kitchen_tasks):
+    assert set(kitchen_tasks.weights()) == {1 / len(kitchen_tasks)}
+    by_goal = kitchen_tasks.weights("goal")
+    tasks_of = Counter(kitchen_tasks.goals.tolist())
+    expected = [1 / len(tasks_of) / tasks_of[goal] for goal in kitchen_tasks.goals.tolist()]
+    np.testing.assert_allclose(by_goal, expected)
+    assert by_goal.sum() == pytest.approx(1)
+
+
+# --- parts ------------------------------------------------------------------------------------------------------------
+
+
+def part_of(task: Task, split: Split) -> str:
+    """The part that a task belongs to, or "mixed"."""
+    parts = dict(zip(split.graph.recipe_labels(), (PARTS[part] for part in split.parts), strict=True))
+    uses = [{parts[recipe] for recipe in plan} for plan in task.plans]
+    if all(used == {"train"} for used in uses):
+        return "train"
+    if all("test" in used for used in uses):
+        return "test"
+    return "valid" if all("valid" in used and "test" not in used for used in uses) else "mixed"
+
+
+@pytest.mark.parametrize("depth", [1, 2])
+@pytest.mark.parametrize("valid_ratio", [0.0, 0.1])
+@pytest.mark.parametrize("kind", ["by-recipe", "by-goal"])
+def test_each_task_belongs_to_the_part_of_its_plans_or_to_none(kitchen, kind, valid_ratio, depth):
+    split = make_split(kitchen, SplitConfig(kind, 0.7, valid_ratio, seed=1))
+    every = make_tasks(kitchen, depth, split, "all")
+    expected = {part: [task for task in every if part_of(task, split) == part] for part in (*PARTS, "mixed")}
+    assert expected["train"]
+    assert expected["test"]
+    assert bool(expected["valid"]) == bool(valid_ratio)
+    for part in PARTS:
+        assert tasks_made(kitchen, depth, split, part) == expected[part]
+        if expected[part]:
+            made = make_tasks(kitchen, depth, split, part)
+            assert (made.part, made.mixed) == (part, len(expected["mixed"]))
+    # Depth 1, by goal: all plans end, and begin, with a recipe of the one goal.
+    assert bool(expected["mixed"]) == (depth == 2 or kind == "by-recipe")
+
+
+@pytest.mark.parametrize("kind", ["by-recipe", "by-goal"])
+def test_drawn_tasks_of_a_part_belong_to_it(kitchen, kind):
+    split = make_split(kitchen, SplitConfig(kind, 0.6, 0.2))
+    for part in PARTS:
+        made = make_tasks(kitchen, 3, split, part, limit=60)
+        assert {part_of(task, split) for task in made} == {part}
+        assert len(made) == 60
+
+
+# --- the draw ---------------------------------------------------------------------------------------------------------
+
+BRANCHED = RecipeGraph.from_recipes(
+    [
+        ("a", "b", "c"),
+        ("a", "b", "d"),  # with c
+        ("a", "c", "e"),
+        ("c", "d", "e"),  # both from one attempt
+        ("d", "d", "f"),
+        ("a", "x", "f"),
+        ("e", "f", "g"),
+        ("c", "f", "g"),
+        ("e", "e", "h"),
+        ("b", "h", "d"),  # a circle, by way of e
+        ("g", "h", "g"),  # a self result
+        ("b", "g", "i"),
+    ]
+)
+PART_OF_ROW = {("a", "c", "e"): "test", ("e", "f", "g"): "test", ("a", "x", "f"): "valid", ("e", "e", "h"): "test"}
+BRANCHED_SPLIT = Split(
+    BRANCHED,
+    SplitConfig("by-recipe"),
+    Draw(np.array([PARTS.index(PART_OF_ROW.get(row, "train")) for row in BRANCHED.recipe_labels()], dtype=np.int8)),
+)
+
+
+def drawn_distribution(depth: int, part: str, weighting: str) -> dict[tuple[str, tuple[str, ...]], float]:
+    """Follow every choice of the draw with its probability; leave out what is no task of the part, and renormalise."""
+    makes: dict[str, list[Pair]] = {}
+    last: dict[str, list[Pair]] = {}
+    for a, b, result in BRANCHED.recipe_labels():
+        if result not in (a, b):
+            makes.setdefault(result, []).append((a, b))
+            if part != "train" or PART_OF_ROW.get((a, b, result), "train") == "train":
+                last.setdefault(result, []).append((a, b))
+    reached: Counter[tuple[str, tuple[str, ...]]] = Counter()
+
+    def replace_leaves(goal: str, made: set[str], leaves: set[str], left: int, probability: Fraction) -> None:
+        if not left:
+            reached[goal, tuple(sorted(leaves))] += probability
+            return
+        open_leaves = leaves & makes.keys()
+        for leaf in open_leaves:
+            for pair in makes[leaf]:
+                if not (made | {leaf}) & set(pair):
+                    share = probability / len(open_leaves) / len(makes[leaf])
+                    replace_leaves(goal, made | {leaf}, (leaves | set(pair)) - {leaf}, left - 1, share)
+
+    num_last = sum(map(len, last.values()))
+    for goal, ends in last.items():
+        for pair in ends:
+            probability = Fraction(1, num_last) if weighting == "task" else Fraction(1, len(last) * len(ends))
+            replace_leaves(goal, {goal}, set(pair), depth - 1, probability)
+    accepted = {}
+    tasks = tasks_by_trying(BRANCHED, depth)
+    for (goal, start), probability in reached.items():
+        if (goal, start) in tasks:
+            plans = tuple(
+                tuple(BRANCHED.recipe_labels(BRANCHED.recipes[list(rows)]))
+                for rows in plans_of(BRANCHED, goal, start, depth)
+            )
+            if part in ("all", part_of(Task(goal, start, depth, plans), BRANCHED_SPLIT)):
+                accepted[goal, start] = probability
+    assert 0 < sum(accepted.values()) < 1  # some draws are refused
+    return {key: float(probability / sum(accepted.values())) for key, probability in accepted.items()}
+
+
+@pytest.mark.parametrize("weighting", ["task", "goal"])
+@pytest.mark.parametrize("part", ["all", "train", "test"])
+def test_the_first_task_drawn_has_the_probability_of_the_ways_to_draw_it(part, weighting):
+    expected = drawn_distribution(3, part, weighting)
+    draws = 2_000
+    counts: Counter[tuple[str, tuple[str, ...]]] = Counter()
+    for seed in range(draws):
+        [task] = make_tasks(BRANCHED, 3, BRANCHED_SPLIT, part, weighting=weighting, limit=1, seed=seed)
+        counts[task.goal, task.start] += 1
+    assert counts.keys() <= expected.keys()
+    assert len(expected) >= 4
+    assert min(expected.values()) * draws >= 5  # for the chi-square approximation
+    assert chisquare([counts[key] for key in expected], [draws * share for share in expected.values()]).pvalue > 0.001
+
+
+def test_the_two_weightings_draw_differently():
+    assert drawn_distribution(3, "all", "task") != pytest.approx(drawn_distribution(3, "all", "goal"))
+
+
+# --- refusals ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        ({"depth": 0}, "depth 0: expected 1 to 6 attempts"),
+        ({"depth": 7}, "depth 7: expected 1 to 6 attempts"),
+        ({"part": "tests"}, "no part 'tests'; there are all, train, valid, test"),
+        ({"part": "test"}, "the part 'test' needs a split"),
+        ({"part": "train", "split": BRANCHED_SPLIT}, "the split belongs to another graph"),
+    ],
+)
+def test_tasks_that_make_no_sense_are_refused(kitchen, arguments, says):
+    with pytest.raises(TaskError, match=says):
+        make_tasks(kitchen, **arguments)
+
+
+@pytest.mark.parametrize("recipes", [[], [("a", "b", "a")], [("a", "a", "a")]], ids=["none", "self result", "one"])
+@pytest.mark.parametrize("depth", range(1, MAX_DEPTH + 1))
+def test_a_graph_without_tasks_is_refused(recipes, depth):
+    with pytest.raises(TaskError, match=f"graph has no task of depth {depth}"):
+        make_tasks(RecipeGraph.from_recipes(recipes), depth)
+
+
+def test_a_part_without_tasks_is_refused_saying_how_many_belong_to_none():
+    # d is made from a, b with c as the intermediate, or with e; one of the two plans is held out.
+    graph = RecipeGraph.from_recipes([("a", "b", "c"), ("a", "c", "d"), ("a", "a", "e"), ("b", "e", "d")])
+    parts = np.array([row == ("b", "e", "d") for row in graph.recipe_labels()], dtype=np.int8) * 2
+    split = Split(graph, SplitConfig(), Draw(parts))
+    with pytest.raises(TaskError, match=r"graph has no task of depth 2 in the test part \(1 belong to no part\)"):
+        make_tasks(graph, 2, split, "test")
+
+
+# --- reproducible, and known numbers ----------------------------------------------------------------------------------
+
+PRINT_TASKS = """
+from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_book
+from wordcraft_kg.graphs.tasks import make_tasks
+graph = RecipeGraph.from_book(open_book("kitchen"))
+split = make_split(graph, SplitConfig())
+for depth in (1, 2, 3, 4):
+    for part in ("all", "train", "test"):
+        for weighting in ("task", "goal"):
+            made = make_tasks(graph, depth, split, part, weighting=weighting, limit=20, seed=5)
+            print(*made, made.mixed, sep="\\n")
+"""
+
+
+def test_tasks_are_the_same_in_processes_with_different_hash_seeds():
+    printed = [
+        subprocess.run(
+            [sys.executable, "-c", PRINT_TASKS],
+            env=os.environ | {"PYTHONHASHSEED": seed},
+            capture_output=True,
+            text=True,
+            timeout=60,
+            check=True,
+        ).stdout
+        for seed in ("0", "1")
+    ]
+    assert printed[0].count("Task(") > 5_000
+    assert printed[0] == printed[1]
+
+
+@pytest.mark.parametrize(("depth", "number"), [(1, 3_417), (2, 26_859)])
+def test_little_alchemy_has_its_tasks(alchemy, depth, number):
+    assert len(make_tasks(alchemy, depth)) == number
+
+
+@pytest.mark.parametrize(
+    ("depth", "train", "test", "mixed"),
+    [(1, 2_718, 653, 46), (2, 16_435, 9_434, 990)],
+)
+def test_little_alchemy_split_by_recipe_has_its_tasks(alchemy, depth, train, test, mixed):
+    split = make_split(alchemy, SplitConfig())
+    made = [make_tasks(alchemy, depth, split, part) for part in ("train", "test")]
+    assert [(len(tasks), tasks.mixed) for tasks in made] == [(train, mixed), (test, mixed)]
+
+
+def test_little_alchemy_has_its_tasks_beyond_a_chain_of_two_different_ingredients(alchemy):
+    kinds: Counter[str] = Counter()
+    for task in make_tasks(alchemy, 2):
+        doubled = all(plan[-1].ingredient_a == plan[-1].ingredient_b for plan in task.plans)
+        by_product = all(len(plan) > task.depth for plan in task.plans)
+        kinds["doubled" if doubled else "by-product" if by_product else "chain"] += 1
+    assert kinds == {"chain": 26_502, "doubled": 355, "by-product": 2}

@@ -1,0 +1,107 @@
+"""The batched engine as a gymnasium vector environment."""
+
+from typing import Any
+
+import numpy as np
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+
+from wordcraft_kg.envs.batch import OUTCOMES, BatchEngine
+from wordcraft_kg.envs.config import WordCraftConfig
+from wordcraft_kg.envs.wordcraft import WordCraftEnv, observation_space
+from wordcraft_kg.envs.world import GraphLike
+from wordcraft_kg.errors import ConfigError, EpisodeError
+
+Arrays = dict[str, NDArray[Any]]
+
+
+class WordCraftVectorEnv(VectorEnv[Arrays, Any, Any]):
+    """N crafting environments at once: ``gym.make_vec("WordCraft-v0", vectorization_mode="vector_entry_point", ...)``.
+
+    Observations are those of :class:`~wordcraft_kg.envs.wordcraft.WordCraftEnv` with a first axis of length N, fresh
+    arrays each time. Episodes begin anew in the same step (``AutoresetMode.SAME_STEP``): where ``terminated`` is True,
+    the observation is the first of the next episode. Reward, flags and infos belong to the step that ended.
+
+    Infos are arrays of length N: ``outcome`` (names), ``by_plan``, ``illegal_action``, ``task``. There is no
+    ``final_obs``: episodes end by termination only, so no value is bootstrapped from where they ended.
+    """
+
+    def __init__(
+        self,
+        num_envs: int,
+        graph: GraphLike,
+        *,
+        render_mode: str | None = None,
+        **settings: Any,
+    ):
+        """Prepare N environments; the arguments are those of the single environment.
+
+        Raises:
+            ConfigError: for an unknown setting, or a value out of range.
+            TaskError: if the graph has no task like that.
+        """
+        if render_mode is not None:
+            raise ConfigError(f"render_mode {render_mode!r}: many environments are not rendered; expected None.")
+        self.render_mode = None
+        self.num_envs = num_envs
+        self.config = WordCraftConfig.of(settings)
+        self.engine = BatchEngine(graph, self.config, num_envs)
+        world = self.engine.world
+        self.metadata = {**WordCraftEnv.metadata, "autoreset_mode": AutoresetMode.SAME_STEP}
+        self.single_observation_space = observation_space(world.padding, world.num_slots, self.config.attempts)
+        self.single_action_space = WordCraftEnv.space_of_actions(world.num_slots)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self._has_begun = False
+
+    def reset(
+        self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Arrays, dict[str, Any]]:
+        """Begin all environments anew; one seed gives each a stream of its own.
+
+        Raises:
+            ConfigError: for a list of seeds, or options.
+        """
+        if seed is not None and not isinstance(seed, int | np.integer):
+            raise ConfigError("one seed is enough: each environment draws from a stream of its own. Pass an integer.")
+        if options:
+            raise ConfigError(
+                f"no reset option '{min(options)}' for many environments; pose() of the engine sets tasks."
+            )
+        if seed is None and not self._has_begun:
+            seed = int(np.random.SeedSequence().generate_state(1)[0])
+        self.engine.reset(None if seed is None else int(seed))
+        self._has_begun = True
+        zeros = np.zeros(self.num_envs, dtype=bool)
+        return self._observations(), self._infos(np.zeros(self.num_envs, np.int8), zeros, zeros, self.engine.task)
+
+    def step(
+        self, actions: NDArray[np.int64]
+    ) -> tuple[Arrays, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
+        """Pick a slot in each environment."""
+        if not self._has_begun:
+            raise EpisodeError("call reset() before step().")
+        done = self.engine.step(actions)
+        infos = self._infos(done.outcome, done.by_plan, done.illegal, done.task)
+        over = np.zeros(self.num_envs, dtype=bool)
+        return self._observations(), done.reward.astype(np.float64), done.over, over, infos
+
+    def action_masks(self) -> NDArray[np.bool_]:
+        """Return which slots hold an entity, shape (N, num_slots)."""
+        return np.asarray(self.engine.action_masks())
+
+    def _observations(self) -> Arrays:
+        engine = self.engine
+        return {
+            "action_mask": engine.action_masks().astype(np.int8),
+            "attempts_left": engine.attempts_left.copy(),
+            "goal": engine.goal.copy(),
+            "selection": engine.selection.copy(),
+            "table": engine.table.copy(),
+        }
+
+    @staticmethod
+    def _infos(outcome: Any, by_plan: Any, illegal: Any, task: Any) -> dict[str, Any]:
+        names = np.array(OUTCOMES)[outcome]
+        return {"outcome": names, "by_plan": by_plan, "illegal_action": illegal, "task": np.array(task)}

@@ -32,6 +32,10 @@ class ConfigError(WordCraftKGError, ValueError):
     """An option has a value outside its allowed range."""
 
 
+class UnknownSettingError(ConfigError, TypeError):
+    """A keyword argument that there is not; a TypeError, as Python's own, because other libraries probe for that."""
+
+
 class ActionError(WordCraftKGError, ValueError):
     """An action is outside the action space, or not legal where only legal actions are allowed."""
 

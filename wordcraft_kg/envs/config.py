@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any, Literal, get_args
 
-from wordcraft_kg.errors import ConfigError, nearest
+from wordcraft_kg.errors import ConfigError, UnknownSettingError, nearest
 from wordcraft_kg.graphs.splits import PARTS
 from wordcraft_kg.graphs.tasks import DRAWN_TASKS, MAX_DEPTH, TaskPart, TaskWeighting
 
@@ -104,12 +104,15 @@ class WordCraftConfig:
         """Return the configuration of keyword arguments.
 
         Raises:
-            ConfigError: for an unknown name, with the nearest known ones, or a value out of range.
+            UnknownSettingError: for an unknown name, with the nearest known ones.
+            ConfigError: for a value out of range.
         """
         known = [entry.name for entry in fields(cls) if entry.init]
         for name in settings:
             if name not in known:
-                raise ConfigError(f"no setting '{name}'; there are {', '.join(known)}.{nearest(name, known)}")
+                raise UnknownSettingError(
+                    f"unexpected keyword argument '{name}'; there are {', '.join(known)}.{nearest(name, known)}"
+                )
         return cls(**settings)
 
     def _whole(self, name: str, low: int, high: int | None) -> None:

@@ -6,7 +6,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
-from gymnasium.vector import VectorEnv, VectorObservationWrapper
+from gymnasium.vector import VectorEnv, VectorWrapper
 from numpy.typing import NDArray
 
 from wordcraft_kg.envs.world import World
@@ -51,7 +51,7 @@ class FeatureObservation(gym.ObservationWrapper[dict[str, Any], Any, dict[str, A
 
     def action_masks(self) -> NDArray[np.bool_]:
         """Return which slots hold an entity, for libraries that ask the outermost wrapper."""
-        return np.asarray(self.get_wrapper_attr("action_masks")(), dtype=bool)
+        return np.asarray(self.env.get_wrapper_attr("action_masks")(), dtype=bool)
 
 
 class _Scores:
@@ -109,10 +109,10 @@ class KGScoreObservation(gym.ObservationWrapper[dict[str, Any], Any, dict[str, A
 
     def action_masks(self) -> NDArray[np.bool_]:
         """Return which slots hold an entity, for libraries that ask the outermost wrapper."""
-        return np.asarray(self.get_wrapper_attr("action_masks")(), dtype=bool)
+        return np.asarray(self.env.get_wrapper_attr("action_masks")(), dtype=bool)
 
 
-class VectorKGScoreObservation(VectorObservationWrapper):
+class VectorKGScoreObservation(VectorWrapper):
     """:class:`KGScoreObservation` for the vector environment: u and v have shape (N, num_slots)."""
 
     def __init__(self, env: VectorEnv[Any, Any, Any], scorer: TripleScorer):
@@ -131,9 +131,15 @@ class VectorKGScoreObservation(VectorObservationWrapper):
         shape = (env.num_envs, world.num_slots)
         self.observation_space = spaces.Dict({**batched.spaces, **_Scores.space(shape)})
 
-    def observations(self, observations: dict[str, Any]) -> dict[str, Any]:
-        """Add the scores."""
-        return self._scores.add(observations)
+    def reset(self, **options: Any) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Begin all environments anew."""
+        observations, infos = self.env.reset(**options)
+        return self._scores.add(observations), infos
+
+    def step(self, actions: Any) -> tuple[dict[str, Any], Any, Any, Any, dict[str, Any]]:
+        """Pick a slot in each environment."""
+        observations, rewards, terminated, truncated, infos = self.env.step(actions)
+        return self._scores.add(observations), rewards, terminated, truncated, infos
 
 
 class TextObservation(gym.Wrapper[Any, Any, Any, Any]):
@@ -175,7 +181,7 @@ class TextObservation(gym.Wrapper[Any, Any, Any, Any]):
 
     def action_masks(self) -> NDArray[np.bool_]:
         """Return which slots hold an entity."""
-        return np.asarray(self.get_wrapper_attr("action_masks")(), dtype=bool)
+        return np.asarray(self.env.get_wrapper_attr("action_masks")(), dtype=bool)
 
     def _text(self, observation: Mapping[str, Any]) -> str:
         nothing = len(self._names)

@@ -14,8 +14,10 @@ import torch
 from markupsafe import Markup
 from numpy.typing import NDArray
 
+from wordcraft_kg.agents.baselines import play_all, random_entity, recipe_oracle, scorer_players
 from wordcraft_kg.artefacts import dump_json, staged_folder, write_atomically
-from wordcraft_kg.errors import SplitError
+from wordcraft_kg.envs.config import WordCraftConfig
+from wordcraft_kg.errors import SplitError, WordCraftKGError
 from wordcraft_kg.graphs.audit import leakage, split_summary
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.planner import layers
@@ -146,6 +148,7 @@ def make_link_report(
         "perhaps_missing": [],
         "self_edges": None,
         "neighbours": [],
+        "kg_play": [],
         "trace": trace or [],
         "provenance": provenance or {},
     }
@@ -174,6 +177,7 @@ def make_link_report(
         values["self_edges"] = _self_edges(graph, table[COMBINES_WITH])
         profiles = _profiles(table)
         values["neighbours"] = _neighbours(graph, profiles)
+        values["kg_play"] = _kg_play(opened, scorer, trained_on, seed)
         pictures |= _pictures_of_all_entities(graph, table, profiles, test, seed)
     return LinkReport(values, _labelled(graph, ranks), pictures)
 
@@ -301,6 +305,20 @@ def _near_synonyms(opened: OpenedGraph, ranks: pd.DataFrame, queries: Ids) -> li
         return []
     groups = (("a train recipe with a near-synonym", repeats), ("no such train recipe", ~repeats))
     return [{"slice": name, **ranking_metrics(ranks[mask])} for name, mask in groups if mask.any()]
+
+
+def _kg_play(opened: OpenedGraph, scorer: TripleScorer, trained_on: Ids, seed: int) -> list[dict[str, Any]]:
+    """Success of players that know the scorer and nothing else, on the test tasks of depth 1, 1 and 8 distractors."""
+    players = {
+        **scorer_players(opened.graph, scorer, trained_on),
+        "random": random_entity,
+        "recipe oracle": recipe_oracle,
+    }
+    try:
+        played = play_all(opened, players, WordCraftConfig(part="test"), (1, 8), seed=seed)
+    except WordCraftKGError:  # a small graph may have no test task, or too few entities for distractors
+        return []
+    return [{str(name): value for name, value in row.items()} for row in played.to_dict("records")]
 
 
 def _histogram(ranks: pd.DataFrame) -> dict[str, Any]:

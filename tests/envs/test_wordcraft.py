@@ -1,0 +1,329 @@
+"""The readable environment: its rules, its spaces, and what it refuses."""
+
+import subprocess
+import sys
+import warnings
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+import wordcraft_kg  # noqa: F401 - registers the environments
+from wordcraft_kg.envs.config import REWARDS, RewardConfig, WordCraftConfig
+from wordcraft_kg.envs.wordcraft import WordCraftEnv
+from wordcraft_kg.errors import (
+    ActionError,
+    ArtefactError,
+    ConfigError,
+    EpisodeError,
+    RecipeFileError,
+    TaskError,
+    UnknownEntityError,
+    WordCraftKGError,
+)
+from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_graph
+from wordcraft_kg.graphs.folder import OpenedGraph
+
+# water + earth makes two things, sun + sand glass, and so does fire + sand.
+ROWS = [
+    ("earth", "water", "mud"),
+    ("earth", "water", "clay"),
+    ("mud", "mud", "brick"),
+    ("brick", "fire", "house"),
+    ("sand", "sun", "glass"),
+    ("fire", "sand", "glass"),
+    ("clay", "fire", "pot"),
+]
+
+
+@pytest.fixture
+def world():
+    graph = RecipeGraph.from_recipes(ROWS)
+    return OpenedGraph(graph, make_split(graph, SplitConfig("none")), "tiny")
+
+
+@pytest.fixture(scope="module")
+def kitchen_opened():
+    return open_graph("kitchen")
+
+
+def posed(world, goal, table, **options):
+    """Begin an episode with this goal and table; returns the environment."""
+    env = WordCraftEnv(world, part="all", **options)
+    task = next(i for i in range(len(env.tasks)) if env.tasks[i].goal == goal)
+    env.reset(seed=0, options={"task": task, "table": table})
+    return env
+
+
+def pick(env, *labels):
+    """Pick entities by label; returns the last step."""
+    names = env.world.graph.entities
+    for label in labels:
+        last = env.step([names[entity] for entity in env._table].index(label))
+    return last
+
+
+def test_two_picks_make_an_attempt_and_all_results_come_to_the_table(world):
+    env = posed(world, "mud", ["earth", "water"])
+    seen, reward, terminated, _, info = pick(env, "earth")
+    assert (seen["selection"], reward, terminated) == (env.world.graph.id_of("earth"), 0, False)
+    seen, reward, terminated, truncated, info = pick(env, "water")
+    assert (reward, terminated, truncated) == (1, True, False)
+    assert (info["outcome"], info["by_plan"]) == ("goal", True)
+    labels = [env.world.graph.entities[entity] for entity in seen["table"] if entity < env.world.padding]
+    assert labels == ["earth", "water", "clay", "mud"]
+    assert seen["selection"] == env.world.padding
+
+
+def test_nothing_is_used_up_and_nothing_lies_there_twice(world):
+    env = posed(world, "brick", ["earth", "water"], depth=2, max_attempts=4)
+    pick(env, "earth", "water")
+    seen, *_ = pick(env, "earth", "water")
+    labels = [env.world.graph.entities[entity] for entity in seen["table"] if entity < env.world.padding]
+    assert labels == ["earth", "water", "clay", "mud"]
+    assert pick(env, "mud", "mud")[1] == 1
+
+
+def test_the_last_attempt_ends_the_episode_and_is_seen_coming(world):
+    env = posed(world, "glass", ["sand", "sun", "earth"], max_attempts=2)
+    assert pick(env, "sand", "earth")[0]["attempts_left"] == 1
+    seen, reward, terminated, truncated, info = pick(env, "earth", "earth")
+    assert (seen["attempts_left"], reward, terminated, truncated) == (0, 0, True, False)
+    assert info["outcome"] == "out_of_attempts"
+
+
+def test_another_way_to_the_goal_counts_and_is_told_apart(world):
+    env = posed(world, "glass", ["sand", "sun", "fire"])
+    plan = env.task.plans[0][0]
+    other = "sun" if "fire" in plan else "fire"
+    *_, info = pick(env, "sand", other)
+    assert (info["outcome"], info["by_plan"]) == ("goal", False)
+
+
+def test_an_empty_slot_loses_the_attempt_and_conjures_nothing(world):
+    env = posed(world, "glass", ["sand", "sun"], max_attempts=2)
+    pick(env, "sand")
+    seen, reward, terminated, _, info = env.step(env.num_slots - 1)
+    assert info["illegal_action"]
+    assert (seen["selection"], seen["attempts_left"], reward, terminated) == (env.world.padding, 1, 0, False)
+    assert seen["action_mask"].sum() == 2
+    env = posed(world, "glass", ["sand", "sun"], illegal_action="raise")
+    with pytest.raises(ActionError, match="action 2: the slot is empty; slots 0 to 1 hold entities"):
+        env.step(2)
+
+
+@pytest.mark.parametrize(
+    ("picks", "expected"),
+    [
+        (["earth", "earth"], [0, -0.25]),  # a wrong pair
+        (["clay", "fire"], [0, -0.5]),  # something, but nothing of the plan
+        (["earth", "water"], [0, 2.0]),  # an intermediate
+        (["earth", "water", "earth", "water"], [0, 2.0, 0, 0]),  # the second time it is not new
+        (["earth", "water", "mud", "mud"], [0, 2.0, 0, 1.0]),
+    ],
+)
+def test_shaped_rewards_follow_the_rules(world, picks, expected):
+    reward = RewardConfig(wrong_pair_penalty=0.25, irrelevant_penalty=0.5, intermediate_reward=2.0)
+    env = posed(world, "brick", ["earth", "water", "clay", "fire"], depth=2, max_attempts=3, reward=reward,
+                num_distractors=2)  # fmt: skip
+    assert [pick(env, label)[1] for label in picks] == expected
+
+
+def test_presets_are_named_and_success_is_the_same_under_all(world):
+    assert REWARDS["official"] == RewardConfig(0.1, 0.1, 1.0)
+    outcomes = {pick(posed(world, "mud", ["earth", "water"], reward=reward), "earth", "water")[4]["outcome"]
+                for reward in ("sparse", "official", RewardConfig(1, 1, 1))}  # fmt: skip
+    assert outcomes == {"goal"}
+
+
+def test_the_last_result_by_label_alone_comes_where_asked(world):
+    env = posed(world, "mud", ["earth", "water"], ambiguity="last")
+    assert pick(env, "earth", "water")[4]["outcome"] == "goal"
+    env = posed(world, "clay", ["earth", "water"], ambiguity="last")
+    assert pick(env, "earth", "water")[4]["outcome"] == "out_of_attempts"
+
+
+def test_observations_are_never_changed_later(kitchen_opened):
+    env = WordCraftEnv(kitchen_opened, part="all", depth=2, num_distractors=3)
+    rng, kept = np.random.default_rng(0), []
+    seen, _ = env.reset(seed=0)
+    for _ in range(50):
+        kept.append((seen, {key: np.array(value) for key, value in seen.items()}))
+        seen, _, over, _, _ = env.step(int(rng.integers(env.num_slots)))
+        if over:
+            seen, _ = env.reset()
+    for seen, copy in kept:
+        for key, value in seen.items():
+            np.testing.assert_array_equal(value, copy[key])
+
+
+def test_every_plan_carried_out_by_picks_makes_its_goal(kitchen_opened):
+    for depth in (1, 2, 3):
+        env = WordCraftEnv(kitchen_opened, part="all", depth=depth, num_distractors=2, num_tasks=60)
+        for index in range(0, len(env.tasks), 7):
+            env.reset(seed=index, options={"task": index})
+            attempts = dict.fromkeys((recipe.ingredient_a, recipe.ingredient_b) for recipe in env.task.plans[0])
+            last = [pick(env, *pair) for pair in attempts][-1]
+            assert (last[1], last[2], last[4]["outcome"], last[4]["by_plan"]) == (1, True, "goal", True)
+
+
+def test_a_seed_gives_the_same_episodes_in_any_process():
+    code = (
+        "import wordcraft_kg, gymnasium as gym\n"
+        "env = gym.make('WordCraft-v0', graph='kitchen', depth=2, num_distractors=5)\n"
+        "seen, _ = env.reset(seed=3)\n"
+        "for _ in range(20): print(seen['goal'], seen['table'].tolist()); seen, _ = env.reset()\n"
+    )
+    runs = [
+        subprocess.run(
+            [sys.executable, "-c", code], env={"PYTHONHASHSEED": seed}, capture_output=True, check=True
+        ).stdout
+        for seed in ("0", "1")
+    ]
+    assert runs[0] == runs[1]
+    assert len(set(runs[0].splitlines())) == 20
+
+
+# --- conformance -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("depth", [1, 3])
+def test_gymnasiums_checker_finds_nothing(depth):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        env = gym.make("WordCraft-v0", graph="kitchen", depth=depth, num_distractors=4, num_tasks=30)
+        check_env(env.unwrapped)
+    assert env.spec.kwargs["graph"] == "kitchen"
+    assert gym.make(env.spec).spec == env.spec
+
+
+def test_it_renders_in_words(kitchen_opened):
+    env = WordCraftEnv(kitchen_opened, render_mode="ansi")
+    env.reset(seed=0)
+    assert env.render().startswith("goal: ")
+    assert "attempts left: 1" in env.render()
+    assert WordCraftEnv(kitchen_opened).render() is None
+
+
+@settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.data())
+def test_random_settings_and_actions_keep_every_rule(kitchen_opened, data):
+    amount = st.floats(0, 3)
+    config = {
+        "part": data.draw(st.sampled_from(["all", "train", "test"])),
+        "depth": data.draw(st.integers(1, 3)),
+        "num_distractors": data.draw(st.integers(0, 9)),
+        "ambiguity": data.draw(st.sampled_from(["all", "last"])),
+        "distractor_weighting": data.draw(st.sampled_from(["use", "uniform"])),
+        "task_weighting": data.draw(st.sampled_from(["task", "goal"])),
+        "reward": data.draw(st.sampled_from(["sparse", "official"]) | st.builds(RewardConfig, amount, amount, amount)),
+        "num_tasks": 20,
+    }
+    config["max_attempts"] = config["depth"] + data.draw(st.integers(0, 3))
+    env = WordCraftEnv(kitchen_opened, **config)
+    rewards = env.config.rewards
+    rng = np.random.default_rng(data.draw(st.integers(0, 99)))
+    seen, _ = env.reset(seed=0)
+    steps = 0
+    for _ in range(150):
+        assert env.observation_space.contains(seen)
+        np.testing.assert_array_equal(seen["action_mask"].astype(bool), env.action_masks())
+        np.testing.assert_array_equal(seen["action_mask"] == 1, seen["table"] < env.world.padding)
+        known = {int(entity) for entity in seen["table"]} - {env.world.padding}
+        seen, reward, over, truncated, info = env.step(int(rng.integers(env.num_slots)))
+        fresh = {int(entity) for entity in seen["table"]} - {env.world.padding} - known
+        made = set(env.tasks.intermediates[info["task"]].tolist()) & fresh
+        allowed = {0, -rewards.wrong_pair_penalty, -rewards.irrelevant_penalty}
+        if fresh or info["outcome"] == "goal":
+            extra = rewards.intermediate_reward * len(made)
+            allowed |= {extra, extra + 1, extra - rewards.irrelevant_penalty}
+        assert any(reward == pytest.approx(value) for value in allowed)
+        assert reward >= 1 or info["outcome"] != "goal"
+        assert not truncated
+        steps += 1
+        assert over == (info["outcome"] != "in_progress")
+        if over:
+            assert steps <= 2 * config["max_attempts"]
+            seen, _ = env.reset()
+            steps = 0
+
+
+# --- bad input -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("changes", "error", "says"),
+    [
+        ({"depth": 0}, ConfigError, "depth 0: expected a whole number, 1 to 6"),
+        ({"depth": 50}, ConfigError, "depth 50: expected a whole number, 1 to 6"),
+        ({"depth": 1.5}, ConfigError, "depth 1.5"),
+        ({"num_distractors": -1}, ConfigError, "num_distractors -1: expected a whole number, 0 or more"),
+        ({"num_distractors": 80}, ConfigError, "num_distractors 80: kitchen has 80 entities"),
+        ({"part": "tests"}, ConfigError, "part 'tests': expected one of all, train, valid, test. Did you mean 'test'"),
+        ({"part": "valid"}, TaskError, "kitchen has no task of depth 1 in the valid part"),
+        ({"reward": "dense"}, ConfigError, "reward 'dense': expected one of sparse, official"),
+        ({"ambiguity": "first"}, ConfigError, "ambiguity 'first': expected one of all, last"),
+        ({"max_attempts": 1, "depth": 2}, ConfigError, "max_attempts 1: a task of depth 2 takes 2 attempts"),
+        (
+            {"distractors": 3},
+            ConfigError,
+            "unexpected keyword argument 'distractors'; .* Did you mean 'num_distractors'",
+        ),
+        ({"render_mode": "human"}, ConfigError, "render_mode 'human': expected None or 'ansi'"),
+        ({"graph": "kitchn"}, RecipeFileError, "Did you mean 'kitchen'"),
+        ({"graph": "tests"}, ArtefactError, "not a graph folder"),
+    ],
+)
+def test_bad_settings_are_refused_by_name(changes, error, says):
+    with pytest.raises(error, match=says):
+        WordCraftEnv(**{"graph": "kitchen", **changes})
+
+
+@pytest.mark.parametrize("name", ["wrong_pair_penalty", "irrelevant_penalty", "intermediate_reward"])
+@pytest.mark.parametrize("value", [-0.1, float("nan"), float("inf")])
+def test_rewards_are_magnitudes(name, value):
+    with pytest.raises(ConfigError, match=f"{name} {value}: expected a magnitude, 0 or more"):
+        RewardConfig(**{name: value})
+
+
+@pytest.mark.parametrize("action", [-1, 99, 0.0, "0", None, np.array([0, 1])])
+def test_actions_outside_the_space_raise(kitchen_opened, action):
+    env = WordCraftEnv(kitchen_opened)
+    env.reset(seed=0)
+    with pytest.raises(ActionError, match=r"action .*: expected"):
+        env.step(action)
+
+
+def test_steps_before_a_reset_and_after_the_end_raise(kitchen_opened):
+    env = WordCraftEnv(kitchen_opened)
+    with pytest.raises(EpisodeError, match=r"call reset\(\) before step"):
+        env.step(0)
+    env.reset(seed=0)
+    env.step(0)
+    env.step(0)
+    with pytest.raises(EpisodeError, match=r"the episode is over; call reset\(\)"):
+        env.step(0)
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "says"),
+    [
+        ({"tsk": 1}, ConfigError, "no reset option 'tsk'"),
+        ({"task": 10**6}, ConfigError, "task 1000000: expected 0 to"),
+        ({"table": ["flour", "wat"]}, UnknownEntityError, "no entity 'wat'"),
+        ({"table": ["flour"] * 50}, ConfigError, "a table of 50 entities leaves no room"),
+    ],
+)
+def test_bad_reset_options_are_refused(kitchen_opened, options, error, says):
+    with pytest.raises(error, match=says):
+        WordCraftEnv(kitchen_opened).reset(options=options)
+
+
+def test_all_errors_are_ours():
+    assert issubclass(ActionError, WordCraftKGError)
+    assert issubclass(ActionError, ValueError)
+    assert issubclass(EpisodeError, RuntimeError)
+    assert WordCraftConfig().attempts == 1

@@ -1,0 +1,196 @@
+"""The vector environment and the wrappers."""
+
+import warnings
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.vector import AutoresetMode
+
+import wordcraft_kg  # noqa: F401 - registers the environments
+from wordcraft_kg.envs.wrappers import (
+    FeatureObservation,
+    KGScoreObservation,
+    TextObservation,
+    VectorKGScoreObservation,
+)
+from wordcraft_kg.errors import ActionError, ConfigError, EpisodeError, GraphMismatchError
+from wordcraft_kg.graphs import COMBINES_WITH, COMPONENT_OF, RecipeGraph, open_book, open_graph
+from wordcraft_kg.models import FrequencyScorer, NeighbourScorer
+
+SETTINGS = {"graph": "kitchen", "part": "all", "depth": 2, "num_distractors": 3}
+
+
+@pytest.fixture(scope="module")
+def scorer():
+    opened = open_graph("kitchen")
+    return NeighbourScorer(opened.graph, opened.split.partial)
+
+
+def vector(num_envs=5):
+    return gym.make_vec("WordCraft-v0", num_envs=num_envs, vectorization_mode="vector_entry_point", **SETTINGS)
+
+
+def test_the_vector_environment_stays_within_its_spaces_and_says_how_it_resets():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        envs = vector()
+        assert envs.metadata["autoreset_mode"] == AutoresetMode.SAME_STEP
+        seen, infos = envs.reset(seed=0)
+        rng, ended = np.random.default_rng(0), 0
+        for _ in range(100):
+            assert envs.observation_space.contains(seen)
+            seen, rewards, terminated, truncated, infos = envs.step(rng.integers(envs.single_action_space.n, size=5))
+            assert rewards.shape == terminated.shape == truncated.shape == (5,)
+            assert not truncated.any()
+            assert ((infos["outcome"] == "in_progress") == ~terminated).all()
+            assert (seen["attempts_left"][terminated] == 2).all()
+            ended += int(terminated.sum())
+    assert ended > 50
+
+
+def test_vector_observations_are_never_changed_later():
+    envs = vector()
+    seen, _ = envs.reset(seed=0)
+    copy = {key: value.copy() for key, value in seen.items()}
+    for _ in range(20):
+        envs.step(np.zeros(5, dtype=np.int64))
+    for key, value in seen.items():
+        np.testing.assert_array_equal(value, copy[key])
+
+
+def test_one_seed_decides_all_streams_and_a_reset_without_one_goes_back_to_their_start():
+    one, other = vector(), vector()
+    np.testing.assert_array_equal(one.reset(seed=4)[0]["table"], other.reset(seed=4)[0]["table"])
+    assert (one.reset(seed=5)[0]["table"] != other.reset(seed=4)[0]["table"]).any()
+
+
+@pytest.mark.parametrize(
+    ("call", "error", "says"),
+    [
+        (lambda envs: envs.step(np.zeros(5, dtype=np.int64)), EpisodeError, "call reset"),
+        (lambda envs: envs.reset(seed=[1, 2, 3, 4, 5]), ConfigError, "one seed is enough"),
+        (lambda envs: envs.reset(options={"task": 1}), ConfigError, "no reset option 'task'"),
+    ],
+)
+def test_the_vector_environment_refuses_what_it_cannot_do(call, error, says):
+    with pytest.raises(error, match=says):
+        call(vector().unwrapped)
+
+
+def test_features_are_those_of_the_ids_and_zeros_for_nothing():
+    opened = open_graph("kitchen")
+    vectors = np.random.default_rng(0).normal(size=(opened.graph.num_entities, 7))
+    env = FeatureObservation(gym.make("WordCraft-v0", **SETTINGS), vectors)
+    ids = env.unwrapped
+    seen, _ = env.reset(seed=0)
+    for slot in (0, 1, 0, 2):
+        assert env.observation_space.contains(seen)
+        for i, entity in enumerate(ids._table):
+            np.testing.assert_allclose(seen["table"][i], vectors[entity], rtol=1e-6)
+        assert not seen["table"][len(ids._table) :].any()
+        np.testing.assert_allclose(seen["goal"], vectors[ids._goal], rtol=1e-6)
+        held = vectors[ids._selection] if ids._selection < ids.world.padding else np.zeros(7)
+        np.testing.assert_allclose(seen["selection"], held, rtol=1e-6)
+        seen, *_ = env.step(slot)
+    with pytest.raises(ConfigError, match=r"vectors of shape \(3, 7\): expected \(80, D\)"):
+        FeatureObservation(gym.make("WordCraft-v0", **SETTINGS), vectors[:3])
+
+
+def test_scores_are_the_scorers_and_zero_for_nothing(scorer):
+    env = KGScoreObservation(gym.make("WordCraft-v0", **SETTINGS), scorer)
+    seen, _ = env.reset(seed=1)
+    rng = np.random.default_rng(0)
+    held_something = False
+    for _ in range(40):
+        assert env.observation_space.contains(seen)
+        nothing, held, goal = env.unwrapped.world.padding, int(seen["selection"]), int(seen["goal"])
+        for entity, u, v in zip(seen["table"].tolist(), seen["u"], seen["v"], strict=True):
+            if entity == nothing:
+                assert (u, v) == (0, 0)
+                continue
+            expected = 0 if held == nothing else float(scorer.score(entity, COMBINES_WITH, held))
+            assert float(u) == pytest.approx(expected, rel=1e-5)
+            assert float(v) == pytest.approx(float(scorer.score(entity, COMPONENT_OF, goal)), rel=1e-5)
+            held_something |= bool(u)
+        seen, _, over, *_ = env.step(int(rng.choice(np.flatnonzero(seen["action_mask"]))))
+        if over:
+            seen, _ = env.reset()
+    assert held_something
+
+
+def test_batched_scores_are_the_single_ones(scorer):
+    envs = VectorKGScoreObservation(vector(), scorer)
+    single = KGScoreObservation(gym.make("WordCraft-v0", **SETTINGS), scorer)
+    seen, _ = envs.reset(seed=2)
+    for step in range(12):
+        assert envs.observation_space.contains(seen)
+        for i in range(5):
+            row = {key: value[i] for key, value in seen.items() if key not in ("u", "v")}
+            expected = single.observation(row)
+            np.testing.assert_array_equal(seen["u"][i], expected["u"])
+            np.testing.assert_array_equal(seen["v"][i], expected["v"])
+        seen, *_ = envs.step(np.full(5, step % 2))
+
+
+def test_a_scorer_of_another_graph_is_refused():
+    graph = RecipeGraph.from_book(open_book("paper-examples"))
+    foreign = FrequencyScorer(graph, graph.triples)
+    with pytest.raises(GraphMismatchError, match="the scorer belongs to graph"):
+        KGScoreObservation(gym.make("WordCraft-v0", **SETTINGS), foreign)
+    with pytest.raises(GraphMismatchError, match="the scorer belongs to graph"):
+        VectorKGScoreObservation(vector(), foreign)
+
+
+def test_text_says_what_there_is_and_words_are_actions():
+    env = TextObservation(gym.make("WordCraft-v0", **SETTINGS))
+    text, _ = env.reset(seed=0)
+    assert env.observation_space.contains(text)
+    names = [env.unwrapped.world.graph.entities[entity] for entity in env.unwrapped._table]
+    assert f"On the table: {', '.join(names)}" in text
+    assert "In hand: nothing" in text
+    text, *_ = env.step(f" {names[1].upper()} ")
+    assert f"In hand: {names[1]}" in text
+    text, *_ = env.step("0")
+    assert "Attempts left: 1" in text
+    with pytest.raises(ActionError, match="'unicorn' is not on the table; there are"):
+        env.step("unicorn")
+
+
+def test_wrappers_want_our_environment():
+    with pytest.raises(ConfigError, match="is not a WordCraft environment"):
+        TextObservation(gym.make("CartPole-v1"))
+
+
+# --- other libraries -------------------------------------------------------------------------------------------------
+
+
+def features():
+    opened = open_graph("kitchen")
+    vectors = np.random.default_rng(0).normal(size=(opened.graph.num_entities, 4)).astype(np.float32)
+    return FeatureObservation(gym.make("WordCraft-v0", graph="kitchen", num_distractors=2), vectors)
+
+
+@pytest.mark.interop
+def test_stable_baselines_checks_and_trains():
+    checker = pytest.importorskip("stable_baselines3.common.env_checker")
+    sb3_contrib = pytest.importorskip("sb3_contrib")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        # The table has a row a slot, which is neither an image nor flat; its policies flatten it.
+        warnings.filterwarnings("ignore", message=r".*unconventional shape")
+        checker.check_env(features())
+    model = sb3_contrib.MaskablePPO("MultiInputPolicy", features(), n_steps=32, batch_size=32, n_epochs=1, seed=0)
+    model.learn(64)
+    seen, _ = features().reset(seed=0)
+    action, _ = model.predict(seen, action_masks=seen["action_mask"].astype(bool))
+    assert seen["action_mask"][int(action)] == 1
+
+
+@pytest.mark.interop
+def test_torchrl_wraps_it():
+    torchrl_envs = pytest.importorskip("torchrl.envs")
+    env = torchrl_envs.GymEnv("WordCraft-v0", graph="kitchen", num_distractors=2, device="cpu")
+    rollout = env.rollout(6, break_when_any_done=False)
+    assert rollout["table"].shape[0] == 6
+    assert "action_mask" in rollout

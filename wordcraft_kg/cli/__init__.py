@@ -23,7 +23,7 @@ from wordcraft_kg.errors import ConfigError, WordCraftKGError, nearest
 COMMANDS = {
     "Recipe books": ["books", "fetch", "check-book"],
     "Graphs": ["build-graph", "describe", "export"],
-    "Environments": ["tasks", "play", "human-summary", "discover"],
+    "Environments": ["tasks", "play", "human-summary", "discover", "baselines"],
     "Link prediction": [
         "train-complex",
         "train-links",

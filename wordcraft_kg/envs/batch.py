@@ -30,6 +30,9 @@ DENSE_LIMIT = 4_096
 """Entities up to which the pair of two entities is looked up in a square table, 4 bytes a cell; above it by search."""
 CHUNK = 8_192
 """Tables that are drawn in one piece on the CPU."""
+LAST_31_BITS = 0x7FFFFFFF
+INDEX_BITS = 1023
+"""Room for the index of a table's entity where tables are shuffled; a power of two less one."""
 GUARD_BITS = 31
 _LOW = (1 << GUARD_BITS) - 1
 _STRIDE = -7046029254386353131  # 2**64 / golden ratio: keys that far apart hash independently
@@ -198,8 +201,8 @@ class BatchEngine:
         draws = self._array((np.arange(first, first + half) * _STRIDE)[:, None])
         mixed = self._mixed(keys[None, :] + draws)
         numbers = self._full((2 * half, len(keys)), 0)
-        numbers[::2] = (mixed >> 33) & 0x7FFFFFFF
-        numbers[1::2] = mixed & 0x7FFFFFFF
+        numbers[::2] = (mixed >> 33) & LAST_31_BITS
+        numbers[1::2] = mixed & LAST_31_BITS
         return numbers[:count]
 
     # --- episodes ----------------------------------------------------------------------------------------------------
@@ -287,12 +290,13 @@ class BatchEngine:
         rows = starts
         if self.config.num_distractors:
             rows = self.xp.concatenate([starts, self._distractors(keys, tasks, starts)])
-        # Sort by random numbers; what is nothing gets larger ones.
-        order = self._numbers(keys, 1 << 20, len(rows)) * 64 + self._array(np.arange(len(rows)))[:, None]
-        order = (order + (rows == self.nothing) * (1 << 40)).T
+        # Sort by random numbers with the row's index in the last bits; what is nothing gets the largest.
+        index = self._array(np.arange(len(rows)))[:, None]
+        order = self.xp.where(rows == self.nothing, LAST_31_BITS, self._numbers(keys, 1 << 20, len(rows)))
+        order = self._cast((order & ~INDEX_BITS) + index, "int32").T
         if self.xp is np:
-            return np.take_along_axis(rows.T, np.sort(order, axis=1) & 63, axis=1)
-        return rows.T.gather(1, self.xp.sort(order, dim=1).values & 63)
+            return np.take_along_axis(rows.T, np.sort(order, axis=1) & INDEX_BITS, axis=1)
+        return rows.T.gather(1, self._cast(self.xp.sort(order, dim=1).values & INDEX_BITS, "int64"))
 
     def _distractors(self, keys: Array, tasks: Array, starts: Array) -> Array:
         """Draw distractors by weight without replacement: candidates one after the other, skipping what may not be.
@@ -331,6 +335,11 @@ class BatchEngine:
                 clash |= candidates[i] == taken[j]
             for j in range(i):
                 clash |= candidates[i] == candidates[j]
+        return clash | self._at_risk(candidates, tasks, taken)
+
+    def _at_risk(self, candidates: Array, tasks: Array, taken: Array) -> Array:
+        """Return which rows could complete a guarded recipe if all their candidates lay there, shape (R,)."""
+        risk = self._full((candidates.shape[1],), 0, "bool")
         base = self._guard_base[tasks]
         for guard in self._guards:
             stands = guard[base + candidates[0]]
@@ -339,8 +348,23 @@ class BatchEngine:
             there = stands != 0
             for j in range(1, len(taken)):
                 stands |= guard[base + taken[j]]
-            clash |= there & ((stands & (stands >> GUARD_BITS) & _LOW) != 0)
-        return clash
+            risk |= there & ((stands & (stands >> GUARD_BITS) & _LOW) != 0)
+        return risk
+
+    def _guarded(self, candidates: Array, allowed: Array, tasks: Array, taken: Array) -> Array:
+        """Refuse candidates that complete a guarded recipe of the goal with what lies there or will be made."""
+        base = self._guard_base[tasks]
+        for guard in self._guards:
+            stands = guard[base + taken[1]]
+            for j in range(2, len(taken)):
+                stands = stands | guard[base + taken[j]]
+            for i in range(len(candidates)):
+                both = stands | guard[base + candidates[i]]
+                # Recipes that are complete with this candidate and were not without it.
+                closes = both & (both >> GUARD_BITS) & _LOW & ~(stands & (stands >> GUARD_BITS))
+                allowed[i] &= closes == 0
+                stands = self.xp.where(allowed[i], both, stands)
+        return allowed
 
     def _pick(self, keys: Array, tasks: Array, taken: Array, amount: int) -> Array:
         """Take the first distractors among ``amount`` candidates that may lie on the table, in their order."""
@@ -352,18 +376,11 @@ class BatchEngine:
         # An entity that came before is skipped, whether it was allowed or not: it would not be allowed now either.
         for i in range(1, amount):
             allowed[i] &= ~(candidates[:i] == candidates[i][None, :]).any(0)
-        base = self._guard_base[tasks]
-        for guard in self._guards:
-            stands = guard[base + taken[1]]
-            for j in range(2, len(taken)):
-                stands = stands | guard[base + taken[j]]
-            for i in range(amount):
-                more = guard[base + candidates[i]]
-                both = stands | more
-                # Recipes that are complete with this candidate and were not without it.
-                closes = both & (both >> GUARD_BITS) & _LOW & ~(stands & (stands >> GUARD_BITS))
-                allowed[i] &= closes == 0
-                stands = xp.where(allowed[i], both, stands)
+        # Few rows can complete a guarded recipe at all; only those are followed candidate by candidate.
+        rows = self._at_risk(candidates, tasks, taken)
+        rows = rows.nonzero()[0] if xp is np else self._array(np.arange(len(keys)))
+        if self._guards and len(rows):
+            allowed[:, rows] = self._guarded(candidates[:, rows], allowed[:, rows], tasks[rows], taken[:, rows])
         place = xp.cumsum(self._cast(allowed, "int64"), 0) - 1
         place = xp.where(allowed & (place < wanted), place, wanted)
         drawn = self._full((wanted + 1, len(keys)), self.nothing, "int32")

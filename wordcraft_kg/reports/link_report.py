@@ -309,14 +309,16 @@ def _near_synonyms(opened: OpenedGraph, ranks: pd.DataFrame, queries: Ids) -> li
 
 def _kg_play(opened: OpenedGraph, scorer: TripleScorer, trained_on: Ids, seed: int) -> list[dict[str, Any]]:
     """Success of players that know the scorer and nothing else, on the test tasks of depth 1, 1 and 8 distractors."""
-    players = {
-        **scorer_players(opened.graph, scorer, trained_on),
-        "random": random_entity,
-        "recipe oracle": recipe_oracle,
-    }
     try:
+        players = {
+            **scorer_players(opened.graph, scorer, trained_on),
+            "random": random_entity,
+            "recipe oracle": recipe_oracle,
+        }
         played = play_all(opened, players, WordCraftConfig(part="test"), (1, 8), seed=seed)
-    except WordCraftKGError:  # a small graph may have no test task, or too few entities for distractors
+    except (
+        WordCraftKGError
+    ):  # no test task, too few entities for distractors, or a scorer that the checks refuse anyway
         return []
     return [{str(name): value for name, value in row.items()} for row in played.to_dict("records")]
 

@@ -1,0 +1,308 @@
+import math
+import os
+import subprocess
+import sys
+import warnings
+
+import numpy as np
+import pandas as pd
+import pytest
+import torch
+
+from wordcraft_kg.agents import discovery
+from wordcraft_kg.agents.discovery import (
+    HUMAN_CURVE,
+    PLAYERS,
+    EmpowermentPlayer,
+    GreedyPlayer,
+    ScorerPlayer,
+    discovery_curves,
+    make_players,
+    summarise_curves,
+)
+from wordcraft_kg.envs.open_ended import Discovery, OpenEndedEnv
+from wordcraft_kg.errors import ConfigError, GraphMismatchError
+from wordcraft_kg.graphs import RecipeGraph
+from wordcraft_kg.models.scorers import SymbolicScorer, TableScorer
+
+ATTEMPTS = 30
+FOUR = ["air", "earth", "fire", "water"]
+"""What people begin with."""
+
+
+def random_scorer(graph, seed=0):
+    size = graph.num_entities
+    scores = torch.randn(2, size, size, generator=torch.Generator().manual_seed(seed))
+    return TableScorer(scores, graph.entities, graph.hash)
+
+
+def everybody(graph):
+    return make_players(PLAYERS, graph, SymbolicScorer(graph, graph.triples))
+
+
+def known_after(curves, player, attempt):
+    return curves[(curves["player"] == player) & (curves["attempt"] == attempt)]["known"].mean()
+
+
+@pytest.fixture(scope="module")
+def curves(kitchen):
+    return discovery_curves(kitchen, everybody(kitchen), ATTEMPTS, runs=20)
+
+
+@pytest.mark.parametrize("name", PLAYERS)
+def test_a_player_in_the_environment_draws_the_same_curve_and_is_never_illegal(kitchen, curves, name):
+    player = everybody(kitchen)[name]
+    env = OpenEndedEnv(kitchen, max_attempts=ATTEMPTS, illegal_action="raise")
+    for run in range(3):
+        _, info = env.reset()
+        player.begin(kitchen.base_ids.tolist(), np.random.default_rng([0, run]))
+        seen, terminated = [(info["known"], False)], False
+        while not terminated:
+            pair = player.choose()
+            observation, _, terminated, _, info = env.step(pair)
+            player.observe(pair, info["new_entities"])
+            seen.append((info["known"], info["repeated"]))
+            assert set(player.known) == set(np.flatnonzero(observation["known"]).tolist())
+        rows = curves[(curves["player"] == name) & (curves["run"] == run)]
+        assert seen == list(zip(rows["known"], rows["repeated"], strict=True))[: len(seen)]
+        assert (rows["known"][len(seen) :] == info["known"]).all()
+
+
+def test_only_the_plain_random_player_repeats_a_pair(curves):
+    assert set(curves[curves["repeated"]]["player"]) == {"random"}
+
+
+def test_curves_begin_with_the_base_and_never_fall(kitchen, curves):
+    for _, run in curves.groupby(["player", "run"]):
+        assert run["attempt"].tolist() == list(range(ATTEMPTS + 1))
+        assert run["known"].iloc[0] == len(kitchen.base_ids)
+        assert run["known"].is_monotonic_increasing
+        assert run["known"].max() <= Discovery(kitchen).reachable
+
+
+def test_knowing_more_discovers_more(curves):
+    known = {name: known_after(curves, name, ATTEMPTS) for name in PLAYERS}
+    assert known["random"] < known["random-no-repeat"] < known["empowerment-scorer"]
+    assert known["empowerment-scorer"] < min(known["greedy"], known["empowerment"])
+
+
+def test_who_knows_the_graph_never_fails(kitchen):
+    attempts = 15
+    curves = discovery_curves(kitchen, make_players(["greedy", "empowerment"], kitchen), attempts, runs=5)
+    assert (curves.groupby(["player", "run"])["known"].diff().dropna() >= 1).all()
+
+
+def test_when_everything_is_known_the_curve_stays_there():
+    graph = RecipeGraph.from_recipes([("a", "a", "b"), ("a", "b", "c"), ("d", "a", "e")], base=["a"])
+    curves = discovery_curves(graph, everybody(graph), attempts=40, runs=2)
+    at_end = curves[curves["attempt"] == 40]
+    assert (at_end["known"] == 3).all()
+    assert not at_end["repeated"].any()
+
+
+def test_a_curve_depends_on_the_seed_and_not_on_who_else_plays(kitchen, curves):
+    alone = discovery_curves(kitchen, make_players(["greedy"], kitchen), ATTEMPTS, runs=20)
+    both = curves[curves["player"] == "greedy"].reset_index(drop=True)
+    pd.testing.assert_frame_equal(alone, both)
+    again, other = (
+        discovery_curves(kitchen, make_players(["random"], kitchen), ATTEMPTS, runs=20, seed=seed) for seed in (0, 1)
+    )
+    pd.testing.assert_frame_equal(again, curves[curves["player"] == "random"].reset_index(drop=True))
+    assert not again["known"].equals(other["known"])
+
+
+def test_curves_are_the_same_in_processes_with_different_hash_seeds(tmp_path):
+    code = (
+        "from wordcraft_kg.agents.discovery import *\n"
+        "from wordcraft_kg.graphs import RecipeGraph, open_book\n"
+        "from wordcraft_kg.models.scorers import SymbolicScorer\n"
+        "graph = RecipeGraph.from_book(open_book('kitchen'))\n"
+        "players = make_players(PLAYERS, graph, SymbolicScorer(graph, graph.triples))\n"
+        "print(discovery_curves(graph, players, 20, 3).to_csv())"
+    )
+    printed = {
+        subprocess.run(
+            [sys.executable, "-c", code],
+            env=os.environ | {"PYTHONHASHSEED": seed},
+            cwd=tmp_path,
+            capture_output=True,
+            text=True,
+            timeout=60,
+            check=True,
+        ).stdout
+        for seed in ("0", "1")
+    }
+    assert len(printed) == 1
+    assert "empowerment-scorer,2,20" in printed.pop()
+
+
+# --- the formulas, against loops -------------------------------------------------------------------------------------
+
+
+def best_pairs(values):
+    highest = max(values.values())
+    return {pair for pair, value in values.items() if math.isclose(value, highest, rel_tol=1e-9)}
+
+
+def slow_oracle_values(graph, known, worth):
+    """Return the value of every pair of known entities."""
+    values = {}
+    for one in known:
+        for other in known:
+            new = {r for a, b, r in graph.recipes.tolist() if (a, b) == (one, other)} - set(known)
+            values[one, other] = sum(worth(c) for c in new)
+    return values
+
+
+def slow_out_degree(graph):
+    return lambda c: 1 + sum(c in (a, b) for a, b, _ in graph.recipes.tolist())
+
+
+def slow_empowerment(graph, known):
+    def worth(c):
+        recipes = [(a, b, d) for a, b, d in graph.recipes.tolist() if d not in known]
+        return 1 + len({d for a, b, d in recipes if (a == c and b in known) or (b == c and a in known)})
+
+    return worth
+
+
+def slow_scorer_values(graph, scorer, known, tried, candidates):
+    """Return the value of every untried pair by the formula of :class:`ScorerPlayer`."""
+    size = graph.num_entities
+    links, parts = (scorer.table(relation).double().numpy() for relation in (0, 1))
+    links = (links + links.T) / 2
+    z = []
+    for table in (links, parts):
+        others = [table[i, j] for i in range(size) for j in range(size) if i != j]
+        z.append((table - np.mean(others)) / np.std(others))
+    values = {}
+    for one in known:
+        for other in known:
+            if one <= other and (one, other) not in tried:
+                fit = np.exp(z[1][one] + z[1][other])
+                expected = 0.0
+                for c in sorted(range(size), key=lambda c: -fit[c])[:candidates]:
+                    if c not in known:
+                        partners = sum(math.exp(z[0][c, x]) for x in known)
+                        expected += fit[c] / fit.sum() * (1 + partners)
+                values[one, other] = math.exp(z[0][one, other]) * expected
+    return values
+
+
+@pytest.mark.parametrize("kind", [GreedyPlayer, EmpowermentPlayer])
+def test_an_oracle_takes_the_pair_of_the_highest_value(kitchen, kind):
+    game, player = Discovery(kitchen), kind(kitchen)
+    player.begin(game.base, np.random.default_rng(0))
+    for _ in range(12):
+        known = list(game.known)
+        worth = slow_out_degree(kitchen) if kind is GreedyPlayer else slow_empowerment(kitchen, known)
+        pair = player.choose()
+        assert pair in best_pairs(slow_oracle_values(kitchen, known, worth))
+        player.observe(pair, game.combine(*pair)[0])
+
+
+@pytest.mark.parametrize("candidates", [3, 16])
+def test_a_scorer_s_player_takes_the_untried_pair_of_the_highest_value(monkeypatch, candidates):
+    monkeypatch.setattr(discovery, "CANDIDATES", candidates)
+    letters = "abcdefghijkl"
+    rows = [
+        (x, y, letters[(i * 5 + j * 3) % 12]) for i, x in enumerate(letters) for j, y in enumerate(letters) if i < j
+    ]
+    graph = RecipeGraph.from_recipes(rows, base=["a", "b", "c"])
+    for seed in range(4):
+        scorer = random_scorer(graph, seed)
+        game, player = Discovery(graph), ScorerPlayer(graph, scorer)
+        player.begin(game.base, np.random.default_rng(0))
+        while not game.is_complete:
+            pair = player.choose()
+            values = slow_scorer_values(graph, scorer, list(game.known), game.tried, candidates)
+            assert tuple(sorted(pair)) in best_pairs(values)
+            player.observe(pair, game.combine(*pair)[0])
+
+
+def test_equal_values_are_drawn_alike(kitchen):
+    class Free(GreedyPlayer):
+        def worth(self):
+            return np.ones(self.graph.num_entities)
+
+    player, drawn = Free(kitchen), set()
+    for seed in range(60):
+        player.begin(kitchen.base_ids.tolist(), np.random.default_rng(seed))
+        drawn.add(player.choose())
+    values = slow_oracle_values(kitchen, kitchen.base_ids.tolist(), lambda c: 1)
+    assert drawn == best_pairs(values)
+    assert len(drawn) > 1
+
+
+@pytest.mark.parametrize("fill", [0.0, 5.0])
+def test_a_scorer_that_tells_nothing_still_repeats_nothing_and_warns_of_nothing(kitchen, fill):
+    scores = torch.full((2, kitchen.num_entities, kitchen.num_entities), fill)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        player = ScorerPlayer(kitchen, TableScorer(scores, kitchen.entities, kitchen.hash))
+        curves = discovery_curves(kitchen, {"told nothing": player}, ATTEMPTS, runs=3)
+    assert not curves["repeated"].any()
+
+
+def test_scores_of_any_size_stay_finite(kitchen):
+    scores = torch.zeros(2, kitchen.num_entities, kitchen.num_entities)
+    scores[0, 0, 1] = scores[1, 0, 1] = 1e30
+    player = ScorerPlayer(kitchen, TableScorer(scores, kitchen.entities, kitchen.hash))
+    assert player._odds.max() <= math.exp(50)
+    discovery_curves(kitchen, {"one link": player}, 5, runs=1)
+
+
+# --- summary and errors ----------------------------------------------------------------------------------------------
+
+
+def test_the_summary_gives_means_intervals_and_the_share_of_repeats():
+    curves = pd.DataFrame(
+        {
+            "player": ["p"] * 9,
+            "run": [0] * 3 + [1] * 3 + [2] * 3,
+            "attempt": [0, 1, 2] * 3,
+            "known": [5, 6, 6, 5, 6, 8, 5, 6, 10],
+            "repeated": [False, False, True] + [False] * 6,
+        }
+    )
+    table = summarise_curves(curves, marks=(1, 50))
+    assert table["attempt"].tolist() == [1, 2]
+    assert table["mean"].tolist() == [6, 8]
+    half = 1.96 * 2 / math.sqrt(3)  # the standard deviation of 6, 8, 10 is 2
+    np.testing.assert_allclose(table[["low", "high"]], [[6, 6], [8 - half, 8 + half]])
+    np.testing.assert_allclose(table["repeated"], [0, 1 / 6])
+
+
+def test_a_single_run_has_no_interval(kitchen):
+    table = summarise_curves(discovery_curves(kitchen, make_players(["random"], kitchen), 10, runs=1))
+    assert table["low"].isna().all()
+    assert table["mean"].notna().all()
+
+
+def test_errors_say_what_there_is(kitchen):
+    with pytest.raises(ConfigError, match=r"no player 'gredy'.*Did you mean 'greedy'"):
+        make_players(["gredy"], kitchen)
+    with pytest.raises(ConfigError, match="needs a scorer"):
+        make_players(["empowerment-scorer"], kitchen)
+    other = RecipeGraph.from_recipes([("a", "a", "b")])
+    with pytest.raises(GraphMismatchError, match="trained on graph"):
+        ScorerPlayer(kitchen, random_scorer(other))
+    for settings in ({"attempts": 0}, {"runs": 0}, {"seed": -1}, {"base": ["nothing like it"]}):
+        with pytest.raises(ConfigError):
+            discovery_curves(kitchen, make_players(["random"], kitchen), **settings)
+
+
+# --- golden: Little Alchemy 2 ----------------------------------------------------------------------------------------
+
+
+def test_little_alchemy_from_the_four_entities_that_people_begin_with(alchemy):
+    players = make_players(["random", "random-no-repeat", "greedy", "empowerment"], alchemy)
+    curves = discovery_curves(alchemy, players, attempts=100, runs=100, base=FOUR)
+    for attempt, expected in ((1, 5.0), (10, 8.8), (20, 10.9), (50, 15.0), (100, 19.3)):
+        assert known_after(curves, "random", attempt) == pytest.approx(expected, rel=0.04)
+    for attempt, expected in ((1, 5.0), (10, 9.2), (20, 11.9), (50, 17.1), (100, 22.6)):
+        assert known_after(curves, "random-no-repeat", attempt) == pytest.approx(expected, rel=0.04)
+    for attempt, expected in ((10, 14.0), (50, 59.0), (100, 124.5)):
+        assert known_after(curves, "greedy", attempt) == pytest.approx(expected, rel=0.03)
+    assert known_after(curves, "empowerment", 20) > known_after(curves, "greedy", 20) + 1
+    assert known_after(curves, "random", 100) < HUMAN_CURVE[100] < known_after(curves, "greedy", 100)

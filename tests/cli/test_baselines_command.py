@@ -1,0 +1,43 @@
+import json
+
+import pytest
+
+
+def test_baselines_prints_a_table_of_players_and_distractors(run):
+    outcome = run("baselines", "kitchen", "--distractors", "1,4", "--draws", "2")
+    assert outcome.code == 0
+    lines = outcome.out.splitlines()
+    assert "1 distractor" in lines[0]
+    assert "4 distractors" in lines[0]
+    oracle = next(line for line in lines if line.startswith("recipe oracle"))
+    assert oracle.count("1.000 [") == 2
+    assert "95 % Wilson intervals" in lines[-1]
+
+
+def test_baselines_prints_one_json_object(run):
+    result = json.loads(run("baselines", "kitchen", "--distractors", "2", "--depth", "2", "--draws", "1", "--json").out)
+    assert (result["part"], result["depth"], result["draws"]) == ("test", 2, 1)
+    assert {row["distractors"] for row in result["rows"]} == {2}
+    assert all(0 <= row["low"] <= row["success"] <= row["high"] <= 1 for row in result["rows"])
+    again = json.loads(run("baselines", "kitchen", "--distractors", "2", "--depth", "2", "--draws", "1", "--json").out)
+    assert result == again
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["kitchn"], "Did you mean 'kitchen'"),
+        (["kitchen", "--distractors", "x"], "--distractors x: expected whole numbers, such as 1,2,8."),
+        (["kitchen", "--distractors", "-1"], "num_distractors -1: expected a whole number, 0 or more."),
+        (["kitchen", "--distractors", "80"], "num_distractors 80: kitchen has 80 entities"),
+        (["kitchen", "--depth", "0"], "depth 0: expected a whole number, 1 to 6."),
+        (["kitchen", "--draws", "0"], "--draws 0: expected 1 or more."),
+        (["kitchen", "--part", "valid"], "kitchen has no task of depth 1 in the valid part"),
+        (["kitchen", "--scorer", "nowhere"], "nowhere"),
+    ],
+)
+def test_baselines_refuses_bad_input(run, arguments, says):
+    outcome = run("baselines", *arguments)
+    assert (outcome.code, outcome.out) == (1, "")
+    assert says in outcome.err
+    assert "Traceback" not in outcome.err

@@ -1,0 +1,130 @@
+import json
+import re
+import xml.etree.ElementTree as ET
+
+import pytest
+
+from wordcraft_kg.agents.discovery import HUMAN_CURVE
+from wordcraft_kg.graphs import open_graph
+
+QUICK = ("--runs", 3, "--attempts", 12)
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory):
+    from wordcraft_kg.models.link_config import ComplExConfig
+    from wordcraft_kg.models.link_training import train_links
+
+    out = tmp_path_factory.mktemp("models") / "kitchen"
+    return train_links(open_graph("kitchen"), ComplExConfig(dim=4, epochs=1), out).folder
+
+
+def test_the_table_has_a_row_for_each_player_and_one_for_people(run):
+    outcome = run("discover", "kitchen", *QUICK)
+    assert outcome.code == 0, outcome.err
+    rows = {line.split("  ")[0]: line for line in outcome.out.splitlines()}
+    assert rows["entities known after"].split()[-3:] == ["1", "10", "12"]
+    for name in ("random", "random-no-repeat", "greedy", "empowerment"):
+        assert re.search(r"\d\.\d", rows[name])
+    assert "empowerment-scorer" not in rows
+    assert rows["people, another game"].split()[-2:] == ["5", "9.95"]
+    assert "720 entities" in outcome.out
+
+
+def test_json_holds_the_same_figures_and_the_setting(run):
+    arguments = ("discover", "kitchen", *QUICK, "--players", "greedy,random", "--seed", 4, "--json")
+    values = json.loads(run(*arguments).out)
+    assert list(values["players"]) == ["greedy", "random"]
+    figures = values["players"]["random"]["12"]
+    assert figures["low"] <= figures["mean"] <= figures["high"]
+    assert 0 <= figures["repeated"] <= 1
+    assert (values["attempts"], values["runs"], values["seed"], values["marks"]) == (12, 3, 4, [1, 10, 12])
+    assert values["hash"] == open_graph("kitchen").graph.hash
+    assert values["people"] == {str(attempt): known for attempt, known in HUMAN_CURVE.items()}
+    assert values == json.loads(run(*arguments).out)
+
+
+def test_a_single_run_has_no_interval(run):
+    values = json.loads(run("discover", "kitchen", "--runs", 1, "--players", "random", "--json").out)
+    assert values["players"]["random"]["100"]["low"] is None
+    assert (
+        "["
+        not in run("discover", "kitchen", "--runs", 1, "--players", "random").out.split("people")[0].split("\n", 2)[2]
+    )
+
+
+def test_another_base_is_where_play_begins(run):
+    base = open_graph("kitchen").graph.base
+    values = json.loads(run("discover", "kitchen", *QUICK, "--base", ",".join(base[1:]), "--json").out)
+    assert values["base"] == list(base[1:])
+
+
+def test_a_scorer_adds_its_player(run, model):
+    outcome = run("discover", "kitchen", *QUICK, "--scorer", model, "--json")
+    assert outcome.code == 0, outcome.err
+    values = json.loads(outcome.out)
+    assert list(values["players"])[-1] == "empowerment-scorer"
+    assert values["scorer"] == model.name
+
+
+def test_the_page_is_one_file_with_all_curves_and_people(run, tmp_path, model):
+    page = tmp_path / "deep" / "page.html"
+    outcome = run("discover", "kitchen", "--runs", 2, "--scorer", model, "--out", page)
+    assert outcome.code == 0, outcome.err
+    assert f"wrote {page}" in outcome.out
+    assert list(page.parent.iterdir()) == [page]
+    html = page.read_text(encoding="utf-8")
+    assert not re.search(r"<script|<link|src=|https?://", html)
+    svg = ET.fromstring(re.search(r"<svg.*?</svg>", html, re.DOTALL)[0])
+    drawn = [element for element in svg if element.tag == "polyline"]
+    assert len(drawn) == 6
+    assert [len(line.get("points").split()) for line in drawn] == [101] * 5 + [5]
+    for number in range(6):
+        assert f".line.series-{number} {{ stroke" in html
+    legend = [element for element in svg if element.tag == "rect"]
+    assert len(legend) == 6
+    assert all(float(square.get("x")) < 100 for square in legend)  # the curves end on the right
+    labels = {element.text for element in svg if element.tag == "text"}
+    assert {"random", "greedy", "empowerment-scorer", "people (another game)"} <= labels
+    assert "Brändle" in html
+
+
+def test_a_page_is_replaced_only_when_asked(run, tmp_path):
+    page = tmp_path / "page.html"
+    page.write_text("mine", encoding="utf-8")
+    refused = run("discover", "no-such-graph", "--out", page)  # said before anything is opened
+    assert (refused.code, refused.out) == (1, "")
+    assert "--force" in refused.err
+    assert page.read_text(encoding="utf-8") == "mine"
+    assert run("discover", "kitchen", *QUICK, "--out", page, "--force").code == 0
+    assert "<svg" in page.read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["--players", "gredy"], "Did you mean 'greedy'"),
+        (["--players", ","], "names nobody"),
+        (["--players", "empowerment-scorer"], "needs a scorer"),
+        (["--attempts", "0"], "attempts 0: expected 1 or more"),
+        (["--runs", "0"], "runs 0: expected 1 or more"),
+        (["--seed", "-1"], "seed -1"),
+        (["--base", "moonstone"], "no entity 'moonstone'"),
+        (["--base", ","], "nothing new can be made"),
+        (["--scorer", "nowhere"], "nowhere"),
+    ],
+)
+def test_bad_input_is_refused_without_a_traceback_and_nothing_is_written(run, tmp_path, arguments, says):
+    page = tmp_path / "page.html"
+    outcome = run("discover", "kitchen", *arguments, "--out", page)
+    assert outcome.code == 1
+    assert says in outcome.err
+    assert "Traceback" not in outcome.err
+    assert outcome.out == ""
+    assert not page.exists()
+
+
+def test_a_scorer_of_another_graph_is_refused(run, model):
+    outcome = run("discover", "everyday", "--scorer", model, *QUICK)
+    assert outcome.code == 1
+    assert "GraphMismatchError" in outcome.err

@@ -1,0 +1,199 @@
+import warnings
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from hypothesis import given
+from hypothesis import strategies as st
+
+from wordcraft_kg.envs.open_ended import OpenEndedEnv
+from wordcraft_kg.envs.registration import register
+from wordcraft_kg.errors import ActionError, ConfigError, EpisodeError
+from wordcraft_kg.graphs import RecipeGraph
+
+RECIPES = [
+    ("fire", "water", "steam"),
+    ("fire", "water", "fog"),  # an ambiguous pair
+    ("fire", "fire", "blaze"),
+    ("blaze", "steam", "train"),
+    ("moon", "water", "tide"),  # never reached
+]
+GRAPH = RecipeGraph.from_recipes(RECIPES, base=["fire", "water"], name="small")
+FIRE, WATER, STEAM, FOG, BLAZE, TRAIN, MOON = map(
+    GRAPH.id_of, ("fire", "water", "steam", "fog", "blaze", "train", "moon")
+)
+
+
+def make(**settings):
+    env = OpenEndedEnv(GRAPH, **settings)
+    env.reset()
+    return env
+
+
+def slow_results(graph, known, one, other):
+    """Return what two entities newly give, by reading the whole book."""
+    made = {r for a, b, r in graph.recipes.tolist() if (a, b) in ((one, other), (other, one))}
+    return made - known if {one, other} <= known else set()
+
+
+@pytest.mark.parametrize("render_mode", [None, "ansi"])
+def test_gymnasium_finds_nothing_to_complain_about(render_mode):
+    register()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        env = gym.make("WordCraft-OpenEnded-v0", graph="kitchen", max_attempts=7, render_mode=render_mode)
+        check_env(env.unwrapped)
+        env.reset(seed=0)
+        while not env.step(env.action_space.sample())[2]:
+            pass
+
+
+@given(pairs=st.lists(st.tuples(st.integers(0, 2**16), st.integers(0, 2**16), st.booleans()), min_size=1, max_size=60))
+def test_every_step_equals_a_slow_reading_of_the_book(kitchen, pairs):
+    env = OpenEndedEnv(kitchen, max_attempts=len(pairs))
+    observation, info = env.reset()
+    known, tried = set(kitchen.base_ids.tolist()), set()
+    for spent, (x, y, legal) in enumerate(pairs, start=1):
+        # Mostly legal pairs, so that play gets somewhere; else any pair.
+        choices = sorted(known) if legal else range(kitchen.num_entities)
+        one, other = choices[x % len(choices)], choices[y % len(choices)]
+        new = slow_results(kitchen, known, one, other)
+        is_legal = {one, other} <= known
+        before = observation["known"]
+        observation, reward, terminated, truncated, info = env.step(np.array([one, other]))
+        assert env.observation_space.contains(observation)
+        assert reward == len(new)
+        assert set(info["new_entities"]) == new == set(np.flatnonzero(observation["last_results"]).tolist())
+        assert info["illegal_action"] is not is_legal
+        assert info["repeated"] is (is_legal and frozenset((one, other)) in tried)
+        known |= new
+        if is_legal:
+            tried.add(frozenset((one, other)))
+        assert set(np.flatnonzero(observation["known"]).tolist()) == known
+        assert info["known"] == len(known)
+        assert (observation["known"] >= before).all()
+        assert observation["attempts_left"] == len(pairs) - spent
+        for mask in env.action_masks():
+            np.testing.assert_array_equal(mask, observation["known"])
+        assert not truncated
+        assert terminated == (spent == len(pairs) or info["outcome"] == "all_known")
+        if terminated:
+            break
+
+
+def test_all_results_of_a_pair_become_known_in_either_order():
+    for action in ([FIRE, WATER], [WATER, FIRE]):
+        _, reward, _, _, info = make().step(action)
+        assert reward == 2
+        assert set(info["new_entities"]) == {STEAM, FOG}
+
+
+def test_a_pair_counts_as_repeated_in_the_other_order_but_not_in_the_next_episode():
+    env = make()
+    assert not env.step([FIRE, WATER])[4]["repeated"]
+    assert env.step([WATER, FIRE])[4]["repeated"]
+    assert env.step([WATER, FIRE])[1] == 0
+    observation, info = env.reset()
+    assert info["known"] == observation["known"].sum() == 2
+    assert not env.step([WATER, FIRE])[4]["repeated"]
+
+
+def test_an_entity_that_is_not_known_wastes_the_attempt_and_is_not_a_try():
+    env = make()
+    for _ in range(2):
+        observation, reward, _, _, info = env.step([BLAZE, FIRE])
+        assert (reward, info["illegal_action"], info["repeated"], info["known"]) == (0, True, False, 2)
+    assert observation["attempts_left"] == 98
+
+
+def test_an_entity_that_is_not_known_is_an_error_where_asked_for_and_costs_nothing():
+    env = make(illegal_action="raise")
+    with pytest.raises(ActionError, match="'blaze' is not known yet"):
+        env.step([FIRE, BLAZE])
+    assert env.step([FIRE, FIRE])[0]["attempts_left"] == 99
+
+
+@pytest.mark.parametrize(
+    "action", [[0], [0, 1, 2], [0, -1], [0, GRAPH.num_entities], [0.0, 1.0], ["fire", "water"], 3, None, [[0], [1, 2]]]
+)
+@pytest.mark.parametrize("illegal_action", ["waste", "raise"])
+def test_an_action_outside_the_space_is_always_an_error(action, illegal_action):
+    with pytest.raises(ActionError, match=f"two entity ids, 0 to {GRAPH.num_entities - 1}"):
+        make(illegal_action=illegal_action).step(action)
+
+
+def test_the_episode_ends_with_the_last_attempt_and_takes_no_further_step():
+    env = make(max_attempts=2)
+    assert not env.step([FIRE, WATER])[2]
+    observation, _, terminated, truncated, info = env.step([FIRE, WATER])
+    assert (terminated, truncated, info["outcome"]) == (True, False, "out_of_attempts")
+    assert observation["attempts_left"] == 0
+    with pytest.raises(EpisodeError, match="over"):
+        env.step([FIRE, WATER])
+    env.reset()
+    env.step([FIRE, WATER])
+
+
+def test_the_episode_ends_when_everything_reachable_is_known():
+    env = make()
+    env.step([FIRE, WATER])
+    env.step([FIRE, FIRE])
+    _, _, terminated, _, info = env.step([BLAZE, STEAM])
+    assert (terminated, info["outcome"], info["known"]) == (True, "all_known", 6)
+    assert info["known"] == GRAPH.num_entities - 2  # the moon and its tide are out of reach
+
+
+def test_a_step_before_the_first_reset_is_an_error():
+    with pytest.raises(EpisodeError, match="before step"):
+        OpenEndedEnv(GRAPH).step([FIRE, WATER])
+
+
+@pytest.mark.parametrize("base", [["moon", "water"], [MOON, WATER], {"water", "moon"}])
+def test_another_base_may_be_given_by_label_or_id(base):
+    env = make(base=base)
+    assert set(env.discovery.known) == {MOON, WATER}
+    _, reward, terminated, _, _ = env.step([MOON, WATER])
+    assert reward == 1
+    assert terminated
+
+
+@pytest.mark.parametrize(
+    ("settings", "says"),
+    [
+        ({"max_attempts": 0}, "max_attempts 0: expected a whole number, 1 or more"),
+        ({"max_attempts": True}, "max_attempts True"),
+        ({"max_attempts": 2.5}, "max_attempts 2.5"),
+        ({"base": ["fire", "watre"]}, "base: no entity 'watre' in small. Did you mean 'water'"),
+        ({"base": [99]}, "base: no entity id 99"),
+        ({"base": ["moon"]}, "base moon: nothing new can be made"),
+        ({"base": []}, r"base \(empty\): nothing new can be made"),
+        ({"illegal_action": "ignore"}, "illegal_action 'ignore'"),
+        ({"render_mode": "human"}, "render_mode 'human'"),
+    ],
+)
+def test_a_bad_setting_says_what_was_expected(settings, says):
+    with pytest.raises(ConfigError, match=says):
+        OpenEndedEnv(GRAPH, **settings)
+
+
+def test_a_reset_option_is_refused():
+    with pytest.raises(ConfigError, match="no reset option 'base'"):
+        make().reset(options={"base": [1]})
+
+
+def test_the_state_is_told_in_words():
+    env = make(render_mode="ansi", max_attempts=3)
+    assert "known: 2 of 6   attempts left: 3   nothing tried yet\nfire, water" in env.render()
+    env.step([FIRE, FIRE])
+    assert "known: 3 of 6   attempts left: 2   fire + fire -> blaze" in env.render()
+    env.step([BLAZE, FIRE])
+    assert "blaze + fire -> nothing new" in env.render()
+    assert make().render() is None
+
+
+def test_what_an_observation_holds_is_not_changed_by_later_steps():
+    env = make()
+    first, _ = env.reset()
+    env.step([FIRE, WATER])
+    assert first["known"].sum() == 2

@@ -1,0 +1,340 @@
+"""Players of open-ended play, and how much they come to know: random, knowing the graph, or guided by a scorer."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wordcraft_kg.envs.open_ended import Discovery
+from wordcraft_kg.errors import ConfigError, GraphMismatchError, nearest
+from wordcraft_kg.graphs.protocols import TripleScorer
+from wordcraft_kg.graphs.recipe_graph import Entity, RecipeGraph
+from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Pair = tuple[int, int]
+Floats = NDArray[np.floating]
+
+HUMAN_CURVE = {1: 5.0, 10: 9.95, 20: 14.05, 50: 23.47, 100: 35.96}
+"""Entities that people know after n attempts at Little Alchemy 2, a game of 720 entities that begins with 4."""
+HUMAN_SOURCE = "12,100 players of Little Alchemy 2 (720 entities, 4 at the start); Brändle et al. 2023"
+"""Where the curve is from: "Empowerment contributes to exploration behaviour in a creative video game", Nature Human
+Behaviour 7, 1481-1489."""
+
+CANDIDATES = 16
+"""Results that a scorer's player considers for each pair; the others together have little probability."""
+MARKS = (1, 10, 20, 50, 100)
+"""Attempts after which a summary reads the curves."""
+_MOST = 50.0  # standard deviations; beyond them exp would overflow
+
+
+class Player(ABC):
+    """Chooses which known entities to combine, from what it was told so far; ``begin`` starts a run.
+
+    Attributes:
+        known: ids in the order of their discovery.
+        rng: where all its chance comes from.
+    """
+
+    def begin(self, base: Sequence[int], rng: np.random.Generator) -> None:
+        """Start a run that knows ``base``."""
+        self.known: list[int] = []
+        self.rng = rng
+        for entity in base:
+            self.learn(entity)
+
+    def observe(self, pair: Pair, new: Sequence[int]) -> None:
+        """Hear what the chosen pair newly gave."""
+        for entity in new:
+            self.learn(entity)
+
+    def learn(self, entity: int) -> None:
+        """Take in an entity that has just become known."""
+        self.known.append(entity)
+
+    @abstractmethod
+    def choose(self) -> Pair:
+        """Return the pair to combine next; only asked while something new can be made."""
+
+    def draw_best(self, values: Floats) -> int:
+        """Return the index of the highest value, drawn among equals."""
+        best = np.flatnonzero(values == values.max())
+        return int(best[self.rng.integers(len(best))])
+
+
+class RandomPlayer(Player):
+    """Draws both entities uniformly, whatever was tried before."""
+
+    def choose(self) -> Pair:  # noqa: D102 - inherited
+        one, other = self.rng.integers(len(self.known), size=2).tolist()
+        return self.known[one], self.known[other]
+
+
+class NoRepeatPlayer(RandomPlayer):
+    """Draws like :class:`RandomPlayer`, again and again until the pair is one that was not tried before."""
+
+    def begin(self, base: Sequence[int], rng: np.random.Generator) -> None:  # noqa: D102 - inherited
+        super().begin(base, rng)
+        self._tried: set[Pair] = set()
+
+    def choose(self) -> Pair:  # noqa: D102 - inherited
+        # Ends: when all pairs of known entities were tried, everything reachable is known and nobody asks.
+        while True:
+            one, other = super().choose()
+            if (min(one, other), max(one, other)) not in self._tried:
+                return one, other
+
+    def observe(self, pair: Pair, new: Sequence[int]) -> None:  # noqa: D102 - inherited
+        super().observe(pair, new)
+        self._tried.add((min(pair), max(pair)))
+
+
+class OraclePlayer(Player):
+    """Knows the true graph and never fails: takes the pair whose new results are worth most together."""
+
+    def __init__(self, graph: RecipeGraph):
+        """Keep the recipes by pair."""
+        self.graph = graph
+        self._pair_starts = graph.pair_starts[:-1]
+        self._pairs = graph.recipes[self._pair_starts, :2]
+
+    def begin(self, base: Sequence[int], rng: np.random.Generator) -> None:  # noqa: D102 - inherited
+        self.is_known = np.zeros(self.graph.num_entities, dtype=bool)
+        super().begin(base, rng)
+
+    def learn(self, entity: int) -> None:  # noqa: D102 - inherited
+        super().learn(entity)
+        self.is_known[entity] = True
+
+    @abstractmethod
+    def worth(self) -> Floats:
+        """Return what each entity would be worth if it were found now, shape (E,), above 0."""
+
+    def choose(self) -> Pair:  # noqa: D102 - inherited
+        result = self.graph.recipes[:, 2]
+        gains = np.add.reduceat(np.where(self.is_known[result], 0.0, self.worth()[result]), self._pair_starts)
+        gains[~self.is_known[self._pairs].all(axis=1)] = 0.0
+        one, other = self._pairs[self.draw_best(gains)].tolist()
+        return one, other
+
+
+class GreedyPlayer(OraclePlayer):
+    """The greedy oracle: an entity is worth 1 + the number of recipes that use it, its out-degree, known or not."""
+
+    def __init__(self, graph: RecipeGraph):
+        """Count uses once."""
+        super().__init__(graph)
+        self._worth = 1.0 + graph.use_counts
+
+    def worth(self) -> Floats:  # noqa: D102 - inherited
+        return self._worth
+
+
+class EmpowermentPlayer(OraclePlayer):
+    """Seeks what empowers most, by the true graph.
+
+    ``worth(c) = 1 + #{d not known : {c, x} makes d for some known x}``: the entity itself and the different new things
+    that it would make with what is known already. A pair is worth the sum over its new results.
+
+    Source: Brändle et al. 2023, who count what an entity can make in the whole game; here only what is still new and
+    has its other ingredient at hand counts, so that the value falls as the world is explored.
+    """
+
+    def worth(self) -> Floats:  # noqa: D102 - inherited
+        a, b, result = self.graph.recipes[~self.is_known[self.graph.recipes[:, 2]]].T
+        by_a, by_b = self.is_known[b], self.is_known[a]
+        size = self.graph.num_entities
+        made = np.unique(np.concatenate([(a * size + result)[by_a], (b * size + result)[by_b]]))
+        return 1.0 + np.bincount(made // size, minlength=size)
+
+
+class ScorerPlayer(Player):
+    """Seeks what empowers most, by a link predictor's idea of the graph.
+
+    With ``z_r`` the scores of relation r standardised over all pairs of different entities (combinesWith symmetrised):
+
+    ``value(a, b) = odds(a, b) * sum_c P(c | a, b) * [c not known] * (1 + sum_{x known} odds(c, x))``
+
+    where ``odds(a, b) = exp(z_combinesWith(a, b))`` says how plausible it is that the pair makes anything and
+    ``P(c | a, b) = softmax_c(z_componentOf(a, c) + z_componentOf(b, c))`` what, cut to the best :data:`CANDIDATES`. The
+    last factor is the empowerment of c: itself and its partners among the known, none tried yet, each as far as
+    plausible. The untried pair of the highest value comes next; what was tried never again.
+
+    Source: the expected empowerment of Brändle et al. 2023, there with link and element probabilities of word vectors.
+    """
+
+    def __init__(self, graph: RecipeGraph, scorer: TripleScorer):
+        """Standardise the scorer's tables, two of shape (E, E).
+
+        Raises:
+            GraphMismatchError: if the scorer belongs to another graph.
+        """
+        if scorer.graph_hash != graph.hash:
+            raise GraphMismatchError(
+                f"the scorer was trained on graph {scorer.graph_hash[:12]} ({len(scorer.entities)} entities) but "
+                f"'{graph.name}' is {graph.hash[:12]} ({graph.num_entities}). Train it on this graph."
+            )
+        links, parts = (scorer.table(relation).cpu().double().numpy() for relation in (COMBINES_WITH, COMPONENT_OF))
+        self._odds = np.exp(np.minimum(_standardised((links + links.T) / 2), _MOST))
+        self._parts = _standardised(parts)
+        self._guesses: dict[int, tuple[NDArray[np.int64], Floats]] = {}
+
+    def begin(self, base: Sequence[int], rng: np.random.Generator) -> None:  # noqa: D102 - inherited
+        size, width = len(self._odds), min(CANDIDATES, len(self._odds))
+        self._worth = np.ones(size)
+        self._is_new = np.ones(size, dtype=bool)
+        self._pairs = np.empty((0, 2), dtype=np.int64)
+        self._results = np.empty((0, width), dtype=np.int64)
+        self._chances = np.empty((0, width))
+        super().begin(base, rng)
+
+    def learn(self, entity: int) -> None:  # noqa: D102 - inherited
+        super().learn(entity)
+        self._worth += self._odds[entity]
+        self._is_new[entity] = False
+        results, probabilities = self._guessed(entity)
+        pairs = np.column_stack([np.full(len(self.known), entity), self.known])
+        self._pairs = np.concatenate([self._pairs, pairs])
+        self._results = np.concatenate([self._results, results[self.known]])
+        chances = self._odds[entity, self.known, None] * probabilities[self.known]
+        self._chances = np.concatenate([self._chances, chances])
+
+    def choose(self) -> Pair:  # noqa: D102 - inherited
+        values = (self._chances * (self._worth * self._is_new)[self._results]).sum(axis=1)
+        self._chosen = self.draw_best(values)
+        one, other = self._pairs[self._chosen].tolist()
+        return one, other
+
+    def observe(self, pair: Pair, new: Sequence[int]) -> None:  # noqa: D102 - inherited
+        for name in ("_pairs", "_results", "_chances"):
+            setattr(self, name, np.delete(getattr(self, name), self._chosen, axis=0))
+        super().observe(pair, new)
+
+    def _guessed(self, entity: int) -> tuple[NDArray[np.int64], Floats]:
+        """Return the likeliest results of an entity with each other one, and their probabilities: (E, CANDIDATES)."""
+        if entity not in self._guesses:
+            fit = self._parts[entity] + self._parts
+            likely = np.argpartition(-fit, self._results.shape[1] - 1, axis=1)[:, : self._results.shape[1]]
+            weights = np.exp(fit - fit.max(axis=1, keepdims=True))
+            shares = np.take_along_axis(weights, likely, axis=1) / weights.sum(axis=1, keepdims=True)
+            self._guesses[entity] = likely, shares
+        return self._guesses[entity]
+
+
+def _standardised(table: Floats) -> Floats:
+    """Return scores with mean 0 and standard deviation 1 over the pairs of different entities."""
+    different = table[~np.eye(len(table), dtype=bool)]
+    return (table - different.mean()) / (different.std() or 1.0)
+
+
+PLAYERS = {
+    "random": "any pair",
+    "random-no-repeat": "any pair not tried before",
+    "greedy": "knows the graph: results with the most uses",
+    "empowerment": "knows the graph: results that make the most new things",
+    "empowerment-scorer": "guided by a link predictor: results that it expects to make the most",
+}
+"""What each player goes by, by name."""
+
+
+def make_players(names: Iterable[str], graph: RecipeGraph, scorer: TripleScorer | None = None) -> dict[str, Player]:
+    """Return players by name.
+
+    Raises:
+        ConfigError: for an unknown name, or ``empowerment-scorer`` without a scorer.
+        GraphMismatchError: if the scorer belongs to another graph.
+    """
+    players: dict[str, Player] = {}
+    for name in names:
+        if name not in PLAYERS:
+            raise ConfigError(f"no player '{name}'; there are {', '.join(PLAYERS)}.{nearest(name, PLAYERS)}")
+        if name == "random":
+            players[name] = RandomPlayer()
+        elif name == "random-no-repeat":
+            players[name] = NoRepeatPlayer()
+        elif name == "greedy":
+            players[name] = GreedyPlayer(graph)
+        elif name == "empowerment":
+            players[name] = EmpowermentPlayer(graph)
+        elif scorer is None:
+            raise ConfigError(f"player '{name}' needs a scorer; train one with `wordcraft-kg train-complex`.")
+        else:
+            players[name] = ScorerPlayer(graph, scorer)
+    return players
+
+
+def discovery_curves(
+    graph: RecipeGraph,
+    players: Mapping[str, Player],
+    attempts: int = 100,
+    runs: int = 100,
+    seed: int = 0,
+    base: Iterable[Entity] | None = None,
+) -> "pd.DataFrame":
+    """Let players discover, on ids alone: the rules are those of ``WordCraft-OpenEnded-v0``, without its observations.
+
+    Run ``i`` draws from ``np.random.default_rng([seed, i])`` for every player, so a player's curve does not depend on
+    who else plays.
+
+    Returns:
+        a row per player, run and attempt, 0 (the base) to ``attempts``: ``known``, the number of entities known after
+        the attempt, and ``repeated``, whether the pair had been tried before. Once everything reachable is known, no
+        more attempts are made.
+
+    Raises:
+        ConfigError: for numbers out of range, or a base from which nothing can be made.
+    """
+    import pandas as pd
+
+    for what, number in (("attempts", attempts), ("runs", runs)):
+        if number < 1:
+            raise ConfigError(f"{what} {number}: expected 1 or more.")
+    if seed < 0:
+        raise ConfigError(f"seed {seed}: expected 0 or more.")
+    game = Discovery(graph, base)
+    shape = (len(players), runs, attempts + 1)
+    known, repeated = np.zeros(shape, dtype=np.int64), np.zeros(shape, dtype=bool)
+    for number, player in enumerate(players.values()):
+        for run in range(runs):
+            game.restart()
+            player.begin(game.base, np.random.default_rng([seed, run]))
+            known[number, run] = len(game.base)
+            for attempt in range(1, attempts + 1):
+                pair = player.choose()
+                new, repeated[number, run, attempt] = game.combine(*pair)
+                player.observe(pair, new)
+                known[number, run, attempt:] = len(game.known)
+                if game.is_complete:
+                    break
+    index = pd.MultiIndex.from_product(
+        [list(players), range(runs), range(attempts + 1)], names=["player", "run", "attempt"]
+    )
+    return pd.DataFrame({"known": known.ravel(), "repeated": repeated.ravel()}, index=index).reset_index()
+
+
+def summarise_curves(curves: "pd.DataFrame", marks: Sequence[int] = MARKS) -> "pd.DataFrame":
+    """Return how much players know after some attempts.
+
+    Args:
+        curves: from :func:`discovery_curves`.
+        marks: attempts to read; those beyond the curves are left out, and the last attempt always comes too.
+
+    Returns:
+        a row per player and attempt, in the order of ``curves``: ``mean`` over the runs, ``low`` and ``high`` its 95 %
+        interval (normal approximation; NaN for a single run), and ``repeated``, the share of attempts so far that
+        repeated a pair.
+    """
+    last = int(curves["attempt"].max())
+    at = sorted({*(mark for mark in marks if mark <= last), last})
+    curves = curves.assign(repeated=curves.groupby(["player", "run"], sort=False)["repeated"].cumsum())
+    groups = curves[curves["attempt"].isin(at)].groupby(["player", "attempt"], sort=False)
+    table = groups.agg(mean=("known", "mean"), error=("known", "sem"), repeated=("repeated", "mean")).reset_index()
+    margin = 1.96 * table.pop("error")
+    table.insert(3, "low", table["mean"] - margin)
+    table.insert(4, "high", table["mean"] + margin)
+    table["repeated"] /= table["attempt"].clip(lower=1)
+    return table

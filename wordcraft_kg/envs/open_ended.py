@@ -1,0 +1,241 @@
+"""The open-ended world: start from the base entities and discover as much as you can in so many attempts."""
+
+from collections.abc import Iterable
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from wordcraft_kg.envs.config import IllegalAction
+from wordcraft_kg.envs.world import GraphLike, open_world_graph
+from wordcraft_kg.errors import ActionError, ConfigError, EpisodeError, UnknownEntityError
+from wordcraft_kg.graphs.planner import layers
+from wordcraft_kg.graphs.recipe_graph import Entity, RecipeGraph
+
+Observation = dict[str, Any]
+
+
+class Discovery:
+    """What is known in a run of open-ended play, and the rule by which more comes to be known.
+
+    Combining two known entities gives all results of the pair; nothing is used up.
+
+    Attributes:
+        base: ids known at the start, ascending.
+        reachable: how many entities can ever be known.
+        known: ids known now, in the order of their discovery (the values mean nothing).
+        tried: pairs ``(a, b)`` with ``a <= b`` that were combined before.
+    """
+
+    def __init__(self, graph: RecipeGraph, base: Iterable[Entity] | None = None):
+        """Prepare a graph; ``base`` (ids or labels) takes the place of the graph's own base entities.
+
+        Raises:
+            ConfigError: if an entity of the base is unknown, or nothing can be made from the base.
+        """
+        try:
+            ids = graph.base_ids.tolist() if base is None else {graph.id_of(entity) for entity in base}
+        except UnknownEntityError as error:
+            raise ConfigError(f"base: {error}") from None
+        self.base: tuple[int, ...] = tuple(sorted(ids))
+        self.reachable = int((layers(graph, self.base) >= 0).sum())
+        if self.reachable == len(self.base):
+            labels = ", ".join(graph.labels(self.base)) or "(empty)"
+            raise ConfigError(f"base {labels}: nothing new can be made from it in {graph.name}.")
+        self._outcomes: dict[tuple[int, int], list[int]] = {}
+        for a, b, result in graph.recipes.tolist():
+            self._outcomes.setdefault((a, b), []).append(result)
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget everything but the base."""
+        self.known: dict[int, None] = dict.fromkeys(self.base)
+        self.tried: set[tuple[int, int]] = set()
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether everything reachable is known."""
+        return len(self.known) == self.reachable
+
+    def combine(self, one: int, other: int) -> tuple[tuple[int, ...], bool]:
+        """Combine two known entities; return what that newly gave, and whether the pair had been tried before."""
+        pair = (one, other) if one <= other else (other, one)
+        repeated = pair in self.tried
+        self.tried.add(pair)
+        new = tuple(result for result in self._outcomes.get(pair, ()) if result not in self.known)
+        self.known.update(dict.fromkeys(new))
+        return new, repeated
+
+
+class OpenEndedEnv(gym.Env[Observation, Any]):
+    """Discover as much as you can from the base entities: the paper's outlook, ``WordCraft-OpenEnded-v0``.
+
+    ## Description
+    The agent starts with the base entities and combines two known entities an attempt. All results of the pair become
+    known, for good; nothing is used up. There is no goal.
+
+    ## Action space
+    ``MultiDiscrete([E, E])``: the ids of the two entities to combine, in any order; they may be equal. If one of them
+    is not known yet, the attempt is lost: nothing is made and ``info["illegal_action"]`` is set; with
+    ``illegal_action="raise"`` it is an error. An action outside the space always is one. ``action_masks`` says which
+    entities are known, for each of the two.
+
+    ## Observation space
+    ``Dict`` of masks by entity id, fresh arrays each time.
+
+    | key | shape | meaning |
+    |---|---|---|
+    | known | (E,) | 1 where the entity is known |
+    | last_results | (E,) | 1 where the last attempt made the entity known |
+    | attempts_left | () | attempts left, this one included |
+
+    ## Rewards
+    The number of entities that the attempt made known for the first time.
+
+    ## Starting state
+    The base entities are known; nothing is drawn at random. ``reset`` takes no options.
+
+    ## Episode end
+    *Terminated* when no attempt is left (the budget is observed, so there is nothing to bootstrap) or everything
+    reachable from the base is known. ``info["outcome"]`` says which: ``in_progress``, ``out_of_attempts`` or
+    ``all_known``. Never truncated.
+
+    ``info`` also holds ``known`` (how many entities are), ``new_entities`` (ids that the attempt made known) and
+    ``repeated`` (whether this pair was combined before in the episode).
+
+    ## Arguments
+    ``graph`` is a graph folder, a book's name or file, a RecipeGraph or an OpenedGraph; ``max_attempts`` the budget;
+    ``base`` ids or labels of the entities known at the start, by default the graph's base; ``illegal_action`` is
+    ``waste`` or ``raise``.
+
+    ## Version history
+    v0: first version.
+    """
+
+    metadata: dict[str, Any] = {  # noqa: RUF012 - as gymnasium declares it
+        "render_modes": ["ansi"],
+        "render_fps": 4,
+    }
+
+    def __init__(
+        self,
+        graph: GraphLike,
+        *,
+        max_attempts: int = 100,
+        base: Iterable[Entity] | None = None,
+        illegal_action: IllegalAction = "waste",
+        render_mode: str | None = None,
+    ):
+        """Open the graph.
+
+        Raises:
+            ConfigError: for a value out of range, or a base from which nothing can be made.
+        """
+        if render_mode not in (None, *self.metadata["render_modes"]):
+            raise ConfigError(f"render_mode {render_mode!r}: expected None or 'ansi'.")
+        if isinstance(max_attempts, bool) or not isinstance(max_attempts, int) or max_attempts < 1:
+            raise ConfigError(f"max_attempts {max_attempts!r}: expected a whole number, 1 or more.")
+        if illegal_action not in ("waste", "raise"):
+            raise ConfigError(f"illegal_action {illegal_action!r}: expected one of waste, raise.")
+        self.render_mode = render_mode
+        self.graph = graph if isinstance(graph, RecipeGraph) else open_world_graph(graph).graph
+        self.max_attempts = max_attempts
+        self.illegal_action = illegal_action
+        self.discovery = Discovery(self.graph, base)
+        size = self.graph.num_entities
+        self.action_space = spaces.MultiDiscrete([size, size])
+        self.observation_space = spaces.Dict(
+            {
+                "known": spaces.MultiBinary(size),
+                "last_results": spaces.MultiBinary(size),
+                "attempts_left": spaces.Discrete(max_attempts + 1),
+            }
+        )
+        self._outcome = "not_begun"
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Begin an episode."""
+        super().reset(seed=seed)
+        if options:
+            raise ConfigError(f"no reset option '{min(options)}'; there are none.")
+        self.discovery.restart()
+        self._attempts_left = self.max_attempts
+        self._outcome = "in_progress"
+        self._last = "nothing tried yet"
+        return self._observation(()), self._info((), repeated=False, illegal=False)
+
+    def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Combine two entities."""
+        if self._outcome != "in_progress":
+            raise EpisodeError(
+                "call reset() before step()." if self._outcome == "not_begun" else "the episode is over; call reset()."
+            )
+        one, other = self._checked_action(action)
+        names = self.graph.entities
+        unknown = [entity for entity in (one, other) if entity not in self.discovery.known]
+        new: tuple[int, ...] = ()
+        repeated = False
+        if unknown and self.illegal_action == "raise":
+            raise ActionError(f"action {[one, other]}: '{names[unknown[0]]}' is not known yet.")
+        if not unknown:
+            new, repeated = self.discovery.combine(one, other)
+        self._attempts_left -= 1
+        self._last = f"{names[one]} + {names[other]} -> {', '.join(self.graph.labels(new)) or 'nothing new'}"
+        if self.discovery.is_complete:
+            self._outcome = "all_known"
+        elif self._attempts_left == 0:
+            self._outcome = "out_of_attempts"
+        over = self._outcome != "in_progress"
+        info = self._info(new, repeated=repeated, illegal=bool(unknown))
+        return self._observation(new), float(len(new)), over, False, info
+
+    def action_masks(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Return which entities are known, shape (E,), once for each of the two choices."""
+        known = self._mask(self.discovery.known).astype(bool)
+        return known, known.copy()
+
+    def render(self) -> str | None:
+        """Return the state in words, for ``render_mode="ansi"``."""
+        if self.render_mode is None:
+            return None
+        known = self.discovery.known
+        return (
+            f"known: {len(known)} of {self.discovery.reachable}   attempts left: {self._attempts_left}   "
+            f"{self._last}\n{', '.join(self.graph.labels(known))}"
+        )
+
+    def _checked_action(self, action: Any) -> tuple[int, int]:
+        size = self.graph.num_entities
+        try:
+            pair = np.asarray(action)
+        except ValueError:  # a ragged list
+            pair = np.empty(0)
+        if pair.shape != (2,) or pair.dtype.kind not in "iu" or not 0 <= pair.min() <= pair.max() < size:
+            raise ActionError(f"action {action!r}: expected two entity ids, 0 to {size - 1}.")
+        one, other = pair.tolist()
+        return one, other
+
+    def _mask(self, entities: Iterable[int]) -> NDArray[np.int8]:
+        mask = np.zeros(self.graph.num_entities, dtype=np.int8)
+        mask[list(entities)] = 1
+        return mask
+
+    def _observation(self, new: tuple[int, ...]) -> Observation:
+        return {
+            "known": self._mask(self.discovery.known),
+            "last_results": self._mask(new),
+            "attempts_left": np.int64(self._attempts_left),
+        }
+
+    def _info(self, new: tuple[int, ...], *, repeated: bool, illegal: bool) -> dict[str, Any]:
+        return {
+            "outcome": self._outcome,
+            "known": len(self.discovery.known),
+            "new_entities": new,
+            "repeated": repeated,
+            "illegal_action": illegal,
+        }

@@ -1,0 +1,38 @@
+"""How much players discover in open-ended play, as one self-contained HTML page."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import jinja2
+
+from wordcraft_kg.agents.discovery import HUMAN_CURVE, PLAYERS
+from wordcraft_kg.reports import charts
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+PEOPLE = "people (another game)"
+
+
+def discovery_page(values: dict[str, Any], curves: "pd.DataFrame") -> str:
+    """Return the page.
+
+    Args:
+        values: the result of ``wordcraft-kg discover``.
+        curves: from :func:`wordcraft_kg.agents.discovery.discovery_curves`.
+    """
+    means = curves.groupby(["player", "attempt"], sort=False)["known"].mean()
+    series: dict[str, Sequence[tuple[float, float]]] = {name: list(means[name].items()) for name in values["players"]}
+    series[PEOPLE] = [(attempt, known) for attempt, known in HUMAN_CURVE.items() if attempt <= values["attempts"]]
+    picture = charts.lines(
+        series, "attempts", "entities known", "mean number of entities known after each attempt", legend_left=True
+    )
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("wordcraft_kg.reports"),
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        undefined=jinja2.StrictUndefined,
+    )
+    template = environment.get_template("discovery_report.html.j2")
+    return template.render(report=values, picture=picture, about=PLAYERS)

@@ -1,0 +1,28 @@
+"""The environments are known by name, and importing the package stays light."""
+
+import subprocess
+import sys
+
+import pytest
+
+
+@pytest.mark.parametrize("first", ["import gymnasium, wordcraft_kg", "import wordcraft_kg, gymnasium"])
+def test_gymnasium_knows_the_environments_in_either_order(first):
+    code = f"{first}\nfor name in ('WordCraft-v0', 'WordCraft-OpenEnded-v0'): print(gymnasium.spec(name).id)"
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert out.split() == ["WordCraft-v0", "WordCraft-OpenEnded-v0"]
+
+
+def test_importing_the_package_imports_neither_gymnasium_nor_torch():
+    code = "import sys, wordcraft_kg; print(sorted({'gymnasium', 'torch', 'pykeen'} & set(sys.modules)))"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"
+
+
+def test_the_environments_need_no_torch():
+    code = (
+        "import sys, wordcraft_kg, gymnasium as gym\n"
+        "gym.make('WordCraft-v0', graph='kitchen').reset(seed=0)\n"
+        "gym.make_vec('WordCraft-v0', num_envs=2, vectorization_mode='vector_entry_point', graph='kitchen').reset()\n"
+        "print(sorted({'torch', 'pykeen'} & set(sys.modules)))"
+    )
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"

@@ -23,7 +23,7 @@ def test_the_table_has_a_row_for_each_player_and_one_for_people(run):
     outcome = run("discover", "kitchen", *QUICK)
     assert outcome.code == 0, outcome.err
     rows = {line.split("  ")[0]: line for line in outcome.out.splitlines()}
-    assert rows["entities known after"].split()[-3:] == ["1", "10", "12"]
+    assert rows["entities known after"].split()[-4:] == ["1", "10", "12", "repeated"]
     for name in ("random", "random-no-repeat", "greedy", "empowerment"):
         assert re.search(r"\d\.\d", rows[name])
     assert "empowerment-scorer" not in rows

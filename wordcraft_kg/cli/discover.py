@@ -110,10 +110,13 @@ def _text(values: dict[str, Any]) -> list[str]:
         low, high = figures["low"], figures["high"]
         return f"{figures['mean']:.1f}" + (f" [{low:.1f}, {high:.1f}]" if low is not None and low < high else "")
 
-    rows = [["entities known after", *marks]]
-    rows += [[name, *(cell(figures[mark]) for mark in marks)] for name, figures in values["players"].items()]
+    rows = [["entities known after", *marks, "repeated"]]
+    rows += [
+        [name, *(cell(figures[mark]) for mark in marks), f"{figures[marks[-1]]['repeated']:.1%}"]
+        for name, figures in values["players"].items()
+    ]
     people = values["people"]
-    rows.append(["people, another game", *(f"{people[mark]:g}" if mark in people else "" for mark in marks)])
+    rows.append(["people, another game", *(f"{people[mark]:g}" if mark in people else "" for mark in marks), ""])
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     text = [
         f"{values['graph']}: {values['reachable']:,} of {values['entities']:,} entities reachable from "

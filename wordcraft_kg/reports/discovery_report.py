@@ -27,6 +27,15 @@ def discovery_page(values: dict[str, Any], curves: "pd.DataFrame") -> str:
     picture = charts.lines(
         series, "attempts", "entities known", "mean number of entities known after each attempt", legend_left=True
     )
+    repeats = curves.assign(repeated=curves.groupby(["player", "run"], sort=False)["repeated"].cumsum())
+    means = repeats.groupby(["player", "attempt"], sort=False)["repeated"].mean()
+    repeated = charts.lines(
+        {name: list(means[name].items()) for name in values["players"]},
+        "attempts",
+        "attempts repeated",
+        "mean number of attempts so far that combined a pair tried before",
+        legend_left=True,
+    )
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("wordcraft_kg.reports"),
         autoescape=True,
@@ -35,4 +44,4 @@ def discovery_page(values: dict[str, Any], curves: "pd.DataFrame") -> str:
         undefined=jinja2.StrictUndefined,
     )
     template = environment.get_template("discovery_report.html.j2")
-    return template.render(report=values, picture=picture, about=PLAYERS)
+    return template.render(report=values, picture=picture, repeated=repeated, about=PLAYERS)

@@ -1,15 +1,17 @@
 """The batched engine against the readable environment, step for step."""
 
+import itertools
 from itertools import product
 
 import numpy as np
 import pytest
 import torch
 
+from wordcraft_kg.agents.baselines import recipe_oracle
 from wordcraft_kg.envs.batch import OUTCOMES, BatchEngine
 from wordcraft_kg.envs.config import REWARDS, RewardConfig, WordCraftConfig
 from wordcraft_kg.envs.wordcraft import WordCraftEnv
-from wordcraft_kg.errors import ActionError, ConfigError
+from wordcraft_kg.errors import ActionError, ConfigError, EpisodeError
 from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_graph
 from wordcraft_kg.graphs.folder import OpenedGraph
 
@@ -112,13 +114,20 @@ def test_torch_arrays_give_the_same_as_numpy_arrays(kitchen_opened):
     one = BatchEngine(kitchen_opened, config, 16, seed=3)
     other = BatchEngine(kitchen_opened, config, 16, seed=3, device="torch:cpu")
     rng = np.random.default_rng(0)
-    for _ in range(150):
+    goals = 0
+    for turn in range(200):
         for name in ("goal", "table", "selection", "attempts_left", "task"):
             np.testing.assert_array_equal(getattr(other, name).numpy(), getattr(one, name))
-        actions = rng.integers(one.num_slots, size=16)
+        # The oracle, chance, and for a while nothing but empty slots, which end an episode a pick.
+        oracle = recipe_oracle(one, rng)
+        actions = np.where(rng.random(16) < 0.7, oracle, rng.integers(one.num_slots, size=16))
+        if turn % 50 > 25:
+            actions[:] = one.num_slots - 1
         a, b = one.step(actions), other.step(torch.from_numpy(actions))
         for name in ("reward", "over", "outcome", "by_plan", "illegal", "task"):
             np.testing.assert_allclose(getattr(b, name).numpy(), getattr(a, name), atol=1e-6)
+        goals += int((a.outcome == 1).sum())
+    assert goals > 50
 
 
 def episodes(engine, steps, rng_of):
@@ -194,16 +203,20 @@ def test_tables_hold_the_start_and_distractors_that_may_lie_there(kitchen_opened
         distractors = set(table) - start
         assert not distractors & (made | {goal})
         if part == "train":
-            near = set(table) | made
+            closure = set(start)
+            for _ in range(depth - 1):
+                pairs = itertools.combinations_with_replacement(sorted(closure), 2)
+                closure |= {result for pair in pairs for result in world.outcomes.get(pair, ())}
+            near = set(table) | closure
             for a, b in held_out.get(goal, []):
                 assert not ({a, b} <= near and {a, b} & distractors)
 
 
-@pytest.mark.parametrize("depth", [1, 2])
-def test_without_shortcuts_only_the_plans_make_the_goal(ambiguous, kitchen_opened, depth):
+@pytest.mark.parametrize(("depth", "attempts"), [(1, 1), (1, 2), (2, 2)])
+def test_without_shortcuts_only_the_plans_make_the_goal(ambiguous, kitchen_opened, depth, attempts):
     # The ambiguous graph is so dense that at depth 2 some goals have a shortcut with any distractors.
-    opened = ambiguous if depth == 1 else kitchen_opened
-    settings = {"part": "all", "num_distractors": 3, "distractor_policy": "no_shortcut", "num_tasks": 20}
+    opened = ambiguous if attempts == 1 else kitchen_opened
+    settings = {"part": "all", "num_distractors": 3, "distractor_policy": "no_shortcut", "max_attempts": attempts}
     for world, task, table in drawn_tables(opened, 500, depth=depth, **settings):
         start = world.tasks.starts[task].tolist()
         assert not world.has_shortcut(task, [entity for entity in table if entity not in start])
@@ -278,10 +291,70 @@ def test_a_posed_episode_ends_and_stays(kitchen_opened):
     assert results[1].over.all()
     assert (results[1].outcome == 1).all()
     assert results[1].by_plan.all()
-    table = engine.table.copy()
     np.testing.assert_array_equal(engine.task, tasks)
     assert not (engine.attempts_left > 0).any()
-    np.testing.assert_array_equal(engine.table, table)
+    with pytest.raises(EpisodeError, match="all episodes are over"):
+        engine.step_once(np.zeros(50, dtype=np.int64))
+
+
+def test_an_episode_that_is_over_stays_while_others_go_on(kitchen_opened):
+    engine = BatchEngine(kitchen_opened, WordCraftConfig(part="all", depth=2, num_distractors=3), 2, seed=0)
+    engine.pose(np.array([0, 1]))
+    empty = engine.num_slots - 1
+    for _ in range(2):  # the first environment loses both attempts, the second picks and picks
+        engine.step_once(np.array([empty, 0]))
+    assert (engine.attempts_left > 0).tolist() == [False, True]
+    before = engine.table[0].copy()
+    step = engine.step_once(np.array([0, 0]))
+    np.testing.assert_array_equal(engine.table[0], before)
+    assert not step.over[0]
+    assert not step.illegal[0]
+    assert engine.attempts_left[0] == 0
+
+
+@pytest.mark.parametrize("device", ["cpu", "torch:cpu"])
+def test_drawn_episodes_follow_posed_ones(kitchen_opened, device):
+    engine = BatchEngine(kitchen_opened, WordCraftConfig(num_distractors=3), 20, seed=0, device=device)
+    engine.pose(np.arange(20))
+    empty = engine._array(np.full(20, engine.num_slots - 1))
+    for _ in range(40):
+        assert bool(engine.step(empty).over.all())
+        for row, task in zip(np.asarray(engine.table).tolist(), engine.task.tolist(), strict=True):
+            entities = [entity for entity in row if entity < engine.nothing]
+            start = set(engine.world.tasks.starts[task].tolist()) - {engine.nothing}
+            assert start <= set(entities)
+            assert len(entities) == len(set(entities)) == len(start) + 3
+
+
+def test_a_reset_without_a_seed_goes_on(kitchen_opened):
+    one, other = (BatchEngine(kitchen_opened, WordCraftConfig(num_distractors=3), 30, seed=4) for _ in range(2))
+    first = one.table.copy()
+    one.reset()
+    assert (one.table != first).any()
+    other.step(np.full(30, other.num_slots - 1))  # ends the first episode of each
+    np.testing.assert_array_equal(one.table, other.table)
+    one.reset(4)
+    np.testing.assert_array_equal(one.table, first)
+
+
+def test_what_is_on_a_table_stands_first_however_many_are_drawn(kitchen_opened):
+    engine = BatchEngine(kitchen_opened, WordCraftConfig(part="all", num_distractors=4), 20_000, seed=0)
+    task = int(np.argmax(engine.world.tasks.starts[:, 1] == engine.nothing))
+    for episode in range(10):
+        engine.pose(np.full(20_000, task), episode)
+        there = engine.action_masks()
+        assert (there.sum(1) == 5).all()
+        assert there[:, :5].all()
+
+
+def test_large_tables_hold_each_entity_once():
+    rows = [(f"e{i:04d}", f"e{i + 1:04d}", f"e{i + 2:04d}") for i in range(1_300)]
+    opened = OpenedGraph(RecipeGraph.from_recipes(rows), None, "chain")
+    opened = OpenedGraph(opened.graph, make_split(opened.graph, SplitConfig()), "chain")
+    engine = BatchEngine(opened, WordCraftConfig(part="all", num_distractors=1_100), 2, seed=0)
+    for row in engine.table.tolist():
+        entities = [entity for entity in row if entity < engine.nothing]
+        assert len(entities) == len(set(entities)) == 1_102
 
 
 @pytest.mark.parametrize(
@@ -303,13 +376,18 @@ def test_actions_outside_the_space_are_refused_and_change_nothing(kitchen_opened
 
 def test_an_empty_slot_raises_where_asked(kitchen_opened):
     engine = BatchEngine(kitchen_opened, WordCraftConfig(illegal_action="raise"), 2)
-    with pytest.raises(ActionError, match="action 4 of environment 1: the slot is empty"):
+    with pytest.raises(
+        ActionError, match=r"action 4 of environment 1: the slot is empty; slots 0 to [12] hold entities"
+    ):
         engine.step(np.array([0, 4]))
 
 
 def test_no_environments_and_missing_devices_are_refused(kitchen_opened):
-    with pytest.raises(ConfigError, match="num_envs 0"):
-        BatchEngine(kitchen_opened, WordCraftConfig(), 0)
+    for wrong in (0, -1, 1.5, "2", None, True):
+        with pytest.raises(ConfigError, match=f"num_envs {wrong!r}: expected a whole number, 1 or more"):
+            BatchEngine(kitchen_opened, WordCraftConfig(), wrong)
+    with pytest.raises(ConfigError, match="seed -1: expected a whole number, 0 or more"):
+        BatchEngine(kitchen_opened, WordCraftConfig(), 1, seed=-1)
     if not torch.cuda.is_available():
         with pytest.raises(ConfigError, match="no CUDA device"):
             BatchEngine(kitchen_opened, WordCraftConfig(), 1, device="cuda")

@@ -232,16 +232,26 @@ def test_random_settings_and_actions_keep_every_rule(kitchen_opened, data):
         assert env.observation_space.contains(seen)
         np.testing.assert_array_equal(seen["action_mask"].astype(bool), env.action_masks())
         np.testing.assert_array_equal(seen["action_mask"] == 1, seen["table"] < env.world.padding)
-        known = {int(entity) for entity in seen["table"]} - {env.world.padding}
-        seen, reward, over, truncated, info = env.step(int(rng.integers(env.num_slots)))
-        fresh = {int(entity) for entity in seen["table"]} - {env.world.padding} - known
-        made = set(env.tasks.intermediates[info["task"]].tolist()) & fresh
-        allowed = {0, -rewards.wrong_pair_penalty, -rewards.irrelevant_penalty}
-        if fresh or info["outcome"] == "goal":
-            extra = rewards.intermediate_reward * len(made)
-            allowed |= {extra, extra + 1, extra - rewards.irrelevant_penalty}
-        assert any(reward == pytest.approx(value) for value in allowed)
-        assert reward >= 1 or info["outcome"] != "goal"
+        before = [entity for entity in seen["table"].tolist() if entity < env.world.padding]
+        goal, held = int(seen["goal"]), int(seen["selection"])
+        held = None if held == env.world.padding else held
+        action = int(rng.integers(env.num_slots))
+        seen, reward, over, truncated, info = env.step(action)
+        fresh = {int(entity) for entity in seen["table"]} - {env.world.padding} - set(before)
+        made = set(env.tasks.intermediates[info["task"]].tolist())
+        expected = float(info["outcome"] == "goal")
+        if held is not None and action < len(before):
+            pair = tuple(sorted((held, before[action])))
+            results = set(env.world.outcomes.get(pair, ()))
+            assert fresh == results - set(before)
+            expected += rewards.intermediate_reward * len(fresh & made)
+            if not results:
+                expected -= rewards.wrong_pair_penalty
+            elif not results & (made | {goal}):
+                expected -= rewards.irrelevant_penalty
+        else:
+            assert not fresh
+        assert reward == pytest.approx(expected)
         assert not truncated
         steps += 1
         assert over == (info["outcome"] != "in_progress")
@@ -257,8 +267,8 @@ def test_random_settings_and_actions_keep_every_rule(kitchen_opened, data):
 @pytest.mark.parametrize(
     ("changes", "error", "says"),
     [
-        ({"depth": 0}, ConfigError, "depth 0: expected a whole number, 1 to 6"),
-        ({"depth": 50}, ConfigError, "depth 50: expected a whole number, 1 to 6"),
+        ({"depth": 0}, ConfigError, "depth 0: expected a whole number, 1 to 5"),
+        ({"depth": 50}, ConfigError, "depth 50: expected a whole number, 1 to 5"),
         ({"depth": 1.5}, ConfigError, "depth 1.5"),
         ({"num_distractors": -1}, ConfigError, "num_distractors -1: expected a whole number, 0 or more"),
         ({"num_distractors": 80}, ConfigError, "num_distractors 80: kitchen has 80 entities"),
@@ -273,6 +283,9 @@ def test_random_settings_and_actions_keep_every_rule(kitchen_opened, data):
             "unexpected keyword argument 'distractors'; .* Did you mean 'num_distractors'",
         ),
         ({"render_mode": "human"}, ConfigError, "render_mode 'human': expected None or 'ansi'"),
+        ({"graph": None}, ConfigError, "graph None: expected a graph folder"),
+        ({"graph": 5}, ConfigError, "graph 5: expected a graph folder"),
+        ({"distractor_policy": "no_shortcut", "max_attempts": 20}, ConfigError, "max_attempts 20: distractor_policy"),
         ({"graph": "kitchn"}, RecipeFileError, "Did you mean 'kitchen'"),
         ({"graph": "tests"}, ArtefactError, "not a graph folder"),
     ],
@@ -283,9 +296,9 @@ def test_bad_settings_are_refused_by_name(changes, error, says):
 
 
 @pytest.mark.parametrize("name", ["wrong_pair_penalty", "irrelevant_penalty", "intermediate_reward"])
-@pytest.mark.parametrize("value", [-0.1, float("nan"), float("inf")])
+@pytest.mark.parametrize("value", [-0.1, float("nan"), float("inf"), "a", None])
 def test_rewards_are_magnitudes(name, value):
-    with pytest.raises(ConfigError, match=f"{name} {value}: expected a magnitude, 0 or more"):
+    with pytest.raises(ConfigError, match=f"{name} {value!r}: expected a magnitude, 0 or more"):
         RewardConfig(**{name: value})
 
 
@@ -312,9 +325,12 @@ def test_steps_before_a_reset_and_after_the_end_raise(kitchen_opened):
     ("options", "error", "says"),
     [
         ({"tsk": 1}, ConfigError, "no reset option 'tsk'"),
-        ({"task": 10**6}, ConfigError, "task 1000000: expected 0 to"),
+        ({"task": 10**6}, ConfigError, "task 1000000: expected a whole number, 0 to"),
+        ({"task": "a"}, ConfigError, "task 'a': expected a whole number, 0 to"),
+        ({"table": []}, ConfigError, "a table of 0 entities: expected 1 to"),
+        ({"table": ["flour", "flour"]}, ConfigError, "holds an entity twice"),
         ({"table": ["flour", "wat"]}, UnknownEntityError, "no entity 'wat'"),
-        ({"table": ["flour"] * 50}, ConfigError, "a table of 50 entities leaves no room"),
+        ({"table": ["flour"] * 50}, ConfigError, "a table of 50 entities: expected 1 to"),
     ],
 )
 def test_bad_reset_options_are_refused(kitchen_opened, options, error, says):

@@ -59,10 +59,15 @@ def test_vector_observations_are_never_changed_later():
         np.testing.assert_array_equal(value, copy[key])
 
 
-def test_one_seed_decides_all_streams_and_a_reset_without_one_goes_back_to_their_start():
+def test_one_seed_decides_all_streams_and_a_reset_without_one_goes_on():
     one, other = vector(), vector()
-    np.testing.assert_array_equal(one.reset(seed=4)[0]["table"], other.reset(seed=4)[0]["table"])
-    assert (one.reset(seed=5)[0]["table"] != other.reset(seed=4)[0]["table"]).any()
+    first = one.reset(seed=4)[0]["table"]
+    np.testing.assert_array_equal(first, other.reset(seed=4)[0]["table"])
+    assert (one.reset(seed=5)[0]["table"] != first).any()
+    one.reset(seed=4)
+    second = one.reset()[0]["table"]
+    assert (second != first).any()
+    np.testing.assert_array_equal(second, other.reset()[0]["table"])
 
 
 @pytest.mark.parametrize(
@@ -71,6 +76,7 @@ def test_one_seed_decides_all_streams_and_a_reset_without_one_goes_back_to_their
         (lambda envs: envs.step(np.zeros(5, dtype=np.int64)), EpisodeError, "call reset"),
         (lambda envs: envs.reset(seed=[1, 2, 3, 4, 5]), ConfigError, "one seed is enough"),
         (lambda envs: envs.reset(options={"task": 1}), ConfigError, "no reset option 'task'"),
+        (lambda envs: envs.reset(seed=-1), ConfigError, "seed -1: expected a whole number, 0 or more"),
     ],
 )
 def test_the_vector_environment_refuses_what_it_cannot_do(call, error, says):
@@ -117,6 +123,16 @@ def test_scores_are_the_scorers_and_zero_for_nothing(scorer):
         if over:
             seen, _ = env.reset()
     assert held_something
+
+
+def test_features_and_scores_go_together_in_one_order(scorer):
+    vectors = np.ones((80, 3))
+    both = FeatureObservation(KGScoreObservation(gym.make("WordCraft-v0", **SETTINGS), scorer), vectors)
+    seen, _ = both.reset(seed=0)
+    assert both.observation_space.contains(seen)
+    assert {"u", "v", "action_mask"} < set(seen)
+    with pytest.raises(ConfigError, match="this wrapper needs ids"):
+        KGScoreObservation(FeatureObservation(gym.make("WordCraft-v0", **SETTINGS), vectors), scorer)
 
 
 def test_batched_scores_are_the_single_ones(scorer):

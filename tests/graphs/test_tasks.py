@@ -395,8 +395,8 @@ def test_the_two_weightings_draw_differently():
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        ({"depth": 0}, "depth 0: expected 1 to 6 attempts"),
-        ({"depth": 7}, "depth 7: expected 1 to 6 attempts"),
+        ({"depth": 0}, "depth 0: expected 1 to 5 attempts"),
+        ({"depth": 7}, "depth 7: expected 1 to 5 attempts"),
         ({"part": "tests"}, "no part 'tests'; there are all, train, valid, test"),
         ({"part": "test"}, "the part 'test' needs a split"),
         ({"part": "train", "split": BRANCHED_SPLIT}, "the split belongs to another graph"),

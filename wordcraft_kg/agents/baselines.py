@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from wordcraft_kg.agents.intervals import wilson_interval
 from wordcraft_kg.envs.batch import GOAL, BatchEngine
-from wordcraft_kg.envs.config import WordCraftConfig
+from wordcraft_kg.envs.config import WordCraftConfig, whole
+from wordcraft_kg.envs.world import World
 from wordcraft_kg.errors import ConfigError, GraphMismatchError
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.protocols import TripleScorer
@@ -34,7 +35,8 @@ def random_entity(engine: BatchEngine, rng: np.random.Generator) -> Ids:
 def random_distinct(engine: BatchEngine, rng: np.random.Generator) -> Ids:
     """Pick any entity on the table, the second time another one."""
     others = engine.action_masks() & (engine.table != engine.selection[:, None])
-    return _best(np.where(others, 0.0, -np.inf), rng)
+    # Where there is no other one, the same again.
+    return _best(np.where(others, 1.0, np.where(engine.action_masks(), 0.0, -np.inf)), rng)
 
 
 def recipe_oracle(engine: BatchEngine, rng: np.random.Generator) -> Ids:
@@ -191,9 +193,9 @@ def play_all(
         95 % Wilson interval ``low`` and ``high``, and ``by_plan``, the share won with a plan's last pair.
     """
     rows: list[dict[str, Any]] = []
-    for amount in distractors:
-        engine = BatchEngine(opened, replace(config, num_distractors=amount), 1, seed=seed)
-        tasks = np.arange(len(engine.world.tasks))
+    whole("seed", seed, 0)
+    for amount in dict.fromkeys(distractors):
+        tasks = np.arange(len(World(opened, replace(config, num_distractors=amount)).tasks))
         engine = BatchEngine(opened, replace(config, num_distractors=amount), len(tasks), seed=seed)
         for name, player in players.items():
             won = by_plan = 0

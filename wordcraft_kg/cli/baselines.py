@@ -67,9 +67,12 @@ def _numbers(values: list[str]) -> list[int]:
     from wordcraft_kg.errors import ConfigError
 
     try:
-        return [int(value) for value in split_labels(values)]
+        numbers = list(dict.fromkeys(int(value) for value in split_labels(values)))
     except ValueError:
-        raise ConfigError(f"--distractors {','.join(values)}: expected whole numbers, such as 1,2,8.") from None
+        numbers = []
+    if not numbers:
+        raise ConfigError(f"--distractors '{','.join(values)}': expected whole numbers, such as 1,2,8.")
+    return numbers
 
 
 def _text(rows: list[dict[str, Any]], amounts: list[int], part: str, depth: int) -> list[str]:

@@ -47,7 +47,7 @@ def play(
 
     Args:
         graph: graph folder, recipe book or known book's name.
-        depth: attempts that a task takes at least, 1 to 6.
+        depth: attempts that a task takes at least, 1 to 5.
         distractors: entities on the table that no plan needs. Default: 4; with a protocol 8.
         part: whose tasks.
         attempts: attempts in an episode. Default: depth.
@@ -73,7 +73,7 @@ def play(
     else:
         if out is None:
             raise ConfigError("--protocol paper: say where the answers go, with --out human.jsonl.")
-        if (depth, part, attempts or 1, episodes) != (1, "all", 1, 0):
+        if (depth, part, attempts in (None, 1), episodes) != (1, "all", True, 0):
             raise ConfigError("--protocol paper fixes depth, part, attempts and episodes; leave these options out.")
         session = _play_protocol(terminal, graph, 8 if distractors is None else distractors, seed, out)
         output.result(*_protocol_result(session, out))

@@ -30,7 +30,7 @@ def tasks(
 
     Args:
         graph: graph folder, recipe book or known book's name.
-        depth: attempts that a task takes at least, 1 to 6.
+        depth: attempts that a task takes at least, 1 to 5.
         distractors: entities on the table that no plan needs.
         part: train (all plans use train recipes only), test (each uses a test recipe), valid, or all.
         limit: how many tasks to show; 0 only counts them.

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from wordcraft_kg.envs.config import WordCraftConfig
+from wordcraft_kg.envs.config import WordCraftConfig, whole
 from wordcraft_kg.envs.world import GraphLike, World
 from wordcraft_kg.errors import ActionError, ConfigError, EpisodeError
 
@@ -31,9 +31,7 @@ DENSE_LIMIT = 4_096
 CHUNK = 8_192
 """Tables that are drawn in one piece on the CPU."""
 LAST_31_BITS = 0x7FFFFFFF
-INDEX_BITS = 1023
-"""Room for the index of a table's entity where tables are shuffled; a power of two less one."""
-GUARD_BITS = 31
+GUARD_BITS = 15
 _LOW = (1 << GUARD_BITS) - 1
 _STRIDE = -7046029254386353131  # 2**64 / golden ratio: keys that far apart hash independently
 
@@ -91,9 +89,7 @@ class BatchEngine:
         Raises:
             ConfigError: for no environments, or a device that is not there.
         """
-        if num_envs < 1:
-            raise ConfigError(f"num_envs {num_envs}: expected 1 or more.")
-        self.num_envs = num_envs
+        self.num_envs = whole("num_envs", num_envs, 1)
         self.world = World(graph, config)
         self.config = config
         self.xp: Any = np
@@ -105,8 +101,8 @@ class BatchEngine:
                 raise ConfigError(f"device '{device}': torch finds no CUDA device here; use cpu.")
             self.xp = torch
         self._prepare_tables()
-        self._rows = self._array(np.arange(num_envs))
-        self._ahead = AHEAD if num_envs <= MANY else AHEAD_OF_MANY
+        self._rows = self._array(np.arange(self.num_envs))
+        self._ahead = AHEAD if self.num_envs <= MANY else AHEAD_OF_MANY
         self.reset(seed)
 
     # --- arrays of either kind ---------------------------------------------------------------------------------------
@@ -137,6 +133,7 @@ class BatchEngine:
         made = tasks.intermediates if tasks.intermediates.shape[1] else np.full((len(tasks), 1), nothing)
         self._made = self._array(made)
         self._made_short = self._array(made.astype(np.int32))
+        self._near_short = self._array(np.concatenate([tasks.starts, world.makeable], axis=1).astype(np.int32))
         self._finals = self._array(tasks.final_pairs)
         # Results of each pair, and of no pair in a last row.
         starts, sizes = graph.pair_starts[:-1], np.diff(graph.pair_starts)
@@ -164,7 +161,7 @@ class BatchEngine:
         """Prepare the recipes that no distractor may complete: for each goal and entity, in which of them it stands.
 
         Bit k of a cell (goal, entity) says that the entity is the first ingredient of the goal's k-th guarded recipe,
-        bit k + 31 that it is the second. A goal with more than 31 of them has further tables. Rows are there for
+        bit k + 15 that it is the second. A goal with more than 15 of them has further tables. Rows are there for
         guarded goals only; row 0 is empty.
         """
         world = self.world
@@ -173,7 +170,7 @@ class BatchEngine:
         tables = -(-int(counts.max()) // GUARD_BITS) if len(goals) else 0
         row_of = np.zeros(self.nothing + 1, dtype=np.int64)
         row_of[goals] = np.arange(1, len(goals) + 1)
-        masks = np.zeros((tables, len(goals) + 1, self.nothing + 1), dtype=np.int64)
+        masks = np.zeros((tables, len(goals) + 1, self.nothing + 1), dtype=np.int32)
         seen = np.zeros(len(goals) + 1, dtype=np.int64)
         for a, b, goal in recipes.tolist():
             row = row_of[goal]
@@ -208,16 +205,21 @@ class BatchEngine:
     # --- episodes ----------------------------------------------------------------------------------------------------
 
     def reset(self, seed: int | None = None) -> None:
-        """Begin episode 0 of every environment; ``seed`` None keeps the last one."""
+        """Begin an episode in every environment: number 0 of a seed's, or with None the next one.
+
+        Raises:
+            ConfigError: for a negative seed.
+        """
         if seed is not None:
-            key = np.random.SeedSequence(seed).generate_state(1, np.uint64).view(np.int64)
-            self._env_keys = self._mixed(self._array(np.arange(self.num_envs) * _STRIDE + key))
-        self._blank()
+            words = np.random.SeedSequence(whole("seed", seed, 0)).generate_state(1, np.uint64)
+            self._env_keys = self._mixed(self._array(np.arange(self.num_envs) * _STRIDE + words.view(np.int64)))
+            self._blank()
         self._prepare(self._rows)
         self._begin(self._rows)
+        self._steps_since = 1
 
     def pose(self, tasks: Array, episode: int = 0) -> None:
-        """Begin given tasks, one in each environment, for evaluation.
+        """Begin given tasks, one in each environment, for evaluation; :meth:`step` goes on with drawn ones.
 
         The distractors depend on the seed, the environment's number, ``episode`` and the task only.
 
@@ -229,6 +231,11 @@ class BatchEngine:
         self._episode = self._full((self.num_envs,), episode)
         tasks = self._array(np.asarray(tasks, dtype=np.int64)) if isinstance(tasks, list | np.ndarray) else tasks
         self._place(self._rows, self._tables(self._keys(self._rows, self._episode), tasks), tasks)
+        self._episode += 1
+        # What comes next is drawn when it is needed; on a device, where nobody asks whether, at once.
+        self._next = self._full((self.num_envs,), self._ahead)
+        if self.xp is not np:
+            self._prepare(self._rows)
 
     def _blank(self) -> None:
         # One column more than slots: where a result that is not new goes when the table is full.
@@ -270,13 +277,13 @@ class BatchEngine:
             self._prepare(rows[spent])
             which = self._next[rows]
         tables, tasks = self._ahead_table[rows, which], self._ahead_task[rows, which]
-        self._place(rows, self._cast(tables, "int64"), self._cast(tasks, "int64"))
+        self._place(rows, tables, self._cast(tasks, "int64"))
         self._next[rows] += 1
         self._episode[rows] += 1
 
     def _place(self, rows: Array, tables: Array, tasks: Array) -> None:
         width = tables.shape[1]
-        self._wide[rows, :width] = tables
+        self._wide[rows, :width] = self._cast(tables, "int64")
         self._wide[rows, width:] = self.nothing
         self.task[rows] = tasks
         self.goal[rows] = self._goals[tasks]
@@ -290,13 +297,14 @@ class BatchEngine:
         rows = starts
         if self.config.num_distractors:
             rows = self.xp.concatenate([starts, self._distractors(keys, tasks, starts)])
-        # Sort by random numbers with the row's index in the last bits; what is nothing gets the largest.
+        # Sort by random numbers with the row's index in the last bits; what is nothing gets larger ones.
+        last = (1 << (len(rows) - 1).bit_length()) - 1
         index = self._array(np.arange(len(rows)))[:, None]
-        order = self.xp.where(rows == self.nothing, LAST_31_BITS, self._numbers(keys, 1 << 20, len(rows)))
-        order = self._cast((order & ~INDEX_BITS) + index, "int32").T
+        order = self.xp.where(rows == self.nothing, LAST_31_BITS, self._numbers(keys, 1 << 20, len(rows)) >> 1)
+        order = self._cast((order & ~last) + index, "int32").T
         if self.xp is np:
-            return np.take_along_axis(rows.T, np.sort(order, axis=1) & INDEX_BITS, axis=1)
-        return rows.T.gather(1, self._cast(self.xp.sort(order, dim=1).values & INDEX_BITS, "int64"))
+            return np.take_along_axis(rows.T, np.sort(order, axis=1) & last, axis=1)
+        return rows.T.gather(1, self._cast(self.xp.sort(order, dim=1).values & last, "int64"))
 
     def _distractors(self, keys: Array, tasks: Array, starts: Array) -> Array:
         """Draw distractors by weight without replacement: candidates one after the other, skipping what may not be.
@@ -319,7 +327,7 @@ class BatchEngine:
                 drawn[:, again] = picked
                 amount *= 4
                 again = again[picked[-1] == self.nothing] if amount < 2**11 * wanted else again[:0]
-        if self.config.distractor_policy == "no_shortcut" and self.config.depth > 1:
+        if self.config.distractor_policy == "no_shortcut" and self.config.attempts > 1:
             self._avoid_shortcuts(keys, tasks, taken, drawn)
         return drawn
 
@@ -335,29 +343,29 @@ class BatchEngine:
                 clash |= candidates[i] == taken[j]
             for j in range(i):
                 clash |= candidates[i] == candidates[j]
-        return clash | self._at_risk(candidates, tasks, taken)
+        return clash | self._at_risk(candidates, tasks)
 
-    def _at_risk(self, candidates: Array, tasks: Array, taken: Array) -> Array:
+    def _at_risk(self, candidates: Array, tasks: Array) -> Array:
         """Return which rows could complete a guarded recipe if all their candidates lay there, shape (R,)."""
         risk = self._full((candidates.shape[1],), 0, "bool")
-        base = self._guard_base[tasks]
+        base, near = self._guard_base[tasks], self._near_short[tasks].T
         for guard in self._guards:
             stands = guard[base + candidates[0]]
             for i in range(1, len(candidates)):
                 stands |= guard[base + candidates[i]]
             there = stands != 0
-            for j in range(1, len(taken)):
-                stands |= guard[base + taken[j]]
+            for j in range(len(near)):
+                stands |= guard[base + near[j]]
             risk |= there & ((stands & (stands >> GUARD_BITS) & _LOW) != 0)
         return risk
 
-    def _guarded(self, candidates: Array, allowed: Array, tasks: Array, taken: Array) -> Array:
-        """Refuse candidates that complete a guarded recipe of the goal with what lies there or will be made."""
-        base = self._guard_base[tasks]
+    def _guarded(self, candidates: Array, allowed: Array, tasks: Array) -> Array:
+        """Refuse candidates that complete a guarded recipe of the goal with the start or what can be made of it."""
+        base, near = self._guard_base[tasks], self._near_short[tasks].T
         for guard in self._guards:
-            stands = guard[base + taken[1]]
-            for j in range(2, len(taken)):
-                stands = stands | guard[base + taken[j]]
+            stands = guard[base + near[0]]
+            for j in range(1, len(near)):
+                stands = stands | guard[base + near[j]]
             for i in range(len(candidates)):
                 both = stands | guard[base + candidates[i]]
                 # Recipes that are complete with this candidate and were not without it.
@@ -377,10 +385,10 @@ class BatchEngine:
         for i in range(1, amount):
             allowed[i] &= ~(candidates[:i] == candidates[i][None, :]).any(0)
         # Few rows can complete a guarded recipe at all; only those are followed candidate by candidate.
-        rows = self._at_risk(candidates, tasks, taken)
+        rows = self._at_risk(candidates, tasks)
         rows = rows.nonzero()[0] if xp is np else self._array(np.arange(len(keys)))
         if self._guards and len(rows):
-            allowed[:, rows] = self._guarded(candidates[:, rows], allowed[:, rows], tasks[rows], taken[:, rows])
+            allowed[:, rows] = self._guarded(candidates[:, rows], allowed[:, rows], tasks[rows])
         place = xp.cumsum(self._cast(allowed, "int64"), 0) - 1
         place = xp.where(allowed & (place < wanted), place, wanted)
         drawn = self._full((wanted + 1, len(keys)), self.nothing, "int32")
@@ -443,7 +451,10 @@ class BatchEngine:
         empty = picked == nothing
         if self.config.illegal_action == "raise" and bool((empty & running).any()):
             env = int((empty & running).nonzero()[0][0])
-            raise ActionError(f"action {int(actions[env])} of environment {env}: the slot is empty.")
+            raise ActionError(
+                f"action {int(actions[env])} of environment {env}: the slot is empty; slots 0 to "
+                f"{int(self._count[env]) - 1} hold entities."
+            )
         second = self.selection != nothing
         # Nothing in hand, or nothing picked, makes nothing: the tables have a row for that.
         pair = self.pairs(self.selection, picked)

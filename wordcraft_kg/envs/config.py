@@ -1,5 +1,6 @@
 """Settings of the crafting environments."""
 
+import operator
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any, Literal, get_args
@@ -13,6 +14,22 @@ DistractorWeighting = Literal["use", "uniform"]
 DistractorPolicy = Literal["any", "no_shortcut"]
 Ambiguity = Literal["all", "last"]
 IllegalAction = Literal["waste", "raise"]
+
+
+def whole(name: str, value: Any, low: int, high: int | None = None) -> int:
+    """Return a whole number of any integer type.
+
+    Raises:
+        ConfigError: if it is none, or outside its range.
+    """
+    allowed = f"{low} or more" if high is None else f"{low} to {high}"
+    try:
+        number = operator.index(value)
+    except TypeError:
+        number = low - 1
+    if isinstance(value, bool) or number < low or (high is not None and number > high):
+        raise ConfigError(f"{name} {value!r}: expected a whole number, {allowed}.")
+    return number
 
 
 @dataclass(frozen=True)
@@ -32,8 +49,8 @@ class RewardConfig:
     def __post_init__(self) -> None:
         for entry in fields(self):
             value = getattr(self, entry.name)
-            if not 0 <= value < float("inf"):
-                raise ConfigError(f"{entry.name} {value}: expected a magnitude, 0 or more.")
+            if not isinstance(value, int | float) or not 0 <= value < float("inf"):
+                raise ConfigError(f"{entry.name} {value!r}: expected a magnitude, 0 or more.")
 
 
 REWARDS = {"sparse": RewardConfig(), "official": RewardConfig(0.1, 0.1, 1.0)}
@@ -46,7 +63,7 @@ class WordCraftConfig:
 
     Attributes:
         part: tasks of ``train``, ``valid``, ``test`` or ``all``.
-        depth: attempts that a task takes at least, 1 to 6.
+        depth: attempts that a task takes at least, 1 to 5.
         num_distractors: entities on the table that no plan needs.
         max_attempts: attempts in an episode; None takes ``depth``.
         reward: a preset's name (``sparse``, ``official``) or a :class:`RewardConfig`.
@@ -96,8 +113,14 @@ class WordCraftConfig:
         if not isinstance(rewards, RewardConfig):
             self._one_of("reward", tuple(REWARDS))
             rewards = REWARDS[rewards]
+        attempts = self.max_attempts or self.depth
+        if self.distractor_policy == "no_shortcut" and attempts > MAX_DEPTH:
+            raise ConfigError(
+                f"max_attempts {attempts}: distractor_policy 'no_shortcut' searches all ways of that many attempts; "
+                f"expected at most {MAX_DEPTH}."
+            )
         object.__setattr__(self, "rewards", rewards)
-        object.__setattr__(self, "attempts", self.max_attempts or self.depth)
+        object.__setattr__(self, "attempts", attempts)
 
     @classmethod
     def of(cls, settings: Mapping[str, Any]) -> "WordCraftConfig":
@@ -116,10 +139,7 @@ class WordCraftConfig:
         return cls(**settings)
 
     def _whole(self, name: str, low: int, high: int | None) -> None:
-        value = getattr(self, name)
-        if isinstance(value, bool) or not isinstance(value, int) or value < low or (high is not None and value > high):
-            allowed = f"{low} or more" if high is None else f"{low} to {high}"
-            raise ConfigError(f"{name} {value!r}: expected a whole number, {allowed}.")
+        object.__setattr__(self, name, whole(name, getattr(self, name), low, high))
 
     def _one_of(self, name: str, allowed: tuple[str, ...]) -> None:
         value = getattr(self, name)

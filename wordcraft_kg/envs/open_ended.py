@@ -36,6 +36,8 @@ class Discovery:
             ConfigError: if an entity of the base is unknown, or nothing can be made from the base.
         """
         try:
+            if isinstance(base, str):  # one label, not its letters
+                base = [base]
             ids = graph.base_ids.tolist() if base is None else {graph.id_of(entity) for entity in base}
         except UnknownEntityError as error:
             raise ConfigError(f"base: {error}") from None

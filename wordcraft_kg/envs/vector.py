@@ -44,26 +44,26 @@ class WordCraftVectorEnv(VectorEnv[Arrays, Any, Any]):
         if render_mode is not None:
             raise ConfigError(f"render_mode {render_mode!r}: many environments are not rendered; expected None.")
         self.render_mode = None
-        self.num_envs = num_envs
         self.config = WordCraftConfig.of(settings)
         self.engine = BatchEngine(graph, self.config, num_envs)
+        self.num_envs = self.engine.num_envs
         world = self.engine.world
         self.metadata = {**WordCraftEnv.metadata, "autoreset_mode": AutoresetMode.SAME_STEP}
         self.single_observation_space = observation_space(world.padding, world.num_slots, self.config.attempts)
         self.single_action_space = WordCraftEnv.space_of_actions(world.num_slots)
-        self.observation_space = batch_space(self.single_observation_space, num_envs)
-        self.action_space = batch_space(self.single_action_space, num_envs)
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+        self.action_space = batch_space(self.single_action_space, self.num_envs)
         self._has_begun = False
 
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Arrays, dict[str, Any]]:
-        """Begin all environments anew; one seed gives each a stream of its own.
+        """Begin all environments anew; one seed gives each a stream of its own, and none goes on with it.
 
         Raises:
             ConfigError: for a list of seeds, or options.
         """
-        if seed is not None and not isinstance(seed, int | np.integer):
+        if isinstance(seed, list | tuple | np.ndarray):
             raise ConfigError("one seed is enough: each environment draws from a stream of its own. Pass an integer.")
         if options:
             raise ConfigError(
@@ -71,7 +71,7 @@ class WordCraftVectorEnv(VectorEnv[Arrays, Any, Any]):
             )
         if seed is None and not self._has_begun:
             seed = int(np.random.SeedSequence().generate_state(1)[0])
-        self.engine.reset(None if seed is None else int(seed))
+        self.engine.reset(seed)
         self._has_begun = True
         zeros = np.zeros(self.num_envs, dtype=bool)
         return self._observations(), self._infos(np.zeros(self.num_envs, np.int8), zeros, zeros, self.engine.task)

@@ -2,6 +2,7 @@
 
 import operator
 from bisect import bisect_right
+from collections.abc import Iterable
 from itertools import accumulate
 from typing import Any
 
@@ -10,9 +11,10 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from wordcraft_kg.envs.config import WordCraftConfig
+from wordcraft_kg.envs.config import WordCraftConfig, whole
 from wordcraft_kg.envs.world import GraphLike, World
 from wordcraft_kg.errors import ActionError, ConfigError, EpisodeError
+from wordcraft_kg.graphs.recipe_graph import Entity
 from wordcraft_kg.graphs.tasks import Task
 
 Observation = dict[str, Any]
@@ -64,7 +66,8 @@ class WordCraftEnv(gym.Env[Observation, Any]):
 
     ## Starting state
     A task of the part, and distractors drawn without replacement. Goal, starting ingredients and intermediates of the
-    task's plans are never distractors. In the train part no distractor completes a held-out recipe of the goal.
+    task's plans are never distractors. In the train part no distractor completes a held-out recipe of the goal with
+    the starting ingredients or what can be made of them.
     ``reset(options={"task": 3})`` poses a given task of ``tasks``; ``"table"`` sets the entities of the first slots,
     by id or label.
 
@@ -109,9 +112,9 @@ class WordCraftEnv(gym.Env[Observation, Any]):
         self._task_ends = list(accumulate(self.tasks.weights(self.config.task_weighting).tolist()))
         self._uniform: list[float] = []
         self._guarded = self._guarded_pairs()
-        self._goals, self._starts, self._made = (
+        self._goals, self._starts, self._made, self._makeable = (
             [[entity for entity in row if entity != self._nothing] for row in rows.tolist()]
-            for rows in (self.tasks.goals[:, None], self.tasks.starts, self.tasks.intermediates)
+            for rows in (self.tasks.goals[:, None], self.tasks.starts, self.tasks.intermediates, self.world.makeable)
         )
         pairs = self.world.graph.recipes[self.world.graph.pair_starts[:-1], :2].tolist()
         self._last_pairs = [{tuple(pairs[i]) for i in row if i >= 0} for row in self.tasks.final_pairs.tolist()]
@@ -135,16 +138,14 @@ class WordCraftEnv(gym.Env[Observation, Any]):
         unknown = set(options) - {"task", "table"}
         if unknown:
             raise ConfigError(f"no reset option '{min(unknown)}'; there are task and table.")
-        self.task_index = self._draw_task() if "task" not in options else self._checked_task(options["task"])
-        self._goal = self._goals[self.task_index][0]
-        if "table" in options:
-            self._table = [self.world.graph.id_of(entity) for entity in options["table"]]
-            if len(self._table) > self.num_slots - self.world.max_results * self.config.attempts:
-                raise ConfigError(f"a table of {len(self._table)} entities leaves no room for what is made.")
-        else:
-            start = self._starts[self.task_index]
-            self._table = [*start, *self._draw_distractors(start)]
-            self._shuffle(self._table)
+        index = self._draw_task() if "task" not in options else whole("task", options["task"], 0, len(self.tasks) - 1)
+        table = self._checked_table(options["table"]) if "table" in options else None
+        self.task_index, self._goal = index, self._goals[index][0]
+        if table is None:
+            start = self._starts[index]
+            table = [*start, *self._draw_distractors(start)]
+            self._shuffle(table)
+        self._table = table
         self._selection = self._nothing
         self._attempts_left = self.config.attempts
         self._outcome = "in_progress"
@@ -220,11 +221,14 @@ class WordCraftEnv(gym.Env[Observation, Any]):
             raise ActionError(f"action {slot}: expected 0 to {self.num_slots - 1}, a slot of the table.")
         return slot
 
-    def _checked_task(self, task: Any) -> int:
-        index = operator.index(task)
-        if not 0 <= index < len(self.tasks):
-            raise ConfigError(f"task {index}: expected 0 to {len(self.tasks) - 1}.")
-        return index
+    def _checked_table(self, table: Iterable[Entity]) -> list[int]:
+        ids = [self.world.graph.id_of(entity) for entity in table]
+        most = self.num_slots - self.world.max_results * self.config.attempts
+        if not 1 <= len(ids) <= most:
+            raise ConfigError(f"a table of {len(ids)} entities: expected 1 to {most}, so that what is made has room.")
+        if len(set(ids)) < len(ids):
+            raise ConfigError("a table that holds an entity twice: expected different ones.")
+        return ids
 
     # --- starting state ----------------------------------------------------------------------------------------------
 
@@ -245,7 +249,7 @@ class WordCraftEnv(gym.Env[Observation, Any]):
 
     def _draw_distractors(self, start: list[int]) -> list[int]:
         drawn = self._draw_once(start)
-        if self.config.distractor_policy == "no_shortcut" and self.config.depth > 1:
+        if self.config.distractor_policy == "no_shortcut" and self.config.attempts > 1:
             tries = 0
             while self.world.has_shortcut(self.task_index, drawn):
                 tries += 1
@@ -256,8 +260,8 @@ class WordCraftEnv(gym.Env[Observation, Any]):
     def _draw_once(self, start: list[int]) -> list[int]:
         """Draw distractors one after the other by their weights, skipping what may not lie on this table."""
         guarded = self._guarded.get(self._goal, ())
-        near = {*start, *self._made[self.task_index]}
-        taken = {self._goal, self._nothing, *near}
+        taken = {self._goal, self._nothing, *start, *self._made[self.task_index]}
+        near = {*start, *self._makeable[self.task_index]}
         drawn: list[int] = []
         ends, total = self._weight_ends, self._weight_ends[-1]
         while len(drawn) < self.config.num_distractors and len(taken) <= self._nothing:

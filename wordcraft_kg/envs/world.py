@@ -1,6 +1,7 @@
 """What the readable and the batched environment have in common: tasks, outcomes of pairs, distractors, sizes."""
 
 from functools import cached_property
+from itertools import combinations_with_replacement
 from pathlib import Path
 
 import numpy as np
@@ -9,9 +10,9 @@ from numpy.typing import NDArray
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.errors import ConfigError
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
-from wordcraft_kg.graphs.recipe_graph import Ids, RecipeGraph
+from wordcraft_kg.graphs.recipe_graph import Ids, RecipeGraph, frozen
 from wordcraft_kg.graphs.splits import PARTS, SplitConfig, make_split
-from wordcraft_kg.graphs.tasks import TaskSet, all_ways, make_tasks
+from wordcraft_kg.graphs.tasks import TaskSet, all_ways, make_tasks, padded
 
 GraphLike = str | Path | RecipeGraph | OpenedGraph
 """A graph folder, a book's file or name, a graph (split by recipe with the default settings), or an opened graph."""
@@ -23,6 +24,10 @@ def open_world_graph(graph: GraphLike) -> OpenedGraph:
         return graph
     if isinstance(graph, RecipeGraph):
         return OpenedGraph(graph, make_split(graph, SplitConfig()), graph.name)
+    if not isinstance(graph, str | Path):
+        raise ConfigError(
+            f"graph {graph!r}: expected a graph folder, a book's file or name, a RecipeGraph or an OpenedGraph."
+        )
     return open_graph(graph)
 
 
@@ -103,6 +108,25 @@ class World:
         if self.config.part == "train":
             return np.asarray(self.split.parts != PARTS.index("train"))
         return np.zeros(self.graph.num_recipes, dtype=bool)
+
+    @cached_property
+    def makeable(self) -> Ids:
+        """What can be made of each task's start in all attempts but the last, shape (N, W), padded.
+
+        Only where recipes are guarded; a distractor must not complete one with any of it.
+        """
+        rows: list[list[int]] = []
+        for start in self.tasks.starts.tolist() if self.guarded_recipes.any() else [[]] * len(self.tasks):
+            there = {entity for entity in start if entity < self.padding}
+            made: set[int] = set()
+            for _ in range(self.config.attempts - 1):
+                pairs = combinations_with_replacement(sorted(there | made), 2)
+                more = {result for pair in pairs for result in self.outcomes.get(pair, ())} - there - made
+                if not more:
+                    break
+                made |= more
+            rows.append(sorted(made))
+        return frozen(padded(rows, self.padding))
 
     def has_shortcut(self, task: int, distractors: list[int]) -> bool:
         """Return whether distractors open a way to the goal, within an episode's attempts, that would not be there."""

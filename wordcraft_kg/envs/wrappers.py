@@ -20,8 +20,8 @@ ID_KEYS = ("goal", "selection", "table")
 class FeatureObservation(gym.ObservationWrapper[dict[str, Any], Any, dict[str, Any]]):
     """Replaces the ids by entity vectors, for libraries that want boxes of floats; nothing is a vector of zeros.
 
-    ``goal`` and ``selection`` have shape (D,), ``table`` (num_slots, D), ``attempts_left`` is a float (1,);
-    ``action_mask`` stays.
+    ``goal`` and ``selection`` have shape (D,), ``table`` (num_slots, D), ``attempts_left`` is a float (1,); what else
+    there is stays.
     """
 
     def __init__(self, env: gym.Env[Any, Any], vectors: NDArray[np.floating[Any]]):
@@ -41,13 +41,14 @@ class FeatureObservation(gym.ObservationWrapper[dict[str, Any], Any, dict[str, A
         boxes: dict[str, spaces.Space[Any]] = {
             key: spaces.Box(-np.inf, np.inf, shape, np.float32) for key, shape in shapes.items()
         }
-        self.observation_space = spaces.Dict({**boxes, "action_mask": spaces.MultiBinary(world.num_slots)})
+        known = _id_spaces(env)
+        self.observation_space = spaces.Dict({**known, **boxes})
 
     def observation(self, observation: dict[str, Any]) -> dict[str, Any]:
         """Look the vectors up."""
         found = {key: self.vectors[observation[key]] for key in ID_KEYS}
         left = np.array([observation["attempts_left"]], dtype=np.float32)
-        return {**found, "attempts_left": left, "action_mask": observation["action_mask"]}
+        return {**observation, **found, "attempts_left": left}
 
     def action_masks(self) -> NDArray[np.bool_]:
         """Return which slots hold an entity, for libraries that ask the outermost wrapper."""
@@ -99,9 +100,7 @@ class KGScoreObservation(gym.ObservationWrapper[dict[str, Any], Any, dict[str, A
         """
         super().__init__(env)
         self._scores = _Scores(_world(env), scorer)
-        known = env.observation_space
-        assert isinstance(known, spaces.Dict)
-        self.observation_space = spaces.Dict({**known.spaces, **_Scores.space((_world(env).num_slots,))})
+        self.observation_space = spaces.Dict({**_id_spaces(env), **_Scores.space((_world(env).num_slots,))})
 
     def observation(self, observation: dict[str, Any]) -> dict[str, Any]:
         """Add the scores."""
@@ -193,6 +192,13 @@ class TextObservation(gym.Wrapper[Any, Any, Any, Any]):
             f"In hand: {self._names[held] if held < nothing else 'nothing'}\n"
             f"Attempts left: {observation['attempts_left']}"
         )
+
+
+def _id_spaces(env: gym.Env[Any, Any]) -> dict[str, spaces.Space[Any]]:
+    known = env.observation_space
+    if not isinstance(known, spaces.Dict) or not isinstance(known.spaces.get("table"), spaces.MultiDiscrete):
+        raise ConfigError("this wrapper needs ids; put it around the environment before one that replaces them.")
+    return dict(known.spaces)
 
 
 def _world(env: gym.Env[Any, Any]) -> World:

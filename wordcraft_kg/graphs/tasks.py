@@ -19,8 +19,8 @@ from wordcraft_kg.graphs.recipe_graph import Entity, Ids, RecipeGraph, frozen
 from wordcraft_kg.graphs.recipes import Recipe
 from wordcraft_kg.graphs.splits import PARTS, Split
 
-MAX_DEPTH = 6
-"""Plans of more attempts are not searched: each attempt more makes the search several times longer."""
+MAX_DEPTH = 5
+"""Plans of more attempts are not searched: each attempt more makes the search six times longer."""
 ENUMERATED_DEPTH = 2
 """Up to this depth all tasks are known; deeper ones are drawn."""
 DRAWN_TASKS = 1_000
@@ -104,13 +104,13 @@ class TaskSet:
         """What the plans make on the way, shape (N, at most ``depth - 1`` a plan), padded with ``num_entities``."""
         made = self.graph.recipes[:, 2].tolist()
         rows = [sorted({made[row] for plan in plans for row in plan[:-1]}) for plans in self.plans]
-        return frozen(_padded(rows, self.graph.num_entities))
+        return frozen(padded(rows, self.graph.num_entities))
 
     @cached_property
     def final_pairs(self) -> Ids:
         """Numbers of the pairs that end the plans, shape (N, F), padded with -1."""
         pair = self.graph.pair_of_recipe.tolist()
-        return frozen(_padded([sorted({pair[plan[-1]] for plan in plans}) for plans in self.plans], -1))
+        return frozen(padded([sorted({pair[plan[-1]] for plan in plans}) for plans in self.plans], -1))
 
     def weights(self, weighting: TaskWeighting = "task") -> NDArray[np.float64]:
         """Return the probability of each task: equal for all, or equal for all goals and then for the goal's tasks."""
@@ -246,7 +246,7 @@ def _make_tasks(
         depth,
         part,
         frozen(np.array([goal for goal, _ in tasks], dtype=np.int64)),
-        frozen(_padded([start for _, start in tasks], graph.num_entities, depth + 1)),
+        frozen(padded([start for _, start in tasks], graph.num_entities, depth + 1)),
         tuple(tasks.values()),
         depth <= ENUMERATED_DEPTH,
         len(mixed),
@@ -296,6 +296,10 @@ class _Recipes:
 
     def ordered(self, way: frozenset[int], goal: int, have: frozenset[int]) -> Rows:
         """Return the recipe rows that carry out a set of pairs, in an order in which they can be carried out."""
+        if len(way) == 1:  # most tasks are of depth 1
+            (pair,) = way
+            rows = range(self.starts[pair], self.starts[pair + 1])
+            return tuple(row for row in rows if self.rows[row][2] == goal)
         needed = {goal}.union(*(self.rows[self.starts[pair]][:2] for pair in way))
         at_hand, left, plan = set(have), sorted(way), []
         while left:
@@ -367,7 +371,8 @@ class _Recipes:
         return goal, tuple(sorted(leaves))
 
 
-def _padded(rows: Sequence[Sequence[int]], padding: int, width: int = 0) -> Ids:
+def padded(rows: Sequence[Sequence[int]], padding: int, width: int = 0) -> Ids:
+    """Return rows of different lengths as an array, at least ``width`` wide."""
     width = max([width, *map(len, rows)])
     array = np.full((len(rows), width), padding, dtype=np.int64)
     for index, row in enumerate(rows):

@@ -83,7 +83,7 @@ class BatchEngine:
             graph: see :class:`~wordcraft_kg.envs.wordcraft.WordCraftEnv`.
             config: settings, the same for all.
             num_envs: N, from 1.
-            device: ``cpu``, or a device of torch such as ``cuda``.
+            device: ``cpu``, or a device of torch such as ``cuda``; ``torch:cpu`` runs what a device runs on the CPU.
             seed: see :meth:`reset`.
 
         Raises:

@@ -3,10 +3,9 @@
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-import jinja2
-
 from wordcraft_kg.agents.discovery import HUMAN_CURVE, PLAYERS
 from wordcraft_kg.reports import charts
+from wordcraft_kg.reports.pages import render_page
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -36,12 +35,4 @@ def discovery_page(values: dict[str, Any], curves: "pd.DataFrame") -> str:
         "mean number of attempts so far that combined a pair tried before",
         legend_left=True,
     )
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("wordcraft_kg.reports"),
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        undefined=jinja2.StrictUndefined,
-    )
-    template = environment.get_template("discovery_report.html.j2")
-    return template.render(report=values, picture=picture, repeated=repeated, about=PLAYERS)
+    return render_page("discovery_report.html.j2", report=values, picture=picture, repeated=repeated, about=PLAYERS)

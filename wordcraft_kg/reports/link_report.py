@@ -6,7 +6,6 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-import jinja2
 import jsonschema
 import numpy as np
 import pandas as pd
@@ -39,6 +38,7 @@ from wordcraft_kg.models.link_prediction import (
 from wordcraft_kg.models.near_synonyms import NEAR_SYNONYM, near_synonym_recipes, near_synonym_triples
 from wordcraft_kg.models.scorers import FrequencyScorer, NeighbourScorer
 from wordcraft_kg.reports import charts
+from wordcraft_kg.reports.pages import render_page
 
 REPORT_FORMAT = "wordcraft-kg link report 1"
 RANK_BINS = ((1, 1), (2, 3), (4, 5), (6, 10), (11, 20), (21, 50), (51, 100), (101, 200), (201, 10**9))
@@ -201,15 +201,8 @@ def report_schema() -> dict[str, Any]:
 
 def render(report: LinkReport) -> str:
     """Return the report as one self-contained HTML page."""
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("wordcraft_kg.reports"),
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        undefined=jinja2.StrictUndefined,
-    )
-    template = environment.get_template("link_report.html.j2")
-    return template.render(report=report.values, pictures=report.pictures, relations=RELATIONS)
+    values = {"report": report.values, "pictures": report.pictures, "relations": RELATIONS}
+    return render_page("link_report.html.j2", **values)
 
 
 def summary_values(values: dict[str, Any]) -> dict[str, Any]:

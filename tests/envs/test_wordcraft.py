@@ -200,6 +200,11 @@ def test_gymnasiums_checker_finds_nothing(depth):
     assert gym.make(env.spec).spec == env.spec
 
 
+def test_a_graph_too_small_to_split_is_played_as_a_whole():
+    env = WordCraftEnv(RecipeGraph.from_recipes(ROWS[:2]), part="all", num_distractors=0)
+    assert len(env.tasks) == 2
+
+
 def test_it_renders_in_words(kitchen_opened):
     env = WordCraftEnv(kitchen_opened, render_mode="ansi")
     env.reset(seed=0)

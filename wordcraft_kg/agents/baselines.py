@@ -15,11 +15,12 @@ from wordcraft_kg.agents.intervals import wilson_interval
 from wordcraft_kg.envs.batch import GOAL, BatchEngine
 from wordcraft_kg.envs.config import WordCraftConfig, whole
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.errors import ConfigError, GraphMismatchError
+from wordcraft_kg.errors import ConfigError
 from wordcraft_kg.graphs.folder import OpenedGraph
-from wordcraft_kg.graphs.protocols import TripleScorer
+from wordcraft_kg.graphs.protocols import TripleScorer, check_scorer
 from wordcraft_kg.graphs.recipe_graph import Ids, RecipeGraph
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS
+from wordcraft_kg.models.scales import standardised
 
 Player = Callable[[BatchEngine, np.random.Generator], Ids]
 SelfEdges = Literal["keep", "observed", "drop"]
@@ -112,17 +113,11 @@ def scorer_tables(
         GraphMismatchError: if the scorer belongs to another graph.
         ConfigError: for ``observed`` without triples.
     """
-    if scorer.graph_hash != graph.hash:
-        raise GraphMismatchError(
-            f"the scorer belongs to graph {scorer.graph_hash[:12]} but the tasks to {graph.hash[:12]}. "
-            "Train a scorer on that graph."
-        )
+    check_scorer(scorer, graph)
     size = graph.num_entities
     tables = np.zeros((len(RELATIONS), size + 1, size + 1))
-    others = ~np.eye(size, dtype=bool)
     for relation in range(len(RELATIONS)):
-        scores = scorer.table(relation).cpu().numpy().astype(np.float64)
-        tables[relation, :-1, :-1] = (scores - scores[others].mean()) / (scores[others].std() or 1.0)
+        tables[relation, :-1, :-1] = standardised(scorer.table(relation).cpu().numpy())
     if self_edges != "keep":
         kept = np.zeros(size + 1, dtype=bool)
         if self_edges == "observed":

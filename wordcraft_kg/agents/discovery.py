@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wordcraft_kg.envs.open_ended import Discovery
-from wordcraft_kg.errors import ConfigError, GraphMismatchError, nearest
-from wordcraft_kg.graphs.protocols import TripleScorer
+from wordcraft_kg.errors import ConfigError, nearest
+from wordcraft_kg.graphs.protocols import TripleScorer, check_scorer
 from wordcraft_kg.graphs.recipe_graph import Entity, RecipeGraph
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
+from wordcraft_kg.models.scales import standardised
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -173,14 +174,10 @@ class ScorerPlayer(Player):
         Raises:
             GraphMismatchError: if the scorer belongs to another graph.
         """
-        if scorer.graph_hash != graph.hash:
-            raise GraphMismatchError(
-                f"the scorer was trained on graph {scorer.graph_hash[:12]} ({len(scorer.entities)} entities) but "
-                f"'{graph.name}' is {graph.hash[:12]} ({graph.num_entities}). Train it on this graph."
-            )
+        check_scorer(scorer, graph)
         links, parts = (scorer.table(relation).cpu().double().numpy() for relation in (COMBINES_WITH, COMPONENT_OF))
-        self._odds = np.exp(np.minimum(_standardised((links + links.T) / 2), _MOST))
-        self._parts = _standardised(parts)
+        self._odds = np.exp(np.minimum(standardised((links + links.T) / 2), _MOST))
+        self._parts = standardised(parts)
         self._guesses: dict[int, tuple[NDArray[np.int64], Floats]] = {}
 
     def begin(self, base: Sequence[int], rng: np.random.Generator) -> None:  # noqa: D102 - inherited
@@ -223,12 +220,6 @@ class ScorerPlayer(Player):
             shares = np.take_along_axis(weights, likely, axis=1) / weights.sum(axis=1, keepdims=True)
             self._guesses[entity] = likely, shares
         return self._guesses[entity]
-
-
-def _standardised(table: Floats) -> Floats:
-    """Return scores with mean 0 and standard deviation 1 over the pairs of different entities."""
-    different = table[~np.eye(len(table), dtype=bool)]
-    return (table - different.mean()) / (different.std() or 1.0)
 
 
 PLAYERS = {

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.errors import ConfigError
-from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
+from wordcraft_kg.graphs.folder import OpenedGraph, default_split, open_graph
 from wordcraft_kg.graphs.recipe_graph import Ids, RecipeGraph, frozen
-from wordcraft_kg.graphs.splits import PARTS, SplitConfig, make_split
+from wordcraft_kg.graphs.splits import PARTS
 from wordcraft_kg.graphs.tasks import TaskSet, all_ways, make_tasks, padded
 
 GraphLike = str | Path | RecipeGraph | OpenedGraph
@@ -23,7 +23,7 @@ def open_world_graph(graph: GraphLike) -> OpenedGraph:
     if isinstance(graph, OpenedGraph):
         return graph
     if isinstance(graph, RecipeGraph):
-        return OpenedGraph(graph, make_split(graph, SplitConfig()), graph.name)
+        return OpenedGraph(graph, default_split(graph), graph.name)
     if not isinstance(graph, str | Path):
         raise ConfigError(
             f"graph {graph!r}: expected a graph folder, a book's file or name, a RecipeGraph or an OpenedGraph."

@@ -10,8 +10,8 @@ from gymnasium.vector import VectorEnv, VectorWrapper
 from numpy.typing import NDArray
 
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.errors import ActionError, ConfigError, GraphMismatchError, nearest
-from wordcraft_kg.graphs.protocols import TripleScorer
+from wordcraft_kg.errors import ActionError, ConfigError, nearest
+from wordcraft_kg.graphs.protocols import TripleScorer, check_scorer
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
 
 ID_KEYS = ("goal", "selection", "table")
@@ -59,12 +59,7 @@ class _Scores:
     """u and v of table slots from the score tables of a scorer."""
 
     def __init__(self, world: World, scorer: TripleScorer):
-        if scorer.graph_hash != world.graph.hash:
-            raise GraphMismatchError(
-                f"the scorer belongs to graph {scorer.graph_hash[:12]} ({len(scorer.entities)} entities) but the "
-                f"environment uses {world.graph.hash[:12]} ({world.padding}). Train a scorer on that graph."
-            )
-        self.nothing = world.padding
+        check_scorer(scorer, world.graph)
         tables = []
         for relation in (COMBINES_WITH, COMPONENT_OF):
             table = np.zeros((world.padding + 1, world.padding + 1), dtype=np.float32)

@@ -90,10 +90,13 @@ def open_graph(source: str | Path, config: SplitConfig | None = None) -> OpenedG
         split = read_split(read_json(folder / "split.json"), graph, str(folder / "split.json"))
     else:
         graph = RecipeGraph.from_book(open_book(source))
-        try:
-            split = make_split(graph, config or SplitConfig())
-        except SplitError:
-            if config is not None:
-                raise
-            split = make_split(graph, SplitConfig("none"))
+        split = default_split(graph) if config is None else make_split(graph, config)
     return OpenedGraph(graph, split, str(source))
+
+
+def default_split(graph: RecipeGraph) -> Split:
+    """Return the split of a graph that comes without one: by recipe, or none if it is too small for that."""
+    try:
+        return make_split(graph, SplitConfig())
+    except SplitError:
+        return make_split(graph, SplitConfig("none"))

@@ -3,6 +3,9 @@
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
+from wordcraft_kg.errors import GraphMismatchError
+from wordcraft_kg.graphs.recipe_graph import RecipeGraph
+
 if TYPE_CHECKING:
     import torch
 
@@ -35,3 +38,16 @@ class TripleScorer(Protocol):
     def table(self, relation: "int | str") -> "torch.Tensor":
         """Return the scores of all pairs: shape (E, E), float32, row = head, column = tail."""
         ...
+
+
+def check_scorer(scorer: TripleScorer, graph: RecipeGraph) -> None:
+    """Refuse a scorer of another graph.
+
+    Raises:
+        GraphMismatchError: naming both graphs.
+    """
+    if scorer.graph_hash != graph.hash:
+        raise GraphMismatchError(
+            f"the scorer belongs to graph {scorer.graph_hash[:12]} ({len(scorer.entities)} entities), not to "
+            f"'{graph.name}'. Take one that was trained on graph {graph.hash[:12]} ({graph.num_entities} entities)."
+        )

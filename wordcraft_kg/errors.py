@@ -52,6 +52,10 @@ class GraphMismatchError(ArtefactError):
     """Two artefacts belong to different recipe graphs or different splits."""
 
 
+class TrainingError(WordCraftKGError, ArithmeticError):
+    """A training cannot go on, because its numbers are no longer finite."""
+
+
 class OutputExistsError(WordCraftKGError, FileExistsError):
     """The output is there already and overwriting was not asked for."""
 

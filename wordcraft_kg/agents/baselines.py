@@ -5,7 +5,7 @@ A player is a function ``(engine, rng) -> slots`` that picks for all environment
 
 from collections.abc import Callable, Iterable
 from dataclasses import replace
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -15,15 +15,14 @@ from wordcraft_kg.agents.intervals import wilson_interval
 from wordcraft_kg.envs.batch import GOAL, BatchEngine
 from wordcraft_kg.envs.config import WordCraftConfig, whole
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.errors import ConfigError
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.protocols import TripleScorer, check_scorer
 from wordcraft_kg.graphs.recipe_graph import Ids, RecipeGraph
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS
-from wordcraft_kg.models.scales import standardised
+from wordcraft_kg.models.policy_config import SelfEdges
+from wordcraft_kg.models.scales import scaled_scorer
 
 Player = Callable[[BatchEngine, np.random.Generator], Ids]
-SelfEdges = Literal["keep", "observed", "drop"]
 Tables = NDArray[np.float64]
 """Scores of all pairs, shape (2, E + 1, E + 1), by relation, head and tail; 0 for nothing."""
 
@@ -114,20 +113,8 @@ def scorer_tables(
         ConfigError: for ``observed`` without triples.
     """
     check_scorer(scorer, graph)
-    size = graph.num_entities
-    tables = np.zeros((len(RELATIONS), size + 1, size + 1))
-    for relation in range(len(RELATIONS)):
-        tables[relation, :-1, :-1] = standardised(scorer.table(relation).cpu().numpy())
-    if self_edges != "keep":
-        kept = np.zeros(size + 1, dtype=bool)
-        if self_edges == "observed":
-            if observed is None:
-                raise ConfigError("self_edges 'observed' needs the triples that the scorer was trained on.")
-            loops = observed[(observed[:, 1] == COMBINES_WITH) & (observed[:, 0] == observed[:, 2]), 0]
-            kept[loops] = True
-        dropped = np.flatnonzero(~kept)
-        tables[COMBINES_WITH, dropped, dropped] = 0
-    return tables
+    scaled = scaled_scorer(scorer, self_edges=self_edges, observed=observed)
+    return np.pad(scaled.scores.numpy().astype(np.float64), ((0, 0), (0, 1), (0, 1)))
 
 
 def knowledge_players(graph: RecipeGraph, partial: Ids) -> dict[str, Player]:

@@ -8,6 +8,7 @@ Random numbers are a function of (seed, environment, episode, draw), hashed, not
 same episodes however many run beside it, on either kind of array, and episodes can be prepared ahead in bulk.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -33,6 +34,8 @@ CHUNK = 8_192
 LAST_31_BITS = 0x7FFFFFFF
 GUARD_BITS = 15
 _LOW = (1 << GUARD_BITS) - 1
+_HIDDEN = ("wide", "count", "episode")
+_STATE = ("goal", "task", "selection", "attempts_left", *_HIDDEN)
 _STRIDE = -7046029254386353131  # 2**64 / golden ratio: keys that far apart hash independently
 
 
@@ -406,6 +409,31 @@ class BatchEngine:
                 self.world.check_tries(turn, int(tasks[i]))
                 more = self._pick(self._mixed(key + turn), tasks[i : i + 1], taken[:, i : i + 1], 256)
                 drawn[:, i] = more[:, 0]
+
+    # --- going on later ----------------------------------------------------------------------------------------------
+
+    def state(self) -> dict[str, np.ndarray]:
+        """Return where all environments stand, for :meth:`restore`: NumPy arrays by name, copied."""
+        arrays = {name: getattr(self, f"_{name}" if name in _HIDDEN else name) for name in _STATE}
+        return {name: np.array(array if self.xp is np else array.cpu()) for name, array in arrays.items()}
+
+    def restore(self, state: Mapping[str, np.ndarray]) -> None:
+        """Go on from a :meth:`state` of an engine with the same graph, settings, number of environments and seed.
+
+        Raises:
+            ConfigError: if it is of another engine.
+        """
+        for name in _STATE:
+            mine = self._wide.shape if name == "wide" else (self.num_envs,)
+            if name not in state or tuple(state[name].shape) != tuple(mine):
+                raise ConfigError(f"this state is of another engine: '{name}' should have shape {tuple(mine)}.")
+        for name in _STATE:
+            setattr(self, f"_{name}" if name in _HIDDEN else name, self._array(np.array(state[name], dtype=np.int64)))
+        self.table = self._wide[:, : self.num_slots]
+        # What was drawn ahead is drawn again: it depends on seed, environment and episode only.
+        self._next = self._full((self.num_envs,), self._ahead)
+        if self.xp is not np:
+            self._prepare(self._rows)
 
     # --- steps -------------------------------------------------------------------------------------------------------
 

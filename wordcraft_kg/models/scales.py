@@ -1,7 +1,15 @@
-"""Bringing the scores of different scorers and relations to a common scale."""
+"""Views of scorers on a common scale, so that scores of different scorers and relations can be mixed."""
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
+
+from wordcraft_kg.errors import ConfigError
+from wordcraft_kg.graphs.protocols import TripleScorer
+from wordcraft_kg.graphs.recipe_graph import Ids
+from wordcraft_kg.graphs.triples import COMBINES_WITH, RELATIONS
+from wordcraft_kg.models.policy_config import Scale, SelfEdges
+from wordcraft_kg.models.scorers import TableScorer
 
 
 def standardised(table: NDArray[np.floating]) -> NDArray[np.float64]:
@@ -12,3 +20,47 @@ def standardised(table: NDArray[np.floating]) -> NDArray[np.float64]:
     scores = np.asarray(table, dtype=np.float64)
     different = scores[~np.eye(len(scores), dtype=bool)]
     return np.asarray((scores - different.mean()) / (different.std() or 1.0))
+
+
+def scaled_scorer(
+    scorer: TripleScorer,
+    *,
+    scale: Scale = "standardise",
+    self_edges: SelfEdges = "keep",
+    observed: Ids | None = None,
+) -> TableScorer:
+    """Return a scorer's tables on a common scale, as a scorer.
+
+    Args:
+        scorer: any.
+        scale: each relation on its own: ``standardise`` all pairs; ``ranks`` of the scores among all pairs, or
+            ``log-softmax`` over the heads of each tail, standardised then; ``none`` leaves scores as they are.
+        self_edges: what happens to an entity's combinesWith score with itself: ``keep`` it; ``observed`` keeps those
+            among ``observed``; ``drop`` keeps none. A score that is dropped becomes 0, which is the mean.
+        observed: triples that the scorer was trained on, shape (T, 3).
+
+    Raises:
+        ConfigError: for ``observed`` without triples.
+    """
+    size = len(scorer.entities)
+    tables = np.zeros((len(RELATIONS), size, size), dtype=np.float32)
+    for relation in range(len(RELATIONS)):
+        scores = scorer.table(relation).detach().cpu().numpy().astype(np.float64)
+        if scale == "ranks":
+            _, place, counts = np.unique(scores, return_inverse=True, return_counts=True)
+            middle = np.cumsum(counts) - (counts - 1) / 2  # equal scores share the mean of their ranks
+            scores = middle[place].reshape(scores.shape)
+        elif scale == "log-softmax":
+            scores = scores - scores.max(axis=0)
+            scores -= np.log(np.exp(scores).sum(axis=0))
+        tables[relation] = scores if scale == "none" else standardised(scores)
+    if self_edges != "keep":
+        dropped = np.ones(size, dtype=bool)
+        if self_edges == "observed":
+            if observed is None:
+                raise ConfigError("self_edges 'observed' needs the triples that the scorer was trained on.")
+            loops = (observed[:, 1] == COMBINES_WITH) & (observed[:, 0] == observed[:, 2])
+            dropped[observed[loops, 0]] = False
+        dropped_ids = np.flatnonzero(dropped)
+        tables[COMBINES_WITH, dropped_ids, dropped_ids] = 0
+    return TableScorer(torch.from_numpy(tables), scorer.entities, scorer.graph_hash)

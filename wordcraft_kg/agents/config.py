@@ -1,0 +1,80 @@
+"""Settings of the trainer: every option, default, unit and allowed range; imports no torch."""
+
+import math
+from dataclasses import dataclass
+
+from wordcraft_kg.errors import ConfigError
+
+
+@dataclass(frozen=True)
+class ImpalaConfig:
+    """IMPALA with the paper's settings.
+
+    Attributes:
+        steps: environment steps (picks) of the whole training, rounded up to whole updates; 3,000,000 is the paper's.
+        batch_size: environments side by side, and unrolls in an update; 128 is the paper's.
+        unroll: steps of each environment in an update; 2 is the paper's.
+        policy_lag: updates between the policy that acts and the one that learns; 0 keeps them in step, so that all
+            importance ratios are 1.
+        discount: γ; 0.99 is the paper's.
+        learning_rate: of RMSProp, decayed linearly to 0; 0.001 is the paper's.
+        rms_decay: of RMSProp's average of squared gradients; 0.99 as in the paper's released code.
+        rms_epsilon: of RMSProp; 0.01 is the paper's.
+        momentum: of RMSProp.
+        entropy_cost: weight of the entropy; 0.01 is the paper's.
+        baseline_cost: weight of the value's loss; 0.5 as in the paper's released code.
+        clip: largest norm of the gradient; 40 as in the paper's released code.
+        seed: root seed of initialisation, environments and actions.
+        device: torch device to train on, such as cpu or cuda; environments, actor and learner live there.
+        threads: CPU threads; products are so small that 1 is about as fast as 2.
+        compile: compile actor and learner first; needs a C++ compiler on a CPU, and takes a minute.
+        log_every: environment steps between lines of metrics.jsonl.
+        eval_every: environment steps between points of the learning curves; 0 evaluates at the end only.
+        checkpoint_every: environment steps between checkpoints.
+    """
+
+    steps: int = 3_000_000
+    batch_size: int = 128
+    unroll: int = 2
+    policy_lag: int = 0
+    discount: float = 0.99
+    learning_rate: float = 0.001
+    rms_decay: float = 0.99
+    rms_epsilon: float = 0.01
+    momentum: float = 0.0
+    entropy_cost: float = 0.01
+    baseline_cost: float = 0.5
+    clip: float = 40.0
+    seed: int = 0
+    device: str = "cpu"
+    threads: int = 1
+    compile: bool = False
+    log_every: int = 10_000
+    eval_every: int = 100_000
+    checkpoint_every: int = 100_000
+
+    def __post_init__(self) -> None:
+        for name in ("steps", "batch_size", "unroll", "threads", "log_every", "checkpoint_every"):
+            self._require(name, getattr(self, name) >= 1, "1 or more")
+        for name in ("policy_lag", "seed", "eval_every"):
+            self._require(name, getattr(self, name) >= 0, "0 or more")
+        for name in ("learning_rate", "rms_epsilon", "clip"):
+            self._require(name, math.isfinite(getattr(self, name)) and getattr(self, name) > 0, "a number above 0")
+        for name in ("entropy_cost", "baseline_cost"):
+            self._require(name, math.isfinite(getattr(self, name)) and getattr(self, name) >= 0, "0 or more")
+        for name in ("discount", "rms_decay", "momentum"):
+            self._require(name, 0 <= getattr(self, name) <= 1, "0 to 1")
+
+    @property
+    def steps_per_update(self) -> int:
+        """Environment steps in an update."""
+        return self.batch_size * self.unroll
+
+    @property
+    def updates(self) -> int:
+        """Updates of the whole training."""
+        return -(-self.steps // self.steps_per_update)
+
+    def _require(self, name: str, holds: bool, expected: str) -> None:
+        if not holds:
+            raise ConfigError(f"--{name.replace('_', '-')} {getattr(self, name)}: expected {expected}.")

@@ -1,0 +1,140 @@
+"""Judging a player: every task of a part, several fixed draws of distractors, one frozen set of weights."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from wordcraft_kg.agents.baselines import Player
+from wordcraft_kg.agents.intervals import task_bootstrap
+from wordcraft_kg.envs.batch import GOAL, BatchEngine
+from wordcraft_kg.envs.config import WordCraftConfig
+from wordcraft_kg.envs.world import GraphLike, World
+from wordcraft_kg.graphs.recipe_graph import Ids
+from wordcraft_kg.graphs.tasks import padded
+from wordcraft_kg.models.policies import Policy
+
+EVALUATION_SEED = 0
+"""Of the distractors: the same for all agents, whatever they were trained with."""
+ENDINGS = ("goal", "same_twice", "one_right_part", "no_right_part", "no_recipe")
+"""How an episode ended: the goal was made; or else the last pair was one entity twice; or two, of which one is, or both
+are, a part of the goal in a plan; or none is, and they made something else; or none is, and they made nothing."""
+ROWS = 2_048
+"""States that a policy is asked about at a time, so that its arrays stay in the processor's cache."""
+
+
+class PolicyPlayer:
+    """A policy as a player that takes its best action; of equal ones the first."""
+
+    def __init__(self, policy: Policy):
+        """Take a policy; its weights are those of the moment of each call."""
+        self.policy = policy
+
+    @torch.no_grad()
+    def __call__(self, engine: BatchEngine, rng: np.random.Generator) -> Any:
+        """Pick a slot in every environment."""
+        states = tuple(_tensor(getattr(engine, name)) for name in ("goal", "selection", "table"))
+        weights = self.policy.weights()
+        device = next(self.policy.parameters()).device
+        slots = torch.cat(
+            [
+                self.policy(*(part.to(device) for part in parts), weights).logits.argmax(1)
+                for parts in zip(*(state.split(ROWS) for state in states), strict=True)
+            ]
+        )
+        return slots.cpu().numpy() if engine.xp is np else slots
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """What a player made of all tasks of a part, N tasks with D draws of distractors each.
+
+    Attributes:
+        success: shape (N, D), bool: the goal was made within the attempts.
+        by_plan: shape (N, D), bool: by the last pair of a plan, not another way.
+        picks: shape (N, D), int64: picks until the end.
+        endings: shape (N, D), int8: see :data:`ENDINGS`.
+    """
+
+    success: NDArray[np.bool_]
+    by_plan: NDArray[np.bool_]
+    picks: Ids
+    endings: NDArray[np.int8]
+
+    def figures(self) -> dict[str, Any]:
+        """Return mean success with its interval over tasks, and the sizes, as ``evaluate-agent --json`` prints them."""
+        low, high = task_bootstrap(self.success)
+        tasks, draws = self.success.shape
+        return {
+            "mean": float(self.success.mean()),
+            "ci_low": low,
+            "ci_high": high,
+            "tasks": tasks,
+            "draws": draws,
+            "by_plan": float(self.by_plan.mean()),
+            "picks": float(self.picks.mean()),
+        }
+
+    def shares(self) -> dict[str, float]:
+        """Return the share of episodes of each ending."""
+        return {name: float((self.endings == code).mean()) for code, name in enumerate(ENDINGS)}
+
+
+class Evaluator:
+    """Plays all tasks of a part, or an evenly spaced sample of them, always with the same tables."""
+
+    def __init__(self, graph: GraphLike, config: WordCraftConfig, *, draws: int = 5, limit: int | None = None):
+        """Prepare the environments, one for each task.
+
+        Args:
+            graph: graph and split.
+            config: part, depth, number of distractors and so on.
+            draws: of distractors for each task.
+            limit: play no more than about so many tasks, evenly spaced in their order; None plays all.
+        """
+        amount = len(World(graph, config).tasks)
+        step = 1 if limit is None else -(-amount // limit)
+        self.tasks = np.arange(0, amount, step)
+        self.draws = draws
+        self.engine = BatchEngine(graph, config, len(self.tasks), seed=EVALUATION_SEED)
+        self._parts = _right_parts(self.engine.world)[self.tasks]
+
+    def __call__(self, player: Player) -> Evaluation:
+        """Let a player play."""
+        shape = (len(self.tasks), self.draws)
+        success, by_plan = np.zeros(shape, dtype=bool), np.zeros(shape, dtype=bool)
+        picks, endings = np.zeros(shape, dtype=np.int64), np.zeros(shape, dtype=np.int8)
+        engine, rows = self.engine, np.arange(len(self.tasks))
+        for draw in range(self.draws):
+            engine.pose(self.tasks, draw)
+            rng = np.random.default_rng([EVALUATION_SEED, draw])
+            while (running := engine.attempts_left > 0).any():
+                held = engine.selection
+                slots = player(engine, rng)
+                picked = engine.table[rows, slots]
+                step = engine.step_once(slots)
+                picks[running, draw] += 1
+                success[:, draw] |= step.outcome == GOAL
+                by_plan[:, draw] |= step.by_plan
+                ended = self._ending(held, picked)
+                endings[step.over, draw] = np.where(step.outcome == GOAL, 0, ended)[step.over]
+        return Evaluation(success, by_plan, picks, endings)
+
+    def _ending(self, held: Ids, picked: Ids) -> NDArray[np.int64]:
+        """Return the code of an attempt that did not make the goal."""
+        is_twice = (held == picked) & (picked != self.engine.nothing)
+        is_right = ((self._parts == held[:, None]) | (self._parts == picked[:, None])).any(1)
+        makes = self.engine.pairs(held, picked) != self.engine.world.graph.num_pairs
+        return np.select([is_twice, is_right, makes], [1, 2, 3], 4)
+
+
+def _right_parts(world: World) -> Ids:
+    """Return the ingredients of the last recipes of each task's plans, shape (N, P), padded with -1."""
+    pair = world.graph.recipes[:, :2].tolist()
+    return padded([sorted({part for plan in plans for part in pair[plan[-1]]}) for plans in world.tasks.plans], -1)
+
+
+def _tensor(values: Any) -> torch.Tensor:
+    return torch.from_numpy(values) if isinstance(values, np.ndarray) else values

@@ -1,0 +1,296 @@
+"""IMPALA over the batched environment: actor and learner in one process, on one device, in a fixed order.
+
+An update acts for ``unroll`` steps in all environments and learns from them. With ``policy_lag`` k the actor uses the
+weights of k updates before, as the actors of a distributed IMPALA do, and V-trace corrects for it; with 0 both use the
+same.
+"""
+
+import math
+from collections import deque
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from wordcraft_kg.agents.config import ImpalaConfig
+from wordcraft_kg.agents.losses import baseline_loss, entropy, policy_gradient_loss
+from wordcraft_kg.agents.vtrace import v_trace
+from wordcraft_kg.envs.batch import GOAL, BatchEngine
+from wordcraft_kg.errors import ConfigError, TrainingError
+from wordcraft_kg.models.attention import log_policy
+from wordcraft_kg.models.policies import Policy, Weights
+
+LOSSES = ("loss", "pg_loss", "baseline_loss", "entropy", "grad_norm")
+SUMS = (*LOSSES, "return", "episodes", "successes", "updates")
+"""What is summed over updates."""
+
+
+class Unroll(NamedTuple):
+    """What the actor did: T steps of B environments, and the states after them.
+
+    Attributes:
+        goal, selection: shape (T + 1, B), int64.
+        table: shape (T + 1, B, A), int64.
+        actions: shape (T, B), int64.
+        log_probs: shape (T, B): of the actions, by the policy that acted.
+        rewards, discounts: shape (T, B).
+        over, won: shape (T, B), bool: the episode ended with this step, and with the goal.
+    """
+
+    goal: Tensor
+    selection: Tensor
+    table: Tensor
+    actions: Tensor
+    log_probs: Tensor
+    rewards: Tensor
+    discounts: Tensor
+    over: Tensor
+    won: Tensor
+
+
+class Impala:
+    """Trains a policy on an engine's tasks.
+
+    Attributes:
+        update_number: updates done.
+    """
+
+    def __init__(self, policy: Policy, engine: BatchEngine, config: ImpalaConfig):
+        """Take a policy, which is trained in place, and an engine of ``config.batch_size`` environments.
+
+        Raises:
+            ConfigError: if ``config.compile`` is set and nothing can be compiled here.
+        """
+        self.policy, self.engine, self.config = policy, engine, config
+        self.device = torch.device(config.device)
+        policy.to(self.device)
+        self.update_number = 0
+        self._parameters = [parameter for parameter in policy.parameters() if parameter.requires_grad]
+        # One flat tensor that the parameters are views of: a step of the optimiser is then a few calls, not hundreds.
+        self._flat = nn.Parameter(torch.cat([parameter.detach().reshape(-1) for parameter in self._parameters]))
+        self._flat.grad = torch.zeros_like(self._flat)
+        self._make_views()
+        self.optimizer = torch.optim.RMSprop(
+            [self._flat],
+            lr=config.learning_rate,
+            alpha=config.rms_decay,
+            eps=config.rms_epsilon,
+            momentum=config.momentum,
+        )
+        self._generator = torch.Generator(self.device).manual_seed(config.seed)
+        self._snapshots: deque[Weights] = deque(maxlen=config.policy_lag + 1)
+        time, batch, slots = config.unroll, config.batch_size, engine.num_slots
+        self._unroll = Unroll(
+            *(self._empty(time + 1, batch, dtype=torch.int64) for _ in range(2)),
+            self._empty(time + 1, batch, slots, dtype=torch.int64),
+            self._empty(time, batch, dtype=torch.int64),
+            *(self._empty(time, batch) for _ in range(3)),
+            *(self._empty(time, batch, dtype=torch.bool) for _ in range(2)),
+        )
+        self._sums = self._empty(len(SUMS), dtype=torch.float64).zero_()
+        self._last: tuple[Tensor, ...] = ()
+        self._act, self._learn = self._choose, self._losses
+        if config.compile:
+            check_compiler(self.device)
+            mode = "reduce-overhead" if self.device.type == "cuda" else "default"
+            self._act = torch.compile(self._choose, mode=mode, dynamic=False)
+            self._learn = torch.compile(self._losses, mode=mode, dynamic=False)
+
+    def update(self) -> None:
+        """Act for an unroll and learn from it.
+
+        Raises:
+            TrainingError: if the loss is no longer finite; the parameters are those of before the update.
+        """
+        weights = self.policy.weights()
+        acting = tuple(tensor.detach() for tensor in weights)
+        if self.config.policy_lag:
+            self._snapshots.append(tuple(tensor.clone() for tensor in acting))
+            acting = self._snapshots[0]
+        is_cut = self._collect(acting)
+        assert self._flat.grad is not None
+        self._flat.grad.zero_()
+        loss, figures, last = self._learn(weights, self._unroll, is_cut)
+        loss.backward()
+        norm = self._flat.grad.norm()
+        # On a device nobody asks each time, because asking waits for it; whoever reads the sums will see it.
+        if self.device.type == "cpu" and not math.isfinite(norm.item()):
+            raise TrainingError(self._not_finite())
+        self._flat.grad.mul_((self.config.clip / (norm + 1e-6)).clamp(max=1))
+        for group in self.optimizer.param_groups:
+            group["lr"] = self.config.learning_rate * (1 - self.update_number / self.config.updates)
+        self.optimizer.step()
+        self.update_number += 1
+        self._sums += torch.cat([figures, torch.stack([norm, *self._counts()])])
+        self._last = last
+
+    def take_figures(self) -> dict[str, float | None]:
+        """Return what happened since the last call, and begin to count anew.
+
+        The losses are means over updates (they are sums over the batch), ``entropy`` over steps, ``return`` and
+        ``success`` over the episodes that ended, None if none did. ``lambda_<source>_<pick>`` and the importance ratios
+        ``ratio_mean``, ``ratio_max`` and ``ratio_clipped`` (the share above 1) are those of the last update.
+
+        Raises:
+            TrainingError: if the loss was not finite.
+        """
+        sums = dict(zip(SUMS, self._sums.tolist(), strict=True))
+        self._sums.zero_()
+        if not math.isfinite(sums["grad_norm"]):
+            raise TrainingError(self._not_finite())
+        updates, episodes = max(sums["updates"], 1), sums["episodes"]
+        figures: dict[str, float | None] = {name: sums[name] / updates for name in LOSSES}
+        figures["entropy"] = sums["entropy"] / updates / self.config.steps_per_update
+        figures["return"] = sums["return"] / episodes if episodes else None
+        figures["success"] = sums["successes"] / episodes if episodes else None
+        if self._last:
+            log_rhos, lambdas = self._last
+            ratios = log_rhos.exp()
+            figures["ratio_mean"], figures["ratio_max"] = ratios.mean().item(), ratios.max().item()
+            figures["ratio_clipped"] = (ratios > 1 + 1e-5).float().mean().item()
+            is_first = self._unroll.selection[:-1].reshape(-1) == self.policy.num_entities
+            for pick, rows in (("first", is_first), ("second", ~is_first)):
+                means = lambdas[rows].mean(0).tolist() if rows.any() else [None] * lambdas.shape[1]
+                names = (f"lambda_{source}_{pick}" for source in self.policy.source_names)
+                figures |= dict(zip(names, means, strict=True))
+        return figures
+
+    def state(self) -> dict[str, Tensor]:
+        """Return all that :meth:`restore` needs to go on bit for bit: tensors by name."""
+        tensors = {f"policy.{name}": parameter for name, parameter in self.policy.named_parameters()}
+        tensors |= {f"optimizer.{name}": torch.as_tensor(value) for name, value in self._optimizer_state().items()}
+        tensors |= {f"engine.{name}": torch.from_numpy(array) for name, array in self.engine.state().items()}
+        for i, snapshot in enumerate(self._snapshots):
+            tensors |= {f"snapshot.{i}.{j}": tensor for j, tensor in enumerate(snapshot)}
+        tensors |= {"sums": self._sums, "generator": self._generator.get_state()}
+        tensors["update"] = torch.tensor(self.update_number)
+        return {name: tensor.detach().cpu().clone().contiguous() for name, tensor in tensors.items()}
+
+    def restore(self, state: Mapping[str, Tensor]) -> None:
+        """Go on from a :meth:`state` of the same policy, tasks and settings.
+
+        Raises:
+            KeyError: if a tensor is missing.
+            RuntimeError: if one has another shape.
+        """
+        with torch.no_grad():
+            for name, parameter in self.policy.named_parameters():
+                parameter.copy_(state[f"policy.{name}"])
+        self.optimizer.state[self._flat] = {
+            name.removeprefix("optimizer."): value.clone() if name == "optimizer.step" else value.to(self.device)
+            for name, value in state.items()
+            if name.startswith("optimizer.")
+        }
+        self.engine.restore({name: state[f"engine.{name}"].numpy() for name in self.engine.state()})
+        self._snapshots.clear()
+        while (first := f"snapshot.{len(self._snapshots)}.") + "0" in state:
+            size = sum(name.startswith(first) for name in state)
+            self._snapshots.append(tuple(state[f"{first}{j}"].to(self.device) for j in range(size)))
+        self._sums.copy_(state["sums"])
+        self._generator.set_state(state["generator"])
+        self.update_number = int(state["update"])
+
+    # --- acting ------------------------------------------------------------------------------------------------------
+
+    @torch.no_grad()
+    def _collect(self, weights: Weights) -> bool:
+        """Act for an unroll; return whether an episode goes on after it, so that the value there is needed."""
+        unroll, engine = self._unroll, self.engine
+        noise = torch.rand(self.config.unroll, engine.num_envs, generator=self._generator, device=self.device)
+        for t in range(self.config.unroll):
+            self._observe(t)
+            actions, log_probs = self._act(weights, unroll.goal[t], unroll.selection[t], unroll.table[t], noise[t])
+            unroll.actions[t], unroll.log_probs[t] = actions, log_probs
+            step = engine.step(actions.numpy() if engine.xp is np else actions)
+            unroll.rewards[t], unroll.over[t] = _tensor(step.reward), _tensor(step.over)
+            unroll.won[t] = _tensor(step.outcome == GOAL)
+        self._observe(self.config.unroll)
+        torch.mul(~unroll.over, self.config.discount, out=unroll.discounts)
+        return engine.xp is not np or not step.over.all()
+
+    def _observe(self, t: int) -> None:
+        for name in ("goal", "selection", "table"):
+            getattr(self._unroll, name)[t] = _tensor(getattr(self.engine, name))
+
+    def _choose(
+        self, weights: Weights, goal: Tensor, selection: Tensor, table: Tensor, noise: Tensor
+    ) -> tuple[Tensor, Tensor]:
+        """Draw actions by the policy, with one uniform number each: shape (B,), and their log-probabilities."""
+        log_probs = log_policy(self.policy(goal, selection, table, weights).logits)
+        shares = log_probs.exp().cumsum(0)
+        # The first slot whose share of the probabilities so far is above the number; one without probability never is.
+        actions = (shares <= noise * shares[-1]).sum(0)
+        return actions, log_probs.gather(0, actions[None])[0]
+
+    # --- learning ----------------------------------------------------------------------------------------------------
+
+    def _losses(self, weights: Weights, unroll: Unroll, is_cut: bool) -> tuple[Tensor, Tensor, tuple[Tensor, ...]]:
+        """Return the loss, its parts, and log-ratios and λ for the record."""
+        config, time = self.config, self.config.unroll
+        end = time + is_cut
+        states = (ids[:end].flatten(0, 1) for ids in (unroll.goal, unroll.selection, unroll.table))
+        output = self.policy(*states, weights)
+        acted = unroll.actions.numel()
+        log_policies = log_policy(output.logits[:acted])
+        log_probs = log_policies.gather(0, unroll.actions.view(1, -1)).view_as(unroll.log_probs)
+        values = output.value.view(end, -1)
+        bootstrap = values[time].detach() if is_cut else torch.zeros_like(values[0])
+        log_rhos = log_probs.detach() - unroll.log_probs
+        targets = v_trace(log_rhos, unroll.discounts, unroll.rewards, values[:time].detach(), bootstrap)
+        of_policy = policy_gradient_loss(log_probs, targets.pg_advantages)
+        of_baseline = baseline_loss(values[:time], targets.vs)
+        chaos = entropy(log_policies)
+        loss = of_policy + config.baseline_cost * of_baseline - config.entropy_cost * chaos
+        figures = torch.stack([loss, of_policy, of_baseline, chaos]).detach()
+        lambdas = loss.new_zeros(acted, 0) if output.lambdas is None else output.lambdas[:acted].detach()
+        return loss, figures, (log_rhos, lambdas)
+
+    def _counts(self) -> tuple[Tensor, ...]:
+        """Return the sum of rewards, the episodes that ended, the goals made, and 1 update."""
+        unroll = self._unroll
+        return unroll.rewards.sum(), unroll.over.sum(), unroll.won.sum(), torch.ones((), device=self.device)
+
+    # --- parameters --------------------------------------------------------------------------------------------------
+
+    def _make_views(self) -> None:
+        """Make the policy's parameters and their gradients views of the flat ones."""
+        assert self._flat.grad is not None
+        sizes = [parameter.numel() for parameter in self._parameters]
+        values, gradients = self._flat.data.split(sizes), self._flat.grad.split(sizes)
+        for parameter, value, gradient in zip(self._parameters, values, gradients, strict=True):
+            parameter.data, parameter.grad = value.view_as(parameter), gradient.view_as(parameter)
+
+    def _optimizer_state(self) -> dict[str, Any]:
+        return dict(self.optimizer.state[self._flat])
+
+    def _not_finite(self) -> str:
+        return (
+            f"the loss is no longer a finite number in update {self.update_number + 1} (environment steps "
+            f"{self.update_number * self.config.steps_per_update:,} to "
+            f"{(self.update_number + 1) * self.config.steps_per_update:,}). Train with a lower --learning-rate."
+        )
+
+    def _empty(self, *shape: int, dtype: torch.dtype = torch.float32) -> Tensor:
+        return torch.empty(*shape, dtype=dtype, device=self.device)
+
+
+def check_compiler(device: torch.device) -> None:
+    """Make sure that torch can compile for a device.
+
+    Raises:
+        ConfigError: saying why not.
+    """
+    try:
+        torch.compile(lambda x: (x + 1).exp())(torch.zeros(8, device=device))
+    except Exception as error:  # torch has a dozen classes for this
+        reason = str(error).strip().splitlines()[0]
+        raise ConfigError(
+            f"--compile: torch cannot compile here ({type(error).__name__}: {reason}). Install a C++ compiler such as "
+            "g++, or leave the option out."
+        ) from None
+
+
+def _tensor(values: Any) -> Tensor:
+    return torch.from_numpy(values) if isinstance(values, np.ndarray) else values

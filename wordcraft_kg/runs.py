@@ -1,9 +1,14 @@
 """Run records: what was run, on what, with which versions, and what came of it (``run.json`` in every run's folder)."""
 
 import hashlib
+import json
 import platform
+import signal
 import subprocess
 import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -11,7 +16,7 @@ from typing import Any
 
 from wordcraft_kg import __version__
 from wordcraft_kg.artefacts import dump_json, read_json, sha256_of, with_a_name, write_atomically
-from wordcraft_kg.errors import ArtefactError
+from wordcraft_kg.errors import ArtefactError, ConfigError
 
 RUN_FORMAT = "wordcraft-kg run 1"
 _PACKAGES = ("torch", "pykeen", "numpy", "pandas", "networkx", "safetensors")
@@ -104,6 +109,46 @@ def verified_bytes(folder: Path, run: dict[str, Any], name: str) -> bytes:
             "Train the model again, or restore a copy."
         )
     return data
+
+
+def toml_value(value: Any) -> str:
+    """Write a string or a number as TOML; the two formats agree on these when no character is escaped as a pair."""
+    return json.dumps(value, ensure_ascii=False)
+
+
+def check_device(device: str) -> None:
+    """Make sure that torch can compute on a device.
+
+    Raises:
+        ConfigError: saying why not.
+    """
+    import torch
+
+    try:
+        torch.zeros(1, device=device).item()
+    except (RuntimeError, AssertionError) as error:
+        reason = str(error).splitlines()[0]
+        raise ConfigError(f"--device {device} is not to be had here ({reason}). Use --device cpu.") from None
+
+
+@contextmanager
+def first_interrupt() -> Iterator[threading.Event]:
+    """Turn the first Ctrl-C into a request to stop after the epoch; the second one acts at once."""
+    asked = threading.Event()
+    if threading.current_thread() is not threading.main_thread():
+        yield asked
+        return
+    before = signal.getsignal(signal.SIGINT)
+
+    def ask(signum: int, frame: Any) -> None:
+        asked.set()
+        signal.signal(signal.SIGINT, before)
+
+    signal.signal(signal.SIGINT, ask)
+    try:
+        yield asked
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def _arguments() -> list[str]:

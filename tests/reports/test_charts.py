@@ -1,6 +1,7 @@
 """Charts as inline SVG and pictures as inline PNG: they parse, hold their data, and survive awkward data."""
 
 import base64
+import itertools
 import re
 import struct
 import xml.etree.ElementTree as ET
@@ -42,6 +43,12 @@ def decode(image: str) -> tuple[np.ndarray, np.ndarray]:
 CHARTS = {
     "bars": lambda label: charts.grouped_bars([label, "b"], {label: [0.5, 0.1], "two": [0.2, 0.3]}, label, label),
     "lines": lambda label: charts.lines({label: [(1, 2.0), (2, 1.0)], "two": [(1, 1), (2, 3)]}, label, label, label),
+    "curves": lambda label: charts.curves(
+        {label: [(0, 1.0, 0.5, 2.0), (2, 1.0, None, None)], "two": [(1, 1, 0, 2)]}, label, label, label, dashed=[label]
+    ),
+    "dots": lambda label: charts.dots(
+        [label, "b"], {label: [(0.5, 0.4, 0.6), None], "two": [(0.5, None, None)] * 2}, label, label, label
+    ),
     "reliability": lambda label: charts.reliability([(0.1, 0.2, 5), (0.3, 0.3, 5)], label),
     "points": lambda label: charts.labelled_points(
         np.array([[0.0, 1.0], [2.0, 3.0]]), [label, "b"], [0, 9], [0, 1], label
@@ -108,6 +115,348 @@ def test_only_several_curves_have_a_legend():
     one, two = (parse(charts.lines({name: [(1, 1), (2, 2)] for name in names}, "", "", "")) for names in ("a", "ab"))
     assert "a" not in [text.text for text in one.iter("text")]
     assert {"a", "b"} <= {text.text for text in two.iter("text")}
+
+
+def points_of(element: ET.Element) -> np.ndarray:
+    return np.array([[float(number) for number in pair.split(",")] for pair in element.get("points").split()])
+
+
+def of_class(root: ET.Element, name: str) -> list[ET.Element]:
+    return [element for element in root.iter() if name in element.get("class", "").split()]
+
+
+def titles_of(elements: list[ET.Element]) -> list[str]:
+    return [element.find("title").text for element in elements]
+
+
+def numbers_of(element: ET.Element, *names: str) -> list[float]:
+    return [float(element.get(name)) for name in names]
+
+
+def end_labels(root: ET.Element) -> dict[str, tuple[float, float]]:
+    return {text.text: tuple(numbers_of(text, "x", "y")) for text in of_text(root, "series-")}
+
+
+def of_text(root: ET.Element, style: str) -> list[ET.Element]:
+    return [text for text in root.iter("text") if text.get("class", "").startswith(style)]
+
+
+def straight(end: float, last: float = 3e6) -> list[tuple[float, float, float | None, float | None]]:
+    """A curve from 0.3 to an end, of seven points with an interval of ±0.05."""
+    values = [(last * i / 6, 0.3 + (end - 0.3) * i / 6) for i in range(7)]
+    return [(x, y, y - 0.05, y + 0.05) for x, y in values]
+
+
+def test_a_curve_has_a_line_a_band_a_name_and_points_to_hover_over():
+    root = parse(charts.curves({"one": straight(0.9), "two": straight(0.6)}, "steps", "success", "d", percent=True))
+    lines, bands = of_class(root, "line"), of_class(root, "band")
+    assert [line.get("class") for line in lines] == ["line series-0 dash-0", "line series-1 dash-1"]
+    assert [band.get("class") for band in bands] == ["band series-0", "band series-1"]
+    assert titles_of(lines) == ["one", "two"]
+    assert list(end_labels(root)) == ["one", "two"]
+    assert len(of_class(root, "hit")) == 14
+    assert titles_of(of_class(root, "hit"))[6] == "one, 3,000,000: 90.0% [85.0%, 95.0%]"
+    assert {"steps", "success"} <= {text.text for text in root.iter("text")}
+    assert not list(root.iter("rect"))
+
+
+def test_a_curve_goes_up_with_its_values_and_its_band_lies_around_it():
+    root = parse(charts.curves({"one": straight(0.9)}, "", "", "", percent=True))
+    line, band = points_of(of_class(root, "line")[0]), points_of(of_class(root, "band")[0])
+    assert (np.diff(line[:, 0]) > 0).all()
+    assert (np.diff(line[:, 1]) < 0).all()
+    upper, lower = band[:7], band[7:][::-1]
+    np.testing.assert_array_equal(upper[:, 0], line[:, 0])
+    np.testing.assert_array_equal(lower[:, 0], line[:, 0])
+    np.testing.assert_allclose(line[:, 1] - upper[:, 1], lower[:, 1] - line[:, 1], atol=0.15)
+    # A twentieth of the axis, which is five grid lines high.
+    grid = [float(element.get("y1")) for element in of_class(root, "grid")]
+    assert line[0, 1] - upper[0, 1] == pytest.approx((grid[0] - grid[-1]) / 20, abs=0.15)
+
+
+def test_the_axis_of_shares_goes_from_0_to_100_percent_and_the_other_one_with_the_data():
+    texts = [
+        [text.text for text in parse(charts.curves({"one": straight(0.6)}, "", "", "", percent=p)).iter("text")]
+        for p in (True, False)
+    ]
+    assert texts[0][:6] == ["0%", "20%", "40%", "60%", "80%", "100%"]
+    assert texts[1][:6] == ["0.2", "0.3", "0.4", "0.5", "0.6", "0.7"]
+
+
+@pytest.mark.parametrize(
+    ("last", "expected"),
+    [
+        (3e6, ["0", "1M", "2M", "3M"]),
+        (2e6, ["0", "0.5M", "1M", "1.5M", "2M"]),
+        (1.2e6, ["0", "0.5M", "1M"]),
+        (4.9e4, ["0", "10k", "20k", "30k", "40k"]),
+        (900, ["0", "200", "400", "600", "800"]),
+        (7, ["0", "2", "4", "6"]),
+        (2e9, ["0", "0.5B", "1B", "1.5B", "2B"]),
+    ],
+)
+def test_steps_are_written_in_readable_units(last: float, expected: list[str]):
+    root = parse(charts.curves({"one": straight(0.6, last)}, "", "", "", percent=True))
+    assert [text.text for text in root.iter("text") if text.get("text-anchor") == "middle"][:-1] == expected
+
+
+def test_the_axis_of_steps_holds_0():
+    root = parse(charts.curves({"one": [(500, 1, None, None), (1000, 2, None, None)]}, "", "", ""))
+    assert points_of(of_class(root, "line")[0])[0, 0] == pytest.approx((charts.LEFT + 460 - 38) / 2, abs=5)
+    assert "0" in [text.text for text in root.iter("text")]
+
+
+def test_a_band_is_only_where_there_are_bounds_and_a_lone_interval_is_a_whisker():
+    bounds = [(0.1, 0.3), (0.1, 0.3), (None, None), (0.1, 0.3), (None, None), (0.1, 0.3), (0.1, 0.3), (0.1, 0.3)]
+    root = parse(charts.curves({"one": [(i, 0.2, *pair) for i, pair in enumerate(bounds)]}, "", "", ""))
+    assert [len(points_of(band)) for band in of_class(root, "band")] == [4, 6]
+    assert len(of_class(root, "whisker")) == 1
+    assert len(points_of(of_class(root, "line")[0])) == 8
+    assert titles_of(of_class(root, "hit"))[1:3] == ["one, 1: 0.2 [0.1, 0.3]", "one, 2: 0.2"]
+
+
+@pytest.mark.parametrize(
+    "ends",
+    [
+        [0.5],
+        [0.5, 0.5],
+        [0.51, 0.5, 0.9, 0.52, 0.49],
+        [0.0, 0.0, 0.0, 0.01],
+        [1.0, 1.0, 0.99, 1.0, 1.0],
+        [0.5] * 14,
+        [0.3, 0.36, 0.42, 0.48, 0.54, 0.5],
+    ],
+)
+def test_names_of_curves_do_not_overlap_and_keep_the_order_of_the_ends(ends: list[float]):
+    names = [f"curve {i}" for i in range(len(ends))]
+    root = parse(charts.curves(dict(zip(names, map(straight, ends), strict=True)), "", "", "", percent=True))
+    labels = end_labels(root)
+    assert list(labels) == names
+    heights = sorted(y for _, y in labels.values())
+    assert np.diff(heights).min(initial=99) >= 12.8
+    for a, b in itertools.combinations(range(len(ends)), 2):
+        if ends[a] > ends[b]:
+            assert labels[names[a]][1] < labels[names[b]][1]
+    assert all(0 < y < charts.HEIGHT - charts.BOTTOM + 5 for y in heights)
+
+
+def test_names_that_fit_stand_at_their_ends_and_others_are_tied_to_them_by_a_line():
+    apart = parse(charts.curves({"a": straight(0.9), "b": straight(0.5)}, "", "", "", percent=True))
+    ends = [points_of(line)[-1] for line in of_class(apart, "line")]
+    for (x, y), end in zip(end_labels(apart).values(), ends, strict=True):
+        assert y == pytest.approx(end[1] + 4, abs=0.11)
+        assert x > end[0]
+    assert not of_class(apart, "leader")
+    close = parse(charts.curves({"a": straight(0.5), "b": straight(0.5)}, "", "", "", percent=True))
+    assert len(of_class(close, "leader")) == 2
+    early = parse(charts.curves({"a": straight(0.9), "b": straight(0.5, 1e6)}, "", "", "", percent=True))
+    (leader,) = of_class(early, "leader")
+    end = points_of(of_class(early, "line")[1])[-1]
+    assert numbers_of(leader, "x1", "y1") == pytest.approx([end[0] + 2, end[1]], abs=0.11)
+
+
+def test_long_names_have_room_and_very_long_ones_are_cut():
+    long, longer = "random embeddings, dim 50", "random embeddings of 50 dimensions, 8 distractors"
+    root = parse(charts.curves({"a": straight(0.9), long: straight(0.7), longer: straight(0.5)}, "", "", ""))
+    labels = end_labels(root)
+    assert list(labels) == ["a", long, "random embeddings of 50 d…"]
+    for text, (x, _) in labels.items():
+        assert x + 6 * len(text) <= charts.WIDTH
+    assert of_text(root, "series-2")[0].find("title").text == longer
+    assert of_class(root, "hit")[-1].find("title").text.startswith(longer)
+    assert points_of(of_class(root, "line")[0])[-1, 0] < labels["a"][0]
+    assert all(float(grid.get("x2")) < labels["a"][0] for grid in of_class(root, "grid"))
+
+
+def test_a_curve_of_a_single_point_is_a_dot_with_a_whisker():
+    root = parse(charts.curves({"one": [(5e5, 0.5, 0.4, 0.7)]}, "", "", "", percent=True))
+    (dot,) = of_class(root, "dot")
+    assert dot.find("title").text == "one, 500,000: 50.0% [40.0%, 70.0%]"
+    (whisker,) = of_class(root, "whisker")
+    x, top, bottom = numbers_of(whisker, "x1", "y2", "y1")
+    assert x == float(whisker.get("x2")) == float(dot.get("cx"))
+    assert top < float(dot.get("cy")) < bottom
+    assert not of_class(root, "band")
+
+
+def test_a_curve_of_two_points_is_a_line():
+    root = parse(charts.curves({"one": straight(0.5)[:2]}, "", "", ""))
+    assert len(points_of(of_class(root, "line")[0])) == len(of_class(root, "hit")) == 2
+    assert not of_class(root, "dot")
+
+
+def test_a_curve_without_points_is_left_out_and_keeps_its_colour():
+    root = parse(charts.curves({"none": [], "one": straight(0.9)}, "", "", "", percent=True))
+    assert [line.get("class") for line in of_class(root, "line")] == ["line series-1 dash-1"]
+    assert list(end_labels(root)) == ["one"]
+
+
+@pytest.mark.parametrize("percent", [True, False])
+@pytest.mark.parametrize(
+    "series",
+    [
+        {},
+        {"one": []},
+        {"one": [(0, 0.0, None, None)]},
+        {"one": [(5, -3.0, -3.0, -3.0)]},
+        {"one": [(1, 0.5, 0.5, 0.5), (2, 0.5, 0.5, 0.5)]},
+        {"one": [(-4, 0.1, None, None), (-2, 0.3, None, None)]},
+    ],
+)
+def test_curves_of_few_or_equal_points_are_drawn(series: dict, percent: bool):
+    root = parse(charts.curves(series, "x", "y", "d", percent=percent))
+    assert "nan" not in ET.tostring(root, encoding="unicode")
+    assert len(of_class(root, "grid")) >= 2
+
+
+def test_dashes_can_mean_something_and_colours_can_be_shared():
+    curves = {name: straight(0.5) for name in ("a train", "a", "b train", "b")}
+    root = parse(
+        charts.curves(
+            curves, "", "", "", dashed={"a train", "b train"}, colours={"a train": 0, "a": 0, "b train": 9, "b": 1}
+        )
+    )
+    assert [line.get("class") for line in of_class(root, "line")] == [
+        f"line series-{colour} {dash}" for colour in (0, 1) for dash in ("dashed", "dash-0")
+    ]
+    assert [text.get("class") for text in of_text(root, "series-")] == [f"series-{i}" for i in (0, 0, 1, 1)]
+    assert [band.get("class") for band in of_class(root, "band")] == [f"band series-{i}" for i in (0, 0, 1, 1)]
+
+
+def test_more_curves_than_colours_are_drawn_in_colours_that_there_are():
+    root = parse(charts.curves({str(i): straight(0.5) for i in range(10)}, "", "", ""))
+    assert [line.get("class") for line in of_class(root, "line")][7:] == [
+        "line series-7 dash-3",
+        "line series-0 dash-0",
+        "line series-1 dash-1",
+    ]
+
+
+def test_a_long_curve_has_all_its_points_but_not_all_to_hover_over():
+    points = [(i, i / 2000, None, None) for i in range(1001)]
+    root = parse(charts.curves({"one": points}, "", "", ""))
+    assert len(points_of(of_class(root, "line")[0])) == 1001
+    titles = titles_of(of_class(root, "hit"))
+    assert 40 <= len(titles) <= 60
+    assert titles[0] == "one, 14: 0.007"
+    assert titles[-1] == "one, 1,000: 0.5"
+
+
+def estimates(*shares: float) -> list[tuple[float, float | None, float | None]]:
+    return [(share, share - 0.1, share + 0.05) for share in shares]
+
+
+def test_dots_stand_in_their_categories_side_by_side_with_whiskers_and_a_legend():
+    labels = ["0", "1–2", "3+"]
+    root = parse(charts.dots(labels, {"a": estimates(0.2, 0.5, 0.9), "b": estimates(0.3, 0.3, 0.3)}, "x", "y", "d"))
+    dots, whiskers = of_class(root, "dot"), of_class(root, "whisker")
+    drawn = [f"a, {label}" for label in labels] + ["a"] + [f"b, {label}" for label in labels] + ["b"]
+    assert [title.split(":")[0] for title in titles_of(dots)] == drawn
+    assert titles_of(dots)[0] == "a, 0: 20.0% [10.0%, 25.0%]"
+    assert [whisker.get("class") for whisker in whiskers] == ["whisker series-0"] * 3 + ["whisker series-1"] * 3
+    xs = np.array([float(whisker.get("x1")) for whisker in whiskers]).reshape(2, 3)
+    assert (np.diff(xs, axis=1) > 0).all()
+    middles = [float(text.get("x")) for text in root.iter("text") if text.text in labels]
+    np.testing.assert_allclose(xs.mean(axis=0), middles, atol=0.11)
+    assert (xs[0] < xs[1]).all()
+    assert (xs[1, :-1] < xs[0, 1:]).all()
+    lengths = [whisker_length(whisker) for whisker in whiskers]
+    np.testing.assert_allclose(lengths, lengths[0], atol=0.21)
+    circles = [numbers_of(dot, "cx", "cy") for dot in dots[:3]]
+    np.testing.assert_array_equal([x for x, _ in circles], xs[0])
+    assert circles[0][1] > circles[1][1] > circles[2][1]
+    assert {"x", "y", "a", "b"} <= {text.text for text in root.iter("text")}
+
+
+def whisker_length(whisker: ET.Element) -> float:
+    low, high = numbers_of(whisker, "y1", "y2")
+    assert low > high
+    return low - high
+
+
+def test_dots_of_different_series_differ_in_shape_too():
+    root = parse(charts.dots(["x"], {str(i): estimates(0.5) for i in range(5)}, "", "", ""))
+    corners = [len(points_of(dot)) if dot.tag == "polygon" else dot.tag for dot in of_class(root, "dot")[::2]]
+    assert corners == ["circle", 4, 3, 4, "circle"]
+    square, diamond = (points_of(of_class(root, "dot")[i]) for i in (2, 6))
+    assert len(set(square[:, 0])) == 2
+    assert len(set(diamond[:, 0])) == 3
+
+
+def test_a_share_may_be_missing_or_have_no_interval():
+    root = parse(charts.dots(["x", "y"], {"a": [None, (0.5, None, None)]}, "", "", ""))
+    assert titles_of(of_class(root, "dot")) == ["a, y: 50.0%", "a"]
+    assert not of_class(root, "whisker")
+
+
+@pytest.mark.parametrize(("labels", "series"), [([], {}), ([], {"a": []}), (["x"], {}), (["x"], {"a": estimates(0.0)})])
+def test_dots_of_few_or_no_categories_are_drawn(labels: list[str], series: dict):
+    root = parse(charts.dots(labels, series, "", "", "d"))
+    assert "nan" not in ET.tostring(root, encoding="unicode")
+    assert len(of_class(root, "dot")) == len(series) + len(labels) * len(series)
+
+
+def test_dots_stay_apart_and_inside_the_picture_when_there_are_many():
+    series = {f"a longer name {i}": [(1.0, 0.9, 1.0)] * 10 for i in range(8)}
+    root = parse(charts.dots([str(i) for i in range(10)], series, "", "", ""))
+    xs = np.array([float(whisker.get("x1")) for whisker in of_class(root, "whisker")]).reshape(8, 10)
+    assert (np.diff(xs.T.ravel()) > 0).all()
+    legend = [text for text in root.iter("text") if text.text in series]
+    assert all(xs.max() + 5 < float(text.get("x")) <= charts.WIDTH - 6 * len(text.text) for text in legend)
+    heights = [float(text.get("y")) for text in legend]
+    assert np.diff(heights).min() >= 12
+    assert heights[-1] < charts.HEIGHT
+
+
+def test_labels_of_categories_are_cut_where_they_would_overlap():
+    root = parse(charts.dots(["short", "one right part and one wrong"] * 3, {"a": estimates(*[0.5] * 6)}, "", "", ""))
+    texts = [text for text in root.iter("text") if text.get("class") == "tick"]
+    spans = [(float(text.get("x")), 3 * len(text.text)) for text in texts]
+    assert all(x + half <= following - other for (x, half), (following, other) in itertools.pairwise(spans))
+    assert [text.text for text in texts][:2] == ["short", "one right…"]
+    assert titles_of(of_class(root, "dot"))[1].startswith("a, one right part and one wrong: ")
+
+
+@pytest.mark.parametrize("count", [1, 2, 5, 9])
+@pytest.mark.parametrize("seed", range(5))
+def test_places_are_spread_as_little_as_can_be(count: int, seed: int):
+    optimize = pytest.importorskip("scipy.optimize")
+    rng = np.random.default_rng(seed)
+    wanted, gap, low, high = rng.uniform(0, 60, count), 8, 0, 70
+    places = np.array(charts._spread(wanted.tolist(), gap, low, high))
+    order = wanted.argsort()
+    apart = optimize.LinearConstraint(np.diff(np.eye(count), axis=0), gap, np.inf) if count > 1 else ()
+    best = optimize.minimize(
+        lambda x: ((x - wanted[order]) ** 2).sum(),
+        low + gap * np.arange(count, dtype=float),
+        jac=lambda x: 2 * (x - wanted[order]),
+        bounds=[(low, high)] * count,
+        constraints=apart,
+        method="SLSQP",
+        options={"ftol": 1e-12, "maxiter": 500},
+    )
+    np.testing.assert_allclose(places[order], best.x, atol=1e-3)
+
+
+def test_places_that_are_too_many_share_the_room():
+    assert charts._spread([5.0, 5.0, 5.0], 10, 0, 8) == pytest.approx([0, 4, 8])
+    assert charts._spread([], 10, 0, 8) == []
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "expected"),
+    [
+        (0, 1, [0, 0.2, 0.4, 0.6, 0.8, 1]),
+        (0.11, 0.52, [0.1, 0.2, 0.3, 0.4, 0.5, 0.6]),
+        (-3, 14, [-5, 0, 5, 10, 15]),
+        (0, 0.3, [0, 0.1, 0.2, 0.3]),
+        (1e6, 1.5e6, [1e6, 1.1e6, 1.2e6, 1.3e6, 1.4e6, 1.5e6]),
+        (2, 2, [2, 2.5]),
+        (0, 0, [0, 0.2]),
+    ],
+)
+def test_ticks_are_round_numbers_around_the_data(low: float, high: float, expected: list[float]):
+    assert charts._round_ticks(low, high) == pytest.approx(expected)
 
 
 @pytest.mark.parametrize("points", [[], [(0.0, 0.0, 3)], [(1.0, 1.0, 3)], [(0.02, 0.4, 1), (0.9, 0.0, 1)]])

@@ -1,9 +1,51 @@
 """Settings of the trainer: every option, default, unit and allowed range; imports no torch."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from typing import Literal
 
+from wordcraft_kg.envs.config import Ambiguity, DistractorPolicy, DistractorWeighting, WordCraftConfig
 from wordcraft_kg.errors import ConfigError
+from wordcraft_kg.graphs.tasks import TaskPart, TaskWeighting
+
+
+@dataclass(frozen=True)
+class TaskConfig:
+    """The tasks that an agent is trained on, and, with another part, judged on.
+
+    Attributes:
+        depth: attempts that a task takes at least, 1 to 5.
+        distractors: entities on the table that no plan needs.
+        max_attempts: attempts in an episode. Default: depth.
+        reward: sparse (1 for the goal), or official (with the penalties and sub-goals of the paper's released code);
+            success is always counted by the goal alone.
+        distractor_weighting: use draws an entity by 1 + the train recipes that use it, uniform all alike.
+        distractor_policy: any, or no_shortcut: no distractor opens another way to the goal.
+        task_weighting: task draws all train tasks alike, goal first a goal and then one of its tasks.
+        ambiguity: all results of a pair, or only the last, as the paper's released code keeps one.
+    """
+
+    depth: int = WordCraftConfig.depth
+    distractors: int = WordCraftConfig.num_distractors
+    max_attempts: int | None = None
+    reward: Literal["sparse", "official"] = "sparse"
+    distractor_weighting: DistractorWeighting = WordCraftConfig.distractor_weighting
+    distractor_policy: DistractorPolicy = WordCraftConfig.distractor_policy
+    task_weighting: TaskWeighting = WordCraftConfig.task_weighting
+    ambiguity: Ambiguity = WordCraftConfig.ambiguity
+
+    def __post_init__(self) -> None:
+        self.world("train")
+
+    def world(self, part: TaskPart, distractors: int | None = None) -> WordCraftConfig:
+        """Return the environment's settings for a part, with another number of distractors if one is given.
+
+        Raises:
+            ConfigError: for a value out of range.
+        """
+        settings = {field.name: getattr(self, field.name) for field in fields(self) if field.name != "distractors"}
+        amount = self.distractors if distractors is None else distractors
+        return WordCraftConfig(part=part, num_distractors=amount, **settings)
 
 
 @dataclass(frozen=True)

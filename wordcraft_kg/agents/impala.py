@@ -83,11 +83,15 @@ class Impala:
         self._snapshots: deque[Weights] = deque(maxlen=config.policy_lag + 1)
         time, batch, slots = config.unroll, config.batch_size, engine.num_slots
         self._unroll = Unroll(
-            *(self._empty(time + 1, batch, dtype=torch.int64) for _ in range(2)),
-            self._empty(time + 1, batch, slots, dtype=torch.int64),
-            self._empty(time, batch, dtype=torch.int64),
-            *(self._empty(time, batch) for _ in range(3)),
-            *(self._empty(time, batch, dtype=torch.bool) for _ in range(2)),
+            goal=self._empty(time + 1, batch, dtype=torch.int64),
+            selection=self._empty(time + 1, batch, dtype=torch.int64),
+            table=self._empty(time + 1, batch, slots, dtype=torch.int64),
+            actions=self._empty(time, batch, dtype=torch.int64),
+            log_probs=self._empty(time, batch),
+            rewards=self._empty(time, batch),
+            discounts=self._empty(time, batch),
+            over=self._empty(time, batch, dtype=torch.bool),
+            won=self._empty(time, batch, dtype=torch.bool),
         )
         self._sums = self._empty(len(SUMS), dtype=torch.float64).zero_()
         self._last: tuple[Tensor, ...] = ()
@@ -159,7 +163,7 @@ class Impala:
 
     def state(self) -> dict[str, Tensor]:
         """Return all that :meth:`restore` needs to go on bit for bit: tensors by name."""
-        tensors = {f"policy.{name}": parameter for name, parameter in self.policy.named_parameters()}
+        tensors: dict[str, Tensor] = {f"policy.{name}": parameter for name, parameter in self.policy.named_parameters()}
         tensors |= {f"optimizer.{name}": torch.as_tensor(value) for name, value in self._optimizer_state().items()}
         tensors |= {f"engine.{name}": torch.from_numpy(array) for name, array in self.engine.state().items()}
         for i, snapshot in enumerate(self._snapshots):

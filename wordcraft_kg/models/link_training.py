@@ -9,11 +9,9 @@ import json
 import logging
 import os
 import shutil
-import signal
 import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -42,7 +40,7 @@ from wordcraft_kg.models.link_prediction import rank_triples, ranking_metrics
 from wordcraft_kg.models.model_folder import check_inputs
 from wordcraft_kg.models.pykeen_bridge import pykeen_guard, quiet_pykeen, seed_everything, triples_factory
 from wordcraft_kg.models.scorers import TABLE_LIMIT, make_scorer, read_tensors
-from wordcraft_kg.runs import end_run, read_run, resume_run, start_run
+from wordcraft_kg.runs import check_device, end_run, first_interrupt, read_run, resume_run, start_run, toml_value
 
 UNFINISHED = ".unfinished"
 RANKED_IN_TRAIN = 20_000
@@ -150,24 +148,6 @@ def resume_links(
     return _run(opened, config, out, unfinished, run, progress)
 
 
-def toml_value(value: Any) -> str:
-    """Write a string or a number as TOML; the two formats agree on these when no character is escaped as a pair."""
-    return json.dumps(value, ensure_ascii=False)
-
-
-def check_device(device: str) -> None:
-    """Make sure that torch can compute on a device.
-
-    Raises:
-        ConfigError: saying why not.
-    """
-    try:
-        torch.zeros(1, device=device).item()
-    except (RuntimeError, AssertionError) as error:
-        reason = str(error).splitlines()[0]
-        raise ConfigError(f"--device {device} is not to be had here ({reason}). Use --device cpu.") from None
-
-
 def _check_fit(opened: OpenedGraph, config: LinkConfig) -> None:
     if isinstance(config, LinkModelConfig):
         model_class(config.model)
@@ -211,7 +191,7 @@ def _run(
     triples = split.partial if config.kg == "partial" else opened.graph.triples
     factory = triples_factory(opened.graph, triples)
     try:
-        with pykeen_guard(config.seed, config.threads), quiet_pykeen(), _first_interrupt() as interrupted:
+        with pykeen_guard(config.seed, config.threads), quiet_pykeen(), first_interrupt() as interrupted:
             loop = make_training_loop(config, factory)
             state = _Checkpoints(folder, opened, config, interrupted, progress)
             begun = state.restore(loop)
@@ -434,26 +414,6 @@ def _copy(tensors: dict[str, torch.Tensor]) -> dict[str, torch.Tensor]:
 
 def _with_prefix(tensors: dict[str, torch.Tensor], prefix: str) -> dict[str, torch.Tensor]:
     return {name.removeprefix(prefix): value for name, value in tensors.items() if name.startswith(prefix)}
-
-
-@contextmanager
-def _first_interrupt() -> Iterator[threading.Event]:
-    """Turn the first Ctrl-C into a request to stop after the epoch; the second one acts at once."""
-    asked = threading.Event()
-    if threading.current_thread() is not threading.main_thread():
-        yield asked
-        return
-    before = signal.getsignal(signal.SIGINT)
-
-    def ask(signum: int, frame: Any) -> None:
-        asked.set()
-        signal.signal(signal.SIGINT, before)
-
-    signal.signal(signal.SIGINT, ask)
-    try:
-        yield asked
-    finally:
-        signal.signal(signal.SIGINT, before)
 
 
 def _model_card(opened: OpenedGraph, config: LinkConfig, metrics: dict[str, Any]) -> str:

@@ -16,8 +16,8 @@ from wordcraft_kg.graphs.triples import is_in, recipe_triples
 from wordcraft_kg.models.complex import ComplExN3
 from wordcraft_kg.models.families import model_class
 from wordcraft_kg.models.link_config import CONFIGS, ComplExConfig, LinkModelConfig
-from wordcraft_kg.models.link_training import check_device, toml_value
 from wordcraft_kg.models.pykeen_bridge import pykeen_guard, quiet_pykeen, seeded_pipelines, triples_factory
+from wordcraft_kg.runs import check_device, toml_value
 
 _EPOCHS = {"type": "int", "low": 20, "high": 100, "q": 20}
 _BATCH = {"type": "categorical", "choices": [256, 512, 1024]}

@@ -23,6 +23,7 @@ class KnowledgeScores(nn.Module):
     """
 
     scores: Tensor
+    _first: Tensor
 
     def __init__(self, num_entities: int, sources: tuple[str, ...], scorer: TripleScorer | None = None):
         """Ask a scorer once for all pairs; without one, the tables are zeros to be loaded.

@@ -1,5 +1,6 @@
 """Policies as plain torch modules: ids of goal, selection and table in, logits of the slots and a value out."""
 
+from pathlib import Path
 from typing import NamedTuple
 
 import torch
@@ -41,12 +42,24 @@ class Policy(nn.Module):
         source_names: names of the mixed sources in order: ``alpha``, ``u``, ``v``; empty without a mixture.
     """
 
-    def __init__(self, config: PolicyConfig, num_entities: int):
-        """Keep the settings."""
+    def __init__(self, config: PolicyConfig, vectors: EntityVectors):
+        """Keep the settings and the entities' vectors."""
         super().__init__()
         self.config = config
-        self.num_entities = num_entities
+        self.vectors = vectors
+        self.num_entities = vectors.num_entities
         self.source_names: tuple[str, ...] = ()
+
+    @classmethod
+    def from_pretrained(cls, folder: str | Path) -> "Policy":
+        """Load the policy of a run folder, which is all it needs.
+
+        Raises:
+            ArtefactError: if the run is unfinished, or a file in it is missing or damaged.
+        """
+        from wordcraft_kg.models.policy_folder import load_policy
+
+        return load_policy(folder)[0]
 
     def weights(self) -> Weights:
         """Return what depends on the parameters alone, to be computed once for many calls."""
@@ -78,10 +91,9 @@ class AttentionPolicy(Policy):
 
     def __init__(self, config: PolicyConfig, vectors: EntityVectors, knowledge: KnowledgeScores | None = None):
         """Take entity vectors, and what the scorer says if there is one."""
-        super().__init__(config, vectors.num_entities)
+        super().__init__(config, vectors)
         if config.kg_only and knowledge is None:
             raise ConfigError("--kg-only mixes a scorer's scores and nothing else; give a --scorer too.")
-        self.vectors = vectors
         self.attention = TableAttention(vectors.dim, config.key_size)
         self.value = nn.Sequential(
             nn.Linear(vectors.dim, config.value_size), nn.ReLU(), nn.Linear(config.value_size, 1)
@@ -90,8 +102,10 @@ class AttentionPolicy(Policy):
         if knowledge is not None:
             self.source_names = (*(() if config.kg_only else ("alpha",)), *knowledge.sources)
             self.mixture = _head(vectors.dim, config.value_size, len(self.source_names))
+            last = self.mixture[2]
+            assert isinstance(last, nn.Linear)
             if config.mixing == "free":  # all sources begin with about the same say
-                nn.init.ones_(self.mixture[-1].bias)
+                nn.init.ones_(last.bias)
 
     def weights(self) -> Weights:  # noqa: D102 - inherited
         heads = [self.value, self.mixture] if self.knowledge is not None else [self.value]
@@ -136,9 +150,8 @@ class MLPPolicy(Policy):
 
     def __init__(self, config: PolicyConfig, vectors: EntityVectors, num_slots: int):
         """Take entity vectors and the number of slots."""
-        super().__init__(config, vectors.num_entities)
+        super().__init__(config, vectors)
         self.num_slots = num_slots
-        self.vectors = vectors
         self.hidden = nn.Linear((2 + num_slots) * vectors.dim, config.hidden_size)
         self.logits = nn.Linear(config.hidden_size, num_slots)
         self.value = nn.Linear(config.hidden_size, 1)

@@ -1,13 +1,14 @@
 """Small charts as inline SVG strings: they follow the page's light and dark colours and need no JavaScript.
 
-Colours are CSS classes (``series-0``, ``series-1``, ...) that the page's style sheet defines.
+Colours are CSS classes (``series-0``, ``series-1``, ...) that the page's style sheet defines, and so are the dashes of
+:func:`curves` (``dash-0`` to ``dash-3``, ``dashed``).
 """
 
 import base64
 import math
 import struct
 import zlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from html import escape
 
 import numpy as np
@@ -15,6 +16,16 @@ from markupsafe import Markup
 
 WIDTH, HEIGHT = 460, 250
 LEFT, RIGHT, TOP, BOTTOM = 46, 12, 12, 42
+# A letter of the charts' 11 px text is about so wide; longer names of series are cut, and whole in the tooltip.
+LETTER, LONGEST_NAME = 6.3, 26
+LINE_HEIGHT = 13
+COLOURS, DASHES = 8, 4
+HOVER_POINTS = 60
+
+CurvePoint = tuple[float, float, float | None, float | None]
+"""x, y, and the bounds of an interval of y, or None twice."""
+Estimate = tuple[float, float | None, float | None]
+"""A value and the bounds of its interval, or None twice."""
 
 
 def grouped_bars(labels: Sequence[str], series: dict[str, Sequence[float]], x_title: str, description: str) -> Markup:
@@ -53,6 +64,106 @@ def lines(
         plot.polyline(values, f"line series-{number}")
     plot.titles(x_title, y_title)
     return plot.done(list(series) if len(series) > 1 else [], left=legend_left)
+
+
+def curves(
+    series: Mapping[str, Sequence[CurvePoint]],
+    x_title: str,
+    y_title: str,
+    description: str,
+    *,
+    percent: bool = False,
+    dashed: Collection[str] | None = None,
+    colours: Mapping[str, int] | None = None,
+) -> Markup:
+    """Draw curves with bands of uncertainty, each named at its right end; the x-axis holds 0.
+
+    Several seeds give a curve of their means and a band of their interval. A point with bounds whose neighbours have
+    none gets a whisker, and a curve of a single point a dot.
+
+    Args:
+        series: points by name, x ascending; a curve without points keeps its colour, but is not drawn.
+        x_title: under the x-axis, whose numbers are shortened (0.5M).
+        y_title: above the chart.
+        description: for readers who do not see it.
+        percent: y is a share, and its axis goes from 0 to 100 %; otherwise the axis is fitted to the data.
+        dashed: names of the curves to be dashed, all others being solid (say, train beside test); by default every
+            curve has a pattern of its own, so that they differ without colour too.
+        colours: numbers of colours by name, for curves that share one; by default a curve's place in ``series``.
+    """
+    names = {name: _shortened(name, LONGEST_NAME) for name, points in series.items() if points}
+    everything = [point for points in series.values() for point in points]
+    xs = [point[0] for point in everything]
+    ys = [value for point in everything for value in point[1:] if value is not None]
+    y_ticks = [i / 5 for i in range(6)] if percent else _round_ticks(min(ys, default=0), max(ys, default=1))
+    first, last = min(xs, default=0), max(xs, default=1)
+    first = min(first, 0)
+    last = last if last > first else first + 1
+    room = round(20 + LETTER * max(map(len, names.values()), default=0))
+    plot = _Plot((first, last), (y_ticks[0], y_ticks[-1]), description, top=28, right=room)
+    y_texts = [f"{value:.0%}" for value in y_ticks] if percent else _amounts(y_ticks)
+    plot.y_ticks(y_ticks, dict(zip(y_ticks, y_texts, strict=True)).__getitem__)
+    x_ticks = [value for value in _round_ticks(first, last) if first <= value <= last]
+    plot.x_labels(list(zip(x_ticks, _amounts(x_ticks), strict=True)))
+    number = {name: (colours or {}).get(name, i) % COLOURS for i, name in enumerate(series)}
+    for name in names:
+        for run in _runs_with_bounds(series[name]):
+            plot.band(run, f"band series-{number[name]}", f"whisker series-{number[name]}")
+    for i, name in enumerate(series):
+        if name in names:
+            dash = f"dash-{i % DASHES}" if dashed is None else "dashed" if name in dashed else "dash-0"
+            plot.polyline([point[:2] for point in series[name]], f"line series-{number[name]} {dash}", name)
+    for name in names:
+        points = series[name]
+        style, radius = ("hit", 4.0) if len(points) > 1 else (f"dot series-{number[name]}", 3.6)
+        every = math.ceil(len(points) / HOVER_POINTS)
+        # Counted from the end, which is the point of most interest.
+        for x, y, low, high in points[::-1][::every][::-1]:
+            plot.circle(x, y, radius, style, f"{name}, {x:,.10g}: {_estimate((y, low, high), percent)}")
+    ends = [(name, *series[name][-1][:2]) for name in names]
+    plot.end_labels([(x, y, names[name], name, f"series-{number[name]}") for name, x, y in ends])
+    plot.titles(x_title, y_title)
+    return plot.done([])
+
+
+def dots(
+    labels: Sequence[str],
+    series: Mapping[str, Sequence[Estimate | None]],
+    x_title: str,
+    y_title: str,
+    description: str,
+) -> Markup:
+    """Draw shares (0 to 1) with the whiskers of their intervals, side by side in each category, legend on the right.
+
+    Series differ in colour and in shape.
+
+    Args:
+        labels: of the categories; cut where they would overlap.
+        series: by name a share and its interval for each category, or None where there is none.
+        x_title: under the x-axis.
+        y_title: above the chart.
+        description: for readers who do not see it.
+    """
+    names = {name: _shortened(name, LONGEST_NAME) for name in series}
+    room = round(30 + LETTER * max(map(len, names.values()), default=0))
+    plot = _Plot((0, max(len(labels), 1)), (0, 1), description, top=28, right=room)
+    plot.y_ticks([i / 5 for i in range(6)], lambda value: f"{value:.0%}")
+    letters = int((plot.x(1) - plot.x(0)) / LETTER)
+    plot.x_labels([(i + 0.5, _shortened(label, letters)) for i, label in enumerate(labels)])
+    gap = min(0.15, 0.8 / max(len(series), 1))
+    for number, (name, values) in enumerate(series.items()):
+        for i, (label, value) in enumerate(zip(labels, values, strict=True)):
+            if value is not None:
+                x = i + 0.5 + (number - (len(series) - 1) / 2) * gap
+                share, low, high = value
+                if low is not None and high is not None:
+                    plot.whisker(x, low, high, f"whisker series-{number % COLOURS}")
+                plot.marker(plot.x(x), plot.y(share), number, f"{name}, {label}: {_estimate(value, True)}")
+        left, y = WIDTH - room + 14, plot.top + 6 + 16 * number
+        plot.marker(left, y, number, name)
+        plot.parts.append(f'<text x="{left + 9}" y="{y + 4}">{escape(names[name])}</text>')
+    plot.titles(x_title, y_title)
+    return plot.done([])
 
 
 def reliability(points: Sequence[tuple[float, float, int]], description: str) -> Markup:
@@ -136,24 +247,33 @@ def _png(pixels: np.ndarray, palette: np.ndarray) -> bytes:
 
 
 class _Plot:
-    """Axes with linear scales, collecting SVG elements."""
+    """Axes with linear scales, collecting SVG elements; ``top`` and ``right`` are margins."""
 
-    def __init__(self, x_range: tuple[float, float], y_range: tuple[float, float], description: str):
+    def __init__(
+        self,
+        x_range: tuple[float, float],
+        y_range: tuple[float, float],
+        description: str,
+        *,
+        top: int = TOP,
+        right: int = RIGHT,
+    ):
         self.x_range, self.y_range, self.description = x_range, y_range, description
+        self.top, self.right = top, right
         self.parts: list[str] = []
 
     def x(self, value: float) -> float:
         low, high = self.x_range
-        return round(LEFT + (value - low) / (high - low) * (WIDTH - LEFT - RIGHT), 1)
+        return round(LEFT + (value - low) / (high - low) * (WIDTH - LEFT - self.right), 1)
 
     def y(self, value: float) -> float:
         low, high = self.y_range
-        return round(HEIGHT - BOTTOM - (value - low) / (high - low) * (HEIGHT - TOP - BOTTOM), 1)
+        return round(HEIGHT - BOTTOM - (value - low) / (high - low) * (HEIGHT - self.top - BOTTOM), 1)
 
     def y_ticks(self, values: Sequence[float], text: Callable[[float], str]) -> None:
         for value in values:
             y = self.y(value)
-            self.parts.append(f'<line x1="{LEFT}" x2="{WIDTH - RIGHT}" y1="{y}" y2="{y}" class="grid"/>')
+            self.parts.append(f'<line x1="{LEFT}" x2="{WIDTH - self.right}" y1="{y}" y2="{y}" class="grid"/>')
             self.parts.append(f'<text x="{LEFT - 5}" y="{y + 4}" text-anchor="end">{text(value)}</text>')
 
     def x_labels(self, labels: Sequence[tuple[float, str]]) -> None:
@@ -171,9 +291,50 @@ class _Plot:
             f"<title>{escape(title)}</title></rect>"
         )
 
-    def polyline(self, points: Sequence[tuple[float, float]], style: str) -> None:
+    def polyline(self, points: Sequence[tuple[float, float]], style: str, title: str = "") -> None:
         path = " ".join(f"{self.x(x)},{self.y(y)}" for x, y in points)
-        self.parts.append(f'<polyline points="{path}" class="{style}"/>')
+        inside = f"><title>{escape(title)}</title></polyline>" if title else "/>"
+        self.parts.append(f'<polyline points="{path}" class="{style}"{inside}')
+
+    def band(self, bounds: Sequence[tuple[float, float, float]], style: str, single: str) -> None:
+        """Fill what lies between the bounds (x, low, high); at one x only, draw a whisker of the style ``single``."""
+        if len(bounds) == 1:
+            self.whisker(*bounds[0], single)
+            return
+        around = [(x, high) for x, _, high in bounds] + [(x, low) for x, low, _ in reversed(bounds)]
+        path = " ".join(f"{self.x(x)},{self.y(y)}" for x, y in around)
+        self.parts.append(f'<polygon points="{path}" class="{style}"/>')
+
+    def whisker(self, x: float, low: float, high: float, style: str) -> None:
+        at = self.x(x)
+        self.parts.append(f'<line x1="{at}" x2="{at}" y1="{self.y(low)}" y2="{self.y(high)}" class="{style}"/>')
+
+    def marker(self, x: float, y: float, number: int, title: str) -> None:
+        """Draw a circle, square, triangle or diamond at a place in pixels, by the number of the series."""
+        style, inside = f"dot series-{number % COLOURS}", f"<title>{escape(title)}</title>"
+        corners = (
+            [],
+            [(-3.2, -3.2), (3.2, -3.2), (3.2, 3.2), (-3.2, 3.2)],
+            [(0, -4.2), (4, 3), (-4, 3)],
+            [(0, -4.6), (4.2, 0), (0, 4.6), (-4.2, 0)],
+        )[number % 4]
+        path = " ".join(f"{x + dx:.1f},{y + dy:.1f}" for dx, dy in corners)
+        self.parts.append(
+            f'<polygon points="{path}" class="{style}">{inside}</polygon>'
+            if corners
+            else f'<circle cx="{x}" cy="{y}" r="3.6" class="{style}">{inside}</circle>'
+        )
+
+    def end_labels(self, ends: Sequence[tuple[float, float, str, str, str]]) -> None:
+        """Name the right ends (x, y, text, whole name, style) of curves, with a thin line to names that had to move."""
+        places = _spread([self.y(end[1]) for end in ends], LINE_HEIGHT, self.top, HEIGHT - BOTTOM)
+        edge = WIDTH - self.right
+        for (x_value, y_value, text, name, style), place in zip(ends, places, strict=True):
+            x, y = self.x(x_value), self.y(y_value)
+            if abs(place - y) > 2 or edge - x > 2:
+                self.parts.append(f'<line x1="{x + 2:.1f}" x2="{edge + 10}" y1="{y}" y2="{place:.1f}" class="leader"/>')
+            inside = escape(text) + (f"<title>{escape(name)}</title>" if name != text else "")
+            self.parts.append(f'<text x="{edge + 13}" y="{place + 4:.1f}" class="{style}">{inside}</text>')
 
     def circle(self, x: float, y: float, radius: float, style: str, title: str) -> None:
         self.parts.append(
@@ -182,10 +343,12 @@ class _Plot:
         )
 
     def titles(self, x_title: str, y_title: str) -> None:
-        middle = (LEFT + WIDTH - RIGHT) / 2
+        middle = (LEFT + WIDTH - self.right) / 2
         self.parts.append(f'<text x="{middle}" y="{HEIGHT - 6}" text-anchor="middle">{escape(x_title)}</text>')
         if y_title:
-            self.parts.append(f'<text x="{LEFT + 4}" y="{TOP + 8}" class="small">{escape(y_title)}</text>')
+            # Above the curves where there is room for it, otherwise inside.
+            x, y = (LEFT, self.top - 10) if self.top > TOP else (LEFT + 4, TOP + 8)
+            self.parts.append(f'<text x="{x}" y="{y}" class="small">{escape(y_title)}</text>')
 
     def done(self, legend: Sequence[str], *, left: bool = False) -> Markup:
         x, top = (LEFT + 10, TOP + 16) if left else (WIDTH - 140, TOP + 4)
@@ -207,3 +370,71 @@ def _round_up(value: float) -> float:
 
 def _ticks(low: float, high: float, count: int = 5) -> list[float]:
     return [low + (high - low) * i / (count - 1) for i in range(count)] if high > low else [low]
+
+
+def _round_ticks(low: float, high: float, most: int = 5) -> list[float]:
+    """Return multiples of 1, 2 or 5 times a power of ten from at most ``low`` to at least ``high``.
+
+    The values between the two make ``most`` steps at most.
+    """
+    span = high - low or abs(high) or 1.0
+    unit = 10 ** math.floor(math.log10(span / most))
+    step = next(size * unit for size in (1, 2, 5, 10) if span / (size * unit) <= most * (1 + 1e-9))
+    # Rounding must not add a tick beyond a bound that is one itself.
+    first, last = math.floor(low / step + 1e-9), math.ceil(high / step - 1e-9)
+    return [i * step for i in range(first, max(last, first + 1) + 1)]
+
+
+def _amounts(values: Sequence[float]) -> list[str]:
+    """Return numbers in the unit of the largest: 0, 0.5M, 1M."""
+    highest = max(map(abs, values), default=0)
+    size, unit = next(((size, unit) for size, unit in ((1e9, "B"), (1e6, "M"), (1e3, "k")) if highest >= size), (1, ""))
+    return [f"{value / size:.10g}{unit}" if value else "0" for value in values]
+
+
+def _estimate(value: Estimate, percent: bool) -> str:
+    centre, low, high = (
+        None if number is None else f"{number:.1%}" if percent else f"{number:.3g}" for number in value
+    )
+    return f"{centre}" if low is None or high is None else f"{centre} [{low}, {high}]"
+
+
+def _shortened(text: str, letters: int) -> str:
+    return text if len(text) <= letters else text[: max(letters - 1, 1)].rstrip() + "…"
+
+
+def _runs_with_bounds(points: Sequence[CurvePoint]) -> list[list[tuple[float, float, float]]]:
+    """Return the stretches of points that have bounds, as (x, low, high)."""
+    runs: list[list[tuple[float, float, float]]] = [[]]
+    for x, _, low, high in points:
+        if low is not None and high is not None:
+            runs[-1].append((x, low, high))
+        elif runs[-1]:
+            runs.append([])
+    return [run for run in runs if run]
+
+
+def _spread(wanted: Sequence[float], gap: float, low: float, high: float) -> list[float]:
+    """Return places at least ``gap`` apart and within bounds, in the order of those wanted and as near as can be.
+
+    Least squares by pooling adjacent violators. Places that are too many for the bounds are nearer to each other.
+
+    Source: Barlow et al. 1972, "Statistical inference under order restrictions", for the pooling.
+    """
+    if not wanted:
+        return []
+    gap = min(gap, (high - low) / max(len(wanted) - 1, 1))
+    order = sorted(range(len(wanted)), key=wanted.__getitem__)
+    # Less its rank times the gap, a place may be no lower than the one before; pools of equal places: sum and number.
+    pools: list[tuple[float, int]] = []
+    for rank, i in enumerate(order):
+        total, size = wanted[i] - rank * gap, 1
+        while pools and pools[-1][0] / pools[-1][1] >= total / size:
+            total, size = total + pools[-1][0], size + pools[-1][1]
+            pools.pop()
+        pools.append((total, size))
+    means = [total / size for total, size in pools for _ in range(size)]
+    places = [0.0] * len(wanted)
+    for rank, i in enumerate(order):
+        places[i] = min(max(means[rank], low), high - (len(wanted) - 1) * gap) + rank * gap
+    return places

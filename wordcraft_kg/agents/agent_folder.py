@@ -63,7 +63,8 @@ class AgentConfig:
     def write(self, folder: Path) -> None:
         """Write ``config.toml`` and ``config.diff.toml``; paths become relative to the folder, so both can move."""
         for name, values in (("config.toml", self.values()), ("config.diff.toml", self.differing())):
-            relative = {key: os.path.relpath(values[key], folder) for key in PATHS if Path(values.get(key, "")).exists()}
+            there = [key for key in PATHS if key in values and Path(values[key]).exists()]
+            relative = {key: os.path.relpath(values[key], folder) for key in there}
             lines = (f"{key} = {toml_value(value)}" for key, value in {**values, **relative}.items())
             write_atomically(folder / name, "\n".join([f"[{KIND}]", *lines]) + "\n")
 
@@ -81,12 +82,15 @@ class AgentConfig:
             for key, value in paths.items():
                 if value is not None and (folder / value).exists():
                     paths[key] = os.path.normpath(folder / value)
-            parts = []
-            for kind in (TaskConfig, PolicyConfig, ImpalaConfig):
-                parts.append(kind(**{field.name: table.pop(field.name) for field in fields(kind) if field.name in table}))
+            tasks, policy, trainer = (
+                {field.name: table.pop(field.name) for field in fields(kind) if field.name in table}
+                for kind in (TaskConfig, PolicyConfig, ImpalaConfig)
+            )
             if table:
                 raise ValueError(f"there is no option '{next(iter(table))}'")
-            return cls(paths["graph"], paths["scorer"], *parts)
+            return cls(
+                paths["graph"], paths["scorer"], TaskConfig(**tasks), PolicyConfig(**policy), ImpalaConfig(**trainer)
+            )
         except FileNotFoundError:
             raise ArtefactError(f"{path} is missing; '{folder}' is incomplete. Train the agent again.") from None
         except (ValueError, KeyError, TypeError, AttributeError) as error:

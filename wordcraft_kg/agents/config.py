@@ -107,6 +107,8 @@ class ImpalaConfig:
         for name in ("discount", "rms_decay", "momentum"):
             self._require(name, 0 <= getattr(self, name) <= 1, "0 to 1")
 
+        self._require("device", self.device == "cpu" or self.device.startswith("cuda"), "cpu or cuda")
+
     @property
     def steps_per_update(self) -> int:
         """Environment steps in an update."""

@@ -1,10 +1,9 @@
-"""Training an agent into a run folder: metrics, learning curves, checkpoints, and going on after anything but a fire.
+"""Training an agent into a run folder: metrics, learning curves, checkpoints, and going on after an interruption.
 
 The folder is there from the start, and ``run.json`` says how it stands: running, interrupted, failed or done. A
 checkpoint holds all that the trainer knows, so on a CPU a resumed run ends with the same bits as an undisturbed one.
 """
 
-import hashlib
 import json
 import logging
 import os
@@ -13,39 +12,423 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import safetensors.torch
 import torch
 
-from wordcraft_kg.agents.config import ImpalaConfig, TaskConfig
+from wordcraft_kg.agents.agent_folder import (
+    KIND,
+    AgentConfig,
+    Checkpoints,
+    constants_of,
+    open_run_graph,
+    read_agent_run,
+)
 from wordcraft_kg.agents.evaluation import ENDINGS, Evaluation, Evaluator, PolicyPlayer
 from wordcraft_kg.agents.impala import Impala
-from wordcraft_kg.artefacts import (
-    check_output,
-    dump_json,
-    read_json,
-    with_a_name,
-    write_atomically,
-)
+from wordcraft_kg.artefacts import check_output, dump_json, sha256_of, with_a_name, write_atomically
 from wordcraft_kg.envs.batch import BatchEngine
-from wordcraft_kg.errors import ArtefactError, ConfigError, MissingExtraError, OutputExistsError
-from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
-from wordcraft_kg.graphs.splits import PARTS
-from wordcraft_kg.models.model_folder import check_inputs, open_model
+from wordcraft_kg.envs.world import World
+from wordcraft_kg.errors import ArtefactError, MissingExtraError, OutputExistsError, TaskError, TrainingError
+from wordcraft_kg.graphs.folder import OpenedGraph
+from wordcraft_kg.graphs.tasks import TaskPart
+from wordcraft_kg.models.model_folder import open_model
 from wordcraft_kg.models.policies import Policy
-from wordcraft_kg.models.policy_config import PolicyConfig
 from wordcraft_kg.models.policy_folder import make_policy, read_policy, write_constants, write_parameters
-from wordcraft_kg.models.scorers import read_tensors
-from wordcraft_kg.runs import (
-    check_device,
-    end_run,
-    first_interrupt,
-    read_run,
-    resume_run,
-    start_run,
-    toml_value,
-    verified_bytes,
-)
+from wordcraft_kg.runs import check_device, end_run, first_interrupt, resume_run, start_run
+
+PARTS: tuple[TaskPart, ...] = ("train", "test")
+DRAWS = 5
+CURVE_TASKS = 4_000
+"""Tasks of a part that a point of a learning curve is made of, at most; the final figures are made of all."""
+OUTPUTS = ("policy.safetensors", "policy.json", "constants.safetensors", "evaluation.json", "metrics.jsonl")
+Progress = Callable[[int, int, dict[str, float]], None]
+"""Called with environment steps done, all of them, and the latest figures."""
+
+
+@dataclass(frozen=True)
+class TrainedAgent:
+    """What a training run came to.
+
+    Attributes:
+        folder: of the run.
+        step: environment steps done.
+        interrupted: whether Ctrl-C ended it; ``resume`` goes on.
+        summary: steps, seconds, steps a second, success by part; empty for an interrupted run.
+    """
+
+    folder: Path
+    step: int
+    interrupted: bool
+    summary: dict[str, Any]
+
+
+def train_agent(
+    opened: OpenedGraph,
+    config: AgentConfig,
+    out: Path,
+    *,
+    force: bool = False,
+    tensorboard: bool = False,
+    progress: Progress | None = None,
+) -> TrainedAgent:
+    """Train an agent and write its run folder.
+
+    Args:
+        opened: graph and split; ``config.graph`` says where they are.
+        config: all settings.
+        out: the folder to write.
+        force: replace a run that is there.
+        tensorboard: write TensorBoard's event files too.
+        progress: called after each line of metrics.
+
+    Raises:
+        OutputExistsError: if ``out`` exists and ``force`` is False.
+        ConfigError: if the settings do not fit the graph or the machine.
+        GraphMismatchError: if the scorer belongs to another graph or split.
+        TrainingError: if the loss is no longer finite.
+    """
+    out = with_a_name(out)
+    check_agent_output(out, force=force)
+    check_device(config.trainer.device)
+    trainer = config.trainer
+    engine = _engine(opened, config)
+    scorer, observed, kg = None, None, None
+    inputs = {"graph": opened.graph.hash, "split": opened.split.hash}
+    if config.scorer is not None:
+        model = open_model(Path(config.scorer), opened.source)
+        scorer, kg = model.scorer, model.kg
+        observed = opened.graph.triples if kg == "full" else opened.split.partial
+        inputs["scorer"] = model.provenance["weights"]
+    policy, features = make_policy(
+        config.policy, opened.graph, engine.num_slots, scorer=scorer, observed=observed, seed=trainer.seed
+    )
+    with _writer(out, tensorboard) as writer:  # a missing extra is found before anything is replaced
+        if out.exists():
+            shutil.rmtree(out)
+        out.mkdir(parents=True)
+        try:
+            write_constants(out, policy, opened.graph)
+            config.write(out)
+            inputs |= {name: sha256_of(out / name) for name in ("constants.safetensors", "policy.json")}
+            if features is not None:
+                inputs["features"] = features.sha256
+            facts = {"seed": trainer.seed, "device": trainer.device, "threads": trainer.threads}
+            missing = [] if features is None else list(features.missing_words)
+            run = start_run(out, KIND, **facts, inputs=inputs, kg=kg, missing_words=missing)
+            return _Run(opened, config, out, run, policy, engine, writer, progress).go()
+        except BaseException:
+            if Checkpoints(out).load() is None:
+                shutil.rmtree(out)  # nothing in it to go on with
+            raise
+
+
+def resume_agent(
+    folder: Path, *, graph: str | None = None, tensorboard: bool = False, progress: Progress | None = None
+) -> TrainedAgent:
+    """Go on with an interrupted run from its last checkpoint, or from its beginning if it has none.
+
+    Args:
+        folder: of the run.
+        graph: where the graph is now, if it has moved.
+        tensorboard: write TensorBoard's event files too.
+        progress: called after each line of metrics.
+
+    Raises:
+        ArtefactError: if the run is done, or damaged.
+        GraphMismatchError: if the graph or its split is not the one that the run began with.
+    """
+    folder = with_a_name(folder)
+    run = read_agent_run(folder)
+    if run["status"] == "done":
+        raise ArtefactError(
+            f"'{folder}' is finished; there is nothing to resume. Judge it: wordcraft-kg evaluate-agent {folder}"
+        )
+    config = AgentConfig.read(folder)
+    opened = open_run_graph(folder, run, graph or config.graph)
+    check_device(config.trainer.device)
+    if run["versions"].get("torch") != torch.__version__:
+        logging.getLogger(__name__).warning(
+            "the run began with torch %s and goes on with %s: the result may differ in the last bits.",
+            run["versions"].get("torch"),
+            torch.__version__,
+        )
+    engine = _engine(opened, config)
+    checkpoint = Checkpoints(folder).load()
+    if checkpoint is None:
+        raise ArtefactError(f"'{folder}' has no checkpoint; train it again with --force.")
+    parameters = {name: value for name, value in checkpoint.tensors.items() if name.startswith("policy.")}
+    policy = read_policy(
+        folder, constants_of(folder, run), {name.removeprefix("policy."): value for name, value in parameters.items()}
+    )
+    with _writer(folder, tensorboard) as writer:
+        resume_run(folder, run)
+        ongoing = _Run(opened, config, folder, run, policy, engine, writer, progress)
+        ongoing.restore(checkpoint.tensors, checkpoint.record)
+        return ongoing.go()
+
+
+def check_agent_output(out: Path, *, force: bool) -> None:
+    """Refuse an output that exists; where an unfinished run is, say how to go on with it.
+
+    Raises:
+        OutputExistsError: if it exists and ``force`` is False.
+    """
+    if not force and (out / "run.json").is_file():
+        run = read_agent_run(out)
+        if run["status"] != "done":
+            raise OutputExistsError(
+                f"an unfinished run is in '{out}'. Go on: wordcraft-kg resume {out}, or start anew with --force."
+            )
+    check_output(out, force=force)
+
+
+def interruption_message(folder: Path, step: int) -> str:
+    """Say what an interrupted run has kept and how to go on."""
+    return f"interrupted; step {step:,} is saved. Go on with: wordcraft-kg resume {folder}"
+
+
+class _Run:
+    """A training under way."""
+
+    def __init__(
+        self,
+        opened: OpenedGraph,
+        config: AgentConfig,
+        folder: Path,
+        run: dict[str, Any],
+        policy: Policy,
+        engine: BatchEngine,
+        writer: Any,
+        progress: Progress | None,
+    ):
+        self.opened, self.config, self.folder, self.run = opened, config, folder, run
+        self.policy, self.writer, self.progress = policy, writer, progress
+        self.impala = Impala(policy, engine, config.trainer)
+        self.checkpoints = Checkpoints(folder)
+        self.metrics = folder / "metrics.jsonl"
+        self.seconds = self.eval_seconds = 0.0
+        trainer, per_update = config.trainer, config.trainer.steps_per_update
+        every = {"log": trainer.log_every, "eval": trainer.eval_every, "checkpoint": trainer.checkpoint_every}
+        self._every = {name: max(1, round(steps / per_update)) for name, steps in every.items()}
+        if not trainer.eval_every:
+            self._every["eval"] = trainer.updates
+        self._saved = -1
+        self._logged = (0, 0.0)
+
+    @property
+    def step(self) -> int:
+        """Environment steps done."""
+        return self.impala.update_number * self.config.trainer.steps_per_update
+
+    def restore(self, tensors: dict[str, torch.Tensor], record: dict[str, Any]) -> None:
+        """Go back to a checkpoint, and cut the metrics to it."""
+        try:
+            self.impala.restore(tensors)
+            self.seconds, self.eval_seconds = record["seconds"], record["eval_seconds"]
+            os.truncate(self.metrics, record["metrics_bytes"])
+        except (KeyError, RuntimeError, TypeError, ValueError, OSError) as error:
+            raise ArtefactError(
+                f"the checkpoint in '{self.folder}' does not fit the run ({type(error).__name__}: {error}). Train anew."
+            ) from None
+        self._saved = self.step
+        self._logged = (self.step, self.seconds)
+
+    def go(self) -> TrainedAgent:
+        """Train to the end, or to the first Ctrl-C."""
+        before = torch.get_num_threads()
+        torch.set_num_threads(self.config.trainer.threads)
+        try:
+            with first_interrupt() as interrupted:
+                self._train(interrupted)
+                if self.impala.update_number < self.config.trainer.updates:
+                    end_run(self.folder, self.run, "interrupted")
+                    return TrainedAgent(self.folder, self.step, True, {})
+                return self._finish()
+        except BaseException as error:
+            with suppress(OSError):  # the disk may be full
+                end_run(self.folder, self.run, "interrupted" if isinstance(error, KeyboardInterrupt) else "failed")
+            if isinstance(error, KeyboardInterrupt):
+                raise KeyboardInterrupt(interruption_message(self.folder, max(self._saved, 0))) from None
+            kept = f"The checkpoint of step {self._saved:,} is safe"
+            if isinstance(error, TrainingError):
+                raise TrainingError(f"{error} {kept}, in '{self.folder}'.") from None
+            if isinstance(error, OSError) and self._saved >= 0:
+                raise ArtefactError(
+                    f"'{self.folder}' cannot be written ({error.strerror or error}). {kept}; make room, then go on "
+                    f"with: wordcraft-kg resume {self.folder}"
+                ) from None
+            raise
+        finally:
+            torch.set_num_threads(before)
+
+    def _train(self, interrupted: threading.Event) -> None:
+        trainer, every = self.config.trainer, self._every
+        evaluators = self._evaluators(curve=True)
+        if self._saved < 0:
+            self.metrics.touch()
+            self._log({}, evaluators)  # where everything begins
+            self._save()
+        while self.impala.update_number < trainer.updates and not interrupted.is_set():
+            begun = time.perf_counter()
+            self.impala.update()
+            self.seconds += time.perf_counter() - begun
+            done = self.impala.update_number
+            is_last = done == trainer.updates
+            is_point = is_last or done % every["eval"] == 0
+            if is_point or done % every["log"] == 0:
+                self._log(self.impala.take_figures(), evaluators if is_point else {})
+            if done % every["checkpoint"] == 0:
+                self._save()
+        if self._saved != self.step:
+            self._save()
+
+    def _evaluators(self, *, curve: bool) -> dict[TaskPart, Evaluator]:
+        """Return the players of all tasks of each part that has some."""
+        found = {}
+        for part in PARTS:
+            with suppress(TaskError):  # a graph whose split holds nothing out has no test tasks
+                config = self.config.tasks.world(part)
+                draws = 1 if curve and part == "train" else DRAWS
+                found[part] = Evaluator(self.opened, config, draws=draws, limit=CURVE_TASKS if curve else None)
+        return found
+
+    def _log(self, figures: dict[str, float | None], evaluators: dict[TaskPart, Evaluator]) -> None:
+        step, seconds = self._logged
+        rate = (self.step - step) / (self.seconds - seconds) if self.seconds > seconds else None
+        self._logged = (self.step, self.seconds)
+        row: dict[str, Any] = {"step": self.step, **figures}
+        begun = time.perf_counter()
+        for part, evaluator in evaluators.items():
+            row[f"{part}_success"] = float(evaluator(PolicyPlayer(self.policy)).success.mean())
+        self.eval_seconds += time.perf_counter() - begun
+        row |= {"steps_per_second": rate and round(rate), "seconds": round(self.seconds + self.eval_seconds, 3)}
+        with self.metrics.open("ab") as file:
+            file.write((json.dumps(row, allow_nan=False) + "\n").encode())
+        if self.writer is not None:
+            for name, value in row.items():
+                if name != "step" and value is not None:
+                    self.writer.add_scalar(name, value, self.step)
+        if self.progress and self.step:
+            shown = {name: row[name] for name in ("success", "test_success", "steps_per_second") if row.get(name)}
+            total = self.config.trainer.updates * self.config.trainer.steps_per_update
+            self.progress(self.step, total, shown)
+
+    def _save(self) -> None:
+        facts = {"seconds": self.seconds, "eval_seconds": self.eval_seconds}
+        self.checkpoints.save(self.step, self.impala.state(), metrics_bytes=self.metrics.stat().st_size, **facts)
+        self._saved = self.step
+
+    def _finish(self) -> TrainedAgent:
+        results = {
+            part: evaluator(PolicyPlayer(self.policy)) for part, evaluator in self._evaluators(curve=False).items()
+        }
+        summary = {
+            "steps": self.step,
+            "seconds": round(self.seconds + self.eval_seconds, 3),
+            "steps_per_second": round(self.step / self.seconds) if self.seconds else 0,
+            "eval_share": round(self.eval_seconds / max(self.seconds + self.eval_seconds, 1e-9), 4),
+            "parameters": sum(parameter.numel() for parameter in self.policy.parameters()),
+            "success": {part: result.figures() for part, result in results.items()},
+            "outcomes": {part: result.shares() for part, result in results.items()},
+            "distractors": self.config.tasks.distractors,
+        }
+        write_parameters(self.folder, self.policy)
+        write_atomically(self.folder / "evaluation.json", dump_json(summary))
+        write_atomically(self.folder / "episodes.jsonl", _episode_lines(self.opened, self.config, results))
+        write_atomically(self.folder / "README.md", _model_card(self.opened, self.config, self.run, summary))
+        end_run(self.folder, self.run, "done", OUTPUTS)
+        shutil.rmtree(self.checkpoints.folder)
+        return TrainedAgent(self.folder, self.step, False, summary)
+
+
+@contextmanager
+def _writer(folder: Path, wanted: bool) -> Iterator[Any]:
+    """Yield TensorBoard's writer, or None."""
+    if not wanted:
+        yield None
+        return
+    try:
+        from torch.utils.tensorboard import SummaryWriter
+    except ImportError:
+        raise MissingExtraError(
+            "--tensorboard needs the package tensorboard. Install it: pip install 'wordcraft-kg[tensorboard]'"
+        ) from None
+    writer = None
+
+    class Late:
+        """Opens the event file with the first figure, when the folder is there."""
+
+        def add_scalar(self, *values: Any) -> None:
+            nonlocal writer
+            writer = writer or SummaryWriter(str(folder / "tensorboard"))
+            writer.add_scalar(*values)
+
+    try:
+        yield Late()
+    finally:
+        if writer is not None:
+            writer.close()
+
+
+def _engine(opened: OpenedGraph, config: AgentConfig) -> BatchEngine:
+    trainer = config.trainer
+    return BatchEngine(
+        opened, config.tasks.world("train"), trainer.batch_size, device=trainer.device, seed=trainer.seed
+    )
+
+
+def _episode_lines(opened: OpenedGraph, config: AgentConfig, results: dict[TaskPart, Evaluation]) -> Iterator[str]:
+    """One line a task: what it was, and how each draw of distractors ended."""
+    for part, result in results.items():
+        tasks = World(opened, config.tasks.world(part)).tasks
+        for i, task in enumerate(tasks):
+            row = {
+                "part": part,
+                "goal": task.goal,
+                "start": task.start,
+                "success": float(result.success[i].mean()),
+                "endings": [ENDINGS[code] for code in result.endings[i].tolist()],
+                "picks": result.picks[i].tolist(),
+            }
+            yield json.dumps(row, ensure_ascii=False) + "\n"
+
+
+def _model_card(opened: OpenedGraph, config: AgentConfig, run: dict[str, Any], summary: dict[str, Any]) -> str:
+    policy, tasks = config.policy, config.tasks
+    kind = "Self-attention actor-critic" if policy.policy == "attention" else "One-layer MLP"
+    guide = "without a knowledge graph"
+    if config.scorer:
+        own = "only" if policy.kg_only else "mixed into its logits"
+        guide = f"with {' and '.join(policy.sources)} of a scorer of the {run['kg']} knowledge graph {own}"
+    warning = (
+        "\nThe scorer was trained on all triples, those of the test recipes included: success on test tasks says how "
+        "well the agent uses a perfect source, not how well it generalises.\n"
+        if run["kg"] == "full"
+        else ""
+    )
+    rows = "\n".join(
+        f"- {part}: {values['mean']:.3f} [{values['ci_low']:.3f}, {values['ci_high']:.3f}], "
+        f"{values['tasks']:,} tasks with {values['draws']} draws of distractors each"
+        for part, values in summary["success"].items()
+    )
+    return f"""# {kind} for {opened.graph.name}, {guide}
+
+Plays crafting tasks of depth {tasks.depth} with {tasks.distractors} distractors on graph `{opened.graph.hash[:12]}`.
+{warning}
+Success, greedy, in the part's tasks (95 % interval over tasks; one training, so it says nothing about other seeds):
+
+{rows}
+
+Trained for {summary["steps"]:,} steps in {summary["seconds"]:.0f} s, seed {config.trainer.seed}, \
+{summary["parameters"]:,} parameters. `config.toml` reproduces it; `run.json` says with which versions it was made.
+
+```python
+from wordcraft_kg.models.policies import Policy
+
+policy = Policy.from_pretrained("this folder")
+output = policy(goal, selection, table)  # ids; {opened.graph.num_entities} stands for nothing
+```
+"""

@@ -27,12 +27,12 @@ COMMANDS = {
     "Link prediction": [
         "train-complex",
         "train-links",
-        "resume",
         "tune-links",
         "evaluate-links",
         "compare-links",
         "score",
     ],
+    "Agents": ["train-agent", "resume"],
 }
 """Commands by group."""
 

@@ -34,9 +34,9 @@ class Output:
             for line in text:
                 print(line)
 
-    def progress(self, what: str) -> "Progress":
-        """Return a progress reporter for the epochs of a training."""
-        return Progress(what, hidden=self.quiet)
+    def progress(self, what: str, unit: str = "epoch") -> "Progress":
+        """Return a progress reporter for the epochs, or other units, of a training."""
+        return Progress(what, unit=unit, hidden=self.quiet)
 
 
 Flag = Annotated[bool, Parameter(negative="", show_default=False)]
@@ -53,9 +53,10 @@ class Progress:
 
     INTERVAL = 5.0  # seconds between plain lines
 
-    def __init__(self, what: str, *, hidden: bool = False):
+    def __init__(self, what: str, *, unit: str = "epoch", hidden: bool = False):
         """Name what is counted; ``hidden`` reports nothing."""
         self.what = what
+        self.unit = unit
         self.hidden = hidden
         self._bar: Any = None
         self._last = time.monotonic()
@@ -69,7 +70,8 @@ class Progress:
             from tqdm import tqdm
 
             if self._bar is None:
-                self._bar = tqdm(total=total, initial=done - 1, desc=self.what, unit="epoch", ncols=80, file=sys.stderr)
+                begun = done - 1 if self.unit == "epoch" else 0
+                self._bar = tqdm(total=total, initial=begun, desc=self.what, unit=self.unit, ncols=80, file=sys.stderr)
             self._bar.set_postfix(shown, refresh=False)
             self._bar.update(done - self._bar.n)
             if done == total:
@@ -77,7 +79,7 @@ class Progress:
         elif time.monotonic() - self._last >= self.INTERVAL or done == total:
             self._last = time.monotonic()
             detail = " ".join(f"{name} {value}" for name, value in shown.items())
-            print(f"{self.what}: epoch {done} of {total}, {detail}", file=sys.stderr, flush=True)
+            print(f"{self.what}: {self.unit} {done:,} of {total:,}, {detail}", file=sys.stderr, flush=True)
 
     def close(self) -> None:
         """End the bar, wherever it stands."""

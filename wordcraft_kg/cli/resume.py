@@ -3,10 +3,12 @@
 from pathlib import Path
 
 from wordcraft_kg.cli.console import Output
+from wordcraft_kg.errors import ConfigError
 
 EXAMPLES = (
     "wordcraft-kg resume models/everyday.unfinished",
     "wordcraft-kg resume models/everyday.unfinished --epochs 100",
+    "wordcraft-kg resume runs/no-kg",
 )
 
 
@@ -14,11 +16,24 @@ def resume(run: Path, *, graph: str | None = None, epochs: int | None = None, ou
     """Go on with an interrupted training from its last checkpoint; on CPU the result is bit-identical.
 
     Args:
-        run: the unfinished folder, as the interrupted command named it.
+        run: the unfinished folder, as the interrupted command named it; an agent's or a link predictor's.
         graph: where the graph is now, if it has moved.
-        epochs: train up to this many epochs instead of the number first asked for.
+        epochs: train a link predictor up to this many epochs instead of the number first asked for.
     """
-    from wordcraft_kg.cli.training import report
+    from wordcraft_kg.cli.training import report, report_agent
+
+    if _is_agent(run):
+        from wordcraft_kg.agents.training import resume_agent
+
+        if epochs is not None:
+            raise ConfigError("--epochs is for link predictors; an agent's run goes on to the steps it was begun with.")
+        return report_agent(resume_agent(run, graph=graph, progress=output.progress("agent", unit="step")), output)
     from wordcraft_kg.models.link_training import resume_links
 
     return report(resume_links(run, graph=graph, epochs=epochs, progress=output.progress("resumed")), output)
+
+
+def _is_agent(run: Path) -> bool:
+    from wordcraft_kg.runs import read_run
+
+    return (run / "run.json").is_file() and read_run(run)["kind"] == "train-agent"

@@ -8,6 +8,7 @@ from wordcraft_kg.cli.console import Output, aligned
 from wordcraft_kg.models.link_config import LinkConfig, LinkModelConfig
 
 if TYPE_CHECKING:
+    from wordcraft_kg.agents.training import TrainedAgent
     from wordcraft_kg.models.link_training import TrainedLinks
 
 
@@ -49,4 +50,30 @@ def report(trained: "TrainedLinks", output: Output) -> int:
     output.result(
         values, [*aligned(rows), f"wrote {trained.folder}/   next: wordcraft-kg evaluate-links {trained.folder}"]
     )
+    return 0
+
+
+def report_agent(trained: "TrainedAgent", output: Output) -> int:
+    """Print the outcome of an agent's training and return 0; raise KeyboardInterrupt when Ctrl-C ended it."""
+    from wordcraft_kg.agents.training import interruption_message
+
+    if trained.interrupted:
+        raise KeyboardInterrupt(interruption_message(trained.folder, trained.step))
+    summary, folder = trained.summary, trained.folder
+    success = summary["success"]
+    values = {"out": str(folder), **summary, "success": {part: found["mean"] for part, found in success.items()}}
+    values["success_ci"] = {part: [found["ci_low"], found["ci_high"]] for part, found in success.items()}
+    rows = [
+        ("trained", f"{summary['steps']:,} steps in {summary['seconds']:.1f} s"),
+        ("speed", f"{summary['steps_per_second']:,} steps/s; {summary['eval_share']:.1%} of the time for the curves"),
+        *(
+            (
+                f"{part} tasks",
+                f"success {found['mean']:.3f} [{found['ci_low']:.3f}, {found['ci_high']:.3f}] greedy, "
+                f"{found['tasks']:,} tasks with {found['draws']} draws of {summary['distractors']} distractors",
+            )
+            for part, found in success.items()
+        ),
+    ]
+    output.result(values, [*aligned(rows), f"wrote {folder}/   next: wordcraft-kg evaluate-agent {folder}"])
     return 0

@@ -48,7 +48,7 @@ class PolicyConfig:
     embedding_size: int = 50
     use: str = "u,v"
     kg_only: bool = False
-    mixing: Mixing = "softmax"
+    mixing: Mixing = "free"
     scale: Scale = "standardise"
     self_edges: SelfEdges = "keep"
     value_readout: ValueReadout = "softmax"

@@ -1,0 +1,121 @@
+"""How good agents get, and which settings were chosen on which evidence.
+
+    python benchmarks/agent_quality.py choices BOOK    one setting changed at a time, judged on validation tasks
+    python benchmarks/agent_quality.py test BOOK       the agents of the documentation, judged on test tasks
+
+Each run is the command that it says, kept in --out; a run that is there is not made again. Two run side by side, so
+speeds are not to be read off here: see train_speed.py.
+"""
+
+import argparse
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+
+from wordcraft_kg.agents.agent_folder import open_agent
+from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer
+from wordcraft_kg.agents.intervals import stratified_bootstrap
+
+BASE = {"policy": "attention"}
+CHOICES = {
+    "no KG": {},
+    "no KG, value from raw logits": {"value-readout": "logits"},
+    "partial KG": {"scorer": "partial"},
+    "partial KG, λ by softmax": {"scorer": "partial", "mixing": "softmax"},
+    "partial KG, scale by ranks": {"scorer": "partial", "scale": "ranks"},
+    "partial KG, scale by log-softmax": {"scorer": "partial", "scale": "log-softmax"},
+    "partial KG, no scale": {"scorer": "partial", "scale": "none"},
+    "partial KG, self edges observed": {"scorer": "partial", "self-edges": "observed"},
+    "partial KG, self edges dropped": {"scorer": "partial", "self-edges": "drop"},
+    "partial KG, value from raw logits": {"scorer": "partial", "value-readout": "logits"},
+    "full KG": {"scorer": "full"},
+    "full KG, λ by softmax": {"scorer": "full", "mixing": "softmax"},
+    "full KG, self edges dropped": {"scorer": "full", "self-edges": "drop"},
+    "full KG, λ by softmax, self edges dropped": {"scorer": "full", "mixing": "softmax", "self-edges": "drop"},
+}
+AGENTS = {
+    "no KG": {},
+    "no KG, last result wins": {"ambiguity": "last"},
+    "partial KG": {"scorer": "partial"},
+    "full KG": {"scorer": "full"},
+    "full KG, self edges dropped": {"scorer": "full", "self-edges": "drop"},
+    "full KG, λ by softmax": {"scorer": "full", "mixing": "softmax"},
+    "simple MLP": {"policy": "mlp"},
+    "no KG, random features": {"features": "random"},
+    "no KG, shuffled GloVe": {"features": "shuffled:glove"},
+}
+
+
+def command(*arguments: str) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "wordcraft_kg", *arguments, "--quiet", "--json"], capture_output=True, text=True
+    )
+    if done.returncode:
+        sys.exit(f"{' '.join(arguments)}\n{done.stderr}")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("what", choices=("choices", "test"))
+    parser.add_argument("book")
+    parser.add_argument("--out", type=Path, default=Path("benchmarks/runs"))
+    parser.add_argument("--steps", type=int, default=3_000_000)
+    parser.add_argument("--seeds", type=int)
+    parser.add_argument("--distractors", default="8")
+    parser.add_argument("--only", default="", help="names that contain this")
+    parser.add_argument("--jobs", type=int, default=2)
+    options = parser.parse_args()
+    is_choice = options.what == "choices"
+    seeds = options.seeds or (2 if is_choice else 5)
+    home = options.out / options.what
+    graph = home / "graph"
+    if not graph.exists():
+        split = ["--train-ratio", "0.8", *(["--valid-ratio", "0.1"] if is_choice else []), "--seed", "0"]
+        command("build-graph", options.book, "--split", "by-recipe", *split, "--out", str(graph))
+    for kg in ("partial", "full"):
+        if not (home / kg).exists():
+            command("train-complex", str(graph), "--kg", kg, "--out", str(home / kg))
+    variants = {name: how for name, how in (CHOICES if is_choice else AGENTS).items() if options.only in name}
+    part = "valid" if is_choice else "test"
+    print(f"success on {part} tasks after {options.steps:,} steps; {seeds} seeds, mean [range] IQM [95 % interval]")
+    for distractors in map(int, options.distractors.split(",")):
+        evaluators = {}
+        jobs = {
+            (name, seed): home / f"{distractors}-{name}-{seed}".replace(" ", "-")
+            for name in variants
+            for seed in range(seeds)
+        }
+
+        def train(key: tuple[str, int], distractors: int = distractors, jobs: dict = jobs) -> None:
+            name, seed = key
+            if jobs[key].exists():
+                return
+            given = {**variants[name], "seed": seed, "distractors": distractors, "steps": options.steps}
+            if "scorer" in given:
+                given["scorer"] = home / given["scorer"]
+            arguments = [text for option, value in given.items() for text in (f"--{option}", str(value))]
+            command("train-agent", str(graph), *arguments, "--out", str(jobs[key]))
+
+        with ThreadPoolExecutor(options.jobs) as pool:
+            list(pool.map(train, jobs))
+        for name in variants:
+            means, steps = [], []
+            for seed in range(seeds):
+                agent = open_agent(jobs[name, seed])
+                key = agent.config.tasks
+                if key not in evaluators:
+                    evaluators[key] = Evaluator(agent.data, key.world(part))
+                means.append(evaluators[key](PolicyPlayer(agent.policy)).success.mean())
+            interval = stratified_bootstrap(means, np.mean)
+            shown = f"[{interval[0]:.3f}, {interval[1]:.3f}]" if interval else ""
+            print(
+                f"{distractors} distractors  {name:45s} {np.mean(means):.3f} [{min(means):.3f}, {max(means):.3f}] {shown}",
+                flush=True,
+            )
+
+
+if __name__ == "__main__":
+    main()

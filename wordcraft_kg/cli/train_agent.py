@@ -1,0 +1,56 @@
+"""``wordcraft-kg train-agent``."""
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from wordcraft_kg.agents.config import ImpalaConfig, TaskConfig
+from wordcraft_kg.cli.console import Flag, Output
+from wordcraft_kg.models.policy_config import PolicyConfig
+
+EXAMPLES = (
+    "wordcraft-kg train-agent everyday --distractors 8 --out runs/no-kg",
+    "wordcraft-kg train-agent graphs/everyday --distractors 8 --scorer models/everyday-partial --out runs/partial",
+)
+
+
+def train_agent(
+    graph: str,
+    *,
+    scorer: Path | None = None,
+    tasks: Annotated[TaskConfig, Parameter(name="*", group="Tasks")] = TaskConfig(),
+    policy: Annotated[PolicyConfig, Parameter(name="*", group="Policy")] = PolicyConfig(),
+    trainer: Annotated[ImpalaConfig, Parameter(name="*", group="Training")] = ImpalaConfig(),
+    out: Path | None = None,
+    force: Flag = False,
+    tensorboard: Flag = False,
+    output: Output = Output(),
+) -> int:
+    """Train an agent with IMPALA on a graph's crafting tasks, alone or guided by a scorer.
+
+    Args:
+        graph: graph folder, recipe book or known book's name.
+        scorer: model folder whose scores are mixed into the policy; it stays as it is.
+        tasks: to train on.
+        policy: what decides.
+        trainer: how it learns.
+        out: run folder to write. Default: runs/<graph's name>-<scorer's folder or no-kg>.
+        force: replace the folder if it exists.
+        tensorboard: write TensorBoard's event files too (extra: tensorboard).
+    """
+    from wordcraft_kg.agents.agent_folder import AgentConfig
+    from wordcraft_kg.agents.training import check_agent_output, train_agent
+    from wordcraft_kg.cli.training import report_agent
+    from wordcraft_kg.errors import ConfigError
+    from wordcraft_kg.graphs.folder import open_graph
+
+    if scorer is None and (policy.kg_only or policy.use != PolicyConfig.use):
+        raise ConfigError("--use and --kg-only say what to do with a scorer's scores; give a --scorer too.")
+    opened = open_graph(graph)
+    folder = out or Path("runs") / f"{opened.graph.name}-{scorer.name if scorer else 'no-kg'}"
+    check_agent_output(folder, force=force)
+    config = AgentConfig(graph, None if scorer is None else str(scorer), tasks, policy, trainer)
+    progress = output.progress("agent", unit="step")
+    trained = train_agent(opened, config, folder, force=force, tensorboard=tensorboard, progress=progress)
+    return report_agent(trained, output)

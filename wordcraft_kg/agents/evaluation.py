@@ -7,14 +7,16 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from wordcraft_kg.agents.baselines import Player
+from wordcraft_kg.agents.baselines import Player, knowledge_player, random_entity, recipe_oracle
 from wordcraft_kg.agents.intervals import task_bootstrap
 from wordcraft_kg.envs.batch import GOAL, BatchEngine
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import GraphLike, World
+from wordcraft_kg.errors import ConfigError
 from wordcraft_kg.graphs.recipe_graph import Ids
 from wordcraft_kg.graphs.tasks import padded
-from wordcraft_kg.models.policies import Policy
+from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS
+from wordcraft_kg.models.policies import AttentionPolicy, Policy
 
 EVALUATION_SEED = 0
 """Of the distractors: the same for all agents, whatever they were trained with."""
@@ -45,6 +47,24 @@ class PolicyPlayer:
             ]
         )
         return slots.cpu().numpy() if engine.xp is np else slots
+
+
+def player_of(policy: Policy, kind: str) -> Player:
+    """Return who plays: ``trained``, ``random``, ``oracle``, or ``kg-only``, the policy's scorer without the rest.
+
+    Raises:
+        ConfigError: for ``kg-only`` without a scorer.
+    """
+    if kind == "kg-only":
+        knowledge = policy.knowledge if isinstance(policy, AttentionPolicy) else None
+        if knowledge is None:
+            raise ConfigError("--agent kg-only plays by the run's scorer, and this run was trained without one.")
+        tables = np.zeros((len(RELATIONS), *knowledge.scores.shape[1:]))
+        for source, scores in zip(knowledge.sources, knowledge.scores.cpu().numpy(), strict=True):
+            tables[COMBINES_WITH if source == "u" else COMPONENT_OF] = scores.T
+        return knowledge_player(tables)
+    players: dict[str, Player] = {"trained": PolicyPlayer(policy), "random": random_entity, "oracle": recipe_oracle}
+    return players[kind]
 
 
 @dataclass(frozen=True)

@@ -111,7 +111,7 @@ class Impala:
         weights = self.policy.weights()
         acting = tuple(tensor.detach() for tensor in weights)
         if self.config.policy_lag:
-            self._snapshots.append(tuple(tensor.clone() for tensor in acting))
+            self._snapshots.append(tuple(tensor.clone(memory_format=torch.contiguous_format) for tensor in acting))
             acting = self._snapshots[0]
         is_cut = self._collect(acting)
         assert self._flat.grad is not None
@@ -183,7 +183,7 @@ class Impala:
             for name, parameter in self.policy.named_parameters():
                 parameter.copy_(state[f"policy.{name}"])
         self.optimizer.state[self._flat] = {
-            name.removeprefix("optimizer."): value.clone() if name == "optimizer.step" else value.to(self.device)
+            name.removeprefix("optimizer."): value.to("cpu" if name == "optimizer.step" else self.device, copy=True)
             for name, value in state.items()
             if name.startswith("optimizer.")
         }
@@ -191,7 +191,7 @@ class Impala:
         self._snapshots.clear()
         while (first := f"snapshot.{len(self._snapshots)}.") + "0" in state:
             size = sum(name.startswith(first) for name in state)
-            self._snapshots.append(tuple(state[f"{first}{j}"].to(self.device) for j in range(size)))
+            self._snapshots.append(tuple(state[f"{first}{j}"].to(self.device, copy=True) for j in range(size)))
         self._sums.copy_(state["sums"])
         self._generator.set_state(state["generator"])
         self.update_number = int(state["update"])

@@ -32,7 +32,7 @@ COMMANDS = {
         "compare-links",
         "score",
     ],
-    "Agents": ["train-agent", "resume"],
+    "Agents": ["train-agent", "resume", "evaluate-agent", "explain", "compare-agents"],
 }
 """Commands by group."""
 

@@ -5,7 +5,7 @@ from typing import Annotated, Any
 
 from cyclopts import Parameter
 
-from wordcraft_kg.cli.console import Output
+from wordcraft_kg.cli.console import Output, whole_numbers
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.graphs.tasks import TaskPart
 
@@ -40,7 +40,7 @@ def baselines(
     from wordcraft_kg.agents.baselines import knowledge_players, play_all, scorer_players
     from wordcraft_kg.graphs.folder import open_graph
 
-    amounts = _numbers(distractors or ["1,2,8"])
+    amounts = whole_numbers("distractors", distractors or ["1,2,8"])
     config = WordCraftConfig(part=part, depth=depth, num_distractors=amounts[0])
     if draws < 1:
         from wordcraft_kg.errors import ConfigError
@@ -60,19 +60,6 @@ def baselines(
     rows: list[dict[str, Any]] = [{str(key): value for key, value in row.items()} for row in table.to_dict("records")]
     values = {"graph": graph, "part": part, "depth": depth, "draws": draws, "seed": seed, "rows": rows}
     output.result(values, _text(rows, amounts, part, depth))
-
-
-def _numbers(values: list[str]) -> list[int]:
-    from wordcraft_kg.cli.console import split_labels
-    from wordcraft_kg.errors import ConfigError
-
-    try:
-        numbers = list(dict.fromkeys(int(value) for value in split_labels(values)))
-    except ValueError:
-        numbers = []
-    if not numbers:
-        raise ConfigError(f"--distractors '{','.join(values)}': expected whole numbers, such as 1,2,8.")
-    return numbers
 
 
 def _text(rows: list[dict[str, Any]], amounts: list[int], part: str, depth: int) -> list[str]:

@@ -10,6 +10,8 @@ from typing import Annotated, Any
 
 from cyclopts import Parameter
 
+from wordcraft_kg.errors import ConfigError
+
 
 @Parameter(name="*", group="Output and configuration")
 @dataclass(frozen=True)
@@ -48,6 +50,21 @@ def split_labels(values: Sequence[str]) -> list[str]:
     return [label for value in values for part in value.split(",") if (label := part.strip())]
 
 
+def whole_numbers(option: str, values: Sequence[str]) -> list[int]:
+    """Return comma-separated whole numbers, each once.
+
+    Raises:
+        ConfigError: naming the option.
+    """
+    try:
+        numbers = list(dict.fromkeys(int(value) for value in split_labels(values)))
+    except ValueError:
+        numbers = []
+    if not numbers:
+        raise ConfigError(f"--{option} '{','.join(values)}': expected whole numbers, such as 1,2,8.")
+    return numbers
+
+
 class Progress:
     """A bar on a terminal, else a plain line every few seconds; always on stderr."""
 
@@ -65,7 +82,11 @@ class Progress:
         """Report that ``done`` of ``total`` are done, with the latest figures."""
         if self.hidden:
             return
-        shown = {name: f"{value:.4g}" for name, value in figures.items() if name not in ("epoch", "seconds")}
+        shown = {
+            name: f"{value:,.0f}" if abs(value) >= 1e4 else f"{value:.4g}"
+            for name, value in figures.items()
+            if name not in ("epoch", "seconds")
+        }
         if sys.stderr.isatty():
             from tqdm import tqdm
 

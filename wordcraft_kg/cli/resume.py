@@ -27,7 +27,8 @@ def resume(run: Path, *, graph: str | None = None, epochs: int | None = None, ou
 
         if epochs is not None:
             raise ConfigError("--epochs is for link predictors; an agent's run goes on to the steps it was begun with.")
-        return report_agent(resume_agent(run, graph=graph, progress=output.progress("agent", unit="step")), output)
+        progress = output.progress("agent", unit="step")
+        return report_agent(resume_agent(run, graph=graph, progress=progress), graph, output)
     from wordcraft_kg.models.link_training import resume_links
 
     return report(resume_links(run, graph=graph, epochs=epochs, progress=output.progress("resumed")), output)

@@ -53,4 +53,4 @@ def train_agent(
     config = AgentConfig(graph, None if scorer is None else str(scorer), tasks, policy, trainer)
     progress = output.progress("agent", unit="step")
     trained = train_agent(opened, config, folder, force=force, tensorboard=tensorboard, progress=progress)
-    return report_agent(trained, output)
+    return report_agent(trained, graph, output)

@@ -53,15 +53,29 @@ def report(trained: "TrainedLinks", output: Output) -> int:
     return 0
 
 
-def report_agent(trained: "TrainedAgent", output: Output) -> int:
-    """Print the outcome of an agent's training and return 0; raise KeyboardInterrupt when Ctrl-C ended it."""
+def report_agent(trained: "TrainedAgent", graph: str | None, output: Output) -> int:
+    """Write the report of an agent's training, print what came of it and return 0.
+
+    Raises:
+        KeyboardInterrupt: when Ctrl-C ended the training.
+    """
+    from wordcraft_kg.agents.agent_folder import open_agent
     from wordcraft_kg.agents.training import interruption_message
+    from wordcraft_kg.reports.agent_report import group_agents, make_agent_report, write_agent_report
 
     if trained.interrupted:
         raise KeyboardInterrupt(interruption_message(trained.folder, trained.step))
     summary, folder = trained.summary, trained.folder
     success = summary["success"]
-    values = {"out": str(folder), **summary, "success": {part: found["mean"] for part, found in success.items()}}
+    part = "test" if "test" in success else "train"
+    report = make_agent_report(group_agents([open_agent(folder, graph)]), part=part)
+    write_agent_report(report, folder / "report", force=True)
+    values = {
+        "out": str(folder),
+        "report": str(folder / "report" / "index.html"),
+        **summary,
+        "success": {part: found["mean"] for part, found in success.items()},
+    }
     values["success_ci"] = {part: [found["ci_low"], found["ci_high"]] for part, found in success.items()}
     rows = [
         ("trained", f"{summary['steps']:,} steps in {summary['seconds']:.1f} s"),
@@ -75,5 +89,5 @@ def report_agent(trained: "TrainedAgent", output: Output) -> int:
             for part, found in success.items()
         ),
     ]
-    output.result(values, [*aligned(rows), f"wrote {folder}/   next: wordcraft-kg evaluate-agent {folder}"])
+    output.result(values, [*aligned(rows), f"wrote {folder}/   open {folder / 'report' / 'index.html'}"])
     return 0

@@ -46,7 +46,7 @@ class EntityVectors(nn.Module):
 
 def look_up(vectors: Tensor, ids: Tensor) -> Tensor:
     """Return the vectors of entities, ``ids`` of any shape: shape (*ids, F)."""
-    return vectors.index_select(0, ids.reshape(-1)).view(*ids.shape, -1)
+    return vectors.index_select(0, ids.reshape(-1)).view(*ids.shape, vectors.shape[1])
 
 
 def masked_softmax(logits: Tensor, mask: Tensor) -> Tensor:

@@ -19,7 +19,10 @@ def standardised(table: NDArray[np.floating]) -> NDArray[np.float64]:
     """
     scores = np.asarray(table, dtype=np.float64)
     different = scores[~np.eye(len(scores), dtype=bool)]
-    return np.asarray((scores - different.mean()) / (different.std() or 1.0))
+    deviation = different.std()
+    if deviation <= 1e-12 * np.abs(different).max(initial=0):  # equal but for rounding, which is not to be blown up
+        deviation = 1.0
+    return np.asarray((scores - different.mean()) / deviation)
 
 
 def scaled_scorer(

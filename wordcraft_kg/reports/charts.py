@@ -202,6 +202,29 @@ def labelled_points(
     return Markup("".join([*parts, "</svg>"]))
 
 
+def contribution_bar(contributions: Mapping[str, float], scale: float) -> Markup:
+    """Draw what adds up to a number: positive parts stacked to the right of the middle, negative ones to the left.
+
+    Args:
+        contributions: parts by name, in the order of their colours.
+        scale: what half the width stands for.
+    """
+    half, height = 70.0, 12
+    ends = {True: half, False: half}
+    parts = [f'<svg class="bar" viewBox="0 0 {2 * half:g} {height}" aria-hidden="true">']
+    for number, (name, value) in enumerate(contributions.items()):
+        width = min(abs(value) / scale, 1) * half if scale else 0.0
+        is_positive = value >= 0
+        left = ends[is_positive] if is_positive else ends[is_positive] - width
+        ends[is_positive] = left + width if is_positive else left
+        parts.append(
+            f'<rect x="{left:.1f}" y="1" width="{width:.1f}" height="{height - 2}" class="series-{number}">'
+            f"<title>{escape(name)}: {value:.2f}</title></rect>"
+        )
+    parts.append(f'<line x1="{half:g}" x2="{half:g}" y1="0" y2="{height}" class="grid"/></svg>')
+    return Markup("".join(parts))
+
+
 def matrix_image(values: np.ndarray, marked: np.ndarray, description: str, size: int = 350) -> Markup:
     """Draw a square matrix as an image, dark = low and bright = high by rank, marked cells red.
 

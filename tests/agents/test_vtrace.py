@@ -1,0 +1,168 @@
+"""V-trace against the sum of its paper, and against what it must be in special cases."""
+
+import math
+
+import hypothesis.extra.numpy as npst
+import hypothesis.strategies as st
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+
+from wordcraft_kg.agents.vtrace import v_trace
+
+CLIPS = [0.0, 0.4, 1.0, 2.5, math.inf]
+
+
+def slow_v_trace(log_rhos, discounts, rewards, values, bootstrap_value, clip_rho=1.0, clip_c=1.0, clip_pg_rho=1.0):
+    """Espeholt et al. 2018, equation 1 as it stands: for each start a sum over later steps, with products of c."""
+    steps, batch = rewards.shape
+    vs, advantages = np.zeros((steps, batch)), np.zeros((steps, batch))
+    for b in range(batch):
+        ratio = [math.exp(x) for x in log_rhos[:, b]]
+        value = [*values[:, b], bootstrap_value[b]]
+        target = [*value]
+        for s in range(steps):
+            for t in range(s, steps):
+                product = 1.0
+                for i in range(s, t):
+                    product *= discounts[i, b] * min(clip_c, ratio[i])
+                delta = min(clip_rho, ratio[t]) * (rewards[t, b] + discounts[t, b] * value[t + 1] - value[t])
+                target[s] += product * delta
+        for s in range(steps):
+            vs[s, b] = target[s]
+            error = rewards[s, b] + discounts[s, b] * target[s + 1] - value[s]
+            advantages[s, b] = min(clip_pg_rho, ratio[s]) * error
+    return vs, advantages
+
+
+def random_unroll(seed, steps=6, batch=5):
+    rng = np.random.default_rng(seed)
+    shape = (steps, batch)
+    discounts = 0.9 * (rng.random(shape) > 0.3)
+    return [rng.normal(size=shape), discounts, *(rng.normal(size=shape) for _ in range(2)), rng.normal(size=batch)]
+
+
+def tensors(arrays):
+    return [torch.from_numpy(np.asarray(array)) for array in arrays]
+
+
+@st.composite
+def unrolls(draw):
+    shape = draw(st.tuples(st.integers(1, 5), st.integers(1, 3)))
+    numbers = npst.arrays(np.float64, shape, elements=st.floats(-3, 3))
+    discounts = npst.arrays(np.float64, shape, elements=st.sampled_from([0.0, 0.5, 0.99, 1.0]))
+    bootstrap = npst.arrays(np.float64, shape[1:], elements=st.floats(-3, 3))
+    return [draw(numbers), draw(discounts), draw(numbers), draw(numbers), draw(bootstrap)]
+
+
+@given(unrolls(), *(st.sampled_from(CLIPS) for _ in range(3)))
+def test_targets_and_advantages_are_those_of_the_papers_sum(unroll, clip_rho, clip_c, clip_pg_rho):
+    expected = slow_v_trace(*unroll, clip_rho, clip_c, clip_pg_rho)
+    got = v_trace(*tensors(unroll), clip_rho=clip_rho, clip_c=clip_c, clip_pg_rho=clip_pg_rho)
+    np.testing.assert_allclose(got.vs.numpy(), expected[0], rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(got.pg_advantages.numpy(), expected[1], rtol=1e-9, atol=1e-9)
+
+
+@given(unrolls())
+def test_all_ratios_are_clipped_at_one_unless_said_otherwise(unroll):
+    got = v_trace(*tensors(unroll))
+    for one, other in zip(got, slow_v_trace(*unroll), strict=True):
+        np.testing.assert_allclose(one.numpy(), other, rtol=1e-9, atol=1e-9)
+
+
+def test_two_steps_worked_out_by_hand():
+    log_rhos = torch.tensor([[2.0], [0.5]]).log()
+    discounts, rewards, values = (torch.tensor(column)[:, None] for column in ([0.5, 0.5], [1.0, 2.0], [0.5, 1.0]))
+    got = v_trace(log_rhos, discounts, rewards, values, torch.tensor([4.0]))
+    # Last step: .5 (2 + .5 * 4 - 1) = 1.5. First: 1 (1 + .5 * 1 - .5) = 1, and .5 * 1 * 1.5 comes from the last.
+    torch.testing.assert_close(got.vs, torch.tensor([[2.25], [2.5]]))
+    torch.testing.assert_close(got.pg_advantages, torch.tensor([[1 + 0.5 * 2.5 - 0.5], [1.5]]))
+
+
+@given(unrolls())
+def test_on_policy_targets_are_the_discounted_returns(unroll):
+    _, discounts, rewards, values, bootstrap = unroll
+    got = v_trace(*tensors([np.zeros_like(rewards), *unroll[1:]]))
+    returns = np.zeros_like(rewards)
+    for start in range(len(rewards)):
+        weight = np.ones_like(bootstrap)
+        for t in range(start, len(rewards)):
+            returns[start] += weight * rewards[t]
+            weight = weight * discounts[t]
+        returns[start] += weight * bootstrap
+    np.testing.assert_allclose(got.vs.numpy(), returns, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(got.pg_advantages.numpy(), returns - values, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("end", [0, 2, 5])
+def test_what_comes_after_the_end_of_an_episode_does_not_matter(end):
+    unroll = random_unroll(0)
+    unroll[1][end, 2] = 0
+    before = v_trace(*tensors(unroll))
+    for array in unroll[:4]:
+        array[end + 1 :, 2] += 1
+    unroll[4][2] += 1
+    after = v_trace(*tensors(unroll))
+    for one, other in zip(before, after, strict=True):
+        assert torch.equal(one[: end + 1], other[: end + 1])
+        assert end == 5 or not torch.equal(one[end + 1 :, 2], other[end + 1 :, 2])
+
+
+def test_the_value_after_the_last_step_matters_where_the_episode_goes_on():
+    unroll = random_unroll(1)
+    unroll[1][:] = 0.9
+    before = v_trace(*tensors(unroll))
+    unroll[4] += 1
+    after = v_trace(*tensors(unroll))
+    assert (after.vs > before.vs).all()
+    assert (after.pg_advantages > before.pg_advantages).all()
+
+
+def test_environments_do_not_mix():
+    unroll = random_unroll(2)
+    together = v_trace(*tensors(unroll))
+    for b in range(5):
+        alone = v_trace(*tensors([array[..., b : b + 1] for array in unroll]))
+        for one, other in zip(alone, together, strict=True):
+            torch.testing.assert_close(one[:, 0], other[:, b])
+
+
+def test_no_gradient_passes_and_nothing_given_changes():
+    given_tensors = [tensor.float().requires_grad_() for tensor in tensors(random_unroll(3))]
+    copies = [tensor.detach().clone() for tensor in given_tensors]
+    got = v_trace(*given_tensors)
+    for tensor in got:
+        assert not tensor.requires_grad
+        assert tensor.dtype == torch.float32
+    assert all(map(torch.equal, given_tensors, copies))
+
+
+@pytest.mark.interop
+@pytest.mark.parametrize(("clip_rho", "clip_c"), [(1.0, 1.0), (0.7, 1.0), (2.0, 0.5)])
+def test_torchrl_gives_the_same(clip_rho, clip_c):
+    functional = pytest.importorskip("torchrl.objectives.value.functional")
+    log_rhos, discounts, rewards, values, bootstrap = tensors(random_unroll(4))
+    log_mu = torch.randn(rewards.shape, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+
+    def theirs(array):
+        return array.T[:, :, None]  # batch, time, one feature
+
+    advantages, vs = functional.vtrace_advantage_estimate(
+        0.9,
+        log_pi=theirs(log_mu + log_rhos),
+        log_mu=theirs(log_mu),
+        state_value=theirs(values),
+        next_state_value=theirs(torch.cat([values[1:], bootstrap[None]])),
+        reward=theirs(rewards),
+        done=theirs(discounts == 0),
+        rho_thresh=clip_rho,
+        c_thresh=clip_c,
+    )
+    # Theirs has one clip for targets and advantages.
+    got = v_trace(
+        log_rhos, discounts, rewards, values, bootstrap, clip_rho=clip_rho, clip_c=clip_c, clip_pg_rho=clip_rho
+    )
+    assert (discounts == 0).any()
+    torch.testing.assert_close(got.vs, vs[:, :, 0].T)
+    torch.testing.assert_close(got.pg_advantages, advantages[:, :, 0].T)

@@ -1,0 +1,206 @@
+"""Our policies in Stable-Baselines3: PPO and A2C train :class:`SB3Policy`, sb3-contrib's MaskablePPO its masked kin.
+
+Needs the extra ``interop``. The environment is the plain ``WordCraft-v0``; ids go to the policy as they are::
+
+    policy, _ = make_policy(PolicyConfig(features="random"), opened.graph, env.unwrapped.num_slots, scorer=scorer)
+    model = PPO(SB3Policy, env, policy_kwargs={"network": policy})
+    model.learn(10_000)
+    trained = model.policy.network
+"""
+
+import copy
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import torch
+from gymnasium import spaces
+from torch import Tensor
+
+from wordcraft_kg.errors import ActionError, ConfigError, MissingExtraError
+from wordcraft_kg.models.policies import Policy, PolicyOutput
+
+try:
+    from sb3_contrib.common.maskable.policies import MaskableActorCriticPolicy
+    from stable_baselines3.common.policies import ActorCriticPolicy, BasePolicy
+except ImportError:
+    raise MissingExtraError(
+        "training with Stable-Baselines3 needs stable-baselines3 and sb3-contrib, and one of them is not installed. "
+        "Install them: pip install 'wordcraft-kg[interop]'"
+    ) from None
+
+Observations = Mapping[str, Tensor]
+Schedule = Callable[[float], float]
+
+
+class _NetworkPolicy(BasePolicy):
+    """What both classes share: actions and values come from a :class:`~wordcraft_kg.models.policies.Policy` alone.
+
+    Stable-Baselines3's own features, layers and initial weights are left out. ``B`` states have their ids in the keys
+    ``goal``, ``selection`` and ``table``, of shape (B,) or (B, 1), (B,) or (B, 1), and (B, A), of any type of number;
+    all other keys are ignored.
+    """
+
+    def __init__(
+        self,
+        observation_space: spaces.Space[Any],
+        action_space: spaces.Space[Any],
+        lr_schedule: Schedule,
+        *,
+        network: Policy,
+        optimizer_class: type[torch.optim.Optimizer] = torch.optim.Adam,
+        optimizer_kwargs: dict[str, Any] | None = None,
+    ):
+        """Copy the policy; the algorithm gives the first three, and ``policy_kwargs`` the others.
+
+        Args:
+            observation_space: of the environment.
+            action_space: of the environment.
+            lr_schedule: learning rate by what remains of the training, 1 to 0.
+            network: what to train; it is left as it is, and its trained copy is the attribute of this name.
+            optimizer_class: Adam by default, with Stable-Baselines3's ``eps`` of 1e-5.
+            optimizer_kwargs: its settings besides the learning rate.
+
+        Raises:
+            ConfigError: if the spaces are not those of ``WordCraft-v0`` with as many entities as the policy has.
+        """
+        _check_spaces(observation_space, action_space, network)
+        super().__init__(
+            observation_space,
+            action_space,
+            lr_schedule,
+            optimizer_class=optimizer_class,
+            optimizer_kwargs=optimizer_kwargs,
+        )
+        self.network = copy.deepcopy(network)
+        self.optimizer = self.optimizer_class(self.parameters(), lr=lr_schedule(1), **self.optimizer_kwargs)
+
+    def forward(
+        self, obs: Observations, deterministic: bool = False, action_masks: Any = None
+    ) -> tuple[Tensor, Tensor, Tensor]:
+        """Return actions (B,), values (B, 1) and the log-probabilities (B,) of the actions."""
+        distribution, values = self._decide(obs, action_masks)
+        actions = distribution.get_actions(deterministic=deterministic)
+        return actions, values, distribution.log_prob(actions)
+
+    def evaluate_actions(
+        self, obs: Observations, actions: Tensor, action_masks: Any = None
+    ) -> tuple[Tensor, Tensor, Tensor]:
+        """Return values (B, 1), log-probabilities (B,) of actions (B,), and entropies (B,), in nats."""
+        distribution, values = self._decide(obs, action_masks)
+        return values, distribution.log_prob(actions), distribution.entropy()
+
+    def get_distribution(self, obs: Observations, action_masks: Any = None) -> Any:
+        """Return the distribution over slots; the probability of an empty or a masked one is exactly 0.
+
+        Args:
+            obs: ids of B states.
+            action_masks: anything that reshapes to (B, A): False takes a slot out, and True changes nothing, so that
+                no mask can revive an empty slot. None: the empty slots are out, as always.
+
+        Raises:
+            ActionError: if a row of ``action_masks`` leaves nothing to choose.
+        """
+        return self._decide(obs, action_masks)[0]
+
+    def predict_values(self, obs: Observations) -> Tensor:
+        """Return the values of states, shape (B, 1)."""
+        return self._ask(obs).value[:, None]
+
+    def _build(self, lr_schedule: Schedule) -> None:
+        """Make none of the library's own layers."""
+
+    def _get_constructor_parameters(self) -> dict[str, Any]:
+        """Return what ``save`` of the policy alone keeps, besides the weights."""
+        return {
+            "observation_space": self.observation_space,
+            "action_space": self.action_space,
+            "lr_schedule": self._dummy_schedule,
+            "network": self.network,
+            "optimizer_class": self.optimizer_class,
+            "optimizer_kwargs": self.optimizer_kwargs,
+        }
+
+    def _decide(self, obs: Observations, action_masks: Any) -> tuple[Any, Tensor]:
+        logits, value, *_ = self._ask(obs)
+        if action_masks is not None:
+            mask = torch.as_tensor(action_masks, dtype=torch.bool, device=logits.device).reshape(logits.shape)
+            logits = logits.masked_fill(~mask, -torch.inf)
+            if (logits == -torch.inf).all(1).any():
+                raise ActionError("action_masks leaves a state without a slot to choose; the only True are empty ones.")
+        return self.action_dist.proba_distribution(action_logits=logits), value[:, None]
+
+    def _ask(self, obs: Observations) -> PolicyOutput:
+        # Buffers of rollouts hold ids as floats in some versions, and single numbers as rows of one.
+        goal, selection = obs["goal"].long().reshape(-1), obs["selection"].long().reshape(-1)
+        return self.network(goal, selection, obs["table"].long())
+
+
+class SB3Policy(_NetworkPolicy, ActorCriticPolicy):
+    """A policy of ours for Stable-Baselines3's PPO and A2C: ``PPO(SB3Policy, env, policy_kwargs={"network": policy})``.
+
+    ``network`` is what :func:`~wordcraft_kg.models.policy_folder.make_policy` or ``Policy.from_pretrained`` return. A
+    copy is trained, ``model.policy.network``, which is a policy like any other. Scores and constant vectors are
+    buffers: no optimizer sees them. The ids have to be those of the policy's graph; only their number can be checked.
+
+    ``optimizer_class`` and ``optimizer_kwargs`` are the only other settings. Nothing picks an empty slot, whether
+    masks are given or not: PPO needs no wrapper for that.
+
+    ``model.save`` is Stable-Baselines3's: it pickles ``policy_kwargs``, and with it the untrained ``network``, scores
+    and features included, by cloudpickle. So ``PPO.load`` needs neither graph nor scorer, but load only files that you
+    trust, and expect them to fit the versions of torch and of this package that wrote them.
+    """
+
+    def __init__(
+        self,
+        observation_space: spaces.Space[Any],
+        action_space: spaces.Space[Any],
+        lr_schedule: Schedule,
+        use_sde: bool = False,
+        *,
+        network: Policy,
+        optimizer_class: type[torch.optim.Optimizer] = torch.optim.Adam,
+        optimizer_kwargs: dict[str, Any] | None = None,
+    ):
+        """Copy the policy; PPO and A2C give the first four.
+
+        Raises:
+            ConfigError: if the spaces do not fit, or ``use_sde``, which is for continuous actions, is on.
+        """
+        if use_sde:
+            raise ConfigError("use_sde=True: its noise is for continuous actions, and ours are slots; leave it off.")
+        super().__init__(
+            observation_space,
+            action_space,
+            lr_schedule,
+            network=network,
+            optimizer_class=optimizer_class,
+            optimizer_kwargs=optimizer_kwargs,
+        )
+
+
+class MaskableSB3Policy(_NetworkPolicy, MaskableActorCriticPolicy):
+    """:class:`SB3Policy` for sb3-contrib's MaskablePPO, which also takes masks of the user's own.
+
+    The environment's own masks say no more than its tables, so that they change nothing here.
+    """
+
+
+def _check_spaces(observation_space: spaces.Space[Any], action_space: spaces.Space[Any], network: Policy) -> None:
+    known = observation_space.spaces if isinstance(observation_space, spaces.Dict) else {}
+    goal, selection, table = (known.get(key) for key in ("goal", "selection", "table"))
+    if not (
+        isinstance(goal, spaces.Discrete)
+        and isinstance(selection, spaces.Discrete)
+        and isinstance(table, spaces.MultiDiscrete)
+        and isinstance(action_space, spaces.Discrete)
+        and table.shape == (action_space.n,)
+    ):
+        raise ConfigError(
+            f"observations {observation_space} and actions {action_space}: expected the ids of goal, selection and "
+            "table and the slots of WordCraft-v0. Give the environment without a wrapper that replaces its ids."
+        )
+    if goal.n != network.num_entities:
+        raise ConfigError(
+            f"the policy knows {network.num_entities:,} entities but the environment has {goal.n:,}. Make or load a "
+            "policy of the environment's graph."
+        )

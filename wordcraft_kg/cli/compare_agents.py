@@ -1,0 +1,82 @@
+"""``wordcraft-kg compare-agents``."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+from cyclopts import Parameter
+
+from wordcraft_kg.cli.console import Flag, Output, whole_numbers
+from wordcraft_kg.graphs.tasks import TaskPart
+
+EXAMPLES = (
+    "wordcraft-kg compare-agents runs/no-kg runs/partial",
+    "wordcraft-kg compare-agents runs/no-kg-0 runs/no-kg-1 runs/partial-0 runs/partial-1 --out reports/agents",
+)
+
+
+def compare_agents(
+    *runs: Path,
+    part: TaskPart = "test",
+    distractors: Annotated[list[str] | None, Parameter(negative=(), consume_multiple=False)] = None,
+    draws: int = 5,
+    episodes: int = 2,
+    graph: str | None = None,
+    out: Path | None = None,
+    force: Flag = False,
+    output: Output = Output(),
+) -> None:
+    """Judge agents on the same tables and write a report; runs that differ in the seed only count as one agent.
+
+    Args:
+        runs: run folders on one graph and split; the first agent is the reference.
+        part: tasks to play: train, valid, test or all.
+        distractors: numbers of distractors, commas separate. Default: 1, 8 and those trained with.
+        draws: draws of distractors for each task.
+        episodes: to explain for each agent.
+        graph: where the graph is now, if it has moved since the training.
+        out: folder to write. Default: reports/<the agents' names>.
+        force: replace the report if there is one.
+    """
+    from wordcraft_kg.agents.agent_folder import open_agent
+    from wordcraft_kg.artefacts import check_output
+    from wordcraft_kg.errors import ConfigError
+    from wordcraft_kg.reports.agent_report import group_agents, make_agent_report, write_agent_report
+
+    if not runs:
+        raise ConfigError("compare-agents needs at least one run folder.")
+    if draws < 1 or episodes < 0:
+        raise ConfigError(f"--draws {draws} --episodes {episodes}: expected 1 or more draws, 0 or more episodes.")
+    amounts = whole_numbers("distractors", distractors) if distractors else None
+    groups = group_agents([open_agent(run, graph) for run in runs])
+    folder = out or Path("reports") / "-and-".join(groups)
+    check_output(folder, force=force)
+    report = make_agent_report(groups, part=part, distractors=amounts, draws=draws, episodes=episodes)
+    write_agent_report(report, folder, force=force)
+    values = {"report": str(folder / "index.html"), **summary(report.values)}
+    output.result(values, [*_text(report.values), f"wrote {folder}/   open {folder / 'index.html'}"])
+
+
+def summary(values: dict[str, Any]) -> dict[str, Any]:
+    """Return what ``--json`` prints, from a report's numbers."""
+    agents = {
+        agent["name"]: {"runs": agent["runs"], "seeds": agent["seeds"], "success": agent["success"]}
+        for agent in values["agents"]
+    }
+    return {"part": values["part"], "depth": values["depth"], "agents": agents, "baselines": values["baselines"]}
+
+
+def _text(values: dict[str, Any]) -> list[str]:
+    width = max(len(agent["name"]) for agent in values["agents"])
+    lines = []
+    for amount in map(str, values["distractors"]):
+        lines.append(f"{values['part']} tasks of depth {values['depth']}, {amount} distractor{'s' * (amount != '1')}")
+        for agent in values["agents"]:
+            found = agent["success"].get(amount)
+            if found is None:
+                lines.append(f"  {agent['name']:<{width}}  made for {agent['trained_with']} distractors only")
+                continue
+            low, high = found["seed_ci"] or found["task_ci"]
+            over = f"over {len(agent['seeds'])} seeds" if found["seed_ci"] else "over tasks, one seed"
+            better = "" if found["p_better"] is None else f"  P(better) {found['p_better']:.2f}"
+            lines.append(f"  {agent['name']:<{width}}  {found['mean']:.3f} [{low:.3f}, {high:.3f}] {over}{better}")
+    return lines

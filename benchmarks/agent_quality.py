@@ -19,33 +19,39 @@ from wordcraft_kg.agents.agent_folder import open_agent
 from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer
 from wordcraft_kg.agents.intervals import stratified_bootstrap
 
-BASE = {"policy": "attention"}
-CHOICES = {
+PARTIAL = {"scorer": "partial", "self-edges": "keep"}
+FULL = {"scorer": "full", "self-edges": "keep"}
+CHOICES: dict[str, dict[str, object]] = {
     "no KG": {},
     "no KG, value from raw logits": {"value-readout": "logits"},
-    "partial KG": {"scorer": "partial"},
-    "partial KG, λ by softmax": {"scorer": "partial", "mixing": "softmax"},
-    "partial KG, scale by ranks": {"scorer": "partial", "scale": "ranks"},
-    "partial KG, scale by log-softmax": {"scorer": "partial", "scale": "log-softmax"},
-    "partial KG, no scale": {"scorer": "partial", "scale": "none"},
-    "partial KG, self edges observed": {"scorer": "partial", "self-edges": "observed"},
-    "partial KG, self edges dropped": {"scorer": "partial", "self-edges": "drop"},
-    "partial KG, value from raw logits": {"scorer": "partial", "value-readout": "logits"},
-    "full KG": {"scorer": "full"},
-    "full KG, λ by softmax": {"scorer": "full", "mixing": "softmax"},
-    "full KG, self edges dropped": {"scorer": "full", "self-edges": "drop"},
-    "full KG, λ by softmax, self edges dropped": {"scorer": "full", "mixing": "softmax", "self-edges": "drop"},
+    "partial KG": PARTIAL,
+    "partial KG, λ by softmax": {**PARTIAL, "mixing": "softmax"},
+    "partial KG, scale by ranks": {**PARTIAL, "scale": "ranks"},
+    "partial KG, scale by log-softmax": {**PARTIAL, "scale": "log-softmax"},
+    "partial KG, no scale": {**PARTIAL, "scale": "none"},
+    "partial KG, self edges observed": {**PARTIAL, "self-edges": "observed"},
+    "partial KG, self edges dropped": {**PARTIAL, "self-edges": "drop"},
+    "partial KG, self edges observed, ranks": {**PARTIAL, "self-edges": "observed", "scale": "ranks"},
+    "partial KG, value from raw logits": {**PARTIAL, "value-readout": "logits"},
+    "full KG": FULL,
+    "full KG, λ by softmax": {**FULL, "mixing": "softmax"},
+    "full KG, self edges observed": {**FULL, "self-edges": "observed"},
+    "full KG, self edges dropped": {**FULL, "self-edges": "drop"},
+    "full KG, λ by softmax, self edges dropped": {**FULL, "mixing": "softmax", "self-edges": "drop"},
 }
-AGENTS = {
+AGENTS: dict[str, dict[str, object]] = {
     "no KG": {},
-    "no KG, last result wins": {"ambiguity": "last"},
     "partial KG": {"scorer": "partial"},
     "full KG": {"scorer": "full"},
-    "full KG, self edges dropped": {"scorer": "full", "self-edges": "drop"},
-    "full KG, λ by softmax": {"scorer": "full", "mixing": "softmax"},
+    "full KG, self edges dropped": {**FULL, "self-edges": "drop"},
+    "full KG, self edges kept": FULL,
+    "partial KG, self edges kept": PARTIAL,
+    "full KG, λ by softmax, self edges kept": {**FULL, "mixing": "softmax"},
+    "partial KG, λ by softmax, self edges kept": {**PARTIAL, "mixing": "softmax"},
+    "no KG, last result wins": {"ambiguity": "last"},
     "simple MLP": {"policy": "mlp"},
-    "no KG, random features": {"features": "random"},
     "no KG, shuffled GloVe": {"features": "shuffled:glove"},
+    "no KG, random features": {"features": "random"},
 }
 
 
@@ -80,7 +86,9 @@ def main() -> None:
             command("train-complex", str(graph), "--kg", kg, "--out", str(home / kg))
     variants = {name: how for name, how in (CHOICES if is_choice else AGENTS).items() if options.only in name}
     part = "valid" if is_choice else "test"
-    print(f"success on {part} tasks after {options.steps:,} steps; {seeds} seeds, mean [range] IQM [95 % interval]")
+    print(
+        f"success on {part} tasks after {options.steps:,} steps, {seeds} seeds: mean [range] [95 % interval over seeds]"
+    )
     for distractors in map(int, options.distractors.split(",")):
         evaluators = {}
         jobs = {
@@ -102,7 +110,7 @@ def main() -> None:
         with ThreadPoolExecutor(options.jobs) as pool:
             list(pool.map(train, jobs))
         for name in variants:
-            means, steps = [], []
+            means = []
             for seed in range(seeds):
                 agent = open_agent(jobs[name, seed])
                 key = agent.config.tasks
@@ -111,10 +119,8 @@ def main() -> None:
                 means.append(evaluators[key](PolicyPlayer(agent.policy)).success.mean())
             interval = stratified_bootstrap(means, np.mean)
             shown = f"[{interval[0]:.3f}, {interval[1]:.3f}]" if interval else ""
-            print(
-                f"{distractors} distractors  {name:45s} {np.mean(means):.3f} [{min(means):.3f}, {max(means):.3f}] {shown}",
-                flush=True,
-            )
+            figures = f"{np.mean(means):.3f} [{min(means):.3f}, {max(means):.3f}] {shown}"
+            print(f"{distractors} distractors  {name:41s} {figures}", flush=True)
 
 
 if __name__ == "__main__":

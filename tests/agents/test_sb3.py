@@ -187,6 +187,7 @@ def test_a_deterministic_prediction_is_the_best_slot(algorithm):
     singles = [model.predict({key: value[i] for key, value in seen.items()}, deterministic=True)[0] for i in range(9)]
     np.testing.assert_array_equal(singles, best[:9])
     assert all(np.shape(single) == () for single in singles)
+    np.testing.assert_array_equal(model.policy(tensors(seen), deterministic=True)[0], best)
     assert len(set(best.tolist())) > 1
 
 
@@ -243,8 +244,6 @@ def test_what_does_not_fit_is_refused():
         make_model("PPO", network, gym.make("CartPole-v1"))
     with pytest.raises(ConfigError, match="knows 80 entities but the environment has "):
         make_model("MaskablePPO", network, make_env(graph="paper-examples"))
-    with pytest.raises(ConfigError, match="use_sde"):
-        make_model("PPO", network, use_sde=True)
     with pytest.raises(TypeError, match="net_arch"):
         make_model("MaskablePPO", network, policy_kwargs={"network": network, "net_arch": [8]})
 

@@ -111,6 +111,7 @@ class Impala:
         weights = self.policy.weights()
         acting = tuple(tensor.detach() for tensor in weights)
         if self.config.policy_lag:
+            # Contiguous, as a checkpoint keeps them: products with a transposed tensor round differently.
             self._snapshots.append(tuple(tensor.clone(memory_format=torch.contiguous_format) for tensor in acting))
             acting = self._snapshots[0]
         is_cut = self._collect(acting)
@@ -124,7 +125,7 @@ class Impala:
             raise TrainingError(self._not_finite())
         self._flat.grad.mul_((self.config.clip / (norm + 1e-6)).clamp(max=1))
         for group in self.optimizer.param_groups:
-            group["lr"] = self.config.learning_rate * (1 - self.update_number / self.config.updates)
+            group["lr"] = self.config.learning_rate * max(0, 1 - self.update_number / self.config.updates)
         self.optimizer.step()
         self.update_number += 1
         self._sums += torch.cat([figures, torch.stack([norm, *self._counts()])])
@@ -289,7 +290,7 @@ def check_compiler(device: torch.device) -> None:
     try:
         torch.compile(lambda x: (x + 1).exp())(torch.zeros(8, device=device))
     except Exception as error:  # torch has a dozen classes for this
-        reason = str(error).strip().splitlines()[0]
+        reason = (str(error).strip() or "no reason given").splitlines()[0]
         raise ConfigError(
             f"--compile: torch cannot compile here ({type(error).__name__}: {reason}). Install a C++ compiler such as "
             "g++, or leave the option out."

@@ -45,17 +45,19 @@ class _NetworkPolicy(BasePolicy):
         observation_space: spaces.Space[Any],
         action_space: spaces.Space[Any],
         lr_schedule: Schedule,
+        use_sde: bool = False,
         *,
         network: Policy,
         optimizer_class: type[torch.optim.Optimizer] = torch.optim.Adam,
         optimizer_kwargs: dict[str, Any] | None = None,
     ):
-        """Copy the policy; the algorithm gives the first three, and ``policy_kwargs`` the others.
+        """Copy the policy; the algorithm gives the first ones, and ``policy_kwargs`` those after the star.
 
         Args:
             observation_space: of the environment.
             action_space: of the environment.
             lr_schedule: learning rate by what remains of the training, 1 to 0.
+            use_sde: False, since the algorithms refuse that noise for slots; PPO and A2C say so all the same.
             network: what to train; it is left as it is, and its trained copy is the attribute of this name.
             optimizer_class: Adam by default, with Stable-Baselines3's ``eps`` of 1e-5.
             optimizer_kwargs: its settings besides the learning rate.
@@ -149,33 +151,6 @@ class SB3Policy(_NetworkPolicy, ActorCriticPolicy):
     and features included, by cloudpickle. So ``PPO.load`` needs neither graph nor scorer, but load only files that you
     trust, and expect them to fit the versions of torch and of this package that wrote them.
     """
-
-    def __init__(
-        self,
-        observation_space: spaces.Space[Any],
-        action_space: spaces.Space[Any],
-        lr_schedule: Schedule,
-        use_sde: bool = False,
-        *,
-        network: Policy,
-        optimizer_class: type[torch.optim.Optimizer] = torch.optim.Adam,
-        optimizer_kwargs: dict[str, Any] | None = None,
-    ):
-        """Copy the policy; PPO and A2C give the first four.
-
-        Raises:
-            ConfigError: if the spaces do not fit, or ``use_sde``, which is for continuous actions, is on.
-        """
-        if use_sde:
-            raise ConfigError("use_sde=True: its noise is for continuous actions, and ours are slots; leave it off.")
-        super().__init__(
-            observation_space,
-            action_space,
-            lr_schedule,
-            network=network,
-            optimizer_class=optimizer_class,
-            optimizer_kwargs=optimizer_kwargs,
-        )
 
 
 class MaskableSB3Policy(_NetworkPolicy, MaskableActorCriticPolicy):

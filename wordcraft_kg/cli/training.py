@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from wordcraft_kg.cli.console import Output, aligned
+from wordcraft_kg.graphs.tasks import TaskPart
 from wordcraft_kg.models.link_config import LinkConfig, LinkModelConfig
 
 if TYPE_CHECKING:
@@ -67,26 +68,26 @@ def report_agent(trained: "TrainedAgent", graph: str | None, output: Output) -> 
         raise KeyboardInterrupt(interruption_message(trained.folder, trained.step))
     summary, folder = trained.summary, trained.folder
     success = summary["success"]
-    part = "test" if "test" in success else "train"
+    part: TaskPart = "test" if "test" in success else "train"
     report = make_agent_report(group_agents([open_agent(folder, graph)]), part=part)
     write_agent_report(report, folder / "report", force=True)
     values = {
         "out": str(folder),
         "report": str(folder / "report" / "index.html"),
         **summary,
-        "success": {part: found["mean"] for part, found in success.items()},
+        "success": {name: found["mean"] for name, found in success.items()},
     }
-    values["success_ci"] = {part: [found["ci_low"], found["ci_high"]] for part, found in success.items()}
+    values["success_ci"] = {name: [found["ci_low"], found["ci_high"]] for name, found in success.items()}
     rows = [
         ("trained", f"{summary['steps']:,} steps in {summary['seconds']:.1f} s"),
         ("speed", f"{summary['steps_per_second']:,} steps/s; {summary['eval_share']:.1%} of the time for the curves"),
         *(
             (
-                f"{part} tasks",
+                f"{name} tasks",
                 f"success {found['mean']:.3f} [{found['ci_low']:.3f}, {found['ci_high']:.3f}] greedy, "
                 f"{found['tasks']:,} tasks with {found['draws']} draws of {summary['distractors']} distractors",
             )
-            for part, found in success.items()
+            for name, found in success.items()
         ),
     ]
     output.result(values, [*aligned(rows), f"wrote {folder}/   open {folder / 'report' / 'index.html'}"])

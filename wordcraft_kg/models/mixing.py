@@ -52,7 +52,7 @@ class KnowledgeScores(nn.Module):
         """Return the scores of each slot: goal and selection (B,), table (B, A) -> (B, S, A)."""
         keys = torch.stack([selection if source == "u" else goal for source in self.sources], dim=1)
         cells = (keys * self._size + self._first)[:, :, None] + table[:, None, :]
-        return self.scores.view(-1).index_select(0, cells.view(-1)).view(cells.shape)
+        return self.scores.view(-1).index_select(0, cells.reshape(-1)).view(cells.shape)
 
 
 def mix_logits(logits: Tensor, lambdas: Tensor, slot_mask: Tensor) -> Tensor:

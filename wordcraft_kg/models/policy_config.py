@@ -50,7 +50,7 @@ class PolicyConfig:
     kg_only: bool = False
     mixing: Mixing = "free"
     scale: Scale = "standardise"
-    self_edges: SelfEdges = "keep"
+    self_edges: SelfEdges = "observed"
     value_readout: ValueReadout = "softmax"
 
     def __post_init__(self) -> None:

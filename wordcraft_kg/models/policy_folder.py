@@ -61,7 +61,7 @@ def make_policy(
         check_scorer(scorer, graph)
         scorer = scaled_scorer(scorer, scale=config.scale, self_edges=config.self_edges, observed=observed)
     with torch.random.fork_rng(devices=[]):
-        torch.manual_seed(seed)
+        torch.default_generator.manual_seed(seed)  # torch.manual_seed would seed those of all devices too
         vectors = None
         if features is not None and not features.is_one_hot:
             vectors = torch.tensor(features.vectors)
@@ -114,17 +114,18 @@ def read_policy(folder: Path, constants: bytes, parameters: Mapping[str, Tensor]
         config = PolicyConfig(**description["settings"])
         size, dim = len(description["entities"]), description["dim"]
         is_learned = config.features == LEARNED
-        vectors = EntityVectors(
-            size, torch.zeros(size, dim) if dim and not is_learned else None, learned_dim=dim if is_learned else 0
-        )
         policy: Policy
-        if config.policy == "mlp":
-            policy = MLPPolicy(config, vectors, description["num_slots"])
-        else:
-            sources = tuple(description["sources"])
-            policy = AttentionPolicy(config, vectors, KnowledgeScores(size, sources) if sources else None)
+        with torch.random.fork_rng(devices=[]):  # modules draw the parameters that are to be replaced
+            vectors = EntityVectors(
+                size, torch.zeros(size, dim) if dim and not is_learned else None, learned_dim=dim if is_learned else 0
+            )
+            if config.policy == "mlp":
+                policy = MLPPolicy(config, vectors, description["num_slots"])
+            else:
+                sources = tuple(description["sources"])
+                policy = AttentionPolicy(config, vectors, KnowledgeScores(size, sources) if sources else None)
         policy.load_state_dict({**read_tensors(folder / "constants.safetensors", constants), **parameters})
-    except (KeyError, TypeError, ValueError, RuntimeError, ConfigError) as error:
+    except (KeyError, TypeError, ValueError, AttributeError, RuntimeError) as error:
         raise ArtefactError(
             f"{folder / 'policy.json'} and the weights do not make a policy ({type(error).__name__}: {error}). "
             "Train it again, or restore a copy."

@@ -1,0 +1,183 @@
+"""How fast agents train: steps a second beside a plain loop, and a whole run from the command to its report.
+
+    python benchmarks/train_speed.py BOOK               sustained speed, unguided and guided, beside a plain loop
+    python benchmarks/train_speed.py BOOK --whole       a run of 3,000,000 steps too, from the command to its report
+    python benchmarks/train_speed.py BOOK --device cuda the same on a device
+
+The plain loop is the paper's equations written down as they stand: keys of every slot, a softmax over the last axis,
+torch's RMSProp over a list of parameters, on the same batched environment. Measure with nothing else running.
+"""
+
+import argparse
+import json
+import math
+import os
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import torch
+from torch import nn
+
+from wordcraft_kg.agents.config import ImpalaConfig
+from wordcraft_kg.agents.impala import Impala
+from wordcraft_kg.agents.losses import baseline_loss, entropy, policy_gradient_loss
+from wordcraft_kg.agents.vtrace import v_trace
+from wordcraft_kg.envs.batch import BatchEngine
+from wordcraft_kg.envs.config import WordCraftConfig
+from wordcraft_kg.envs.world import open_world_graph
+from wordcraft_kg.graphs.folder import OpenedGraph
+from wordcraft_kg.models.features import make_features
+from wordcraft_kg.models.policy_config import PolicyConfig
+from wordcraft_kg.models.policy_folder import make_policy
+from wordcraft_kg.models.scorers import NeighbourScorer
+
+
+def ours(opened: OpenedGraph, config: ImpalaConfig, distractors: int, guided: bool) -> Callable[[], None]:
+    engine = make_engine(opened, config, distractors)
+    scorer = NeighbourScorer(opened.graph, opened.split.partial) if guided else None
+    policy, _ = make_policy(PolicyConfig(), opened.graph, engine.num_slots, scorer=scorer)
+    return Impala(policy, engine, config).update
+
+
+def plain(opened: OpenedGraph, config: ImpalaConfig, distractors: int) -> Callable[[], None]:
+    """The unguided agent, as one would first write it."""
+    engine = make_engine(opened, config, distractors)
+    features = torch.tensor(make_features("glove", opened.graph.entities).vectors)
+    vectors = torch.cat([features, torch.zeros(1, features.shape[1])])
+    query, key = nn.Linear(100, 300), nn.Linear(50, 300, bias=False)
+    inner, head = nn.Linear(50, 300), nn.Linear(300, 1)
+    parameters = [p for layer in (query, key, inner, head) for p in layer.parameters()]
+    optimizer = torch.optim.RMSprop(parameters, lr=0.001, alpha=0.99, eps=0.01)
+
+    def policy(goal: torch.Tensor, selection: torch.Tensor, table: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        slots, mask = vectors[table], table != engine.nothing
+        asked = query(torch.cat([vectors[goal], vectors[selection]], dim=1))
+        alpha = torch.einsum("bd,bad->ba", asked, key(slots)) / math.sqrt(300)
+        weights = torch.softmax(alpha.masked_fill(~mask, -torch.inf), dim=1)
+        value = head(torch.relu(torch.einsum("ba,bad->bd", weights, inner(slots))))[:, 0]
+        return torch.log_softmax(alpha.masked_fill(~mask, -torch.inf), dim=1), value
+
+    def observe() -> list[torch.Tensor]:
+        return [torch.from_numpy(getattr(engine, name).copy()) for name in ("goal", "selection", "table")]
+
+    def update() -> None:
+        states, actions, log_probs, rewards, discounts = [], [], [], [], []
+        for _ in range(config.unroll):
+            states.append(observe())
+            with torch.no_grad():
+                log_policy, _ = policy(*states[-1])
+                action = torch.multinomial(log_policy.exp(), 1)
+            step = engine.step(action[:, 0].numpy())
+            actions.append(action)
+            log_probs.append(log_policy.gather(1, action)[:, 0])
+            rewards.append(torch.from_numpy(step.reward))
+            discounts.append(torch.from_numpy(~step.over) * config.discount)
+        log_policy, values = policy(*(torch.cat(parts) for parts in zip(*states, strict=True)))
+        chosen = log_policy.gather(1, torch.cat(actions))[:, 0].view(config.unroll, -1)
+        values = values.view(config.unroll, -1)
+        with torch.no_grad():
+            bootstrap = policy(*observe())[1]
+        log_rhos = chosen.detach() - torch.stack(log_probs)
+        targets = v_trace(log_rhos, torch.stack(discounts), torch.stack(rewards), values.detach(), bootstrap)
+        loss = policy_gradient_loss(chosen, targets.pg_advantages) - 0.01 * entropy(log_policy)
+        loss = loss + 0.5 * baseline_loss(values, targets.vs)
+        optimizer.zero_grad()
+        loss.backward()
+        nn.utils.clip_grad_norm_(parameters, 40.0)
+        optimizer.step()
+
+    return update
+
+
+def make_engine(opened: OpenedGraph, config: ImpalaConfig, distractors: int) -> BatchEngine:
+    world = WordCraftConfig(part="train", num_distractors=distractors)
+    return BatchEngine(opened, world, config.batch_size, device=config.device, seed=0)
+
+
+def rate(update: Callable[[], None], config: ImpalaConfig, seconds: float) -> float:
+    """Return environment steps a second."""
+    for _ in range(50):
+        update()
+    done, begun = 0, time.perf_counter()
+    while time.perf_counter() - begun < seconds or done % 50:
+        update()
+        done += 1
+    if config.device != "cpu":
+        torch.cuda.synchronize()
+    return done * config.steps_per_update / (time.perf_counter() - begun)
+
+
+def whole(book: str, distractors: int, steps: int, device: str) -> None:
+    """Run the command as a user does, unguided and guided, and say how long it took and how much memory."""
+    with tempfile.TemporaryDirectory() as folder:
+        command = [sys.executable, "-m", "wordcraft_kg"]
+        graph, model = Path(folder, "graph"), Path(folder, "model")
+        subprocess.run(
+            [*command, "build-graph", book, "--out", graph, "--quiet"], check=True, stdout=subprocess.DEVNULL
+        )
+        subprocess.run(
+            [*command, "train-complex", graph, "--out", model, "--quiet"], check=True, stdout=subprocess.DEVNULL
+        )
+        for name, options in (("unguided", []), ("guided", ["--scorer", model])):
+            arguments = ["train-agent", graph, *options, "--distractors", distractors, "--steps", steps]
+            arguments += ["--device", device, "--out", Path(folder, name), "--json", "--quiet"]
+            begun = time.perf_counter()
+            done = subprocess.run([*command, *map(str, arguments)], check=True, capture_output=True, text=True)
+            seconds, found = time.perf_counter() - begun, json.loads(done.stdout)
+            print(
+                f"{name:9s} {found['steps']:,} steps from the command to its report: {seconds:.1f} s "
+                f"({found['steps_per_second']:,} steps/s in training, {found['eval_share']:.1%} of the time for the "
+                f"curves); test success {found['success']['test']:.3f}",
+                flush=True,
+            )
+        peak = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 2**20
+        print(f"memory: at most {peak:.2f} GiB")
+        begun = time.perf_counter()
+        arguments = ["train-agent", graph, "--steps", 256, "--eval-every", 0, "--out", Path(folder, "first"), "--quiet"]
+        process = subprocess.Popen([*command, *map(str, arguments)], stdout=subprocess.DEVNULL)
+        metrics = Path(folder, "first", "metrics.jsonl")
+        while process.poll() is None and not (metrics.is_file() and metrics.stat().st_size):
+            time.sleep(0.01)
+        print(f"from the command to the first step: {time.perf_counter() - begun:.1f} s")
+        process.wait()
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("book")
+    parser.add_argument("--distractors", type=int, default=8)
+    parser.add_argument("--seconds", type=float, default=10)
+    parser.add_argument("--rounds", type=int, default=2)
+    parser.add_argument("--threads", type=int, default=1)
+    parser.add_argument("--lag", type=int, default=0)
+    parser.add_argument("--device", default="cpu")
+    parser.add_argument("--compile", action="store_true")
+    parser.add_argument("--whole", action="store_true")
+    parser.add_argument("--steps", type=int, default=3_000_000)
+    options = parser.parse_args()
+    torch.set_num_threads(options.threads)
+    opened = open_world_graph(options.book)
+    config = ImpalaConfig(policy_lag=options.lag, device=options.device, compile=options.compile)
+    print(
+        f"{opened.graph.name}, {options.distractors} distractors, batch {config.batch_size}, unroll {config.unroll}, "
+        f"lag {config.policy_lag}, {options.threads} thread{'s' * (options.threads > 1)} of {os.cpu_count()}"
+    )
+    for _ in range(options.rounds):
+        unguided = rate(ours(opened, config, options.distractors, False), config, options.seconds)
+        guided = rate(ours(opened, config, options.distractors, True), config, options.seconds)
+        print(f"unguided {unguided:8,.0f} steps/s   guided {guided:8,.0f} steps/s", end="", flush=True)
+        if options.device == "cpu":
+            beside = rate(plain(opened, config, options.distractors), config, options.seconds)
+            print(f"   plain loop, unguided {beside:8,.0f} steps/s: {unguided / beside:.2f} x", end="")
+        print(flush=True)
+    if options.whole:
+        whole(options.book, options.distractors, options.steps, options.device)
+
+
+if __name__ == "__main__":
+    main()

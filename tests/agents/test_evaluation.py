@@ -1,0 +1,397 @@
+"""Judging players: against episodes played one by one in the readable environment, and what must never change."""
+
+import copy
+from collections import Counter
+
+import numpy as np
+import pytest
+import torch
+
+from wordcraft_kg.agents import evaluation
+from wordcraft_kg.agents.baselines import random_entity, recipe_oracle
+from wordcraft_kg.agents.config import ImpalaConfig
+from wordcraft_kg.agents.evaluation import ENDINGS, EVALUATION_SEED, Evaluator, PolicyPlayer, player_of
+from wordcraft_kg.agents.impala import Impala
+from wordcraft_kg.agents.intervals import task_bootstrap
+from wordcraft_kg.envs.batch import BatchEngine
+from wordcraft_kg.envs.config import WordCraftConfig
+from wordcraft_kg.envs.wordcraft import WordCraftEnv
+from wordcraft_kg.errors import ConfigError
+from wordcraft_kg.graphs import open_graph
+from wordcraft_kg.models import FrequencyScorer
+from wordcraft_kg.models.policy_config import PolicyConfig
+from wordcraft_kg.models.policy_folder import make_policy
+
+RESULTS = ("success", "by_plan", "picks", "endings")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def one_thread():
+    torch.set_num_threads(1)
+
+
+@pytest.fixture(scope="module")
+def opened():
+    return open_graph("kitchen")
+
+
+def policy_for(opened, num_slots, scorer=None, **settings):
+    small = {"features": "learned", "embedding_size": 20, "key_size": 8, "value_size": 8, "self_edges": "keep"}
+    return make_policy(PolicyConfig(**small, **settings), opened.graph, num_slots, scorer=scorer, seed=2)[0]
+
+
+def scripted(engine, rng):
+    """Picks that depend on the state alone and lead to every ending: plans, other ways, loops, chance, empty slots."""
+    slots = (7 * engine.goal + 5 * engine.selection + 3 * engine.attempts_left + engine.table[:, 0]) % engine.num_slots
+    again = (engine.table == engine.selection[:, None]).argmax(1)
+    there = slots % (engine.table != engine.nothing).sum(1)
+    kind, other = engine.goal % 5, other_ways(engine)
+    return np.select(
+        [kind == 0, other >= 0, kind == 1, kind == 2], [recipe_oracle(engine, rng), other, again, slots], there
+    )
+
+
+def other_ways(engine):
+    """The next pick of a pair on the table that makes the goal and ends no plan; -1 where there is none."""
+    picks, graph = np.full(engine.num_envs, -1), engine.world.graph
+    facts = list(zip(graph.recipes.tolist(), graph.pair_of_recipe.tolist(), strict=True))
+    for row, (goal, held, table) in enumerate(zip(engine.goal, engine.selection, engine.table.tolist(), strict=True)):
+        finals = engine.world.tasks.final_pairs[engine.task[row]].tolist()
+        for (one, other, result), pair in facts:
+            if result == goal and {one, other} <= set(table) and pair not in finals:
+                picks[row] = table.index(other if held == one else one)
+    return picks
+
+
+def assert_equal(one, other):
+    for name in RESULTS:
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+
+
+# --- a perfect player ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("part", ["train", "test"])
+@pytest.mark.parametrize(("depth", "attempts"), [(1, None), (1, 3), (2, None), (2, 3)])
+def test_a_perfect_player_scores_exactly_one_in_all_tasks_and_draws(opened, part, depth, attempts):
+    """Regression (A5): every task counts once a draw, whatever the length of its episodes."""
+    config = WordCraftConfig(part=part, depth=depth, num_distractors=4, max_attempts=attempts)
+    evaluator = Evaluator(opened, config, draws=3, limit=100)
+    result = evaluator(recipe_oracle)
+    assert result.success.shape == (len(evaluator.tasks), 3)
+    assert result.success.all()
+    assert result.by_plan.all()
+    assert not result.endings.any()
+    assert result.figures()["mean"] == 1.0
+    assert set(result.picks.ravel().tolist()) == {2 * depth}
+
+
+# --- against single episodes -----------------------------------------------------------------------------------------
+
+
+def play_singly(opened, config, player, draws, tasks):
+    """Play each task and draw alone in the readable environment, on the tables of a batched engine of the same seed."""
+    engine = BatchEngine(opened, config, len(tasks), seed=EVALUATION_SEED)
+    settings = {name: getattr(config, name) for name in ("part", "depth", "num_distractors", "max_attempts", "reward")}
+    env = WordCraftEnv(opened, **settings)
+    one = BatchEngine(opened, config, 1)  # shows the player what the environment shows
+    recipes = opened.graph.recipes.tolist()
+    results = {name: np.zeros((len(tasks), draws), dtype=int) for name in RESULTS}
+    for draw in range(draws):
+        engine.pose(tasks, draw)
+        for row, task in enumerate(tasks.tolist()):
+            table = [entity for entity in engine.table[row].tolist() if entity < engine.nothing]
+            seen, _ = env.reset(options={"task": task, "table": table})
+            one.pose(np.array([task]))
+            over, pair = False, []
+            while not over:
+                one.goal[0], one.selection[0], one.attempts_left[0] = (
+                    seen[name] for name in ("goal", "selection", "attempts_left")
+                )
+                one.table[0] = seen["table"]
+                slot = int(player(one, None)[0])
+                entity = int(seen["table"][slot])
+                pair = [*pair, entity] if len(pair) == 1 else [entity]
+                seen, _, over, _, info = env.step(slot)
+                if info["illegal_action"] and not over:
+                    pair = []
+                results["picks"][row, draw] += 1
+            results["success"][row, draw] = info["outcome"] == "goal"
+            results["by_plan"][row, draw] = info["by_plan"]
+            results["endings"][row, draw] = ENDINGS.index(ending(env, info, pair, recipes))
+    return results
+
+
+def ending(env, info, pair, recipes):
+    """Say in words how an episode ended, from its last pair; one pick of it may have been an empty slot."""
+    if info["outcome"] == "goal":
+        return "goal"
+    names = env.world.graph.entities
+    labels = [names[entity] if entity < len(names) else None for entity in pair]
+    if len(labels) == 2 and labels[0] is not None and labels[0] == labels[1]:
+        return "same_twice"
+    right = {part for plan in env.task.plans for part in plan[-1][:2]}
+    if any(label in right for label in labels):
+        return "one_right_part"
+    if any(sorted(pair) == sorted(recipe[:2]) for recipe in recipes):
+        return "no_right_part"
+    return "no_recipe"
+
+
+@pytest.mark.parametrize(("depth", "attempts"), [(1, None), (1, 2), (2, 2), (2, 3)])
+def test_a_batch_is_judged_as_single_episodes_are(opened, depth, attempts):
+    config = WordCraftConfig(
+        part="test",
+        depth=depth,
+        num_distractors=8,
+        max_attempts=attempts,
+        reward="official" if depth == 2 else "sparse",
+    )
+    evaluator = Evaluator(opened, config, draws=2, limit=70)
+    result = evaluator(scripted)
+    expected = play_singly(opened, config, scripted, 2, evaluator.tasks)
+    for name in RESULTS:
+        np.testing.assert_array_equal(getattr(result, name).astype(int), expected[name], err_msg=name)
+    assert set(result.endings.ravel().tolist()) == set(range(len(ENDINGS)))
+    assert len(set(result.picks.ravel().tolist())) > 1
+    assert (result.success & ~result.by_plan).any()
+
+
+@pytest.mark.parametrize(("kind", "guided"), [("attention", False), ("attention", True), ("mlp", False)])
+def test_a_policy_plays_its_best_action_of_each_state(opened, monkeypatch, kind, guided):
+    config = WordCraftConfig(part="test", depth=2, num_distractors=3)
+    evaluator = Evaluator(opened, config, draws=2, limit=60)
+    scorer = FrequencyScorer(opened.graph, opened.split.partial) if guided else None
+    policy = policy_for(opened, evaluator.engine.num_slots, scorer, policy=kind)
+
+    def alone(engine, rng):
+        slots = []
+        for row in zip(engine.goal.tolist(), engine.selection.tolist(), engine.table.tolist(), strict=True):
+            logits = policy(*(torch.tensor([ids]) for ids in row)).logits[0]
+            there = [slot for slot, entity in enumerate(row[2]) if entity != engine.nothing]
+            slots.append(max(there, key=logits.tolist().__getitem__))
+        return np.array(slots)
+
+    expected = evaluator(alone)
+    assert_equal(evaluator(PolicyPlayer(policy)), expected)
+    monkeypatch.setattr(evaluation, "ROWS", 7)  # not a divisor of the number of tasks
+    assert_equal(evaluator(PolicyPlayer(policy)), expected)
+    assert len(evaluator.tasks) % 7 != 0
+    assert len(set(expected.endings.ravel().tolist())) > 2
+
+
+def test_of_equally_good_actions_the_first_is_taken(opened):
+    engine = BatchEngine(opened, WordCraftConfig(part="test", num_distractors=3), 6)
+    policy = policy_for(opened, engine.num_slots)
+    with torch.no_grad():
+        for parameter in policy.attention.parameters():
+            parameter.zero_()
+    assert PolicyPlayer(policy)(engine, None).tolist() == [0] * 6
+
+
+def test_a_policy_plays_on_torch_environments_too(opened):
+    config = WordCraftConfig(part="test", num_distractors=3)
+    one, other = (BatchEngine(opened, config, 6, device=device) for device in ("cpu", "torch:cpu"))
+    player = PolicyPlayer(policy_for(opened, one.num_slots))
+    slots, same = player(one, None), player(other, None)
+    assert isinstance(slots, np.ndarray)
+    assert isinstance(same, torch.Tensor)
+    np.testing.assert_array_equal(slots, same.numpy())
+
+
+def test_chance_makes_the_goal_as_often_as_the_tables_say(opened):
+    draws = 10
+    evaluator = Evaluator(opened, WordCraftConfig(part="test", num_distractors=2), draws=draws)
+    tables = []
+
+    def look(engine, rng):
+        if (engine.selection == engine.nothing).all():
+            tables.append((engine.goal.tolist(), engine.table.tolist()))
+        return random_entity(engine, rng)
+
+    result = evaluator(look)
+    made = Counter((min(a, b), max(a, b), goal) for a, b, goal in opened.graph.recipes.tolist())
+    chances = []
+    for goals, rows in tables:
+        for goal, row in zip(goals, rows, strict=True):
+            there = [entity for entity in row if entity != evaluator.engine.nothing]
+            wins = sum((min(a, b), max(a, b), goal) in made for a in there for b in there)
+            chances.append(wins / len(there) ** 2)
+    chances = np.array(chances)
+    assert len(chances) == result.success.size
+    deviation = (result.success.sum() - chances.sum()) / np.sqrt((chances * (1 - chances)).sum())
+    assert abs(deviation) < 4
+    assert 0.05 < chances.mean() < 0.3
+    assert_equal(evaluator(random_entity), result)
+
+
+# --- what stays the same ---------------------------------------------------------------------------------------------
+
+
+def test_every_player_meets_the_same_tables_every_time(opened):
+    config = WordCraftConfig(part="test", num_distractors=4, max_attempts=2)
+    evaluator = Evaluator(opened, config, draws=3)
+    seen = []
+
+    def watched(player):
+        def look(engine, rng):
+            if (engine.attempts_left == 2).all() and (engine.selection == engine.nothing).all():
+                seen.append(np.column_stack([engine.task, engine.goal, engine.table]))
+            return player(engine, rng)
+
+        return look
+
+    players = [recipe_oracle, random_entity, scripted, random_entity]
+    results = [evaluator(watched(player)) for player in players]
+    results.append(Evaluator(opened, config, draws=3)(watched(random_entity)))
+    assert len(seen) == 3 * len(results)
+    for draw in range(3):
+        for tables in seen[draw::3]:
+            np.testing.assert_array_equal(tables, seen[draw])
+    assert (seen[0] != seen[1]).any()
+    assert (seen[0] != seen[2]).any()
+    np.testing.assert_array_equal(seen[0][:, 0], evaluator.tasks)
+    assert_equal(results[1], results[3])  # chance is the same chance each time
+    assert_equal(results[1], results[4])
+
+
+def test_success_does_not_depend_on_the_shaping_of_rewards(opened):
+    """Regression (A15): the goal alone counts."""
+    sparse, official = (
+        Evaluator(opened, WordCraftConfig(part="test", depth=2, num_distractors=3, reward=reward), draws=1, limit=60)
+        for reward in ("sparse", "official")
+    )
+    assert_equal(sparse(scripted), official(scripted))
+    assert 0 < sparse(scripted).success.mean() < 1
+
+
+def test_an_evaluation_changes_neither_the_policy_nor_global_random_states(opened):
+    np.random.seed(3)  # noqa: NPY002 - the state that must not change
+    torch.manual_seed(3)
+    evaluator = Evaluator(opened, WordCraftConfig(part="test", num_distractors=2), draws=2)
+    policy = policy_for(opened, evaluator.engine.num_slots)
+    before = copy.deepcopy(policy.state_dict()), policy.training
+    states = np.random.get_state()[1].copy(), torch.get_rng_state()  # noqa: NPY002
+    evaluator(PolicyPlayer(policy))
+    evaluator(random_entity).figures()
+    assert policy.training == before[1]
+    assert all(torch.equal(tensor, before[0][name]) for name, tensor in policy.state_dict().items())
+    assert all(parameter.grad is None for parameter in policy.parameters())
+    np.testing.assert_array_equal(np.random.get_state()[1], states[0])  # noqa: NPY002
+    assert torch.equal(torch.get_rng_state(), states[1])
+
+
+def test_an_evaluation_amid_training_sees_one_set_of_weights_and_does_not_disturb_it(opened, monkeypatch):
+    """Regression (A16): a point of a learning curve is one checkpoint's."""
+    config = WordCraftConfig(depth=2, num_distractors=2, reward="official")
+    ends = []
+    for evaluates in (False, True):
+        engine = BatchEngine(opened, config, 8, seed=1)
+        policy = policy_for(opened, engine.num_slots)
+        settings = ImpalaConfig(steps=10**4, batch_size=8, unroll=3, policy_lag=1, learning_rate=0.02)
+        impala = Impala(policy, engine, settings)
+        evaluator = Evaluator(opened, WordCraftConfig(part="test", depth=2, num_distractors=2), draws=1, limit=50)
+        used = []
+        for _ in range(4):
+            for _ in range(3):
+                impala.update()
+            if evaluates:
+                used.append(set())
+                player = PolicyPlayer(policy)
+
+                def watched(engine, rng, player=player, policy=policy, used=used):
+                    used[-1].add(b"".join(parameter.detach().numpy().tobytes() for parameter in policy.parameters()))
+                    return player(engine, rng)
+
+                result = evaluator(watched)
+                frozen = evaluator(PolicyPlayer(copy.deepcopy(policy)))
+                assert_equal(result, frozen)
+        ends.append(impala.state())
+    assert [len(weights) for weights in used] == [1] * 4
+    assert len(set().union(*used)) == 4
+    assert all(torch.equal(tensor, ends[1][name]) for name, tensor in ends[0].items())
+
+
+# --- samples and figures ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("limit", [1, 7, 50, 62, 63, 64, 1_000, None])
+def test_a_limit_takes_evenly_spaced_tasks(opened, limit):
+    config = WordCraftConfig(part="test")
+    amount = len(Evaluator(opened, config, draws=1).tasks)
+    assert amount == 63
+    tasks = Evaluator(opened, config, draws=1, limit=limit).tasks
+    assert tasks[0] == 0
+    steps = set(np.diff(tasks).tolist())
+    assert len(steps) <= 1
+    assert len(tasks) <= (limit or amount)
+    # No further one would have fitted, and no smaller distance would have.
+    step = steps.pop() if steps else amount
+    assert tasks[-1] + step >= amount
+    assert step == 1 or -(-amount // (step - 1)) > limit
+    assert (len(tasks) == amount) == (limit is None or limit >= amount)
+
+
+def test_a_sample_is_judged_by_its_own_tasks_parts(opened):
+    evaluator = Evaluator(opened, WordCraftConfig(part="test", num_distractors=3), draws=1, limit=20)
+    assert evaluator.tasks[1] > 1
+
+    def half_right(engine, rng):  # a part of the goal first, then an empty slot
+        starts = engine.world.tasks.starts[engine.task]
+        first = (engine.table == starts[:, :1]).argmax(1)
+        return np.where(engine.selection == engine.nothing, first, engine.num_slots - 1)
+
+    assert evaluator(half_right).shares() == {name: float(name == "one_right_part") for name in ENDINGS}
+
+
+def test_figures_are_means_over_tasks_and_draws(opened):
+    evaluator = Evaluator(opened, WordCraftConfig(part="test", num_distractors=3, max_attempts=2), draws=4)
+    result = evaluator(scripted)
+    figures = result.figures()
+    assert figures["mean"] == pytest.approx(result.success.sum() / (63 * 4))
+    assert figures["by_plan"] == pytest.approx(result.by_plan.sum() / (63 * 4))
+    assert figures["picks"] == pytest.approx(result.picks.sum() / (63 * 4))
+    assert (figures["tasks"], figures["draws"]) == (63, 4)
+    assert (figures["ci_low"], figures["ci_high"]) == task_bootstrap(result.success)
+    assert figures["ci_low"] < figures["mean"] < figures["ci_high"]
+    shares = result.shares()
+    assert tuple(shares) == ENDINGS
+    assert sum(shares.values()) == pytest.approx(1)
+    assert shares["goal"] == pytest.approx(figures["mean"])
+    counts = Counter(result.endings.ravel().tolist())
+    assert shares == {name: pytest.approx(counts[code] / (63 * 4)) for code, name in enumerate(ENDINGS)}
+
+
+# --- who plays -------------------------------------------------------------------------------------------------------
+
+
+def test_players_go_by_name(opened):
+    evaluator = Evaluator(opened, WordCraftConfig(part="test", num_distractors=3), draws=1)
+    policy = policy_for(opened, evaluator.engine.num_slots)
+    for kind, player in (("trained", PolicyPlayer(policy)), ("random", random_entity), ("oracle", recipe_oracle)):
+        assert_equal(evaluator(player_of(policy, kind)), evaluator(player))
+
+
+@pytest.mark.parametrize("use", ["u", "v", "u,v"])
+def test_the_scorer_alone_picks_the_best_sum_of_its_scores(opened, use):
+    config = WordCraftConfig(part="all", num_distractors=6)
+    engine = BatchEngine(opened, config, 300, seed=1)
+    policy = policy_for(opened, engine.num_slots, FrequencyScorer(opened.graph, opened.split.partial), use=use)
+    player, rng = player_of(policy, "kg-only"), np.random.default_rng(0)
+    for _ in range(2):
+        slots = player(engine, rng)
+        states = (torch.from_numpy(getattr(engine, name)) for name in ("goal", "selection", "table"))
+        scores = policy.knowledge(*states).sum(1).double().numpy()
+        scores[engine.table == engine.nothing] = -np.inf
+        chosen = scores[np.arange(300), slots]
+        np.testing.assert_allclose(chosen, scores.max(1), atol=1e-5)
+        if use != "u" or (engine.selection != engine.nothing).all():
+            assert (scores.max(1) > scores[:, 0]).sum() > 100
+        engine.step_once(slots)
+
+
+def test_the_scorer_alone_needs_a_scorer(opened):
+    with pytest.raises(ConfigError, match="--agent kg-only plays by the run's scorer"):
+        player_of(policy_for(opened, 5), "kg-only")
+    with pytest.raises(ConfigError, match="trained without one"):
+        player_of(policy_for(opened, 5, policy="mlp"), "kg-only")

@@ -1,0 +1,653 @@
+"""The trainer against an update written out state by state, and what a training must keep to."""
+
+import copy
+import itertools
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from test_vtrace import slow_v_trace
+
+from wordcraft_kg.agents.config import ImpalaConfig
+from wordcraft_kg.agents.impala import LOSSES, SUMS, Impala, check_compiler
+from wordcraft_kg.agents.vtrace import v_trace
+from wordcraft_kg.envs.batch import GOAL, BatchEngine
+from wordcraft_kg.envs.config import WordCraftConfig
+from wordcraft_kg.errors import ConfigError, TrainingError
+from wordcraft_kg.graphs import RecipeGraph, open_graph
+from wordcraft_kg.models import FrequencyScorer
+from wordcraft_kg.models.policy_config import PolicyConfig
+from wordcraft_kg.models.policy_folder import make_policy
+
+BATCH = 8
+SMALL = {
+    "features": "learned",
+    "self_edges": "keep",
+    "embedding_size": 6,
+    "key_size": 5,
+    "value_size": 7,
+    "hidden_size": 9,
+}
+
+
+@pytest.fixture(scope="module", autouse=True)
+def one_thread():
+    torch.set_num_threads(1)
+
+
+@pytest.fixture(scope="module")
+def opened():
+    return open_graph("kitchen")
+
+
+@pytest.fixture(scope="module")
+def scorer(opened):
+    return FrequencyScorer(opened.graph, opened.split.partial)
+
+
+@pytest.fixture(scope="module")
+def trainer(opened):
+    """Return a maker of small trainers; rewards are shaped, so that there are some."""
+
+    def make(*, depth=1, policy=(), scorer=None, engine_seed=3, engine_device="cpu", policy_seed=0, world=(), **config):
+        settings = {"steps": 10**4, "batch_size": BATCH, "learning_rate": 0.02, **config}
+        config = ImpalaConfig(**settings)
+        tasks = WordCraftConfig(**{"depth": depth, "num_distractors": 2, "reward": "official", **dict(world)})
+        engine = BatchEngine(opened, tasks, config.batch_size, seed=engine_seed, device=engine_device)
+        kind = PolicyConfig(**{**SMALL, **dict(policy)})
+        made, _ = make_policy(kind, opened.graph, engine.num_slots, scorer=scorer, seed=policy_seed)
+        return Impala(made, engine, config)
+
+    return make
+
+
+def flat(impala):
+    return torch.cat([parameter.detach().reshape(-1) for parameter in impala.policy.parameters()])
+
+
+def train(impala, updates):
+    for _ in range(updates):
+        impala.update()
+    return flat(impala).clone()
+
+
+def assert_same_state(one, other):
+    one, other = one.state(), other.state()
+    assert one.keys() == other.keys()
+    assert [name for name in one if not torch.equal(one[name], other[name])] == []
+
+
+# --- the update, written out -----------------------------------------------------------------------------------------
+
+
+class SlowImpala:
+    """The same training with loops: an environment, a step, a state and a parameter at a time, in double precision.
+
+    Only the actions are taken from the trainer under test; environments, values, behaviour and optimiser are its own.
+    """
+
+    def __init__(self, impala):
+        self.policy = copy.deepcopy(impala.policy).double()
+        self.config, self.nothing = impala.config, impala.engine.nothing
+        engine = impala.engine
+        self.engine = BatchEngine(open_graph("kitchen"), engine.config, engine.num_envs, seed=3)
+        self.actors = []
+        self.updates = 0
+        self.squares = [torch.zeros_like(parameter) for parameter in self.policy.parameters()]
+        self.velocities = [torch.zeros_like(parameter) for parameter in self.policy.parameters()]
+
+    def look(self, policy, state):
+        """Return log-probabilities by slot of the entities that are there, the value, and λ."""
+        goal, selection, table = state
+        output = policy(torch.tensor([goal]), torch.tensor([selection]), torch.tensor([table]))
+        there = [slot for slot, entity in enumerate(table) if entity != self.nothing]
+        log_probs = torch.log_softmax(output.logits[0, there], dim=0)
+        return dict(zip(there, log_probs, strict=True)), output.value[0], output.lambdas
+
+    def states(self):
+        engine = self.engine
+        return list(zip(engine.goal.tolist(), engine.selection.tolist(), engine.table.tolist(), strict=True))
+
+    def play(self, actions):
+        """Return the states of each step and after the last, rewards, which episodes ended, and which made the goal."""
+        states, rewards, over, won = [self.states()], [], [], []
+        for row in actions.numpy():
+            step = self.engine.step(row)
+            states.append(self.states())
+            rewards.append(step.reward.tolist())
+            over.append(step.over.tolist())
+            won.append((step.outcome == GOAL).tolist())
+        return states, np.array(rewards), np.array(over), np.array(won)
+
+    def update(self, actions):
+        """Learn from the steps that these actions make; return what should be logged, and the clipped gradient."""
+        config = self.config
+        self.actors = [*self.actors, copy.deepcopy(self.policy)][-1 - config.policy_lag :]
+        states, rewards, over, won = self.play(actions)
+        time, batch = rewards.shape
+        seen = [[self.look(self.policy, state) for state in row] for row in states]
+        chosen = [[seen[t][b][0][int(actions[t, b])] for b in range(batch)] for t in range(time)]
+        log_rhos = np.zeros((time, batch))
+        for t, b in itertools.product(range(time), range(batch)):
+            behaviour = self.look(self.actors[0], states[t][b])[0][int(actions[t, b])]
+            log_rhos[t, b] = (chosen[t][b] - behaviour).item()
+        values = np.array([[seen[t][b][1].item() for b in range(batch)] for t in range(time + 1)])
+        discounts = config.discount * (1 - over.astype(float))
+        vs, advantages = slow_v_trace(log_rhos, discounts, rewards, values[:-1], values[-1])
+        pg_loss = baseline = entropy = 0.0
+        for t, b in itertools.product(range(time), range(batch)):
+            log_probs, value, _ = seen[t][b]
+            pg_loss = pg_loss - chosen[t][b] * advantages[t, b]
+            baseline = baseline + 0.5 * (vs[t, b] - value) ** 2
+            entropy = entropy - sum(log_prob.exp() * log_prob for log_prob in log_probs.values())
+        loss = pg_loss + config.baseline_cost * baseline - config.entropy_cost * entropy
+        gradients = torch.autograd.grad(loss, list(self.policy.parameters()))
+        norm = math.sqrt(sum((gradient**2).sum().item() for gradient in gradients))
+        gradients = [gradient * min(1, config.clip / norm) for gradient in gradients]
+        self.rms_prop(gradients)
+        lambdas = {
+            pick: [
+                row[b][2] for row, at in zip(seen, states[:-1], strict=False) for b in range(batch) if is_pick(at[b])
+            ]
+            for pick, is_pick in (
+                ("first", lambda state: state[1] == self.nothing),
+                ("second", lambda state: state[1] != self.nothing),
+            )
+        }
+        return {
+            "loss": loss.item(),
+            "pg_loss": pg_loss.item(),
+            "baseline_loss": baseline.item(),
+            "entropy": entropy.item() / (time * batch),
+            "grad_norm": norm,
+            "rewards": rewards.sum(),
+            "over": over,
+            "won": won.sum(),
+            "ratios": np.exp(log_rhos),
+            "lambdas": lambdas,
+            "gradient": torch.cat([gradient.reshape(-1) for gradient in gradients]),
+        }
+
+    def rms_prop(self, gradients):
+        config = self.config
+        rate = config.learning_rate * (1 - self.updates / config.updates)
+        for i, (parameter, gradient) in enumerate(zip(self.policy.parameters(), gradients, strict=True)):
+            self.squares[i] = config.rms_decay * self.squares[i] + (1 - config.rms_decay) * gradient**2
+            step = gradient / (self.squares[i].sqrt() + config.rms_epsilon)
+            self.velocities[i] = config.momentum * self.velocities[i] + step
+            parameter.data -= rate * self.velocities[i]
+        self.updates += 1
+
+
+@pytest.mark.parametrize(
+    ("depth", "unroll", "settings"),
+    [
+        (1, 1, {}),
+        (1, 2, {"momentum": 0.9, "discount": 0.7}),
+        (1, 3, {"entropy_cost": 0.3, "baseline_cost": 1.5}),
+        (2, 1, {"policy_lag": 1}),
+        (2, 2, {"rms_decay": 0.8, "clip": 2.0, "policy_lag": 2}),
+        (2, 3, {"policy": {"policy": "mlp"}}),
+        (2, 3, {"policy": {"value_readout": "logits"}, "policy_lag": 2, "momentum": 0.5}),
+        (2, 3, {"scorer": True, "policy_lag": 1}),
+    ],
+)
+def test_updates_are_those_of_the_formulas_written_out(trainer, scorer, depth, unroll, settings):
+    updates = 5
+    settings = settings | {"scorer": scorer if settings.get("scorer") else None}
+    impala = trainer(depth=depth, unroll=unroll, steps=(updates + 1) * BATCH * unroll, **settings)
+    slow = SlowImpala(impala)
+    logged = []
+    for number in range(updates):
+        impala.update()
+        seen = impala._unroll
+        before = slow.states()
+        expected = slow.update(seen.actions)
+        logged.append(expected)
+        # The trainer saw the environments as they were, to the state after the last step.
+        assert seen.goal[0].tolist() == [goal for goal, _, _ in before]
+        for name, column in (("goal", 0), ("selection", 1), ("table", 2)):
+            assert getattr(seen, name)[-1].tolist() == [state[column] for state in slow.states()]
+        torch.testing.assert_close(impala._flat.grad.double(), expected["gradient"], atol=1e-4, rtol=1e-3)
+        reference = torch.cat([parameter.detach().reshape(-1) for parameter in slow.policy.parameters()])
+        torch.testing.assert_close(flat(impala).double(), reference, atol=5e-5, rtol=1e-3)
+        assert impala.update_number == number + 1
+
+    figures = impala.take_figures()
+    for name in LOSSES:
+        assert figures[name] == pytest.approx(np.mean([row[name] for row in logged]), rel=2e-3, abs=1e-4), name
+    over = np.array([row["over"] for row in logged])
+    assert figures["return"] == pytest.approx(sum(row["rewards"] for row in logged) / over.sum(), abs=1e-5)
+    assert figures["success"] == pytest.approx(sum(row["won"] for row in logged) / over.sum())
+    ratios = logged[-1]["ratios"]
+    assert figures["ratio_mean"] == pytest.approx(ratios.mean(), rel=1e-3)
+    assert figures["ratio_max"] == pytest.approx(ratios.max(), rel=1e-3)
+    assert figures["ratio_clipped"] == pytest.approx((ratios > 1 + 1e-5).mean())
+    for pick, rows in logged[-1]["lambdas"].items():
+        for i, source in enumerate(impala.policy.source_names):
+            expected = torch.cat(rows)[:, i].mean().item()
+            assert figures[f"lambda_{source}_{pick}"] == pytest.approx(expected, rel=1e-3)
+
+    # What these cases are for: episodes that are cut and need the value after them, and such that are not.
+    ended = over[:, -1].all(axis=1)
+    assert ended.all() if (depth, unroll) == (1, 2) else not ended.all()
+    assert any(abs(row["rewards"]) > 0.05 for row in logged)
+    assert impala.config.clip == 40 or figures["grad_norm"] > impala.config.clip
+
+
+def test_figures_begin_anew_each_time_and_are_none_where_no_episode_ended(trainer):
+    impala = trainer(depth=1, unroll=1)
+    impala.update()  # the first pick of all: nothing can have ended
+    first = impala.take_figures()
+    assert first["return"] is first["success"] is None
+    impala.update()
+    second = impala.take_figures()
+    assert 0 <= second["success"] <= 1
+    assert second["loss"] != first["loss"]
+    assert not any(name.startswith("lambda") for name in second)
+    assert impala.take_figures()["loss"] == 0
+
+
+def test_success_counts_goals_alone_whatever_the_shaping(trainer):
+    """Regression (A15): penalties and sub-goals of the official rewards are no success."""
+    figures = {}
+    for reward in ("sparse", "official"):
+        impala = trainer(depth=1, world={"reward": reward}, learning_rate=1e-30)
+        train(impala, 20)
+        figures[reward] = impala.take_figures()
+    assert figures["sparse"]["success"] == figures["official"]["success"] == figures["sparse"]["return"]
+    assert figures["official"]["return"] < figures["official"]["success"]
+
+
+# --- acting with older weights ---------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def traced(monkeypatch):
+    """What V-trace was given and what it gave, call by call."""
+    calls = []
+
+    def spy(*arguments):
+        calls.append((*arguments, v_trace(*arguments)))
+        return calls[-1][-1]
+
+    monkeypatch.setattr("wordcraft_kg.agents.impala.v_trace", spy)
+    return calls
+
+
+@pytest.mark.parametrize(("depth", "unroll"), [(1, 2), (2, 3)])
+def test_without_lag_ratios_are_one_and_targets_the_plain_returns(trainer, traced, depth, unroll):
+    impala = trainer(depth=depth, unroll=unroll)
+    for _ in range(6):
+        impala.update()
+        log_rhos, discounts, rewards, values, bootstrap, targets = traced[-1]
+        torch.testing.assert_close(log_rhos, torch.zeros(unroll, BATCH), atol=1e-5, rtol=0)
+        assert not values.requires_grad
+        assert not bootstrap.requires_grad
+        returns = bootstrap
+        for t in reversed(range(unroll)):
+            returns = rewards[t] + discounts[t] * returns
+            torch.testing.assert_close(targets.vs[t], returns)
+        torch.testing.assert_close(discounts, 0.99 * ~impala._unroll.over)
+        figures = impala.take_figures()
+        assert figures["ratio_mean"] == pytest.approx(1, abs=1e-5)
+        assert figures["ratio_max"] == pytest.approx(1, abs=1e-5)
+        assert figures["ratio_clipped"] == 0
+
+
+@pytest.mark.parametrize("lag", [0, 1, 3])
+def test_the_actor_has_the_weights_of_exactly_so_many_updates_before(trainer, monkeypatch, lag):
+    impala = trainer(policy_lag=lag)
+    used, collect = [], impala._collect
+
+    def spy(weights):
+        used.append([tensor.clone() for tensor in weights])
+        return collect(weights)
+
+    monkeypatch.setattr(impala, "_collect", spy)
+    history = []
+    for _ in range(8):
+        history.append([tensor.detach().clone() for tensor in impala.policy.weights()])
+        impala.update()
+    for number, weights in enumerate(used):
+        matches = [past for past, other in enumerate(history) if all(map(torch.equal, weights, other))]
+        assert matches == [max(0, number - lag)]
+
+
+def test_with_lag_ratios_differ_from_one_and_are_logged(trainer, traced):
+    impala = trainer(policy_lag=3, unroll=3)
+    train(impala, 1)
+    assert impala.take_figures()["ratio_max"] == pytest.approx(1, abs=1e-5)
+    train(impala, 5)
+    ratios = traced[-1][0].exp()
+    figures = impala.take_figures()
+    assert (ratios - 1).abs().mean() > 1e-3
+    assert figures["ratio_mean"] == pytest.approx(ratios.mean().item())
+    assert figures["ratio_max"] == pytest.approx(ratios.max().item())
+    assert figures["ratio_max"] > 1.001
+    assert figures["ratio_clipped"] == pytest.approx((ratios > 1 + 1e-5).float().mean().item())
+    assert 0 < figures["ratio_clipped"] < 1
+
+
+# --- acting ----------------------------------------------------------------------------------------------------------
+
+
+def test_actions_follow_the_policy_and_no_empty_slot_is_ever_picked(trainer):
+    impala = trainer(depth=2, unroll=3, batch_size=16, learning_rate=1e-30, policy={"embedding_size": 40})
+    nothing = impala.engine.nothing
+    picked, expected, variance = np.zeros((3, impala.engine.num_slots))
+    for _ in range(60):
+        impala.update()
+        seen = impala._unroll
+        goal, selection, table = (ids[:-1].flatten(0, 1) for ids in (seen.goal, seen.selection, seen.table))
+        with torch.no_grad():
+            shares = torch.softmax(impala.policy(goal, selection, table).logits, dim=1)
+        actions = seen.actions.flatten()
+        assert (table.gather(1, actions[:, None]) != nothing).all()
+        chosen = shares.gather(1, actions[:, None])[:, 0]
+        torch.testing.assert_close(seen.log_probs.flatten(), chosen.log(), atol=1e-5, rtol=1e-5)
+        picked += np.bincount(actions, minlength=len(picked))
+        expected += shares.sum(0).numpy()
+        variance += (shares * (1 - shares)).sum(0).numpy()
+    assert expected.sum() == pytest.approx(60 * 48)
+    assert expected.min() < 10 < 300 < expected.max()
+    assert (np.abs(picked - expected) < 4 * np.sqrt(variance) + 1e-9).all()
+
+
+def test_each_uniform_number_picks_the_slot_whose_share_it_falls_into(trainer):
+    impala = trainer(policy={"embedding_size": 40})
+    count = 10_000
+    weights = impala.policy.weights()
+    state = [getattr(impala.engine, name)[:1] for name in ("goal", "selection", "table")]
+    goal, selection, table = (torch.from_numpy(np.repeat(array, count, axis=0)) for array in state)
+    noise = (torch.arange(count) + 0.5) / count
+    with torch.no_grad():
+        actions, log_probs = impala._choose(weights, goal, selection, table, noise)
+        shares = torch.softmax(impala.policy(goal[:1], selection[:1], table[:1]).logits[0], dim=0)
+    frequencies = torch.bincount(actions, minlength=len(shares)) / count
+    torch.testing.assert_close(frequencies, shares, atol=2 / count, rtol=0)
+    assert shares.max() - shares[shares > 0].min() > 0.05
+    torch.testing.assert_close(log_probs.exp(), shares[actions])
+    assert (actions.diff() >= 0).all()
+
+
+@pytest.mark.parametrize("number", [0.0, 1 - 2.0**-24])
+def test_the_least_and_the_greatest_uniform_number_pick_an_entity_too(trainer, monkeypatch, number):
+    impala = trainer(depth=2, unroll=3)
+    monkeypatch.setattr(torch, "rand", lambda *shape, **_: torch.full(shape, number))
+    for _ in range(10):
+        impala.update()
+        seen = impala._unroll
+        there = (seen.table[:-1] != impala.engine.nothing).sum(2)
+        assert torch.equal(seen.actions, torch.zeros_like(there) if number == 0 else there - 1)
+
+
+def test_the_environments_of_a_batch_see_different_tasks(opened, trainer):
+    """Regression (A4): n environments draw n different streams of tasks, which one seed decides."""
+
+    def streams(engine_seed):
+        impala = trainer(batch_size=16, engine_seed=engine_seed)
+        goals = []
+        for _ in range(10):
+            impala.update()
+            goals.append(impala._unroll.goal[0].clone())
+        return torch.stack(goals, dim=1)
+
+    one, same, other = (streams(seed) for seed in (3, 3, 4))
+    assert len({tuple(row) for row in one.tolist()}) == 16
+    for goals in one.T:  # at any time most of them have a goal of their own
+        assert len(goals.unique()) > 8
+    assert torch.equal(one, same)
+    assert not torch.equal(one, other)
+
+
+# --- parameters ------------------------------------------------------------------------------------------------------
+
+
+def assert_views(impala):
+    at = impala._flat.data_ptr()
+    gradient = impala._flat.grad.data_ptr()
+    for parameter in impala.policy.parameters():
+        assert parameter.data_ptr() == at
+        assert parameter.grad.data_ptr() == gradient
+        assert parameter.is_contiguous()
+        at, gradient = at + 4 * parameter.numel(), gradient + 4 * parameter.numel()
+    assert at == impala._flat.data_ptr() + 4 * impala._flat.numel()
+
+
+def test_parameters_are_views_of_one_tensor_and_stay_so(trainer):
+    impala, other = trainer(), trainer(policy_seed=1)
+    before = {name: tensor.clone() for name, tensor in trainer().policy.state_dict().items()}
+    assert all(torch.equal(tensor, before[name]) for name, tensor in impala.policy.state_dict().items())
+    assert_views(impala)
+    train(impala, 2)
+    assert_views(impala)
+    impala.policy.load_state_dict(other.policy.state_dict())
+    assert_views(impala)
+    assert torch.equal(impala._flat.detach(), flat(other))
+    impala.restore(other.state())
+    train(impala, 1)
+    assert_views(impala)
+    assert not torch.equal(flat(impala), flat(other))
+
+
+def test_every_parameter_learns_and_constants_stay(opened, trainer, scorer):
+    for features in ("learned", "random"):
+        impala = trainer(scorer=scorer, policy={"features": features}, depth=2, unroll=3)
+        before = copy.deepcopy(impala.policy.state_dict())
+        train(impala, 30)
+        learned = {name for name, _ in impala.policy.named_parameters()}
+        assert "knowledge.scores" in set(before) - learned
+        assert ("vectors.vectors" in learned) == (features == "learned")
+        for name, tensor in impala.policy.state_dict().items():
+            assert torch.equal(tensor, before[name]) == (name not in learned), name
+
+
+def test_the_same_seeds_give_the_same_parameters_and_others_others(trainer):
+    one, same = train(trainer(), 20), train(trainer(), 20)
+    assert torch.equal(one, same)
+    for changed in ({"seed": 1}, {"engine_seed": 1}, {"policy_seed": 1}):
+        assert not torch.equal(one, train(trainer(**changed), 20))
+
+
+def test_training_neither_uses_nor_changes_global_generators(trainer):
+    expected = train(trainer(), 5)
+    np.random.seed(5)  # noqa: NPY002 - the state that must not change
+    torch.manual_seed(5)
+    before = np.random.get_state()[1].copy(), torch.get_rng_state()  # noqa: NPY002
+    assert torch.equal(train(trainer(), 5), expected)
+    np.testing.assert_array_equal(np.random.get_state()[1], before[0])  # noqa: NPY002
+    assert torch.equal(torch.get_rng_state(), before[1])
+
+
+@pytest.mark.parametrize(("depth", "unroll", "settings"), [(1, 2, {}), (2, 3, {"policy_lag": 2, "momentum": 0.9})])
+def test_torch_environments_train_the_same_as_numpy_ones(trainer, depth, unroll, settings):
+    one, other = (
+        trainer(depth=depth, unroll=unroll, engine_device=device, **settings) for device in ("cpu", "torch:cpu")
+    )
+    for _ in range(20):
+        one.update()
+        other.update()
+        assert torch.equal(one._unroll.actions, other._unroll.actions)
+        torch.testing.assert_close(one._unroll.rewards, other._unroll.rewards)
+        torch.testing.assert_close(flat(one), flat(other), atol=1e-6, rtol=1e-5)
+    ours, theirs = one.take_figures(), other.take_figures()
+    assert ours == {name: value if value is None else pytest.approx(value, abs=1e-4) for name, value in theirs.items()}
+
+
+def test_the_last_update_has_almost_no_rate_and_there_is_none_after_it(trainer):
+    impala = trainer(steps=10 * 2 * BATCH)
+    positions = [flat(impala).clone()] + [train(impala, 1) for _ in range(12)]
+    moves = [(after - before).norm().item() for before, after in itertools.pairwise(positions)]
+    assert 0 < moves[9] < 0.3 * moves[0]
+    assert moves[10] == moves[11] == 0
+
+
+# --- going on later --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("lag", [0, 2])
+@pytest.mark.parametrize("momentum", [0.0, 0.9])
+@pytest.mark.parametrize("guided", [False, True])
+def test_a_restored_trainer_goes_on_bit_for_bit(trainer, scorer, lag, momentum, guided):
+    settings = {"depth": 2, "unroll": 3, "policy_lag": lag, "momentum": momentum, "scorer": scorer if guided else None}
+    one = trainer(**settings)
+    train(one, 7)
+    state = one.state()
+    # Nothing but the seed of the environments and the constants has to be the same.
+    other = trainer(**settings, policy_seed=8, seed=9)
+    other.restore(state)
+    assert_same_state(one, other)
+    for _ in range(25):  # far enough to draw new episodes
+        one.update()
+        other.update()
+        assert torch.equal(flat(one), flat(other))
+    assert_same_state(one, other)
+    # A second time, from the same tensors, in a trainer that has gone elsewhere.
+    other.restore(state)
+    train(other, 25)
+    assert_same_state(one, other)
+    assert one.take_figures() == other.take_figures()
+
+
+def test_a_state_of_the_very_beginning_can_be_restored(trainer):
+    one, other = trainer(policy_lag=1), trainer(policy_lag=1, policy_seed=1)
+    state = one.state()
+    train(other, 5)
+    other.restore(state)
+    assert torch.equal(train(one, 5), train(other, 5))
+
+
+def test_a_state_is_a_copy_on_both_ways(trainer):
+    impala = trainer(policy_lag=1, momentum=0.5)
+    train(impala, 3)
+    state = impala.state()
+    kept = {name: tensor.clone() for name, tensor in state.items()}
+    restored = trainer(policy_lag=1, momentum=0.5)
+    restored.restore(state)
+    train(impala, 3)
+    train(restored, 3)
+    for name, tensor in state.items():
+        assert torch.equal(tensor, kept[name]), name
+    after = restored.state()
+    for tensor in state.values():
+        tensor.zero_()
+    assert all(torch.equal(tensor, after[name]) for name, tensor in restored.state().items())
+
+
+def test_a_state_that_lacks_something_or_is_of_other_environments_is_refused(trainer):
+    impala = trainer(momentum=0.5)
+    train(impala, 2)
+    state = impala.state()
+    for name in ("policy.attention.key.weight", "engine.goal", "sums", "generator", "update"):
+        with pytest.raises(KeyError, match=name):
+            trainer(momentum=0.5).restore({other: tensor for other, tensor in state.items() if other != name})
+    with pytest.raises(ConfigError, match="this state is of another engine"):
+        trainer(momentum=0.5, batch_size=4).restore(state)
+    with pytest.raises(RuntimeError, match="size"):
+        trainer(momentum=0.5, policy={"key_size": 6}).restore(state)
+
+
+# --- what goes wrong -------------------------------------------------------------------------------------------------
+
+
+def test_a_reward_that_is_no_number_stops_the_training_and_leaves_the_parameters(trainer, monkeypatch):
+    impala, undisturbed = trainer(), trainer()
+    before = train(impala, 2)
+    squares = impala.optimizer.state[impala._flat]["square_avg"].clone()
+    step = impala.engine.step
+
+    def poisoned(actions):
+        done = step(actions)
+        return replace(done, reward=np.full_like(done.reward, np.nan))
+
+    monkeypatch.setattr(impala.engine, "step", poisoned)
+    with pytest.raises(TrainingError, match=r"no longer a finite number in update 3 \(environment steps 32 to 48\)"):
+        impala.update()
+    assert torch.equal(flat(impala), before)
+    assert torch.equal(impala.optimizer.state[impala._flat]["square_avg"], squares)
+    assert impala.update_number == 2
+    assert impala.take_figures()["loss"] == pytest.approx(figures_after(undisturbed, 2)["loss"])
+    monkeypatch.undo()
+    assert not torch.equal(train(impala, 1), before)
+    assert flat(impala).isfinite().all()
+
+
+def figures_after(impala, updates):
+    train(impala, updates)
+    return impala.take_figures()
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf])
+def test_a_parameter_that_is_no_number_stops_the_training(trainer, value):
+    impala = trainer()
+    train(impala, 1)
+    with torch.no_grad():
+        impala.policy.value[2].bias.fill_(value)
+    before = flat(impala).clone()
+    with pytest.raises(TrainingError, match=r"in update 2 .*Train with a lower --learning-rate"):
+        impala.update()
+    torch.testing.assert_close(flat(impala), before, equal_nan=True, rtol=0, atol=0)
+
+
+def test_who_reads_the_figures_learns_of_a_loss_that_was_not_finite(trainer):
+    impala = trainer()
+    train(impala, 1)
+    impala._sums[SUMS.index("grad_norm")] = math.nan  # what a device leaves, where no update asks
+    with pytest.raises(TrainingError, match="no longer a finite number"):
+        impala.take_figures()
+
+
+@pytest.mark.parametrize(
+    ("error", "reason"), [(RuntimeError("No C++ compiler\nlong story"), "RuntimeError: No C"), (OSError(), "OSError")]
+)
+def test_a_missing_compiler_is_an_error_that_says_what_to_do(trainer, monkeypatch, error, reason):
+    def fail(*_, **__):
+        raise error
+
+    monkeypatch.setattr(torch, "compile", fail)
+    with pytest.raises(ConfigError, match=rf"--compile: torch cannot compile here \({reason}.*Install a C\+\+ comp"):
+        check_compiler(torch.device("cpu"))
+    with pytest.raises(ConfigError, match="leave the option out"):
+        trainer(compile=True)
+    trainer(compile=False).update()
+
+
+def test_compiling_covers_actor_and_learner_and_changes_nothing(trainer, monkeypatch):
+    compiled, called = [], set()
+
+    def count(function, **_):
+        compiled.append(function)
+
+        def run(*arguments):
+            called.add(function.__name__)
+            return function(*arguments)
+
+        return run
+
+    monkeypatch.setattr(torch, "compile", count)
+    assert torch.equal(train(trainer(compile=True), 3), train(trainer(), 3))
+    assert called == {"<lambda>", "_choose", "_losses"}
+
+
+# --- learning --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("lag", [0, 3])
+def test_a_tiny_world_is_learned_within_two_hundred_updates(lag):
+    rows = [("a", "b", "e"), ("a", "c", "f"), ("b", "d", "g"), ("c", "d", "h"), ("a", "d", "i"), ("b", "c", "j")]
+    graph = RecipeGraph.from_recipes(rows)
+    engine = BatchEngine(graph, WordCraftConfig(part="all", num_distractors=2), 16, seed=1)
+    settings = PolicyConfig(features="one-hot", key_size=16, value_size=16)
+    policy, _ = make_policy(settings, graph, engine.num_slots)
+    impala = Impala(policy, engine, ImpalaConfig(steps=200 * 32, batch_size=16, learning_rate=0.02, policy_lag=lag))
+    early = figures_after(impala, 20)
+    train(impala, 150)
+    impala.take_figures()
+    late = figures_after(impala, 30)
+    assert early["success"] < 0.5  # chance is about 1 in 8
+    assert late["success"] > 0.9
+    assert late["entropy"] < early["entropy"]
+    assert late["return"] == late["success"]

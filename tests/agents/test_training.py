@@ -1,0 +1,394 @@
+"""The run folder of an agent: what it holds, what interrupts it, and that a resumed run ends with the same bits."""
+
+import errno
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from wordcraft_kg.agents import training
+from wordcraft_kg.agents.agent_folder import AgentConfig, Checkpoints, open_agent
+from wordcraft_kg.agents.config import ImpalaConfig, TaskConfig
+from wordcraft_kg.agents.impala import Impala
+from wordcraft_kg.agents.training import resume_agent, train_agent
+from wordcraft_kg.artefacts import sha256_of
+from wordcraft_kg.errors import (
+    ArtefactError,
+    ConfigError,
+    GraphMismatchError,
+    MissingExtraError,
+    OutputExistsError,
+    TrainingError,
+)
+from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
+from wordcraft_kg.graphs.splits import SplitConfig
+from wordcraft_kg.models.policies import Policy
+from wordcraft_kg.models.policy_config import PolicyConfig
+
+SMALL = ImpalaConfig(steps=1_600, batch_size=8, unroll=2, log_every=160, eval_every=800, checkpoint_every=320)
+
+
+@pytest.fixture(scope="module")
+def opened() -> OpenedGraph:
+    return open_graph("kitchen")
+
+
+def config_of(trainer: ImpalaConfig = SMALL, **changes: Any) -> AgentConfig:
+    parts = {"graph": "kitchen", "scorer": None, "tasks": TaskConfig(distractors=3), "policy": PolicyConfig()}
+    return AgentConfig(**{**parts, **changes}, trainer=trainer)
+
+
+def interrupt_at(monkeypatch: pytest.MonkeyPatch, update: int, error: type[BaseException] | None = None) -> None:
+    """Send Ctrl-C, or raise an error, when an update is done."""
+    step = Impala.update
+
+    def wrapped(self: Impala) -> None:
+        step(self)
+        if self.update_number == update:
+            if error is not None:
+                raise error
+            os.kill(os.getpid(), signal.SIGINT)
+
+    monkeypatch.setattr(Impala, "update", wrapped)
+
+
+def metrics_of(folder: Path) -> list[dict[str, Any]]:
+    """The lines of metrics without what depends on the clock."""
+    rows = [json.loads(line) for line in (folder / "metrics.jsonl").read_text().splitlines()]
+    return [{key: row[key] for key in row if key not in ("seconds", "steps_per_second")} for row in rows]
+
+
+def test_a_run_folder_holds_what_its_description_says(opened: OpenedGraph, tmp_path: Path) -> None:
+    trained = train_agent(opened, config_of(), tmp_path / "run")
+    names = {path.name for path in trained.folder.iterdir()}
+    assert names == {
+        "README.md",
+        "config.toml",
+        "config.diff.toml",
+        "constants.safetensors",
+        "episodes.jsonl",
+        "evaluation.json",
+        "metrics.jsonl",
+        "policy.json",
+        "policy.safetensors",
+        "run.json",
+    }
+    run = json.loads((trained.folder / "run.json").read_text())
+    assert (run["kind"], run["status"], run["seed"]) == ("train-agent", "done", 0)
+    assert run["inputs"]["graph"] == opened.graph.hash
+    assert run["inputs"]["split"] == opened.split.hash
+    assert all(sha256_of(trained.folder / name) == value for name, value in run["outputs"].items())
+    assert trained.summary["steps"] == trained.step == 1_600
+    rows = metrics_of(trained.folder)
+    assert [row["step"] for row in rows] == [0, *range(160, 1_601, 160)]
+    assert [row["step"] for row in rows if "test_success" in row] == [0, 800, 1_600]
+    assert {"success", "return", "loss", "entropy", "ratio_mean", "train_success"} <= rows[-1].keys()
+    assert rows[-1]["ratio_mean"] == pytest.approx(1, abs=1e-5)
+
+
+def test_the_last_point_of_the_curve_is_the_final_figure(opened: OpenedGraph, tmp_path: Path) -> None:
+    trained = train_agent(opened, config_of(), tmp_path / "run")
+    assert metrics_of(trained.folder)[-1]["test_success"] == trained.summary["success"]["test"]["mean"]
+
+
+def test_episodes_say_how_every_draw_of_every_task_ended(opened: OpenedGraph, tmp_path: Path) -> None:
+    trained = train_agent(opened, config_of(), tmp_path / "run")
+    rows = [json.loads(line) for line in (trained.folder / "episodes.jsonl").read_text().splitlines()]
+    for part in ("train", "test"):
+        found = [row for row in rows if row["part"] == part]
+        assert len(found) == trained.summary["success"][part]["tasks"]
+        won = np.mean([[ending == "goal" for ending in row["endings"]] for row in found])
+        assert won == pytest.approx(trained.summary["success"][part]["mean"])
+
+
+def test_the_differing_settings_are_those_that_were_changed(opened: OpenedGraph, tmp_path: Path) -> None:
+    trained = train_agent(opened, config_of(policy=PolicyConfig(key_size=20)), tmp_path / "run")
+    text = (trained.folder / "config.diff.toml").read_text()
+    keys = {line.split(" = ")[0] for line in text.splitlines()[1:]}
+    changed = {"graph", "distractors", "key_size", "steps", "batch_size", "log_every", "eval_every", "checkpoint_every"}
+    assert keys == changed
+    assert AgentConfig.read(trained.folder) == config_of(policy=PolicyConfig(key_size=20))
+
+
+def test_a_policy_is_loaded_from_its_folder_alone(opened: OpenedGraph, tmp_path: Path) -> None:
+    trained = train_agent(opened, config_of(), tmp_path / "run")
+    (trained.folder / "run.json").rename(tmp_path / "run.json")
+    (tmp_path / "run.json").rename(trained.folder / "run.json")
+    policy = Policy.from_pretrained(trained.folder)
+    agent = open_agent(trained.folder)
+    state = torch.tensor([3]), torch.tensor([80]), torch.tensor([[1, 2, 80]])
+    torch.testing.assert_close(policy(*state), agent.policy(*state), rtol=0, atol=0)
+    assert policy(*state).logits[0, 2] == -torch.inf
+
+
+@pytest.mark.parametrize("lag", [0, 2])
+@pytest.mark.parametrize("update", [1, 20, 37, 99])
+def test_a_run_stopped_by_ctrl_c_and_resumed_ends_with_the_same_bits(
+    opened: OpenedGraph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, update: int, lag: int
+) -> None:
+    trainer = replace(SMALL, policy_lag=lag, unroll=3, steps=2_400)
+    config = config_of(trainer, tasks=TaskConfig(depth=2, distractors=2))
+    whole = train_agent(opened, config, tmp_path / "whole")
+    with monkeypatch.context() as patch:
+        interrupt_at(patch, update)
+        part = train_agent(opened, config, tmp_path / "part")
+    assert part.interrupted
+    assert part.step == update * 24
+    assert json.loads((part.folder / "run.json").read_text())["status"] == "interrupted"
+    resumed = resume_agent(part.folder)
+    assert not resumed.interrupted
+    assert sha256_of(resumed.folder / "policy.safetensors") == sha256_of(whole.folder / "policy.safetensors")
+    assert metrics_of(resumed.folder) == metrics_of(whole.folder)
+    assert len(json.loads((resumed.folder / "run.json").read_text())["resumed"]) == 1
+
+
+def test_an_interrupted_run_can_be_judged_at_its_checkpoint(
+    opened: OpenedGraph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    interrupt_at(monkeypatch, 30)
+    part = train_agent(opened, config_of(), tmp_path / "run")
+    agent = open_agent(part.folder)
+    assert agent.checkpoint == "step 480"
+    with pytest.raises(ArtefactError, match=r"interrupted, not done.*resume"):
+        Policy.from_pretrained(part.folder)
+
+
+def test_metrics_after_the_checkpoint_are_cut_off_when_a_run_goes_on(
+    opened: OpenedGraph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole = train_agent(opened, config_of(), tmp_path / "whole")
+    with monkeypatch.context() as patch:
+        # As if the power had gone: the checkpoint of update 40 is there, the metrics of update 50 too.
+        interrupt_at(patch, 55, RuntimeError)
+        with pytest.raises(RuntimeError):
+            train_agent(opened, config_of(), tmp_path / "part")
+    with (tmp_path / "part" / "metrics.jsonl").open("ab") as file:
+        file.write(b'{"step": 88')
+    resume_agent(tmp_path / "part")
+    assert metrics_of(tmp_path / "part") == metrics_of(whole.folder)
+    assert sha256_of(tmp_path / "part/policy.safetensors") == sha256_of(whole.folder / "policy.safetensors")
+
+
+@pytest.mark.parametrize("what", ["tensors", "record", "missing"])
+def test_a_damaged_checkpoint_falls_back_to_the_one_before_and_says_so(
+    opened: OpenedGraph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, what: str
+) -> None:
+    whole = train_agent(opened, config_of(), tmp_path / "whole")
+    with monkeypatch.context() as patch:
+        interrupt_at(patch, 50)
+        part = train_agent(opened, config_of(), tmp_path / "part")
+    last, before = Checkpoints(part.folder).records()
+    assert (last.stem, before.stem) == ("step-800", "step-640")
+    tensors = last.with_suffix(".safetensors")
+    if what == "tensors":
+        data = bytearray(tensors.read_bytes())
+        data[-5] ^= 1
+        tensors.write_bytes(data)
+    elif what == "record":
+        last.write_text("{")
+    else:
+        tensors.unlink()
+    resume_agent(part.folder)
+    assert "step-640" in caplog.text
+    assert sha256_of(part.folder / "policy.safetensors") == sha256_of(whole.folder / "policy.safetensors")
+    assert metrics_of(part.folder) == metrics_of(whole.folder)
+
+
+def test_a_run_without_a_whole_checkpoint_is_an_error(
+    opened: OpenedGraph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    interrupt_at(monkeypatch, 50)
+    part = train_agent(opened, config_of(), tmp_path / "part")
+    for path in (part.folder / "checkpoints").glob("*.safetensors"):
+        path.write_bytes(b"nothing")
+    with pytest.raises(ArtefactError, match=r"no checkpoint .* is whole"):
+        resume_agent(part.folder)
+
+
+def test_a_loss_that_is_not_finite_stops_the_run_and_keeps_the_last_good_checkpoint(
+    opened: OpenedGraph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    collect = Impala._collect
+
+    def poisoned(self: Impala, weights: Any) -> bool:
+        is_cut = collect(self, weights)
+        if self.update_number == 45:
+            self._unroll.rewards[0, 0] = float("nan")
+        return is_cut
+
+    monkeypatch.setattr(Impala, "_collect", poisoned)
+    with pytest.raises(TrainingError, match=r"update 46 \(environment steps 720 to 736\).*step 640 is safe"):
+        train_agent(opened, config_of(), tmp_path / "run")
+    assert json.loads((tmp_path / "run/run.json").read_text())["status"] == "failed"
+    agent = open_agent(tmp_path / "run")
+    assert agent.checkpoint == "step 640"
+    assert all(torch.isfinite(parameter).all() for parameter in agent.policy.parameters())
+
+
+def test_a_full_disk_loses_nothing_that_was_safe(
+    opened: OpenedGraph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole = train_agent(opened, config_of(), tmp_path / "whole")
+    save = Checkpoints.save
+
+    def full(self: Checkpoints, step: int, *arguments: Any, **facts: Any) -> None:
+        if step == 960:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        save(self, step, *arguments, **facts)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Checkpoints, "save", full)
+        with pytest.raises(ArtefactError, match=r"No space left.*step 640 is safe.*resume"):
+            train_agent(opened, config_of(), tmp_path / "run")
+    resume_agent(tmp_path / "run")
+    assert sha256_of(tmp_path / "run/policy.safetensors") == sha256_of(whole.folder / "policy.safetensors")
+
+
+def test_a_disk_that_is_full_from_the_start_leaves_no_folder(
+    opened: OpenedGraph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*arguments: Any) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(training, "write_constants", full)
+    with pytest.raises(OSError, match="No space left"):
+        train_agent(opened, config_of(), tmp_path / "run")
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_finished_run_is_neither_resumed_nor_replaced_unasked(opened: OpenedGraph, tmp_path: Path) -> None:
+    train_agent(opened, config_of(), tmp_path / "run")
+    before = sha256_of(tmp_path / "run/policy.safetensors")
+    with pytest.raises(ArtefactError, match=r"is finished; there is nothing to resume"):
+        resume_agent(tmp_path / "run")
+    with pytest.raises(OutputExistsError, match="--force"):
+        train_agent(opened, config_of(), tmp_path / "run")
+    assert sha256_of(tmp_path / "run/policy.safetensors") == before
+    train_agent(opened, config_of(replace(SMALL, seed=1)), tmp_path / "run", force=True)
+    assert sha256_of(tmp_path / "run/policy.safetensors") != before
+
+
+def test_an_unfinished_run_is_not_replaced_unasked(
+    opened: OpenedGraph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as patch:
+        interrupt_at(patch, 50)
+        train_agent(opened, config_of(), tmp_path / "run")
+    with pytest.raises(OutputExistsError, match=r"an unfinished run is in .*resume"):
+        train_agent(opened, config_of(), tmp_path / "run")
+
+
+def test_a_folder_of_somebody_else_is_never_replaced(opened: OpenedGraph, tmp_path: Path) -> None:
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine/thesis.tex").write_text("everything")
+    with pytest.raises(OutputExistsError, match="something else"):
+        train_agent(opened, config_of(), tmp_path / "mine", force=True)
+    assert (tmp_path / "mine/thesis.tex").read_text() == "everything"
+
+
+def test_a_run_on_another_graph_is_refused(
+    opened: OpenedGraph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    interrupt_at(monkeypatch, 50)
+    train_agent(opened, config_of(), tmp_path / "run")
+    with pytest.raises(GraphMismatchError):
+        resume_agent(tmp_path / "run", graph="paper-examples")
+
+
+def test_the_same_seed_gives_the_same_bytes_and_another_seed_others(opened: OpenedGraph, tmp_path: Path) -> None:
+    hashes = []
+    for name, seed in (("a", 0), ("b", 0), ("c", 1)):
+        train_agent(opened, config_of(replace(SMALL, seed=seed)), tmp_path / name)
+        hashes.append(sha256_of(tmp_path / name / "policy.safetensors"))
+    assert hashes[0] == hashes[1] != hashes[2]
+
+
+def test_training_leaves_global_generators_and_thread_counts_as_they_were(opened: OpenedGraph, tmp_path: Path) -> None:
+    torch.manual_seed(7)
+    before = torch.get_rng_state(), np.random.get_state()[1].tolist(), torch.get_num_threads()  # noqa: NPY002
+    train_agent(opened, config_of(), tmp_path / "run")
+    after = torch.get_rng_state(), np.random.get_state()[1].tolist(), torch.get_num_threads()  # noqa: NPY002
+    assert torch.equal(before[0], after[0])
+    assert before[1:] == after[1:]
+
+
+def test_a_graph_that_holds_nothing_out_is_judged_on_train_tasks_only(tmp_path: Path) -> None:
+    opened = open_graph("kitchen", SplitConfig("none"))
+    trained = train_agent(opened, config_of(), tmp_path / "run")
+    assert list(trained.summary["success"]) == ["train"]
+
+
+def test_a_missing_tensorboard_is_a_clear_error_and_leaves_no_folder(
+    opened: OpenedGraph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "torch.utils.tensorboard", None)
+    with pytest.raises(MissingExtraError, match="tensorboard"):
+        train_agent(opened, config_of(), tmp_path / "run", tensorboard=True)
+    assert not (tmp_path / "run").exists()
+
+
+def test_an_unknown_option_in_a_run_s_settings_is_named(opened: OpenedGraph, tmp_path: Path) -> None:
+    train_agent(opened, config_of(), tmp_path / "run")
+    path = tmp_path / "run/config.toml"
+    path.write_text(path.read_text() + "learning_rat = 1.0\n")
+    with pytest.raises(ArtefactError, match="no option 'learning_rat'"):
+        open_agent(tmp_path / "run")
+
+
+def test_features_without_half_of_the_words_are_refused_before_anything_is_written(
+    opened: OpenedGraph, tmp_path: Path
+) -> None:
+    words = tmp_path / "words.txt"
+    words.write_text("".join(f"{label} 1.0 2.0\n" for label in opened.graph.entities[::2] if " " not in label))
+    policy = PolicyConfig(features=str(words))
+    with pytest.raises(ConfigError, match="--allow-missing"):
+        train_agent(opened, config_of(policy=policy), tmp_path / "run")
+    assert not (tmp_path / "run").exists()
+    trained = train_agent(opened, config_of(policy=replace(policy, allow_missing=True)), tmp_path / "run")
+    assert opened.graph.entities[1] in json.loads((trained.folder / "run.json").read_text())["missing_words"]
+
+
+COMMAND = """
+import sys
+from wordcraft_kg.cli import main
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+def start(*arguments: object) -> subprocess.Popen[bytes]:
+    command = [sys.executable, "-c", COMMAND, *map(str, arguments)]
+    return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+
+
+@pytest.mark.slow
+def test_a_run_killed_at_20_random_moments_ends_with_the_bits_of_an_undisturbed_one(tmp_path: Path) -> None:
+    options = ("--distractors", 4, "--steps", 400_000, "--checkpoint-every", 5_000, "--eval-every", 50_000)
+    assert start("train-agent", "everyday", *options, "--out", tmp_path / "whole").wait() == 0
+    rng = np.random.default_rng(0)
+    folder, kills = tmp_path / "killed", 0
+    process = start("train-agent", "everyday", *options, "--out", folder)
+    while kills < 20:
+        checkpoints = folder / "checkpoints"
+        while not any(checkpoints.glob("*.json")):
+            assert process.poll() is None, "the run ended before it was killed"
+            time.sleep(0.01)
+        time.sleep(rng.uniform(1.5, 3.5))  # importing takes about 2 seconds of it
+        if process.poll() is not None:
+            break
+        process.kill()
+        process.wait()
+        kills += 1
+        process = start("resume", folder)
+    assert process.wait() == 0
+    assert kills == 20
+    assert sha256_of(folder / "policy.safetensors") == sha256_of(tmp_path / "whole/policy.safetensors")
+    assert metrics_of(folder) == metrics_of(tmp_path / "whole")

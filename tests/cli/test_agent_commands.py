@@ -1,0 +1,290 @@
+"""The commands of agents as a user runs them: output, exit codes and bad input."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from wordcraft_kg.agents.impala import Impala
+
+Run = Callable[..., Any]
+SMALL = ("--steps", 1_600, "--batch-size", 16, "--eval-every", 800, "--checkpoint-every", 800, "--quiet")
+
+
+@pytest.fixture(scope="module")
+def world(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a graph, a scorer of its partial graph, an unguided and a guided run."""
+    from wordcraft_kg.cli import main
+
+    home = tmp_path_factory.mktemp("world")
+    train = ("train-agent", home / "graph", *SMALL, "--distractors", 2)
+    commands: tuple[tuple[object, ...], ...] = (
+        ("build-graph", "kitchen", "--out", home / "graph"),
+        ("train-complex", home / "graph", "--dim", 8, "--epochs", 5, "--out", home / "scorer", "--quiet"),
+        (*train, "--out", home / "plain-0"),
+        (*train, "--seed", 1, "--out", home / "plain-1"),
+        (
+            *train,
+            "--scorer",
+            home / "scorer",
+            "--out",
+            home / "guided",
+        ),
+    )
+    for command in commands:
+        assert main([str(argument) for argument in command]) == 0
+    return home
+
+
+def test_train_agent_prints_what_the_documentation_promises(run: Run, world: Path, tmp_path: Path) -> None:
+    done = run("train-agent", world / "graph", *SMALL, "--out", tmp_path / "run", "--json")
+    assert done.code == 0, done.err
+    found = json.loads(done.out)
+    assert {"out", "steps", "seconds", "steps_per_second", "success"} <= found.keys()
+    assert found["steps"] == 1_600
+    assert found["success"].keys() == {"train", "test"}
+    assert all(0 <= value <= 1 for value in found["success"].values())
+    assert Path(found["report"]).is_file()
+
+
+def test_evaluate_agent_prints_what_the_documentation_promises(run: Run, world: Path) -> None:
+    done = run("evaluate-agent", world / "guided", "--distractors", "1,3", "--draws", 2, "--json")
+    found = json.loads(done.out)
+    assert found["part"] == "test"
+    assert found["checkpoint"] == "final"
+    assert found["success"].keys() == {"1", "3"}
+    for figures in found["success"].values():
+        assert {"mean", "ci_low", "ci_high", "tasks", "draws"} <= figures.keys()
+        assert figures["ci_low"] <= figures["mean"] <= figures["ci_high"]
+        assert figures["draws"] == 2
+    assert all(sum(shares.values()) == pytest.approx(1) for shares in found["outcomes"].values())
+
+
+def test_the_figures_of_a_training_are_those_of_its_evaluation(run: Run, world: Path) -> None:
+    recorded = json.loads((world / "guided/evaluation.json").read_text())
+    for part in ("train", "test"):
+        found = json.loads(run("evaluate-agent", world / "guided", "--part", part, "--json").out)
+        assert found["success"]["2"] == recorded["success"][part]
+        assert found["outcomes"]["2"] == recorded["outcomes"][part]
+
+
+def test_the_oracle_makes_every_goal_and_chance_few(run: Run, world: Path) -> None:
+    oracle = json.loads(run("evaluate-agent", world / "plain-0", "--agent", "oracle", "--json").out)
+    chance = json.loads(run("evaluate-agent", world / "plain-0", "--agent", "random", "--json").out)
+    assert oracle["success"]["2"]["mean"] == 1.0
+    assert chance["success"]["2"]["mean"] < 0.3
+
+
+def test_kg_only_plays_the_run_s_scorer_and_needs_one(run: Run, world: Path) -> None:
+    assert run("evaluate-agent", world / "guided", "--agent", "kg-only").code == 0
+    refused = run("evaluate-agent", world / "plain-0", "--agent", "kg-only")
+    assert refused.code == 1
+    assert "trained without one" in refused.err
+
+
+def test_explain_splits_every_logit_into_what_the_sources_contributed(run: Run, world: Path) -> None:
+    found = json.loads(run("explain", world / "guided", "--episodes", 4, "--json").out)
+    assert len(found["episodes"]) == 4
+    steps = [step for episode in found["episodes"] for step in episode["steps"]]
+    assert {step["held"] is None for step in steps} == {True, False}
+    for step in steps:
+        assert step["lambdas"].keys() == {"alpha", "u", "v"}
+        assert sum(slot["probability"] for slot in step["slots"]) == pytest.approx(1, abs=1e-9)
+        best = max(step["slots"], key=lambda slot: slot["logit"])
+        assert best["entity"] == step["picked"]
+        for slot in step["slots"]:
+            assert sum(slot["contributions"].values()) == pytest.approx(slot["logit"], abs=1e-6)
+            for name, value in slot["sources"].items():
+                assert slot["contributions"][name] == pytest.approx(value * step["lambdas"][name], abs=1e-9)
+            if step["held"] is None:
+                assert slot["sources"]["u"] == 0
+
+
+def test_explained_episodes_end_as_the_evaluation_says(run: Run, world: Path) -> None:
+    rows = [json.loads(line) for line in (world / "plain-0/episodes.jsonl").read_text().splitlines()]
+    tests = {(row["goal"], tuple(row["start"])): row["endings"][0] for row in rows if row["part"] == "test"}
+    found = json.loads(run("explain", world / "plain-0", "--episodes", 12, "--json").out)["episodes"]
+    assert len(found) == 12
+    for episode in found:
+        ending = tests[episode["goal"], tuple(episode["start"])]
+        assert (episode["outcome"] == "goal") == (ending == "goal")
+
+
+def test_explain_plays_the_goal_it_is_asked_for(run: Run, world: Path) -> None:
+    goal = json.loads(run("explain", world / "plain-0", "--episodes", 1, "--json").out)["episodes"][0]["goal"]
+    found = json.loads(run("explain", world / "plain-0", "--goal", goal, "--episodes", 3, "--json").out)["episodes"]
+    assert [episode["goal"] for episode in found] == [goal] * 3
+    text = run("explain", world / "guided", "--goal", goal).out
+    assert f"make {goal}" in text
+    assert "λv·v" in text
+
+
+def test_compare_agents_counts_runs_that_differ_in_the_seed_as_one_agent(run: Run, world: Path, tmp_path: Path) -> None:
+    runs = (world / "plain-0", world / "plain-1", world / "guided")
+    done = run("compare-agents", *runs, "--out", tmp_path / "report", "--draws", 2, "--json")
+    assert done.code == 0, done.err
+    found = json.loads(done.out)
+    assert found["agents"].keys() == {"plain", "guided"}
+    assert found["agents"]["plain"]["seeds"] == [0, 1]
+    assert (tmp_path / "report/index.html").is_file()
+    refused = run("compare-agents", *runs, "--out", tmp_path / "report")
+    assert (refused.code, "--force" in refused.err) == (1, True)
+
+
+def test_resume_goes_on_with_an_agent(run: Run, world: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    step = Impala.update
+
+    def interrupted(self: Impala) -> None:
+        step(self)
+        if self.update_number == 30:
+            raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Impala, "update", interrupted)
+        stopped = run("train-agent", world / "graph", *SMALL, "--out", tmp_path / "run")
+    assert stopped.code == 130
+    assert f"resume {tmp_path / 'run'}" in stopped.err
+    assert run("evaluate-agent", tmp_path / "run").out.startswith("run, step 800")
+    assert run("resume", tmp_path / "run", "--epochs", 3).code == 1
+    done = run("resume", tmp_path / "run", "--json", "--quiet")
+    assert json.loads(done.out)["steps"] == 1_600
+    again = run("resume", tmp_path / "run")
+    assert again.code == 1
+    assert "is finished; there is nothing to resume" in again.err
+
+
+def test_settings_come_from_a_toml_file_and_the_command_line_goes_first(run: Run, world: Path, tmp_path: Path) -> None:
+    config = tmp_path / "settings.toml"
+    config.write_text("[train-agent]\nsteps = 640\nbatch_size = 16\ndistractors = 3\n")
+    done = run(
+        "train-agent", world / "graph", "--config", config, "--distractors", 1, "--out", tmp_path / "run", "--json"
+    )
+    assert done.code == 0, done.err
+    found = json.loads(done.out)
+    assert (found["steps"], found["distractors"]) == (640, 1)
+    config.write_text("[train-agent]\nlearning_rat = 1.0\n")
+    refused = run("train-agent", world / "graph", "--config", config, "--out", tmp_path / "other")
+    assert refused.code != 0
+    assert "learning" in refused.err
+    assert not (tmp_path / "other").exists()
+
+
+def test_a_run_s_own_settings_reproduce_it(run: Run, world: Path, tmp_path: Path) -> None:
+    config = (world / "guided/config.toml").read_text()
+    assert 'scorer = "../scorer"' in config
+    settings = tmp_path / "world" / "settings.toml"
+    settings.parent.mkdir()
+    kept = [line for line in config.splitlines() if not line.startswith(("graph", "scorer"))]
+    settings.write_text("\n".join(kept) + "\n")
+    options = ("--scorer", world / "scorer", "--config", settings, "--out", tmp_path / "again")
+    assert run("train-agent", world / "graph", *options).code == 0
+    assert (tmp_path / "again/policy.safetensors").read_bytes() == (world / "guided/policy.safetensors").read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--distractors", 500), "expected at most"),
+        (("--distractors", -1), "num_distractors -1"),
+        (("--unroll", 0), "--unroll 0: expected 1 or more"),
+        (("--learning-rate", "nan"), "--learning-rate nan"),
+        (("--discount", 1.5), "--discount 1.5: expected 0 to 1"),
+        (("--use", "u"), "give a --scorer too"),
+        (("--kg-only",), "give a --scorer too"),
+        (("--features", "glov"), "Did you mean 'glove'"),
+        (("--device", "cuda:77"), "Use --device cpu"),
+        (("--device", "abacus"), "expected cpu or cuda"),
+        (("--scorer", "nowhere"), "does not exist"),
+        (("--depth", 9), "expected a whole number, 1 to 5"),
+    ],
+)
+def test_bad_input_is_a_clear_error_and_leaves_nothing(
+    run: Run, world: Path, tmp_path: Path, options: tuple[object, ...], message: str
+) -> None:
+    refused = run("train-agent", world / "graph", *SMALL, *options, "--out", tmp_path / "run")
+    assert refused.code == 1
+    assert message in refused.err
+    assert "Traceback" not in refused.err
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_scorer_of_another_graph_is_refused(run: Run, world: Path, tmp_path: Path) -> None:
+    options = (*SMALL, "--scorer", world / "scorer", "--out", tmp_path / "run")
+    refused = run("train-agent", "paper-examples", *options)
+    assert refused.code == 1
+    assert "GraphMismatchError" in refused.err
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize(
+    ("command", "message"),
+    [
+        (("evaluate-agent", "{world}/nothing"), "does not exist"),
+        (("evaluate-agent", "{world}/scorer"), "written by train-complex; expected a run of train-agent"),
+        (("evaluate-agent", "{world}/plain-0", "--draws", 0), "--draws 0"),
+        (("evaluate-agent", "{world}/plain-0", "--distractors", "many"), "--distractors 'many'"),
+        (("evaluate-agent", "{world}/plain-0", "--graph", "paper-examples"), "GraphMismatchError"),
+        (("evaluate-agent", "{world}/plain-0", "--part", "valid"), "valid"),
+        (("explain", "{world}/plain-0", "--goal", "spaceship"), "no entity 'spaceship'"),
+        (("explain", "{world}/plain-0", "--episodes", 0), "--episodes 0"),
+        (("compare-agents",), "at least one run folder"),
+        (("compare-agents", "{world}/plain-0", "{world}/plain-0"), "the same agent with the same seed"),
+    ],
+)
+def test_bad_input_to_the_other_commands_is_a_clear_error(
+    run: Run, world: Path, command: tuple[object, ...], message: str
+) -> None:
+    refused = run(*(str(argument).replace("{world}", str(world)) for argument in command))
+    assert refused.code == 1
+    assert message in refused.err
+    assert "Traceback" not in refused.err
+
+
+@pytest.mark.parametrize("name", ["policy.safetensors", "constants.safetensors", "evaluation.json"])
+def test_a_damaged_file_of_a_finished_run_is_named(run: Run, world: Path, tmp_path: Path, name: str) -> None:
+    import shutil
+
+    shutil.copytree(world / "plain-0", tmp_path / "run")
+    path = tmp_path / "run" / name
+    data = bytearray(path.read_bytes())
+    data[-3] ^= 1
+    path.write_bytes(data)
+    refused = run("evaluate-agent", tmp_path / "run", "--graph", world / "graph")
+    assert refused.code == 1
+    assert f"{name} is damaged" in refused.err
+
+
+def test_an_mlp_is_judged_with_the_tables_it_was_made_for(run: Run, world: Path, tmp_path: Path) -> None:
+    options = ("--policy", "mlp", "--distractors", 2, "--out", tmp_path / "mlp")
+    assert run("train-agent", world / "graph", *SMALL, *options).code == 0
+    assert run("evaluate-agent", tmp_path / "mlp").code == 0
+    refused = run("evaluate-agent", tmp_path / "mlp", "--distractors", 5)
+    assert refused.code == 1
+    assert "this mlp was made for" in refused.err
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ("--features", "one-hot"),
+        ("--features", "random", "--pooling", "max"),
+        ("--features", "learned", "--embedding-size", 8),
+        ("--features", "shuffled:glove"),
+        ("--value-readout", "logits", "--policy-lag", 1, "--unroll", 3, "--momentum", 0.5),
+        ("--depth", 2, "--max-attempts", 3, "--reward", "official", "--task-weighting", "goal"),
+        ("--distractor-weighting", "uniform", "--distractor-policy", "no_shortcut", "--ambiguity", "last"),
+        ("--scorer", "{scorer}", "--kg-only", "--use", "v", "--scale", "ranks", "--mixing", "softmax"),
+        ("--scorer", "{scorer}", "--use", "u", "--scale", "log-softmax", "--self-edges", "drop"),
+        ("--scorer", "{scorer}", "--scale", "none", "--self-edges", "keep"),
+    ],
+)
+def test_every_choice_of_the_help_trains_and_is_judged(
+    run: Run, world: Path, tmp_path: Path, options: tuple[object, ...]
+) -> None:
+    chosen = [str(option).replace("{scorer}", str(world / "scorer")) for option in options]
+    small = ("--steps", 96, "--batch-size", 8, "--eval-every", 0, "--quiet")
+    done = run("train-agent", world / "graph", *small, *chosen, "--out", tmp_path / "run")
+    assert done.code == 0, done.err
+    assert run("explain", tmp_path / "run", "--episodes", 1).code == 0

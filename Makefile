@@ -2,12 +2,14 @@
 PYTHON ?= python3
 BIN := .venv/bin
 DEMO := demo
+# A third of the paper's steps: the curves are nearly flat by then.
+AGENT := --distractors 8 --steps 1000000
 
 .DEFAULT_GOAL := help
 .PHONY: help install demo test slow lint format docs clean
 
 help:
-	@echo "make demo     set up, then book -> graph -> ComplEx -> report, on the built-in book everyday"
+	@echo "make demo     set up, then book -> graph -> ComplEx -> agents -> reports, on the book everyday"
 	@echo "make test     set up, then the tests"
 	@echo "make install  set up .venv only"
 	@echo "make slow     the tests that take minutes"
@@ -30,6 +32,11 @@ demo: install
 	$(BIN)/wordcraft-kg evaluate-links $(DEMO)/models/everyday-partial
 	$(BIN)/wordcraft-kg evaluate-links $(DEMO)/models/everyday-full
 	$(BIN)/wordcraft-kg score $(DEMO)/models/everyday-partial "?" componentOf bread --top 5
+	$(BIN)/wordcraft-kg train-agent $(DEMO)/graphs/everyday $(AGENT) --out $(DEMO)/runs/no-kg --force
+	$(BIN)/wordcraft-kg train-agent $(DEMO)/graphs/everyday $(AGENT) --scorer $(DEMO)/models/everyday-partial \
+		--out $(DEMO)/runs/partial --force
+	$(BIN)/wordcraft-kg compare-agents $(DEMO)/runs/no-kg $(DEMO)/runs/partial --out $(DEMO)/reports/agents --force
+	$(BIN)/wordcraft-kg explain $(DEMO)/runs/partial --episodes 1
 
 test: install
 	$(BIN)/python -m pytest -m "not slow"

@@ -32,11 +32,20 @@ CHOICES: dict[str, dict[str, object]] = {
     "partial KG, self edges observed": {**PARTIAL, "self-edges": "observed"},
     "partial KG, self edges dropped": {**PARTIAL, "self-edges": "drop"},
     "partial KG, self edges observed, ranks": {**PARTIAL, "self-edges": "observed", "scale": "ranks"},
+    "partial KG, self edges dropped, ranks": {**PARTIAL, "self-edges": "drop", "scale": "ranks"},
+    "partial KG, λ by softmax, observed, ranks": {
+        **PARTIAL,
+        "mixing": "softmax",
+        "self-edges": "observed",
+        "scale": "ranks",
+    },
     "partial KG, value from raw logits": {**PARTIAL, "value-readout": "logits"},
     "full KG": FULL,
     "full KG, λ by softmax": {**FULL, "mixing": "softmax"},
     "full KG, self edges observed": {**FULL, "self-edges": "observed"},
     "full KG, self edges dropped": {**FULL, "self-edges": "drop"},
+    "full KG, self edges observed, ranks": {**FULL, "self-edges": "observed", "scale": "ranks"},
+    "full KG, self edges dropped, ranks": {**FULL, "self-edges": "drop", "scale": "ranks"},
     "full KG, λ by softmax, self edges dropped": {**FULL, "mixing": "softmax", "self-edges": "drop"},
 }
 AGENTS: dict[str, dict[str, object]] = {

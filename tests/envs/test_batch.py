@@ -276,6 +276,117 @@ def test_tasks_are_drawn_by_their_weights(kitchen_opened, weighting):
     assert weighting == "task" or expected.std() > 0
 
 
+# --- going on later --------------------------------------------------------------------------------------------------
+
+DEVICES = ("cpu", "torch:cpu")
+SEEN = ("goal", "task", "selection", "attempts_left", "table")
+GIVEN = ("reward", "over", "outcome", "by_plan", "illegal", "task")
+
+
+def played(engine, rng, steps):
+    """What an engine shows and gives over steps of which many end an episode at once."""
+    rows = []
+    for _ in range(steps):
+        legal = np.asarray(engine.random_actions(engine._array(rng.random(engine.num_envs))))
+        actions = np.where(rng.random(engine.num_envs) < 0.4, engine.num_slots - 1, legal)
+        step = engine.step(engine._array(actions))
+        values = [getattr(engine, name) for name in SEEN] + [getattr(step, name) for name in GIVEN]
+        rows.append([value.tolist() for value in values])
+    return rows
+
+
+@pytest.mark.parametrize(("device", "after"), [*product(DEVICES, DEVICES)])
+@pytest.mark.parametrize("steps", [0, 1, 15, 16, 17, 40])
+def test_a_restored_engine_goes_on_with_the_same_episodes(kitchen_opened, device, after, steps):
+    config = WordCraftConfig(depth=2, num_distractors=4, reward="official", task_weighting="goal")
+    engine = BatchEngine(kitchen_opened, config, 6, seed=3, device=device)
+    played(engine, np.random.default_rng(0), steps)
+    state = engine.state()
+    other = BatchEngine(kitchen_opened, config, 6, seed=3, device=after)
+    played(other, np.random.default_rng(5), 7)
+    other.restore(state)
+    for name, array in other.state().items():
+        np.testing.assert_array_equal(array, state[name])
+    # Each environment uses up more episodes than are prepared at a time.
+    assert played(other, np.random.default_rng(1), 60) == played(engine, np.random.default_rng(1), 60)
+    assert (engine.state()["episode"] - state["episode"]).min() > engine._ahead
+    for name, array in other.state().items():
+        np.testing.assert_array_equal(array, engine.state()[name])
+
+
+@pytest.mark.parametrize("device", DEVICES)
+def test_environments_that_all_end_at_once_go_on_the_same_across_what_is_prepared(kitchen_opened, device):
+    for ended in range(14, 19):
+        one, other = (
+            BatchEngine(kitchen_opened, WordCraftConfig(num_distractors=3), 4, seed=1, device=device) for _ in range(2)
+        )
+        empty = one._array(np.full(4, one.num_slots - 1))
+        for _ in range(ended):
+            one.step(empty)
+        other.restore(one.state())
+        for _ in range(40):
+            one.step(empty)
+            other.step(empty)
+            assert one.table.tolist() == other.table.tolist()
+            assert one.task.tolist() == other.task.tolist()
+
+
+@pytest.mark.parametrize("device", DEVICES)
+def test_a_posed_episode_can_be_restored_too(kitchen_opened, device):
+    config = WordCraftConfig(part="test", num_distractors=3)
+    one, other = (BatchEngine(kitchen_opened, config, 5, seed=2, device=device) for _ in range(2))
+    one.pose(np.arange(5), 4)
+    one.step(one._array(np.zeros(5, dtype=np.int64)))
+    other.restore(one.state())
+    np.testing.assert_array_equal(np.asarray(other.task), np.arange(5))
+    assert played(one, np.random.default_rng(0), 30) == played(other, np.random.default_rng(0), 30)
+
+
+@pytest.mark.parametrize("device", DEVICES)
+def test_a_state_is_a_copy_when_taken_and_when_restored(kitchen_opened, device):
+    config = WordCraftConfig(depth=2, num_distractors=3, reward="official")
+    engine, other = (BatchEngine(kitchen_opened, config, 6, seed=3, device=device) for _ in range(2))
+    played(engine, np.random.default_rng(0), 9)
+    state = engine.state()
+    kept = {name: array.copy() for name, array in state.items()}
+    other.restore(state)
+    played(engine, np.random.default_rng(1), 9)
+    played(other, np.random.default_rng(1), 9)
+    for name, array in state.items():
+        assert isinstance(array, np.ndarray)
+        np.testing.assert_array_equal(array, kept[name])
+    before = other.state()
+    for array in state.values():
+        array += 1
+    for array in engine.state().values():
+        array += 1
+    for name, array in other.state().items():
+        np.testing.assert_array_equal(array, before[name])
+        np.testing.assert_array_equal(array, engine.state()[name])
+
+
+@pytest.mark.parametrize("device", DEVICES)
+def test_a_state_of_another_engine_is_refused_and_changes_nothing(kitchen_opened, device):
+    config = WordCraftConfig(num_distractors=3)
+    engine = BatchEngine(kitchen_opened, config, 4, device=device)
+    before = engine.state()
+    more = BatchEngine(kitchen_opened, config, 5, seed=1).state()
+    wider = BatchEngine(kitchen_opened, WordCraftConfig(num_distractors=4), 4, seed=1).state()
+    wrong = {"goal": (more, r"\(4,\)"), "wide": (wider, rf"\(4, {engine.num_slots + 1}\)")}
+    for name, (state, shape) in wrong.items():
+        with pytest.raises(ConfigError, match=f"this state is of another engine: '{name}' should have shape {shape}"):
+            engine.restore(state)
+    own = BatchEngine(kitchen_opened, config, 4, seed=1).state()
+    for name in own:
+        with pytest.raises(ConfigError, match=f"of another engine: '{name}'"):
+            engine.restore({other: array for other, array in own.items() if other != name})
+        with pytest.raises(ConfigError, match=f"of another engine: '{name}'"):
+            engine.restore({**own, name: own[name][:1]})
+    assert (own["task"] != before["task"]).any()
+    for name, array in engine.state().items():
+        np.testing.assert_array_equal(array, before[name])
+
+
 # --- posing and bad input --------------------------------------------------------------------------------------------
 
 

@@ -129,7 +129,7 @@ class Impala:
         self.optimizer.step()
         self.update_number += 1
         self._sums += torch.cat([figures, torch.stack([norm, *self._counts()])])
-        self._last = last
+        self._last = tuple(tensor.clone() for tensor in last)  # a compiled learner writes over what it returned
 
     def take_figures(self) -> dict[str, float | None]:
         """Return what happened since the last call, and begin to count anew.

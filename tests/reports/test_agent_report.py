@@ -1,0 +1,171 @@
+"""The agent report: numbers of the evaluation, a whole page, and no comparison of what cannot be compared."""
+
+import json
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import jsonschema
+import numpy as np
+import pytest
+
+from wordcraft_kg.agents.agent_folder import AgentConfig, OpenedAgent, open_agent
+from wordcraft_kg.agents.config import ImpalaConfig, TaskConfig
+from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer
+from wordcraft_kg.agents.training import train_agent
+from wordcraft_kg.errors import ConfigError, GraphMismatchError
+from wordcraft_kg.graphs.folder import open_graph
+from wordcraft_kg.graphs.splits import PARTS, SplitConfig
+from wordcraft_kg.models.policy_config import PolicyConfig
+from wordcraft_kg.reports.agent_report import (
+    AgentReport,
+    group_agents,
+    make_agent_report,
+    render,
+    report_schema,
+    write_agent_report,
+)
+
+TRAINER = ImpalaConfig(steps=640, batch_size=8, log_every=160, eval_every=320)
+TASKS = TaskConfig(distractors=2)
+
+
+@pytest.fixture(scope="module")
+def agents(tmp_path_factory: pytest.TempPathFactory) -> list[OpenedAgent]:
+    """Two seeds of an attention agent and one run of an mlp."""
+    home = tmp_path_factory.mktemp("runs")
+    opened = open_graph("kitchen")
+    runs = (
+        ("plain-0", PolicyConfig(), TRAINER),
+        ("plain-1", PolicyConfig(), replace(TRAINER, seed=1)),
+        ("mlp", PolicyConfig(policy="mlp"), TRAINER),
+    )
+    for name, policy, trainer in runs:
+        train_agent(opened, AgentConfig("kitchen", None, TASKS, policy, trainer), home / name)
+    return [open_agent(home / name) for name, _, _ in runs]
+
+
+@pytest.fixture(scope="module")
+def report(agents: list[OpenedAgent]) -> AgentReport:
+    return make_agent_report(group_agents(agents), draws=2)
+
+
+def test_runs_that_differ_in_the_seed_are_one_agent(agents: list[OpenedAgent]) -> None:
+    groups = group_agents(agents)
+    assert {name: [agent.name for agent in members] for name, members in groups.items()} == {
+        "plain": ["plain-0", "plain-1"],
+        "mlp": ["mlp"],
+    }
+
+
+def test_a_run_given_twice_is_an_error(agents: list[OpenedAgent]) -> None:
+    with pytest.raises(ConfigError, match="the same agent with the same seed"):
+        group_agents([agents[0], agents[0]])
+
+
+def test_the_numbers_are_those_of_the_evaluation(agents: list[OpenedAgent], report: AgentReport) -> None:
+    for amount in (1, 2, 8):
+        evaluator = Evaluator(agents[0].data, TASKS.world("test", amount), draws=2)
+        found = [evaluator(PolicyPlayer(agent.policy)) for agent in agents[:2]]
+        figures = report.values["agents"][0]["success"][str(amount)]
+        assert figures["seeds"] == [result.success.mean() for result in found]
+        assert figures["mean"] == pytest.approx(np.mean(figures["seeds"]))
+        assert figures["iqm"] == pytest.approx(figures["mean"])  # of two seeds nothing is trimmed
+        assert min(figures["seeds"]) <= figures["seed_ci"][0] <= figures["seed_ci"][1] <= max(figures["seeds"])
+        outcomes = report.values["agents"][0]["outcomes"][str(amount)]
+        assert outcomes["goal"] == pytest.approx(figures["mean"])
+        assert sum(outcomes.values()) == pytest.approx(1)
+
+
+def test_an_mlp_is_judged_with_its_own_number_of_distractors_only(report: AgentReport) -> None:
+    assert report.values["agents"][1]["success"].keys() == {"2"}
+
+
+def test_the_probability_of_improvement_counts_pairs_of_runs(report: AgentReport) -> None:
+    plain, mlp = (entry["success"]["2"] for entry in report.values["agents"])
+    wins = np.mean([0.5 + 0.5 * np.sign(mlp["seeds"][0] - seed) for seed in plain["seeds"]])
+    assert mlp["p_better"] == pytest.approx(wins)
+    assert plain["p_better"] is None
+
+
+def test_slices_hold_every_task_once_and_average_to_the_whole(report: AgentReport) -> None:
+    entry = report.values["agents"][0]
+    for name in ("train_recipes", "layer"):
+        rows = entry["slices"][name]
+        assert sum(row["tasks"] for row in rows) == report.values["tasks"]
+        mean = sum(row["tasks"] * row["success"] for row in rows) / report.values["tasks"]
+        assert mean == pytest.approx(entry["success"]["2"]["mean"])
+
+
+def test_tasks_are_sliced_by_the_train_recipes_of_their_goal(agents: list[OpenedAgent], report: AgentReport) -> None:
+    graph, split = agents[0].data.graph, agents[0].data.split
+    evaluator = Evaluator(agents[0].data, TASKS.world("test"), draws=1)
+    results = graph.recipes[split.parts == PARTS.index("train"), 2].tolist()
+    alone = sum(results.count(goal) == 1 for goal in evaluator.engine.world.tasks.goals.tolist())
+    row = next((row for row in report.values["agents"][0]["slices"]["train_recipes"] if row["slice"] == "1"), None)
+    assert (row["tasks"] if row else 0) == alone
+
+
+def test_curves_are_means_over_seeds(agents: list[OpenedAgent], report: AgentReport) -> None:
+    for step, mean, low, high in report.values["agents"][0]["curves"]["test"]:
+        seeds = [row["test_success"] for agent in agents[:2] for row in agent.metrics if row["step"] == step]
+        assert mean == pytest.approx(np.mean(seeds))
+        assert low <= mean <= high
+
+
+def test_it_follows_its_schema_and_is_the_same_each_time(agents: list[OpenedAgent], report: AgentReport) -> None:
+    jsonschema.validate(report.values, report_schema())
+    again = make_agent_report(group_agents(agents), draws=2)
+    assert json.dumps(again.values) == json.dumps(report.values)
+    assert render(again) == render(report)
+
+
+class Balance(HTMLParser):
+    """Collects tags that are never closed."""
+
+    VOID = ("meta", "br", "img", "link", "rect", "line", "circle", "polyline", "polygon", "path")
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+
+    def handle_starttag(self, tag: str, attributes: list[tuple[str, str | None]]) -> None:
+        if tag not in self.VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        if tag not in self.VOID:
+            assert self.open.pop() == tag
+
+
+def test_the_page_is_whole_needs_no_network_and_escapes_names(agents: list[OpenedAgent]) -> None:
+    odd = replace(agents[0], name="<b>odd & name</b>")
+    page = render(make_agent_report({odd.name: [odd]}, draws=1, episodes=1))
+    parser = Balance()
+    parser.feed(page)
+    assert parser.open == []
+    assert "<script" not in page
+    assert "http" not in page.replace("http://www.w3.org", "")
+    assert "<b>odd" not in page
+    assert "&lt;b&gt;odd &amp; name" in page
+
+
+def test_it_is_written_whole_or_not_at_all(report: AgentReport, tmp_path: Path) -> None:
+    write_agent_report(report, tmp_path / "report")
+    assert {path.name for path in (tmp_path / "report").iterdir()} == {"index.html", "report.json"}
+    broken = AgentReport({**report.values, "part": "exam"}, report.pictures)
+    with pytest.raises(jsonschema.ValidationError):
+        write_agent_report(broken, tmp_path / "broken")
+    assert not (tmp_path / "broken").exists()
+
+
+def test_agents_of_another_split_cannot_be_compared(agents: list[OpenedAgent]) -> None:
+    other = replace(agents[1], data=open_graph("kitchen", SplitConfig(seed=5)))
+    with pytest.raises(GraphMismatchError, match="different graphs or splits"):
+        make_agent_report({"a": [agents[0]], "b": [other]})
+
+
+def test_agents_of_another_depth_cannot_be_compared(agents: list[OpenedAgent]) -> None:
+    other = replace(agents[1], config=replace(agents[1].config, tasks=TaskConfig(depth=2, distractors=2)))
+    with pytest.raises(ConfigError, match="different depths"):
+        make_agent_report({"a": [agents[0]], "b": [other]})

@@ -19,8 +19,10 @@ from wordcraft_kg.agents.agent_folder import open_agent
 from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer
 from wordcraft_kg.agents.intervals import stratified_bootstrap
 
-PARTIAL = {"scorer": "partial", "self-edges": "keep"}
-FULL = {"scorer": "full", "self-edges": "keep"}
+PLAIN = {"scale": "standardise", "self-edges": "keep"}
+PARTIAL = {"scorer": "partial", **PLAIN}
+FULL = {"scorer": "full", **PLAIN}
+RELEASED = {"mixing": "softmax", "scale": "none", "self-edges": "keep"}
 CHOICES: dict[str, dict[str, object]] = {
     "no KG": {},
     "no KG, value from raw logits": {"value-readout": "logits"},
@@ -51,13 +53,12 @@ CHOICES: dict[str, dict[str, object]] = {
 AGENTS: dict[str, dict[str, object]] = {
     "no KG": {},
     "partial KG": {"scorer": "partial"},
+    "partial KG, standardised, self edges kept": PARTIAL,
+    "partial KG, as released": {"scorer": "partial", **RELEASED},
     "full KG": {"scorer": "full"},
-    "full KG, self edges dropped": {**FULL, "self-edges": "drop"},
-    "full KG, self edges kept": FULL,
-    "partial KG, self edges kept": PARTIAL,
-    "full KG, λ by softmax, self edges kept": {**FULL, "mixing": "softmax"},
-    "partial KG, λ by softmax, self edges kept": {**PARTIAL, "mixing": "softmax"},
-    "no KG, last result wins": {"ambiguity": "last"},
+    "full KG, standardised, self edges kept": FULL,
+    "full KG, standardised, self edges dropped": {**FULL, "self-edges": "drop"},
+    "full KG, as released": {"scorer": "full", **RELEASED},
     "simple MLP": {"policy": "mlp"},
     "no KG, shuffled GloVe": {"features": "shuffled:glove"},
     "no KG, random features": {"features": "random"},
@@ -80,7 +81,7 @@ def main() -> None:
     parser.add_argument("--steps", type=int, default=3_000_000)
     parser.add_argument("--seeds", type=int)
     parser.add_argument("--distractors", default="8")
-    parser.add_argument("--only", default="", help="names that contain this")
+    parser.add_argument("--only", help="names, semicolons separate")
     parser.add_argument("--jobs", type=int, default=2)
     options = parser.parse_args()
     is_choice = options.what == "choices"
@@ -93,7 +94,9 @@ def main() -> None:
     for kg in ("partial", "full"):
         if not (home / kg).exists():
             command("train-complex", str(graph), "--kg", kg, "--out", str(home / kg))
-    variants = {name: how for name, how in (CHOICES if is_choice else AGENTS).items() if options.only in name}
+    variants = CHOICES if is_choice else AGENTS
+    if options.only:
+        variants = {name: variants[name] for name in options.only.split(";")}
     part = "valid" if is_choice else "test"
     print(
         f"success on {part} tasks after {options.steps:,} steps, {seeds} seeds: mean [range] [95 % interval over seeds]"

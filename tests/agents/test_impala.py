@@ -18,6 +18,7 @@ from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.errors import ConfigError, TrainingError
 from wordcraft_kg.graphs import RecipeGraph, open_graph
 from wordcraft_kg.models import FrequencyScorer
+from wordcraft_kg.models.policies import PolicyOutput
 from wordcraft_kg.models.policy_config import PolicyConfig
 from wordcraft_kg.models.policy_folder import make_policy
 
@@ -382,6 +383,16 @@ def test_the_least_and_the_greatest_uniform_number_pick_an_entity_too(trainer, m
         seen = impala._unroll
         there = (seen.table[:-1] != impala.engine.nothing).sum(2)
         assert torch.equal(seen.actions, torch.zeros_like(there) if number == 0 else there - 1)
+
+
+def test_an_entity_whose_probability_is_rounded_to_zero_is_never_picked(trainer, monkeypatch):
+    impala = trainer()
+    logits = torch.tensor([-200.0, 0.0, -200.0, 0.0, -200.0, -torch.inf])
+    noise = torch.tensor([0.0, 0.25, 0.5, 0.75, 1 - 2.0**-24])
+    monkeypatch.setattr(impala.policy, "forward", lambda *_: PolicyOutput(logits.repeat(len(noise), 1), noise))
+    actions, log_probs = impala._choose((), noise, noise, noise, noise)
+    assert actions.tolist() == [1, 1, 3, 3, 3]
+    torch.testing.assert_close(log_probs, torch.full((5,), math.log(0.5)))
 
 
 def test_the_environments_of_a_batch_see_different_tasks(opened, trainer):

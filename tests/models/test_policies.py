@@ -540,7 +540,7 @@ def test_the_defaults_are_the_sizes_and_the_semantics_of_the_paper():
     default = asdict(PolicyConfig())
     sizes = {"key_size": 300, "value_size": 300, "hidden_size": 300}
     assert sizes.items() < default.items()
-    chosen = {"policy": "attention", "features": "glove", "use": "u,v", "kg_only": False, "self_edges": "keep"}
+    chosen = {"policy": "attention", "features": "glove", "use": "u,v", "kg_only": False}
     assert chosen.items() < default.items()
 
 

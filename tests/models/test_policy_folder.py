@@ -44,7 +44,7 @@ KINDS = {
     "a file": {"features": "a file", "pooling": "max"},
     "u and v": {"features": "one-hot", "scorer": SCORER},
     "learned, u and v, softmax": {"features": "learned", "scorer": SCORER, "mixing": "softmax"},
-    "u": {"features": "random", "scorer": SCORER, "use": "u", "scale": "ranks"},
+    "u": {"features": "random", "scorer": SCORER, "use": "u", "scale": "ranks", "self_edges": "keep"},
     "v only": {"features": "one-hot", "scorer": SCORER, "use": "v", "kg_only": True, "self_edges": "drop"},
     "mlp on random": {"policy": "mlp", "features": "random"},
     "mlp on one-hot": {"policy": "mlp", "features": "one-hot"},
@@ -73,12 +73,15 @@ def make(vector_file: Path) -> Callable[..., Policy]:
         scorer = options.pop("scorer", None)
         if options["features"] == "a file":
             options["features"] = str(vector_file)
-        return make_policy(PolicyConfig(**SIZES, **options), GRAPH, SLOTS, scorer=scorer, seed=seed)[0]
+        config = PolicyConfig(**SIZES, **options)
+        return make_policy(config, GRAPH, SLOTS, scorer=scorer, observed=GRAPH.triples, seed=seed)[0]
 
     return make
 
 
-def plain(features: str = "one-hot", seed: int = 0, scorer=None, observed=None, graph=GRAPH, **settings) -> Policy:
+def plain(
+    features: str = "one-hot", seed: int = 0, scorer=None, observed=GRAPH.triples, graph=GRAPH, **settings
+) -> Policy:
     config = PolicyConfig(**SIZES, features=features, **settings)
     return make_policy(config, graph, SLOTS, scorer=scorer, observed=observed, seed=seed)[0]
 
@@ -194,7 +197,7 @@ def test_features_that_there_are_not_are_an_error(features: str):
 def test_a_scorer_is_mixed_in_on_the_scale_of_the_settings():
     triples = np.array([[2, COMBINES_WITH, 2]])
     for settings in (
-        {"scale": "ranks"},
+        {"scale": "ranks", "self_edges": "keep"},
         {"scale": "none", "self_edges": "drop"},
         {"self_edges": "observed", "observed": triples},
     ):
@@ -203,7 +206,7 @@ def test_a_scorer_is_mixed_in_on_the_scale_of_the_settings():
         for i, relation in enumerate(("combinesWith", "componentOf")):
             assert torch.equal(policy.knowledge.scores[i, :-1, :-1].T, expected.table(relation))
     with pytest.raises(ConfigError, match="'observed' needs the triples"):
-        plain(scorer=SCORER, self_edges="observed")
+        plain(scorer=SCORER, self_edges="observed", observed=None)
 
 
 @pytest.mark.parametrize(("use", "names"), [("u", ("u",)), ("v", ("v",)), ("v,u", ("u", "v"))])

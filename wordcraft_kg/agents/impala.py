@@ -163,7 +163,13 @@ class Impala:
         return figures
 
     def state(self) -> dict[str, Tensor]:
-        """Return all that :meth:`restore` needs to go on bit for bit: tensors by name."""
+        """Return all that :meth:`restore` needs to go on bit for bit: tensors by name.
+
+        Raises:
+            TrainingError: if a parameter is not finite, which on a device nobody has asked before.
+        """
+        if not self._flat.isfinite().all():
+            raise TrainingError(self._not_finite())
         tensors: dict[str, Tensor] = {f"policy.{name}": parameter for name, parameter in self.policy.named_parameters()}
         tensors |= {f"optimizer.{name}": torch.as_tensor(value) for name, value in self._optimizer_state().items()}
         tensors |= {f"engine.{name}": torch.from_numpy(array) for name, array in self.engine.state().items()}

@@ -250,12 +250,14 @@ class _Run:
         except BaseException as error:
             with suppress(OSError):  # the disk may be full
                 end_run(self.folder, self.run, "interrupted" if isinstance(error, KeyboardInterrupt) else "failed")
+            if self._saved < 0:
+                raise
             if isinstance(error, KeyboardInterrupt):
-                raise KeyboardInterrupt(interruption_message(self.folder, max(self._saved, 0))) from None
+                raise KeyboardInterrupt(interruption_message(self.folder, self._saved)) from None
             kept = f"The checkpoint of step {self._saved:,} is safe"
             if isinstance(error, TrainingError):
                 raise TrainingError(f"{error} {kept}, in '{self.folder}'.") from None
-            if isinstance(error, OSError) and self._saved >= 0:
+            if isinstance(error, OSError):
                 raise ArtefactError(
                     f"'{self.folder}' cannot be written ({error.strerror or error}). {kept}; make room, then go on "
                     f"with: wordcraft-kg resume {self.folder}"

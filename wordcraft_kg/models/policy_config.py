@@ -49,7 +49,7 @@ class PolicyConfig:
     use: str = "u,v"
     kg_only: bool = False
     mixing: Mixing = "free"
-    scale: Scale = "standardise"
+    scale: Scale = "ranks"
     self_edges: SelfEdges = "observed"
     value_readout: ValueReadout = "softmax"
 

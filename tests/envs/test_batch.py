@@ -296,7 +296,7 @@ def played(engine, rng, steps):
 
 
 @pytest.mark.parametrize(("device", "after"), [*product(DEVICES, DEVICES)])
-@pytest.mark.parametrize("steps", [0, 1, 15, 16, 17, 40])
+@pytest.mark.parametrize("steps", [0, 1, 16, 40])
 def test_a_restored_engine_goes_on_with_the_same_episodes(kitchen_opened, device, after, steps):
     config = WordCraftConfig(depth=2, num_distractors=4, reward="official", task_weighting="goal")
     engine = BatchEngine(kitchen_opened, config, 6, seed=3, device=device)

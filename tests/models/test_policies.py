@@ -296,6 +296,17 @@ def test_weights_computed_beforehand_change_nothing(kind: str):
 
 
 @any_policy
+def test_weights_that_are_passed_in_are_the_ones_in_use(kind: str):
+    policy, other = KINDS[kind](), KINDS[kind]()
+    for parameter in other.parameters():
+        parameter.data = parameter.data.flip(0) * 0.9 + 0.05
+    found, expected = policy(*states(), other.weights()), other(*states())
+    for name, tensor in channels(expected).items():
+        assert torch.equal(channels(found)[name], tensor), name
+    assert not torch.allclose(found.value, policy(*states()).value, atol=1e-3)
+
+
+@any_policy
 def test_tables_with_other_strides_are_read_in_the_same_order(kind: str):
     policy, (goal, selection, table) = KINDS[kind](), states()
     strided = table.T.contiguous().T
@@ -536,7 +547,7 @@ def test_scores_in_use_come_in_the_order_u_v(use: str, sources: tuple[str, ...])
     assert PolicyConfig(use=use).sources == sources
 
 
-def test_the_defaults_are_the_sizes_and_the_semantics_of_the_paper():
+def test_the_default_is_the_papers_policy_with_its_sizes():
     default = asdict(PolicyConfig())
     sizes = {"key_size": 300, "value_size": 300, "hidden_size": 300}
     assert sizes.items() < default.items()

@@ -199,7 +199,7 @@ def test_a_scorer_is_mixed_in_on_the_scale_of_the_settings():
     for settings in (
         {"scale": "ranks", "self_edges": "keep"},
         {"scale": "none", "self_edges": "drop"},
-        {"self_edges": "observed", "observed": triples},
+        {"scale": "standardise", "self_edges": "observed", "observed": triples},
     ):
         policy = plain(scorer=SCORER, **settings)
         expected = scaled_scorer(SCORER, **settings)

@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass, fields
 from typing import Literal
 
-from wordcraft_kg.envs.config import Ambiguity, DistractorPolicy, DistractorWeighting, WordCraftConfig
+from wordcraft_kg.envs.config import Ambiguity, DistractorPolicy, DistractorWeighting, WordCraftConfig, whole
 from wordcraft_kg.errors import ConfigError
 from wordcraft_kg.graphs.tasks import TaskPart, TaskWeighting
 
@@ -97,9 +97,9 @@ class ImpalaConfig:
 
     def __post_init__(self) -> None:
         for name in ("steps", "batch_size", "unroll", "threads", "log_every", "checkpoint_every"):
-            self._require(name, getattr(self, name) >= 1, "1 or more")
+            whole(_option(name), getattr(self, name), 1)
         for name in ("policy_lag", "seed", "eval_every"):
-            self._require(name, getattr(self, name) >= 0, "0 or more")
+            whole(_option(name), getattr(self, name), 0)
         for name in ("learning_rate", "rms_epsilon", "clip"):
             self._require(name, math.isfinite(getattr(self, name)) and getattr(self, name) > 0, "a number above 0")
         for name in ("entropy_cost", "baseline_cost"):
@@ -121,4 +121,8 @@ class ImpalaConfig:
 
     def _require(self, name: str, holds: bool, expected: str) -> None:
         if not holds:
-            raise ConfigError(f"--{name.replace('_', '-')} {getattr(self, name)}: expected {expected}.")
+            raise ConfigError(f"{_option(name)} {getattr(self, name)}: expected {expected}.")
+
+
+def _option(name: str) -> str:
+    return f"--{name.replace('_', '-')}"

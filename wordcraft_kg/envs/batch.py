@@ -114,7 +114,7 @@ class BatchEngine:
         """Bring a NumPy array to the engine's side."""
         if self.xp is np:
             return np.ascontiguousarray(values)
-        return self.xp.from_numpy(np.ascontiguousarray(values)).to(self.device.removeprefix("torch:"))
+        return self.xp.tensor(values, device=self.device.removeprefix("torch:"))
 
     def _full(self, shape: tuple[int, ...], value: int, dtype: str = "int64") -> Array:
         if self.xp is np:
@@ -415,7 +415,7 @@ class BatchEngine:
     def state(self) -> dict[str, np.ndarray]:
         """Return where all environments stand, for :meth:`restore`: NumPy arrays by name, copied."""
         arrays = {name: getattr(self, f"_{name}" if name in _HIDDEN else name) for name in _STATE}
-        return {name: np.array(array if self.xp is np else array.cpu()) for name, array in arrays.items()}
+        return {name: np.array(array if self.xp is np else array.cpu().numpy()) for name, array in arrays.items()}
 
     def restore(self, state: Mapping[str, np.ndarray]) -> None:
         """Go on from a :meth:`state` of an engine with the same graph, settings, number of environments and seed.

@@ -21,7 +21,7 @@ class PolicyConfig:
     Attributes:
         policy: attention (self-attention over the table, the paper's) or mlp (one hidden layer on everything on the
             table in its order, the paper's baseline; for one size of table only).
-        features: entity vectors: glove, one-hot, random, learned, shuffled:<any of them>, or a file of vectors.
+        features: entity vectors: glove, one-hot, random, learned, shuffled:glove (any but learned), or a file of vectors.
         pooling: how a label of several words gets its vector: mean or max over the words.
         allow_missing: go on with zeros for entities without a vector, however many they are.
         key_size: dimensions of queries and keys; 300 is the paper's.
@@ -30,12 +30,13 @@ class PolicyConfig:
         embedding_size: dimensions of learned features; as many as GloVe's by default.
         use: scores of the scorer to mix in: u (combinesWith with the held entity), v (componentOf the goal), or u,v.
         kg_only: mix the scores only, without the attention's own logits.
-        mixing: range of λ: softmax (positive, sum 1, as in the paper's released code) or free.
+        mixing: range of λ: free, or softmax (positive, sum 1) as in the paper's released code. This and the next three
+            were chosen on validation tasks, see docs/agents.md.
         scale: brings scores to one scale before mixing: standardise, ranks, log-softmax or none.
         self_edges: an entity's combinesWith score with itself: keep it (the paper), only those observed in the
             scorer's training triples, or drop it.
-        value_readout: weights of the slots in the value's encoding: softmax of α, or the raw logits α, as in the
-            paper's released code.
+        value_readout: weights of the slots in the encodings of value and λ: softmax of α, or the raw logits α, as in
+            the paper's released code.
     """
 
     policy: PolicyKind = "attention"
@@ -70,8 +71,9 @@ class PolicyConfig:
                     f"--{option} '{value}': expected one of {', '.join(allowed)}.{nearest(str(value), allowed)}"
                 )
         for entry in fields(self):
-            if entry.name.endswith("_size") and getattr(self, entry.name) < 1:
-                raise ConfigError(f"--{entry.name.replace('_', '-')} {getattr(self, entry.name)}: expected 1 or more.")
+            value = getattr(self, entry.name)
+            if entry.name.endswith("_size") and (not isinstance(value, int) or value < 1):
+                raise ConfigError(f"--{entry.name.replace('_', '-')} {value}: expected a whole number, 1 or more.")
         _ = self.sources
 
     @property

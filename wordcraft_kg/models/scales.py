@@ -1,10 +1,12 @@
 """Views of scorers on a common scale, so that scores of different scorers and relations can be mixed."""
 
+from typing import get_args
+
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from wordcraft_kg.errors import ConfigError
+from wordcraft_kg.errors import ConfigError, nearest
 from wordcraft_kg.graphs.protocols import TripleScorer
 from wordcraft_kg.graphs.recipe_graph import Ids
 from wordcraft_kg.graphs.triples import COMBINES_WITH, RELATIONS
@@ -43,8 +45,11 @@ def scaled_scorer(
         observed: triples that the scorer was trained on, shape (T, 3).
 
     Raises:
-        ConfigError: for ``observed`` without triples.
+        ConfigError: for another scale or kind of self edges, or for ``observed`` without triples.
     """
+    for name, value, allowed in (("scale", scale, get_args(Scale)), ("self_edges", self_edges, get_args(SelfEdges))):
+        if value not in allowed:
+            raise ConfigError(f"{name} '{value}': expected one of {', '.join(allowed)}.{nearest(value, allowed)}")
     size = len(scorer.entities)
     tables = np.zeros((len(RELATIONS), size, size), dtype=np.float32)
     for relation in range(len(RELATIONS)):
@@ -61,7 +66,10 @@ def scaled_scorer(
         dropped = np.ones(size, dtype=bool)
         if self_edges == "observed":
             if observed is None:
-                raise ConfigError("self_edges 'observed' needs the triples that the scorer was trained on.")
+                raise ConfigError(
+                    "self_edges 'observed' needs the triples that the scorer was trained on: give observed= (for one of "
+                    "the partial graph, split.partial), or choose keep or drop."
+                )
             loops = (observed[:, 1] == COMBINES_WITH) & (observed[:, 0] == observed[:, 2])
             dropped[observed[loops, 0]] = False
         dropped_ids = np.flatnonzero(dropped)

@@ -19,10 +19,19 @@ from wordcraft_kg.agents.agent_folder import open_agent
 from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer
 from wordcraft_kg.agents.intervals import stratified_bootstrap
 
+MARKS = (100_000, 300_000, 1_000_000)
+"""Environment steps at which the learning curves are read."""
 PLAIN = {"scale": "standardise", "self-edges": "keep"}
 PARTIAL = {"scorer": "partial", **PLAIN}
 FULL = {"scorer": "full", **PLAIN}
-RELEASED = {"mixing": "softmax", "scale": "none", "self-edges": "keep"}
+RELEASED = {
+    "mixing": "softmax",
+    "scale": "none",
+    "self-edges": "keep",
+    "value-readout": "logits",
+    "pooling": "max",
+}
+CHOSEN = {"mixing": "free", "scale": "ranks", "self-edges": "observed", "value-readout": "softmax"}
 CHOICES: dict[str, dict[str, object]] = {
     "no KG": {},
     "no KG, value from raw logits": {"value-readout": "logits"},
@@ -52,10 +61,10 @@ CHOICES: dict[str, dict[str, object]] = {
 }
 AGENTS: dict[str, dict[str, object]] = {
     "no KG": {},
-    "partial KG": {"scorer": "partial"},
+    "partial KG": {"scorer": "partial", **CHOSEN},
     "partial KG, standardised, self edges kept": PARTIAL,
     "partial KG, as released": {"scorer": "partial", **RELEASED},
-    "full KG": {"scorer": "full"},
+    "full KG": {"scorer": "full", **CHOSEN},
     "full KG, standardised, self edges kept": FULL,
     "full KG, standardised, self edges dropped": {**FULL, "self-edges": "drop"},
     "full KG, as released": {"scorer": "full", **RELEASED},
@@ -71,6 +80,17 @@ def command(*arguments: str) -> None:
     )
     if done.returncode:
         sys.exit(f"{' '.join(arguments)}\n{done.stderr}")
+
+
+def check(run: Path, given: dict[str, object]) -> None:
+    """Make sure that a run that is there is the one that is wanted, and whole."""
+    agent = open_agent(run)
+    found = agent.config.values()
+    wrong = [
+        name for name, value in given.items() if name != "scorer" and str(found[name.replace("-", "_")]) != str(value)
+    ]
+    if agent.run["status"] != "done" or wrong:
+        sys.exit(f"{run} is {agent.run['status']} and differs in {wrong}: remove it, or take another --out")
 
 
 def main() -> None:
@@ -111,26 +131,33 @@ def main() -> None:
 
         def train(key: tuple[str, int], distractors: int = distractors, jobs: dict = jobs) -> None:
             name, seed = key
-            if jobs[key].exists():
-                return
             given = {**variants[name], "seed": seed, "distractors": distractors, "steps": options.steps}
             if "scorer" in given:
                 given["scorer"] = home / given["scorer"]
+            if jobs[key].exists():
+                check(jobs[key], given)
+                return
             arguments = [text for option, value in given.items() for text in (f"--{option}", str(value))]
             command("train-agent", str(graph), *arguments, "--out", str(jobs[key]))
 
         with ThreadPoolExecutor(options.jobs) as pool:
             list(pool.map(train, jobs))
         for name in variants:
-            means = []
+            means, early = [], []
             for seed in range(seeds):
                 agent = open_agent(jobs[name, seed])
                 key = agent.config.tasks
                 if key not in evaluators:
                     evaluators[key] = Evaluator(agent.data, key.world(part))
                 means.append(evaluators[key](PolicyPlayer(agent.policy)).success.mean())
+                curve = [(row["step"], row["test_success"]) for row in agent.metrics if "test_success" in row]
+                early.append([min(curve, key=lambda point: abs(point[0] - mark))[1] for mark in MARKS])
             interval = stratified_bootstrap(means, np.mean)
             shown = f"[{interval[0]:.3f}, {interval[1]:.3f}]" if interval else ""
+            if not is_choice:  # the curve's points are test tasks too
+                shown += "   at " + ", ".join(
+                    f"{mark / 1e6:g}M {value:.3f}" for mark, value in zip(MARKS, np.mean(early, axis=0), strict=True)
+                )
             figures = f"{np.mean(means):.3f} [{min(means):.3f}, {max(means):.3f}] {shown}"
             print(f"{distractors} distractors  {name:41s} {figures}", flush=True)
 

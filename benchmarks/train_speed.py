@@ -40,7 +40,8 @@ from wordcraft_kg.models.scorers import NeighbourScorer
 def ours(opened: OpenedGraph, config: ImpalaConfig, distractors: int, guided: bool) -> Callable[[], None]:
     engine = make_engine(opened, config, distractors)
     scorer = NeighbourScorer(opened.graph, opened.split.partial) if guided else None
-    policy, _ = make_policy(PolicyConfig(), opened.graph, engine.num_slots, scorer=scorer)
+    observed = opened.split.partial
+    policy, _ = make_policy(PolicyConfig(), opened.graph, engine.num_slots, scorer=scorer, observed=observed)
     return Impala(policy, engine, config).update
 
 
@@ -131,7 +132,7 @@ def whole(book: str, distractors: int, steps: int, device: str) -> None:
             seconds, found = time.perf_counter() - begun, json.loads(done.stdout)
             print(
                 f"{name:9s} {found['steps']:,} steps from the command to its report: {seconds:.1f} s "
-                f"({found['steps_per_second']:,} steps/s in training, {found['eval_share']:.1%} of the time for the "
+                f"({found['steps_per_second']:,} steps/s in training, {found['curves_share']:.1%} of the time for the "
                 f"curves); test success {found['success']['test']:.3f}",
                 flush=True,
             )

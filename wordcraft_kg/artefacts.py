@@ -46,8 +46,11 @@ def read_json(path: Path) -> Any:
         raise ArtefactError(f"{path} is damaged: {error}. Make it again, or restore a copy.") from None
 
 
-def write_atomically(path: Path, content: str | bytes | Iterable[str]) -> None:
-    """Write a file through a temporary sibling, so that a reader sees the old content or the new, never a part."""
+def write_atomically(path: Path, content: str | bytes | Iterable[str], *, durable: bool = False) -> None:
+    """Write a file through a temporary sibling, so that a reader sees the old content or the new, never a part.
+
+    A ``durable`` file is on the disk before it gets its name, so that a power failure cannot leave it empty either.
+    """
     descriptor, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
     try:
         if isinstance(content, bytes):
@@ -56,6 +59,9 @@ def write_atomically(path: Path, content: str | bytes | Iterable[str]) -> None:
         else:
             with os.fdopen(descriptor, "w", encoding="utf-8", newline="") as text:
                 text.writelines([content] if isinstance(content, str) else content)
+        if durable:
+            with open(temporary, "rb+") as file:
+                os.fsync(file.fileno())
         os.chmod(temporary, 0o666 & ~_umask())
         os.replace(temporary, path)
     except BaseException:

@@ -105,8 +105,8 @@ def verified_bytes(folder: Path, run: dict[str, Any], name: str) -> bytes:
     data = path.read_bytes()
     if hashlib.sha256(data).hexdigest() != run["outputs"].get(name):
         raise ArtefactError(
-            f"{path} is damaged: its SHA-256 is not the one written at the end of training. "
-            "Train the model again, or restore a copy."
+            f"{path} is damaged or was changed: its SHA-256 is not the one that run.json records. "
+            "Train again, or restore a copy."
         )
     return data
 

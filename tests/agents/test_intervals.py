@@ -13,6 +13,7 @@ from hypothesis.extra.numpy import arrays
 from wordcraft_kg.agents import intervals
 from wordcraft_kg.agents.intervals import (
     interquartile_mean,
+    paired_difference,
     probability_of_improvement,
     probability_of_improvement_interval,
     stratified_bootstrap,
@@ -370,3 +371,30 @@ def test_settings_out_of_range_are_refused_even_where_there_is_no_interval(
 def test_a_statistic_that_mixes_the_draws_is_refused():
     with pytest.raises(ConfigError, match=r"gave shape \(\) for 9 draws"):
         stratified_bootstrap(SCORES, lambda scores, axis: np.mean(scores), draws=9)
+
+
+def test_a_paired_difference_is_narrower_than_two_intervals_where_tasks_are_hard_for_both() -> None:
+    rng = np.random.default_rng(0)
+    hard = rng.random((400, 1))
+    x, y = rng.random((400, 5)) < hard, rng.random((400, 5)) < hard - 0.05
+    difference, low, high = paired_difference(x, y)
+    assert difference == pytest.approx(x.mean() - y.mean())
+    assert low < difference < high
+    widths = [np.ptp(task_bootstrap(table)) for table in (x, y)]
+    assert high - low < 0.8 * min(widths)
+
+
+def test_a_paired_difference_is_that_of_a_slow_bootstrap() -> None:
+    rng = np.random.default_rng(1)
+    x, y = rng.random((30, 3)) < 0.6, rng.random((30, 2)) < 0.4
+    slow = []
+    for _ in range(4_000):
+        rows = rng.integers(30, size=30)
+        slow.append(np.mean([x[row].mean() - y[row].mean() for row in rows]))
+    _, low, high = paired_difference(x, y, draws=4_000)
+    assert [low, high] == pytest.approx(np.quantile(slow, [0.025, 0.975]), abs=0.015)
+
+
+def test_a_paired_difference_of_other_tasks_is_an_error() -> None:
+    with pytest.raises(ConfigError, match="of the same tasks"):
+        paired_difference(np.zeros((3, 1)), np.zeros((4, 1)))

@@ -336,12 +336,70 @@ def test_a_missing_tensorboard_is_a_clear_error_and_leaves_no_folder(
     assert not (tmp_path / "run").exists()
 
 
+@pytest.mark.parametrize("name", ["config.toml", "policy.json"])
+def test_settings_that_were_changed_after_the_start_are_refused(
+    opened: OpenedGraph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    interrupt_at(monkeypatch, 50)
+    train_agent(opened, config_of(), tmp_path / "run")
+    path = tmp_path / "run" / name
+    path.write_text(path.read_text().replace("free", "softmax"))
+    for use in (open_agent, resume_agent):
+        with pytest.raises(ArtefactError, match=f"{name} is damaged or was changed"):
+            use(tmp_path / "run")
+
+
 def test_an_unknown_option_in_a_run_s_settings_is_named(opened: OpenedGraph, tmp_path: Path) -> None:
     train_agent(opened, config_of(), tmp_path / "run")
     path = tmp_path / "run/config.toml"
     path.write_text(path.read_text() + "learning_rat = 1.0\n")
     with pytest.raises(ArtefactError, match="no option 'learning_rat'"):
-        open_agent(tmp_path / "run")
+        AgentConfig.read(tmp_path / "run")
+
+
+def test_a_run_that_fails_early_gives_back_the_one_that_it_was_to_replace(
+    opened: OpenedGraph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    train_agent(opened, config_of(), tmp_path / "run")
+    before = sha256_of(tmp_path / "run/policy.safetensors")
+    with monkeypatch.context() as patch:
+        patch.setattr(Checkpoints, "save", lambda *_, **__: (_ for _ in ()).throw(KeyboardInterrupt))
+        with pytest.raises(KeyboardInterrupt):
+            train_agent(opened, config_of(replace(SMALL, seed=1)), tmp_path / "run", force=True)
+    assert sha256_of(tmp_path / "run/policy.safetensors") == before
+    with monkeypatch.context() as patch:
+        patch.setattr(torch, "compile", lambda *_, **__: (_ for _ in ()).throw(RuntimeError("no compiler")))
+        with pytest.raises(ConfigError, match="no compiler"):
+            train_agent(opened, config_of(replace(SMALL, compile=True)), tmp_path / "run", force=True)
+    assert sha256_of(tmp_path / "run/policy.safetensors") == before
+    assert [path.name for path in tmp_path.iterdir()] == ["run"]
+
+
+def test_a_run_is_trained_by_one_process_at_a_time(
+    opened: OpenedGraph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    step, found = Impala.update, []
+
+    def update(self: Impala) -> None:
+        step(self)
+        if self.update_number == 30:
+            with pytest.raises(ArtefactError, match="being trained by another process"):
+                resume_agent(tmp_path / "run")
+            found.append(True)
+
+    monkeypatch.setattr(Impala, "update", update)
+    train_agent(opened, config_of(), tmp_path / "run")
+    assert found == [True]
+
+
+def test_metrics_that_are_shorter_than_the_checkpoint_says_are_an_error(
+    opened: OpenedGraph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    interrupt_at(monkeypatch, 50)
+    train_agent(opened, config_of(), tmp_path / "run")
+    (tmp_path / "run/metrics.jsonl").write_bytes(b"")
+    with pytest.raises(ArtefactError, match=r"metrics\.jsonl is shorter"):
+        resume_agent(tmp_path / "run")
 
 
 def test_features_without_half_of_the_words_are_refused_before_anything_is_written(

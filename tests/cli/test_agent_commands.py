@@ -33,6 +33,7 @@ def world(tmp_path_factory: pytest.TempPathFactory) -> Path:
             home / "guided",
         ),
     )
+    commands += ((*train, "--max-attempts", 3, "--seed", 5, "--out", home / "many"),)
     for command in commands:
         assert main([str(argument) for argument in command]) == 0
     return home
@@ -133,6 +134,20 @@ def test_compare_agents_counts_runs_that_differ_in_the_seed_as_one_agent(run: Ru
     assert (refused.code, "--force" in refused.err) == (1, True)
 
 
+def test_a_report_that_was_not_written_any_more_is_written_by_resume(run: Run, world: Path, tmp_path: Path) -> None:
+    import shutil
+
+    shutil.copytree(world / "plain-0", tmp_path / "run", ignore=shutil.ignore_patterns("report"))
+    assert run("resume", tmp_path / "run", "--graph", world / "graph").code == 0
+    assert (tmp_path / "run/report/index.html").is_file()
+
+
+def test_more_episodes_than_tasks_are_as_many_as_there_are(run: Run, world: Path) -> None:
+    found = json.loads(run("explain", world / "plain-0", "--episodes", 5_000, "--json").out)["episodes"]
+    tasks = json.loads((world / "plain-0/evaluation.json").read_text())["success"]["test"]["tasks"]
+    assert len(found) == tasks
+
+
 def test_resume_goes_on_with_an_agent(run: Run, world: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     step = Impala.update
 
@@ -174,12 +189,8 @@ def test_settings_come_from_a_toml_file_and_the_command_line_goes_first(run: Run
 def test_a_run_s_own_settings_reproduce_it(run: Run, world: Path, tmp_path: Path) -> None:
     config = (world / "guided/config.toml").read_text()
     assert 'scorer = "../scorer"' in config
-    settings = tmp_path / "world" / "settings.toml"
-    settings.parent.mkdir()
-    kept = [line for line in config.splitlines() if not line.startswith(("graph", "scorer"))]
-    settings.write_text("\n".join(kept) + "\n")
-    options = ("--scorer", world / "scorer", "--config", settings, "--out", tmp_path / "again")
-    assert run("train-agent", world / "graph", *options).code == 0
+    done = run("train-agent", "--config", world / "guided/config.toml", "--out", tmp_path / "again", "--quiet")
+    assert done.code == 0, done.err
     assert (tmp_path / "again/policy.safetensors").read_bytes() == (world / "guided/policy.safetensors").read_bytes()
 
 
@@ -188,11 +199,14 @@ def test_a_run_s_own_settings_reproduce_it(run: Run, world: Path, tmp_path: Path
     [
         (("--distractors", 500), "expected at most"),
         (("--distractors", -1), "num_distractors -1"),
-        (("--unroll", 0), "--unroll 0: expected 1 or more"),
+        (("--unroll", 0), "--unroll 0: expected a whole number, 1 or more"),
         (("--learning-rate", "nan"), "--learning-rate nan"),
         (("--discount", 1.5), "--discount 1.5: expected 0 to 1"),
         (("--use", "u"), "give a --scorer too"),
         (("--kg-only",), "give a --scorer too"),
+        (("--mixing", "softmax"), "--mixing says what to do with a scorer's scores"),
+        (("--seed", 2**64), "--seed 18446744073709551616"),
+        (("--learning-rate", "1e300"), "--learning-rate 1e+300"),
         (("--features", "glov"), "Did you mean 'glove'"),
         (("--device", "cuda:77"), "Use --device cpu"),
         (("--device", "abacus"), "expected cpu or cuda"),
@@ -229,6 +243,7 @@ def test_a_scorer_of_another_graph_is_refused(run: Run, world: Path, tmp_path: P
         (("evaluate-agent", "{world}/plain-0", "--part", "valid"), "valid"),
         (("explain", "{world}/plain-0", "--goal", "spaceship"), "no entity 'spaceship'"),
         (("explain", "{world}/plain-0", "--episodes", 0), "--episodes 0"),
+        (("compare-agents", "{world}/plain-0", "{world}/many"), "plays with max_attempts"),
         (("compare-agents",), "at least one run folder"),
         (("compare-agents", "{world}/plain-0", "{world}/plain-0"), "the same agent with the same seed"),
     ],
@@ -263,6 +278,9 @@ def test_an_mlp_is_judged_with_the_tables_it_was_made_for(run: Run, world: Path,
     refused = run("evaluate-agent", tmp_path / "mlp", "--distractors", 5)
     assert refused.code == 1
     assert "this mlp was made for" in refused.err
+    refused = run("compare-agents", tmp_path / "mlp", "--distractors", "3,5", "--out", tmp_path / "report")
+    assert (refused.code, "an mlp plays with" in refused.err) == (1, True)
+    assert run("compare-agents", tmp_path / "mlp", "--distractors", "2,3", "--out", tmp_path / "report").code == 0
 
 
 @pytest.mark.parametrize(

@@ -527,9 +527,9 @@ def test_an_unknown_choice_is_an_error_that_names_the_option_and_the_nearest_cho
 
 
 @pytest.mark.parametrize("setting", ["key_size", "value_size", "hidden_size", "embedding_size"])
-@pytest.mark.parametrize("value", [0, -1])
-def test_a_size_below_one_is_an_error_that_names_the_option(setting: str, value: int):
-    with pytest.raises(ConfigError, match=f"--{setting.replace('_', '-')} {value}: expected 1 or more"):
+@pytest.mark.parametrize("value", [0, -1, 2.5])
+def test_a_size_below_one_or_not_whole_is_an_error_that_names_the_option(setting: str, value: float):
+    with pytest.raises(ConfigError, match=f"--{setting.replace('_', '-')} {value}: expected a whole number, 1"):
         PolicyConfig(**{setting: value})
     assert getattr(PolicyConfig(**{setting: 1}), setting) == 1
 

@@ -171,21 +171,35 @@ def test_rounding_is_not_blown_up_where_only_self_scores_differ(scale: str):
 
 @any_scale
 @pytest.mark.parametrize("kept", [(), (2,), (0, 5)])
-def test_observed_self_edges_are_kept_and_the_others_become_zero(scale: str, kept: tuple[int, ...]):
+def test_observed_self_edges_are_kept_and_the_others_become_the_mean(scale: str, kept: tuple[int, ...]):
     loops = [[entity, COMBINES_WITH, entity] for entity in kept]
     others = [[3, COMPONENT_OF, 3], [4, COMBINES_WITH, 6], [6, COMBINES_WITH, 4], [7, COMPONENT_OF, 8]]
     found = tables_of(scale=scale, self_edges="observed", observed=np.array(others + loops))
     expected = tables_of(scale=scale)
     for entity in set(range(SIZE)) - set(kept):
         assert expected[COMBINES_WITH, entity, entity] != 0
-        expected[COMBINES_WITH, entity, entity] = 0
-    np.testing.assert_array_equal(found, expected)
+        expected[COMBINES_WITH, entity, entity] = mean_of(expected[COMBINES_WITH], scale)
+    np.testing.assert_allclose(found, expected, rtol=1e-6)
+
+
+def mean_of(table: np.ndarray, scale: str) -> float:
+    """The mean over different entities: 0 for all scales but ``none``."""
+    mean = float(np.mean(off_diagonal(table)))
+    assert scale == "none" or mean == pytest.approx(0, abs=1e-6)
+    return mean if scale == "none" else 0.0
+
+
+def test_a_scale_or_kind_of_self_edges_that_there_is_not_is_an_error():
+    with pytest.raises(ConfigError, match="Did you mean 'ranks'"):
+        tables_of(scale="rank")
+    with pytest.raises(ConfigError, match="Did you mean 'drop'"):
+        tables_of(self_edges="dropp")
 
 
 @any_scale
 def test_dropped_self_edges_are_those_of_combines_with_only(scale: str):
     found, expected = tables_of(scale=scale, self_edges="drop"), tables_of(scale=scale)
-    assert not np.diag(found[COMBINES_WITH]).any()
+    np.testing.assert_allclose(np.diag(found[COMBINES_WITH]), mean_of(found[COMBINES_WITH], scale), rtol=1e-6)
     assert off_diagonal(found[COMBINES_WITH]) == off_diagonal(expected[COMBINES_WITH])
     np.testing.assert_array_equal(found[COMPONENT_OF], expected[COMPONENT_OF])
     assert np.diag(found[COMPONENT_OF]).all()

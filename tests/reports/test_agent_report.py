@@ -167,5 +167,5 @@ def test_agents_of_another_split_cannot_be_compared(agents: list[OpenedAgent]) -
 
 def test_agents_of_another_depth_cannot_be_compared(agents: list[OpenedAgent]) -> None:
     other = replace(agents[1], config=replace(agents[1].config, tasks=TaskConfig(depth=2, distractors=2)))
-    with pytest.raises(ConfigError, match="different depths"):
+    with pytest.raises(ConfigError, match="plays with depth 2"):
         make_agent_report({"a": [agents[0]], "b": [other]})

@@ -17,6 +17,7 @@ from wordcraft_kg.agents.config import ImpalaConfig, TaskConfig
 from wordcraft_kg.artefacts import dump_json, read_json, write_atomically
 from wordcraft_kg.errors import ArtefactError, WordCraftKGError
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
+from wordcraft_kg.models.features import NAMED
 from wordcraft_kg.models.model_folder import check_inputs
 from wordcraft_kg.models.policies import Policy
 from wordcraft_kg.models.policy_config import PolicyConfig
@@ -26,6 +27,8 @@ from wordcraft_kg.runs import read_run, toml_value, verified_bytes
 
 KIND = "train-agent"
 PATHS = ("graph", "scorer")
+INPUTS = ("config.toml", "policy.json", "constants.safetensors")
+"""Files that are there from the start and never change; their hashes stand in ``run.json``."""
 KEPT = 2
 """Checkpoints: if the last one is damaged, the one before is still there."""
 
@@ -63,7 +66,8 @@ class AgentConfig:
     def write(self, folder: Path) -> None:
         """Write ``config.toml`` and ``config.diff.toml``; paths become relative to the folder, so both can move."""
         for name, values in (("config.toml", self.values()), ("config.diff.toml", self.differing())):
-            there = [key for key in PATHS if key in values and Path(values[key]).exists()]
+            keys = PATHS if values.get("features") in NAMED else (*PATHS, "features")
+            there = [key for key in keys if key in values and Path(values[key]).exists()]
             relative = {key: os.path.relpath(values[key], folder) for key in there}
             lines = (f"{key} = {toml_value(value)}" for key, value in {**values, **relative}.items())
             write_atomically(folder / name, "\n".join([f"[{KIND}]", *lines]) + "\n")
@@ -122,9 +126,9 @@ class Checkpoints:
         self.folder.mkdir(exist_ok=True)
         data = safetensors.torch.save(dict(tensors))
         path = self.folder / f"step-{step}.safetensors"
-        write_atomically(path, data)
+        write_atomically(path, data, durable=True)
         record = {"step": step, "sha256": hashlib.sha256(data).hexdigest(), **facts}
-        write_atomically(path.with_suffix(".json"), dump_json(record))
+        write_atomically(path.with_suffix(".json"), dump_json(record), durable=True)
         for old in self.records()[KEPT:]:
             old.unlink()
             old.with_suffix(".safetensors").unlink(missing_ok=True)
@@ -192,7 +196,7 @@ def open_agent(folder: Path, graph: str | None = None) -> OpenedAgent:
         GraphMismatchError: if the graph or its split is not the one that it was trained on.
     """
     run = read_agent_run(folder)
-    config = AgentConfig.read(folder)
+    config = read_run_config(folder, run)
     data = open_run_graph(folder, run, graph or config.graph)
     evaluation: dict[str, Any] = {}
     if run["status"] == "done":
@@ -209,12 +213,12 @@ def open_agent(folder: Path, graph: str | None = None) -> OpenedAgent:
         checkpoint = f"step {found.record['step']:,}"
     policy = read_policy(folder, constants_of(folder, run), parameters)
     lines = (folder / "metrics.jsonl").read_text(encoding="utf-8").splitlines()
-    metrics = []
-    for line in lines:
-        try:
-            metrics.append(json.loads(line))
-        except ValueError:  # the last line of a run that was cut off while writing
-            continue
+    if run["status"] != "done" and lines and not lines[-1].endswith("}"):
+        lines.pop()  # cut off while it was written
+    try:
+        metrics = [json.loads(line) for line in lines]
+    except ValueError as error:
+        raise ArtefactError(f"{folder / 'metrics.jsonl'} is damaged ({error}). Restore a copy.") from None
     return OpenedAgent(folder.resolve().name, policy, checkpoint, config, data, run, metrics, evaluation)
 
 
@@ -230,6 +234,17 @@ def read_agent_run(folder: Path) -> dict[str, Any]:
     if run["kind"] != KIND:
         raise ArtefactError(f"'{folder}' was written by {run['kind']}; expected a run of train-agent.")
     return run
+
+
+def read_run_config(folder: Path, run: dict[str, Any]) -> AgentConfig:
+    """Read the settings of a run, after making sure that its inputs are those that it began with.
+
+    Raises:
+        ArtefactError: if ``config.toml`` or ``policy.json`` is missing or was changed.
+    """
+    for name in INPUTS[:2]:
+        _input_bytes(folder, run, name)
+    return AgentConfig.read(folder)
 
 
 def open_run_graph(folder: Path, run: dict[str, Any], source: str) -> OpenedGraph:
@@ -257,4 +272,8 @@ def constants_of(folder: Path, run: dict[str, Any]) -> bytes:
     Raises:
         ArtefactError: if the file is missing or damaged.
     """
-    return verified_bytes(folder, {"outputs": run["inputs"]}, "constants.safetensors")
+    return _input_bytes(folder, run, "constants.safetensors")
+
+
+def _input_bytes(folder: Path, run: dict[str, Any], name: str) -> bytes:
+    return verified_bytes(folder, {"outputs": run["inputs"]}, name)

@@ -1,12 +1,13 @@
 """Settings of the trainer: every option, default, unit and allowed range; imports no torch."""
 
-import math
 from dataclasses import dataclass, fields
 from typing import Literal
 
 from wordcraft_kg.envs.config import Ambiguity, DistractorPolicy, DistractorWeighting, WordCraftConfig, whole
 from wordcraft_kg.errors import ConfigError
 from wordcraft_kg.graphs.tasks import TaskPart, TaskWeighting
+
+_LARGE = 1e9
 
 
 @dataclass(frozen=True)
@@ -98,12 +99,13 @@ class ImpalaConfig:
     def __post_init__(self) -> None:
         for name in ("steps", "batch_size", "unroll", "threads", "log_every", "checkpoint_every"):
             whole(_option(name), getattr(self, name), 1)
-        for name in ("policy_lag", "seed", "eval_every"):
+        for name in ("policy_lag", "eval_every"):
             whole(_option(name), getattr(self, name), 0)
+        whole("--seed", self.seed, 0, 2**63 - 1)
         for name in ("learning_rate", "rms_epsilon", "clip"):
-            self._require(name, math.isfinite(getattr(self, name)) and getattr(self, name) > 0, "a number above 0")
+            self._require(name, 0 < getattr(self, name) < _LARGE, f"a number above 0, below {_LARGE:g}")
         for name in ("entropy_cost", "baseline_cost"):
-            self._require(name, math.isfinite(getattr(self, name)) and getattr(self, name) >= 0, "0 or more")
+            self._require(name, 0 <= getattr(self, name) < _LARGE, f"0 or more, below {_LARGE:g}")
         for name in ("discount", "rms_decay", "momentum"):
             self._require(name, 0 <= getattr(self, name) <= 1, "0 to 1")
 

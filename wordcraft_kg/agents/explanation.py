@@ -56,7 +56,8 @@ def _choose_tasks(
 ) -> tuple[Ids, Ids]:
     graph, tasks = opened.graph, engine.world.tasks
     if goal is None:
-        return np.linspace(0, len(tasks) - 1, min(episodes, len(tasks))).astype(np.int64), np.zeros(episodes, dtype=int)
+        rows = np.linspace(0, len(tasks) - 1, min(episodes, len(tasks))).astype(np.int64)
+        return rows, np.zeros_like(rows)
     if goal not in graph.entities:
         raise UnknownEntityError(f"no entity '{goal}' in {graph.name}.{nearest(goal, graph.entities)}")
     rows = np.flatnonzero(tasks.goals == graph.entities.index(goal))

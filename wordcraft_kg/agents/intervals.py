@@ -11,6 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 from wordcraft_kg.envs.config import whole
 from wordcraft_kg.errors import ConfigError
 
+Interval = tuple[float, float, float]
+"""A value, its lower and its upper bound."""
 Scores = NDArray[np.float64]
 # Values held at once while resampling: 8 MB of them, whatever the number of draws.
 CHUNK = 2**20
@@ -194,6 +196,41 @@ def task_bootstrap(
     drawn = np.random.default_rng(seed).multinomial(n, tasks / n, size=draws)
     low, high = np.quantile(drawn @ totals / (n * attempts), [(1 - level) / 2, (1 + level) / 2])
     return float(low), float(high)
+
+
+def paired_difference(x: ArrayLike, y: ArrayLike, *, level: float = 0.95, draws: int = 2000, seed: int = 0) -> Interval:
+    """Return the mean difference of two players' success over the same tasks, and its bootstrap interval over tasks.
+
+    With the rates ``a_i`` and ``b_i`` of task i, the difference is ``mean_i (a_i - b_i)``; tasks are resampled as
+    pairs, so what makes a task hard for both does not widen the interval.
+
+    Args:
+        x: shape (N tasks, D attempts), of 0 and 1.
+        y: shape (N tasks, D' attempts), of the same tasks.
+        level: of confidence, between 0 and 1.
+        draws: resamples, from 1.
+        seed: of the resampling.
+
+    Returns:
+        Difference, lower and upper bound.
+
+    Raises:
+        ConfigError: if the tables are empty, of different tasks or another shape, or a setting is out of range.
+
+    Source: Efron and Tibshirani 1993, "An introduction to the bootstrap", chapter 13.
+    """
+    _check_level(level)
+    draws = whole("draws", draws, 1)
+    seed = whole("seed", seed, 0)
+    a, b = _finite("x", x), _finite("y", y)
+    if a.ndim != 2 or b.ndim != 2 or len(a) != len(b):
+        raise ConfigError(
+            f"x of shape {a.shape} and y of shape {b.shape}: expected (tasks, attempts) of the same tasks."
+        )
+    values, tasks = np.unique(a.mean(axis=1) - b.mean(axis=1), return_counts=True)
+    drawn = np.random.default_rng(seed).multinomial(len(a), tasks / len(a), size=draws)
+    low, high = np.quantile(drawn @ values / len(a), [(1 - level) / 2, (1 + level) / 2])
+    return float(values @ tasks / len(a)), float(low), float(high)
 
 
 def _percentiles(

@@ -2,7 +2,7 @@
 
 Needs the extra ``interop``. The environment is the plain ``WordCraft-v0``; ids go to the policy as they are::
 
-    policy, _ = make_policy(PolicyConfig(features="random"), opened.graph, env.unwrapped.num_slots, scorer=scorer)
+    policy, _ = make_policy(PolicyConfig(features="random"), opened.graph, env.unwrapped.num_slots)
     model = PPO(SB3Policy, env, policy_kwargs={"network": policy})
     model.learn(10_000)
     trained = model.policy.network

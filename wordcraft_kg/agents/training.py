@@ -8,6 +8,7 @@ import json
 import logging
 import os
 import shutil
+import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -19,15 +20,17 @@ from typing import Any
 import torch
 
 from wordcraft_kg.agents.agent_folder import (
+    INPUTS,
     KIND,
     AgentConfig,
     Checkpoints,
     constants_of,
     open_run_graph,
     read_agent_run,
+    read_run_config,
 )
 from wordcraft_kg.agents.evaluation import ENDINGS, Evaluation, Evaluator, PolicyPlayer
-from wordcraft_kg.agents.impala import Impala
+from wordcraft_kg.agents.impala import Impala, check_compiler
 from wordcraft_kg.artefacts import check_output, dump_json, sha256_of, with_a_name, write_atomically
 from wordcraft_kg.envs.batch import BatchEngine
 from wordcraft_kg.envs.world import World
@@ -92,8 +95,10 @@ def train_agent(
     """
     out = with_a_name(out)
     check_agent_output(out, force=force)
-    check_device(config.trainer.device)
     trainer = config.trainer
+    check_device(trainer.device)
+    if trainer.compile:
+        check_compiler(torch.device(trainer.device))
     engine = _engine(opened, config)
     scorer, observed, kg = None, None, None
     inputs = {"graph": opened.graph.hash, "split": opened.split.hash}
@@ -105,39 +110,29 @@ def train_agent(
     policy, features = make_policy(
         config.policy, opened.graph, engine.num_slots, scorer=scorer, observed=observed, seed=trainer.seed
     )
-    with _writer(out, tensorboard) as writer:  # a missing extra is found before anything is replaced
-        if out.exists():
-            shutil.rmtree(out)
-        out.mkdir(parents=True)
-        try:
-            write_constants(out, policy, opened.graph)
-            config.write(out)
-            inputs |= {name: sha256_of(out / name) for name in ("constants.safetensors", "policy.json")}
-            if features is not None:
-                inputs["features"] = features.sha256
-            facts = {"seed": trainer.seed, "device": trainer.device, "threads": trainer.threads}
-            missing = [] if features is None else list(features.missing_words)
-            run = start_run(out, KIND, **facts, inputs=inputs, kg=kg, missing_words=missing)
-            return _Run(opened, config, out, run, policy, engine, writer, progress).go()
-        except BaseException:
-            if Checkpoints(out).load() is None:
-                shutil.rmtree(out)  # nothing in it to go on with
-            raise
+    with _writer(out, tensorboard) as writer, _replacing(out):
+        write_constants(out, policy, opened.graph)
+        config.write(out)
+        inputs |= {name: sha256_of(out / name) for name in INPUTS}
+        if features is not None:
+            inputs["features"] = features.sha256
+        facts: dict[str, Any] = {"seed": trainer.seed, "device": trainer.device, "threads": trainer.threads}
+        missing = [] if features is None else list(features.missing_words)
+        facts |= {"kg": kg, "tensorboard": tensorboard, "missing_words": missing}
+        run = start_run(out, KIND, **facts, inputs=inputs)
+        return _Run(opened, config, out, run, policy, engine, writer, progress).go()
 
 
-def resume_agent(
-    folder: Path, *, graph: str | None = None, tensorboard: bool = False, progress: Progress | None = None
-) -> TrainedAgent:
-    """Go on with an interrupted run from its last checkpoint, or from its beginning if it has none.
+def resume_agent(folder: Path, *, graph: str | None = None, progress: Progress | None = None) -> TrainedAgent:
+    """Go on with an interrupted run from its last checkpoint.
 
     Args:
         folder: of the run.
         graph: where the graph is now, if it has moved.
-        tensorboard: write TensorBoard's event files too.
         progress: called after each line of metrics.
 
     Raises:
-        ArtefactError: if the run is done, or damaged.
+        ArtefactError: if the run is done, damaged, or under way elsewhere.
         GraphMismatchError: if the graph or its split is not the one that the run began with.
     """
     folder = with_a_name(folder)
@@ -146,7 +141,7 @@ def resume_agent(
         raise ArtefactError(
             f"'{folder}' is finished; there is nothing to resume. Judge it: wordcraft-kg evaluate-agent {folder}"
         )
-    config = AgentConfig.read(folder)
+    config = read_run_config(folder, run)
     opened = open_run_graph(folder, run, graph or config.graph)
     check_device(config.trainer.device)
     if run["versions"].get("torch") != torch.__version__:
@@ -163,10 +158,11 @@ def resume_agent(
     policy = read_policy(
         folder, constants_of(folder, run), {name.removeprefix("policy."): value for name, value in parameters.items()}
     )
-    with _writer(folder, tensorboard) as writer:
-        resume_run(folder, run)
+    step = int(checkpoint.record["step"])
+    with _writer(folder, run.get("tensorboard", False), step) as writer, _locked(folder):
         ongoing = _Run(opened, config, folder, run, policy, engine, writer, progress)
         ongoing.restore(checkpoint.tensors, checkpoint.record)
+        resume_run(folder, run)
         return ongoing.go()
 
 
@@ -210,6 +206,7 @@ class _Run:
         self.checkpoints = Checkpoints(folder)
         self.metrics = folder / "metrics.jsonl"
         self.seconds = self.eval_seconds = 0.0
+        self._elapsed, self._begun = 0.0, time.perf_counter()
         trainer, per_update = config.trainer, config.trainer.steps_per_update
         every = {"log": trainer.log_every, "eval": trainer.eval_every, "checkpoint": trainer.checkpoint_every}
         self._every = {name: max(1, round(steps / per_update)) for name, steps in every.items()}
@@ -223,11 +220,19 @@ class _Run:
         """Environment steps done."""
         return self.impala.update_number * self.config.trainer.steps_per_update
 
+    @property
+    def elapsed(self) -> float:
+        """Seconds from start to now, of all parts of a run that was resumed; evaluations and writing included."""
+        return self._elapsed + time.perf_counter() - self._begun
+
     def restore(self, tensors: dict[str, torch.Tensor], record: dict[str, Any]) -> None:
         """Go back to a checkpoint, and cut the metrics to it."""
         try:
             self.impala.restore(tensors)
             self.seconds, self.eval_seconds = record["seconds"], record["eval_seconds"]
+            self._elapsed = record["elapsed"]
+            if self.metrics.stat().st_size < record["metrics_bytes"]:
+                raise ValueError("metrics.jsonl is shorter than it was")
             os.truncate(self.metrics, record["metrics_bytes"])
         except (KeyError, RuntimeError, TypeError, ValueError, OSError) as error:
             raise ArtefactError(
@@ -271,17 +276,20 @@ class _Run:
         evaluators = self._evaluators(curve=True)
         if self._saved < 0:
             self.metrics.touch()
-            self._log({}, evaluators)  # where everything begins
             self._save()
+        if not self.step:  # where everything begins
+            self._log({}, evaluators)
         while self.impala.update_number < trainer.updates and not interrupted.is_set():
             begun = time.perf_counter()
             self.impala.update()
-            self.seconds += time.perf_counter() - begun
             done = self.impala.update_number
             is_last = done == trainer.updates
             is_point = is_last or done % every["eval"] == 0
-            if is_point or done % every["log"] == 0:
-                self._log(self.impala.take_figures(), evaluators if is_point else {})
+            # On a device this is where its work is waited for, so the clock goes on.
+            figures = self.impala.take_figures() if is_point or done % every["log"] == 0 else None
+            self.seconds += time.perf_counter() - begun
+            if figures is not None:
+                self._log(figures, evaluators if is_point else {})
             if done % every["checkpoint"] == 0:
                 self._save()
         if self._saved != self.step:
@@ -306,7 +314,7 @@ class _Run:
         for part, evaluator in evaluators.items():
             row[f"{part}_success"] = float(evaluator(PolicyPlayer(self.policy)).success.mean())
         self.eval_seconds += time.perf_counter() - begun
-        row |= {"steps_per_second": rate and round(rate), "seconds": round(self.seconds + self.eval_seconds, 3)}
+        row |= {"steps_per_second": rate and round(rate), "seconds": round(self.elapsed, 3)}
         with self.metrics.open("ab") as file:
             file.write((json.dumps(row, allow_nan=False) + "\n").encode())
         if self.writer is not None:
@@ -319,7 +327,9 @@ class _Run:
             self.progress(self.step, total, shown)
 
     def _save(self) -> None:
-        facts = {"seconds": self.seconds, "eval_seconds": self.eval_seconds}
+        facts = {"seconds": self.seconds, "eval_seconds": self.eval_seconds, "elapsed": self.elapsed}
+        with self.metrics.open("rb+") as file:
+            os.fsync(file.fileno())
         self.checkpoints.save(self.step, self.impala.state(), metrics_bytes=self.metrics.stat().st_size, **facts)
         self._saved = self.step
 
@@ -329,9 +339,10 @@ class _Run:
         }
         summary = {
             "steps": self.step,
-            "seconds": round(self.seconds + self.eval_seconds, 3),
+            "seconds": round(self.elapsed, 3),
+            # Of acting and learning alone; all else that the seconds hold is evaluation and writing.
             "steps_per_second": round(self.step / self.seconds) if self.seconds else 0,
-            "eval_share": round(self.eval_seconds / max(self.seconds + self.eval_seconds, 1e-9), 4),
+            "curves_share": round(self.eval_seconds / self.elapsed, 4),
             "parameters": sum(parameter.numel() for parameter in self.policy.parameters()),
             "success": {part: result.figures() for part, result in results.items()},
             "outcomes": {part: result.shares() for part, result in results.items()},
@@ -347,8 +358,52 @@ class _Run:
 
 
 @contextmanager
-def _writer(folder: Path, wanted: bool) -> Iterator[Any]:
-    """Yield TensorBoard's writer, or None."""
+def _replacing(out: Path) -> Iterator[None]:
+    """Make the run's folder; an earlier one is put aside, and comes back if the run leaves nothing to go on with."""
+    aside = None
+    if out.exists():
+        aside = Path(tempfile.mkdtemp(dir=out.parent, prefix=f".{out.name}.old."))
+        os.rename(out, aside / "was")
+    try:
+        out.mkdir(parents=True)
+        with _locked(out):
+            yield
+    finally:
+        is_kept = (out / "policy.safetensors").exists() or bool(Checkpoints(out).records())
+        if not is_kept:
+            shutil.rmtree(out, ignore_errors=True)
+            if aside is not None:
+                os.rename(aside / "was", out)
+        if aside is not None:
+            shutil.rmtree(aside, ignore_errors=True)
+
+
+@contextmanager
+def _locked(folder: Path) -> Iterator[None]:
+    """Keep others from training in a folder for as long as this process does; the lock ends with the process.
+
+    Raises:
+        ArtefactError: if another process does.
+    """
+    try:
+        import fcntl
+    except ImportError:  # Windows
+        yield
+        return
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise ArtefactError(f"'{folder}' is being trained by another process; wait for it, or stop it.") from None
+        yield
+    finally:
+        os.close(handle)
+
+
+@contextmanager
+def _writer(folder: Path, wanted: bool, step: int = 0) -> Iterator[Any]:
+    """Yield TensorBoard's writer from a step on, or None."""
     if not wanted:
         yield None
         return
@@ -365,7 +420,7 @@ def _writer(folder: Path, wanted: bool) -> Iterator[Any]:
 
         def add_scalar(self, *values: Any) -> None:
             nonlocal writer
-            writer = writer or SummaryWriter(str(folder / "tensorboard"))
+            writer = writer or SummaryWriter(str(folder / "tensorboard"), purge_step=step or None)
             writer.add_scalar(*values)
 
     try:

@@ -77,6 +77,11 @@ def _text(values: dict[str, Any]) -> list[str]:
                 continue
             low, high = found["seed_ci"] or found["task_ci"]
             over = f"over {len(agent['seeds'])} seeds" if found["seed_ci"] else "over tasks, one seed"
-            better = "" if found["p_better"] is None else f"  P(better) {found['p_better']:.2f}"
-            lines.append(f"  {agent['name']:<{width}}  {found['mean']:.3f} [{low:.3f}, {high:.3f}] {over}{better}")
+            more = ""
+            if found["difference"] is not None:
+                down, up = found["difference_ci"]
+                more = f"  {found['difference']:+.3f} [{down:+.3f}, {up:+.3f}] over tasks"
+            if found["p_better"] is not None:
+                more += f"  P(better) {found['p_better']:.2f}"
+            lines.append(f"  {agent['name']:<{width}}  {found['mean']:.3f} [{low:.3f}, {high:.3f}] {over}{more}")
     return lines

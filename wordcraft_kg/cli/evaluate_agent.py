@@ -49,12 +49,14 @@ def evaluate_agent(
     for amount in amounts:
         found = Evaluator(opened.data, opened.config.tasks.world(part, amount), draws=draws)(player)
         success[str(amount)], outcomes[str(amount)] = found.figures(), found.shares()
-    depth = opened.config.tasks.depth
+    depth, policy = opened.config.tasks.depth, opened.config.policy
+    scores = f"{policy.use}, scale {policy.scale}, self edges {policy.self_edges}" if agent == "kg-only" else None
     checkpoint = opened.checkpoint if agent == "trained" else None
     values = {
         "run": str(run),
         "agent": agent,
         "checkpoint": checkpoint,
+        "scores": scores,
         "part": part,
         "depth": depth,
         "success": success,
@@ -64,7 +66,8 @@ def evaluate_agent(
 
 
 def _text(values: dict[str, Any]) -> list[str]:
-    who = values["agent"] if values["agent"] != "trained" else f"{Path(values['run']).name}, {values['checkpoint']}"
+    who = f"kg-only ({values['scores']})" if values["agent"] == "kg-only" else values["agent"]
+    who = who if values["agent"] != "trained" else f"{Path(values['run']).name}, {values['checkpoint']}"
     lines = [f"{who}: {values['part']} tasks of depth {values['depth']}, greedy"]
     for amount, found in values["success"].items():
         title = f"{amount} distractor{'s' * (amount != '1')}"

@@ -20,13 +20,15 @@ def resume(run: Path, *, graph: str | None = None, epochs: int | None = None, ou
         graph: where the graph is now, if it has moved.
         epochs: train a link predictor up to this many epochs instead of the number first asked for.
     """
-    from wordcraft_kg.cli.training import report, report_agent
+    from wordcraft_kg.cli.training import finished_without_report, report, report_agent
 
     if _is_agent(run):
         from wordcraft_kg.agents.training import resume_agent
 
         if epochs is not None:
             raise ConfigError("--epochs is for link predictors; an agent's run goes on to the steps it was begun with.")
+        if finished := finished_without_report(run):  # it was stopped while the report was made
+            return report_agent(finished, graph, output)
         progress = output.progress("agent", unit="step")
         return report_agent(resume_agent(run, graph=graph, progress=progress), graph, output)
     from wordcraft_kg.models.link_training import resume_links

@@ -45,8 +45,11 @@ def train_agent(
     from wordcraft_kg.errors import ConfigError
     from wordcraft_kg.graphs.folder import open_graph
 
-    if scorer is None and (policy.kg_only or policy.use != PolicyConfig.use):
-        raise ConfigError("--use and --kg-only say what to do with a scorer's scores; give a --scorer too.")
+    of_scorer = ("use", "kg_only", "mixing", "scale", "self_edges")
+    idle = [name for name in of_scorer if getattr(policy, name) != getattr(PolicyConfig, name)]
+    if scorer is None and idle:
+        option = idle[0].replace("_", "-")
+        raise ConfigError(f"--{option} says what to do with a scorer's scores; give a --scorer too.")
     opened = open_graph(graph)
     folder = out or Path("runs") / f"{opened.graph.name}-{scorer.name if scorer else 'no-kg'}"
     check_agent_output(folder, force=force)

@@ -1,5 +1,6 @@
 """What the training commands share: run, report, and say how to go on after Ctrl-C."""
 
+import json
 import logging
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -54,6 +55,18 @@ def report(trained: "TrainedLinks", output: Output) -> int:
     return 0
 
 
+def finished_without_report(folder: Path) -> "TrainedAgent | None":
+    """Return what a finished run came to if its report is missing, else None."""
+    from wordcraft_kg.agents.training import TrainedAgent
+    from wordcraft_kg.runs import read_run, verified_bytes
+
+    run = read_run(folder)
+    if run["status"] != "done" or (folder / "report").exists():
+        return None
+    summary = json.loads(verified_bytes(folder, run, "evaluation.json"))
+    return TrainedAgent(folder, summary["steps"], False, summary)
+
+
 def report_agent(trained: "TrainedAgent", graph: str | None, output: Output) -> int:
     """Write the report of an agent's training, print what came of it and return 0.
 
@@ -80,7 +93,10 @@ def report_agent(trained: "TrainedAgent", graph: str | None, output: Output) -> 
     values["success_ci"] = {name: [found["ci_low"], found["ci_high"]] for name, found in success.items()}
     rows = [
         ("trained", f"{summary['steps']:,} steps in {summary['seconds']:.1f} s"),
-        ("speed", f"{summary['steps_per_second']:,} steps/s; {summary['eval_share']:.1%} of the time for the curves"),
+        (
+            "speed",
+            f"{summary['steps_per_second']:,} steps/s; {summary['curves_share']:.1%} of the time for the curves",
+        ),
         *(
             (
                 f"{name} tasks",

@@ -82,7 +82,7 @@ class AttentionPolicy(Policy):
 
     ``α_i = Q([x_g; x_s]) · K(x_i) / √d``, ``V = MLP(wᵀ x)`` with ``w = softmax(α)`` over the slots (or the raw α),
     and with a scorer ``β = λα·α + λu·u + λv·v``, ``λ = MLP(wᵀ x)`` with weights of its own. An MLP here is the
-    linear map W of the paper, a rectifier and a linear map; W is applied to the sum, which is the same.
+    linear map W of the paper, a rectifier and a linear map; W, with a bias, is applied to the sum.
 
     Permuting the slots permutes the logits and leaves the value as it is.
 

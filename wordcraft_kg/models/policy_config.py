@@ -21,7 +21,7 @@ class PolicyConfig:
     Attributes:
         policy: attention (self-attention over the table, the paper's) or mlp (one hidden layer on everything on the
             table in its order, the paper's baseline; for one size of table only).
-        features: entity vectors: glove, one-hot, random, learned, shuffled:glove (any but learned), or a file of vectors.
+        features: entity vectors: glove, one-hot, random, learned, shuffled:<any but learned>, or a file of vectors.
         pooling: how a label of several words gets its vector: mean or max over the words.
         allow_missing: go on with zeros for entities without a vector, however many they are.
         key_size: dimensions of queries and keys; 300 is the paper's.
@@ -34,7 +34,7 @@ class PolicyConfig:
             were chosen on validation tasks, see docs/agents.md.
         scale: brings scores to one scale before mixing: standardise, ranks, log-softmax or none.
         self_edges: an entity's combinesWith score with itself: keep it (the paper), only those observed in the
-            scorer's training triples, or drop it.
+            scorer's training triples, or drop it; what is dropped becomes the mean of all pairs.
         value_readout: weights of the slots in the encodings of value and λ: softmax of α, or the raw logits α, as in
             the paper's released code.
     """

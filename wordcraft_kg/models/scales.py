@@ -41,7 +41,7 @@ def scaled_scorer(
         scale: each relation on its own: ``standardise`` all pairs; ``ranks`` of the scores among all pairs, or
             ``log-softmax`` over the heads of each tail, standardised then; ``none`` leaves scores as they are.
         self_edges: what happens to an entity's combinesWith score with itself: ``keep`` it; ``observed`` keeps those
-            among ``observed``; ``drop`` keeps none. A score that is dropped becomes 0, which is the mean.
+            among ``observed``; ``drop`` keeps none. A score that is dropped becomes the mean of all others.
         observed: triples that the scorer was trained on, shape (T, 3).
 
     Raises:
@@ -62,16 +62,17 @@ def scaled_scorer(
             scores = scores - scores.max(axis=0)
             scores -= np.log(np.exp(scores).sum(axis=0))
         tables[relation] = scores if scale == "none" else standardised(scores)
+    different = tables[COMBINES_WITH][~np.eye(size, dtype=bool)]
     if self_edges != "keep":
         dropped = np.ones(size, dtype=bool)
         if self_edges == "observed":
             if observed is None:
                 raise ConfigError(
-                    "self_edges 'observed' needs the triples that the scorer was trained on: give observed= (for one of "
-                    "the partial graph, split.partial), or choose keep or drop."
+                    "self_edges 'observed' needs the triples that the scorer was trained on: give observed= (for the "
+                    "partial graph, split.partial), or choose keep or drop."
                 )
             loops = (observed[:, 1] == COMBINES_WITH) & (observed[:, 0] == observed[:, 2])
             dropped[observed[loops, 0]] = False
         dropped_ids = np.flatnonzero(dropped)
-        tables[COMBINES_WITH, dropped_ids, dropped_ids] = 0
+        tables[COMBINES_WITH, dropped_ids, dropped_ids] = different.mean() if scale == "none" and size > 1 else 0
     return TableScorer(torch.from_numpy(tables), scorer.entities, scorer.graph_hash)

@@ -18,6 +18,7 @@ from wordcraft_kg.agents.evaluation import ENDINGS, Evaluation, Evaluator, Polic
 from wordcraft_kg.agents.explanation import explain_episodes
 from wordcraft_kg.agents.intervals import (
     interquartile_mean,
+    paired_difference,
     probability_of_improvement,
     probability_of_improvement_interval,
     stratified_bootstrap,
@@ -34,6 +35,8 @@ from wordcraft_kg.reports import charts
 from wordcraft_kg.reports.pages import render_page
 
 REPORT_FORMAT = "wordcraft-kg agent report 1"
+RULES = ("depth", "max_attempts", "distractor_weighting", "distractor_policy", "ambiguity")
+"""Settings of the tasks in which agents that are compared must agree."""
 DISTRACTORS = (1, 8)
 """Numbers of distractors that every report has, besides those trained with."""
 MIN_SEEDS = 5
@@ -96,7 +99,7 @@ def make_agent_report(
 
     Raises:
         GraphMismatchError: if the runs are not all on one graph and split.
-        ConfigError: if they were trained for different depths.
+        ConfigError: if they play by different rules, see :data:`RULES`, or none can play with such distractors.
     """
     everyone = [agent for members in groups.values() for agent in members]
     first = everyone[0]
@@ -106,16 +109,26 @@ def make_agent_report(
                 f"'{agent.name}' and '{first.name}' were trained on different graphs or splits: their tasks are not "
                 "the same, and their figures cannot be compared. Train them on one graph folder."
             )
-        if agent.config.tasks.depth != first.config.tasks.depth:
-            raise ConfigError(f"'{agent.name}' and '{first.name}' were trained for tasks of different depths.")
+        for rule in RULES:
+            found, expected = getattr(agent.config.tasks, rule), getattr(first.config.tasks, rule)
+            if found != expected:
+                raise ConfigError(
+                    f"'{agent.name}' plays with {rule} {found} and '{first.name}' with {expected}: their figures "
+                    "cannot be compared."
+                )
     if distractors is None:
         distractors = sorted({*DISTRACTORS, *(agent.config.tasks.distractors for agent in everyone)})
+    played = [amount for amount in distractors if any(_can_play(agent, amount) for agent in everyone)]
+    if not played:
+        raise ConfigError(
+            f"an mlp plays with {first.config.tasks.distractors} distractors only, which it was made for."
+        )
     headline = first.config.tasks.distractors
-    if headline not in distractors:
-        headline = distractors[-1]
+    if headline not in played:
+        headline = played[-1]
     judge = _Judge(part, draws)
-    entries = [_entry(name, members, judge, distractors, headline) for name, members in groups.items()]
-    _compare(entries)
+    entries = [_entry(name, members, judge, played, headline) for name, members in groups.items()]
+    _compare(entries, judge)
     graph, split, tasks = first.data.graph, first.data.split, first.config.tasks
     values: dict[str, Any] = {
         "format": REPORT_FORMAT,
@@ -123,12 +136,12 @@ def make_agent_report(
         "split": {"kind": split.config.kind, "seed": split.config.seed, "hash": split.hash},
         "part": part,
         "depth": tasks.depth,
-        "distractors": list(distractors),
+        "distractors": played,
         "headline": headline,
         "draws": draws,
-        "tasks": len(judge.evaluators[first.config.tasks, headline].tasks),
+        "tasks": len(judge.evaluators[headline].tasks),
         "agents": entries,
-        "baselines": _baselines(first, judge, distractors),
+        "baselines": _baselines(first, judge, played),
         "episodes": [
             {"agent": name, "run": members[0].name, "episodes": _episodes(members[0], part, headline, episodes)}
             for name, members in groups.items()
@@ -165,18 +178,23 @@ def render(report: AgentReport) -> str:
 
 
 class _Judge:
-    """Plays policies, with one set of environments for each kind of task."""
+    """Plays policies, with one set of environments for each number of distractors."""
 
     def __init__(self, part: TaskPart, draws: int):
         self.part, self.draws = part, draws
-        self.evaluators: dict[Any, Evaluator] = {}
+        self.evaluators: dict[int, Evaluator] = {}
+        self.success: dict[tuple[str, int], NDArray[np.bool_]] = {}
 
     def __call__(self, agent: OpenedAgent, distractors: int, player: Any) -> Evaluation:
-        key = agent.config.tasks, distractors
-        if key not in self.evaluators:
+        if distractors not in self.evaluators:
             config = agent.config.tasks.world(self.part, distractors)
-            self.evaluators[key] = Evaluator(agent.data, config, draws=self.draws)
-        return self.evaluators[key](player)
+            self.evaluators[distractors] = Evaluator(agent.data, config, draws=self.draws)
+        return self.evaluators[distractors](player)
+
+
+def _can_play(agent: OpenedAgent, distractors: int) -> bool:
+    """Whether a policy takes tables of this size; an mlp is made for one."""
+    return agent.config.policy.policy != "mlp" or distractors == agent.config.tasks.distractors
 
 
 def _entry(
@@ -203,11 +221,12 @@ def _entry(
         "lambdas": _lambda_curves(members),
     }
     for amount in distractors:
-        if config.policy.policy == "mlp" and amount != config.tasks.distractors:
-            continue  # made for one size of table
+        if not _can_play(members[0], amount):
+            continue
         found = [judge(agent, amount, PolicyPlayer(agent.policy)) for agent in members]
         means = [float(result.success.mean()) for result in found]
         every = np.concatenate([result.success for result in found], axis=1)
+        judge.success[name, amount] = every
         interval = stratified_bootstrap(means, np.mean)
         entry["success"][str(amount)] = {
             "mean": float(np.mean(means)),
@@ -222,18 +241,23 @@ def _entry(
             ending: float(np.mean([result.shares()[ending] for result in found])) for ending in ENDINGS
         }
         if amount == headline:
-            entry["slices"] = _slices(members[0], judge, every)
+            entry["slices"] = _slices(members[0], judge.evaluators[amount], every)
     return entry
 
 
-def _compare(entries: list[dict[str, Any]]) -> None:
-    """Add to each agent how likely a run of it is better than one of the first agent."""
+def _compare(entries: list[dict[str, Any]], judge: _Judge) -> None:
+    """Add to each agent its difference from the first one, and how likely a run of it is better than one of that."""
     for entry in entries:
         for amount, figures in entry["success"].items():
             reference = entries[0]["success"].get(amount)
-            figures["p_better"] = figures["p_better_ci"] = None
-            if entry is not entries[0] and reference is not None:
-                seeds = figures["seeds"], reference["seeds"]
+            for key in ("difference", "difference_ci", "p_better", "p_better_ci"):
+                figures[key] = None
+            if entry is entries[0] or reference is None:
+                continue
+            tables = (judge.success[found["name"], int(amount)] for found in (entry, entries[0]))
+            figures["difference"], *figures["difference_ci"] = paired_difference(*tables)
+            seeds = figures["seeds"], reference["seeds"]
+            if max(map(len, seeds)) > 1:  # of one run each it would be 0 or 1, and say nothing
                 interval = probability_of_improvement_interval(*seeds)
                 figures["p_better"] = probability_of_improvement(*seeds)
                 figures["p_better_ci"] = None if interval is None else list(interval)
@@ -279,16 +303,17 @@ def _lambda_curves(members: list[OpenedAgent]) -> list[dict[str, Any]]:
     return found
 
 
-def _slices(agent: OpenedAgent, judge: _Judge, success: NDArray[np.bool_]) -> dict[str, list[dict[str, Any]]]:
+def _slices(agent: OpenedAgent, evaluator: Evaluator, success: NDArray[np.bool_]) -> dict[str, list[dict[str, Any]]]:
     """Success by how many train recipes make the goal, by its layer, and by how well the scorer ranks its links."""
     graph, split = agent.data.graph, agent.data.split
-    evaluator = next(iter(judge.evaluators.values()))
     tasks = evaluator.engine.world.tasks
     train = graph.recipes[split.parts == PARTS.index("train")]
     made = np.bincount(train[:, 2], minlength=graph.num_entities)[tasks.goals]
     found = {
         "train_recipes": _between(success, made, ((0, 0), (1, 1), (2, 2), (3, 4), (5, 8), (9, _TOP))),
-        "layer": _between(success, layers(graph)[tasks.goals], ((0, 3), (4, 6), (7, 9), (10, 12), (13, _TOP))),
+        "layer": _between(
+            success, layers(graph)[tasks.goals], ((-1, -1), (0, 3), (4, 6), (7, 9), (10, 12), (13, _TOP))
+        ),
     }
     ranks = _link_ranks(agent, tasks)
     if ranks is not None:
@@ -306,8 +331,13 @@ def _link_ranks(agent: OpenedAgent, tasks: Any) -> Ids | None:
     ranks = []
     for goal, plans in zip(tasks.goals.tolist(), tasks.plans, strict=True):
         row = scores[goal]
-        ranks.append(min(max(int((row > row[part]).sum()) + 1 for part in recipes[plan[-1], :2]) for plan in plans))
-    return np.array(ranks)
+        ranks.append(min(max(_mean_rank(row, row[part]) for part in recipes[plan[-1], :2]) for plan in plans))
+    return np.ceil(ranks).astype(np.int64)
+
+
+def _mean_rank(scores: NDArray[np.float32], score: np.float32) -> float:
+    """Return the rank of a score; equal ones share the mean of theirs."""
+    return float((scores > score).sum() + ((scores == score).sum() + 1) / 2)
 
 
 def _between(success: NDArray[np.bool_], values: Ids, bounds: Sequence[tuple[int, int]]) -> list[dict[str, Any]]:
@@ -315,7 +345,7 @@ def _between(success: NDArray[np.bool_], values: Ids, bounds: Sequence[tuple[int
     for low, high in bounds:
         mask = (values >= low) & (values <= high)
         if mask.any():
-            name = str(low) if low == high else f"{low}+" if high == _TOP else f"{low}–{high}"
+            name = "never" if high < 0 else str(low) if low == high else f"{low}+" if high == _TOP else f"{low}–{high}"
             interval = task_bootstrap(success[mask])
             rows.append(
                 {"slice": name, "tasks": int(mask.sum()), "success": float(success[mask].mean()), "ci": list(interval)}
@@ -387,4 +417,4 @@ def _pictures(values: dict[str, Any]) -> dict[str, Any]:
 
 
 def _lower_bound(label: str) -> int:
-    return int(re.split("[–+]", label)[0])
+    return -1 if label == "never" else int(re.split("[–+]", label)[0])

@@ -9,6 +9,7 @@ import sys
 import time
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -347,6 +348,34 @@ def test_settings_that_were_changed_after_the_start_are_refused(
     for use in (open_agent, resume_agent):
         with pytest.raises(ArtefactError, match=f"{name} is damaged or was changed"):
             use(tmp_path / "run")
+
+
+def test_tensorboard_gets_the_figures_of_the_metrics_and_goes_on_with_a_resumed_run(
+    opened: OpenedGraph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    written: list[tuple[str, float, int]] = []
+    begun: list[int | None] = []
+
+    class Writer:
+        def __init__(self, folder: str, purge_step: int | None):
+            assert folder == str(tmp_path / "run/tensorboard")
+            begun.append(purge_step)
+
+        def add_scalar(self, name: str, value: float, step: int) -> None:
+            written.append((name, value, step))
+
+        def close(self) -> None:
+            begun.append(-1)
+
+    monkeypatch.setitem(sys.modules, "torch.utils.tensorboard", SimpleNamespace(SummaryWriter=Writer))
+    with monkeypatch.context() as patch:
+        interrupt_at(patch, 50)
+        train_agent(opened, config_of(), tmp_path / "run", tensorboard=True)
+    resume_agent(tmp_path / "run")
+    assert begun == [None, -1, 800, -1]
+    for row in metrics_of(tmp_path / "run"):
+        for name, value in row.items():
+            assert name == "step" or value is None or (name, value, row["step"]) in written
 
 
 def test_an_unknown_option_in_a_run_s_settings_is_named(opened: OpenedGraph, tmp_path: Path) -> None:

@@ -311,9 +311,7 @@ def _slices(agent: OpenedAgent, evaluator: Evaluator, success: NDArray[np.bool_]
     made = np.bincount(train[:, 2], minlength=graph.num_entities)[tasks.goals]
     found = {
         "train_recipes": _between(success, made, ((0, 0), (1, 1), (2, 2), (3, 4), (5, 8), (9, _TOP))),
-        "layer": _between(
-            success, layers(graph)[tasks.goals], ((-1, -1), (0, 3), (4, 6), (7, 9), (10, 12), (13, _TOP))
-        ),
+        "layer": _between(success, layers(graph)[tasks.goals], ((-1, -1), (0, 3), (4, 6), (7, 9), (10, _TOP))),
     }
     ranks = _link_ranks(agent, tasks)
     if ranks is not None:

@@ -91,7 +91,7 @@ def test_scores_are_brought_to_a_common_scale(opened):
     tables = scorer_tables(graph, scorer)
     others = ~np.eye(graph.num_entities, dtype=bool)
     for relation in (COMBINES_WITH, COMPONENT_OF):
-        assert tables[relation, :-1, :-1][others].mean() == pytest.approx(0, abs=1e-9)
+        assert tables[relation, :-1, :-1][others].mean() == pytest.approx(0, abs=1e-6)
         assert tables[relation, :-1, :-1][others].std() == pytest.approx(1)
         assert not tables[relation, -1].any()
         assert not tables[relation, :, -1].any()

@@ -48,7 +48,8 @@ def make_env(**settings):
 def make_network(config=GUIDED, *, is_guided=True):
     opened = open_graph("kitchen")
     scorer = SymbolicScorer(opened.graph, opened.split.partial) if is_guided else None
-    return make_policy(config, opened.graph, make_env().unwrapped.num_slots, scorer=scorer)[0]
+    slots = make_env().unwrapped.num_slots
+    return make_policy(config, opened.graph, slots, scorer=scorer, observed=opened.split.partial)[0]
 
 
 def make_model(algorithm, network=None, env=None, **settings):

@@ -57,7 +57,7 @@ def interrupt_at(monkeypatch: pytest.MonkeyPatch, update: int, error: type[BaseE
         if self.update_number == update:
             if error is not None:
                 raise error
-            os.kill(os.getpid(), signal.SIGINT)
+            signal.raise_signal(signal.SIGINT)
 
     monkeypatch.setattr(Impala, "update", wrapped)
 

@@ -266,7 +266,7 @@ def test_a_models_own_config_file_trains_the_same_model_again(run: Run, workshop
 def ctrl_c_in_epoch_2(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
     def press(self: Progress, done: int, total: int, figures: dict[str, float]) -> None:
         if done == 2:
-            os.kill(os.getpid(), signal.SIGINT)
+            signal.raise_signal(signal.SIGINT)
 
     monkeypatch.setattr(Progress, "__call__", press)
     return monkeypatch
@@ -293,8 +293,8 @@ def test_ctrl_c_in_a_training_ends_with_130_and_says_how_to_resume(
 def test_a_second_ctrl_c_says_truly_what_is_left(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     def press_twice(self: Progress, done: int, total: int, figures: dict[str, float]) -> None:
         if done == 3:
-            os.kill(os.getpid(), signal.SIGINT)
-            os.kill(os.getpid(), signal.SIGINT)
+            signal.raise_signal(signal.SIGINT)
+            signal.raise_signal(signal.SIGINT)
 
     monkeypatch.setattr(Progress, "__call__", press_twice)
     outcome = run("train-complex", "kitchen", *TINY, "--checkpoint-every", "1", "--out", tmp_path / "model")

@@ -1,7 +1,6 @@
 """Small graphs and small mishaps for the tests of link prediction."""
 
 import hashlib
-import os
 import random
 import signal
 from collections.abc import Callable
@@ -26,7 +25,7 @@ def interrupt_after(*epochs: int, times: int = 1) -> Callable[[int, int, dict[st
     def progress(done: int, total: int, figures: dict[str, float]) -> None:
         if done in epochs:
             for _ in range(times):
-                os.kill(os.getpid(), signal.SIGINT)
+                signal.raise_signal(signal.SIGINT)
 
     return progress
 

@@ -16,9 +16,9 @@ from torch import Tensor
 from wordcraft_kg.agents.config import ImpalaConfig, TaskConfig
 from wordcraft_kg.artefacts import dump_json, read_json, write_atomically
 from wordcraft_kg.errors import ArtefactError, WordCraftKGError
-from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
+from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.models.features import NAMED
-from wordcraft_kg.models.model_folder import check_inputs
+from wordcraft_kg.models.model_folder import open_run_graph
 from wordcraft_kg.models.policies import Policy
 from wordcraft_kg.models.policy_config import PolicyConfig
 from wordcraft_kg.models.policy_folder import read_policy
@@ -245,25 +245,6 @@ def read_run_config(folder: Path, run: dict[str, Any]) -> AgentConfig:
     for name in INPUTS[:2]:
         _input_bytes(folder, run, name)
     return AgentConfig.read(folder)
-
-
-def open_run_graph(folder: Path, run: dict[str, Any], source: str) -> OpenedGraph:
-    """Open a run's graph and make sure that it is the one.
-
-    Raises:
-        ArtefactError: if it is not to be found.
-        GraphMismatchError: if it is another.
-    """
-    try:
-        data = open_graph(source)
-    except ArtefactError:
-        raise
-    except ValueError as error:
-        raise ArtefactError(
-            f"the graph that '{folder}' was trained on is not to be found ({error}) Give it: --graph"
-        ) from None
-    check_inputs(folder, run, data)
-    return data
 
 
 def constants_of(folder: Path, run: dict[str, Any]) -> bytes:

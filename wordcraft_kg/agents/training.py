@@ -25,7 +25,6 @@ from wordcraft_kg.agents.agent_folder import (
     AgentConfig,
     Checkpoints,
     constants_of,
-    open_run_graph,
     read_agent_run,
     read_run_config,
 )
@@ -37,7 +36,7 @@ from wordcraft_kg.envs.world import World
 from wordcraft_kg.errors import ArtefactError, MissingExtraError, OutputExistsError, TaskError, TrainingError
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.tasks import TaskPart
-from wordcraft_kg.models.model_folder import open_model
+from wordcraft_kg.models.model_folder import open_model, open_run_graph
 from wordcraft_kg.models.policies import Policy
 from wordcraft_kg.models.policy_folder import make_policy, read_policy, write_constants, write_parameters
 from wordcraft_kg.runs import check_device, end_run, first_interrupt, resume_run, start_run

@@ -46,15 +46,7 @@ def open_model(folder: Path, graph: str | None = None) -> OpenedModel:
     scorer = load_scorer(folder)
     verified_bytes(folder, run, "config.toml")
     config, recorded_graph = read_config(folder)
-    try:
-        data = open_graph(graph or recorded_graph)
-    except ArtefactError:
-        raise
-    except ValueError as error:
-        raise ArtefactError(
-            f"the graph that '{folder}' was trained on is not to be found ({error}) Give it: --graph"
-        ) from None
-    check_inputs(folder, run, data)
+    data = open_run_graph(folder, run, graph or recorded_graph)
     metrics = json.loads(verified_bytes(folder, run, "metrics.json"))
     trace = [json.loads(line) for line in verified_bytes(folder, run, "trace.jsonl").splitlines()]
     provenance = {
@@ -67,6 +59,25 @@ def open_model(folder: Path, graph: str | None = None) -> OpenedModel:
         "weights": run["outputs"]["model.safetensors"],
     }
     return OpenedModel(scorer, data, config.kg, provenance, trace)
+
+
+def open_run_graph(folder: Path, run: dict[str, Any], source: str) -> OpenedGraph:
+    """Open a run's graph and make sure that it is the one.
+
+    Raises:
+        ArtefactError: if it is not to be found.
+        GraphMismatchError: if it is another.
+    """
+    try:
+        data = open_graph(source)
+    except ArtefactError:
+        raise
+    except ValueError as error:
+        raise ArtefactError(
+            f"the graph that '{folder}' was trained on is not to be found ({error}) Give it: --graph"
+        ) from None
+    check_inputs(folder, run, data)
+    return data
 
 
 def check_inputs(folder: Path, run: dict[str, Any], data: OpenedGraph) -> None:

@@ -8,6 +8,7 @@ import torch
 from numpy.typing import NDArray
 
 from wordcraft_kg.agents.baselines import Player, knowledge_player, random_entity, recipe_oracle
+from wordcraft_kg.agents.impala import as_tensor
 from wordcraft_kg.agents.intervals import task_bootstrap
 from wordcraft_kg.envs.batch import GOAL, BatchEngine
 from wordcraft_kg.envs.config import WordCraftConfig
@@ -37,7 +38,7 @@ class PolicyPlayer:
     @torch.no_grad()
     def __call__(self, engine: BatchEngine, rng: np.random.Generator) -> Any:
         """Pick a slot in every environment."""
-        states = tuple(_tensor(getattr(engine, name)) for name in ("goal", "selection", "table"))
+        states = tuple(as_tensor(getattr(engine, name)) for name in ("goal", "selection", "table"))
         weights = self.policy.weights()
         device = next(self.policy.parameters()).device
         slots = torch.cat(
@@ -154,7 +155,3 @@ def _right_parts(world: World) -> Ids:
     """Return the ingredients of the last recipes of each task's plans, shape (N, P), padded with -1."""
     pair = world.graph.recipes[:, :2].tolist()
     return padded([sorted({part for plan in plans for part in pair[plan[-1]]}) for plans in world.tasks.plans], -1)
-
-
-def _tensor(values: Any) -> torch.Tensor:
-    return torch.from_numpy(values) if isinstance(values, np.ndarray) else values

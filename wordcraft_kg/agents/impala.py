@@ -215,15 +215,15 @@ class Impala:
             actions, log_probs = self._act(weights, unroll.goal[t], unroll.selection[t], unroll.table[t], noise[t])
             unroll.actions[t], unroll.log_probs[t] = actions, log_probs
             step = engine.step(actions.numpy() if engine.xp is np else actions)
-            unroll.rewards[t], unroll.over[t] = _tensor(step.reward), _tensor(step.over)
-            unroll.won[t] = _tensor(step.outcome == GOAL)
+            unroll.rewards[t], unroll.over[t] = as_tensor(step.reward), as_tensor(step.over)
+            unroll.won[t] = as_tensor(step.outcome == GOAL)
         self._observe(self.config.unroll)
         torch.mul(~unroll.over, self.config.discount, out=unroll.discounts)
         return engine.xp is not np or not step.over.all()
 
     def _observe(self, t: int) -> None:
         for name in ("goal", "selection", "table"):
-            getattr(self._unroll, name)[t] = _tensor(getattr(self.engine, name))
+            getattr(self._unroll, name)[t] = as_tensor(getattr(self.engine, name))
 
     def _choose(
         self, weights: Weights, goal: Tensor, selection: Tensor, table: Tensor, noise: Tensor
@@ -303,5 +303,6 @@ def check_compiler(device: torch.device) -> None:
         ) from None
 
 
-def _tensor(values: Any) -> Tensor:
+def as_tensor(values: Any) -> Tensor:
+    """Return an engine's array as a tensor: the same memory on the CPU, the tensor itself on a device."""
     return torch.from_numpy(values) if isinstance(values, np.ndarray) else values

@@ -17,9 +17,9 @@ from pykeen.training import SymmetricLCWATrainingLoop
 from torch.nn.functional import cross_entropy
 
 from wordcraft_kg.graphs import open_graph
-from wordcraft_kg.models import ComplExConfig
-from wordcraft_kg.models.families import make_training_loop
-from wordcraft_kg.models.pykeen_bridge import pykeen_guard, quiet_pykeen, triples_factory
+from wordcraft_kg.models.links.builders import make_training_loop
+from wordcraft_kg.models.links.config import ComplExConfig
+from wordcraft_kg.models.links.pykeen_bridge import pykeen_guard, quiet_pykeen, triples_factory
 
 
 class PlainTorch:

@@ -17,7 +17,7 @@ from sklearn.linear_model import RidgeCV
 from sklearn.model_selection import KFold
 
 from wordcraft_kg.graphs import RecipeGraph, Split, SplitConfig, make_split, open_book
-from wordcraft_kg.models.features import glove_features
+from wordcraft_kg.models.scorers.features import glove_features
 
 WEIGHTS = np.logspace(-2, 4, 13)
 

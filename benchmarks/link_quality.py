@@ -21,18 +21,14 @@ from pathlib import Path
 import numpy as np
 
 from wordcraft_kg.graphs import OpenedGraph, RecipeGraph, SplitConfig, make_split, open_book
-from wordcraft_kg.models import (
-    ComplExConfig,
-    FrequencyScorer,
-    NeighbourScorer,
-    SymbolicScorer,
-    load_scorer,
-    rank_triples,
-    ranking_metrics,
-    train_links,
-)
-from wordcraft_kg.models.features import glove_features
-from wordcraft_kg.models.near_synonyms import near_synonym_recipes, near_synonym_triples
+from wordcraft_kg.models.links.config import ComplExConfig
+from wordcraft_kg.models.links.training import train_links
+from wordcraft_kg.models.scorers.facts import FrequencyScorer, SymbolicScorer
+from wordcraft_kg.models.scorers.features import glove_features
+from wordcraft_kg.models.scorers.folder import load_scorer
+from wordcraft_kg.models.scorers.near_synonyms import near_synonym_recipes, near_synonym_triples
+from wordcraft_kg.models.scorers.neighbours import NeighbourScorer
+from wordcraft_kg.models.scorers.ranking import rank_triples, ranking_metrics
 
 WEIGHTS = (0.05, 0.075, 0.1, 0.125, 0.2)
 RATES = (0.1, 0.2)

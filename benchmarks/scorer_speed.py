@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from wordcraft_kg.models.scorers import load_scorer
+from wordcraft_kg.models.scorers.folder import load_scorer
 
 
 def median_ms(run, times: int = 15) -> float:

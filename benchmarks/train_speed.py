@@ -31,10 +31,10 @@ from wordcraft_kg.envs.batch import BatchEngine
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import open_world_graph
 from wordcraft_kg.graphs.folder import OpenedGraph
-from wordcraft_kg.models.features import make_features
-from wordcraft_kg.models.policy_config import PolicyConfig
-from wordcraft_kg.models.policy_folder import make_policy
-from wordcraft_kg.models.scorers import NeighbourScorer
+from wordcraft_kg.models.policies.config import PolicyConfig
+from wordcraft_kg.models.policies.folder import make_policy
+from wordcraft_kg.models.scorers.features import make_features
+from wordcraft_kg.models.scorers.neighbours import NeighbourScorer
 
 
 def ours(opened: OpenedGraph, config: ImpalaConfig, distractors: int, guided: bool) -> Callable[[], None]:

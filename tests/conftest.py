@@ -9,11 +9,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+import torch
 from hypothesis import settings
 
 from wordcraft_kg.cli import main
 from wordcraft_kg.graphs import RecipeGraph, open_book
-from wordcraft_kg.graphs.books import DATA_VARIABLE
+from wordcraft_kg.graphs.library import DATA_VARIABLE
 
 settings.register_profile("wordcraft", deadline=None, max_examples=60, print_blob=True)
 settings.load_profile("wordcraft")
@@ -35,6 +36,12 @@ class Outcome:
 def interruptible() -> None:
     """Let Ctrl-C raise: a shell starts its background jobs with the signal ignored."""
     signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def one_torch_thread() -> None:
+    """Sums in another order would differ in their last bits, and two threads are slower on tensors this small."""
+    torch.set_num_threads(1)
 
 
 @pytest.fixture

@@ -1,8 +1,5 @@
 """What can go wrong for a user: one class a cause, each saying what was found, what was expected and what to do."""
 
-import difflib
-from collections.abc import Iterable
-
 
 class WordCraftKGError(Exception):
     """Base of all errors that a user's input can cause; the command line prints them without a traceback."""
@@ -66,9 +63,3 @@ class FetchError(WordCraftKGError, OSError):
 
 class MissingExtraError(WordCraftKGError, ImportError):
     """An optional dependency is needed; the message names the extra that installs it."""
-
-
-def nearest(label: str, known: Iterable[str], limit: int = 3) -> str:
-    """Return " Did you mean 'a', 'b'?" for the labels closest to ``label``, or "" when none is close."""
-    matches = difflib.get_close_matches(label, list(known), n=limit, cutoff=0.6)
-    return f" Did you mean {', '.join(repr(m) for m in matches)}?" if matches else ""

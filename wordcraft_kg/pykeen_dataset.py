@@ -33,7 +33,7 @@ class WordCraft(EagerDataset):
         Raises:
             SplitError: if the graph's split has no test triples.
         """
-        from wordcraft_kg.models.pykeen_bridge import triples_factory
+        from wordcraft_kg.models.links.pykeen_bridge import triples_factory
 
         opened = open_graph(graph)
         test, valid = (opened.split.held_out(part) for part in ("test", "valid"))

@@ -98,12 +98,12 @@ def test_the_environment_gets_all_settings_of_the_tasks():
     }
     tasks = TaskConfig(distractors=7, **other)
     assert all(getattr(tasks, field.name) != getattr(TaskConfig(), field.name) for field in fields(TaskConfig))
-    assert tasks.world("test") == WordCraftConfig(part="test", num_distractors=7, **other)
-    assert tasks.world("train", 0) == WordCraftConfig(part="train", num_distractors=0, **other)
+    assert tasks.environment("test") == WordCraftConfig(part="test", num_distractors=7, **other)
+    assert tasks.environment("train", 0) == WordCraftConfig(part="train", num_distractors=0, **other)
 
 
 def test_the_tasks_of_no_settings_are_the_environments_defaults():
-    assert TaskConfig().world("train") == WordCraftConfig(part="train")
+    assert TaskConfig().environment("train") == WordCraftConfig(part="train")
 
 
 def test_settings_can_be_read_without_torch():

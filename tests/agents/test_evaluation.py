@@ -8,26 +8,21 @@ import pytest
 import torch
 
 from wordcraft_kg.agents import evaluation
-from wordcraft_kg.agents.baselines import random_entity, recipe_oracle
 from wordcraft_kg.agents.config import ImpalaConfig
 from wordcraft_kg.agents.evaluation import ENDINGS, EVALUATION_SEED, Evaluator, PolicyPlayer, player_of
 from wordcraft_kg.agents.impala import Impala
-from wordcraft_kg.agents.intervals import task_bootstrap
+from wordcraft_kg.agents.players import random_entity, recipe_oracle
 from wordcraft_kg.envs.batch import BatchEngine
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.wordcraft import WordCraftEnv
 from wordcraft_kg.errors import ConfigError
 from wordcraft_kg.graphs import open_graph
-from wordcraft_kg.models import FrequencyScorer
-from wordcraft_kg.models.policy_config import PolicyConfig
-from wordcraft_kg.models.policy_folder import make_policy
+from wordcraft_kg.models.policies.config import PolicyConfig
+from wordcraft_kg.models.policies.folder import make_policy
+from wordcraft_kg.models.scorers.facts import FrequencyScorer
+from wordcraft_kg.statistics import task_bootstrap
 
 RESULTS = ("success", "by_plan", "picks", "endings")
-
-
-@pytest.fixture(scope="module", autouse=True)
-def one_thread():
-    torch.set_num_threads(1)
 
 
 @pytest.fixture(scope="module")

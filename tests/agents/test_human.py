@@ -28,10 +28,10 @@ from wordcraft_kg.agents.human import (
     summarise,
     table_labels,
 )
-from wordcraft_kg.agents.intervals import wilson_interval
 from wordcraft_kg.envs.wordcraft import WordCraftEnv
 from wordcraft_kg.errors import ActionError, ArtefactError, ConfigError, GraphMismatchError
 from wordcraft_kg.graphs import OpenedGraph, RecipeGraph, SplitConfig, make_split
+from wordcraft_kg.statistics import wilson_interval
 
 TABLE = ("water", "watch", "Fire", "fire", "fire brigade", "wood", "3")
 EDIT = Callable[[dict[str, Any]], Any]

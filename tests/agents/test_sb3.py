@@ -15,9 +15,9 @@ from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.wrappers import FeatureObservation
 from wordcraft_kg.errors import ActionError, ConfigError, MissingExtraError
 from wordcraft_kg.graphs import open_graph
-from wordcraft_kg.models import SymbolicScorer
-from wordcraft_kg.models.policy_config import PolicyConfig
-from wordcraft_kg.models.policy_folder import make_policy
+from wordcraft_kg.models.policies.config import PolicyConfig
+from wordcraft_kg.models.policies.folder import make_policy
+from wordcraft_kg.models.scorers.facts import SymbolicScorer
 
 DISTRACTORS = 3
 SHORT = {

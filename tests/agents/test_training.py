@@ -17,8 +17,8 @@ import pytest
 import torch
 
 from wordcraft_kg.agents import training
-from wordcraft_kg.agents.agent_folder import AgentConfig, Checkpoints, open_agent
-from wordcraft_kg.agents.config import ImpalaConfig, TaskConfig
+from wordcraft_kg.agents.agent_folder import Checkpoints, open_agent
+from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
 from wordcraft_kg.agents.impala import Impala
 from wordcraft_kg.agents.training import resume_agent, train_agent
 from wordcraft_kg.artefacts import sha256_of
@@ -32,8 +32,8 @@ from wordcraft_kg.errors import (
 )
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
 from wordcraft_kg.graphs.splits import SplitConfig
-from wordcraft_kg.models.policies import Policy
-from wordcraft_kg.models.policy_config import PolicyConfig
+from wordcraft_kg.models.policies.config import PolicyConfig
+from wordcraft_kg.models.policies.policy import Policy
 
 SMALL = ImpalaConfig(steps=1_600, batch_size=8, unroll=2, log_every=160, eval_every=800, checkpoint_every=320)
 

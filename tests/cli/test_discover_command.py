@@ -12,8 +12,8 @@ QUICK = ("--runs", 3, "--attempts", 12)
 
 @pytest.fixture(scope="module")
 def model(tmp_path_factory):
-    from wordcraft_kg.models.link_config import ComplExConfig
-    from wordcraft_kg.models.link_training import train_links
+    from wordcraft_kg.models.links.config import ComplExConfig
+    from wordcraft_kg.models.links.training import train_links
 
     out = tmp_path_factory.mktemp("models") / "kitchen"
     return train_links(open_graph("kitchen"), ComplExConfig(dim=4, epochs=1), out).folder

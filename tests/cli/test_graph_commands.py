@@ -13,7 +13,7 @@ import pytest
 
 from wordcraft_kg.cli.export import Format
 from wordcraft_kg.graphs import SPLITS, RecipeGraph, SplitConfig, make_split, open_graph, read_book, write_graph_folder
-from wordcraft_kg.graphs.books import DATA_VARIABLE, FETCHABLE, open_book
+from wordcraft_kg.graphs.library import DATA_VARIABLE, FETCHABLE, open_book
 
 TABLE = "ingredient_a,ingredient_b,result\n"
 KEPT = "of an earlier build"
@@ -348,7 +348,7 @@ def test_a_full_disk_leaves_nothing_half_written(refused, monkeypatch):
     def full(*arguments):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), "disk")
 
-    monkeypatch.setattr(RecipeGraph, "entities_frame", full)
+    monkeypatch.setattr("wordcraft_kg.graphs.folder.entities_frame", full)
     refused("kitchen", says=["OSError: 'disk': No space left on device. Nothing was changed."])
 
 

@@ -30,11 +30,6 @@ NAMES = [name for group in COMMANDS.values() for name in group]
 SLICES = {"all", *RELATIONS}
 
 
-@pytest.fixture(scope="session", autouse=True)
-def one_torch_thread() -> None:
-    torch.set_num_threads(1)
-
-
 def build(folder: Path, **settings: Any) -> None:
     book = open_book("kitchen")
     write_graph_folder(folder, book, make_split(RecipeGraph.from_book(book), SplitConfig(**settings)), force=True)
@@ -342,7 +337,7 @@ def test_evaluate_links_prints_one_object_with_the_headline_and_its_baselines(ru
     assert 0 < values["mrr_without_near_synonyms"] < 1
     split = open_graph(workshop / "graph").split
     assert values["queries"] == 2 * len(split.held_out("test"))
-    assert values["leaked_left_out"] == len(split.candidates("test")) - len(split.held_out("test"))
+    assert values["leaked_left_out"] == len(split.triples_of("test")) - len(split.held_out("test"))
 
 
 def test_evaluate_links_writes_the_report_that_it_names(run: Run, workshop: Path):
@@ -400,7 +395,7 @@ def test_a_graph_built_again_with_another_split_is_refused(run: Run, workshop: P
 
 
 def test_a_leak_is_an_exit_code_of_1_and_said_on_stderr(run: Run, workshop: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(Split, "held_out", lambda self, part: self.candidates(part))
+    monkeypatch.setattr(Split, "held_out", lambda self, part: self.triples_of(part))
     outcome = run("evaluate-links", workshop / "one", "--json")
     assert outcome.code == 1
     assert "CHECK FAILED: no evaluated triple is in the training triples" in outcome.err
@@ -438,7 +433,7 @@ def test_a_damaged_model_is_a_clear_error(run: Run, workshop: Path, name: str):
 
 
 def test_score_prints_one_object_with_the_score_of_a_triple(run: Run, trained: Path):
-    from wordcraft_kg.models import load_scorer
+    from wordcraft_kg.models.scorers.folder import load_scorer
 
     values = one_object(run("score", trained / "one", "flour", "combinesWith", "water", "--json"))
     scorer = load_scorer(trained / "one")
@@ -453,7 +448,7 @@ def test_score_prints_one_object_with_the_score_of_a_triple(run: Run, trained: P
     "arguments", [("?", "componentOf", "bread"), ("flour", "componentOf", "?"), ("flour", "componentOf")]
 )
 def test_score_lists_the_best_entities_of_an_open_slot(run: Run, trained: Path, arguments: tuple[str, ...]):
-    from wordcraft_kg.models import load_scorer
+    from wordcraft_kg.models.scorers.folder import load_scorer
 
     values = one_object(run("score", trained / "one", *arguments, "--top", "3", "--json"))
     head, relation, tail = (*arguments, "?")[:3]
@@ -547,7 +542,7 @@ def test_comparing_without_resamples_is_refused(run: Run, trained: Path, resampl
 @pytest.fixture
 def fast_search(monkeypatch: pytest.MonkeyPatch) -> None:
     """Search among few epochs, so that a trial takes a moment."""
-    monkeypatch.setattr("wordcraft_kg.models.link_tuning._EPOCHS", {"type": "int", "low": 2, "high": 4, "q": 2})
+    monkeypatch.setattr("wordcraft_kg.models.links.tuning._EPOCHS", {"type": "int", "low": 2, "high": 4, "q": 2})
 
 
 @pytest.mark.usefixtures("fast_search")
@@ -623,8 +618,8 @@ def test_complex_with_its_defaults_predicts_unseen_links_better_than_frequency(r
 
 
 def test_a_model_trained_from_a_script_file_is_the_commands_model(trained: Path, tmp_path: Path):
-    from wordcraft_kg.models.link_config import ComplExConfig
-    from wordcraft_kg.models.link_training import train_links
+    from wordcraft_kg.models.links.config import ComplExConfig
+    from wordcraft_kg.models.links.training import train_links
 
     here = train_links(open_graph(trained / "graph"), ComplExConfig(dim=8, epochs=4), tmp_path / "model").folder
     assert (here / "model.safetensors").read_bytes() == (trained / "one" / "model.safetensors").read_bytes()

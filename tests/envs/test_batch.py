@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from wordcraft_kg.agents.baselines import recipe_oracle
+from wordcraft_kg.agents.players import recipe_oracle
 from wordcraft_kg.envs.batch import OUTCOMES, BatchEngine
 from wordcraft_kg.envs.config import REWARDS, RewardConfig, WordCraftConfig
 from wordcraft_kg.envs.wordcraft import WordCraftEnv
@@ -235,7 +235,7 @@ def test_both_engines_draw_distractors_from_the_same_distribution(kitchen_opened
     settings = {"part": "test", "num_distractors": 2, "distractor_weighting": weighting}
     env = WordCraftEnv(kitchen_opened, **settings)
     weights = env.world.distractor_weights.astype(float)
-    start = set(env.tasks.starts[0].tolist()) - {env.world.padding}
+    start = set(env.tasks.starts[0].tolist()) - {env.world.nothing}
     weights[[*start, env.tasks.goals[0]]] = 0
     share = weights / weights.sum()
     expected = share + sum(share[first] * share / (1 - share[first]) for first in range(len(share)))

@@ -73,16 +73,16 @@ def test_two_picks_make_an_attempt_and_all_results_come_to_the_table(world):
     seen, reward, terminated, truncated, info = pick(env, "water")
     assert (reward, terminated, truncated) == (1, True, False)
     assert (info["outcome"], info["by_plan"]) == ("goal", True)
-    labels = [env.world.graph.entities[entity] for entity in seen["table"] if entity < env.world.padding]
+    labels = [env.world.graph.entities[entity] for entity in seen["table"] if entity < env.world.nothing]
     assert labels == ["earth", "water", "clay", "mud"]
-    assert seen["selection"] == env.world.padding
+    assert seen["selection"] == env.world.nothing
 
 
 def test_nothing_is_used_up_and_nothing_lies_there_twice(world):
     env = posed(world, "brick", ["earth", "water"], depth=2, max_attempts=4)
     pick(env, "earth", "water")
     seen, *_ = pick(env, "earth", "water")
-    labels = [env.world.graph.entities[entity] for entity in seen["table"] if entity < env.world.padding]
+    labels = [env.world.graph.entities[entity] for entity in seen["table"] if entity < env.world.nothing]
     assert labels == ["earth", "water", "clay", "mud"]
     assert pick(env, "mud", "mud")[1] == 1
 
@@ -108,7 +108,7 @@ def test_an_empty_slot_loses_the_attempt_and_conjures_nothing(world):
     pick(env, "sand")
     seen, reward, terminated, _, info = env.step(env.num_slots - 1)
     assert info["illegal_action"]
-    assert (seen["selection"], seen["attempts_left"], reward, terminated) == (env.world.padding, 1, 0, False)
+    assert (seen["selection"], seen["attempts_left"], reward, terminated) == (env.world.nothing, 1, 0, False)
     assert seen["action_mask"].sum() == 2
     env = posed(world, "glass", ["sand", "sun"], illegal_action="raise")
     with pytest.raises(ActionError, match="action 2: the slot is empty; slots 0 to 1 hold entities"):
@@ -236,13 +236,13 @@ def test_random_settings_and_actions_keep_every_rule(kitchen_opened, data):
     for _ in range(150):
         assert env.observation_space.contains(seen)
         np.testing.assert_array_equal(seen["action_mask"].astype(bool), env.action_masks())
-        np.testing.assert_array_equal(seen["action_mask"] == 1, seen["table"] < env.world.padding)
-        before = [entity for entity in seen["table"].tolist() if entity < env.world.padding]
+        np.testing.assert_array_equal(seen["action_mask"] == 1, seen["table"] < env.world.nothing)
+        before = [entity for entity in seen["table"].tolist() if entity < env.world.nothing]
         goal, held = int(seen["goal"]), int(seen["selection"])
-        held = None if held == env.world.padding else held
+        held = None if held == env.world.nothing else held
         action = int(rng.integers(env.num_slots))
         seen, reward, over, truncated, info = env.step(action)
-        fresh = {int(entity) for entity in seen["table"]} - {env.world.padding} - set(before)
+        fresh = {int(entity) for entity in seen["table"]} - {env.world.nothing} - set(before)
         made = set(env.tasks.intermediates[info["task"]].tolist())
         expected = float(info["outcome"] == "goal")
         if held is not None and action < len(before):

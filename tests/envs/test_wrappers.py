@@ -16,7 +16,8 @@ from wordcraft_kg.envs.wrappers import (
 )
 from wordcraft_kg.errors import ActionError, ConfigError, EpisodeError, GraphMismatchError
 from wordcraft_kg.graphs import COMBINES_WITH, COMPONENT_OF, RecipeGraph, open_book, open_graph
-from wordcraft_kg.models import FrequencyScorer, NeighbourScorer
+from wordcraft_kg.models.scorers.facts import FrequencyScorer
+from wordcraft_kg.models.scorers.neighbours import NeighbourScorer
 
 SETTINGS = {"graph": "kitchen", "part": "all", "depth": 2, "num_distractors": 3}
 
@@ -96,7 +97,7 @@ def test_features_are_those_of_the_ids_and_zeros_for_nothing():
             np.testing.assert_allclose(seen["table"][i], vectors[entity], rtol=1e-6)
         assert not seen["table"][len(ids._table) :].any()
         np.testing.assert_allclose(seen["goal"], vectors[ids._goal], rtol=1e-6)
-        held = vectors[ids._selection] if ids._selection < ids.world.padding else np.zeros(7)
+        held = vectors[ids._selection] if ids._selection < ids.world.nothing else np.zeros(7)
         np.testing.assert_allclose(seen["selection"], held, rtol=1e-6)
         seen, *_ = env.step(slot)
     with pytest.raises(ConfigError, match=r"vectors of shape \(3, 7\): expected \(80, D\)"):
@@ -110,7 +111,7 @@ def test_scores_are_the_scorers_and_zero_for_nothing(scorer):
     held_something = False
     for _ in range(40):
         assert env.observation_space.contains(seen)
-        nothing, held, goal = env.unwrapped.world.padding, int(seen["selection"]), int(seen["goal"])
+        nothing, held, goal = env.unwrapped.world.nothing, int(seen["selection"]), int(seen["goal"])
         for entity, u, v in zip(seen["table"].tolist(), seen["u"], seen["v"], strict=True):
             if entity == nothing:
                 assert (u, v) == (0, 0)
@@ -152,9 +153,9 @@ def test_batched_scores_are_the_single_ones(scorer):
 def test_a_scorer_of_another_graph_is_refused():
     graph = RecipeGraph.from_book(open_book("paper-examples"))
     foreign = FrequencyScorer(graph, graph.triples)
-    with pytest.raises(GraphMismatchError, match="the scorer belongs to graph"):
+    with pytest.raises(GraphMismatchError, match="was trained on graph"):
         KGScoreObservation(gym.make("WordCraft-v0", **SETTINGS), foreign)
-    with pytest.raises(GraphMismatchError, match="the scorer belongs to graph"):
+    with pytest.raises(GraphMismatchError, match="was trained on graph"):
         VectorKGScoreObservation(vector(), foreign)
 
 

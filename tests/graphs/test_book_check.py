@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from wordcraft_kg.errors import RecipeFileError
 from wordcraft_kg.graphs import RecipeGraph, open_book, read_book, write_book
 from wordcraft_kg.graphs.book_check import check_book
-from wordcraft_kg.graphs.books import locate_book
+from wordcraft_kg.graphs.library import locate_book
 
 HEADER = "ingredient_a,ingredient_b,result\n"
 

@@ -10,7 +10,7 @@ import pytest
 
 from wordcraft_kg.errors import FetchError, RecipeFileError
 from wordcraft_kg.graphs import RecipeGraph, fetch_book, known_books, open_book
-from wordcraft_kg.graphs.books import DATA_VARIABLE, FETCHABLE, cache_folder
+from wordcraft_kg.graphs.library import DATA_VARIABLE, FETCHABLE, cache_folder
 
 NAME = "little-alchemy-2"
 BASE = ("air", "earth", "fire", "time", "water")

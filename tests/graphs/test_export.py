@@ -14,6 +14,7 @@ from wordcraft_kg.errors import ConfigError, MissingExtraError, OutputExistsErro
 from wordcraft_kg.graphs import Recipe, RecipeBook, RecipeGraph, SplitConfig, make_split, read_book
 from wordcraft_kg.graphs.export import EXPORTERS, NAMESPACE, export_graph
 from wordcraft_kg.graphs.folder import OpenedGraph
+from wordcraft_kg.graphs.frames import triples_frame
 
 AWKWARD = [
     "#hash",
@@ -64,13 +65,13 @@ def test_tsv_holds_the_triples(source, tmp_path):
         quoting=csv.QUOTE_NONE,
         keep_default_na=False,
     )
-    pd.testing.assert_frame_equal(frame, source.graph.triples_frame(), check_dtype=False)
+    pd.testing.assert_frame_equal(frame, triples_frame(source.graph), check_dtype=False)
 
 
 def test_parquet_holds_the_triples(source, tmp_path):
     pytest.importorskip("pyarrow")
     frame = pd.read_parquet(exported(source, "parquet", tmp_path))
-    pd.testing.assert_frame_equal(frame, source.graph.triples_frame(), check_dtype=False)
+    pd.testing.assert_frame_equal(frame, triples_frame(source.graph), check_dtype=False)
 
 
 @pytest.mark.parametrize("format", ["csv", "json"])

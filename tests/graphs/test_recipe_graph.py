@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from wordcraft_kg.errors import GraphError, UnknownEntityError
 from wordcraft_kg.graphs import Recipe, RecipeBook, RecipeGraph, SplitConfig, make_split, recipe_triples
+from wordcraft_kg.graphs.frames import entities_frame, recipes_frame, to_networkx, triples_frame
 from wordcraft_kg.graphs.triples import RELATIONS, is_in, triple_keys, triple_lines
 
 
@@ -213,7 +214,7 @@ def test_an_unknown_base_entity_is_refused_with_the_nearest_ones():
 
 @given(graphs())
 def test_the_networkx_multigraph_holds_the_triples(graph):
-    view = graph.to_networkx()
+    view = to_networkx(graph)
     assert set(view.nodes) == set(graph.entities)
     assert {label for label, base in view.nodes(data="base") if base} == set(graph.base)
     assert {(head, key, tail) for head, tail, key in view.edges(keys=True)} == oracles.triples(graph.recipe_labels())
@@ -221,7 +222,7 @@ def test_the_networkx_multigraph_holds_the_triples(graph):
 
 @given(graphs())
 def test_the_networkx_view_with_recipe_nodes_keeps_which_pair_makes_what(graph):
-    view = graph.to_networkx(recipe_nodes=True)
+    view = to_networkx(graph, recipe_nodes=True)
     nodes = [node for node, kind in view.nodes(data="kind") if kind == "recipe"]
     found = [
         Recipe.of(*(a for a, _, role in view.in_edges(node, data="role") if role == "ingredient"), result)
@@ -234,7 +235,7 @@ def test_the_networkx_view_with_recipe_nodes_keeps_which_pair_makes_what(graph):
 
 def test_an_entity_named_like_a_recipe_node_stays_an_entity():
     graph = RecipeGraph.from_recipes([("recipe 0", "recipe 1", "recipe 2"), ("recipe 0", "recipe 2", "meal")])
-    view = graph.to_networkx(recipe_nodes=True)
+    view = to_networkx(graph, recipe_nodes=True)
     assert len(view) == graph.num_entities + graph.num_recipes
     assert {node for node, kind in view.nodes(data="kind") if kind == "entity"} == set(graph.entities)
 
@@ -242,10 +243,10 @@ def test_an_entity_named_like_a_recipe_node_stays_an_entity():
 def test_frames_have_a_row_per_entity_recipe_and_triple():
     book = RecipeBook.of("book", [("a", "b", "c"), ("c", "c", "d")], base=["a", "b"], listed=["idle"])
     graph = RecipeGraph.from_book(book)
-    entities = graph.entities_frame().set_index("entity")
+    entities = entities_frame(graph).set_index("entity")
     assert entities["layer"].fillna(-1).to_dict() == {"a": 0, "b": 0, "c": 1, "d": 2, "idle": -1}
     assert entities["base"].to_dict() == {"a": True, "b": True, "c": False, "d": False, "idle": False}
     assert entities["recipes"].to_dict() == {"a": 0, "b": 0, "c": 1, "d": 1, "idle": 0}
     assert entities["uses"].to_dict() == {"a": 1, "b": 1, "c": 1, "d": 0, "idle": 0}
-    assert graph.recipes_frame().to_numpy().tolist() == [["a", "b", "c"], ["c", "c", "d"]]
-    assert set(graph.triples_frame().itertuples(index=False, name=None)) == oracles.triples(graph.recipe_labels())
+    assert recipes_frame(graph).to_numpy().tolist() == [["a", "b", "c"], ["c", "c", "d"]]
+    assert set(triples_frame(graph).itertuples(index=False, name=None)) == oracles.triples(graph.recipe_labels())

@@ -72,7 +72,7 @@ def test_full_partial_and_unseen_triples_follow_from_the_recipes(split):
 @on_every_split
 def test_held_out_triples_are_those_that_no_earlier_part_gives(split):
     of = {part: oracles.triples(split.graph.recipe_labels(split.recipes(part))) for part in PARTS}
-    assert labelled(split, split.candidates("test")) == of["test"]
+    assert labelled(split, split.triples_of("test")) == of["test"]
     assert labelled(split, split.held_out("valid")) == of["valid"] - of["train"]
     assert labelled(split, split.held_out("test")) == of["test"] - of["train"] - of["valid"]
 
@@ -80,7 +80,7 @@ def test_held_out_triples_are_those_that_no_earlier_part_gives(split):
 @on_every_split
 def test_no_held_out_combines_with_triple_has_its_mirror_in_an_earlier_part(split):
     for part, earlier in (("valid", ["train"]), ("test", ["train", "valid"])):
-        given_away = set().union(*(labelled(split, split.candidates(name)) for name in earlier))
+        given_away = set().union(*(labelled(split, split.triples_of(name)) for name in earlier))
         for head, relation, tail in labelled(split, split.held_out(part)):
             assert relation != "combinesWith" or (tail, relation, head) not in given_away
 

@@ -5,16 +5,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-import torch
 
 from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_book
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph, write_graph_folder
-from wordcraft_kg.models.link_config import ComplExConfig, LinkModelConfig
-
-
-@pytest.fixture(scope="session", autouse=True)
-def one_torch_thread() -> None:
-    torch.set_num_threads(1)
+from wordcraft_kg.models.links.config import ComplExConfig, LinkModelConfig
 
 
 @pytest.fixture(scope="session")
@@ -41,7 +35,7 @@ def validated_kitchen(kitchen_folder: Path) -> OpenedGraph:
 @pytest.fixture(scope="session")
 def complex_folder(opened_kitchen: OpenedGraph, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A ComplEx model of the kitchen; read only, see `spoilt`."""
-    from wordcraft_kg.models.link_training import train_links
+    from wordcraft_kg.models.links.training import train_links
 
     out = tmp_path_factory.mktemp("models") / "kitchen"
     return train_links(opened_kitchen, ComplExConfig(dim=8, epochs=4), out).folder
@@ -50,7 +44,7 @@ def complex_folder(opened_kitchen: OpenedGraph, tmp_path_factory: pytest.TempPat
 @pytest.fixture(scope="session")
 def distmult_folder(opened_kitchen: OpenedGraph, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A model whose scorer is a table; read only."""
-    from wordcraft_kg.models.link_training import train_links
+    from wordcraft_kg.models.links.training import train_links
 
     out = tmp_path_factory.mktemp("models") / "kitchen-distmult"
     config = LinkModelConfig(model="distmult", loop="symmetric", dim=4, epochs=2)

@@ -3,23 +3,17 @@
 from pathlib import Path
 
 import pytest
-import torch
 
 from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
-from wordcraft_kg.models.model_folder import OpenedModel, open_model
+from wordcraft_kg.models.links.folder import OpenedModel, open_model
 from wordcraft_kg.reports.link_report import LinkReport, make_link_report, write_link_report
-
-
-@pytest.fixture(scope="session", autouse=True)
-def one_torch_thread() -> None:
-    torch.set_num_threads(1)
 
 
 @pytest.fixture(scope="session")
 def kitchen_model(tmp_path_factory: pytest.TempPathFactory) -> OpenedModel:
-    from wordcraft_kg.models.link_config import ComplExConfig
-    from wordcraft_kg.models.link_training import train_links
+    from wordcraft_kg.models.links.config import ComplExConfig
+    from wordcraft_kg.models.links.training import train_links
 
     out = tmp_path_factory.mktemp("models") / "kitchen"
     return open_model(train_links(open_graph("kitchen"), ComplExConfig(dim=8, epochs=6), out).folder)
@@ -30,7 +24,7 @@ def kitchen_report(kitchen_model: OpenedModel) -> LinkReport:
     """Read only: its values are shared by the tests."""
     return make_link_report(
         kitchen_model.scorer,
-        kitchen_model.data,
+        kitchen_model.opened,
         name="kitchen",
         provenance=kitchen_model.provenance,
         trace=kitchen_model.trace,
@@ -46,7 +40,7 @@ def report_folder(kitchen_report: LinkReport, tmp_path_factory: pytest.TempPathF
 
 @pytest.fixture(scope="session")
 def full_report(kitchen_model: OpenedModel) -> LinkReport:
-    return make_link_report(kitchen_model.scorer, kitchen_model.data, kg="full", name="kitchen-full")
+    return make_link_report(kitchen_model.scorer, kitchen_model.opened, kg="full", name="kitchen-full")
 
 
 AWKWARD = "<i>&\"'</i>,"

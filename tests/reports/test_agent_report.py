@@ -9,14 +9,14 @@ import jsonschema
 import numpy as np
 import pytest
 
-from wordcraft_kg.agents.agent_folder import AgentConfig, OpenedAgent, open_agent
-from wordcraft_kg.agents.config import ImpalaConfig, TaskConfig
+from wordcraft_kg.agents.agent_folder import OpenedAgent, open_agent
+from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
 from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer
 from wordcraft_kg.agents.training import train_agent
 from wordcraft_kg.errors import ConfigError, GraphMismatchError
 from wordcraft_kg.graphs.folder import open_graph
-from wordcraft_kg.graphs.splits import PARTS, SplitConfig
-from wordcraft_kg.models.policy_config import PolicyConfig
+from wordcraft_kg.graphs.splits import SplitConfig
+from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.reports.agent_report import (
     AgentReport,
     group_agents,
@@ -65,7 +65,7 @@ def test_a_run_given_twice_is_an_error(agents: list[OpenedAgent]) -> None:
 
 def test_the_numbers_are_those_of_the_evaluation(agents: list[OpenedAgent], report: AgentReport) -> None:
     for amount in (1, 2, 8):
-        evaluator = Evaluator(agents[0].data, TASKS.world("test", amount), draws=2)
+        evaluator = Evaluator(agents[0].opened, TASKS.environment("test", amount), draws=2)
         found = [evaluator(PolicyPlayer(agent.policy)) for agent in agents[:2]]
         figures = report.values["agents"][0]["success"][str(amount)]
         assert figures["seeds"] == [result.success.mean() for result in found]
@@ -98,9 +98,9 @@ def test_slices_hold_every_task_once_and_average_to_the_whole(report: AgentRepor
 
 
 def test_tasks_are_sliced_by_the_train_recipes_of_their_goal(agents: list[OpenedAgent], report: AgentReport) -> None:
-    graph, split = agents[0].data.graph, agents[0].data.split
-    evaluator = Evaluator(agents[0].data, TASKS.world("test"), draws=1)
-    results = graph.recipes[split.parts == PARTS.index("train"), 2].tolist()
+    graph, split = agents[0].opened.graph, agents[0].opened.split
+    evaluator = Evaluator(agents[0].opened, TASKS.environment("test"), draws=1)
+    results = graph.recipes[split.is_in("train"), 2].tolist()
     alone = sum(results.count(goal) == 1 for goal in evaluator.engine.world.tasks.goals.tolist())
     row = next((row for row in report.values["agents"][0]["slices"]["train_recipes"] if row["slice"] == "1"), None)
     assert (row["tasks"] if row else 0) == alone
@@ -160,7 +160,7 @@ def test_it_is_written_whole_or_not_at_all(report: AgentReport, tmp_path: Path) 
 
 
 def test_agents_of_another_split_cannot_be_compared(agents: list[OpenedAgent]) -> None:
-    other = replace(agents[1], data=open_graph("kitchen", SplitConfig(seed=5)))
+    other = replace(agents[1], opened=open_graph("kitchen", SplitConfig(seed=5)))
     with pytest.raises(GraphMismatchError, match="different graphs or splits"):
         make_agent_report({"a": [agents[0]], "b": [other]})
 

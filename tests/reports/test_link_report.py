@@ -22,11 +22,13 @@ from wordcraft_kg.graphs import SplitConfig, make_split
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.splits import Split
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS, is_in, recipe_triples
-from wordcraft_kg.models.features import glove_features
-from wordcraft_kg.models.link_prediction import random_metrics, rank_triples, ranking_metrics
-from wordcraft_kg.models.model_folder import OpenedModel
-from wordcraft_kg.models.near_synonyms import near_synonym_recipes
-from wordcraft_kg.models.scorers import FrequencyScorer, NeighbourScorer, SymbolicScorer, TableScorer
+from wordcraft_kg.models.links.folder import OpenedModel
+from wordcraft_kg.models.scorers.facts import FrequencyScorer, SymbolicScorer
+from wordcraft_kg.models.scorers.features import glove_features
+from wordcraft_kg.models.scorers.near_synonyms import near_synonym_recipes
+from wordcraft_kg.models.scorers.neighbours import NeighbourScorer
+from wordcraft_kg.models.scorers.ranking import random_metrics, rank_triples, ranking_metrics
+from wordcraft_kg.models.scorers.tables import TableScorer
 from wordcraft_kg.reports import link_report
 from wordcraft_kg.reports.link_report import (
     LinkReport,
@@ -127,7 +129,7 @@ def test_a_report_that_lacks_a_key_is_not_written(kitchen_report: LinkReport, tm
 
 
 def test_the_headline_is_the_filtered_ranking_of_unseen_triples(values: Values, kitchen_model: OpenedModel):
-    split, graph = kitchen_model.data.split, kitchen_model.data.graph
+    split, graph = kitchen_model.opened.split, kitchen_model.opened.graph
     queries = split.held_out("test")
     assert not is_in(queries, split.partial, graph.num_entities).any()
     expected = ranking_metrics(rank_triples(kitchen_model.scorer, queries, graph.triples))
@@ -146,8 +148,8 @@ def test_slices_add_up_to_the_headline(values: Values):
 
 
 def test_with_leaked_is_the_ranking_of_all_triples_of_the_test_recipes(values: Values, kitchen_model: OpenedModel):
-    split, graph = kitchen_model.data.split, kitchen_model.data.graph
-    candidates = split.candidates("test")
+    split, graph = kitchen_model.opened.split, kitchen_model.opened.graph
+    candidates = split.triples_of("test")
     expected = ranking_metrics(rank_triples(kitchen_model.scorer, candidates, graph.triples))
     assert values["with_leaked"] == expected
     assert values["leaked_left_out"] == len(candidates) - values["triples"] > 0
@@ -156,7 +158,7 @@ def test_with_leaked_is_the_ranking_of_all_triples_of_the_test_recipes(values: V
 def test_the_baselines_are_frequency_and_neighbours_in_train_and_expected_chance(
     values: Values, kitchen_model: OpenedModel
 ):
-    split, graph = kitchen_model.data.split, kitchen_model.data.graph
+    split, graph = kitchen_model.opened.split, kitchen_model.opened.graph
     ranks = rank_triples(FrequencyScorer(graph, split.partial), split.held_out("test"), graph.triples)
     assert values["baselines"]["frequency"]["all"] == ranking_metrics(ranks)
     ranks = rank_triples(NeighbourScorer(graph, split.partial), split.held_out("test"), graph.triples)
@@ -180,7 +182,7 @@ def test_drill_downs_part_the_queries(values: Values):
 
 
 def test_the_slices_by_near_synonyms_are_ranked_apart(values: Values, kitchen_model: OpenedModel):
-    graph, split = kitchen_model.data.graph, kitchen_model.data.split
+    graph, split = kitchen_model.opened.graph, kitchen_model.opened.split
     recipes = near_synonym_recipes(split, glove_features(graph.entities))
     repeated = {tuple(row) for row in recipe_triples(graph.recipes[recipes]).tolist()}
     ranks = rank_triples(kitchen_model.scorer, split.held_out("test"), graph.triples)
@@ -192,7 +194,7 @@ def test_the_slices_by_near_synonyms_are_ranked_apart(values: Values, kitchen_mo
 
 
 def test_without_any_near_synonym_there_is_no_slice_that_looks_like_a_clean_bill(kitchen_model: OpenedModel):
-    by_goal = make_split(kitchen_model.data.graph, SplitConfig("by-goal"))
+    by_goal = make_split(kitchen_model.opened.graph, SplitConfig("by-goal"))
     opened = OpenedGraph(by_goal.graph, by_goal, "kitchen")
     values = make_link_report(FrequencyScorer(by_goal.graph, by_goal.partial), opened).values
     assert values["drill_down"]["near_synonyms"] == []
@@ -215,7 +217,7 @@ def test_best_and_worst_are_the_ends_of_the_ranking(values: Values, kitchen_repo
 
 
 def test_perhaps_missing_lists_the_best_triples_that_the_graph_lacks(values: Values, kitchen_model: OpenedModel):
-    graph, scorer = kitchen_model.data.graph, kitchen_model.scorer
+    graph, scorer = kitchen_model.opened.graph, kitchen_model.scorer
     known = {tuple(triple) for triple in graph.triples.tolist()}
     table = scorer.table(COMPONENT_OF).numpy()
     missing = sorted(
@@ -240,20 +242,20 @@ def test_perhaps_missing_lists_the_best_triples_that_the_graph_lacks(values: Val
 
 
 def test_an_entity_is_never_listed_as_missing_from_itself(kitchen_model: OpenedModel):
-    graph = kitchen_model.data.graph
+    graph = kitchen_model.opened.graph
     scores = torch.eye(graph.num_entities).repeat(2, 1, 1)
-    listed = make_link_report(TableScorer(scores, graph.entities, graph.hash), kitchen_model.data).values
+    listed = make_link_report(TableScorer(scores, graph.entities, graph.hash), kitchen_model.opened).values
     assert {row["relation"] for row in listed["perhaps_missing"]} == set(RELATIONS)
     assert all(row["head"] != row["tail"] for row in listed["perhaps_missing"])
 
 
 def test_self_edges_count_the_entities_that_are_their_own_best_answer(kitchen_model: OpenedModel):
-    graph = kitchen_model.data.graph
+    graph = kitchen_model.opened.graph
     scores = torch.zeros(2, graph.num_entities, graph.num_entities)
     scores[COMBINES_WITH].fill_diagonal_(1.0)
     scores[COMBINES_WITH, 0, 1] = 2.0
     scorer = TableScorer(scores, graph.entities, graph.hash)
-    found = make_link_report(scorer, kitchen_model.data).values["self_edges"]
+    found = make_link_report(scorer, kitchen_model.opened).values["self_edges"]
     assert found["top_answer_is_itself"] == pytest.approx((graph.num_entities - 1) / graph.num_entities)
     pairs = {tuple(sorted(pair)) for pair in graph.recipes[:, :2].tolist()}
     assert found["really_combines_with_itself"] == pytest.approx(sum(a == b for a, b in pairs) / graph.num_entities)
@@ -264,7 +266,7 @@ def test_neighbours_are_other_entities(values: Values, kitchen_model: OpenedMode
     for row in values["neighbours"]:
         assert row["entity"] not in row["neighbours"]
         assert len(set(row["neighbours"])) == 5
-        assert set(row["neighbours"]) <= set(kitchen_model.data.graph.entities)
+        assert set(row["neighbours"]) <= set(kitchen_model.opened.graph.entities)
 
 
 @pytest.mark.parametrize("score", ["0.5", "0.1"])
@@ -275,7 +277,7 @@ import sys
 from pathlib import Path
 import torch
 from wordcraft_kg.graphs.folder import open_graph
-from wordcraft_kg.models.scorers import TableScorer
+from wordcraft_kg.models.scorers.tables import TableScorer
 from wordcraft_kg.reports.link_report import make_link_report, write_link_report
 
 opened = open_graph("kitchen")
@@ -312,50 +314,50 @@ def test_every_check_passes_on_an_honest_split(values: Values):
 
 
 def test_a_leaked_test_triple_fails_the_leak_check(kitchen_model: OpenedModel, monkeypatch: pytest.MonkeyPatch):
-    split = kitchen_model.data.split
+    split = kitchen_model.opened.split
     honest = split.held_out("test")
     leaked = next(t for t in split.partial.tolist() if t[1] == COMPONENT_OF)
     monkeypatch.setattr(Split, "held_out", lambda self, part: np.concatenate([honest, [leaked]]))
     monkeypatch.setattr(link_report, "recipe_clusters", lambda graph, chosen, triples: np.arange(len(triples)))
-    values = make_link_report(kitchen_model.scorer, kitchen_model.data).values
+    values = make_link_report(kitchen_model.scorer, kitchen_model.opened).values
     assert checks(values) == ALL_PASS | {"leak": False}
     assert detail(values, "leak") == "1 found"
     assert not summary_values(values)["checks_passed"]
 
 
 def test_ranking_all_test_candidates_fails_the_leak_check(kitchen_model: OpenedModel, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(Split, "held_out", lambda self, part: self.candidates(part))
-    values = make_link_report(kitchen_model.scorer, kitchen_model.data).values
+    monkeypatch.setattr(Split, "held_out", lambda self, part: self.triples_of(part))
+    values = make_link_report(kitchen_model.scorer, kitchen_model.opened).values
     leaked = is_in(
-        kitchen_model.data.split.candidates("test"),
-        kitchen_model.data.split.partial,
-        kitchen_model.data.graph.num_entities,
+        kitchen_model.opened.split.triples_of("test"),
+        kitchen_model.opened.split.partial,
+        kitchen_model.opened.graph.num_entities,
     )
     assert not checks(values)["leak"]
     assert detail(values, "leak") == f"{leaked.sum()} found"
 
 
 def test_a_mirror_in_train_fails_the_mirror_check(kitchen_model: OpenedModel, monkeypatch: pytest.MonkeyPatch):
-    split = kitchen_model.data.split
+    split = kitchen_model.opened.split
     given_away = next(t for t in split.held_out("test").tolist() if t[1] == COMBINES_WITH and t[0] != t[2])
     # The mirror is put into train, and the triple itself remains the only one of the two that is evaluated.
     partial = np.concatenate([split.partial, [given_away[::-1]]])
     test = np.array([t for t in split.held_out("test").tolist() if t != given_away[::-1]])
     monkeypatch.setattr(Split, "partial", property(lambda self: partial))
     monkeypatch.setattr(Split, "held_out", lambda self, part: test)
-    values = make_link_report(kitchen_model.scorer, kitchen_model.data).values
+    values = make_link_report(kitchen_model.scorer, kitchen_model.opened).values
     assert checks(values) == ALL_PASS | {"mirror": False}
 
 
 def test_a_scorer_of_another_graph_fails_the_graph_check(kitchen_model: OpenedModel):
-    graph = kitchen_model.data.graph
+    graph = kitchen_model.opened.graph
     scores = torch.stack([kitchen_model.scorer.table(relation) for relation in RELATIONS])
     foreign = TableScorer(scores, graph.entities, "0" * 64)
-    assert not checks(make_link_report(foreign, kitchen_model.data).values)["graph"]
+    assert not checks(make_link_report(foreign, kitchen_model.opened).values)["graph"]
 
 
 def test_entities_that_training_lacks_fail_the_coverage_check(kitchen_model: OpenedModel):
-    graph = kitchen_model.data.graph
+    graph = kitchen_model.opened.graph
     split = make_split(graph, SplitConfig(kind="by-recipe-plain", train_ratio=0.3))
     assert len(split.uncovered)
     values = make_link_report(FrequencyScorer(graph, split.partial), OpenedGraph(graph, split, "sparse")).values
@@ -365,7 +367,7 @@ def test_entities_that_training_lacks_fail_the_coverage_check(kitchen_model: Ope
 
 @pytest.mark.parametrize("kind", ["by-recipe", "by-recipe-plain", "by-goal", "by-goal-terminals"])
 def test_a_report_of_every_split_is_valid_and_free_of_leaks(kitchen_model: OpenedModel, kind: str):
-    graph = kitchen_model.data.graph
+    graph = kitchen_model.opened.graph
     split = make_split(graph, SplitConfig(kind=kind, train_ratio=0.5, valid_ratio=0.1))
     values = make_link_report(FrequencyScorer(graph, split.partial), OpenedGraph(graph, split, kind)).values
     jsonschema.validate(values, report_schema())
@@ -378,7 +380,7 @@ def pictures_of(values: Values) -> list[str]:
 
 
 def test_fewer_than_thirty_unseen_triples_are_an_error_that_suggests_another_ratio(kitchen_model: OpenedModel):
-    graph = kitchen_model.data.graph
+    graph = kitchen_model.opened.graph
     split = make_split(graph, SplitConfig(train_ratio=0.99))
     assert 0 < len(split.held_out("test")) < 30
     with pytest.raises(SplitError, match=rf"only {len(split.held_out('test'))} unseen .*--train-ratio, such as 0\.7"):
@@ -386,7 +388,7 @@ def test_fewer_than_thirty_unseen_triples_are_an_error_that_suggests_another_rat
 
 
 def test_a_graph_without_a_split_has_nothing_to_report_but_memory(kitchen_model: OpenedModel):
-    graph = kitchen_model.data.graph
+    graph = kitchen_model.opened.graph
     opened = OpenedGraph(graph, make_split(graph, SplitConfig(kind="none")), "unsplit")
     with pytest.raises(SplitError, match="only 0 unseen"):
         make_link_report(FrequencyScorer(graph, graph.triples), opened)
@@ -407,7 +409,7 @@ def test_a_report_of_the_full_graph_is_marked_as_having_seen_the_data(
 
 
 def test_a_report_of_the_full_graph_asks_for_all_its_triples(full_report: LinkReport, kitchen_model: OpenedModel):
-    values, graph = full_report.values, kitchen_model.data.graph
+    values, graph = full_report.values, kitchen_model.opened.graph
     assert values["triples"] == len(graph.triples)
     assert values["leaked_left_out"] == 0
     assert values["with_leaked"]["mrr"] == values["metrics"]["all"]["mrr"]
@@ -532,17 +534,17 @@ def test_a_failed_check_is_shown_as_failed(kitchen_report: LinkReport):
 
 def test_the_page_shows_the_curves_of_the_training(kitchen_model: OpenedModel):
     trace = [{"epoch": 1, "loss": 3.0}, {"epoch": 2, "loss": 2.0, "valid_mrr": 0.25}]
-    report = make_link_report(kitchen_model.scorer, kitchen_model.data, trace=trace)
+    report = make_link_report(kitchen_model.scorer, kitchen_model.opened, trace=trace)
     assert {"loss", "valid"} <= set(report.pictures)
     assert "validation MRR" in text_of(render(report))
-    without = make_link_report(kitchen_model.scorer, kitchen_model.data, trace=trace[:1])
+    without = make_link_report(kitchen_model.scorer, kitchen_model.opened, trace=trace[:1])
     assert "valid" not in without.pictures
     assert "loss" in without.pictures
 
 
 def test_a_large_graph_has_a_report_without_the_map(kitchen_model: OpenedModel, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(link_report, "MAP_LIMIT", kitchen_model.data.graph.num_entities - 1)
-    report = make_link_report(kitchen_model.scorer, kitchen_model.data)
+    monkeypatch.setattr(link_report, "MAP_LIMIT", kitchen_model.opened.graph.num_entities - 1)
+    report = make_link_report(kitchen_model.scorer, kitchen_model.opened)
     assert set(report.pictures) == {"ranks", "calibration"}
     assert set(report.values["baselines"]) == {"frequency", "random"}
     jsonschema.validate(report.values, report_schema())
@@ -587,7 +589,7 @@ def test_the_table_of_ranks_has_a_row_a_query_and_gives_the_headline(report_fold
 
 def test_the_table_of_ranks_names_triples_of_the_graph(report_folder: Path, kitchen_model: OpenedModel):
     ranks = pd.read_csv(report_folder / "ranks.csv", keep_default_na=False)
-    graph, split = kitchen_model.data.graph, kitchen_model.data.split
+    graph, split = kitchen_model.opened.graph, kitchen_model.opened.split
     named = {
         (graph.id_of(head), RELATIONS.index(relation), graph.id_of(tail))
         for head, relation, tail in ranks[["head", "relation", "tail"]].itertuples(index=False)
@@ -607,7 +609,7 @@ def test_awkward_labels_come_back_from_the_table_of_ranks(awkward_graph: OpenedG
 def test_the_same_inputs_give_the_same_bytes(kitchen_model: OpenedModel, report_folder: Path, tmp_path: Path):
     again = make_link_report(
         kitchen_model.scorer,
-        kitchen_model.data,
+        kitchen_model.opened,
         name="kitchen",
         provenance=kitchen_model.provenance,
         trace=kitchen_model.trace,
@@ -622,14 +624,14 @@ def test_another_process_with_another_hash_seed_gives_the_same_bytes(kitchen_mod
 import sys
 from pathlib import Path
 from wordcraft_kg.graphs.folder import open_graph
-from wordcraft_kg.models.scorers import FrequencyScorer
+from wordcraft_kg.models.scorers.facts import FrequencyScorer
 from wordcraft_kg.reports.link_report import make_link_report, write_link_report
 
 opened = open_graph("kitchen")
 scorer = FrequencyScorer(opened.graph, opened.split.partial)
 write_link_report(make_link_report(scorer, opened), Path(sys.argv[1]))
 """
-    opened = kitchen_model.data
+    opened = kitchen_model.opened
     report = make_link_report(FrequencyScorer(opened.graph, opened.split.partial), opened)
     write_link_report(report, tmp_path / "here")
     command = [sys.executable, "-c", code, str(tmp_path / "there")]
@@ -639,7 +641,7 @@ write_link_report(make_link_report(scorer, opened), Path(sys.argv[1]))
 
 
 def test_the_seed_moves_the_interval_but_not_the_headline(kitchen_model: OpenedModel, values: Values):
-    other = make_link_report(kitchen_model.scorer, kitchen_model.data, seed=1).values
+    other = make_link_report(kitchen_model.scorer, kitchen_model.opened, seed=1).values
     assert other["metrics"]["all"]["mrr"] == values["metrics"]["all"]["mrr"]
     assert other["metrics"]["all"]["mrr_ci"] != values["metrics"]["all"]["mrr_ci"]
     assert other["metrics"]["all"]["mrr_ci"] == pytest.approx(values["metrics"]["all"]["mrr_ci"], abs=0.03)
@@ -649,7 +651,7 @@ def test_making_a_report_leaves_the_global_generators_as_they_were(kitchen_model
     import random
 
     before = random.getstate(), np.random.get_state()[1].tobytes(), torch.get_rng_state().tolist()  # noqa: NPY002
-    make_link_report(kitchen_model.scorer, kitchen_model.data)
+    make_link_report(kitchen_model.scorer, kitchen_model.opened)
     after = random.getstate(), np.random.get_state()[1].tobytes(), torch.get_rng_state().tolist()  # noqa: NPY002
     assert after == before
 

@@ -3,102 +3,28 @@
 import hashlib
 import json
 import logging
-import os
-import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import safetensors.torch
 from torch import Tensor
 
-from wordcraft_kg.agents.config import ImpalaConfig, TaskConfig
+from wordcraft_kg.agents.config import KIND, AgentConfig
 from wordcraft_kg.artefacts import dump_json, read_json, write_atomically
 from wordcraft_kg.errors import ArtefactError, WordCraftKGError
 from wordcraft_kg.graphs.folder import OpenedGraph
-from wordcraft_kg.models.features import NAMED
-from wordcraft_kg.models.model_folder import open_run_graph
-from wordcraft_kg.models.policies import Policy
-from wordcraft_kg.models.policy_config import PolicyConfig
-from wordcraft_kg.models.policy_folder import read_policy
-from wordcraft_kg.models.scorers import read_tensors
-from wordcraft_kg.runs import read_run, toml_value, verified_bytes
+from wordcraft_kg.models.policies.folder import read_policy
+from wordcraft_kg.models.policies.policy import Policy
+from wordcraft_kg.runs.inputs import open_run_graph
+from wordcraft_kg.runs.record import read_run, verified_bytes
+from wordcraft_kg.tensors import read_tensors
 
-KIND = "train-agent"
-PATHS = ("graph", "scorer")
 INPUTS = ("config.toml", "policy.json", "constants.safetensors")
 """Files that are there from the start and never change; their hashes stand in ``run.json``."""
 KEPT = 2
 """Checkpoints: if the last one is damaged, the one before is still there."""
-
-
-@dataclass(frozen=True)
-class AgentConfig:
-    """All that makes a run, as ``config.toml`` keeps it.
-
-    Attributes:
-        graph: folder, book's file or known book's name.
-        scorer: model folder, or None.
-        tasks: what is trained on.
-        policy: what decides.
-        trainer: how it learns.
-    """
-
-    graph: str
-    scorer: str | None
-    tasks: TaskConfig
-    policy: PolicyConfig
-    trainer: ImpalaConfig
-
-    def values(self) -> dict[str, Any]:
-        """Return the settings by option name; those that are None are left out."""
-        found: dict[str, Any] = {"graph": self.graph, "scorer": self.scorer}
-        for part in (self.tasks, self.policy, self.trainer):
-            found |= {field.name: getattr(part, field.name) for field in fields(part)}
-        return {name: value for name, value in found.items() if value is not None}
-
-    def differing(self) -> dict[str, Any]:
-        """Return the settings that are not at their default."""
-        default = AgentConfig("", None, TaskConfig(), PolicyConfig(), ImpalaConfig()).values()
-        return {name: value for name, value in self.values().items() if default.get(name) != value}
-
-    def write(self, folder: Path) -> None:
-        """Write ``config.toml`` and ``config.diff.toml``; paths become relative to the folder, so both can move."""
-        for name, values in (("config.toml", self.values()), ("config.diff.toml", self.differing())):
-            keys = PATHS if values.get("features") in NAMED else (*PATHS, "features")
-            there = [key for key in keys if key in values and Path(values[key]).exists()]
-            relative = {key: os.path.relpath(values[key], folder) for key in there}
-            lines = (f"{key} = {toml_value(value)}" for key, value in {**values, **relative}.items())
-            write_atomically(folder / name, "\n".join([f"[{KIND}]", *lines]) + "\n")
-
-    @classmethod
-    def read(cls, folder: Path) -> "AgentConfig":
-        """Read ``config.toml``.
-
-        Raises:
-            ArtefactError: if it is missing or damaged.
-        """
-        path = folder / "config.toml"
-        try:
-            table = tomllib.loads(path.read_text(encoding="utf-8"))[KIND]
-            paths = {key: table.pop(key, None) for key in PATHS}
-            for key, value in paths.items():
-                if value is not None and (folder / value).exists():
-                    paths[key] = os.path.normpath(folder / value)
-            tasks, policy, trainer = (
-                {field.name: table.pop(field.name) for field in fields(kind) if field.name in table}
-                for kind in (TaskConfig, PolicyConfig, ImpalaConfig)
-            )
-            if table:
-                raise ValueError(f"there is no option '{next(iter(table))}'")
-            return cls(
-                paths["graph"], paths["scorer"], TaskConfig(**tasks), PolicyConfig(**policy), ImpalaConfig(**trainer)
-            )
-        except FileNotFoundError:
-            raise ArtefactError(f"{path} is missing; '{folder}' is incomplete. Train the agent again.") from None
-        except (ValueError, KeyError, TypeError, AttributeError) as error:
-            raise ArtefactError(f"{path} is damaged ({error}). Train the agent again, or restore a copy.") from None
 
 
 @dataclass(frozen=True)
@@ -168,7 +94,7 @@ class OpenedAgent:
         policy: with the weights of ``checkpoint``.
         checkpoint: ``final``, or ``step N`` of a run that is not done.
         config: its settings.
-        data: the graph and split it was trained on, checked by hash.
+        opened: the graph and split it was trained on, checked by hash.
         run: its ``run.json``.
         metrics: the lines of ``metrics.jsonl``.
         evaluation: ``evaluation.json``, empty if the run is not done.
@@ -178,7 +104,7 @@ class OpenedAgent:
     policy: Policy
     checkpoint: str
     config: AgentConfig
-    data: OpenedGraph
+    opened: OpenedGraph
     run: dict[str, Any]
     metrics: list[dict[str, Any]]
     evaluation: dict[str, Any]
@@ -197,7 +123,7 @@ def open_agent(folder: Path, graph: str | None = None) -> OpenedAgent:
     """
     run = read_agent_run(folder)
     config = read_run_config(folder, run)
-    data = open_run_graph(folder, run, graph or config.graph)
+    opened = open_run_graph(folder, run, graph or config.graph)
     evaluation: dict[str, Any] = {}
     if run["status"] == "done":
         parameters = read_tensors(folder, verified_bytes(folder, run, "policy.safetensors"))
@@ -219,7 +145,7 @@ def open_agent(folder: Path, graph: str | None = None) -> OpenedAgent:
         metrics = [json.loads(line) for line in lines]
     except ValueError as error:
         raise ArtefactError(f"{folder / 'metrics.jsonl'} is damaged ({error}). Restore a copy.") from None
-    return OpenedAgent(folder.resolve().name, policy, checkpoint, config, data, run, metrics, evaluation)
+    return OpenedAgent(folder.resolve().name, policy, checkpoint, config, opened, run, metrics, evaluation)
 
 
 def read_agent_run(folder: Path) -> dict[str, Any]:

@@ -1,11 +1,19 @@
 """Settings of the trainer: every option, default, unit and allowed range; imports no torch."""
 
+import os
+import tomllib
 from dataclasses import dataclass, fields
-from typing import Literal
+from pathlib import Path
+from typing import Any, Literal
 
-from wordcraft_kg.envs.config import Ambiguity, DistractorPolicy, DistractorWeighting, WordCraftConfig, whole
-from wordcraft_kg.errors import ConfigError
+from wordcraft_kg.artefacts import write_atomically
+from wordcraft_kg.envs.config import Ambiguity, DistractorPolicy, DistractorWeighting, WordCraftConfig
+from wordcraft_kg.errors import ArtefactError, ConfigError
 from wordcraft_kg.graphs.tasks import TaskPart, TaskWeighting
+from wordcraft_kg.models.policies.config import PolicyConfig
+from wordcraft_kg.models.scorers.features import NAMED
+from wordcraft_kg.runs.record import toml_value
+from wordcraft_kg.settings import whole
 
 _LARGE = 1e9
 
@@ -36,9 +44,9 @@ class TaskConfig:
     ambiguity: Ambiguity = WordCraftConfig.ambiguity
 
     def __post_init__(self) -> None:
-        self.world("train")
+        self.environment("train")
 
-    def world(self, part: TaskPart, distractors: int | None = None) -> WordCraftConfig:
+    def environment(self, part: TaskPart, distractors: int | None = None) -> WordCraftConfig:
         """Return the environment's settings for a part, with another number of distractors if one is given.
 
         Raises:
@@ -128,3 +136,77 @@ class ImpalaConfig:
 
 def _option(name: str) -> str:
     return f"--{name.replace('_', '-')}"
+
+
+KIND = "train-agent"
+
+
+PATHS = ("graph", "scorer")
+
+
+@dataclass(frozen=True)
+class AgentConfig:
+    """All that makes a run, as ``config.toml`` keeps it.
+
+    Attributes:
+        graph: folder, book's file or known book's name.
+        scorer: model folder, or None.
+        tasks: what is trained on.
+        policy: what decides.
+        trainer: how it learns.
+    """
+
+    graph: str
+    scorer: str | None
+    tasks: TaskConfig
+    policy: PolicyConfig
+    trainer: ImpalaConfig
+
+    def values(self) -> dict[str, Any]:
+        """Return the settings by option name; those that are None are left out."""
+        found: dict[str, Any] = {"graph": self.graph, "scorer": self.scorer}
+        for part in (self.tasks, self.policy, self.trainer):
+            found |= {field.name: getattr(part, field.name) for field in fields(part)}
+        return {name: value for name, value in found.items() if value is not None}
+
+    def differing(self) -> dict[str, Any]:
+        """Return the settings that are not at their default."""
+        default = AgentConfig("", None, TaskConfig(), PolicyConfig(), ImpalaConfig()).values()
+        return {name: value for name, value in self.values().items() if default.get(name) != value}
+
+    def write(self, folder: Path) -> None:
+        """Write ``config.toml`` and ``config.diff.toml``; paths become relative to the folder, so both can move."""
+        for name, values in (("config.toml", self.values()), ("config.diff.toml", self.differing())):
+            keys = PATHS if values.get("features") in NAMED else (*PATHS, "features")
+            there = [key for key in keys if key in values and Path(values[key]).exists()]
+            relative = {key: os.path.relpath(values[key], folder) for key in there}
+            lines = (f"{key} = {toml_value(value)}" for key, value in {**values, **relative}.items())
+            write_atomically(folder / name, "\n".join([f"[{KIND}]", *lines]) + "\n")
+
+    @classmethod
+    def read(cls, folder: Path) -> "AgentConfig":
+        """Read ``config.toml``.
+
+        Raises:
+            ArtefactError: if it is missing or damaged.
+        """
+        path = folder / "config.toml"
+        try:
+            table = tomllib.loads(path.read_text(encoding="utf-8"))[KIND]
+            paths = {key: table.pop(key, None) for key in PATHS}
+            for key, value in paths.items():
+                if value is not None and (folder / value).exists():
+                    paths[key] = os.path.normpath(folder / value)
+            tasks, policy, trainer = (
+                {field.name: table.pop(field.name) for field in fields(kind) if field.name in table}
+                for kind in (TaskConfig, PolicyConfig, ImpalaConfig)
+            )
+            if table:
+                raise ValueError(f"there is no option '{next(iter(table))}'")
+            return cls(
+                paths["graph"], paths["scorer"], TaskConfig(**tasks), PolicyConfig(**policy), ImpalaConfig(**trainer)
+            )
+        except FileNotFoundError:
+            raise ArtefactError(f"{path} is missing; '{folder}' is incomplete. Train the agent again.") from None
+        except (ValueError, KeyError, TypeError, AttributeError) as error:
+            raise ArtefactError(f"{path} is damaged ({error}). Train the agent again, or restore a copy.") from None

@@ -8,11 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wordcraft_kg.envs.open_ended import Discovery
-from wordcraft_kg.errors import ConfigError, nearest
-from wordcraft_kg.graphs.protocols import TripleScorer, check_scorer
+from wordcraft_kg.errors import ConfigError
 from wordcraft_kg.graphs.recipe_graph import Entity, RecipeGraph
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
-from wordcraft_kg.models.scales import standardised
+from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
+from wordcraft_kg.models.scorers.scales import standardised
+from wordcraft_kg.settings import nearest
 
 if TYPE_CHECKING:
     import pandas as pd

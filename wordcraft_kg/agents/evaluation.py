@@ -7,17 +7,17 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from wordcraft_kg.agents.baselines import Player, knowledge_player, random_entity, recipe_oracle
-from wordcraft_kg.agents.impala import as_tensor
-from wordcraft_kg.agents.intervals import task_bootstrap
+from wordcraft_kg.agents.players import Player, knowledge_player, random_entity, recipe_oracle
 from wordcraft_kg.envs.batch import GOAL, BatchEngine
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import GraphLike, World
 from wordcraft_kg.errors import ConfigError
-from wordcraft_kg.graphs.recipe_graph import Ids
-from wordcraft_kg.graphs.tasks import padded
+from wordcraft_kg.graphs.arrays import Ids, padded
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS
-from wordcraft_kg.models.policies import AttentionPolicy, Policy
+from wordcraft_kg.models.policies.actor_critic import AttentionPolicy
+from wordcraft_kg.models.policies.policy import Policy
+from wordcraft_kg.statistics import task_bootstrap
+from wordcraft_kg.tensors import as_tensor
 
 EVALUATION_SEED = 0
 """Of the distractors: the same for all agents, whatever they were trained with."""

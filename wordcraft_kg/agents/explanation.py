@@ -9,10 +9,11 @@ import torch
 from wordcraft_kg.agents.evaluation import EVALUATION_SEED, PolicyPlayer
 from wordcraft_kg.envs.batch import OUTCOMES, BatchEngine
 from wordcraft_kg.envs.config import WordCraftConfig
-from wordcraft_kg.errors import TaskError, UnknownEntityError, nearest
+from wordcraft_kg.errors import TaskError, UnknownEntityError
+from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folder import OpenedGraph
-from wordcraft_kg.graphs.recipe_graph import Ids
-from wordcraft_kg.models.policies import Policy
+from wordcraft_kg.models.policies.policy import Policy
+from wordcraft_kg.settings import nearest
 
 
 def explain_episodes(

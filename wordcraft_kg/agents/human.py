@@ -11,12 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from wordcraft_kg.agents.intervals import wilson_interval
 from wordcraft_kg.artefacts import write_atomically
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.wordcraft import Observation, WordCraftEnv
 from wordcraft_kg.envs.world import GraphLike, open_world_graph
-from wordcraft_kg.errors import ActionError, ArtefactError, ConfigError, GraphMismatchError, nearest
+from wordcraft_kg.errors import ActionError, ArtefactError, ConfigError, GraphMismatchError
+from wordcraft_kg.settings import nearest
+from wordcraft_kg.statistics import wilson_interval
 
 HUMAN_FORMAT = "wordcraft-kg human protocol 1"
 TASKS_PER_PART = 40

@@ -19,8 +19,8 @@ from wordcraft_kg.agents.losses import baseline_loss, entropy, policy_gradient_l
 from wordcraft_kg.agents.vtrace import v_trace
 from wordcraft_kg.envs.batch import GOAL, BatchEngine
 from wordcraft_kg.errors import ConfigError, TrainingError
-from wordcraft_kg.models.attention import log_policy
-from wordcraft_kg.models.policies import Policy, Weights
+from wordcraft_kg.models.policies.policy import Policy, Weights, log_policy
+from wordcraft_kg.tensors import as_tensor
 
 LOSSES = ("loss", "pg_loss", "baseline_loss", "entropy", "grad_norm")
 SUMS = (*LOSSES, "return", "episodes", "successes", "updates")
@@ -301,8 +301,3 @@ def check_compiler(device: torch.device) -> None:
             f"--compile: torch cannot compile here ({type(error).__name__}: {reason}). Install a C++ compiler such as "
             "g++, or leave the option out."
         ) from None
-
-
-def as_tensor(values: Any) -> Tensor:
-    """Return an engine's array as a tensor: the same memory on the CPU, the tensor itself on a device."""
-    return torch.from_numpy(values) if isinstance(values, np.ndarray) else values

@@ -17,7 +17,7 @@ from gymnasium import spaces
 from torch import Tensor
 
 from wordcraft_kg.errors import ActionError, ConfigError, MissingExtraError
-from wordcraft_kg.models.policies import Policy, PolicyOutput
+from wordcraft_kg.models.policies.policy import Policy, PolicyOutput
 
 try:
     from sb3_contrib.common.maskable.policies import MaskableActorCriticPolicy
@@ -33,7 +33,7 @@ Schedule = Callable[[float], float]
 
 
 class _NetworkPolicy(BasePolicy):
-    """What both classes share: actions and values come from a :class:`~wordcraft_kg.models.policies.Policy` alone.
+    """What both classes share: actions and values come from a :class:`~wordcraft_kg.models.policies.policy.Policy`.
 
     Stable-Baselines3's own features, layers and initial weights are left out. ``B`` states have their ids in the keys
     ``goal``, ``selection`` and ``table``, of shape (B,) or (B, 1), (B,) or (B, 1), and (B, A), of any type of number;
@@ -140,7 +140,7 @@ class _NetworkPolicy(BasePolicy):
 class SB3Policy(_NetworkPolicy, ActorCriticPolicy):
     """A policy of ours for Stable-Baselines3's PPO and A2C: ``PPO(SB3Policy, env, policy_kwargs={"network": policy})``.
 
-    ``network`` is what :func:`~wordcraft_kg.models.policy_folder.make_policy` or ``Policy.from_pretrained`` return. A
+    ``network`` is what :func:`~wordcraft_kg.models.policies.folder.make_policy` or ``Policy.from_pretrained`` return. A
     copy is trained, ``model.policy.network``, which is a policy like any other. Scores and constant vectors are
     buffers: no optimizer sees them. The ids have to be those of the policy's graph; only their number can be checked.
 

@@ -19,15 +19,8 @@ from typing import Any
 
 import torch
 
-from wordcraft_kg.agents.agent_folder import (
-    INPUTS,
-    KIND,
-    AgentConfig,
-    Checkpoints,
-    constants_of,
-    read_agent_run,
-    read_run_config,
-)
+from wordcraft_kg.agents.agent_folder import INPUTS, Checkpoints, constants_of, read_agent_run, read_run_config
+from wordcraft_kg.agents.config import KIND, AgentConfig
 from wordcraft_kg.agents.evaluation import ENDINGS, Evaluation, Evaluator, PolicyPlayer
 from wordcraft_kg.agents.impala import Impala, check_compiler
 from wordcraft_kg.artefacts import check_output, dump_json, sha256_of, with_a_name, write_atomically
@@ -36,10 +29,13 @@ from wordcraft_kg.envs.world import World
 from wordcraft_kg.errors import ArtefactError, MissingExtraError, OutputExistsError, TaskError, TrainingError
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.tasks import TaskPart
-from wordcraft_kg.models.model_folder import open_model, open_run_graph
-from wordcraft_kg.models.policies import Policy
-from wordcraft_kg.models.policy_folder import make_policy, read_policy, write_constants, write_parameters
-from wordcraft_kg.runs import check_device, end_run, first_interrupt, resume_run, start_run
+from wordcraft_kg.models.links.folder import open_model
+from wordcraft_kg.models.policies.folder import make_policy, read_policy, write_constants, write_parameters
+from wordcraft_kg.models.policies.policy import Policy
+from wordcraft_kg.runs.inputs import open_run_graph
+from wordcraft_kg.runs.interruption import first_interrupt
+from wordcraft_kg.runs.record import end_run, resume_run, start_run
+from wordcraft_kg.tensors import check_device
 
 PARTS: tuple[TaskPart, ...] = ("train", "test")
 DRAWS = 5
@@ -104,7 +100,7 @@ def train_agent(
     if config.scorer is not None:
         model = open_model(Path(config.scorer), opened.source)
         scorer, kg = model.scorer, model.kg
-        observed = opened.graph.triples if kg == "full" else opened.split.partial
+        observed = opened.triples(kg)
         inputs["scorer"] = model.provenance["weights"]
     policy, features = make_policy(
         config.policy, opened.graph, engine.num_slots, scorer=scorer, observed=observed, seed=trainer.seed
@@ -299,7 +295,7 @@ class _Run:
         found = {}
         for part in PARTS:
             with suppress(TaskError):  # a graph whose split holds nothing out has no test tasks
-                config = self.config.tasks.world(part)
+                config = self.config.tasks.environment(part)
                 draws = 1 if curve and part == "train" else DRAWS
                 found[part] = Evaluator(self.opened, config, draws=draws, limit=CURVE_TASKS if curve else None)
         return found
@@ -432,14 +428,14 @@ def _writer(folder: Path, wanted: bool, step: int = 0) -> Iterator[Any]:
 def _engine(opened: OpenedGraph, config: AgentConfig) -> BatchEngine:
     trainer = config.trainer
     return BatchEngine(
-        opened, config.tasks.world("train"), trainer.batch_size, device=trainer.device, seed=trainer.seed
+        opened, config.tasks.environment("train"), trainer.batch_size, device=trainer.device, seed=trainer.seed
     )
 
 
 def _episode_lines(opened: OpenedGraph, config: AgentConfig, results: dict[TaskPart, Evaluation]) -> Iterator[str]:
     """One line a task: what it was, and how each draw of distractors ended."""
     for part, result in results.items():
-        tasks = World(opened, config.tasks.world(part)).tasks
+        tasks = World(opened, config.tasks.environment(part)).tasks
         for i, task in enumerate(tasks):
             row = {
                 "part": part,
@@ -482,7 +478,7 @@ Trained for {summary["steps"]:,} steps in {summary["seconds"]:.0f} s, seed {conf
 {summary["parameters"]:,} parameters. `config.toml` reproduces it; `run.json` says with which versions it was made.
 
 ```python
-from wordcraft_kg.models.policies import Policy
+from wordcraft_kg.models.policies.policy import Policy
 
 policy = Policy.from_pretrained("this folder")
 output = policy(goal, selection, table)  # ids; {opened.graph.num_entities} stands for nothing

@@ -18,7 +18,8 @@ from cyclopts import App, Group
 from cyclopts.config import Dict
 
 from wordcraft_kg import __version__
-from wordcraft_kg.errors import ConfigError, WordCraftKGError, nearest
+from wordcraft_kg.errors import ConfigError, WordCraftKGError
+from wordcraft_kg.settings import nearest
 
 COMMANDS = {
     "Recipe books": ["books", "fetch", "check-book"],

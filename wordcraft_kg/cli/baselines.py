@@ -37,7 +37,7 @@ def baselines(
         draws: draws of distractors for each task; all players see the same.
         seed: of the draws and of ties.
     """
-    from wordcraft_kg.agents.baselines import knowledge_players, play_all, scorer_players
+    from wordcraft_kg.agents.players import knowledge_players, play_all, scorer_players
     from wordcraft_kg.graphs.folder import open_graph
 
     amounts = whole_numbers("distractors", distractors or ["1,2,8"])
@@ -49,10 +49,10 @@ def baselines(
     opened = open_graph(graph)
     players = knowledge_players(opened.graph, opened.split.partial)
     if scorer is not None:
-        from wordcraft_kg.models.model_folder import open_model
+        from wordcraft_kg.models.links.folder import open_model
 
         model = open_model(scorer, graph)
-        known = opened.graph.triples if model.kg == "full" else opened.split.partial
+        known = opened.triples(model.kg)
         named = scorer_players(opened.graph, model.scorer, known)
         oracle = players.pop("recipe oracle")
         players |= {f"{scorer.name}, {name}": player for name, player in named.items()} | {"recipe oracle": oracle}

@@ -10,7 +10,7 @@ def books(*, output: Output = Output()) -> None:
 
     A book's name works wherever a recipe book's path does.
     """
-    from wordcraft_kg.graphs.books import DATA_VARIABLE, FETCHABLE, cache_folder, data_folder, known_books
+    from wordcraft_kg.graphs.library import DATA_VARIABLE, FETCHABLE, cache_folder, data_folder, known_books
 
     found = [
         {

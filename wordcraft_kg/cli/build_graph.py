@@ -7,6 +7,7 @@ from typing import Annotated, Any
 from cyclopts import Parameter
 
 from wordcraft_kg.cli.console import Flag, Output, aligned, names, split_labels
+from wordcraft_kg.cli.splits import split_rows
 from wordcraft_kg.graphs.splits import SplitConfig, SplitKind
 
 EXAMPLES = (
@@ -45,8 +46,8 @@ def build_graph(
         force: replace the folder if it exists.
     """
     from wordcraft_kg.artefacts import check_output
-    from wordcraft_kg.graphs.books import open_book
     from wordcraft_kg.graphs.folder import write_graph_folder
+    from wordcraft_kg.graphs.library import open_book
     from wordcraft_kg.graphs.recipe_graph import RecipeGraph
     from wordcraft_kg.graphs.splits import make_split
 
@@ -123,28 +124,3 @@ def _text(result: dict[str, Any], found: dict[str, Any], folder: Path) -> list[s
     ]
     kg = "full" if split["kind"] == "none" else "partial"
     return [*aligned(rows), f"wrote {folder}/   next: wordcraft-kg train-complex {folder} --kg {kg}"]
-
-
-def split_rows(split: dict[str, Any]) -> list[tuple[str, str]]:
-    """Describe a split in a few lines."""
-    if split["kind"] == "none":
-        return [("split", "none: every recipe is in train")]
-    ratios = [split["train_ratio"], split["valid_ratio"]]
-    shares = [*ratios, 1 - sum(ratios)] if ratios[1] else [ratios[0], 1 - ratios[0]]
-    sizes = f"{split['train_recipes']:,} train"
-    sizes += f", {split['valid_recipes']:,} validation" if split["valid_recipes"] else ""
-    sizes += f", {split['test_recipes']:,} test recipes"
-    rows = [
-        ("split", f"{split['kind']} {'/'.join(f'{share:.0%}' for share in shares)}, seed {split['seed']}: {sizes}"),
-        ("unseen", f"{split['unseen_triples']:,} triples; leaked and set aside: {split['leaked_triples']:,}"),
-    ]
-    if split["moved_for_coverage"]:
-        rows.append(("moved", f"{split['moved_for_coverage']} recipes to train, so that it covers every entity"))
-    if split["uncovered"]:
-        listed = names(split["uncovered_entities"][:5], split["uncovered"])
-        rows.append(("uncovered", f"{split['uncovered']} entities are in no train recipe: {listed}"))
-    else:
-        rows.append(("covered", "every entity is in a train recipe"))
-    if split["pairs_on_both_sides"]:
-        rows.append(("both sides", f"{split['pairs_on_both_sides']} pairs have results in more than one part"))
-    return rows

@@ -35,7 +35,7 @@ def check_book(
         against: another book; says what share of this one's recipes stand in it too.
     """
     from wordcraft_kg.graphs.book_check import check_book as check
-    from wordcraft_kg.graphs.books import locate_book, open_book
+    from wordcraft_kg.graphs.library import locate_book, open_book
 
     located = locate_book(book)
     path = located.path / "graph.json" if (located.path / "graph.json").is_file() else located.path
@@ -57,9 +57,9 @@ def _about_words(graph: "RecipeGraph") -> tuple[list["Finding"], dict[str, Any]]
     """What needs word vectors: words without one, and test recipes that nearly repeat a train recipe."""
     from wordcraft_kg.errors import SplitError
     from wordcraft_kg.graphs.book_check import Finding, listed
-    from wordcraft_kg.graphs.splits import PARTS, SplitConfig, make_split
-    from wordcraft_kg.models.features import glove_features
-    from wordcraft_kg.models.near_synonyms import NEAR_SYNONYM, near_synonym_recipes
+    from wordcraft_kg.graphs.splits import SplitConfig, make_split
+    from wordcraft_kg.models.scorers.features import glove_features
+    from wordcraft_kg.models.scorers.near_synonyms import NEAR_SYNONYM, near_synonym_recipes
 
     features = glove_features(graph.entities)
     words, missing = features.words, features.missing_words
@@ -72,7 +72,7 @@ def _about_words(graph: "RecipeGraph") -> tuple[list["Finding"], dict[str, Any]]
         split = make_split(graph, SplitConfig())
     except SplitError:  # too few recipes to split
         return findings, figures
-    tests = split.parts == PARTS.index("test")
+    tests = split.is_in("test")
     figures["near_synonym_share"] = float(near_synonym_recipes(split, features)[tests].mean())
     figures["near_synonym_cosine"] = NEAR_SYNONYM
     return findings, figures

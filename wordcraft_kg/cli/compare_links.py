@@ -28,8 +28,8 @@ def compare_links(
         resamples: of the bootstrap.
         seed: of the bootstrap.
     """
-    from wordcraft_kg.models.link_comparison import compare
-    from wordcraft_kg.models.model_folder import open_model
+    from wordcraft_kg.models.links.comparison import compare
+    from wordcraft_kg.models.links.folder import open_model
 
     values = compare(open_model(a, graph), open_model(b, graph), resamples=resamples, seed=seed)
     low, high = values["difference_ci"]

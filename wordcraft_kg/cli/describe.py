@@ -2,8 +2,8 @@
 
 from typing import Any
 
-from wordcraft_kg.cli.build_graph import split_rows
 from wordcraft_kg.cli.console import Output, aligned, names
+from wordcraft_kg.cli.splits import split_rows
 
 EXAMPLES = ("wordcraft-kg describe everyday", "wordcraft-kg describe graphs/everyday --entity bread")
 

@@ -62,7 +62,7 @@ def discover(
         raise ConfigError(f"--players names nobody; there are {', '.join(PLAYERS)}.")
     loaded = None
     if scorer is not None:
-        from wordcraft_kg.models.scorers import load_scorer
+        from wordcraft_kg.models.scorers.folder import load_scorer
 
         loaded = load_scorer(scorer, graph=of)
     start = Discovery(of, split_labels(base) if base else None)

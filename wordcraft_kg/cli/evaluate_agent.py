@@ -41,17 +41,17 @@ def evaluate_agent(
 
     if draws < 1:
         raise ConfigError(f"--draws {draws}: expected 1 or more.")
-    opened = open_agent(run, graph)
-    amounts = whole_numbers("distractors", distractors or [str(opened.config.tasks.distractors)])
-    player = player_of(opened.policy, agent)
+    trained = open_agent(run, graph)
+    amounts = whole_numbers("distractors", distractors or [str(trained.config.tasks.distractors)])
+    player = player_of(trained.policy, agent)
     success: dict[str, Any] = {}
     outcomes: dict[str, Any] = {}
     for amount in amounts:
-        found = Evaluator(opened.data, opened.config.tasks.world(part, amount), draws=draws)(player)
+        found = Evaluator(trained.opened, trained.config.tasks.environment(part, amount), draws=draws)(player)
         success[str(amount)], outcomes[str(amount)] = found.figures(), found.shares()
-    depth, policy = opened.config.tasks.depth, opened.config.policy
+    depth, policy = trained.config.tasks.depth, trained.config.policy
     scores = f"{policy.use}, scale {policy.scale}, self edges {policy.self_edges}" if agent == "kg-only" else None
-    checkpoint = opened.checkpoint if agent == "trained" else None
+    checkpoint = trained.checkpoint if agent == "trained" else None
     values = {
         "run": str(run),
         "agent": agent,

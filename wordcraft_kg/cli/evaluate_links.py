@@ -33,17 +33,17 @@ def evaluate_links(
     folder = out or model / "report"
     if model.is_dir():
         check_output(folder, force=force)
-    from wordcraft_kg.models.model_folder import open_model
+    from wordcraft_kg.models.links.folder import open_model
     from wordcraft_kg.reports.link_report import make_link_report, summary_values, write_link_report
 
-    opened = open_model(model, graph)
+    trained = open_model(model, graph)
     report = make_link_report(
-        opened.scorer,
-        opened.data,
-        kg=opened.kg,
+        trained.scorer,
+        trained.opened,
+        kg=trained.kg,
         name=model.name,
-        provenance=opened.provenance,
-        trace=opened.trace,
+        provenance=trained.provenance,
+        trace=trained.trace,
     )
     write_link_report(report, folder, force=force)
     values = summary_values(report.values) | {"report": str(folder / "index.html")}

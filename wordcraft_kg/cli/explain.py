@@ -40,8 +40,8 @@ def explain(
     if episodes < 1:
         raise ConfigError(f"--episodes {episodes}: expected 1 or more.")
     agent = open_agent(run, graph)
-    config = agent.config.tasks.world(part, distractors)
-    found = explain_episodes(agent.policy, agent.data, config, goal=goal, episodes=episodes)
+    config = agent.config.tasks.environment(part, distractors)
+    found = explain_episodes(agent.policy, agent.opened, config, goal=goal, episodes=episodes)
     values = {"run": str(run), "checkpoint": agent.checkpoint, "part": part, "episodes": found}
     output.result(values, [line for number, episode in enumerate(found, 1) for line in _text(number, episode)])
 

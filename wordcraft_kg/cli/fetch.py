@@ -11,7 +11,7 @@ def fetch(book: str, *, output: Output = Output()) -> None:
     Args:
         book: name of a book that `wordcraft-kg books` lists as one to fetch.
     """
-    from wordcraft_kg.graphs.books import FETCHABLE, fetch_book
+    from wordcraft_kg.graphs.library import FETCHABLE, fetch_book
 
     path = fetch_book(book)
     known = FETCHABLE[book]

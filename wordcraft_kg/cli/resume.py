@@ -31,12 +31,12 @@ def resume(run: Path, *, graph: str | None = None, epochs: int | None = None, ou
             return report_agent(finished, graph, output)
         progress = output.progress("agent", unit="step")
         return report_agent(resume_agent(run, graph=graph, progress=progress), graph, output)
-    from wordcraft_kg.models.link_training import resume_links
+    from wordcraft_kg.models.links.training import resume_links
 
     return report(resume_links(run, graph=graph, epochs=epochs, progress=output.progress("resumed")), output)
 
 
 def _is_agent(run: Path) -> bool:
-    from wordcraft_kg.runs import read_run
+    from wordcraft_kg.runs.record import read_run
 
     return (run / "run.json").is_file() and read_run(run)["kind"] == "train-agent"

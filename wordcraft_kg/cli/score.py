@@ -23,7 +23,7 @@ def score(model: Path, head: str, relation: str, tail: str = OPEN, *, top: int =
         tail: entity, or ? for an open slot.
         top: how many entities to list for an open slot.
     """
-    from wordcraft_kg.models.scorers import load_scorer
+    from wordcraft_kg.models.scorers.folder import load_scorer
 
     if top < 1:
         raise ConfigError(f"--top {top}: expected 1 or more.")

@@ -57,7 +57,7 @@ def tasks(
 def _shown(env: "WordCraftEnv", limit: int, seed: int) -> list[dict[str, Any]]:
     import numpy as np
 
-    names, nothing = env.world.graph.entities, env.world.padding
+    names, nothing = env.world.graph.entities, env.world.nothing
     # One seed for the first episode only, as in training: with one for each, all tables would have like distractors.
     env.reset(seed=seed)
     shown = []

@@ -7,7 +7,7 @@ from cyclopts import Parameter
 
 from wordcraft_kg.agents.config import ImpalaConfig, TaskConfig
 from wordcraft_kg.cli.console import Flag, Output
-from wordcraft_kg.models.policy_config import PolicyConfig
+from wordcraft_kg.models.policies.config import PolicyConfig
 
 EXAMPLES = (
     "wordcraft-kg train-agent everyday --distractors 8 --out runs/no-kg",
@@ -39,7 +39,7 @@ def train_agent(
         force: replace the folder if it exists.
         tensorboard: write TensorBoard's event files too (extra: tensorboard).
     """
-    from wordcraft_kg.agents.agent_folder import AgentConfig
+    from wordcraft_kg.agents.config import AgentConfig
     from wordcraft_kg.agents.training import check_agent_output, train_agent
     from wordcraft_kg.cli.training import report_agent
     from wordcraft_kg.errors import ConfigError

@@ -7,7 +7,7 @@ from cyclopts import Parameter
 
 from wordcraft_kg.cli.console import Flag, Output
 from wordcraft_kg.cli.training import train
-from wordcraft_kg.models.link_config import ComplExConfig
+from wordcraft_kg.models.links.config import ComplExConfig
 
 EXAMPLES = (
     "wordcraft-kg train-complex everyday --out models/everyday",

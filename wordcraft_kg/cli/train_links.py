@@ -7,7 +7,7 @@ from cyclopts import Parameter
 
 from wordcraft_kg.cli.console import Flag, Output
 from wordcraft_kg.cli.training import train
-from wordcraft_kg.models.link_config import LinkModelConfig
+from wordcraft_kg.models.links.config import LinkModelConfig
 
 EXAMPLES = (
     "wordcraft-kg train-links everyday --model rotate --out models/everyday-rotate",

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 
 from wordcraft_kg.cli.console import Output, aligned
 from wordcraft_kg.graphs.tasks import TaskPart
-from wordcraft_kg.models.link_config import LinkConfig, LinkModelConfig
+from wordcraft_kg.models.links.config import LinkConfig, LinkModelConfig
 
 if TYPE_CHECKING:
     from wordcraft_kg.agents.training import TrainedAgent
-    from wordcraft_kg.models.link_training import TrainedLinks
+    from wordcraft_kg.models.links.training import TrainedLinks
 
 
 def train(graph: str, settings: LinkConfig, out: Path | None, force: bool, output: Output) -> int:
@@ -23,7 +23,7 @@ def train(graph: str, settings: LinkConfig, out: Path | None, force: bool, outpu
     kind = f"{settings.model.lower()}-" if isinstance(settings, LinkModelConfig) else ""
     folder = out or Path("models") / f"{opened.graph.name}-{kind}{settings.kg}"
     check_output(folder, force=force)  # before the slow imports
-    from wordcraft_kg.models.link_training import train_links
+    from wordcraft_kg.models.links.training import train_links
 
     progress = output.progress(f"{settings.kg} graph")
     return report(train_links(opened, settings, folder, force=force, progress=progress), output)
@@ -31,7 +31,7 @@ def train(graph: str, settings: LinkConfig, out: Path | None, force: bool, outpu
 
 def report(trained: "TrainedLinks", output: Output) -> int:
     """Print the outcome of a training run and return 0; raise KeyboardInterrupt when Ctrl-C ended it."""
-    from wordcraft_kg.models.link_training import interruption_message
+    from wordcraft_kg.models.links.training import interruption_message
 
     if trained.interrupted:
         raise KeyboardInterrupt(interruption_message(trained.folder, trained.epoch))
@@ -58,7 +58,7 @@ def report(trained: "TrainedLinks", output: Output) -> int:
 def finished_without_report(folder: Path) -> "TrainedAgent | None":
     """Return what a finished run came to if its report is missing, else None."""
     from wordcraft_kg.agents.training import TrainedAgent
-    from wordcraft_kg.runs import read_run, verified_bytes
+    from wordcraft_kg.runs.record import read_run, verified_bytes
 
     run = read_run(folder)
     if run["status"] != "done" or (folder / "report").exists():

@@ -45,7 +45,7 @@ def tune_links(
     opened = open_graph(graph)
     if out.exists() and not force:
         raise OutputExistsError(f"'{out}' exists. Choose another --out, or replace it with --force.")
-    from wordcraft_kg.models.link_tuning import tune
+    from wordcraft_kg.models.links.tuning import tune
 
     found = tune(
         opened,

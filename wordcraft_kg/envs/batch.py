@@ -14,9 +14,10 @@ from typing import Any
 
 import numpy as np
 
-from wordcraft_kg.envs.config import WordCraftConfig, whole
+from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import GraphLike, World
 from wordcraft_kg.errors import ActionError, ConfigError, EpisodeError
+from wordcraft_kg.settings import whole
 
 Array = Any
 """A NumPy array, or a torch tensor on a CUDA device."""
@@ -126,7 +127,7 @@ class BatchEngine:
 
     def _prepare_tables(self) -> None:
         world = self.world
-        graph, tasks, nothing = world.graph, world.tasks, world.padding
+        graph, tasks, nothing = world.graph, world.tasks, world.nothing
         self.nothing = nothing
         self.num_slots = world.num_slots
         self._goals = self._array(tasks.goals)

@@ -1,35 +1,19 @@
 """Settings of the crafting environments."""
 
-import operator
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any, Literal, get_args
 
-from wordcraft_kg.errors import ConfigError, UnknownSettingError, nearest
+from wordcraft_kg.errors import ConfigError, UnknownSettingError
 from wordcraft_kg.graphs.splits import PARTS
 from wordcraft_kg.graphs.tasks import DRAWN_TASKS, MAX_DEPTH, TaskPart, TaskWeighting
+from wordcraft_kg.settings import nearest, whole
 
 MAX_ATTEMPTS = 1_000
 DistractorWeighting = Literal["use", "uniform"]
 DistractorPolicy = Literal["any", "no_shortcut"]
 Ambiguity = Literal["all", "last"]
 IllegalAction = Literal["waste", "raise"]
-
-
-def whole(name: str, value: Any, low: int, high: int | None = None) -> int:
-    """Return a whole number of any integer type.
-
-    Raises:
-        ConfigError: if it is none, or outside its range.
-    """
-    allowed = f"{low} or more" if high is None else f"{low} to {high}"
-    try:
-        number = operator.index(value)
-    except TypeError:
-        number = low - 1
-    if isinstance(value, bool) or number < low or (high is not None and number > high):
-        raise ConfigError(f"{name} {value!r}: expected a whole number, {allowed}.")
-    return number
 
 
 @dataclass(frozen=True)

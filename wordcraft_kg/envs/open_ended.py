@@ -46,9 +46,7 @@ class Discovery:
         if self.reachable == len(self.base):
             labels = ", ".join(graph.labels(self.base)) or "(empty)"
             raise ConfigError(f"base {labels}: nothing new can be made from it in {graph.name}.")
-        self._outcomes: dict[tuple[int, int], list[int]] = {}
-        for a, b, result in graph.recipes.tolist():
-            self._outcomes.setdefault((a, b), []).append(result)
+        self._outcomes = graph.outcomes
         self.restart()
 
     def restart(self) -> None:

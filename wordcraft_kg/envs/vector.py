@@ -49,7 +49,7 @@ class WordCraftVectorEnv(VectorEnv[Arrays, Any, Any]):
         self.num_envs = self.engine.num_envs
         world = self.engine.world
         self.metadata = {**WordCraftEnv.metadata, "autoreset_mode": AutoresetMode.SAME_STEP}
-        self.single_observation_space = observation_space(world.padding, world.num_slots, self.config.attempts)
+        self.single_observation_space = observation_space(world.nothing, world.num_slots, self.config.attempts)
         self.single_action_space = WordCraftEnv.space_of_actions(world.num_slots)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)

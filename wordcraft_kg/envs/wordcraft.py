@@ -11,11 +11,12 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from wordcraft_kg.envs.config import WordCraftConfig, whole
+from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import GraphLike, World
 from wordcraft_kg.errors import ActionError, ConfigError, EpisodeError
 from wordcraft_kg.graphs.recipe_graph import Entity
 from wordcraft_kg.graphs.tasks import Task
+from wordcraft_kg.settings import whole
 
 Observation = dict[str, Any]
 DRAWN_AT_ONCE = 1_024  # uniform numbers fetched from the generator in one call
@@ -105,9 +106,9 @@ class WordCraftEnv(gym.Env[Observation, Any]):
         self.tasks = self.world.tasks
         self.num_slots = self.world.num_slots
         self.action_space = self.space_of_actions(self.num_slots)
-        self.observation_space = observation_space(self.world.padding, self.num_slots, self.config.attempts)
+        self.observation_space = observation_space(self.world.nothing, self.num_slots, self.config.attempts)
         self._outcomes = self.world.outcomes
-        self._nothing = self.world.padding
+        self._nothing = self.world.nothing
         self._weight_ends = list(accumulate(self.world.distractor_weights.tolist()))
         self._task_ends = list(accumulate(self.tasks.weights(self.config.task_weighting).tolist()))
         self._uniform: list[float] = []

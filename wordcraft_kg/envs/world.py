@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.errors import ConfigError
+from wordcraft_kg.graphs.arrays import Ids, frozen, padded
 from wordcraft_kg.graphs.folder import OpenedGraph, default_split, open_graph
-from wordcraft_kg.graphs.recipe_graph import Ids, RecipeGraph, frozen
-from wordcraft_kg.graphs.splits import PARTS
-from wordcraft_kg.graphs.tasks import TaskSet, all_ways, make_tasks, padded
+from wordcraft_kg.graphs.recipe_graph import RecipeGraph
+from wordcraft_kg.graphs.tasks import TaskSet, all_ways, make_tasks
 
 GraphLike = str | Path | RecipeGraph | OpenedGraph
 """A graph folder, a book's file or name, a graph (split by recipe with the default settings), or an opened graph."""
@@ -42,7 +42,7 @@ class World:
         split: its split.
         config: the settings.
         tasks: the tasks to draw from.
-        padding: id of "nothing": the number of entities.
+        nothing: id of nothing, the number of entities.
         max_results: most results of a pair.
         num_slots: size of the table, fixed: starting ingredients, distractors, room for all results of all attempts.
     """
@@ -65,35 +65,33 @@ class World:
             limit=config.num_tasks,
             seed=config.task_seed,
         )
-        self.padding = self.graph.num_entities
+        self.nothing = self.graph.num_entities
         sizes = np.diff(self.graph.pair_starts)
         self.max_results = 1 if config.ambiguity == "last" else int(sizes.max())
         self.num_slots = config.depth + 1 + config.num_distractors + self.max_results * config.attempts
         reserved = 1 + config.depth + 1 + self.tasks.intermediates.shape[1]
-        if config.num_distractors > self.padding - reserved:
+        if config.num_distractors > self.nothing - reserved:
             raise ConfigError(
-                f"num_distractors {config.num_distractors}: {self.graph.name} has {self.padding} entities, of which a "
-                f"task may need {reserved}; expected at most {max(self.padding - reserved, 0)}."
+                f"num_distractors {config.num_distractors}: {self.graph.name} has {self.nothing} entities, of which a "
+                f"task may need {reserved}; expected at most {max(self.nothing - reserved, 0)}."
             )
 
     @cached_property
     def outcomes(self) -> dict[tuple[int, int], tuple[int, ...]]:
         """Results of each pair ``(a, b)`` with ``a <= b``, ascending."""
-        found: dict[tuple[int, int], list[int]] = {}
-        for a, b, result in self.graph.recipes.tolist():
-            found.setdefault((a, b), []).append(result)
+        outcomes = self.graph.outcomes
         if self.config.ambiguity == "last":
-            return {pair: (results[-1],) for pair, results in found.items()}
-        return {pair: tuple(results) for pair, results in found.items()}
+            return {pair: results[-1:] for pair, results in outcomes.items()}
+        return outcomes
 
     @cached_property
     def distractor_weights(self) -> Ids:
         """Shape (E,), int64: weight of each entity as a distractor."""
-        weights = np.ones(self.padding, dtype=np.int64)
+        weights = np.ones(self.nothing, dtype=np.int64)
         if self.config.distractor_weighting == "use":
             a, b, _ = self.split.recipes("train").T
             users = np.concatenate([a, b[b != a]])
-            weights += np.bincount(users, minlength=self.padding)
+            weights += np.bincount(users, minlength=self.nothing)
         return weights
 
     @cached_property
@@ -106,7 +104,7 @@ class World:
         if self.config.distractor_policy == "no_shortcut":
             return np.ones(self.graph.num_recipes, dtype=bool)
         if self.config.part == "train":
-            return np.asarray(self.split.parts != PARTS.index("train"))
+            return ~self.split.is_in("train")
         return np.zeros(self.graph.num_recipes, dtype=bool)
 
     @cached_property
@@ -117,7 +115,7 @@ class World:
         """
         rows: list[list[int]] = []
         for start in self.tasks.starts.tolist() if self.guarded_recipes.any() else [[]] * len(self.tasks):
-            there = {entity for entity in start if entity < self.padding}
+            there = {entity for entity in start if entity < self.nothing}
             made: set[int] = set()
             for _ in range(self.config.attempts - 1):
                 pairs = combinations_with_replacement(sorted(there | made), 2)
@@ -126,11 +124,11 @@ class World:
                     break
                 made |= more
             rows.append(sorted(made))
-        return frozen(padded(rows, self.padding))
+        return frozen(padded(rows, self.nothing))
 
     def has_shortcut(self, task: int, distractors: list[int]) -> bool:
         """Return whether distractors open a way to the goal, within an episode's attempts, that would not be there."""
-        start = [entity for entity in self.tasks.starts[task].tolist() if entity < self.padding]
+        start = [entity for entity in self.tasks.starts[task].tolist() if entity < self.nothing]
         goal, attempts = int(self.tasks.goals[task]), self.config.attempts
         return all_ways(self.graph, goal, [*start, *distractors], attempts) != all_ways(
             self.graph, goal, start, attempts

@@ -10,9 +10,10 @@ from gymnasium.vector import VectorEnv, VectorWrapper
 from numpy.typing import NDArray
 
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.errors import ActionError, ConfigError, nearest
-from wordcraft_kg.graphs.protocols import TripleScorer, check_scorer
+from wordcraft_kg.errors import ActionError, ConfigError
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
+from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
+from wordcraft_kg.settings import nearest
 
 ID_KEYS = ("goal", "selection", "table")
 
@@ -33,8 +34,8 @@ class FeatureObservation(gym.ObservationWrapper[dict[str, Any], Any, dict[str, A
         super().__init__(env)
         world = _world(env)
         vectors = np.asarray(vectors, dtype=np.float32)
-        if vectors.ndim != 2 or len(vectors) != world.padding:
-            raise ConfigError(f"vectors of shape {vectors.shape}: expected ({world.padding}, D), one for each entity.")
+        if vectors.ndim != 2 or len(vectors) != world.nothing:
+            raise ConfigError(f"vectors of shape {vectors.shape}: expected ({world.nothing}, D), one for each entity.")
         self.vectors = np.concatenate([vectors, np.zeros((1, vectors.shape[1]), dtype=np.float32)])
         width = vectors.shape[1]
         shapes = {"goal": (width,), "selection": (width,), "table": (world.num_slots, width), "attempts_left": (1,)}
@@ -62,7 +63,7 @@ class _Scores:
         check_scorer(scorer, world.graph)
         tables = []
         for relation in (COMBINES_WITH, COMPONENT_OF):
-            table = np.zeros((world.padding + 1, world.padding + 1), dtype=np.float32)
+            table = np.zeros((world.nothing + 1, world.nothing + 1), dtype=np.float32)
             table[:-1, :-1] = scorer.table(relation).cpu().numpy()
             tables.append(table)
         self.combines, self.component = tables

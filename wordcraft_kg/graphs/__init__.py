@@ -1,10 +1,9 @@
 """The recipe graph and everything derived from it; trains nothing and imports neither torch nor PyKEEN."""
 
 from wordcraft_kg.graphs.audit import audit
-from wordcraft_kg.graphs.books import fetch_book, known_books, open_book
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph, write_graph_folder
+from wordcraft_kg.graphs.library import fetch_book, known_books, open_book
 from wordcraft_kg.graphs.planner import Derivation, Planner, layers, rounds
-from wordcraft_kg.graphs.protocols import TripleScorer
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.recipes import Recipe, RecipeBook, read_book, write_book
 from wordcraft_kg.graphs.splits import SPLITS, Split, SplitConfig, make_split
@@ -23,7 +22,6 @@ __all__ = [
     "RecipeGraph",
     "Split",
     "SplitConfig",
-    "TripleScorer",
     "audit",
     "fetch_book",
     "known_books",

@@ -57,7 +57,7 @@ def split_summary(split: Split) -> dict[str, Any]:
         "partial_triples": len(split.partial),
         "unseen_triples": len(split.unseen),
         "evaluated_triples": len(evaluated),
-        "leaked_triples": len(split.candidates("test")) - len(evaluated),
+        "leaked_triples": len(split.triples_of("test")) - len(evaluated),
         "covered": not len(split.uncovered),
         "uncovered": len(split.uncovered),
         "uncovered_entities": list(split.graph.labels(split.uncovered[:SHOWN])),
@@ -77,7 +77,7 @@ def leakage(split: Split) -> dict[str, dict[str, int]]:
     mirrored = is_in(evaluated[:, [2, 1, 0]], split.partial, split.graph.num_entities)
     tables = {}
     for relation, name in enumerate(RELATIONS):
-        from_test = int(np.sum(split.candidates("test")[:, 1] == relation))
+        from_test = int(np.sum(split.triples_of("test")[:, 1] == relation))
         of_relation = evaluated[:, 1] == relation
         tables[name] = {
             "train": int(np.sum(split.partial[:, 1] == relation)),

@@ -14,7 +14,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from wordcraft_kg.errors import RecipeFileError, nearest
+from wordcraft_kg.errors import RecipeFileError
 from wordcraft_kg.graphs.planner import layers
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.recipes import (
@@ -26,6 +26,7 @@ from wordcraft_kg.graphs.recipes import (
     read_bytes,
     read_directive,
 )
+from wordcraft_kg.settings import nearest
 
 LISTED = 15
 """How many lines or names a finding lists."""

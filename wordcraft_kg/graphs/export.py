@@ -8,10 +8,12 @@ from typing import Any
 from urllib.parse import quote
 
 from wordcraft_kg.artefacts import staged_file, staged_folder, write_atomically
-from wordcraft_kg.errors import ConfigError, MissingExtraError, nearest
+from wordcraft_kg.errors import ConfigError, MissingExtraError
 from wordcraft_kg.graphs.folder import OpenedGraph
+from wordcraft_kg.graphs.frames import to_networkx, triples_frame
 from wordcraft_kg.graphs.recipes import RecipeBook, write_book
 from wordcraft_kg.graphs.triples import RELATIONS, triple_lines
+from wordcraft_kg.settings import nearest
 
 NAMESPACE = "urn:wordcraft-kg:"
 """IRI prefix of entities (``...entity:<label, percent-encoded>``) and relations (``...relation:<name>``)."""
@@ -89,13 +91,13 @@ def _libkge(opened: OpenedGraph, folder: Path) -> None:
 def _graphml(opened: OpenedGraph, path: Path) -> None:
     import networkx as nx
 
-    nx.write_graphml(opened.graph.to_networkx(recipe_nodes=True), path)
+    nx.write_graphml(to_networkx(opened.graph, recipe_nodes=True), path)
 
 
 def _gexf(opened: OpenedGraph, path: Path) -> None:
     import networkx as nx
 
-    nx.write_gexf(opened.graph.to_networkx(recipe_nodes=True), path)
+    nx.write_gexf(to_networkx(opened.graph, recipe_nodes=True), path)
 
 
 def _rdf(format: str) -> Callable[[OpenedGraph, Path], None]:
@@ -119,7 +121,7 @@ def _rdf(format: str) -> Callable[[OpenedGraph, Path], None]:
 
 def _parquet(opened: OpenedGraph, path: Path) -> None:
     _needs("pyarrow", "parquet")
-    opened.graph.triples_frame().to_parquet(path, engine="pyarrow", index=False)
+    triples_frame(opened.graph).to_parquet(path, engine="pyarrow", index=False)
 
 
 def _needs(package: str, extra: str) -> Any:

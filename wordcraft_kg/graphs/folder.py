@@ -2,16 +2,21 @@
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from wordcraft_kg.artefacts import dump_json, read_json, staged_folder, write_atomically
 from wordcraft_kg.errors import ArtefactError, RecipeFileError, SplitError
+from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.audit import audit
-from wordcraft_kg.graphs.books import open_book
+from wordcraft_kg.graphs.frames import entities_frame
+from wordcraft_kg.graphs.library import open_book
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.recipes import RecipeBook, book_json, read_book, recipe_table
 from wordcraft_kg.graphs.splits import Split, SplitConfig, make_split, read_split
 from wordcraft_kg.graphs.triples import triple_lines
+
+KG = Literal["partial", "full"]
+"""The triples of the train recipes, or those of all recipes."""
 
 
 @dataclass(frozen=True)
@@ -25,6 +30,10 @@ class OpenedGraph:
     graph: RecipeGraph
     split: Split
     source: str
+
+    def triples(self, kg: KG) -> Ids:
+        """Return the triples of the full or the partial knowledge graph, shape (T, 3), sorted."""
+        return self.graph.triples if kg == "full" else self.split.partial
 
 
 def write_graph_folder(out: Path, book: RecipeBook, split: Split, *, force: bool = False) -> dict[str, Any]:
@@ -48,7 +57,7 @@ def write_graph_folder(out: Path, book: RecipeBook, split: Split, *, force: bool
         write_atomically(folder / "graph.json", book_json(of_graph, hash=graph.hash, source=source))
         write_atomically(folder / "split.json", split.to_json())
         write_atomically(folder / "recipes.csv", recipe_table(of_graph.recipes))
-        frame = graph.entities_frame()
+        frame = entities_frame(graph)
         frame.insert(0, "id", range(len(frame)))
         write_atomically(folder / "entities.tsv", frame.to_csv(sep="\t", index=False, lineterminator="\n"))
         (folder / "triples").mkdir()

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from wordcraft_kg.errors import GraphError
-from wordcraft_kg.graphs.recipe_graph import Entity, Ids, RecipeGraph
+from wordcraft_kg.graphs.arrays import Ids
+from wordcraft_kg.graphs.recipe_graph import Entity, RecipeGraph
 from wordcraft_kg.graphs.recipes import Recipe
 
 

@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from wordcraft_kg.errors import GraphError, UnknownEntityError, nearest
+from wordcraft_kg.errors import GraphError, UnknownEntityError
+from wordcraft_kg.graphs.arrays import frozen
 from wordcraft_kg.graphs.recipes import Recipe, RecipeBook, check_label
-from wordcraft_kg.graphs.triples import RELATIONS, recipe_triples
+from wordcraft_kg.graphs.triples import recipe_triples
+from wordcraft_kg.settings import nearest
 
 if TYPE_CHECKING:
-    import networkx as nx
-    import pandas as pd
+    pass
 
 Ids = NDArray[np.int64]
 Entity = int | str
@@ -57,7 +58,7 @@ class RecipeGraph:
             if ids.size and not 0 <= ids.min() <= ids.max() < len(self.entities):
                 raise GraphError(f"a {what} id is outside 0 .. {len(self.entities) - 1}.")
         pairs = np.sort(recipes[:, :2], axis=1)
-        self.recipes: Ids = _unique_rows(np.column_stack([pairs, recipes[:, 2]]), len(self.entities))
+        self.recipes: Ids = _unique_rows(np.column_stack([pairs, recipes[:, 2]]))
         self.base_ids: Ids = base
         frozen(self.recipes)
         frozen(self.base_ids)
@@ -219,6 +220,14 @@ class RecipeGraph:
             return np.empty(0, dtype=np.int64)
         return self.recipes[self.pair_starts[pair] : self.pair_starts[pair + 1], 2]
 
+    @cached_property
+    def outcomes(self) -> dict[tuple[int, int], tuple[int, ...]]:
+        """Results of each pair ``(a, b)`` with ``a <= b``, ascending, for callers that look up very often."""
+        found: dict[tuple[int, int], list[int]] = {}
+        for a, b, result in self.recipes.tolist():
+            found.setdefault((a, b), []).append(result)
+        return {pair: tuple(results) for pair, results in found.items()}
+
     def recipes_of(self, result: Entity) -> Ids:
         """Return the indices into :attr:`recipes` of the recipes that make ``result``, ascending."""
         starts, order = self.by_result
@@ -246,79 +255,8 @@ class RecipeGraph:
         """Shape (num_triples, 3), int64: all ``(head, relation, tail)`` of the full knowledge graph, sorted."""
         return frozen(recipe_triples(self.recipes))
 
-    # --- views -------------------------------------------------------------------------------------------------------
 
-    def to_networkx(self, *, recipe_nodes: bool = False) -> "nx.MultiDiGraph":
-        """Return a networkx view.
-
-        Args:
-            recipe_nodes: False gives the typed multigraph, entities joined by edges whose key and ``relation`` is
-                ``combinesWith`` or ``componentOf``. True keeps which pair makes what: each recipe is a node
-                ``recipe <index>`` of ``kind="recipe"`` with edges ``ingredient -> recipe -> result`` (two parallel
-                ingredient edges for a self pair). Where a label starts like that, underscores go before the name.
-        """
-        import networkx as nx
-
-        view = nx.MultiDiGraph(name=self.name, hash=self.hash)
-        in_base = set(self.base_ids.tolist())
-        view.add_nodes_from((label, {"kind": "entity", "base": i in in_base}) for i, label in enumerate(self.entities))
-        if recipe_nodes:
-            prefix = "recipe "
-            while any(label.startswith(prefix) for label in self.entities):
-                prefix = "_" + prefix
-            for index, recipe in enumerate(self.recipe_labels()):
-                node = f"{prefix}{index}"
-                view.add_node(node, kind="recipe")
-                view.add_edges_from(
-                    [
-                        (recipe.ingredient_a, node, "ingredient_a", {"role": "ingredient"}),
-                        (recipe.ingredient_b, node, "ingredient_b", {"role": "ingredient"}),
-                        (node, recipe.result, "result", {"role": "result"}),
-                    ]
-                )
-        else:
-            names = self.entities
-            view.add_edges_from(
-                (names[head], names[tail], RELATIONS[relation], {"relation": RELATIONS[relation]})
-                for head, relation, tail in self.triples.tolist()
-            )
-        return view
-
-    def entities_frame(self) -> "pd.DataFrame":
-        """Return a row per entity: label, base, layer (None where unreachable), recipes and uses."""
-        import pandas as pd
-
-        from wordcraft_kg.graphs.planner import layers
-
-        depth = layers(self)
-        return pd.DataFrame(
-            {
-                "entity": self.entities,
-                "base": np.isin(np.arange(self.num_entities), self.base_ids),
-                "layer": pd.Series(depth, dtype="Int64").mask(depth < 0),
-                "recipes": self.recipe_counts,
-                "uses": self.use_counts,
-            }
-        )
-
-    def recipes_frame(self) -> "pd.DataFrame":
-        """Return a row per recipe: ingredient_a, ingredient_b and result as labels."""
-        import pandas as pd
-
-        return pd.DataFrame(self.recipe_labels(), columns=list(Recipe._fields))
-
-    def triples_frame(self) -> "pd.DataFrame":
-        """Return a row per triple of the full knowledge graph: head, relation and tail as labels."""
-        import pandas as pd
-
-        names = np.array(self.entities, dtype=object)
-        head, relation, tail = self.triples.T
-        return pd.DataFrame(
-            {"head": names[head], "relation": np.array(RELATIONS, dtype=object)[relation], "tail": names[tail]}
-        )
-
-
-def _unique_rows(rows: Ids, num_entities: int) -> Ids:
+def _unique_rows(rows: Ids) -> Ids:
     """Sort integer rows ``(a, b, c)`` lexicographically and drop duplicates."""
     if not len(rows):
         return rows.copy()
@@ -331,9 +269,3 @@ def _group(keys: Ids, values: Ids, size: int) -> tuple[Ids, Ids]:
     order = np.lexsort((values, keys))
     starts = np.concatenate([[0], np.cumsum(np.bincount(keys, minlength=size))])
     return frozen(starts), frozen(values[order])
-
-
-def frozen(array: Ids) -> Ids:
-    """Make an array read-only, so that what a graph or split hands out cannot change it."""
-    array.flags.writeable = False
-    return array

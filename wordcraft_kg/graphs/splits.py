@@ -14,10 +14,12 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from wordcraft_kg.errors import ArtefactError, GraphMismatchError, SplitError, nearest
-from wordcraft_kg.graphs.recipe_graph import Ids, RecipeGraph, frozen
+from wordcraft_kg.errors import ArtefactError, GraphMismatchError, SplitError
+from wordcraft_kg.graphs.arrays import Ids, frozen
+from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.recipes import Recipe
 from wordcraft_kg.graphs.triples import is_in, recipe_triples
+from wordcraft_kg.settings import nearest
 
 SPLIT_FORMAT = "wordcraft-kg split 1"
 TRAIN, VALID, TEST = 0, 1, 2
@@ -84,17 +86,21 @@ class Split:
         self.parts = draw.parts
         self.parts.flags.writeable = False
         self.moved_for_coverage = draw.moved_for_coverage
-        self._candidates: dict[str, Ids] = {}
+        self._triples: dict[str, Ids] = {}
         self._held_out: dict[str, Ids] = {}
+
+    def is_in(self, part: Part) -> NDArray[np.bool_]:
+        """Return which recipes are in a part, shape (num_recipes,)."""
+        return np.asarray(self.parts == PARTS.index(part))
 
     def recipes(self, part: Part) -> Ids:
         """Return the recipes of a part, shape (n, 3), in the graph's order."""
-        return self.graph.recipes[self.parts == PARTS.index(part)]
+        return self.graph.recipes[self.is_in(part)]
 
     @property
     def partial(self) -> Ids:
         """Triples of the train recipes, shape (T, 3), sorted."""
-        return self.candidates("train")
+        return self.triples_of("train")
 
     @cached_property
     def unseen(self) -> Ids:
@@ -102,11 +108,11 @@ class Split:
         full = self.graph.triples
         return frozen(full[~is_in(full, self.partial, self.graph.num_entities)])
 
-    def candidates(self, part: Part) -> Ids:
+    def triples_of(self, part: Part) -> Ids:
         """Return all triples of a part's recipes, leaked ones included, shape (T, 3), sorted."""
-        if part not in self._candidates:
-            self._candidates[part] = frozen(recipe_triples(self.recipes(part)))
-        return self._candidates[part]
+        if part not in self._triples:
+            self._triples[part] = frozen(recipe_triples(self.recipes(part)))
+        return self._triples[part]
 
     def held_out(self, part: Literal["valid", "test"]) -> Ids:
         """Return the triples of a part that may be evaluated, shape (T, 3), sorted.
@@ -115,8 +121,8 @@ class Split:
         settings may have been chosen.
         """
         if part not in self._held_out:
-            triples = self.candidates(part)
-            seen = self.partial if part == "valid" else np.concatenate([self.partial, self.candidates("valid")])
+            triples = self.triples_of(part)
+            seen = self.partial if part == "valid" else np.concatenate([self.partial, self.triples_of("valid")])
             self._held_out[part] = frozen(triples[~is_in(triples, seen, self.graph.num_entities)])
         return self._held_out[part]
 

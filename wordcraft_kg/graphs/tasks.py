@@ -6,7 +6,7 @@ starting ingredients, and no plan of fewer, whatever the book offers.
 """
 
 import itertools
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Literal
@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wordcraft_kg.errors import TaskError
-from wordcraft_kg.graphs.recipe_graph import Entity, Ids, RecipeGraph, frozen
+from wordcraft_kg.graphs.arrays import Ids, frozen, padded
+from wordcraft_kg.graphs.recipe_graph import Entity, RecipeGraph
 from wordcraft_kg.graphs.recipes import Recipe
 from wordcraft_kg.graphs.splits import PARTS, Split
 
@@ -369,15 +370,6 @@ class _Recipes:
             if made & {a, b}:
                 return None  # a circle, or something that is made already
         return goal, tuple(sorted(leaves))
-
-
-def padded(rows: Sequence[Sequence[int]], padding: int, width: int = 0) -> Ids:
-    """Return rows of different lengths as an array, at least ``width`` wide."""
-    width = max([width, *map(len, rows)])
-    array = np.full((len(rows), width), padding, dtype=np.int64)
-    for index, row in enumerate(rows):
-        array[index, : len(row)] = row
-    return array
 
 
 def replay(graph: RecipeGraph, start: Iterable[Entity], plan: Iterable[Recipe]) -> frozenset[str]:

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-Ids = NDArray[np.int64]
+from wordcraft_kg.graphs.arrays import Ids
 
 COMBINES_WITH = 0
 """Id of ``combinesWith``: the head and the tail make something together; symmetric."""

@@ -13,10 +13,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wordcraft_kg.agents.agent_folder import OpenedAgent
-from wordcraft_kg.agents.baselines import random_entity, recipe_oracle
 from wordcraft_kg.agents.evaluation import ENDINGS, Evaluation, Evaluator, PolicyPlayer
 from wordcraft_kg.agents.explanation import explain_episodes
-from wordcraft_kg.agents.intervals import (
+from wordcraft_kg.agents.players import random_entity, recipe_oracle
+from wordcraft_kg.artefacts import dump_json, staged_folder, write_atomically
+from wordcraft_kg.errors import ConfigError, GraphMismatchError
+from wordcraft_kg.graphs.arrays import Ids
+from wordcraft_kg.graphs.planner import layers
+from wordcraft_kg.graphs.tasks import TaskPart
+from wordcraft_kg.models.policies.actor_critic import AttentionPolicy
+from wordcraft_kg.reports import charts
+from wordcraft_kg.reports.pages import render_page
+from wordcraft_kg.statistics import (
     interquartile_mean,
     paired_difference,
     probability_of_improvement,
@@ -24,15 +32,6 @@ from wordcraft_kg.agents.intervals import (
     stratified_bootstrap,
     task_bootstrap,
 )
-from wordcraft_kg.artefacts import dump_json, staged_folder, write_atomically
-from wordcraft_kg.errors import ConfigError, GraphMismatchError
-from wordcraft_kg.graphs.planner import layers
-from wordcraft_kg.graphs.recipe_graph import Ids
-from wordcraft_kg.graphs.splits import PARTS
-from wordcraft_kg.graphs.tasks import TaskPart
-from wordcraft_kg.models.policies import AttentionPolicy
-from wordcraft_kg.reports import charts
-from wordcraft_kg.reports.pages import render_page
 
 REPORT_FORMAT = "wordcraft-kg agent report 1"
 RULES = ("depth", "max_attempts", "distractor_weighting", "distractor_policy", "ambiguity")
@@ -104,7 +103,7 @@ def make_agent_report(
     everyone = [agent for members in groups.values() for agent in members]
     first = everyone[0]
     for agent in everyone[1:]:
-        if agent.data.split.hash != first.data.split.hash:
+        if agent.opened.split.hash != first.opened.split.hash:
             raise GraphMismatchError(
                 f"'{agent.name}' and '{first.name}' were trained on different graphs or splits: their tasks are not "
                 "the same, and their figures cannot be compared. Train them on one graph folder."
@@ -129,7 +128,7 @@ def make_agent_report(
     judge = _Judge(part, draws)
     entries = [_entry(name, members, judge, played, headline) for name, members in groups.items()]
     _compare(entries, judge)
-    graph, split, tasks = first.data.graph, first.data.split, first.config.tasks
+    graph, split, tasks = first.opened.graph, first.opened.split, first.config.tasks
     values: dict[str, Any] = {
         "format": REPORT_FORMAT,
         "graph": {"name": graph.name, "hash": graph.hash, "entities": graph.num_entities, "recipes": graph.num_recipes},
@@ -187,8 +186,8 @@ class _Judge:
 
     def __call__(self, agent: OpenedAgent, distractors: int, player: Any) -> Evaluation:
         if distractors not in self.evaluators:
-            config = agent.config.tasks.world(self.part, distractors)
-            self.evaluators[distractors] = Evaluator(agent.data, config, draws=self.draws)
+            config = agent.config.tasks.environment(self.part, distractors)
+            self.evaluators[distractors] = Evaluator(agent.opened, config, draws=self.draws)
         return self.evaluators[distractors](player)
 
 
@@ -305,9 +304,9 @@ def _lambda_curves(members: list[OpenedAgent]) -> list[dict[str, Any]]:
 
 def _slices(agent: OpenedAgent, evaluator: Evaluator, success: NDArray[np.bool_]) -> dict[str, list[dict[str, Any]]]:
     """Success by how many train recipes make the goal, by its layer, and by how well the scorer ranks its links."""
-    graph, split = agent.data.graph, agent.data.split
+    graph, split = agent.opened.graph, agent.opened.split
     tasks = evaluator.engine.world.tasks
-    train = graph.recipes[split.parts == PARTS.index("train")]
+    train = graph.recipes[split.is_in("train")]
     made = np.bincount(train[:, 2], minlength=graph.num_entities)[tasks.goals]
     found = {
         "train_recipes": _between(success, made, ((0, 0), (1, 1), (2, 2), (3, 4), (5, 8), (9, _TOP))),
@@ -325,7 +324,7 @@ def _link_ranks(agent: OpenedAgent, tasks: Any) -> Ids | None:
     if knowledge is None or "v" not in knowledge.sources:
         return None
     scores = knowledge.scores[knowledge.sources.index("v"), :-1, :-1].numpy()
-    recipes = agent.data.graph.recipes
+    recipes = agent.opened.graph.recipes
     ranks = []
     for goal, plans in zip(tasks.goals.tolist(), tasks.plans, strict=True):
         row = scores[goal]
@@ -354,7 +353,9 @@ def _between(success: NDArray[np.bool_], values: Ids, bounds: Sequence[tuple[int
 def _episodes(agent: OpenedAgent, part: TaskPart, distractors: int, episodes: int) -> list[dict[str, Any]]:
     if agent.config.policy.policy == "mlp":
         distractors = agent.config.tasks.distractors
-    return explain_episodes(agent.policy, agent.data, agent.config.tasks.world(part, distractors), episodes=episodes)
+    return explain_episodes(
+        agent.policy, agent.opened, agent.config.tasks.environment(part, distractors), episodes=episodes
+    )
 
 
 def _pictures(values: dict[str, Any]) -> dict[str, Any]:

@@ -13,19 +13,22 @@ import torch
 from markupsafe import Markup
 from numpy.typing import NDArray
 
-from wordcraft_kg.agents.baselines import play_all, random_entity, recipe_oracle, scorer_players
+from wordcraft_kg.agents.players import play_all, random_entity, recipe_oracle, scorer_players
 from wordcraft_kg.artefacts import dump_json, staged_folder, write_atomically
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.errors import SplitError, WordCraftKGError
+from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.audit import leakage, split_summary
-from wordcraft_kg.graphs.folder import OpenedGraph
+from wordcraft_kg.graphs.folder import KG, OpenedGraph
 from wordcraft_kg.graphs.planner import layers
-from wordcraft_kg.graphs.protocols import TripleScorer
-from wordcraft_kg.graphs.recipe_graph import Ids, RecipeGraph
-from wordcraft_kg.graphs.splits import PARTS
+from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.triples import COMBINES_WITH, RELATIONS, is_in
-from wordcraft_kg.models.features import glove_features
-from wordcraft_kg.models.link_prediction import (
+from wordcraft_kg.models.scorers.facts import FrequencyScorer
+from wordcraft_kg.models.scorers.features import glove_features
+from wordcraft_kg.models.scorers.near_synonyms import NEAR_SYNONYM, near_synonym_recipes, near_synonym_triples
+from wordcraft_kg.models.scorers.neighbours import NeighbourScorer
+from wordcraft_kg.models.scorers.protocol import TripleScorer
+from wordcraft_kg.models.scorers.ranking import (
     MIN_TRIPLES,
     calibration,
     random_metrics,
@@ -35,8 +38,6 @@ from wordcraft_kg.models.link_prediction import (
     slice_masks,
     with_interval,
 )
-from wordcraft_kg.models.near_synonyms import NEAR_SYNONYM, near_synonym_recipes, near_synonym_triples
-from wordcraft_kg.models.scorers import FrequencyScorer, NeighbourScorer
 from wordcraft_kg.reports import charts
 from wordcraft_kg.reports.pages import render_page
 
@@ -61,7 +62,7 @@ def make_link_report(
     scorer: TripleScorer,
     opened: OpenedGraph,
     *,
-    kg: str = "partial",
+    kg: KG = "partial",
     name: str = "scorer",
     provenance: dict[str, Any] | None = None,
     trace: list[dict[str, float]] | None = None,
@@ -93,15 +94,15 @@ def make_link_report(
             f"only {len(queries)} unseen test triples; {MIN_TRIPLES} are needed for a figure that means something. "
             "Build the graph with a smaller --train-ratio, such as 0.7."
         )
-    trained_on = graph.triples if is_full else split.partial
+    trained_on = opened.triples(kg)
     ranks = rank_triples(scorer, queries, graph.triples)
-    sources = np.ones(graph.num_recipes, dtype=bool) if is_full else split.parts == PARTS.index("test")
+    sources = np.ones(graph.num_recipes, dtype=bool) if is_full else split.is_in("test")
     clusters = np.tile(recipe_clusters(graph, sources, queries), 2)
     baselines: dict[str, TripleScorer] = {"frequency": FrequencyScorer(graph, trained_on)}
     if graph.num_entities <= MAP_LIMIT:
         baselines["neighbours"] = NeighbourScorer(graph, trained_on)
     metrics = _by_slice(ranks, lambda part, mask: with_interval(part, clusters[mask], seed=seed))
-    everything = split.candidates("test") if not is_full else queries
+    everything = split.triples_of("test") if not is_full else queries
     leaked_ranks = ranks if is_full else rank_triples(scorer, everything, graph.triples)
     summary = split_summary(split)
     leaked = 0 if is_full else summary["leaked_triples"]

@@ -1,0 +1,152 @@
+"""Scripted players: what each knows decides how often it makes the goal."""
+
+import numpy as np
+import pytest
+
+from wordcraft_kg.agents.players import (
+    fact_tables,
+    knowledge_player,
+    knowledge_players,
+    play_all,
+    random_distinct,
+    random_entity,
+    recipe_oracle,
+    scorer_players,
+    scorer_tables,
+)
+from wordcraft_kg.envs.batch import BatchEngine
+from wordcraft_kg.envs.config import WordCraftConfig
+from wordcraft_kg.errors import ConfigError, GraphMismatchError
+from wordcraft_kg.graphs import COMBINES_WITH, COMPONENT_OF, open_graph
+from wordcraft_kg.models.scorers.facts import FrequencyScorer, SymbolicScorer
+
+
+@pytest.fixture(scope="module")
+def opened():
+    return open_graph("kitchen")
+
+
+def success(table, player, distractors=1):
+    row = table[(table["player"] == player) & (table["distractors"] == distractors)]
+    return float(row["success"].iloc[0])
+
+
+@pytest.mark.parametrize("depth", [1, 2, 3])
+@pytest.mark.parametrize("reward", ["sparse", "official"])
+def test_a_perfect_player_scores_exactly_one_whatever_the_depth_and_the_shaping(opened, depth, reward):
+    config = WordCraftConfig(part="test", depth=depth, num_tasks=40, reward=reward)
+    table = play_all(opened, {"recipe oracle": recipe_oracle}, config, (0, 4), draws=2)
+    assert table["success"].tolist() == [1.0, 1.0]
+    assert table["by_plan"].tolist() == [1.0, 1.0]
+
+
+def test_the_oracle_falls_short_where_the_last_result_wins(opened):
+    config = WordCraftConfig(part="all", ambiguity="last")
+    table = play_all(opened, {"recipe oracle": recipe_oracle}, config, (1,), draws=1)
+    results = np.diff(opened.graph.pair_starts)
+    assert success(table, "recipe oracle") == pytest.approx(len(results) / results.sum(), abs=0.01)
+    assert success(table, "recipe oracle") < 1
+
+
+def test_chance_is_what_it_should_be(opened):
+    players = {"random": random_entity, "random, distinct": random_distinct}
+    table = play_all(opened, players, WordCraftConfig(part="all"), (1,), draws=40, seed=1)
+    # Three entities on the table of a task of two ingredients, two of one: pairs in any order.
+    starts = BatchEngine(opened, WordCraftConfig(part="all"), 1).world.tasks.starts
+    selfs = float(np.mean(starts[:, 1] == opened.graph.num_entities))
+    expected = (1 - selfs) * 2 / 9 + selfs / 4
+    assert success(table, "random") == pytest.approx(expected, abs=0.02)
+    assert success(table, "random, distinct") == pytest.approx((1 - selfs) / 3, abs=0.02)
+
+
+def test_more_knowledge_wins_more(opened):
+    players = knowledge_players(opened.graph, opened.split.partial)
+    table = play_all(opened, players, WordCraftConfig(part="test"), (1, 8), draws=10)
+    for distractors in (1, 8):
+        order = ["full KG, v", "full KG, u+v", "full KG, u+v, no self edges", "recipe oracle"]
+        rates = [success(table, player, distractors) for player in order]
+        assert rates == sorted(rates)
+        assert success(table, "full KG, u+v", distractors) > success(table, "partial KG, u+v", distractors)
+
+
+def test_all_players_see_the_same_tables_and_the_seed_decides_them(opened):
+    seen = []
+
+    def look(engine, rng):
+        seen.append(engine.table.copy())
+        return np.zeros(engine.num_envs, dtype=np.int64)
+
+    config = WordCraftConfig(part="test")
+    for seed in (0, 0, 1):
+        play_all(opened, {"one": look, "other": look}, config, (3,), draws=1, seed=seed)
+    one, other, again, _, third, _ = seen[::2]
+    np.testing.assert_array_equal(one, other)
+    np.testing.assert_array_equal(one, again)
+    assert (one != third).any()
+
+
+def test_scores_are_brought_to_a_common_scale(opened):
+    graph = opened.graph
+    scorer = FrequencyScorer(graph, opened.split.partial)
+    tables = scorer_tables(graph, scorer)
+    others = ~np.eye(graph.num_entities, dtype=bool)
+    for relation in (COMBINES_WITH, COMPONENT_OF):
+        assert tables[relation, :-1, :-1][others].mean() == pytest.approx(0, abs=1e-6)
+        assert tables[relation, :-1, :-1][others].std() == pytest.approx(1)
+        assert not tables[relation, -1].any()
+        assert not tables[relation, :, -1].any()
+
+
+def test_self_edges_are_kept_observed_or_dropped(opened):
+    graph = opened.graph
+    scorer = FrequencyScorer(graph, graph.triples)
+    kept, observed, dropped = (
+        np.diagonal(scorer_tables(graph, scorer, self_edges=mode, observed=graph.triples)[COMBINES_WITH])[:-1]
+        for mode in ("keep", "observed", "drop")
+    )
+    loops = graph.triples[(graph.triples[:, 1] == COMBINES_WITH) & (graph.triples[:, 0] == graph.triples[:, 2]), 0]
+    assert not dropped.any()
+    np.testing.assert_array_equal(observed[loops], kept[loops])
+    assert not np.delete(observed, loops).any()
+    assert np.delete(kept, loops).any()
+    with pytest.raises(ConfigError, match="'observed' needs the triples"):
+        scorer_tables(graph, scorer, self_edges="observed")
+
+
+def test_a_scorer_of_facts_plays_like_the_facts(opened):
+    graph = opened.graph
+    facts = knowledge_player(fact_tables(graph, graph.triples), u=False)
+    scored = scorer_players(graph, SymbolicScorer(graph, graph.triples), graph.triples)["v"]
+    table = play_all(opened, {"facts": facts, "scorer": scored}, WordCraftConfig(part="test"), (4,), draws=20)
+    assert success(table, "facts", 4) == pytest.approx(success(table, "scorer", 4), abs=1e-9)
+
+
+def test_a_foreign_scorer_is_refused(opened):
+    other = open_graph("paper-examples").graph
+    with pytest.raises(GraphMismatchError, match="was trained on graph"):
+        scorer_tables(opened.graph, FrequencyScorer(other, other.triples))
+
+
+@pytest.mark.parametrize(
+    ("player", "distractors", "expected"),
+    [
+        ("recipe oracle", 1, 1.0),
+        ("full KG, v", 1, 0.529),
+        ("full KG, u", 8, 0.117),
+        ("full KG, u+v", 1, 0.803),
+        ("full KG, u+v", 8, 0.779),
+        ("full KG, u+v, no self edges", 1, 0.995),
+        ("full KG, u+v, no self edges", 8, 0.963),
+        ("full KG, best pair", 8, 0.979),
+    ],
+)
+def test_little_alchemy_2_gives_the_reference_figures(alchemy_table, player, distractors, expected):
+    # One split of 653 tasks with five draws: a standard error of up to .009 around the mean of five splits.
+    assert success(alchemy_table, player, distractors) == pytest.approx(expected, abs=0.025)
+
+
+@pytest.fixture(scope="module")
+def alchemy_table(alchemy_path):
+    opened = open_graph(alchemy_path)
+    players = knowledge_players(opened.graph, opened.split.partial)
+    return play_all(opened, players, WordCraftConfig(part="test"), (1, 8))

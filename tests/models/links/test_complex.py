@@ -1,0 +1,253 @@
+"""ComplEx: the matrix product scores, the paper's equations, and the training loop against PyKEEN's own."""
+
+import hypothesis.extra.numpy as npst
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+from link_helpers import random_graph
+from link_oracles import equation_1, equation_2, n3
+from pykeen.models import TransD, TransE
+from pykeen.nn.modules import ComplExInteraction
+from pykeen.regularizers import PowerSumRegularizer
+from pykeen.training import SymmetricLCWATrainingLoop
+
+from wordcraft_kg.errors import ConfigError
+from wordcraft_kg.models.links.complex import ComplExN3, MatmulComplExInteraction
+from wordcraft_kg.models.links.config import N3_PARTIAL, PAPER_DIM
+from wordcraft_kg.models.links.pykeen_bridge import triples_factory
+from wordcraft_kg.models.links.symmetric_lcwa import IndexedSymmetricLCWATrainingLoop
+
+D = 6
+SHAPES = {
+    "plain triples": ((5,), (5,), (5,)),
+    "one triple": ((), (), ()),
+    "tails open": ((5, 1), (5, 1), (1, 7)),
+    "heads open": ((1, 7), (5, 1), (5, 1)),
+    "relations open": ((5, 1), (1, 3), (5, 1)),
+    "tails open, one relation for all": ((5, 1), (1, 1), (1, 7)),
+    "heads open, one relation for all": ((1, 7), (1, 1), (5, 1)),
+    "tails open, a batch of one": ((1, 1), (1, 1), (1, 7)),
+    "heads open, a batch of one": ((1, 7), (1, 1), (1, 1)),
+    "a single candidate head": ((1, 1), (5, 1), (5, 1)),
+    "a single candidate relation": ((5, 1), (1, 1), (5, 1)),
+    "a single triple of three axes": ((1, 1), (1, 1), (1, 1)),
+    "heads and tails vary together": ((1, 7), (1, 1), (1, 7)),
+    "other candidates in each row": ((5, 1), (5, 1), (5, 7)),
+    "four axes": ((2, 1, 1), (1, 3, 1), (1, 1, 4)),
+}
+
+
+def embedding(shape: tuple[int, ...], seed: int, dtype: torch.dtype = torch.complex64) -> torch.Tensor:
+    generator = torch.Generator().manual_seed(seed)
+    return torch.randn(*shape, D, dtype=dtype, generator=generator)
+
+
+@pytest.fixture
+def factory():
+    graph = random_graph(num_entities=7, num_recipes=9)
+    return triples_factory(graph, graph.triples)
+
+
+def tiny_model(factory, **settings) -> ComplExN3:
+    return ComplExN3(triples_factory=factory, embedding_dim=3, init_scale=0.7, random_seed=3, **settings)
+
+
+def weights(model: ComplExN3) -> tuple[np.ndarray, np.ndarray]:
+    (entity,), (relation,) = model.entity_representations, model.relation_representations
+    return entity._plain_forward().detach().numpy(), relation._plain_forward().detach().numpy()
+
+
+@pytest.mark.parametrize("shapes", SHAPES.values(), ids=SHAPES)
+def test_matmul_interaction_equals_pykeens_for_every_shape(shapes):
+    h, r, t = (embedding(shape, seed) for seed, shape in enumerate(shapes))
+    expected = ComplExInteraction()(h, r, t)
+    assert expected.shape == torch.broadcast_shapes(*shapes)
+    torch.testing.assert_close(MatmulComplExInteraction()(h, r, t), expected, atol=1e-5, rtol=1e-5)
+
+
+@given(npst.mutually_broadcastable_shapes(num_shapes=3, max_dims=3, max_side=4))
+def test_matmul_interaction_equals_pykeens_for_any_broadcastable_shapes(shapes):
+    h, r, t = (embedding(shape, seed) for seed, shape in enumerate(shapes.input_shapes))
+    expected = ComplExInteraction()(h, r, t)
+    torch.testing.assert_close(MatmulComplExInteraction()(h, r, t), expected, atol=1e-5, rtol=1e-5)
+
+
+@pytest.mark.parametrize("shapes", SHAPES.values(), ids=SHAPES)
+def test_gradients_of_the_matmul_interaction_equal_pykeens(shapes):
+    gradients = []
+    for interaction in (ComplExInteraction(), MatmulComplExInteraction()):
+        inputs = [embedding(s, seed, torch.complex128).requires_grad_() for seed, s in enumerate(shapes)]
+        scores = interaction(*inputs)
+        slope = torch.linspace(-1, 2, scores.numel(), dtype=torch.float64).view(scores.shape)
+        gradients.append(torch.autograd.grad((scores * slope).sum(), inputs))
+    for ours, pykeens in zip(gradients[1], gradients[0], strict=True):
+        assert pykeens.abs().max() > 0
+        torch.testing.assert_close(ours, pykeens)
+
+
+@pytest.mark.parametrize("shapes", [SHAPES["tails open"], SHAPES["heads open"], SHAPES["plain triples"]])
+def test_matmul_interaction_takes_lazily_conjugated_inputs(shapes):
+    h, r, t = (embedding(shape, seed).conj() for seed, shape in enumerate(shapes))
+    expected = ComplExInteraction()(*(x.resolve_conj() for x in (h, r, t)))
+    torch.testing.assert_close(MatmulComplExInteraction()(h, r, t), expected, atol=1e-5, rtol=1e-5)
+
+
+def test_equation_1_score_is_the_real_part_of_the_trilinear_product(factory):
+    model = tiny_model(factory)
+    entity, relation = weights(model)
+    expected = [
+        [[equation_1(entity[s], relation[p], entity[o]) for o in range(len(entity))] for s in range(len(entity))]
+        for p in range(len(relation))
+    ]
+    everything = torch.arange(len(entity))
+    found = torch.stack(
+        [model.score_t(torch.stack([everything, torch.full_like(everything, p)], dim=1)) for p in range(len(relation))]
+    )
+    torch.testing.assert_close(found, torch.tensor(expected, dtype=torch.float32), atol=1e-5, rtol=1e-5)
+
+
+def test_scores_of_heads_tails_relations_and_triples_agree(factory):
+    model = tiny_model(factory)
+    triples = factory.mapped_triples
+    plain = model.score_hrt(triples)[:, 0]
+    h, r, t = triples.T
+    rows = torch.arange(len(triples))
+    torch.testing.assert_close(model.score_t(triples[:, :2])[rows, t], plain)
+    torch.testing.assert_close(model.score_h(triples[:, 1:])[rows, h], plain)
+    torch.testing.assert_close(model.score_r(triples[:, [0, 2]])[rows, r], plain)
+
+
+@pytest.mark.parametrize("weight", [0.3, 1.0])
+def test_equation_2_loss_is_the_softmax_of_both_sides_plus_n3_once(factory, weight):
+    model = tiny_model(factory, regularizer_kwargs={"weight": weight})
+    loop = IndexedSymmetricLCWATrainingLoop(model=model, triples_factory=factory)
+    triples = factory.mapped_triples
+    model.train()
+    found = loop._process_batch((triples,), 0, len(triples)).item()
+    entity, relation = weights(model)
+    expected = equation_2(entity, relation, triples.tolist()) + weight * n3(entity, relation, triples.tolist())
+    assert found == pytest.approx(expected, rel=1e-5)
+
+
+def test_equation_2_loss_without_a_regulariser_is_the_softmax_alone(factory):
+    model = tiny_model(factory, regularizer=None)
+    loop = IndexedSymmetricLCWATrainingLoop(model=model, triples_factory=factory)
+    triples = factory.mapped_triples
+    model.train()
+    found = loop._process_batch((triples,), 0, len(triples)).item()
+    assert found == pytest.approx(equation_2(*weights(model), triples.tolist()), rel=1e-5)
+
+
+def test_a_slice_of_a_batch_is_judged_by_its_own_triples(factory):
+    model = tiny_model(factory, regularizer=None)
+    loop = IndexedSymmetricLCWATrainingLoop(model=model, triples_factory=factory)
+    model.train()
+    found = loop._process_batch((factory.mapped_triples,), 2, 5).item()
+    assert found == pytest.approx(equation_2(*weights(model), factory.mapped_triples[2:5].tolist()), rel=1e-5)
+
+
+def test_label_smoothing_is_passed_on_to_the_cross_entropy(factory):
+    model = tiny_model(factory, regularizer=None)
+    loop = IndexedSymmetricLCWATrainingLoop(model=model, triples_factory=factory)
+    heads, _, tails = factory.mapped_triples.T
+    model.train()
+    found = loop._process_batch((factory.mapped_triples,), 0, len(heads), label_smoothing=0.2)
+    expected = sum(
+        torch.nn.functional.cross_entropy(scores, target, label_smoothing=0.2)
+        for scores, target in (
+            (model.score_t(factory.mapped_triples[:, :2]), tails),
+            (model.score_h(factory.mapped_triples[:, 1:]), heads),
+        )
+    )
+    torch.testing.assert_close(found, expected)
+
+
+def balanced_factory():
+    """Triples in which each entity is a head once and a tail once.
+
+    PyKEEN's stock loop regularises the two known factors and the mean of all candidates, for each side. Only where all
+    entities are equally frequent is that the same as each looked-up factor twice.
+    """
+    graph = random_graph(num_entities=7, num_recipes=20)
+    entities = np.arange(graph.num_entities)
+    return triples_factory(graph, np.column_stack([entities, entities % 2, np.roll(entities, 3)]))
+
+
+@pytest.mark.parametrize("weight", [0.0, 0.4])
+def test_one_epoch_of_one_batch_equals_pykeens_symmetric_loop_with_half_the_n3(weight):
+    factory = balanced_factory()
+    ours = tiny_model(factory, regularizer_kwargs={"weight": weight})
+    stock = tiny_model(factory, regularizer_kwargs={"weight": weight / 2})
+    settings = {"optimizer": "SGD", "optimizer_kwargs": {"lr": 0.5}, "triples_factory": factory}
+    losses = []
+    for loop, model in ((IndexedSymmetricLCWATrainingLoop, ours), (SymmetricLCWATrainingLoop, stock)):
+        with torch.random.fork_rng():
+            torch.manual_seed(5)  # the loop draws the weights anew
+            losses += loop(model=model, **settings).train(
+                factory, num_epochs=1, batch_size=factory.num_triples, use_tqdm=False, pin_memory=False
+            )
+            before_training = torch.manual_seed(5) and tiny_model(factory)
+    assert losses[0] == pytest.approx(losses[1], rel=1e-5)
+    for mine, theirs, untrained in zip(weights(ours), weights(stock), weights(before_training), strict=True):
+        np.testing.assert_allclose(mine, theirs, atol=1e-6)
+        assert np.abs(mine - untrained).max() > 0.01
+
+
+@pytest.mark.parametrize("batch_size", [1, 4, 100])
+def test_an_epoch_visits_every_triple_once(factory, batch_size):
+    loop = IndexedSymmetricLCWATrainingLoop(model=tiny_model(factory), triples_factory=factory)
+    batches = [
+        batch for (batch,) in loop._create_training_data_loader(factory, None, batch_size=batch_size, drop_last=False)
+    ]
+    assert {len(batch) for batch in batches[:-1]} <= {batch_size}
+    visited = torch.cat(batches)
+    assert sorted(visited.tolist()) == sorted(factory.mapped_triples.tolist())
+
+
+def test_the_order_of_triples_changes_from_epoch_to_epoch(factory):
+    loop = IndexedSymmetricLCWATrainingLoop(model=tiny_model(factory), triples_factory=factory)
+    loader = loop._create_training_data_loader(factory, None, batch_size=4, drop_last=False)
+    orders = {tuple(torch.cat([batch for (batch,) in loader]).flatten().tolist()) for _ in range(5)}
+    assert len(orders) > 1
+
+
+def test_the_indexed_loop_refuses_another_loss(factory):
+    model = ComplExN3(triples_factory=factory, embedding_dim=3, loss="nssa")
+    with pytest.raises(ConfigError, match="NSSALoss"):
+        IndexedSymmetricLCWATrainingLoop(model=model, triples_factory=factory)
+
+
+def test_the_indexed_loop_refuses_a_model_with_two_embeddings_an_entity(factory):
+    model = TransD(triples_factory=factory, embedding_dim=3, loss="crossentropy")
+    with pytest.raises(ConfigError, match=r"TransD.*SymmetricLCWA"):
+        IndexedSymmetricLCWATrainingLoop(model=model, triples_factory=factory)
+
+
+def test_the_indexed_loop_trains_another_model_of_single_embeddings(factory):
+    model = TransE(triples_factory=factory, embedding_dim=3, loss="crossentropy", random_seed=0)
+    loop = IndexedSymmetricLCWATrainingLoop(model=model, triples_factory=factory, optimizer_kwargs={"lr": 0.1})
+    losses = loop.train(factory, num_epochs=5, batch_size=8, use_tqdm=False)
+    assert losses[-1] < losses[0]
+
+
+def test_the_defaults_are_the_papers_dimension_and_the_n3_norm(factory):
+    model = ComplExN3(triples_factory=factory)
+    (entity,) = model.entity_representations
+    assert entity().shape == (factory.num_entities, PAPER_DIM)
+    assert entity().dtype == torch.complex64
+    assert isinstance(entity.regularizer, PowerSumRegularizer)
+    assert (entity.regularizer.weight.item(), entity.regularizer.p) == (pytest.approx(N3_PARTIAL), 3.0)
+    assert not entity.regularizer.normalize
+
+
+def test_a_given_n3_weight_keeps_the_other_settings_of_the_norm(factory):
+    (entity,) = tiny_model(factory, regularizer_kwargs={"weight": 0.5}).entity_representations
+    assert (entity.regularizer.weight.item(), entity.regularizer.p, entity.regularizer.normalize) == (0.5, 3.0, False)
+
+
+def test_initial_embeddings_have_the_scale_asked_for(factory):
+    model = ComplExN3(triples_factory=factory, embedding_dim=500, init_scale=0.01, random_seed=0)
+    entity, _ = weights(model)
+    assert entity.real.std() == pytest.approx(0.01, rel=0.1)
+    assert entity.imag.std() == pytest.approx(0.01, rel=0.1)

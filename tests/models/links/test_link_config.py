@@ -1,0 +1,121 @@
+"""Settings of link predictors: their ranges, and reading them back."""
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from wordcraft_kg.errors import ArtefactError, ConfigError
+from wordcraft_kg.models.links.config import CONFIGS, ComplExConfig, LinkModelConfig, read_config
+
+NAN, INF = float("nan"), float("inf")
+
+
+@pytest.mark.parametrize("config", [ComplExConfig, LinkModelConfig])
+@pytest.mark.parametrize(
+    ("setting", "value"),
+    [
+        ("kg", "half"),
+        ("epochs", 0),
+        ("epochs", -3),
+        ("batch_size", 0),
+        ("checkpoint_every", 0),
+        ("threads", 0),
+        ("eval_every", -1),
+        ("patience", -1),
+        ("seed", -1),
+        ("dim", 0),
+        ("learning_rate", 0.0),
+        ("learning_rate", -1.0),
+        ("learning_rate", NAN),
+        ("learning_rate", INF),
+    ],
+)
+def test_a_setting_out_of_range_is_an_error_that_names_its_option_and_value(config, setting, value):
+    with pytest.raises(ConfigError, match=re.escape(f"--{setting.replace('_', '-')} {value}: expected")):
+        config(**{setting: value})
+
+
+@pytest.mark.parametrize("value", [-1.0, NAN, INF])
+def test_n3_out_of_range_is_an_error(value):
+    with pytest.raises(ConfigError, match="--n3"):
+        ComplExConfig(n3=value)
+
+
+@pytest.mark.parametrize("value", [0.0, -1e-3, NAN, INF])
+def test_an_initial_scale_out_of_range_is_an_error(value):
+    with pytest.raises(ConfigError, match="--init-scale"):
+        ComplExConfig(init_scale=value)
+
+
+@pytest.mark.parametrize(("setting", "value"), [("negatives", 0), ("loop", "lcwa")])
+def test_settings_of_other_models_out_of_range_are_errors(setting, value):
+    with pytest.raises(ConfigError, match=f"--{setting} {value}"):
+        LinkModelConfig(**{setting: value})
+
+
+@pytest.mark.parametrize("config", [ComplExConfig, LinkModelConfig])
+def test_patience_without_validation_is_an_error_that_names_the_missing_option(config):
+    with pytest.raises(ConfigError, match="--eval-every"):
+        config(patience=2)
+    assert config(patience=2, eval_every=1).patience == 2
+
+
+@pytest.mark.parametrize("config", [ComplExConfig, LinkModelConfig])
+def test_the_least_allowed_settings_are_allowed(config):
+    least = {"epochs": 1, "batch_size": 1, "checkpoint_every": 1, "threads": 1, "dim": 1, "seed": 0, "eval_every": 0}
+    assert vars(replace(config(), **least)).items() >= least.items()
+
+
+def test_n3_is_off_by_default_on_the_full_graph_only():
+    assert ComplExConfig(kg="full").n3 == 0
+    assert ComplExConfig(kg="partial").n3 > 0
+
+
+@pytest.mark.parametrize("kg", ["full", "partial"])
+def test_a_given_n3_is_kept(kg):
+    assert ComplExConfig(kg=kg, n3=0.0).n3 == 0
+    assert ComplExConfig(kg=kg, n3=0.7).n3 == 0.7
+
+
+def test_configurations_are_found_by_their_command():
+    assert {name: config().command for name, config in CONFIGS.items()} == {name: name for name in CONFIGS}
+
+
+def test_a_config_file_fills_the_defaults_of_settings_that_it_lacks(tmp_path: Path):
+    (tmp_path / "config.toml").write_text('[train-complex]\ngraph = "kitchen"\ndim = 5\n')
+    assert read_config(tmp_path) == (ComplExConfig(dim=5), "kitchen")
+
+
+def test_a_missing_config_file_is_an_error_that_says_so(tmp_path: Path):
+    with pytest.raises(ArtefactError, match=r"config\.toml is missing"):
+        read_config(tmp_path)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "not toml",
+        '[train-complex]\ngraph = "kitchen"\nepoch = 3\n',
+        '[train-complex]\ngraph = "kitchen"\nepochs = 0\n',
+        '[train-complex]\ngraph = "kitchen"\nepochs = "ten"\n',
+        "[train-complex]\nepochs = 3\n",
+        "[train-complex]\ngraph = 3\n",
+        '[train-magic]\ngraph = "kitchen"\n',
+        '[train-complex]\ngraph = "kitchen"\n[train-links]\ngraph = "kitchen"\n',
+        'train-complex = "kitchen"\n',
+    ],
+    ids=lambda text: text.replace("\n", " ")[:40] or "empty",
+)
+def test_a_damaged_config_file_is_an_error_that_names_it(tmp_path: Path, text: str):
+    (tmp_path / "config.toml").write_text(text)
+    with pytest.raises(ArtefactError, match=r"config\.toml is damaged"):
+        read_config(tmp_path)
+
+
+def test_a_config_file_that_is_not_utf8_is_an_error_that_names_it(tmp_path: Path):
+    (tmp_path / "config.toml").write_bytes(b"\xff\xfe")
+    with pytest.raises(ArtefactError, match=r"config\.toml is damaged"):
+        read_config(tmp_path)

@@ -1,0 +1,108 @@
+"""Opening a model folder with the graph and split that it was trained on."""
+
+import json
+import shutil
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from link_helpers import flip_bit
+
+from wordcraft_kg.errors import ArtefactError, GraphMismatchError
+from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_book
+from wordcraft_kg.graphs.folder import OpenedGraph, open_graph, write_graph_folder
+from wordcraft_kg.models.links.config import ComplExConfig
+from wordcraft_kg.models.links.folder import open_model
+from wordcraft_kg.models.links.training import train_links
+
+Spoilt = Callable[[str], tuple[Path, Path]]
+SHORT = ComplExConfig(dim=4, epochs=2)
+
+
+@pytest.fixture
+def on_disk(kitchen_folder: Path, tmp_path: Path) -> tuple[Path, Path]:
+    """A model folder, and the graph folder beside it, for a test to move or replace."""
+    shutil.copytree(kitchen_folder, tmp_path / "graph")
+    return train_links(open_graph(tmp_path / "graph"), SHORT, tmp_path / "model").folder, tmp_path / "graph"
+
+
+def rebuild(folder: Path, **settings: float) -> None:
+    book = open_book("kitchen")
+    write_graph_folder(folder, book, make_split(RecipeGraph.from_book(book), SplitConfig(**settings)), force=True)
+
+
+def test_an_opened_model_has_its_scorer_graph_split_and_history(complex_folder: Path, opened_kitchen: OpenedGraph):
+    opened = open_model(complex_folder)
+    assert (opened.opened.graph, opened.opened.split.hash) == (opened_kitchen.graph, opened_kitchen.split.hash)
+    assert opened.scorer.graph_hash == opened_kitchen.graph.hash
+    assert (opened.kg, [row["epoch"] for row in opened.trace]) == ("partial", [1, 2, 3, 4])
+    assert (
+        opened.provenance["weights"]
+        == json.loads((complex_folder / "run.json").read_text())["outputs"]["model.safetensors"]
+    )
+
+
+def test_a_model_of_a_graph_folder_finds_it_from_anywhere(on_disk, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    model, graph = on_disk
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    assert open_model(model).opened.split.hash == open_graph(graph).split.hash
+
+
+def test_a_model_given_by_a_relative_path_finds_its_graph(on_disk, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.chdir(tmp_path)
+    assert open_model(Path("model")).opened.split.hash == open_graph(on_disk[1]).split.hash
+
+
+def test_a_graph_that_has_moved_is_an_error_that_asks_for_it(on_disk, tmp_path: Path):
+    model, graph = on_disk
+    graph.rename(tmp_path / "moved")
+    with pytest.raises(ArtefactError, match="--graph"):
+        open_model(model)
+    assert open_model(model, str(tmp_path / "moved")).opened.source == str(tmp_path / "moved")
+
+
+def test_a_graph_built_again_with_another_split_is_refused(on_disk):
+    model, graph = on_disk
+    rebuild(graph, train_ratio=0.7, valid_ratio=0.15, seed=1)
+    with pytest.raises(GraphMismatchError, match=r"trained on split .* --graph"):
+        open_model(model)
+
+
+def test_a_graph_built_again_with_the_same_split_is_accepted(on_disk):
+    model, graph = on_disk
+    rebuild(graph, train_ratio=0.7, valid_ratio=0.15)
+    assert open_model(model).opened.graph.name == "kitchen"
+
+
+def test_another_graph_is_refused(complex_folder: Path, tmp_path: Path):
+    book = open_book("kitchen")
+    smaller = replace(book, recipes=book.recipes[:-1])
+    write_graph_folder(tmp_path / "graph", smaller, make_split(RecipeGraph.from_book(smaller), SplitConfig()))
+    with pytest.raises(GraphMismatchError, match="trained on graph"):
+        open_model(complex_folder, str(tmp_path / "graph"))
+
+
+@pytest.mark.parametrize("name", ["config.toml", "metrics.json", "trace.jsonl", "vocabulary.json", "model.safetensors"])
+@pytest.mark.parametrize("place", [0.0, 0.5, 1.0])
+def test_a_flipped_bit_in_any_output_is_an_artefact_error_that_names_it(spoilt: Spoilt, name: str, place: float):
+    folder, path = spoilt(name)
+    flip_bit(path, int(place * (path.stat().st_size - 1)))
+    with pytest.raises(ArtefactError, match=rf"{name} is damaged"):
+        open_model(folder)
+
+
+@pytest.mark.parametrize("name", ["config.toml", "metrics.json", "trace.jsonl"])
+def test_a_missing_output_is_an_artefact_error_that_names_it(spoilt: Spoilt, name: str):
+    folder, path = spoilt(name)
+    path.unlink()
+    with pytest.raises(ArtefactError, match=rf"{name} is missing"):
+        open_model(folder)
+
+
+def test_a_model_folder_needs_nothing_but_what_its_run_wrote(spoilt: Spoilt):
+    folder, card = spoilt("README.md")
+    card.unlink()
+    (folder / "notes.txt").write_text("a note of mine")
+    assert open_model(folder).kg == "partial"

@@ -1,0 +1,140 @@
+"""The guard around PyKEEN's global seeding, and what of PyKEEN's logging it lets through."""
+
+import gc
+import logging
+import random
+
+import numpy as np
+import pytest
+import torch
+from link_helpers import global_states, random_graph
+
+from wordcraft_kg.graphs.triples import RELATIONS
+from wordcraft_kg.models.links.pykeen_bridge import pykeen_guard, quiet_pykeen, seed_everything, triples_factory
+
+
+def draws() -> tuple[float, float, float]:
+    return random.random(), float(np.random.rand()), float(torch.rand(()))  # noqa: NPY002
+
+
+def draws_and_fails() -> None:
+    draws()
+    raise ZeroDivisionError
+
+
+@pytest.fixture(autouse=True)
+def start_from_known_states():
+    random.seed(11)
+    np.random.seed(11)  # noqa: NPY002
+    torch.manual_seed(11)
+
+
+def test_the_guard_puts_all_global_states_back():
+    before = global_states()
+    with pykeen_guard(seed=3, threads=1):
+        draws()
+        assert global_states()["torch"] != before["torch"]
+    assert global_states() == before
+
+
+def test_the_guard_puts_all_global_states_back_after_an_error():
+    before = global_states()
+    with pytest.raises(ZeroDivisionError), pykeen_guard(seed=3, threads=1):
+        draws_and_fails()
+    assert global_states() == before
+
+
+def test_draws_after_the_guard_go_on_as_if_nothing_had_happened():
+    draws()
+    with pykeen_guard(seed=3, threads=1):
+        draws()
+    after = draws()
+    random.seed(11)
+    np.random.seed(11)  # noqa: NPY002
+    torch.manual_seed(11)
+    draws()
+    assert draws() == after
+
+
+def test_the_guard_sets_the_threads_and_puts_them_back():
+    threads = torch.get_num_threads()
+    with pykeen_guard(seed=3, threads=threads + 1):
+        assert torch.get_num_threads() == threads + 1
+    assert torch.get_num_threads() == threads
+
+
+def test_draws_inside_the_guard_depend_on_the_seed_alone():
+    found = []
+    for seed, warm_up in ((3, 0), (3, 5), (4, 0)):
+        for _ in range(warm_up):
+            draws()
+        with pykeen_guard(seed=seed, threads=1):
+            found.append(draws())
+    assert found[0] == found[1]
+    assert all(one != other for one, other in zip(found[0], found[2], strict=True))
+
+
+def test_every_epoch_has_draws_of_its_own():
+    with pykeen_guard(seed=3, threads=1):
+        found = []
+        for epoch in (0, 1, 2, 1):
+            seed_everything(3, epoch)
+            found.append(draws())
+    assert found[1] == found[3]
+    assert len(set(found)) == 3
+
+
+def test_a_large_root_seed_is_as_good_as_any():
+    with pykeen_guard(seed=2**40 + 1, threads=1):
+        large = draws()
+    with pykeen_guard(seed=1, threads=1):
+        assert draws() != large
+
+
+def test_the_guard_freezes_objects_only_while_it_is_open():
+    before = gc.get_freeze_count()
+    with pykeen_guard(seed=3, threads=1):
+        assert gc.get_freeze_count() > before
+    assert gc.get_freeze_count() == before
+
+
+def test_objects_that_were_frozen_before_the_guard_stay_frozen():
+    gc.freeze()
+    try:
+        with pykeen_guard(seed=3, threads=1):
+            pass
+        assert gc.get_freeze_count() > 0
+    finally:
+        gc.unfreeze()
+
+
+def test_pykeen_is_quiet_only_inside_the_block_and_on_errors_too():
+    loggers = [logging.getLogger(name) for name in ("pykeen", "pykeen.training.training_loop")]
+    before = [logger.getEffectiveLevel() for logger in loggers]
+    with quiet_pykeen():
+        assert [logger.isEnabledFor(logging.WARNING) for logger in loggers] == [False, False]
+    assert [logger.getEffectiveLevel() for logger in loggers] == before
+    with pytest.raises(ZeroDivisionError), quiet_pykeen():
+        draws_and_fails()
+    assert [logger.getEffectiveLevel() for logger in loggers] == before
+
+
+def test_a_triples_factory_has_the_graphs_triples_and_ids():
+    graph = random_graph()
+    factory = triples_factory(graph, graph.triples)
+    assert factory.mapped_triples.tolist() == graph.triples.tolist()
+    assert factory.mapped_triples.dtype == torch.int64
+    assert factory.entity_to_id == {label: i for i, label in enumerate(graph.entities)}
+    assert factory.relation_to_id == {label: i for i, label in enumerate(RELATIONS)}
+
+
+def test_a_triples_factory_counts_entities_that_its_triples_lack():
+    graph = random_graph()
+    assert triples_factory(graph, graph.triples[:1]).num_entities == graph.num_entities
+
+
+def test_a_triples_factory_shares_no_memory_with_the_graph():
+    graph = random_graph()
+    factory = triples_factory(graph, graph.triples)
+    factory.mapped_triples[0, 0] += 1
+    assert factory.mapped_triples[0, 0] == graph.triples[0, 0] + 1

@@ -1,0 +1,150 @@
+"""PyKEEN knows our model, loop and dataset by name, whoever is imported first, and trains with them."""
+
+import math
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from pykeen.datasets import dataset_resolver, get_dataset
+from pykeen.hpo import hpo_pipeline
+from pykeen.pipeline import pipeline
+
+from wordcraft_kg.errors import ConfigError, SplitError
+from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_book
+from wordcraft_kg.graphs.folder import OpenedGraph, write_graph_folder
+from wordcraft_kg.graphs.triples import RELATIONS
+from wordcraft_kg.models.links.complex import ComplExN3
+
+LOOK_UP = """
+from pykeen.datasets import dataset_resolver
+from pykeen.models import model_resolver
+from pykeen.training import training_loop_resolver
+
+for resolver, name in (
+    (model_resolver, "ComplExN3"),
+    (training_loop_resolver, "IndexedSymmetricLCWA"),
+    (dataset_resolver, "wordcraft"),
+):
+    print(resolver.lookup(name).__name__)
+"""
+
+
+@pytest.fixture(autouse=True)
+def own_pykeen_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Keep PyKEEN's cache of datasets out of the user's home."""
+    monkeypatch.setattr("pykeen.datasets.utils.PYKEEN_DATASETS", tmp_path / "pykeen-cache")
+
+
+def python(code: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=False)
+
+
+@pytest.mark.parametrize("first", ["wordcraft_kg.models", "pykeen.models", "wordcraft_kg.models.links.pykeen_bridge"])
+def test_pykeen_knows_our_names_whichever_module_is_imported_first(first):
+    done = python(f"import {first}\nimport wordcraft_kg.models\n{LOOK_UP}")
+    assert (done.stdout.split(), done.stderr) == (["ComplExN3", "IndexedSymmetricLCWATrainingLoop", "WordCraft"], "")
+
+
+def test_importing_the_models_package_imports_neither_torch_nor_pykeen():
+    done = python("import sys, wordcraft_kg.models\nprint({'torch', 'pykeen'} & set(sys.modules))")
+    assert (done.stdout.strip(), done.stderr) == ("set()", "")
+
+
+def test_the_pipeline_trains_our_model_by_name(validated_kitchen: OpenedGraph, kitchen_folder: Path):
+    result = pipeline(
+        dataset="wordcraft",
+        dataset_kwargs={"graph": str(kitchen_folder)},
+        model="ComplExN3",
+        model_kwargs={"embedding_dim": 8},
+        loss="crossentropy",
+        training_loop="IndexedSymmetricLCWA",
+        training_kwargs={"num_epochs": 1, "batch_size": 128, "use_tqdm": False},
+        evaluation_kwargs={"batch_size": 128, "use_tqdm": False},
+        random_seed=0,
+        device="cpu",
+    )
+    assert isinstance(result.model, ComplExN3)
+    assert [math.isfinite(loss) for loss in result.losses] == [True]
+    assert 0 < result.get_metric("mrr") < 1
+    assert result.training.num_triples == len(validated_kitchen.split.partial)
+
+
+def test_the_pipeline_takes_a_built_in_book_by_name():
+    result = pipeline(
+        dataset="wordcraft",
+        dataset_kwargs={"graph": "kitchen"},
+        model="ComplExN3",
+        model_kwargs={"embedding_dim": 4},
+        loss="crossentropy",
+        training_loop="IndexedSymmetricLCWA",
+        training_kwargs={"num_epochs": 1, "batch_size": 512, "use_tqdm": False},
+        evaluation_kwargs={"batch_size": 128, "use_tqdm": False},
+        random_seed=0,
+        device="cpu",
+    )
+    assert result.model.num_entities == 80
+
+
+def test_the_pipeline_without_a_loss_is_an_error_that_says_which_loss_to_give():
+    # PyKEEN's pipeline passes its own default, a margin loss, to every model, whatever the model's default is.
+    with pytest.raises(ConfigError, match=r"(?i)cross.?entropy.*loss=.crossentropy."):
+        pipeline(dataset="wordcraft", model="ComplExN3", training_loop="IndexedSymmetricLCWA", device="cpu")
+
+
+def test_the_hpo_pipeline_takes_our_model_by_name_for_a_trial(kitchen_folder: Path):
+    result = hpo_pipeline(
+        dataset="wordcraft",
+        dataset_kwargs={"graph": str(kitchen_folder)},
+        model="ComplExN3",
+        model_kwargs={"embedding_dim": 4},
+        training_loop="IndexedSymmetricLCWA",
+        training_kwargs={"num_epochs": 1, "batch_size": 512, "use_tqdm": False},
+        evaluation_kwargs={"batch_size": 128, "use_tqdm": False},
+        n_trials=1,
+        device="cpu",
+    )
+    (trial,) = result.study.trials
+    assert trial.state.name == "COMPLETE"
+    assert 0 < trial.value < 1
+
+
+def test_the_dataset_holds_the_parts_of_the_graphs_split(validated_kitchen: OpenedGraph, kitchen_folder: Path):
+    dataset = dataset_resolver.make("wordcraft", {"graph": kitchen_folder})
+    split = validated_kitchen.split
+    assert sorted(dataset.training.mapped_triples.tolist()) == sorted(split.partial.tolist())
+    assert sorted(dataset.validation.mapped_triples.tolist()) == sorted(split.held_out("valid").tolist())
+    assert sorted(dataset.testing.mapped_triples.tolist()) == sorted(split.held_out("test").tolist())
+
+
+def test_the_dataset_keeps_the_graphs_ids(validated_kitchen: OpenedGraph, kitchen_folder: Path):
+    dataset = dataset_resolver.make("wordcraft", {"graph": kitchen_folder})
+    assert dataset.training.entity_to_id == {name: i for i, name in enumerate(validated_kitchen.graph.entities)}
+    assert dataset.training.relation_to_id == {name: i for i, name in enumerate(RELATIONS)}
+    assert dataset.testing.entity_to_id == dataset.training.entity_to_id
+
+
+def test_the_dataset_adds_inverse_triples_when_asked(kitchen_folder: Path):
+    plain, doubled = (
+        dataset_resolver.make("wordcraft", {"graph": kitchen_folder, "create_inverse_triples": inverse}).training
+        for inverse in (False, True)
+    )
+    assert (plain.num_relations, doubled.num_relations) == (2, 4)
+
+
+def test_the_dataset_of_a_graph_without_test_triples_is_refused(tmp_path: Path):
+    book = open_book("kitchen")
+    folder = tmp_path / "unsplit"
+    write_graph_folder(folder, book, make_split(RecipeGraph.from_book(book), SplitConfig(kind="none")))
+    with pytest.raises(SplitError, match="--split"):
+        dataset_resolver.make("wordcraft", {"graph": folder})
+
+
+def test_pykeen_sees_a_graph_that_was_built_again_in_the_same_folder(tmp_path: Path):
+    book = open_book("kitchen")
+    graph = RecipeGraph.from_book(book)
+    for seed in (0, 1):
+        split = make_split(graph, SplitConfig(seed=seed))
+        write_graph_folder(tmp_path / "graph", book, split, force=True)
+        dataset = get_dataset(dataset="wordcraft", dataset_kwargs={"graph": str(tmp_path / "graph")})
+        assert sorted(dataset.training.mapped_triples.tolist()) == sorted(split.partial.tolist())

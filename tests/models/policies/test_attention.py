@@ -1,0 +1,267 @@
+"""Attention over the table: logits, weighted sums and entity vectors, against loops over slots and dimensions."""
+
+import math
+
+import pytest
+import torch
+from hypothesis import example, given
+from hypothesis import strategies as st
+from torch import Tensor
+
+from wordcraft_kg.models.policies.attention import (
+    FOLD_LIMIT,
+    EntityVectors,
+    Slots,
+    TableAttention,
+    look_up,
+    masked_softmax,
+)
+from wordcraft_kg.models.policies.policy import log_policy
+
+KEY_SIZE = 3
+NUM_ENTITIES = 7
+ABOVE = FOLD_LIMIT + 1
+VECTORS = {
+    "dense": lambda: EntityVectors(NUM_ENTITIES, normal(NUM_ENTITIES, 5)),
+    "dense, at the limit": lambda: EntityVectors(NUM_ENTITIES, normal(NUM_ENTITIES, FOLD_LIMIT)),
+    "dense, above the limit": lambda: EntityVectors(NUM_ENTITIES, normal(NUM_ENTITIES, ABOVE)),
+    "learned": lambda: EntityVectors(NUM_ENTITIES, learned_dim=5),
+    "one-hot": lambda: EntityVectors(NUM_ENTITIES),
+    "one-hot, above the limit": lambda: EntityVectors(ABOVE),
+}
+any_vectors = pytest.mark.parametrize("kind", VECTORS)
+
+
+def normal(*shape: int, seed: int = 0) -> Tensor:
+    return torch.randn(*shape, generator=torch.Generator().manual_seed(seed))
+
+
+def attention_of(dim: int) -> TableAttention:
+    attention = TableAttention(dim, KEY_SIZE)
+    for i, parameter in enumerate(attention.parameters()):
+        parameter.data = normal(*parameter.shape, seed=i + 1)
+    return attention
+
+
+def states(num_entities: int, size: int = 8, num_slots: int = 5, seed: int = 0) -> tuple[Tensor, Tensor, Tensor]:
+    """Goals, selections and tables: with nothing held and something held, empty slots, full tables and repeats."""
+    generator = torch.Generator().manual_seed(seed)
+    goal = torch.randint(num_entities, (size,), generator=generator)
+    selection = torch.randint(num_entities, (size,), generator=generator)
+    table = torch.randint(num_entities, (size, num_slots), generator=generator)
+    selection[::2] = num_entities
+    table[1::3, 2:] = num_entities
+    table[2::3, 0] = num_entities
+    table[0, 1] = table[0, 0]
+    return goal, selection, table
+
+
+def rows_of(vectors: EntityVectors) -> list[list[float]]:
+    """The vectors of all entities, and the zeros of nothing after them, written out."""
+    if not vectors.is_one_hot:
+        return [*vectors.vectors.tolist(), [0.0] * vectors.dim]
+    return [[float(i == j) for j in range(vectors.dim)] for i in range(vectors.num_entities + 1)]
+
+
+def slow_product(matrix: list[list[float]], vector: list[float], bias: list[float]) -> list[float]:
+    return [sum(w * x for w, x in zip(row, vector, strict=True)) + b for row, b in zip(matrix, bias, strict=True)]
+
+
+def slow_alpha(
+    attention: TableAttention, x: list[list[float]], goal: int, selection: int, row: list[int]
+) -> list[float]:
+    """``α_i = Q([x_g; x_s]) · K(x_i) / √d`` with the query and the key of every slot written out."""
+    query = slow_product(attention.query.weight.tolist(), x[goal] + x[selection], attention.query.bias.tolist())
+    keys = [slow_product(attention.key.weight.tolist(), x[entity], [0.0] * KEY_SIZE) for entity in row]
+    return [sum(q * k for q, k in zip(query, key, strict=True)) / math.sqrt(KEY_SIZE) for key in keys]
+
+
+def alpha_of(attention: TableAttention, vectors: EntityVectors, goal: Tensor, selection: Tensor, table: Tensor):
+    rows = attention.rows(attention.weights(), vectors(), goal, selection)
+    return Slots(vectors(), table).dot(rows)
+
+
+# --- logits ----------------------------------------------------------------------------------------------------------
+
+
+@any_vectors
+def test_alpha_is_the_product_of_query_and_key_over_the_root_of_the_key_size(kind: str):
+    vectors = VECTORS[kind]()
+    attention = attention_of(vectors.dim)
+    goal, selection, table = states(vectors.num_entities)
+    x = rows_of(vectors)
+    expected = [
+        slow_alpha(attention, x, *state)
+        for state in zip(goal.tolist(), selection.tolist(), table.tolist(), strict=True)
+    ]
+    assert (selection == vectors.num_entities).any()
+    assert (table == vectors.num_entities).any()
+    found = alpha_of(attention, vectors, goal, selection, table)
+    assert found.dtype == torch.float32
+    torch.testing.assert_close(found.double(), torch.tensor(expected).double(), atol=1e-4, rtol=1e-4)
+
+
+@pytest.mark.parametrize("size", [NUM_ENTITIES, ABOVE])
+def test_one_hot_vectors_attend_as_the_rows_of_an_identity_matrix(size: int):
+    attention = attention_of(size)
+    state = states(size)
+    one_hot = alpha_of(attention, EntityVectors(size), *state)
+    torch.testing.assert_close(one_hot, alpha_of(attention, EntityVectors(size, torch.eye(size)), *state))
+    assert one_hot.abs().max() > 0.1
+
+
+@pytest.mark.parametrize(("dim", "is_folded"), [(5, True), (FOLD_LIMIT, True), (ABOVE, False)])
+def test_keys_are_folded_into_the_query_up_to_the_limit(dim: int, is_folded: bool):
+    first, *_ = weights = attention_of(dim).weights()
+    assert (len(weights) == 2) is is_folded
+    assert first.shape == (2 * dim, dim if is_folded else KEY_SIZE)
+
+
+@pytest.mark.parametrize("kind", ["dense", "one-hot", "learned"])
+def test_folded_and_unfolded_keys_give_the_same_logits(kind: str, monkeypatch: pytest.MonkeyPatch):
+    vectors = VECTORS[kind]()
+    attention = attention_of(vectors.dim)
+    state = states(NUM_ENTITIES)
+    folded = alpha_of(attention, vectors, *state)
+    monkeypatch.setattr("wordcraft_kg.models.policies.attention.FOLD_LIMIT", 0)
+    assert len(attention.weights()) == 3
+    torch.testing.assert_close(alpha_of(attention, vectors, *state), folded)
+
+
+def test_the_goal_and_the_selection_have_places_of_their_own_in_the_query():
+    vectors, attention = VECTORS["dense"](), attention_of(5)
+    table = torch.arange(NUM_ENTITIES)[None]
+    one = alpha_of(attention, vectors, torch.tensor([1]), torch.tensor([2]), table)
+    other = alpha_of(attention, vectors, torch.tensor([2]), torch.tensor([1]), table)
+    assert (one - other).abs().max() > 0.1
+
+
+def test_a_bias_of_the_keys_would_only_shift_the_logits_so_there_is_none():
+    assert attention_of(5).key.bias is None
+
+
+# --- products and sums over slots ------------------------------------------------------------------------------------
+
+
+@any_vectors
+def test_products_with_slots_are_those_of_loops_over_slots(kind: str):
+    vectors = VECTORS[kind]()
+    *_, table = states(vectors.num_entities)
+    rows, x = normal(len(table), vectors.dim), rows_of(vectors)
+    expected = [
+        [sum(r * v for r, v in zip(row, x[entity], strict=True)) for entity in slots]
+        for row, slots in zip(rows.tolist(), table.tolist(), strict=True)
+    ]
+    torch.testing.assert_close(Slots(vectors(), table).dot(rows), torch.tensor(expected), atol=1e-4, rtol=1e-4)
+
+
+@any_vectors
+def test_weighted_sums_are_those_of_loops_over_slots(kind: str):
+    vectors = VECTORS[kind]()
+    *_, table = states(vectors.num_entities)
+    weights, x = normal(*table.shape), rows_of(vectors)  # also on empty slots, whose vector is zero
+    expected = [
+        [sum(w * x[entity][i] for w, entity in zip(row, slots, strict=True)) for i in range(vectors.dim)]
+        for row, slots in zip(weights.tolist(), table.tolist(), strict=True)
+    ]
+    found = Slots(vectors(), table).sum(weights, vectors.num_entities)
+    assert found.shape == (len(table), vectors.dim)
+    torch.testing.assert_close(found, torch.tensor(expected), atol=1e-5, rtol=1e-5)
+
+
+@pytest.mark.parametrize("shape", [(), (4,), (2, 3), (2, 3, 2), (0, 3)])
+def test_vectors_are_looked_up_for_ids_of_any_shape(shape: tuple[int, ...]):
+    vectors = VECTORS["dense"]()()
+    ids = torch.randint(NUM_ENTITIES + 1, shape, generator=torch.Generator().manual_seed(0))
+    found = look_up(vectors, ids)
+    assert found.shape == (*shape, 5)
+    for row, entity in zip(found.reshape(-1, 5), ids.flatten().tolist(), strict=True):
+        assert torch.equal(row, vectors[entity])
+
+
+# --- softmax ---------------------------------------------------------------------------------------------------------
+
+
+@st.composite
+def masked_logits(draw: st.DrawFn) -> tuple[Tensor, Tensor]:
+    """Logits as large as their differences can be, and masks with at least one slot that holds something."""
+    size, num_slots = draw(st.integers(1, 4)), draw(st.integers(1, 5))
+    numbers = st.floats(-(2.0**126), 2.0**126, width=32) | st.floats(-5, 5, width=32)
+    row = st.lists(numbers, min_size=num_slots, max_size=num_slots)
+    filled = st.lists(st.booleans(), min_size=num_slots, max_size=num_slots).filter(any)
+    logits = torch.tensor(draw(st.lists(row, min_size=size, max_size=size)))
+    return logits, torch.tensor(draw(st.lists(filled, min_size=size, max_size=size)))
+
+
+@given(masked_logits())
+@example((torch.tensor([[1e38, -1e38, 0.0]]), torch.tensor([[False, True, True]])))
+@example((torch.tensor([[float("inf"), float("nan"), 1.0]]), torch.tensor([[False, False, True]])))
+def test_a_masked_slot_has_probability_exactly_zero_and_the_others_share_one(drawn: tuple[Tensor, Tensor]):
+    logits, mask = drawn
+    found = masked_softmax(logits, mask)
+    assert found.shape == logits.shape
+    for probabilities, row, is_real in zip(found.tolist(), logits.tolist(), mask.tolist(), strict=True):
+        top = max(x for x, real in zip(row, is_real, strict=True) if real)
+        total = sum(math.exp(x - top) for x, real in zip(row, is_real, strict=True) if real)
+        for probability, x, real in zip(probabilities, row, is_real, strict=True):
+            assert probability == (pytest.approx(math.exp(x - top) / total, abs=1e-5) if real else 0.0)
+
+
+@given(masked_logits())
+def test_the_log_policy_is_the_log_of_the_softmax_with_slots_first(drawn: tuple[Tensor, Tensor]):
+    logits, mask = drawn
+    found = log_policy(logits.masked_fill(~mask, -torch.inf))
+    assert found.shape == logits.T.shape
+    assert torch.equal(found.isneginf(), ~mask.T)
+    torch.testing.assert_close(found.exp(), masked_softmax(logits, mask).T)
+
+
+# --- vectors ---------------------------------------------------------------------------------------------------------
+
+
+def test_constant_vectors_are_a_float32_copy_that_nothing_trains():
+    given_ones = normal(NUM_ENTITIES, 5).double().requires_grad_()
+    vectors = EntityVectors(NUM_ENTITIES, given_ones)
+    before = given_ones.detach().float().clone()
+    given_ones.data.zero_()
+    assert list(vectors.parameters()) == []
+    assert not vectors().requires_grad
+    assert vectors().dtype == torch.float32
+    assert torch.equal(vectors()[:-1], before)
+    assert list(vectors.state_dict()) == ["vectors"]
+    assert (vectors.dim, vectors.is_one_hot) == (5, False)
+
+
+def test_learned_vectors_are_parameters_and_as_long_as_asked_for():
+    vectors = EntityVectors(NUM_ENTITIES, learned_dim=6)
+    (parameter,) = vectors.parameters()
+    assert parameter.shape == (NUM_ENTITIES, 6)
+    assert (vectors.dim, vectors.is_one_hot) == (6, False)
+    assert parameter.detach().std() == pytest.approx(1, abs=0.5)
+
+
+def test_one_hot_vectors_are_never_written_out():
+    vectors = EntityVectors(NUM_ENTITIES)
+    assert len(vectors()) == 0
+    assert list(vectors.parameters()) == []
+    assert (vectors.dim, vectors.is_one_hot) == (NUM_ENTITIES, True)
+
+
+@pytest.mark.parametrize("kind", ["dense", "learned"])
+def test_the_vector_of_nothing_is_zero(kind: str):
+    vectors = VECTORS[kind]()
+    assert vectors().shape == (NUM_ENTITIES + 1, 5)
+    assert not vectors()[NUM_ENTITIES].any()
+    assert vectors()[:NUM_ENTITIES].any(dim=1).all()
+
+
+def test_the_vector_of_nothing_is_still_zero_after_a_step_that_it_was_part_of():
+    vectors, attention = VECTORS["learned"](), attention_of(5)
+    table = torch.tensor([[0, 1, NUM_ENTITIES]])
+    before = vectors().detach()
+    for _ in range(2):  # the second with moved vectors
+        alpha_of(attention, vectors, torch.tensor([2]), torch.tensor([NUM_ENTITIES]), table).sum().backward()
+        torch.optim.SGD(vectors.parameters(), lr=0.1).step()
+    moved = (vectors().detach() != before).any(dim=1).tolist()
+    assert moved == [entity in (0, 1, 2) for entity in range(NUM_ENTITIES + 1)]
+    assert not vectors()[NUM_ENTITIES].any()

@@ -1,0 +1,563 @@
+"""Policies against loops that follow the paper's formulas, and what holds for every policy."""
+
+import math
+import re
+import subprocess
+import sys
+from dataclasses import asdict
+
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from torch import Tensor
+
+from wordcraft_kg.errors import ConfigError
+from wordcraft_kg.graphs.triples import RELATIONS
+from wordcraft_kg.models.policies.actor_critic import AttentionPolicy
+from wordcraft_kg.models.policies.attention import EntityVectors
+from wordcraft_kg.models.policies.config import PolicyConfig
+from wordcraft_kg.models.policies.mixing import KnowledgeScores
+from wordcraft_kg.models.policies.mlp import MLPPolicy
+from wordcraft_kg.models.policies.policy import Policy
+
+SIZE = 7
+NOTHING = SIZE
+SLOTS = 5
+SIZES = {"key_size": 3, "value_size": 4, "hidden_size": 6}
+
+
+def normal(*shape: int, seed: int = 0) -> Tensor:
+    return torch.randn(*shape, generator=torch.Generator().manual_seed(seed))
+
+
+class OtherScorer:
+    """The least that follows the protocol, without symmetry."""
+
+    graph_hash = "of no graph"
+    entities = tuple("abcdefg")
+    scores = normal(len(RELATIONS), SIZE, SIZE, seed=1)
+
+    def score(self, heads, relations, tails):
+        return self.scores[RELATIONS.index(relations) if isinstance(relations, str) else relations, heads, tails]
+
+    def table(self, relation):
+        return self.scores[RELATIONS.index(relation) if isinstance(relation, str) else relation]
+
+
+SCORER = OtherScorer()
+FEATURES = {
+    "dense": lambda: EntityVectors(SIZE, normal(SIZE, 4)),
+    "identity": lambda: EntityVectors(SIZE, torch.eye(SIZE)),
+    "one-hot": lambda: EntityVectors(SIZE),
+    "learned": lambda: EntityVectors(SIZE, learned_dim=4),
+}
+
+
+def randomised(policy: Policy, scale: float = 0.5) -> Policy:
+    """Give all parameters values that say something, the same for policies of one shape."""
+    for i, parameter in enumerate(policy.parameters()):
+        parameter.data = normal(*parameter.shape, seed=i) * scale
+    return policy
+
+
+def attention(features: str = "dense", knows: bool = False, **settings) -> AttentionPolicy:
+    config = PolicyConfig(**SIZES, **settings)
+    knowledge = KnowledgeScores(SIZE, config.sources, SCORER) if knows else None
+    return randomised(AttentionPolicy(config, FEATURES[features](), knowledge))
+
+
+def mlp(features: str = "dense", num_slots: int = SLOTS) -> MLPPolicy:
+    return randomised(MLPPolicy(PolicyConfig("mlp", **SIZES), FEATURES[features](), num_slots))
+
+
+KINDS = {
+    "attention": lambda: attention(),
+    "attention to one-hot vectors": lambda: attention("one-hot"),
+    "attention to learned vectors": lambda: attention("learned", value_readout="logits"),
+    "raw read-out of one-hot vectors": lambda: attention("one-hot", value_readout="logits"),
+    "all sources, free": lambda: attention(knows=True),
+    "all sources, softmax": lambda: attention("one-hot", knows=True, mixing="softmax", value_readout="logits"),
+    "alpha and u": lambda: attention(knows=True, use="u", mixing="softmax"),
+    "scores only": lambda: attention("learned", knows=True, kg_only=True),
+    "v only": lambda: attention(knows=True, use="v", kg_only=True, mixing="softmax"),
+    "mlp": lambda: mlp(),
+    "mlp on one-hot vectors": lambda: mlp("one-hot"),
+    "mlp on learned vectors": lambda: mlp("learned"),
+}
+ATTENTIVE = [kind for kind in KINDS if not kind.startswith("mlp")]
+KNOWING = [kind for kind in ATTENTIVE if "attention" not in kind and "raw" not in kind]
+any_policy = pytest.mark.parametrize("kind", KINDS)
+any_attention = pytest.mark.parametrize("kind", ATTENTIVE)
+
+
+def states(size: int = 9, seed: int = 0) -> tuple[Tensor, Tensor, Tensor]:
+    """Goals, selections and tables: with nothing held and something held, empty slots, full tables and repeats."""
+    generator = torch.Generator().manual_seed(seed)
+    goal = torch.randint(SIZE, (size,), generator=generator)
+    selection = torch.randint(SIZE, (size,), generator=generator)
+    table = torch.randint(SIZE, (size, SLOTS), generator=generator)
+    selection[::2] = NOTHING
+    table[1::3, 2:] = NOTHING
+    table[2::3, 0] = NOTHING
+    table[0, 1] = table[0, 0]
+    return goal, selection, table
+
+
+def channels(output) -> dict[str, Tensor]:
+    """The tensors of an output that are there."""
+    return {name: value for name, value in output._asdict().items() if value is not None}
+
+
+# --- loops -----------------------------------------------------------------------------------------------------------
+
+
+def times(matrix: list[list[float]], vector: list[float]) -> list[float]:
+    return [sum(w * x for w, x in zip(row, vector, strict=True)) for row in matrix]
+
+
+def plus(*vectors: list[float]) -> list[float]:
+    return [sum(parts) for parts in zip(*vectors, strict=True)]
+
+
+def softmax(logits: list[float]) -> list[float]:
+    total = sum(math.exp(x - max(logits)) for x in logits)
+    return [math.exp(x - max(logits)) / total for x in logits]
+
+
+class Slow:
+    """A policy's formulas for a single state, on lists of floats; empty slots are left out before anything else."""
+
+    def __init__(self, policy: Policy):
+        self.config, self.is_knowing = policy.config, bool(policy.source_names)
+        self.p = {name: tensor.double().tolist() for name, tensor in policy.state_dict().items()}
+        x = torch.eye(SIZE) if policy.vectors.is_one_hot else policy.vectors.vectors
+        self.x = [*x.double().tolist(), [0.0] * x.shape[1]]
+
+    def alpha(self, goal: int, selection: int, row: list[int]) -> list[float]:
+        """``α_i = Q([x_g; x_s]) · K(x_i) / √d``."""
+        both = self.x[goal] + self.x[selection]
+        query = plus(times(self.p["attention.query.weight"], both), self.p["attention.query.bias"])
+        keys = [times(self.p["attention.key.weight"], self.x[entity]) for entity in row]
+        return [sum(q * k for q, k in zip(query, key, strict=True)) / math.sqrt(len(query)) for key in keys]
+
+    def head(self, name: str, alpha: list[float], row: list[int]) -> list[float]:
+        """``MLP(Σ_i w_i W x_i)``, W applied to every slot."""
+        weights = softmax(alpha) if self.config.value_readout == "softmax" else alpha
+        inner = self.p[f"{name}.0.bias"]
+        for weight, entity in zip(weights, row, strict=True):
+            inner = plus(inner, [weight * y for y in times(self.p[f"{name}.0.weight"], self.x[entity])])
+        rectified = [max(y, 0.0) for y in inner]
+        return plus(times(self.p[f"{name}.2.weight"], rectified), self.p[f"{name}.2.bias"])
+
+    def sources(self, goal: int, selection: int, row: list[int]) -> list[list[float]]:
+        """α, u and v as far as they are in use."""
+        held = selection != NOTHING
+        u = [SCORER.score(entity, "combinesWith", selection).item() if held else 0.0 for entity in row]
+        v = [SCORER.score(entity, "componentOf", goal).item() for entity in row]
+        alpha = [] if self.config.kg_only else [self.alpha(goal, selection, row)]
+        return alpha + [{"u": u, "v": v}[source] for source in self.config.sources]
+
+    def lambdas(self, alpha: list[float], row: list[int]) -> list[float]:
+        """``λ = MLP(wᵀ x)``, perhaps brought to positive numbers of sum 1."""
+        found = self.head("mixture", alpha, row)
+        return softmax(found) if self.config.mixing == "softmax" else found
+
+    def beta(self, goal: int, selection: int, row: list[int]) -> list[float]:
+        """``β_i = λα·α_i + λu·u_i + λv·v_i``; without a scorer α_i."""
+        alpha = self.alpha(goal, selection, row)
+        if not self.is_knowing:
+            return alpha
+        sources, lambdas = self.sources(goal, selection, row), self.lambdas(alpha, row)
+        return [sum(lam * s[i] for lam, s in zip(lambdas, sources, strict=True)) for i in range(len(row))]
+
+    def mlp(self, goal: int, selection: int, row: list[int]) -> tuple[list[float], float]:
+        """One hidden layer on everything in its order, empty slots as zeros; logits of all slots, and the value."""
+        everything = [y for entity in (goal, selection, *row) for y in self.x[entity]]
+        inner = [max(y, 0.0) for y in plus(times(self.p["hidden.weight"], everything), self.p["hidden.bias"])]
+        logits = plus(times(self.p["logits.weight"], inner), self.p["logits.bias"])
+        return logits, plus(times(self.p["value.weight"], inner), self.p["value.bias"])[0]
+
+
+def one_by_one(state: tuple[Tensor, Tensor, Tensor]):
+    """Goal, selection, the slots that hold something, and what they hold, for each state."""
+    for goal, selection, row in zip(*(part.tolist() for part in state), strict=True):
+        real = [i for i, entity in enumerate(row) if entity != NOTHING]
+        yield goal, selection, real, [row[i] for i in real]
+
+
+def close(found: Tensor, expected: list[float]) -> None:
+    torch.testing.assert_close(found.double(), torch.tensor(expected).double(), atol=1e-5, rtol=1e-4)
+
+
+# --- formulas of the paper -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", [kind for kind in ATTENTIVE if kind not in KNOWING])
+def test_the_policy_is_the_softmax_of_scaled_dot_products_of_query_and_keys(kind: str):
+    policy, state = KINDS[kind](), states()
+    logits = policy(*state).logits
+    for i, (goal, selection, real, row) in enumerate(one_by_one(state)):
+        alpha = Slow(policy).alpha(goal, selection, row)
+        close(logits[i, real], alpha)
+        close(torch.softmax(logits[i], 0)[real], softmax(alpha))
+
+
+@any_attention
+def test_the_value_is_an_mlp_of_the_attention_weighted_table(kind: str):
+    policy, state = KINDS[kind](), states()
+    slow = Slow(policy)
+    expected = [
+        slow.head("value", slow.alpha(goal, selection, row), row)[0] for goal, selection, _, row in one_by_one(state)
+    ]
+    close(policy(*state).value, expected)
+    assert max(expected) - min(expected) > 0.01
+
+
+def test_the_two_read_outs_of_the_value_are_the_softmax_of_alpha_and_alpha_itself():
+    state = states()
+    values = {kind: attention(value_readout=kind)(*state).value for kind in ("softmax", "logits")}
+    assert torch.equal(attention()(*state).value, values["softmax"])
+    assert not torch.allclose(values["softmax"], values["logits"], atol=1e-2)
+
+
+@pytest.mark.parametrize("kind", KNOWING)
+def test_lambda_is_an_mlp_of_the_attention_weighted_table_with_weights_of_its_own(kind: str):
+    policy, state = KINDS[kind](), states()
+    slow, lambdas = Slow(policy), policy(*state).lambdas
+    for i, (goal, selection, _, row) in enumerate(one_by_one(state)):
+        close(lambdas[i], slow.lambdas(slow.alpha(goal, selection, row), row))
+    shapes = {name: tuple(p.shape) for name, p in policy.named_parameters() if name.startswith("mixture")}
+    assert shapes["mixture.0.weight"] == (SIZES["value_size"], policy.vectors.dim)
+    assert shapes["mixture.2.weight"] == (len(policy.source_names), SIZES["value_size"])
+
+
+@pytest.mark.parametrize("kind", KNOWING)
+def test_beta_is_the_mixture_of_alpha_u_and_v(kind: str):
+    policy, state = KINDS[kind](), states()
+    slow, output = Slow(policy), policy(*state)
+    for i, (goal, selection, real, row) in enumerate(one_by_one(state)):
+        for channel, expected in zip(output.sources[i], slow.sources(goal, selection, row), strict=True):
+            close(channel[real], expected)
+        close(output.logits[i, real], slow.beta(goal, selection, row))
+
+
+@pytest.mark.parametrize("features", FEATURES)
+def test_the_mlp_has_one_hidden_layer_on_goal_selection_and_all_slots_in_their_order(features: str):
+    policy, state = mlp(features), states()
+    output = policy(*state)
+    for i, whole in enumerate(zip(*(part.tolist() for part in state), strict=True)):
+        logits, value = Slow(policy).mlp(*whole)
+        real = [slot for slot, entity in enumerate(whole[2]) if entity != NOTHING]
+        close(output.logits[i, real], [logits[slot] for slot in real])
+        close(output.value[i], value)
+
+
+# --- every policy ----------------------------------------------------------------------------------------------------
+
+
+@any_policy
+def test_outputs_have_their_shapes_and_are_minus_infinity_exactly_where_a_slot_is_empty(kind: str):
+    policy, (goal, selection, table) = KINDS[kind](), states()
+    output = policy(goal, selection, table)
+    count = len(policy.source_names)
+    shapes = {"logits": (9, SLOTS), "value": (9,)}
+    if count:
+        shapes |= {"sources": (9, count, SLOTS), "lambdas": (9, count)}
+    found = channels(output)
+    assert {name: tuple(tensor.shape) for name, tensor in found.items()} == shapes
+    assert {tensor.dtype for tensor in found.values()} == {torch.float32}
+    assert torch.equal(output.logits.isneginf(), table == NOTHING)
+    assert not any(tensor.isnan().any() for tensor in found.values())
+    probabilities = torch.softmax(output.logits, dim=1)
+    assert (probabilities[table == NOTHING] == 0).all()
+    torch.testing.assert_close(probabilities.sum(1), torch.ones(9))
+
+
+@any_policy
+def test_rows_of_a_batch_equal_single_states_unlike_official_bug_a1(kind: str):
+    policy, state = KINDS[kind](), states()
+    batch = channels(policy(*state))
+    for i in range(9):
+        for name, single in channels(policy(*(part[i : i + 1] for part in state))).items():
+            torch.testing.assert_close(batch[name][i : i + 1], single, atol=1e-5, rtol=1e-5)
+    if policy.source_names:
+        scores = slice(0 if policy.config.kg_only else 1, None)
+        singles = [policy(*(part[i : i + 1] for part in state)).sources[:, scores] for i in range(9)]
+        assert torch.equal(batch["sources"][:, scores], torch.cat(singles))
+
+
+@any_policy
+def test_weights_computed_beforehand_change_nothing(kind: str):
+    policy = KINDS[kind]()
+    weights = policy.weights()
+    for seed in range(2):
+        found, expected = (policy(*states(seed=seed), *given_ones) for given_ones in ([weights], []))
+        for name, tensor in channels(expected).items():
+            assert torch.equal(channels(found)[name], tensor), name
+
+
+@any_policy
+def test_weights_that_are_passed_in_are_the_ones_in_use(kind: str):
+    policy, other = KINDS[kind](), KINDS[kind]()
+    for parameter in other.parameters():
+        parameter.data = parameter.data.flip(0) * 0.9 + 0.05
+    found, expected = policy(*states(), other.weights()), other(*states())
+    for name, tensor in channels(expected).items():
+        assert torch.equal(channels(found)[name], tensor), name
+    assert not torch.allclose(found.value, policy(*states()).value, atol=1e-3)
+
+
+@any_policy
+def test_tables_with_other_strides_are_read_in_the_same_order(kind: str):
+    policy, (goal, selection, table) = KINDS[kind](), states()
+    strided = table.T.contiguous().T
+    expected = channels(policy(goal, selection, table))
+    for name, tensor in channels(policy(goal, selection, strided)).items():
+        torch.testing.assert_close(tensor, expected[name])
+
+
+@any_policy
+def test_a_batch_without_states_has_an_output_without_rows(kind: str):
+    output = KINDS[kind]()(*(part[:0] for part in states()))
+    assert (tuple(output.logits.shape), tuple(output.value.shape)) == ((0, SLOTS), (0,))
+
+
+@any_policy
+def test_every_parameter_and_nothing_else_receives_a_finite_gradient(kind: str):
+    policy, state = KINDS[kind](), states()
+    logits, value, *_ = policy(*state)
+    taken = (state[2] != NOTHING).int().argmax(1)
+    (torch.log_softmax(logits, 1)[torch.arange(9), taken].sum() + (value**2).sum()).backward()
+    for name, parameter in policy.named_parameters():
+        assert parameter.grad is not None, name
+        assert parameter.grad.isfinite().all(), name
+        has_no_say = kind == "v only" and name.startswith("mixture")  # the softmax of one number is 1
+        assert parameter.grad.any() != has_no_say, name
+    is_learned = kind.endswith("learned vectors") or kind == "scores only"
+    names = {name for name, _ in policy.named_parameters()}
+    assert ("vectors.vectors" in names) is is_learned
+    constants = set(policy.state_dict()) - names
+    expected = set() if is_learned else {"vectors.vectors"}
+    assert constants == (expected | {"knowledge.scores"} if policy.source_names else expected)
+    assert not any(buffer.requires_grad for buffer in policy.buffers())
+
+
+@pytest.mark.parametrize("kind", ["attention to learned vectors", "scores only", "mlp on learned vectors"])
+def test_the_vector_of_nothing_stays_zero_while_others_are_learned(kind: str):
+    policy = KINDS[kind]()
+    before = policy.vectors().detach()
+    logits, value, *_ = policy(*states())
+    (logits[logits.isfinite()].sum() + value.sum()).backward()
+    torch.optim.SGD(policy.parameters(), lr=0.1).step()
+    after = policy.vectors().detach()
+    assert not after[NOTHING].any()
+    assert (after[:NOTHING] != before[:NOTHING]).any()
+
+
+@pytest.mark.parametrize("kind", ["attention", "all sources, free", "all sources, softmax", "mlp", "raw logits"])
+def test_one_hot_vectors_act_as_the_rows_of_an_identity_matrix(kind: str):
+    made = {
+        "attention": attention,
+        "all sources, free": lambda features: attention(features, knows=True),
+        "all sources, softmax": lambda features: attention(features, knows=True, mixing="softmax"),
+        "raw logits": lambda features: attention(features, value_readout="logits"),
+        "mlp": mlp,
+    }[kind]
+    found, expected = (channels(made(features)(*states())) for features in ("one-hot", "identity"))
+    for name, tensor in expected.items():
+        torch.testing.assert_close(found[name], tensor, atol=1e-5, rtol=1e-5)
+
+
+# --- attention -------------------------------------------------------------------------------------------------------
+
+
+@any_attention
+@settings(max_examples=15)
+@given(order=st.permutations(range(SLOTS)), seed=st.integers(0, 20))
+def test_permuting_the_slots_permutes_the_logits_and_leaves_the_value(kind: str, order: list[int], seed: int):
+    policy, (goal, selection, table) = KINDS[kind](), states(seed=seed)
+    plain, permuted = policy(goal, selection, table), policy(goal, selection, table[:, order])
+    torch.testing.assert_close(permuted.logits, plain.logits[:, order], atol=1e-5, rtol=1e-5)
+    torch.testing.assert_close(permuted.value, plain.value, atol=1e-5, rtol=1e-5)
+    if plain.lambdas is not None:
+        torch.testing.assert_close(permuted.lambdas, plain.lambdas, atol=1e-5, rtol=1e-5)
+
+
+@any_attention
+def test_empty_slots_at_the_end_of_a_table_change_nothing(kind: str):
+    policy, (goal, selection, table) = KINDS[kind](), states()
+    plain = policy(goal, selection, table)
+    wide = policy(goal, selection, torch.cat([table, torch.full((9, 3), NOTHING)], dim=1))
+    torch.testing.assert_close(wide.logits[:, :SLOTS], plain.logits, atol=1e-5, rtol=1e-5)
+    torch.testing.assert_close(wide.value, plain.value, atol=1e-5, rtol=1e-5)
+    assert wide.logits[:, SLOTS:].isneginf().all()
+
+
+@any_attention
+def test_a_table_of_one_slot_leaves_no_choice(kind: str):
+    policy = KINDS[kind]()
+    output = policy(torch.tensor([0]), torch.tensor([NOTHING]), torch.tensor([[3]]))
+    assert torch.softmax(output.logits, dim=1).item() == 1
+
+
+def test_without_a_scorer_nothing_is_mixed():
+    policy = attention()
+    output = policy(*states())
+    assert (policy.source_names, output.sources, output.lambdas) == ((), None, None)
+    assert not any(name.startswith("mixture") for name in policy.state_dict())
+
+
+# --- mixing ----------------------------------------------------------------------------------------------------------
+
+ALPHA, NO_ALPHA = ("alpha",), ()
+
+
+@pytest.mark.parametrize(("use", "scores"), [("u", ("u",)), ("v", ("v",)), ("u,v", ("u", "v")), ("v, u", ("u", "v"))])
+@pytest.mark.parametrize("kg_only", [False, True])
+def test_a_source_that_is_switched_off_takes_no_weight_unlike_official_bug_a13(use, scores, kg_only):
+    policy = attention(knows=True, use=use, kg_only=kg_only, mixing="softmax")
+    output = policy(*states())
+    names = (NO_ALPHA if kg_only else ALPHA) + scores
+    assert policy.source_names == names
+    assert output.lambdas.shape == (9, len(names))
+    assert output.sources.shape == (9, len(names), SLOTS)
+    assert (output.lambdas > 0).all()
+    torch.testing.assert_close(output.lambdas.sum(1), torch.ones(9))
+
+
+@pytest.mark.parametrize("use", ["u", "v"])
+def test_a_single_source_under_softmax_is_the_policy(use: str):
+    goal, selection, table = states()
+    output = attention(knows=True, use=use, kg_only=True, mixing="softmax")(goal, selection, table)
+    assert (output.lambdas == 1).all()
+    expected = KnowledgeScores(SIZE, (use,), SCORER)(goal, selection, table)[:, 0]
+    assert torch.equal(output.logits, expected.masked_fill(table == NOTHING, -torch.inf))
+
+
+@pytest.mark.parametrize("mixing", ["free", "softmax"])
+def test_kg_only_leaves_alpha_no_say_in_the_mixture_but_for_its_weights(mixing: str):
+    policy = attention(knows=True, kg_only=True, mixing=mixing)
+    output = policy(*states())
+    assert policy.source_names == ("u", "v")
+    u, v = output.sources.unbind(1)
+    expected = output.lambdas[:, :1] * u + output.lambdas[:, 1:] * v
+    torch.testing.assert_close(output.logits, expected.masked_fill(states()[2] == NOTHING, -torch.inf))
+
+
+@pytest.mark.parametrize("kg_only", [False, True])
+def test_with_nothing_selected_u_cannot_change_the_policy(kg_only: bool):
+    goal, _, table = states()
+    nothing = torch.full_like(goal, NOTHING)
+    policy = attention(knows=True, kg_only=kg_only)
+    before = policy(goal, nothing, table)
+    assert not before.sources[:, policy.source_names.index("u")].any()
+    policy.knowledge.scores[0, :NOTHING] += 100
+    assert torch.equal(policy(goal, nothing, table).logits, before.logits)
+    held = torch.zeros_like(goal)
+    assert (policy(goal, held, table).sources - before.sources).abs().max() > 50
+
+
+@pytest.mark.parametrize("lam", [0.0, -1e30, 1e30, 1e-45])
+@pytest.mark.parametrize("kg_only", [False, True])
+def test_an_empty_slot_has_probability_exactly_zero_for_any_lambda(lam: float, kg_only: bool):
+    policy, (goal, selection, table) = attention(knows=True, kg_only=kg_only), states()
+    policy.mixture[2].weight.data.zero_()
+    policy.mixture[2].bias.data.fill_(lam)
+    output = policy(goal, selection, table)
+    assert (output.lambdas == lam).all()
+    probabilities = torch.softmax(output.logits, dim=1)
+    assert not probabilities.isnan().any()
+    assert (probabilities[table == NOTHING] == 0).all()
+
+
+def test_free_coefficients_begin_at_about_one_for_every_source():
+    config = PolicyConfig(**SIZES, mixing="free")
+    policy = AttentionPolicy(config, FEATURES["dense"](), KnowledgeScores(SIZE, ("u", "v"), SCORER))
+    assert policy.mixture[2].bias.tolist() == [1.0, 1.0, 1.0]
+
+
+def test_free_coefficients_may_be_negative_and_softmax_ones_may_not():
+    free, softmaxed = (attention(knows=True, mixing=mixing)(*states(60)).lambdas for mixing in ("free", "softmax"))
+    assert free.min() < 0
+    torch.testing.assert_close(softmaxed, torch.softmax(free, dim=1))
+
+
+def test_kg_only_without_a_scorer_is_an_error_that_names_both_options():
+    with pytest.raises(ConfigError, match=r"--kg-only.*--scorer"):
+        attention(kg_only=True)
+
+
+# --- mlp -------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("num_slots", [SLOTS - 1, SLOTS + 1])
+def test_the_mlp_refuses_another_size_of_table_and_says_which_it_was_made_for(num_slots: int):
+    table = torch.zeros(2, num_slots, dtype=torch.int64)
+    with pytest.raises(ConfigError, match=rf"tables of {num_slots} slots: this mlp was made for {SLOTS}"):
+        mlp()(table[:, 0], table[:, 0], table)
+
+
+def test_the_mlp_depends_on_the_order_of_the_slots():
+    goal, selection, table = states()
+    plain, flipped = mlp()(goal, selection, table), mlp()(goal, selection, table.flip(1))
+    assert (plain.value - flipped.value).abs().max() > 0.01
+
+
+# --- settings --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("setting", "value", "meant"),
+    [
+        ("policy", "attentoin", "attention"),
+        ("policy", "MLP", None),
+        ("pooling", "maxx", "max"),
+        ("mixing", "sofmax", "softmax"),
+        ("scale", "standardize", "standardise"),
+        ("scale", "rank", "ranks"),
+        ("self_edges", "dropp", "drop"),
+        ("value_readout", "logit", "logits"),
+        ("mixing", 3, None),
+        ("scale", None, None),
+    ],
+)
+def test_an_unknown_choice_is_an_error_that_names_the_option_and_the_nearest_choice(setting, value, meant):
+    hint = f".*Did you mean '{meant}'" if meant else ""
+    with pytest.raises(ConfigError, match=rf"--{setting.replace('_', '-')} '{value}': expected one of .*{hint}"):
+        PolicyConfig(**{setting: value})
+
+
+@pytest.mark.parametrize("setting", ["key_size", "value_size", "hidden_size", "embedding_size"])
+@pytest.mark.parametrize("value", [0, -1, 2.5])
+def test_a_size_below_one_or_not_whole_is_an_error_that_names_the_option(setting: str, value: float):
+    with pytest.raises(ConfigError, match=f"--{setting.replace('_', '-')} {value}: expected a whole number, 1"):
+        PolicyConfig(**{setting: value})
+    assert getattr(PolicyConfig(**{setting: 1}), setting) == 1
+
+
+@pytest.mark.parametrize("use", ["", " ", "w", "u,", "u,w", "uv", "U", "u;v"])
+def test_scores_that_there_are_not_are_an_error_that_names_the_option(use: str):
+    with pytest.raises(ConfigError, match=re.escape(f"--use '{use}': expected u, v or u,v")):
+        PolicyConfig(use=use)
+
+
+@pytest.mark.parametrize(
+    ("use", "sources"), [("u", ("u",)), ("v", ("v",)), ("v,u", ("u", "v")), (" u , v ", ("u", "v")), ("u,u", ("u",))]
+)
+def test_scores_in_use_come_in_the_order_u_v(use: str, sources: tuple[str, ...]):
+    assert PolicyConfig(use=use).sources == sources
+
+
+def test_the_default_is_the_papers_policy_with_its_sizes():
+    default = asdict(PolicyConfig())
+    sizes = {"key_size": 300, "value_size": 300, "hidden_size": 300}
+    assert sizes.items() < default.items()
+    chosen = {"policy": "attention", "features": "glove", "use": "u,v", "kg_only": False}
+    assert chosen.items() < default.items()
+
+
+def test_settings_can_be_read_without_torch():
+    code = "import sys, wordcraft_kg.models.policies.config; print('torch' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
+    assert done.stdout.split() == ["False"]

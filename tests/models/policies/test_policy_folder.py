@@ -1,0 +1,449 @@
+"""Making policies from settings, and finding them again in a folder bit by bit, or not at all."""
+
+import json
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+import pytest
+import safetensors.torch
+import torch
+from link_helpers import flip_bit, global_states, random_graph
+from torch import Tensor
+
+from wordcraft_kg.errors import ArtefactError, ConfigError, GraphMismatchError
+from wordcraft_kg.graphs import RecipeGraph
+from wordcraft_kg.graphs.triples import COMBINES_WITH
+from wordcraft_kg.models.policies.actor_critic import AttentionPolicy
+from wordcraft_kg.models.policies.config import PolicyConfig
+from wordcraft_kg.models.policies.folder import load_policy, make_policy, read_policy, write_constants, write_parameters
+from wordcraft_kg.models.policies.policy import Policy
+from wordcraft_kg.models.scorers.facts import FrequencyScorer
+from wordcraft_kg.models.scorers.features import make_features
+from wordcraft_kg.models.scorers.scales import scaled_scorer
+from wordcraft_kg.runs.record import end_run, start_run
+
+GRAPH = random_graph(num_entities=8, num_recipes=20)
+SIZE = GRAPH.num_entities
+SLOTS = 4
+SIZES = {"key_size": 5, "value_size": 4, "hidden_size": 6, "embedding_size": 3}
+SCORER = FrequencyScorer(GRAPH, GRAPH.triples)
+FILES = ("constants.safetensors", "policy.json", "policy.safetensors")
+
+KINDS = {
+    "one-hot": {"features": "one-hot"},
+    "random": {"features": "random", "value_readout": "logits"},
+    "learned": {"features": "learned"},
+    "shuffled one-hot": {"features": "shuffled:one-hot"},
+    "a file": {"features": "a file", "pooling": "max"},
+    "u and v": {"features": "one-hot", "scorer": SCORER},
+    "learned, u and v, softmax": {"features": "learned", "scorer": SCORER, "mixing": "softmax"},
+    "u": {"features": "random", "scorer": SCORER, "use": "u", "scale": "ranks", "self_edges": "keep"},
+    "v only": {"features": "one-hot", "scorer": SCORER, "use": "v", "kg_only": True, "self_edges": "drop"},
+    "mlp on random": {"policy": "mlp", "features": "random"},
+    "mlp on one-hot": {"policy": "mlp", "features": "one-hot"},
+    "mlp on learned": {"policy": "mlp", "features": "learned"},
+}
+any_kind = pytest.mark.parametrize("kind", KINDS)
+
+
+@pytest.fixture
+def vector_file(home: Path) -> Path:
+    """A text file with a vector for each entity."""
+    path = home / "vectors.txt"
+    rows = np.random.default_rng(0).normal(size=(SIZE, 3)).round(3).tolist()
+    path.write_text(
+        "".join(f"{name} {' '.join(map(str, row))}\n" for name, row in zip(GRAPH.entities, rows, strict=True))
+    )
+    return path
+
+
+@pytest.fixture
+def make(vector_file: Path) -> Callable[..., Policy]:
+    """Make one of the kinds of policies."""
+
+    def make(kind: str, seed: int = 0) -> Policy:
+        options = dict(KINDS[kind])
+        scorer = options.pop("scorer", None)
+        if options["features"] == "a file":
+            options["features"] = str(vector_file)
+        config = PolicyConfig(**SIZES, **options)
+        return make_policy(config, GRAPH, SLOTS, scorer=scorer, observed=GRAPH.triples, seed=seed)[0]
+
+    return make
+
+
+def plain(
+    features: str = "one-hot", seed: int = 0, scorer=None, observed=GRAPH.triples, graph=GRAPH, **settings
+) -> Policy:
+    config = PolicyConfig(**SIZES, features=features, **settings)
+    return make_policy(config, graph, SLOTS, scorer=scorer, observed=observed, seed=seed)[0]
+
+
+def states(num_entities: int = SIZE) -> tuple[Tensor, Tensor, Tensor]:
+    generator = torch.Generator().manual_seed(0)
+    table = torch.randint(num_entities + 1, (10, SLOTS), generator=generator)
+    table[:, 0] = torch.arange(10) % num_entities
+    selection = torch.randint(num_entities, (10,), generator=generator)
+    selection[::2] = num_entities
+    return torch.arange(10) % num_entities, selection, table
+
+
+def assert_equal_bits(one: Policy, other: Policy) -> None:
+    assert type(one) is type(other)
+    assert one.config == other.config
+    assert one.source_names == other.source_names
+    assert one.state_dict().keys() == other.state_dict().keys()
+    for name, tensor in one.state_dict().items():
+        assert torch.equal(tensor, other.state_dict()[name]), name
+    for found, expected in zip(one(*states()), other(*states()), strict=True):
+        assert (found is None and expected is None) or torch.equal(found, expected)
+
+
+def train_a_step(policy: Policy) -> None:
+    logits, value, *_ = policy(*states())
+    (logits[logits.isfinite()].sum() + value.sum()).backward()
+    torch.optim.SGD(policy.parameters(), lr=0.1).step()
+
+
+# --- making ----------------------------------------------------------------------------------------------------------
+
+
+@any_kind
+def test_the_same_seed_makes_the_same_policy_and_another_seed_another(make: Callable[..., Policy], kind: str):
+    assert_equal_bits(make(kind, seed=3), make(kind, seed=3))
+    one, other = (dict(make(kind, seed=seed).named_parameters()) for seed in (3, 4))
+    differing = {name for name in one if not torch.equal(one[name], other[name])}
+    assert {name for name in one if name != "mixture.2.bias"} <= differing
+
+
+@any_kind
+def test_making_a_policy_leaves_every_global_generator_as_it_was(
+    make: Callable[..., Policy], kind: str, monkeypatch: pytest.MonkeyPatch
+):
+    seeded_devices: list[int] = []
+    monkeypatch.setattr(torch.cuda, "manual_seed_all", seeded_devices.append)
+    before = global_states()
+    make(kind)
+    assert global_states() == before
+    assert seeded_devices == []
+
+
+def test_a_policy_does_not_depend_on_what_was_drawn_before(make: Callable[..., Policy]):
+    one = make("learned")
+    with torch.random.fork_rng(devices=[]):
+        torch.rand(100)
+        other = make("learned")
+    assert_equal_bits(one, other)
+
+
+@pytest.mark.parametrize("features", ["one-hot", "random", "shuffled:one-hot", "shuffled:random", "a file"])
+@pytest.mark.parametrize("policy", ["attention", "mlp"])
+def test_vectors_are_those_of_the_features_for_the_seed(features: str, policy: str, vector_file: Path):
+    spec = str(vector_file) if features == "a file" else features
+    made, found = make_policy(PolicyConfig(policy, spec, **SIZES), GRAPH, SLOTS, seed=5)
+    expected = make_features(spec, GRAPH.entities, seed=5)
+    assert found.sha256 == expected.sha256
+    assert made.vectors.is_one_hot is (features == "one-hot")
+    if made.vectors.is_one_hot:
+        assert made.vectors.dim == SIZE
+    else:
+        np.testing.assert_array_equal(made.vectors.vectors.numpy(), expected.vectors)
+        assert not made.vectors.vectors.requires_grad
+    assert made(*states()).logits.shape == (10, SLOTS)
+
+
+@pytest.mark.parametrize("features", ["glove", "shuffled:glove"])
+def test_word_vectors_are_those_of_the_entities_names(kitchen: RecipeGraph, features: str):
+    made, found = make_policy(PolicyConfig(features=features, **SIZES), kitchen, SLOTS, seed=2)
+    expected = make_features(features, kitchen.entities, seed=2).vectors
+    np.testing.assert_array_equal(found.vectors, expected)
+    np.testing.assert_array_equal(made.vectors.vectors.numpy(), expected)
+    assert made.vectors.dim == 50
+    assert made(*states(kitchen.num_entities)).value.isfinite().all()
+
+
+def test_learned_features_have_the_size_asked_for_and_no_description():
+    policy, features = make_policy(PolicyConfig(features="learned", **SIZES), GRAPH, SLOTS)
+    assert features is None
+    assert policy.vectors.vectors.shape == (SIZE, SIZES["embedding_size"])
+    assert "vectors.vectors" in dict(policy.named_parameters())
+
+
+def test_pooling_and_missing_words_are_those_of_the_settings(home: Path):
+    graph = RecipeGraph.from_recipes([("big pot", "pot", "big"), ("pot", "unheard", "big pot")])
+    path = home / "v.txt"
+    path.write_text("big 1 -4\npot 3 -8\n")
+    with pytest.raises(ConfigError, match=r"1 of 4 entities have no vector.*--allow-missing"):
+        plain(str(path), graph=graph)
+    for pooling, expected in (("mean", [2, -6]), ("max", [3, -4])):
+        vectors = plain(str(path), graph=graph, pooling=pooling, allow_missing=True).vectors.vectors
+        assert vectors[graph.id_of("big pot")].tolist() == expected
+        assert vectors[graph.id_of("unheard")].tolist() == [0, 0]
+
+
+@pytest.mark.parametrize("features", ["glowe", "no/such/file.txt", "shuffled:rundom"])
+def test_features_that_there_are_not_are_an_error(features: str):
+    with pytest.raises(ConfigError, match="neither a file nor one of glove, one-hot, random"):
+        plain(features)
+
+
+def test_a_scorer_is_mixed_in_on_the_scale_of_the_settings():
+    triples = np.array([[2, COMBINES_WITH, 2]])
+    for settings in (
+        {"scale": "ranks", "self_edges": "keep"},
+        {"scale": "none", "self_edges": "drop"},
+        {"scale": "standardise", "self_edges": "observed", "observed": triples},
+    ):
+        policy = plain(scorer=SCORER, **settings)
+        expected = scaled_scorer(SCORER, **settings)
+        for i, relation in enumerate(("combinesWith", "componentOf")):
+            assert torch.equal(policy.knowledge.scores[i, :-1, :-1].T, expected.table(relation))
+    with pytest.raises(ConfigError, match="'observed' needs the triples"):
+        plain(scorer=SCORER, self_edges="observed", observed=None)
+
+
+@pytest.mark.parametrize(("use", "names"), [("u", ("u",)), ("v", ("v",)), ("v,u", ("u", "v"))])
+@pytest.mark.parametrize("kg_only", [False, True])
+def test_a_policy_mixes_the_sources_of_the_settings_and_alpha(use: str, names: tuple[str, ...], kg_only: bool):
+    policy = plain(scorer=SCORER, use=use, kg_only=kg_only)
+    assert policy.knowledge.sources == names
+    assert policy.source_names == (names if kg_only else ("alpha", *names))
+
+
+def test_a_scorer_of_another_graph_is_refused():
+    other = random_graph(seed=1, num_entities=8, num_recipes=20)
+    assert other.num_entities == SIZE
+    with pytest.raises(GraphMismatchError, match=f"was trained on graph {other.hash[:12]}"):
+        plain(scorer=FrequencyScorer(other, other.triples))
+
+
+def test_an_mlp_cannot_be_mixed_with_a_scorer():
+    with pytest.raises(ConfigError, match=r"--policy mlp.*--scorer"):
+        plain(policy="mlp", scorer=SCORER)
+
+
+def test_kg_only_needs_a_scorer():
+    with pytest.raises(ConfigError, match=r"--kg-only.*--scorer"):
+        plain(kg_only=True)
+
+
+def test_only_an_mlp_depends_on_the_number_of_slots():
+    for kind, shapes in (("mlp", 2), ("attention", 1)):
+        config = PolicyConfig(kind, "one-hot", **SIZES)
+        made = [make_policy(config, GRAPH, slots)[0] for slots in (SLOTS, SLOTS + 1)]
+        assert len({tuple(tuple(p.shape) for p in policy.parameters()) for policy in made}) == shapes
+    assert isinstance(made[0], AttentionPolicy)
+    assert plain(policy="mlp").num_slots == SLOTS
+
+
+# --- there and back --------------------------------------------------------------------------------------------------
+
+
+def written(folder: Path, policy: Policy, graph: RecipeGraph = GRAPH) -> Path:
+    folder.mkdir(exist_ok=True)
+    write_constants(folder, policy, graph)
+    write_parameters(folder, policy)
+    return folder
+
+
+def read(folder: Path) -> Policy:
+    parameters = safetensors.torch.load_file(folder / "policy.safetensors")
+    return read_policy(folder, (folder / "constants.safetensors").read_bytes(), parameters)
+
+
+@any_kind
+def test_a_policy_is_the_same_bit_by_bit_after_reading_it(make: Callable[..., Policy], kind: str, tmp_path: Path):
+    policy = make(kind)
+    train_a_step(policy)
+    found = read(written(tmp_path / "run", policy))
+    assert_equal_bits(found, policy)
+    assert not found.training
+    trainable = {name for name, parameter in found.named_parameters() if parameter.requires_grad}
+    assert trainable == {name for name, _ in policy.named_parameters()}
+
+
+@any_kind
+def test_training_changes_the_parameters_and_not_the_constants(make: Callable[..., Policy], kind: str, tmp_path: Path):
+    policy = make(kind)
+    before = written(tmp_path / "before", policy)
+    train_a_step(policy)
+    after = written(tmp_path / "after", policy)
+    changed = {name for name in FILES if (before / name).read_bytes() != (after / name).read_bytes()}
+    assert changed == {"policy.safetensors"}
+    constants, parameters = (
+        set(safetensors.torch.load_file(after / f"{name}.safetensors")) for name in ("constants", "policy")
+    )
+    assert parameters == {name for name, _ in policy.named_parameters()}
+    assert constants == set(policy.state_dict()) - parameters
+
+
+def test_writing_parameters_keeps_a_copy_of_what_they_were(tmp_path: Path):
+    policy = plain("learned")
+    written(tmp_path, policy)
+    before = policy(*states()).value.detach()
+    train_a_step(policy)
+    assert torch.equal(read(tmp_path)(*states()).value, before)
+    assert not torch.equal(policy(*states()).value, before)
+
+
+def test_a_policy_says_which_graph_and_entities_it_is_for(tmp_path: Path):
+    policy = plain("random", scorer=SCORER, use="v")
+    description = json.loads((written(tmp_path, policy) / "policy.json").read_text())
+    assert (description["graph"], description["entities"]) == (GRAPH.hash, list(GRAPH.entities))
+    assert (description["settings"], description["sources"]) == (asdict(policy.config), ["v"])
+
+
+def test_reading_needs_neither_the_scorer_nor_the_vector_file(
+    make: Callable[..., Policy], vector_file: Path, tmp_path: Path
+):
+    policy = make("a file")
+    folder = written(tmp_path / "run", policy)
+    vector_file.unlink()
+    assert_equal_bits(read(folder), policy)
+
+
+def test_reading_draws_nothing_from_the_global_generators(tmp_path: Path):
+    folder = written(tmp_path, plain("learned", scorer=SCORER))
+    before = global_states()
+    read(folder)
+    assert global_states() == before
+
+
+# --- damage ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A finished run with nothing in it but a policy."""
+    return finished(tmp_path / "run", plain("random", scorer=SCORER))
+
+
+def finished(folder: Path, policy: Policy) -> Path:
+    folder.mkdir()
+    run = start_run(folder, "train-agent")
+    end_run(written(folder, policy), run, "done", FILES)
+    return folder
+
+
+def edited(folder: Path, **changes: object) -> Path:
+    path = folder / "policy.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | changes))
+    return folder
+
+
+def test_a_finished_run_is_all_that_a_policy_needs(folder: Path):
+    policy, description = load_policy(folder)
+    assert_equal_bits(policy, read(folder))
+    assert_equal_bits(Policy.from_pretrained(str(folder)), policy)
+    assert description["graph"] == GRAPH.hash
+
+
+@pytest.mark.parametrize("name", FILES)
+@pytest.mark.parametrize("place", [0.0, 0.01, 0.5, 1.0])
+def test_a_flipped_bit_in_a_finished_run_is_an_artefact_error_that_names_the_file(folder: Path, name, place):
+    path = folder / name
+    flip_bit(path, int(place * (path.stat().st_size - 1)), bit=5)
+    with pytest.raises(ArtefactError, match=f"{name} is damaged"):
+        load_policy(folder)
+
+
+@pytest.mark.parametrize("name", [*FILES, "run.json"])
+def test_a_missing_file_is_an_artefact_error_that_names_it(folder: Path, name: str):
+    (folder / name).unlink()
+    with pytest.raises(ArtefactError, match=rf"{name} is missing"):
+        Policy.from_pretrained(folder)
+
+
+@pytest.mark.parametrize("status", ["running", "interrupted", "failed"])
+def test_an_unfinished_run_has_no_policy_yet(folder: Path, status: str):
+    end_run(folder, json.loads((folder / "run.json").read_text()), status)
+    with pytest.raises(ArtefactError, match=rf"{status}, not done.*wordcraft-kg resume"):
+        load_policy(folder)
+
+
+def test_a_run_that_does_not_exist_says_how_to_make_it(tmp_path: Path):
+    with pytest.raises(ArtefactError, match=r"does not exist.*train-agent"):
+        Policy.from_pretrained(tmp_path / "nowhere")
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"format": "wordcraft-kg policy 0"},
+        {"settings": None},
+        {"settings": {"policy": "magic"}},
+        {"settings": {"use": 5}},
+        {"settings": {"key_size": "5"}},
+        {"settings": {"unheard": 1}},
+        {"settings": {**SIZES, "features": "random", "key_size": 6}},
+        {"settings": {**SIZES, "features": "random", "policy": "mlp"}},
+        {"entities": 5},
+        {"entities": list(GRAPH.entities[:-1])},
+        {"entities": None},
+        {"dim": 0},
+        {"dim": -1},
+        {"dim": 10**30},
+        {"dim": "many"},
+        {"sources": ["u"]},
+        {"sources": []},
+        {"sources": None},
+    ],
+    ids=str,
+)
+def test_a_description_that_does_not_fit_the_weights_is_an_artefact_error(folder: Path, changes: dict[str, object]):
+    with pytest.raises(ArtefactError, match=r"policy\.json and the weights do not make a policy"):
+        read(edited(folder, **changes))
+
+
+@pytest.mark.parametrize("key", ["format", "entities", "settings", "sources", "num_slots", "dim"])
+def test_a_description_without_one_of_its_parts_is_an_artefact_error(tmp_path: Path, key: str):
+    folder = written(tmp_path, plain("random", policy="mlp") if key == "num_slots" else plain("random"))
+    path = folder / "policy.json"
+    description = json.loads(path.read_text())
+    del description[key]
+    path.write_text(json.dumps(description))
+    with pytest.raises(ArtefactError, match=f"KeyError: '{key}'"):
+        read(folder)
+
+
+@pytest.mark.parametrize("text", ["", "[]", "5", "{", "\0"])
+def test_a_description_that_is_none_is_an_artefact_error(folder: Path, text: str):
+    (folder / "policy.json").write_text(text)
+    with pytest.raises(ArtefactError, match=r"policy\.json"):
+        read(folder)
+
+
+@pytest.mark.parametrize("slots", [None, "4", SLOTS + 1, -3])
+def test_an_mlp_of_another_number_of_slots_is_an_artefact_error(tmp_path: Path, slots: object):
+    folder = edited(written(tmp_path, plain("random", policy="mlp")), num_slots=slots)
+    with pytest.raises(ArtefactError):
+        read(folder)
+
+
+@pytest.mark.parametrize("kept", [0, 7, 100, -1])
+def test_constants_that_are_cut_off_are_an_artefact_error(folder: Path, kept: int):
+    data = (folder / "constants.safetensors").read_bytes()
+    with pytest.raises(ArtefactError, match=r"constants\.safetensors is damaged"):
+        read_policy(folder, data[:kept], safetensors.torch.load_file(folder / "policy.safetensors"))
+
+
+def test_parameters_that_are_missing_too_many_or_of_another_shape_are_an_artefact_error(folder: Path):
+    constants = (folder / "constants.safetensors").read_bytes()
+    whole = safetensors.torch.load_file(folder / "policy.safetensors")
+    name = "value.0.bias"
+    missing = {key: tensor for key, tensor in whole.items() if key != name}
+    for parameters in (missing, whole | {"unheard": whole[name]}, whole | {name: whole[name][:-1]}, {}):
+        with pytest.raises(ArtefactError, match="do not make a policy"):
+            read_policy(folder, constants, parameters)
+    assert_equal_bits(read_policy(folder, constants, whole), read(folder))
+
+
+@pytest.mark.parametrize("features", ["one-hot", "learned", "random"])
+@pytest.mark.parametrize("policy", ["attention", "mlp"])
+def test_policies_of_another_kind_of_features_do_not_pass_for_each_other(tmp_path: Path, features: str, policy: str):
+    folder = written(tmp_path, plain(features, policy=policy))
+    settings = asdict(PolicyConfig(policy, "learned" if features == "one-hot" else "one-hot", **SIZES))
+    with pytest.raises(ArtefactError):
+        read(edited(folder, settings=settings, dim=3 if features == "one-hot" else 0))

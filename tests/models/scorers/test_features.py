@@ -1,0 +1,702 @@
+import gzip
+import hashlib
+import io
+import math
+import os
+import re
+import struct
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
+from link_helpers import flip_bit
+
+from wordcraft_kg.errors import ConfigError
+from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_book, recipe_triples
+from wordcraft_kg.models.scorers import features as features_module
+from wordcraft_kg.models.scorers.features import EntityFeatures, glove_features, make_features
+from wordcraft_kg.models.scorers.near_synonyms import NEAR_SYNONYM, near_synonym_recipes, near_synonym_triples
+
+
+def cosine(one, other):
+    lengths = math.sqrt(sum(x * x for x in one)) * math.sqrt(sum(y * y for y in other))
+    return sum(x * y for x, y in zip(one, other, strict=True)) / lengths if lengths else 0.0
+
+
+def test_the_vector_of_the_is_gloves():
+    # The first numbers of the first line of the published glove.6B.50d.txt.
+    features = glove_features(["the"])
+    np.testing.assert_allclose(features.vectors[0, :4], [0.418, 0.24968, -0.41242, 0.1217], rtol=1e-5)
+    assert features.vectors.shape == (1, 50)
+    assert features.vectors.dtype == np.float32
+
+
+def test_a_phrase_is_the_mean_of_its_words_whatever_their_case():
+    features = glove_features(["Black  Hole", "black", "hole"])
+    np.testing.assert_allclose(features.vectors[0], features.vectors[1:].mean(0), rtol=1e-6)
+    assert features.words == ("black", "hole")
+
+
+def test_words_without_a_vector_are_named_and_left_out_of_the_mean():
+    features = glove_features(["zqxjkv", "water zqxjkv", "water"])
+    assert features.missing_words == ("zqxjkv",)
+    assert features.known.tolist() == [False, True, True]
+    assert not features.vectors[0].any()
+    np.testing.assert_array_equal(features.vectors[1], features.vectors[2])
+    assert np.isfinite(features.unit_vectors).all()
+    assert not features.unit_vectors[0].any()
+
+
+def test_features_follow_the_order_of_the_labels_and_cannot_be_changed():
+    labels = ["sea", "iron", "bread", "sea"]
+    features = glove_features(labels)
+    again = glove_features(labels[::-1])
+    np.testing.assert_array_equal(features.vectors, again.vectors[::-1])
+    np.testing.assert_allclose(np.linalg.norm(features.unit_vectors, axis=1), 1, rtol=1e-5)
+    for array in (features.vectors, features.known, features.unit_vectors):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 0
+
+
+def test_no_labels_have_no_features():
+    assert glove_features([]).vectors.shape == (0, 50)
+
+
+def test_nearly_all_words_of_everyday_have_a_vector():
+    features = glove_features(open_book("everyday").entities)
+    assert (len(features.missing_words), len(features.words)) == (0, 737)
+
+
+def test_meaning_is_in_the_vectors():
+    lake, river, bread = glove_features(["lake", "river", "bread"]).vectors.tolist()
+    assert cosine(lake, river) > NEAR_SYNONYM > cosine(lake, bread)
+
+
+# --- by name ---------------------------------------------------------------------------------------------------------
+
+
+def refused(spec, labels=("sea", "iron"), **options):
+    """Return the message that these features are refused with."""
+    with pytest.raises(ConfigError) as caught:
+        make_features(str(spec), labels, **options)
+    return str(caught.value)
+
+
+def test_glove_by_name_is_glove(home):
+    labels = ["Black  Hole", "sea", "zqxjkv water"]
+    made, built_in = make_features("glove", labels, allow_missing=True), glove_features(labels)
+    np.testing.assert_array_equal(made.vectors, built_in.vectors)
+    assert made.source == built_in.source == "GloVe 6B, 50-d, mean of words"
+    assert made.missing_words == built_in.missing_words == ("zqxjkv",)
+    assert not made.is_one_hot
+    assert not (home / "cache").exists()
+
+
+def test_max_pooling_takes_the_larger_of_the_words_in_each_dimension():
+    made = make_features("glove", ["black hole", "black", "hole", "hole zqxjkv"], pooling="max")
+    black, hole = made.vectors[1:3].tolist()
+    assert made.vectors[0].tolist() == [max(pair) for pair in zip(black, hole, strict=True)]
+    assert made.vectors[3].tolist() == hole
+    assert made.source == "GloVe 6B, 50-d, max of words"
+
+
+def test_another_pooling_is_refused():
+    assert refused("glove", pooling="maxx") == "pooling 'maxx': expected one of mean, max. Did you mean 'max'?"
+
+
+def test_one_hot_is_the_identity_and_says_so():
+    made = make_features("one-hot", ["a", "b", "c"])
+    assert made.vectors.tolist() == [[1, 0, 0], [0, 1, 0], [0, 0, 1]]
+    assert made.vectors.dtype == np.float32
+    assert made.is_one_hot
+    assert made.known.all()
+    assert made.words == made.missing_words == ()
+
+
+def test_one_hot_is_refused_above_its_limit(monkeypatch):
+    monkeypatch.setattr(features_module, "ONE_HOT_LIMIT", 3 * 3 * 4)
+    assert make_features("one-hot", "abc").vectors.shape == (3, 3)
+    assert "one-hot features of 4 entities" in refused("one-hot", "abcd")
+
+
+def test_the_limit_of_one_hot_counts_bytes():
+    message = refused("one-hot", range(8193))  # 8,192 ** 2 floats are 2 ** 28 bytes
+    assert message == (
+        "one-hot features of 8,193 entities take 268,500,996 bytes; expected at most 268,435,456. "
+        "Use 'random', which tells entities apart in 300 dimensions."
+    )
+
+
+def test_random_features_are_laplace_noise_of_the_official_spread():
+    made = make_features("random", range(2000), seed=3)
+    assert made.vectors.shape == (2000, 300)
+    assert made.vectors.std() == pytest.approx(0.4, rel=0.01)
+    assert made.vectors.mean() == pytest.approx(0, abs=0.01)
+    assert np.abs(made.vectors).mean() == pytest.approx(0.4 / math.sqrt(2), rel=0.01)  # .319 for a normal distribution
+    assert made.known.all()
+    assert not made.is_one_hot
+
+
+def test_a_row_of_random_features_depends_on_its_place_and_the_seed_only():
+    made = make_features("random", ["sea", "iron", "bread"], seed=3)
+    np.testing.assert_array_equal(made.vectors[:2], make_features("random", ["x", "y"], seed=3).vectors)
+    assert made.sha256 == make_features("random", ["sea", "iron", "bread"], seed=3).sha256
+    assert not np.isin(made.vectors, make_features("random", ["sea", "iron", "bread"], seed=4).vectors).any()
+    assert len(np.unique(made.vectors)) == made.vectors.size
+    expected = np.random.default_rng(3).laplace(0, 0.4 / math.sqrt(2), (3, 300))
+    np.testing.assert_array_equal(made.vectors, expected.astype(np.float32))
+
+
+@pytest.mark.parametrize("spec", ["glove", "random", "one-hot"])
+def test_shuffling_deals_the_same_rows_to_other_entities(spec):
+    labels = [*open_book("kitchen").entities[:29], "zqxjkv"]
+    plain = make_features(spec, labels, seed=1)
+    made = make_features(f"shuffled:{spec}", labels, seed=1)
+    order = [plain.vectors.tolist().index(row) for row in made.vectors.tolist()]
+    assert sorted(order) == list(range(30))
+    assert order != list(range(30))
+    np.testing.assert_array_equal(made.known, plain.known[order])
+    assert made.missing_words == plain.missing_words
+    assert made.sha256 != plain.sha256
+    assert not made.is_one_hot
+    assert made.source == f"{plain.source}, shuffled with seed 1"
+    assert made.sha256 == make_features(f"shuffled:{spec}", labels, seed=1).sha256
+    other_seed = make_features(f"shuffled:{spec}", labels, seed=2)
+    assert other_seed.vectors.tolist() != made.vectors.tolist()
+
+
+def test_a_negative_seed_is_refused():
+    assert refused("random", seed=-1) == "seed -1: expected 0 or more."
+
+
+@pytest.mark.parametrize(
+    ("spec", "suggestion"),
+    [
+        ("glov", "'glove'"),
+        ("onehot", "'one-hot'"),
+        ("shufled:random", "'shuffled:random'"),
+        ("shuffled:glov", "'glove'"),
+    ],
+)
+def test_an_unknown_name_is_refused_with_the_nearest_ones(spec, suggestion):
+    message = refused(spec)
+    assert message.startswith(f"features '{spec.removeprefix('shuffled:')}': neither a file nor one of glove, one-hot,")
+    assert suggestion in message.split("Did you mean")[1]
+
+
+@pytest.mark.parametrize("spec", ["", "vectors/none.txt", "x" * 5000, "a\0b", "shuffled:", "."])
+def test_a_file_that_is_not_there_is_refused(spec, home, monkeypatch):
+    monkeypatch.chdir(home)
+    assert "neither a file nor one of" in refused(spec)
+
+
+def test_a_name_goes_before_a_file_that_is_called_so(home, monkeypatch):
+    monkeypatch.chdir(home)
+    Path("random").write_text("sea 1 2\niron 3 4\n")
+    assert make_features("random", ["sea"]).vectors.shape == (1, 300)
+    assert make_features("./random", ["sea"]).vectors.tolist() == [[1, 2]]
+
+
+def test_the_hash_is_that_of_shape_and_vectors():
+    made = make_features("one-hot", ["a", "b"])
+    assert made.sha256 == hashlib.sha256(b"[2, 2]" + struct.pack("<4f", 1, 0, 0, 1)).hexdigest()
+    flat = EntityFeatures("test", made.vectors.reshape(1, 4), made.known[:1], (), ())
+    assert flat.sha256 != made.sha256
+
+
+def test_features_leave_torch_unimported():
+    code = "import sys; from wordcraft_kg.models.scorers.features import make_features as m; m('glove', ['sea'])"
+    subprocess.run([sys.executable, "-c", f"{code}; sys.exit('torch' in sys.modules)"], check=True)
+
+
+# --- missing vectors -------------------------------------------------------------------------------------------------
+
+
+def test_up_to_a_tenth_of_the_entities_may_have_no_vector():
+    made = make_features("glove", ["sea"] * 9 + ["zqxjkv"])
+    assert made.known.tolist() == [True] * 9 + [False]
+    assert not made.vectors[9].any()
+
+
+def test_more_than_a_tenth_without_a_vector_is_refused_unless_allowed():
+    labels = ["sea"] * 18 + [f"zqx{i:02} water-zqx" if i % 2 else f"zqx{i:02}" for i in range(24)]
+    message = refused("glove", labels)
+    assert message == (
+        "features 'glove': 24 of 42 entities have no vector. Words without one: water-zqx, "
+        + ", ".join(f"zqx{i:02}" for i in range(19))
+        + " and 5 more. At most 10% may be missing: give other vectors, or --allow-missing goes on with zeros."
+    )
+    assert refused("shuffled:glove", labels) == message
+    made = make_features("glove", labels, allow_missing=True)
+    assert made.known.sum() == 18
+    assert not made.vectors[18:].any()
+
+
+@pytest.mark.parametrize("allow_missing", [False, True])
+def test_features_that_know_no_entity_are_refused_even_if_missing_ones_are_allowed(allow_missing):
+    message = refused("glove", ["zqxjkv", "zqxjkw"], allow_missing=allow_missing)
+    assert message == (
+        "features 'glove': 2 of 2 entities have no vector. Words without one: zqxjkv, zqxjkw. "
+        "Give vectors of the labels' language."
+    )
+
+
+@pytest.mark.parametrize("allow_missing", [False, True])
+@pytest.mark.parametrize(("spec", "size"), [("glove", 50), ("one-hot", 0), ("random", 300), ("shuffled:glove", 50)])
+def test_no_labels_have_no_features_of_any_kind(spec, size, allow_missing):
+    assert make_features(spec, [], allow_missing=allow_missing).vectors.shape == (0, size)
+
+
+def test_gloves_know_nearly_all_of_little_alchemy_2(alchemy):
+    made = make_features("glove", alchemy.entities)
+    unknown = [label for label, is_known in zip(alchemy.entities, made.known.tolist(), strict=True) if not is_known]
+    assert unknown == ["firestation", "trainyard"]
+    assert made.missing_words == ("firestation", "frankenstein's", "rainbow!", "trainyard")
+
+
+# --- text files ------------------------------------------------------------------------------------------------------
+
+GLOVE_TEXT = "the 0.5 -1 2e-1\nsea 1 2 3\nacid 4 0 0\nrain 2 2 -2\nSea 9 9 9\nsea 7 7 7\n"
+SEA = [1, 2, 3]
+
+
+@pytest.fixture
+def vectors_file(home):
+    """Write a vector file and return its path."""
+
+    def write(content, name="vectors.txt"):
+        path = home / name
+        path.write_bytes(content if isinstance(content, bytes) else content.encode())
+        return str(path)
+
+    return write
+
+
+FORMS = {
+    "GloVe": GLOVE_TEXT.encode(),
+    "word2vec": b"6 3\n" + GLOVE_TEXT.encode(),
+    "word2vec's own, with a space at line ends": b"6 3\n" + GLOVE_TEXT.replace("\n", " \n").encode(),
+    "tabs": GLOVE_TEXT.replace(" ", "\t").encode(),
+    "Windows": b"\xef\xbb\xbf" + GLOVE_TEXT.replace("\n", "\r\n").encode(),
+    "Windows with a header": b"\xef\xbb\xbf6 3\r\n" + GLOVE_TEXT.replace("\n", "\r\n").encode(),
+    "no line end": GLOVE_TEXT.rstrip().encode(),
+    "blank lines": b"\n" + GLOVE_TEXT.replace("\n", "\n\n").encode(),
+    "gzip": gzip.compress(GLOVE_TEXT.encode()),
+    "gzip of two members": gzip.compress(b"6 3\n") + gzip.compress(GLOVE_TEXT.encode()),
+}
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("name", ["vectors.txt", "vectors.vec.gz"])
+def test_text_files_are_read_in_all_their_forms(form, name, vectors_file):
+    made = make_features(vectors_file(FORMS[form], name), ["sea", "acid rain", "the"])
+    np.testing.assert_array_equal(made.vectors, np.array([SEA, [3, 1, -1], [0.5, -1, 0.2]], dtype=np.float32))
+    assert made.source == f"{name}, 3-d, mean of words"
+    assert made.words == ("acid", "rain", "sea", "the")
+    assert made.known.all()
+    assert made.missing_words == ()
+
+
+def test_words_of_a_file_are_pooled_by_their_maximum_too(vectors_file):
+    made = make_features(vectors_file(GLOVE_TEXT), ["acid rain"], pooling="max")
+    assert made.vectors.tolist() == [[4, 2, 0]]
+    assert made.source == "vectors.txt, 3-d, max of words"
+
+
+@pytest.mark.parametrize(
+    ("lines", "expected"),
+    [
+        (["Acid Rain 1 1", "acid rain 2 2", "Acid_Rain 3 3", "acid_rain 4 4", "acid 5 5"], 1),
+        (["acid 5 5", "acid_rain 4 4", "Acid_Rain 3 3", "acid rain 2 2"], 2),
+        (["acid 5 5", "acid_rain 4 4", "Acid_Rain 3 3"], 3),
+        (["acid 5 5", "acid_rain 4 4"], 4),
+        (["acid 6 6", "Acid 5 5"], 5),
+        (["acid 6 6"], 6),
+    ],
+)
+def test_a_label_is_looked_up_whole_before_its_words(lines, expected, vectors_file):
+    made = make_features(vectors_file("\n".join(["the 0 0", *lines])), ["Acid Rain"])
+    assert made.vectors.tolist() == [[expected, expected]]
+
+
+def test_words_of_a_label_that_is_there_whole_are_not_missing(vectors_file):
+    made = make_features(vectors_file("acid_rain 1 2\nfall 3 4\n"), ["acid rain", "rain fall"])
+    assert made.words == ("acid", "fall", "rain")
+    assert made.missing_words == ("rain",)
+    assert made.vectors.tolist() == [[1, 2], [3, 4]]
+
+
+def test_a_word_may_hold_spaces_and_end_in_a_whole_number(vectors_file):
+    lines = ["the 0.1 0.2", "route 66 1.5 2.5", "route 0.5 0.25", "at name@domain.com 3.0 1.0", ". . . 0.5 0.5"]
+    made = make_features(vectors_file("\n".join(lines)), ["route 66", "Route", "at name@domain.com", ". . ."])
+    assert made.vectors.tolist() == [[1.5, 2.5], [0.5, 0.25], [3, 1], [0.5, 0.5]]
+
+
+def test_words_are_not_split_at_the_white_space_of_other_scripts(vectors_file):
+    made = make_features(vectors_file("the 1 2\nsea\u3000side 3 4\nsea\x85 5 6\n7 8 9\n"), ["sea\u3000side", "7"])
+    assert made.vectors.tolist() == [[3, 4], [8, 9]]
+
+
+def test_shuffling_a_file_works_as_with_any_features(vectors_file):
+    labels = ["sea", "acid rain", "rain", "the", "iron"]
+    path = vectors_file(GLOVE_TEXT)
+    made = make_features(f"shuffled:{path}", labels, pooling="max", allow_missing=True, seed=5)
+    plain = make_features(path, labels, pooling="max", allow_missing=True)
+    assert sorted(made.vectors.tolist()) == sorted(plain.vectors.tolist())
+    assert made.vectors.tolist() != plain.vectors.tolist()
+
+
+@pytest.mark.parametrize(
+    ("content", "expected"),
+    [
+        (b"", " is empty; expected lines of a word and its vector."),
+        (b"\n \n", " is empty; expected"),
+        (gzip.compress(b""), " is empty; expected"),
+        (b"2 3\n", ": its first line announces 2 vectors, but 0 follow. Get the file again"),
+        (b"3 2\nsea 1 2\niron 1 2\n", ": its first line announces 3 vectors, but 2 follow."),
+        (b"1 2\nsea 1 2\niron 1 2\n", ": its first line announces 1 vectors, but 2 follow."),
+        (b"sea 1 2\niron 1\n", ", line 2: 1 columns after the word, expected 2 as at the file's start. Correct"),
+        (b"sea 1 2\nother 1\n", ", line 2: 1 columns after the word, expected 2"),
+        (b"sea 1 2\nother\n", ", line 2: 0 columns after the word, expected 2"),
+        (b"sea 1 2\n\niron .5 1 2\n", ", line 3: 3 columns after the word, expected 2"),
+        (b"sea 1 2\nother 0 -1 1 2\n", ", line 2: 4 columns after the word, expected 2"),
+        (b"2 3\nsea 1 2\niron 1 2\n", ", line 2: 2 columns after the word, expected 3"),
+        (b"2 0\nsea .1 .2\niron .1 .2\n", ", line 2: 2 columns after the word, expected 1"),
+        (b"sea\niron 1 2\n", ", line 1: no numbers at its end, expected a word and its vector."),
+        (b"sea 1 x\niron 1 2\n", ", line 1: no numbers at its end"),
+        (b"the 1 2\niron x 2\n", ", line 2: 'x' in the vector of 'iron' is not a number. Correct the line"),
+        (b"the 1 2\niron 1,5 2\n", ", line 2: '1,5' in the vector of 'iron' is not a number."),
+        (b"the 1 2\niron 1 \xff\n", ", line 2: '\ufffd' in the vector of 'iron' is not a number."),
+        (b"the 1 2\niron nan 2\n", ", line 2: the vector of 'iron' has a value that is NaN, infinite or beyond"),
+        (b"the 1 2\nsea 1 2\niron 1 -inf\n", ", line 3: the vector of 'iron' has a value"),
+        (b"the 1 2\niron 1 1e39\n", ", line 2: the vector of 'iron' has a value"),
+        (b"the 1 2\n\xff 1 2\n", ", line 2: not UTF-8 (invalid start byte); expected text. Convert the file; binary"),
+    ],
+)
+def test_a_damaged_text_file_is_refused_with_its_line(content, expected, vectors_file):
+    path = vectors_file(content)
+    assert refused(path).startswith(path + expected)
+
+
+def test_binary_vectors_of_word2vec_are_refused(vectors_file):
+    rows = [b"sea " + struct.pack("<3f", *SEA), b"iron " + struct.pack("<3f", 0.1, -0.2, 0.3)]
+    path = vectors_file(b"2 3\n" + b"\n".join(rows) + b"\n", "vectors.bin")
+    assert refused(path).startswith(f"{path}, line 2: not UTF-8")
+
+
+def test_numbers_of_words_that_nobody_asked_for_are_not_read(vectors_file):
+    made = make_features(vectors_file("the 1 2\nother x nan\nsea 3 4\nsea y 5\n"), ["sea"])
+    assert made.vectors.tolist() == [[3, 4]]
+
+
+@pytest.mark.parametrize("cut", [5, 15, 30, -1])
+def test_a_gzip_file_that_is_cut_off_is_refused(cut, vectors_file):
+    path = vectors_file(gzip.compress(GLOVE_TEXT.encode())[:cut], "vectors.txt.gz")
+    message = refused(path)
+    assert message.startswith(f"{path} cannot be read: ")
+    assert message.endswith("Get the file again, or give another.")
+
+
+def test_a_gzip_file_with_a_wrong_bit_is_refused(vectors_file):
+    path = vectors_file(gzip.compress(GLOVE_TEXT.encode()), "vectors.txt.gz")
+    flip_bit(Path(path), -6)  # in its check sum
+    assert refused(path).startswith(f"{path} cannot be read: CRC")
+
+
+def test_a_file_that_may_not_be_read_is_refused(vectors_file, monkeypatch):
+    def forbidden(path):
+        raise PermissionError(13, "Permission denied", str(path))
+
+    monkeypatch.setattr(features_module, "sha256_of", forbidden)
+    assert "cannot be read: [Errno 13] Permission denied" in refused(vectors_file(GLOVE_TEXT))
+
+
+def test_missing_words_of_a_file_are_counted_as_everywhere(vectors_file):
+    path = vectors_file(GLOVE_TEXT)
+    message = refused(path, ["sea", "iron"])
+    assert message.startswith(
+        f"features '{path}': 1 of 2 entities have no vector. Words without one: iron. At most 10%"
+    )
+    made = make_features(path, ["sea", "iron"], allow_missing=True)
+    assert made.vectors.tolist() == [SEA, [0, 0, 0]]
+    assert "3 of 3 entities" in refused(path, ["x", "y", "z"], allow_missing=True)
+
+
+@given(
+    st.dictionaries(
+        st.text(st.characters(codec="utf-8", exclude_categories=["Cs", "Cc", "Z"]), min_size=1, max_size=4),
+        st.lists(st.floats(width=32, allow_nan=False, allow_infinity=False), min_size=3, max_size=3),
+        min_size=1,
+        max_size=6,
+    )
+)
+@example({"1": [1.0, 2.0, 3.0]})
+@example({"\ufeff": [1.0, 2.0, 3.0], "a": [0.0, 0.0, 2.0**-149]})
+def test_what_a_file_says_is_what_is_read(tmp_path_factory, vectors):
+    path = tmp_path_factory.mktemp("files") / "vectors.txt"
+    lines = [f"{len(vectors)} 3", *(" ".join([word, *map(repr, row)]) for word, row in vectors.items())]
+    path.write_text("\n".join(lines), encoding="utf-8")
+    found = features_module._parse(path, set(vectors))
+    assert dict(zip(found.words, found.vectors.tolist(), strict=True)) == vectors
+
+
+# --- the cache -------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def parses(monkeypatch):
+    """Return a list that grows by a file name with each parse of a text file."""
+    parsed, parse = [], features_module._parse
+    monkeypatch.setattr(features_module, "_parse", lambda path, wanted: parsed.append(path.name) or parse(path, wanted))
+    return parsed
+
+
+def entries(home):
+    return sorted((home / "cache" / "wordcraft-kg" / "vectors").iterdir())
+
+
+LABELS = ["sea", "acid rain", "the", "rain zqxjkv"]
+
+
+def test_a_text_file_is_parsed_once(vectors_file, parses, home):
+    path = vectors_file(GLOVE_TEXT)
+    first, again = make_features(path, LABELS), make_features(path, LABELS)
+    assert parses == ["vectors.txt"]
+    assert first.sha256 == again.sha256
+    assert (first.known.tolist(), first.missing_words) == (again.known.tolist(), again.missing_words)
+    assert len(entries(home)) == 1
+
+
+def test_the_cache_goes_by_content_and_words_whatever_the_name_and_order(vectors_file, parses, home):
+    path = vectors_file(GLOVE_TEXT)
+    first = make_features(path, LABELS)
+    moved = make_features(vectors_file(GLOVE_TEXT, "moved.vec"), LABELS[::-1], pooling="max")
+    assert parses == ["vectors.txt"]
+    np.testing.assert_array_equal(moved.vectors[-1], first.vectors[0])
+    assert moved.source == "moved.vec, 3-d, max of words"
+    make_features(path, [*LABELS, "acid"])
+    assert parses == ["vectors.txt"]  # no new word
+    make_features(path, [*LABELS, "iron"], allow_missing=True)
+    assert parses == ["vectors.txt"] * 2
+    changed = make_features(vectors_file(GLOVE_TEXT.replace("sea 1", "sea 5")), LABELS)
+    assert parses == ["vectors.txt"] * 3
+    assert changed.vectors[0].tolist() == [5, 2, 3]
+    assert len(entries(home)) == 3
+
+
+def test_another_format_of_the_cache_is_not_read(vectors_file, parses, monkeypatch):
+    path = vectors_file(GLOVE_TEXT)
+    make_features(path, LABELS)
+    monkeypatch.setattr(features_module, "_CACHE_FORMAT", 2)
+    make_features(path, LABELS)
+    assert len(parses) == 2
+
+
+def test_a_file_without_any_wanted_word_is_cached_and_refused_again(vectors_file, parses):
+    path = vectors_file(GLOVE_TEXT)
+    assert refused(path, ["x"]) == refused(path, ["x"])
+    assert len(parses) == 1
+
+
+def test_a_damaged_entry_is_ignored_and_written_again(vectors_file, parses, home):
+    path = vectors_file(GLOVE_TEXT)
+    first = make_features(path, LABELS)
+    (entry,) = entries(home)
+    whole = entry.read_bytes()
+    damaged = [b"", whole[:10], whole[:-1], whole + b"\0", b"\0" * len(whole)]
+    damaged += [whole[:i] + bytes([whole[i] ^ 1]) + whole[i + 1 :] for i in range(0, len(whole), 7)]
+    for count, content in enumerate(damaged, 2):
+        entry.write_bytes(content)
+        assert make_features(path, LABELS).sha256 == first.sha256
+        assert len(parses) == count
+        assert entry.read_bytes() == whole
+
+
+def test_a_cache_that_cannot_be_written_is_no_error(vectors_file, parses, home):
+    (home / "cache").write_text("a file where the folder should be")
+    path = vectors_file(GLOVE_TEXT)
+    for _ in range(2):
+        assert make_features(path, LABELS).vectors[0].tolist() == SEA
+    assert len(parses) == 2
+
+
+def test_an_entry_in_whose_place_a_folder_stands_is_no_error(vectors_file, parses, home):
+    path = vectors_file(GLOVE_TEXT)
+    make_features(path, LABELS)
+    (entry,) = entries(home)
+    entry.unlink()
+    entry.mkdir()
+    assert make_features(path, LABELS).vectors[0].tolist() == SEA
+    assert len(parses) == 2
+    assert entries(home) == [entry]  # no temporary file is left
+
+
+def test_a_damaged_file_is_not_cached(vectors_file, parses):
+    path = vectors_file("sea 1 2\niron x 3\n")
+    assert refused(path) == refused(path)
+    assert len(parses) == 2
+
+
+# --- NumPy files -----------------------------------------------------------------------------------------------------
+
+MATRIX = np.array([[1, 2], [3, 4], [5, 6], [7, 8]], dtype=np.float32)
+WORDS = "sea\nacid rain\nIron\nsea\n"
+
+
+@pytest.fixture
+def npy_file(home):
+    """Write an array, its labels if there are any, and return the array's path."""
+
+    def write(array=MATRIX, labels=WORDS, ending=".labels.txt"):
+        path = home / "vectors.npy"
+        np.save(path, array)
+        if labels is not None:
+            path.with_suffix(ending).write_bytes(labels if isinstance(labels, bytes) else labels.encode())
+        return str(path)
+
+    return write
+
+
+@pytest.mark.parametrize("dtype", ["<f2", "<f4", "<f8", ">f4", np.longdouble])
+@pytest.mark.parametrize("ending", [".labels.txt", ".txt"])
+def test_a_numpy_file_is_read_with_the_labels_beside_it(dtype, ending, npy_file, home):
+    made = make_features(npy_file(MATRIX.astype(dtype), ending=ending), ["acid rain", "Sea", "Iron"])
+    assert made.vectors.tolist() == [[3, 4], [1, 2], [5, 6]]
+    assert made.vectors.dtype == np.float32
+    assert made.source == "vectors.npy, 2-d, mean of words"
+    assert not (home / "cache").exists()
+
+
+def test_labels_of_a_numpy_file_come_from_the_clearer_name_first(npy_file, home):
+    path = npy_file()
+    (home / "vectors.txt").write_text("not\nto\nbe\nread\n")
+    assert make_features(path, ["sea"]).vectors.tolist() == [[1, 2]]
+
+
+@pytest.mark.parametrize("order", ["C", "F"])
+@pytest.mark.parametrize("labels", [WORDS.rstrip(), WORDS.replace("\n", "\r\n"), "\ufeff" + WORDS])
+def test_labels_of_a_numpy_file_may_end_in_any_way(labels, order, npy_file):
+    path = npy_file(np.asarray(MATRIX, order=order), labels)
+    assert make_features(path, ["sea", "Iron"]).vectors.tolist() == [[1, 2], [5, 6]]
+
+
+def test_a_numpy_file_without_labels_is_refused_with_both_names(npy_file, home):
+    path = npy_file(labels=None)
+    both = f"{home / 'vectors.labels.txt'} or {home / 'vectors.txt'}."
+    assert refused(path) == f"{path} has no labels: expected them, one a line, in {both}"
+
+
+@pytest.mark.parametrize(("labels", "count"), [("sea\niron\n", 2), (WORDS + "more", 5), (WORDS + "\n", 5), ("", 0)])
+def test_a_numpy_file_with_more_or_fewer_labels_is_refused(labels, count, npy_file, home):
+    path = npy_file(labels=labels)
+    assert refused(path) == (
+        f"{path} has 4 rows but {home / 'vectors.labels.txt'} has {count} labels; expected one for each row. "
+        "Save both again."
+    )
+
+
+@pytest.mark.parametrize(
+    "array",
+    [MATRIX[0], MATRIX[None], MATRIX.astype(int), MATRIX.astype(complex), MATRIX[:0], MATRIX[:, :0], np.float32(1)],
+    ids=lambda array: f"{array.dtype} {array.shape}",
+)
+def test_a_numpy_file_of_another_kind_is_refused(array, npy_file):
+    path = npy_file(array)
+    message = refused(path)
+    assert message.startswith(path)
+    assert re.search("expected floats of shape|cut off", message)
+
+
+def test_a_numpy_file_of_python_objects_is_refused_without_unpickling(npy_file, home):
+    class Trap:
+        def __reduce__(self):
+            return os.mkdir, (str(home / "sprung"),)
+
+    path = npy_file(np.array([[Trap()]], dtype=object))
+    assert "not an array of numbers" in refused(path)
+    assert not (home / "sprung").exists()
+
+
+def test_a_numpy_file_that_is_cut_off_anywhere_is_refused(npy_file):
+    path = npy_file()
+    whole = Path(path).read_bytes()
+    for size in (*range(0, len(whole), 5), len(whole) - 1):
+        Path(path).write_bytes(whole[:size])
+        assert refused(path).startswith(f"{path} is cut off, or not an array of numbers as numpy.save writes it")
+
+
+def test_a_zip_of_arrays_or_plain_text_is_not_a_numpy_file(npy_file):
+    path = npy_file()
+    packed = io.BytesIO()
+    np.savez(packed, MATRIX)
+    for content in (packed.getvalue(), GLOVE_TEXT.encode()):
+        Path(path).write_bytes(content)
+        assert "not an array of numbers" in refused(path)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 1e39])
+def test_a_value_that_is_no_finite_number_is_refused_with_its_row(value, npy_file):
+    array = MATRIX.astype(np.float64)
+    array[2, 1] = value
+    path = npy_file(array)
+    expected = (
+        f"{path}, row 2 (the first is 0): the vector of 'Iron' has a value that is NaN, infinite or beyond float32"
+    )
+    assert refused(path, ["sea", "Iron"]).startswith(expected)
+    assert make_features(path, ["sea"]).vectors.tolist() == [[1, 2]]
+
+
+def test_labels_that_are_not_utf8_are_refused_with_their_line(npy_file, home):
+    path = npy_file(labels=b"sea\niron\n\xff\nx\n")
+    assert refused(path).startswith(f"{home / 'vectors.labels.txt'}, line 3: not UTF-8")
+
+
+# --- near-synonyms ---------------------------------------------------------------------------------------------------
+
+
+def slow_near_synonyms(split, vectors, threshold):
+    """Compare each test recipe with each train recipe, word by word as the definition says."""
+    found = []
+    for recipe, part in zip(split.graph.recipes.tolist(), split.parts.tolist(), strict=True):
+        twins = False
+        for other, other_part in zip(split.graph.recipes.tolist(), split.parts.tolist(), strict=True):
+            if part != 2 or other_part != 0 or recipe[2] != other[2]:
+                continue
+            for kept, changed in ((0, 1), (1, 0)):
+                for other_kept, other_changed in ((0, 1), (1, 0)):
+                    same = recipe[kept] == other[other_kept]
+                    near = cosine(vectors[recipe[changed]], vectors[other[other_changed]]) >= threshold
+                    twins = twins or (same and near)
+        found.append(twins)
+    return found
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("threshold", [0.3, 0.7])
+def test_near_synonyms_are_those_of_the_definition(seed, threshold):
+    rng = np.random.default_rng(seed)
+    rows = [(f"e{a}", f"e{b}", f"e{c}") for a, b, c in rng.integers(0, 9, size=(60, 3)).tolist()]
+    graph = RecipeGraph.from_recipes(rows)
+    split = make_split(graph, SplitConfig("by-recipe-plain", train_ratio=0.6, valid_ratio=0.1, seed=seed))
+    vectors = rng.normal(size=(graph.num_entities, 3)).astype(np.float32)
+    vectors[0] = 0
+    known = np.ones(graph.num_entities, dtype=bool)
+    features = EntityFeatures("test", vectors, known, graph.entities, ())
+    expected = slow_near_synonyms(split, vectors.tolist(), threshold)
+    assert near_synonym_recipes(split, features, threshold).tolist() == expected
+    assert any(expected)
+    assert not all(flag for flag, part in zip(expected, split.parts.tolist(), strict=True) if part == 2)
+
+
+def test_a_triple_counts_if_any_near_synonym_recipe_gives_it():
+    graph = RecipeGraph.from_recipes([("a", "b", "x"), ("a", "c", "x"), ("b", "c", "y")])
+    repeated = np.array([True, False, False])
+    triples = graph.triples
+    given = {tuple(row) for row in recipe_triples(graph.recipes[:1]).tolist()}
+    expected = [tuple(row) in given for row in triples.tolist()]
+    assert near_synonym_triples(graph, repeated, triples).tolist() == expected
+    assert not near_synonym_triples(graph, np.zeros(3, dtype=bool), triples).any()

@@ -1,0 +1,416 @@
+"""Filtered ranking and its metrics against slow loops, enumeration and PyKEEN's evaluator."""
+
+import itertools
+from fractions import Fraction
+from types import SimpleNamespace
+
+import numpy as np
+import pandas as pd
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+from link_helpers import random_graph
+from link_oracles import slow_clusters, slow_ranks
+from pykeen.evaluation import RankBasedEvaluator
+from pykeen.training import SLCWATrainingLoop
+
+from wordcraft_kg.errors import ArtefactError
+from wordcraft_kg.graphs.folder import OpenedGraph
+from wordcraft_kg.graphs.triples import COMBINES_WITH, RELATIONS
+from wordcraft_kg.models.links.builders import scorer_tensors
+from wordcraft_kg.models.links.complex import ComplExN3
+from wordcraft_kg.models.links.config import ComplExConfig
+from wordcraft_kg.models.links.pykeen_bridge import pykeen_guard, triples_factory
+from wordcraft_kg.models.links.symmetric_lcwa import IndexedSymmetricLCWATrainingLoop
+from wordcraft_kg.models.scorers import ranking as link_prediction
+from wordcraft_kg.models.scorers.embeddings import ComplExScorer
+from wordcraft_kg.models.scorers.folder import make_scorer
+from wordcraft_kg.models.scorers.ranking import (
+    HITS,
+    calibration,
+    random_metrics,
+    rank_triples,
+    ranking_metrics,
+    recipe_clusters,
+    slice_masks,
+    with_interval,
+)
+from wordcraft_kg.models.scorers.tables import TableScorer
+from wordcraft_kg.statistics import bootstrap, interval
+
+
+def table_scorer(table: np.ndarray) -> TableScorer:
+    return TableScorer(torch.from_numpy(table.astype(np.float32)), [f"e{i}" for i in range(table.shape[1])], "hash")
+
+
+def constant_scorer(num_entities: int) -> TableScorer:
+    return table_scorer(np.full((len(RELATIONS), num_entities, num_entities), 0.5))
+
+
+@st.composite
+def rankings(draw: st.DrawFn) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A table of few different scores, queries (known or not, repeated or not) and known triples."""
+    size, levels = draw(st.integers(1, 6)), draw(st.integers(1, 4))
+    rng = np.random.default_rng(draw(st.integers(0, 2**32)))
+    every = np.array(list(itertools.product(range(size), range(len(RELATIONS)), range(size))))
+    known = every[rng.random(len(every)) < draw(st.sampled_from([0.0, 0.2, 0.6, 1.0]))]
+    queries = every[rng.integers(len(every), size=draw(st.integers(1, 12)))]
+    return rng.integers(-levels, levels, size=(len(RELATIONS), size, size)), queries, known
+
+
+# --- ranks -----------------------------------------------------------------------------------------------------------
+
+
+@given(rankings())
+def test_ranks_equal_those_of_a_slow_loop(case):
+    table, queries, known = case
+    found = rank_triples(table_scorer(table), queries, known)
+    expected = pd.DataFrame(slow_ranks(table, queries, known))
+    columns = [name for name in expected if name not in ("tops", "confidence")]
+    pd.testing.assert_frame_equal(found[columns], expected[columns], check_dtype=False)
+    np.testing.assert_allclose(found["confidence"], expected["confidence"], rtol=1e-6)
+    assert all(top in tops for top, tops in zip(found["top"], expected["tops"], strict=True))
+
+
+@given(rankings())
+def test_ranks_do_not_depend_on_the_batches(case):
+    table, queries, known = case
+    with pytest.MonkeyPatch.context() as patch:
+        whole = rank_triples(table_scorer(table), queries, known)
+        patch.setattr(link_prediction, "BATCH", 2)
+        pd.testing.assert_frame_equal(rank_triples(table_scorer(table), queries, known), whole)
+
+
+def test_ranks_by_hand_follow_the_definitions_of_ties_and_filters():
+    # Scores of e0 combinesWith ?: e1 5, e2 5, e3 7, e4 1, e0 5; the query is e1, and e3 is another known answer.
+    table = np.zeros((2, 5, 5))
+    table[COMBINES_WITH, 0] = [5, 5, 5, 7, 1]
+    known = np.array([[0, COMBINES_WITH, 1], [0, COMBINES_WITH, 3]])
+    row = rank_triples(table_scorer(table), known[:1], known).iloc[0]
+    assert (row["side"], row["optimistic"], row["rank"], row["pessimistic"]) == ("tail", 1, 2.0, 3)
+    assert (row["raw_rank"], row["candidates"], row["score"]) == (3.0, 4, 5.0)
+
+
+def test_no_triples_give_no_ranks():
+    ranks = rank_triples(constant_scorer(3), np.empty((0, 3), dtype=np.int64), np.empty((0, 3), dtype=np.int64))
+    assert ranking_metrics(ranks) == random_metrics(ranks.assign(candidates=[])) == {"queries": 0}
+
+
+def test_ranking_leaves_the_scorers_table_as_it_was():
+    table = np.arange(18).reshape(2, 3, 3)
+    scorer, triples = table_scorer(table), np.array([[0, 0, 1], [2, 1, 0]])
+    rank_triples(scorer, triples, triples)
+    assert scorer.scores.tolist() == table.tolist()
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_scores_that_are_not_finite_are_an_artefact_error(value: float):
+    table = np.zeros((2, 4, 4))
+    table[1, 2, 3] = value
+    triples = np.array([[2, 1, 0]])
+    with pytest.raises(ArtefactError, match="not finite"):
+        rank_triples(table_scorer(table), triples, triples)
+
+
+def exact_model(opened: OpenedGraph) -> ComplExN3:
+    """A trained model whose weights are multiples of 1/16: its scores are exact in single precision, with real ties."""
+    factory = triples_factory(opened.graph, opened.split.partial)
+    with pykeen_guard(seed=0, threads=1):
+        model = ComplExN3(triples_factory=factory, embedding_dim=4, random_seed=0)
+        loop = IndexedSymmetricLCWATrainingLoop(
+            model=model, triples_factory=factory, optimizer="Adagrad", optimizer_kwargs={"lr": 0.2}
+        )
+        loop.train(factory, num_epochs=6, batch_size=256, use_tqdm=False)
+    with torch.no_grad():
+        for parameter in model.parameters():
+            parameter.copy_((parameter * 16).round() / 16)
+    return model.eval()
+
+
+def test_ranks_and_metrics_agree_with_pykeens_evaluator(opened_kitchen: OpenedGraph):
+    graph, split = opened_kitchen.graph, opened_kitchen.split
+    model = exact_model(opened_kitchen)
+    queries = split.held_out("test")
+    theirs = RankBasedEvaluator(filtered=True).evaluate(
+        model,
+        torch.from_numpy(queries.copy()),
+        batch_size=64,
+        additional_filter_triples=[torch.from_numpy(graph.triples.copy())],
+        use_tqdm=False,
+    )
+    scorer = make_scorer(*scorer_tensors(ComplExConfig(dim=4), model), graph.entities, graph.hash)
+    ranks = rank_triples(scorer, queries, graph.triples)
+    assert (ranks["optimistic"] < ranks["pessimistic"]).any()
+    for kind, column in (("realistic", "rank"), ("optimistic", "optimistic"), ("pessimistic", "pessimistic")):
+        for side, part in (("both", ranks), *((name, ranks[ranks["side"] == name]) for name in ("head", "tail"))):
+            ours = ranking_metrics(part, column)
+            names = {"mrr": "inverse_harmonic_mean_rank", "mean_rank": "arithmetic_mean_rank"}
+            names |= {f"hits@{k}": f"hits_at_{k}" for k in HITS}
+            if kind == "realistic":
+                names["amri"] = "adjusted_arithmetic_mean_rank_index"
+            for name, pykeens in names.items():
+                assert ours[name] == pytest.approx(theirs.get_metric(f"{side}.{kind}.{pykeens}"), abs=1e-6), name
+
+
+def test_a_model_trained_by_negative_sampling_ranks_as_pykeens_evaluator_ranks_it(opened_kitchen: OpenedGraph):
+    from pykeen.models import DistMult
+
+    from wordcraft_kg.models.links.config import LinkModelConfig
+
+    graph, split = opened_kitchen.graph, opened_kitchen.split
+    factory = triples_factory(graph, split.partial)
+    with pykeen_guard(seed=0, threads=1):
+        model = DistMult(triples_factory=factory, embedding_dim=4, random_seed=0)
+        SLCWATrainingLoop(model=model, triples_factory=factory).train(
+            factory, num_epochs=2, batch_size=256, use_tqdm=False
+        )
+    with torch.no_grad():
+        for parameter in model.parameters():
+            parameter.copy_((parameter * 16).round() / 16)
+    theirs = RankBasedEvaluator(filtered=True).evaluate(
+        model.eval(),
+        torch.from_numpy(split.held_out("test").copy()),
+        batch_size=64,
+        additional_filter_triples=[torch.from_numpy(graph.triples.copy())],
+        use_tqdm=False,
+    )
+    tensors = scorer_tensors(LinkModelConfig(model="distmult", dim=4), model)
+    scorer = make_scorer(*tensors, graph.entities, graph.hash)
+    ours = ranking_metrics(rank_triples(scorer, split.held_out("test"), graph.triples))
+    assert ours["mrr"] == pytest.approx(theirs.get_metric("both.realistic.inverse_harmonic_mean_rank"), abs=1e-6)
+
+
+def test_embeddings_rank_like_their_table(opened_kitchen: OpenedGraph):
+    graph = opened_kitchen.graph
+    kind, tensors = scorer_tensors(ComplExConfig(dim=4), exact_model(opened_kitchen))
+    assert kind == "complex"
+    embeddings = ComplExScorer(tensors, graph.entities, graph.hash)
+    queries = opened_kitchen.split.held_out("test")
+    ranks = [rank_triples(scorer, queries, graph.triples) for scorer in (embeddings, embeddings.to_table())]
+    pd.testing.assert_series_equal(ranks[0]["rank"], ranks[1]["rank"])
+
+
+# --- metrics ---------------------------------------------------------------------------------------------------------
+
+
+def test_a_constant_scorer_gets_the_rank_that_chance_would_give(opened_kitchen: OpenedGraph):
+    graph = opened_kitchen.graph
+    ranks = rank_triples(constant_scorer(graph.num_entities), opened_kitchen.split.held_out("test"), graph.triples)
+    metrics = ranking_metrics(ranks)
+    assert metrics["hits@1"] == 0
+    assert metrics["mean_rank"] == pytest.approx(float(((ranks["candidates"] + 1) / 2).mean()))
+    assert metrics["amri"] == pytest.approx(0, abs=1e-12)
+    assert random_metrics(ranks)["mean_rank"] == pytest.approx(metrics["mean_rank"])
+    assert metrics["mrr"] < random_metrics(ranks)["mrr"]
+
+
+def test_a_perfect_scorer_gets_perfect_metrics(opened_kitchen: OpenedGraph):
+    graph = opened_kitchen.graph
+    table = np.zeros((2, graph.num_entities, graph.num_entities))
+    heads, relations, tails = graph.triples.T
+    table[relations, heads, tails] = 1
+    metrics = ranking_metrics(rank_triples(table_scorer(table), opened_kitchen.split.held_out("test"), graph.triples))
+    assert {metrics[name] for name in ("mrr", "hits@1", "hits@3", "hits@10", "mean_rank", "amri")} == {1.0}
+
+
+def test_metrics_by_hand():
+    ranks = pd.DataFrame({"rank": [1.0, 2.0, 3.5, 11.0], "candidates": [5, 5, 7, 21]})
+    metrics = ranking_metrics(ranks)
+    assert metrics["mrr"] == pytest.approx((1 + 1 / 2 + 1 / 3.5 + 1 / 11) / 4)
+    assert (metrics["hits@1"], metrics["hits@3"], metrics["hits@10"]) == (0.25, 0.5, 0.75)
+    assert metrics["mean_rank"] == 17.5 / 4
+    # Expected ranks minus one: 2, 2, 3 and 10; reached: 0, 1, 2.5 and 10.
+    assert metrics["amri"] == pytest.approx(1 - 13.5 / 17)
+    assert metrics["queries"] == 4
+
+
+def test_a_field_of_one_candidate_has_no_chance_to_beat():
+    ranks = pd.DataFrame({"rank": [1.0, 1.0], "candidates": [1, 1]})
+    assert ranking_metrics(ranks)["amri"] == 0
+    assert random_metrics(ranks)["mrr"] == 1
+
+
+def test_random_metrics_equal_the_mean_over_all_permutations():
+    sizes = [1, 2, 4, 4, 5]
+    sums = dict.fromkeys(("mrr", "mean_rank", *(f"hits@{k}" for k in HITS)), Fraction(0))
+    for size in sizes:
+        orders = list(itertools.permutations(range(size)))
+        for order in orders:
+            rank = 1 + order.index(0)
+            share = Fraction(1, len(orders) * len(sizes))
+            sums["mrr"] += share / rank
+            sums["mean_rank"] += share * rank
+            for k in HITS:
+                sums[f"hits@{k}"] += share * (rank <= k)
+    found = random_metrics(pd.DataFrame({"candidates": sizes}))
+    assert found.pop("queries") == len(sizes)
+    assert found.pop("amri") == 0
+    assert found == pytest.approx({name: float(value) for name, value in sums.items()})
+
+
+def test_random_metrics_are_what_random_scores_get_on_average(opened_kitchen: OpenedGraph):
+    graph, rng = opened_kitchen.graph, np.random.default_rng(0)
+    queries = opened_kitchen.split.held_out("test")[::3]
+    drawn, ranks = [], pd.DataFrame()
+    for _ in range(40):
+        table = rng.permutation(2 * graph.num_entities**2).reshape(2, graph.num_entities, graph.num_entities)
+        ranks = rank_triples(table_scorer(table), queries, graph.triples)
+        drawn.append(ranking_metrics(ranks))
+    for name, expected in random_metrics(ranks).items():
+        values = np.array([metrics[name] for metrics in drawn])
+        error = values.std() / np.sqrt(len(values))
+        assert abs(values.mean() - expected) <= 4 * error + 1e-12, name
+
+
+def test_slices_part_the_queries_by_relation_and_side(opened_kitchen: OpenedGraph):
+    graph = opened_kitchen.graph
+    ranks = rank_triples(constant_scorer(graph.num_entities), graph.triples[::9], graph.triples)
+    masks = slice_masks(ranks)
+    assert masks["all"].all()
+    for number, relation in enumerate(RELATIONS):
+        assert set(ranks.loc[masks[relation], "relation"]) == {number}
+        sides = {side: masks[f"{relation}, predict {side}"] for side in ("head", "tail")}
+        assert {side: set(ranks.loc[mask, "side"]) for side, mask in sides.items()} == {s: {s} for s in sides}
+        np.testing.assert_array_equal(sides["head"] ^ sides["tail"], masks[relation])
+    np.testing.assert_array_equal(masks[RELATIONS[0]] ^ masks[RELATIONS[1]], masks["all"])
+
+
+# --- clusters and intervals ------------------------------------------------------------------------------------------
+
+
+@given(st.integers(0, 10_000), st.integers(3, 9), st.integers(1, 25), st.floats(0.1, 1))
+def test_clusters_are_the_first_pairs_that_give_the_triples(
+    seed: int, num_entities: int, num_recipes: int, share: float
+):
+    graph = random_graph(seed, num_entities, num_recipes)
+    chosen = np.random.default_rng(seed).random(graph.num_recipes) < share
+    chosen[0] = True
+    given = {
+        triple
+        for is_chosen, (a, b, result) in zip(chosen, graph.recipes.tolist(), strict=True)
+        if is_chosen
+        for triple in ((a, 0, b), (b, 0, a), (a, 1, result), (b, 1, result))
+    }
+    triples = np.array(sorted(given))
+    assert recipe_clusters(graph, chosen, triples).tolist() == slow_clusters(graph, chosen, triples)
+
+
+def test_mirrored_triples_are_in_one_cluster(opened_kitchen: OpenedGraph):
+    graph = opened_kitchen.graph
+    symmetric = graph.triples[graph.triples[:, 1] == COMBINES_WITH]
+    everything = np.ones(graph.num_recipes, dtype=bool)
+    one, other = (recipe_clusters(graph, everything, triples) for triples in (symmetric, symmetric[:, [2, 1, 0]]))
+    np.testing.assert_array_equal(one, other)
+    assert len(np.unique(one)) == graph.num_pairs
+
+
+def test_the_bootstrap_of_a_constant_is_that_constant():
+    means = bootstrap(np.full(20, 0.3), np.arange(20) // 3, resamples=50)
+    np.testing.assert_allclose(means, 0.3)
+    assert len(means) == 50
+
+
+def test_the_bootstrap_resamples_whole_clusters():
+    values = np.array([0.0, 1.0, 0.0, 1.0])
+    np.testing.assert_allclose(bootstrap(values, np.array([7, 7, 7, 7]), resamples=20), 0.5)
+    np.testing.assert_allclose(bootstrap(values, np.array([3, 3, 8, 8]), resamples=20), 0.5)
+    assert set(bootstrap(values, np.array([3, 8, 3, 8]), resamples=50)) == {0.0, 0.5, 1.0}
+
+
+def test_the_bootstrap_weighs_clusters_by_their_size():
+    # One cluster of one zero and one of three ones: the means of the four draws of two clusters.
+    means = bootstrap(np.array([0.0, 1.0, 1.0, 1.0]), np.array([0, 1, 1, 1]), resamples=400)
+    assert set(means) == {0.0, 0.75, 1.0}
+    assert np.mean(means == 0.75) == pytest.approx(0.5, abs=0.1)
+
+
+def test_the_bootstrap_is_determined_by_its_seed():
+    values, clusters = np.random.default_rng(0).random(30), np.arange(30) // 2
+    same = [bootstrap(values, clusters, resamples=10, seed=4) for _ in range(2)]
+    np.testing.assert_array_equal(same[0], same[1])
+    assert not np.array_equal(same[0], bootstrap(values, clusters, resamples=10, seed=5))
+
+
+def test_the_bootstraps_spread_is_the_standard_error_of_the_mean():
+    values = np.random.default_rng(0).random(400)
+    means = bootstrap(values, np.arange(400), resamples=2_000)
+    assert means.std() == pytest.approx(values.std() / np.sqrt(400), rel=0.1)
+    assert means.mean() == pytest.approx(values.mean(), abs=0.005)
+
+
+def test_an_interval_leaves_out_half_the_rest_on_each_side():
+    assert interval(np.arange(1001.0)) == pytest.approx((25, 975))
+    assert interval(np.arange(1001.0), level=0.5) == pytest.approx((250, 750))
+
+
+def test_an_interval_contains_its_mean_and_covers_the_truth(opened_kitchen: OpenedGraph):
+    rng, covered = np.random.default_rng(0), 0
+    for seed in range(60):
+        ranks = pd.DataFrame({"rank": rng.choice([1.0, 2.0, 4.0], size=80), "candidates": 10})
+        metrics = with_interval(ranks, np.arange(80), resamples=200, seed=seed)
+        low, high = metrics["mrr_ci"]
+        assert low <= metrics["mrr"] <= high
+        covered += low <= (1 + 1 / 2 + 1 / 4) / 3 <= high
+    assert 50 <= covered <= 60
+
+
+def test_no_queries_have_no_interval():
+    empty = pd.DataFrame({"rank": [], "candidates": []})
+    assert with_interval(empty, np.array([], dtype=np.int64)) == {"queries": 0}
+
+
+# --- calibration -----------------------------------------------------------------------------------------------------
+
+
+def answers(confidence: list[float], right: list[bool]) -> pd.DataFrame:
+    return pd.DataFrame(
+        {
+            "confidence": confidence,
+            "side": "tail",
+            "head": 0,
+            "tail": 1,
+            "top": [1 if is_right else 2 for is_right in right],
+        }
+    )
+
+
+def test_calibration_is_perfect_where_confidence_equals_accuracy():
+    found = calibration(answers([0.25] * 4 + [0.75] * 4, [True] + [False] * 3 + [True] * 3 + [False]), bins=2)
+    assert found["ece"] == 0
+    assert found["bins"] == [
+        {"confidence": 0.25, "accuracy": 0.25, "queries": 4},
+        {"confidence": 0.75, "accuracy": 0.75, "queries": 4},
+    ]
+
+
+def test_the_calibration_error_is_the_mean_distance_weighted_by_queries():
+    found = calibration(answers([0.1, 0.1, 0.9], [True, True, False]), bins=2)
+    assert [row["queries"] for row in found["bins"]] == [2, 1]
+    assert found["ece"] == pytest.approx((2 * 0.9 + 0.9) / 3)
+
+
+def test_calibration_asks_for_the_head_where_the_head_is_open():
+    frame = answers([0.5, 0.5], [True, True]).assign(side="head", head=[1, 0], tail=2)
+    assert calibration(frame, bins=1)["bins"][0]["accuracy"] == 0.5
+
+
+def test_calibration_of_few_queries_has_no_empty_bins():
+    assert [row["queries"] for row in calibration(answers([0.2, 0.4], [True, False]))["bins"]] == [1, 1]
+
+
+def test_a_confidence_is_a_share_among_the_candidates(opened_kitchen: OpenedGraph):
+    graph = opened_kitchen.graph
+    ranks = rank_triples(constant_scorer(graph.num_entities), graph.triples, graph.triples)
+    np.testing.assert_allclose(ranks["confidence"], 1 / ranks["candidates"])
+
+
+# --- what a scorer must have -----------------------------------------------------------------------------------------
+
+
+def test_ranking_needs_nothing_of_a_scorer_but_the_protocol():
+    table = np.random.default_rng(0).integers(4, size=(2, 5, 5))
+    inner = table_scorer(table)
+    bare = SimpleNamespace(entities=inner.entities, graph_hash="hash", score=inner.score, table=inner.table)
+    triples = np.array([[0, 0, 1], [2, 1, 4]])
+    pd.testing.assert_frame_equal(rank_triples(bare, triples, triples), rank_triples(inner, triples, triples))

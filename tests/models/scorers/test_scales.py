@@ -1,0 +1,246 @@
+"""Scaled views of scorers, against loops over pairs."""
+
+import math
+import statistics
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+from link_helpers import random_graph
+
+from wordcraft_kg.errors import ConfigError
+from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS
+from wordcraft_kg.models.scorers.facts import FrequencyScorer
+from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
+from wordcraft_kg.models.scorers.scales import scaled_scorer, standardised
+from wordcraft_kg.models.scorers.tables import TableScorer
+
+GRAPH = random_graph(num_entities=9, num_recipes=20)
+SIZE = GRAPH.num_entities
+SCALES = ("standardise", "ranks", "log-softmax", "none")
+SCALED = SCALES[:-1]
+any_scale = pytest.mark.parametrize("scale", SCALES)
+any_relation = pytest.mark.parametrize("relation", range(len(RELATIONS)), ids=RELATIONS)
+
+
+class OtherScorer:
+    """The least that follows the protocol: not one of ours, and with scores that somebody trains."""
+
+    graph_hash = GRAPH.hash
+    entities = GRAPH.entities
+
+    def __init__(self):
+        self.scores = torch.randn(len(RELATIONS), SIZE, SIZE, generator=torch.Generator().manual_seed(0)) * 3 + 5
+        self.scores[COMPONENT_OF] = self.scores[COMPONENT_OF].round() + 0.5  # with equal scores
+        self.scores.requires_grad_()
+
+    def score(self, heads, relations, tails):
+        raise AssertionError("the whole table is asked for at once")
+
+    def table(self, relation):
+        return self.scores[RELATIONS.index(relation) if isinstance(relation, str) else relation]
+
+
+SCORER = OtherScorer()
+NOISE = TableScorer(SCORER.scores.detach(), GRAPH.entities, GRAPH.hash)
+
+
+def constant(value: float, size: int) -> TableScorer:
+    return TableScorer(torch.full((len(RELATIONS), size, size), value), [f"e{i:03}" for i in range(size)], "constant")
+
+
+def tables_of(**settings) -> np.ndarray:
+    scorer = scaled_scorer(SCORER, **settings)
+    return torch.stack([scorer.table(name) for name in RELATIONS]).numpy()
+
+
+def off_diagonal(table: np.ndarray) -> list[float]:
+    return [float(table[i, j]) for i in range(len(table)) for j in range(len(table)) if i != j]
+
+
+def slow_standardised(table: list[list[float]]) -> list[list[float]]:
+    """Every score less the mean, over the standard deviation, both of pairs of different entities."""
+    others = [x for i, row in enumerate(table) for j, x in enumerate(row) if i != j]
+    mean, deviation = statistics.fmean(others), statistics.pstdev(others)
+    return [[(x - mean) / deviation for x in row] for row in table]
+
+
+def slow_ranks(table: list[list[float]]) -> list[list[float]]:
+    """How many scores are lower, plus the middle place among equal ones."""
+    everything = [x for row in table for x in row]
+
+    def rank(x: float) -> float:
+        return sum(other < x for other in everything) + (everything.count(x) + 1) / 2
+
+    return [[rank(x) for x in row] for row in table]
+
+
+def slow_log_softmax(table: list[list[float]]) -> list[list[float]]:
+    """``log(exp score(h, t) / Σ_h' exp score(h', t))``."""
+    totals = [math.log(sum(math.exp(row[t]) for row in table)) for t in range(len(table))]
+    return [[x - total for x, total in zip(row, totals, strict=True)] for row in table]
+
+
+SLOW = {
+    "standardise": slow_standardised,
+    "ranks": lambda table: slow_standardised(slow_ranks(table)),
+    "log-softmax": lambda table: slow_standardised(slow_log_softmax(table)),
+    "none": lambda table: table,
+}
+
+
+# --- scales ----------------------------------------------------------------------------------------------------------
+
+
+@any_scale
+@any_relation
+def test_each_relation_is_scaled_on_its_own_by_the_formula_of_the_scale(scale: str, relation: int):
+    expected = SLOW[scale](NOISE.table(relation).tolist())
+    np.testing.assert_allclose(tables_of(scale=scale)[relation], expected, atol=1e-5)
+
+
+@pytest.mark.parametrize("scale", SCALED)
+@any_relation
+def test_scaled_scores_have_mean_0_and_standard_deviation_1_over_different_entities(scale: str, relation: int):
+    others = off_diagonal(tables_of(scale=scale)[relation])
+    assert statistics.fmean(others) == pytest.approx(0, abs=1e-6)
+    assert statistics.pstdev(others) == pytest.approx(1, abs=1e-6)
+
+
+def test_standardised_scores_are_the_default_and_keep_self_edges():
+    np.testing.assert_array_equal(tables_of(), tables_of(scale="standardise", self_edges="keep"))
+
+
+def test_scores_of_an_entity_with_itself_have_no_say_in_the_scale_but_are_scaled():
+    table = NOISE.table(COMBINES_WITH).numpy().copy()
+    before = standardised(table)
+    np.fill_diagonal(table, 1e6)
+    after = standardised(table)
+    np.testing.assert_allclose(off_diagonal(after), off_diagonal(before))
+    assert (np.diag(after) > 1e4).all()
+
+
+NUMBERS = st.floats(-50, 50, width=32) | st.sampled_from([0.0, 1.0, -2.5])
+
+
+@given(st.integers(2, 5).flatmap(lambda n: st.lists(NUMBERS, min_size=n * n, max_size=n * n)))
+def test_ranks_follow_the_scores_and_equal_scores_get_equal_ranks(numbers: list[float]):
+    size = math.isqrt(len(numbers))
+    scores = torch.tensor(numbers).view(1, size, size).repeat(len(RELATIONS), 1, 1)
+    scorer = scaled_scorer(TableScorer(scores, "abcde"[:size], "a graph"), scale="ranks")
+    ranks = scorer.table(COMBINES_WITH).flatten().tolist()
+    for score, rank in zip(numbers, ranks, strict=True):
+        for other_score, other_rank in zip(numbers, ranks, strict=True):
+            assert (score < other_score) == (rank < other_rank)
+
+
+def test_ranks_do_not_depend_on_how_far_scores_are_apart():
+    stretched = TableScorer(NOISE.scores.exp() * 100, GRAPH.entities, GRAPH.hash)
+    assert torch.equal(scaled_scorer(stretched, scale="ranks").scores, scaled_scorer(NOISE, scale="ranks").scores)
+
+
+def test_log_softmax_goes_over_the_heads_of_a_tail_and_stands_large_scores():
+    shifted = NOISE.scores + torch.arange(SIZE) * 1000.0  # by tail, beyond what exp can take
+    scorer = scaled_scorer(TableScorer(shifted, GRAPH.entities, GRAPH.hash), scale="log-softmax")
+    expected = scaled_scorer(NOISE, scale="log-softmax")
+    torch.testing.assert_close(scorer.scores, expected.scores, atol=5e-3, rtol=1e-3)
+
+
+def test_none_leaves_scores_untouched():
+    assert np.array_equal(tables_of(scale="none"), NOISE.scores.numpy())
+
+
+@pytest.mark.parametrize("scale", SCALED)
+@pytest.mark.parametrize("size", [3, 7, 80])
+@pytest.mark.parametrize("value", [0.0, 0.1])
+def test_a_scorer_that_cannot_tell_pairs_apart_scores_zero_on_any_scale(scale: str, size: int, value: float):
+    assert scaled_scorer(constant(value, size), scale=scale).scores.abs().max() < 1e-6
+
+
+@pytest.mark.parametrize("scale", SCALED)
+def test_rounding_is_not_blown_up_where_only_self_scores_differ(scale: str):
+    only_self = TableScorer(torch.eye(80).repeat(2, 1, 1), [f"e{i:02}" for i in range(80)], "loops")
+    for table in scaled_scorer(only_self, scale=scale).scores:
+        assert max(map(abs, off_diagonal(table.numpy()))) < 1e-6
+        assert (table.diag() > 0.5).all()
+
+
+# --- self edges ------------------------------------------------------------------------------------------------------
+
+
+@any_scale
+@pytest.mark.parametrize("kept", [(), (2,), (0, 5)])
+def test_observed_self_edges_are_kept_and_the_others_become_the_mean(scale: str, kept: tuple[int, ...]):
+    loops = [[entity, COMBINES_WITH, entity] for entity in kept]
+    others = [[3, COMPONENT_OF, 3], [4, COMBINES_WITH, 6], [6, COMBINES_WITH, 4], [7, COMPONENT_OF, 8]]
+    found = tables_of(scale=scale, self_edges="observed", observed=np.array(others + loops))
+    expected = tables_of(scale=scale)
+    for entity in set(range(SIZE)) - set(kept):
+        assert expected[COMBINES_WITH, entity, entity] != 0
+        expected[COMBINES_WITH, entity, entity] = mean_of(expected[COMBINES_WITH], scale)
+    np.testing.assert_allclose(found, expected, rtol=1e-6)
+
+
+def mean_of(table: np.ndarray, scale: str) -> float:
+    """The mean over different entities: 0 for all scales but ``none``."""
+    mean = float(np.mean(off_diagonal(table)))
+    assert scale == "none" or mean == pytest.approx(0, abs=1e-6)
+    return mean if scale == "none" else 0.0
+
+
+def test_a_scale_or_kind_of_self_edges_that_there_is_not_is_an_error():
+    with pytest.raises(ConfigError, match="Did you mean 'ranks'"):
+        tables_of(scale="rank")
+    with pytest.raises(ConfigError, match="Did you mean 'drop'"):
+        tables_of(self_edges="dropp")
+
+
+@any_scale
+def test_dropped_self_edges_are_those_of_combines_with_only(scale: str):
+    found, expected = tables_of(scale=scale, self_edges="drop"), tables_of(scale=scale)
+    np.testing.assert_allclose(np.diag(found[COMBINES_WITH]), mean_of(found[COMBINES_WITH], scale), rtol=1e-6)
+    assert off_diagonal(found[COMBINES_WITH]) == off_diagonal(expected[COMBINES_WITH])
+    np.testing.assert_array_equal(found[COMPONENT_OF], expected[COMPONENT_OF])
+    assert np.diag(found[COMPONENT_OF]).all()
+
+
+def test_self_edges_are_kept_whatever_was_observed():
+    np.testing.assert_array_equal(tables_of(self_edges="keep", observed=GRAPH.triples), tables_of())
+    np.testing.assert_array_equal(
+        tables_of(self_edges="drop", observed=np.array([[1, COMBINES_WITH, 1]])), tables_of(self_edges="drop")
+    )
+
+
+def test_observed_self_edges_without_triples_are_an_error():
+    with pytest.raises(ConfigError, match="self_edges 'observed' needs the triples"):
+        scaled_scorer(SCORER, self_edges="observed")
+
+
+# --- as a scorer -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "scorer", [SCORER, NOISE, FrequencyScorer(GRAPH, GRAPH.triples)], ids=lambda s: type(s).__name__
+)
+def test_any_scorer_can_be_scaled_and_is_a_scorer_of_the_same_graph_then(scorer: TripleScorer):
+    assert isinstance(scorer, TripleScorer)
+    scaled = scaled_scorer(scorer)
+    assert isinstance(scaled, TripleScorer)
+    assert (scaled.entities, scaled.graph_hash) == (GRAPH.entities, GRAPH.hash)
+    check_scorer(scaled, GRAPH)
+    table = scaled.table("componentOf")
+    assert (table.shape, table.dtype, table.requires_grad) == ((SIZE, SIZE), torch.float32, False)
+    everything = torch.arange(SIZE)
+    assert torch.equal(scaled.score(everything[:, None], "componentOf", everything), table)
+
+
+@any_scale
+def test_scaling_twice_gives_the_same_bits_and_changes_nothing_in_the_scorer(scale: str):
+    before = SCORER.scores.detach().clone()
+    one, other = (scaled_scorer(SCORER, scale=scale, self_edges="drop") for _ in range(2))
+    assert torch.equal(one.scores, other.scores)
+    one.scores.zero_()
+    assert torch.equal(SCORER.scores, before)
+    assert other.scores.any()

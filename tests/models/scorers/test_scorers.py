@@ -1,0 +1,476 @@
+"""Scorers: one protocol for all, batches equal to singles, and nothing served from a damaged or foreign folder."""
+
+import json
+import math
+import subprocess
+import sys
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+
+import hypothesis.extra.numpy as npst
+import numpy as np
+import pytest
+import safetensors.torch
+import torch
+from hypothesis import example, given
+from hypothesis import strategies as st
+from link_helpers import contents, flip_bit, interrupt_after, random_graph
+from link_oracles import equation_1
+
+from wordcraft_kg.artefacts import sha256_of
+from wordcraft_kg.errors import ArtefactError, GraphMismatchError, UnknownEntityError, WordCraftKGError
+from wordcraft_kg.graphs import RecipeGraph
+from wordcraft_kg.graphs.folder import OpenedGraph
+from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS
+from wordcraft_kg.models.links.config import ComplExConfig
+from wordcraft_kg.models.scorers import folder as scorer_folder
+from wordcraft_kg.models.scorers.embeddings import ComplExScorer
+from wordcraft_kg.models.scorers.facts import FrequencyScorer, SymbolicScorer
+from wordcraft_kg.models.scorers.folder import load_scorer, make_scorer
+from wordcraft_kg.models.scorers.neighbours import NeighbourScorer
+from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
+from wordcraft_kg.models.scorers.scorer import Scorer
+from wordcraft_kg.models.scorers.tables import TableScorer
+
+GRAPH = random_graph(num_entities=12, num_recipes=30)
+SIZE = GRAPH.num_entities
+DIM = 5
+
+
+def embeddings(seed: int = 0) -> dict[str, torch.Tensor]:
+    generator = torch.Generator().manual_seed(seed)
+    return {
+        f"{kind}_{part}": torch.randn(size, DIM, generator=generator)
+        for kind, size in (("entity", SIZE), ("relation", len(RELATIONS)))
+        for part in ("real", "imag")
+    }
+
+
+COMPLEX = ComplExScorer(embeddings(), GRAPH.entities, GRAPH.hash)
+SCORERS: dict[str, Scorer] = {
+    "complex": COMPLEX,
+    "table": COMPLEX.to_table(),
+    "symbolic": SymbolicScorer(GRAPH, GRAPH.triples),
+    "frequency": FrequencyScorer(GRAPH, GRAPH.triples[::2]),
+}
+any_scorer = pytest.mark.parametrize("scorer", SCORERS.values(), ids=SCORERS)
+any_relation = pytest.mark.parametrize("relation", range(len(RELATIONS)), ids=RELATIONS)
+
+
+# --- every scorer ----------------------------------------------------------------------------------------------------
+
+
+@any_scorer
+def test_a_scorer_follows_the_protocol(scorer: Scorer):
+    assert isinstance(scorer, TripleScorer)
+    assert (scorer.entities, scorer.graph_hash) == (GRAPH.entities, GRAPH.hash)
+
+
+def test_something_else_does_not_follow_the_protocol():
+    assert not isinstance(GRAPH, TripleScorer)
+
+
+@any_scorer
+@any_relation
+def test_batched_selection_scores_equal_single_scores(scorer: Scorer, relation: int):
+    rng = np.random.default_rng(0)
+    held, table = torch.from_numpy(rng.integers(SIZE, size=3)), torch.from_numpy(rng.integers(SIZE, size=(3, 4)))
+    singles = torch.stack([scorer.score(h, relation, row) for h, row in zip(held, table, strict=True)])
+    one_by_one = [
+        [float(scorer.score(int(h), relation, int(t))) for t in row] for h, row in zip(held, table, strict=True)
+    ]
+    batched = scorer.score(held[:, None], relation, table)
+    torch.testing.assert_close(batched, singles)
+    torch.testing.assert_close(batched, torch.tensor(one_by_one))
+    torch.testing.assert_close(
+        scorer.score(table, relation, held[:, None]),
+        torch.stack([scorer.score(row, relation, h) for h, row in zip(held, table, strict=True)]),
+    )
+
+
+def shapes_of(*shapes: tuple[int, ...]) -> npst.BroadcastableShapes:
+    return npst.BroadcastableShapes(shapes, np.broadcast_shapes(*shapes))
+
+
+@pytest.mark.parametrize("name", SCORERS)
+@given(shapes=npst.mutually_broadcastable_shapes(num_shapes=3, max_dims=3, max_side=4), seed=st.integers(0, 99))
+@example(shapes=shapes_of((1, 1), (1, 1, 1), (1, 1)), seed=0)
+@example(shapes=shapes_of((3, 1), (1, 3), (1, 3)), seed=0)
+@example(shapes=shapes_of((1, 3), (1, 3), (3, 1)), seed=0)
+@example(shapes=shapes_of((3, 1), (3,), (1, 3)), seed=0)
+def test_scores_of_any_broadcastable_ids_equal_single_scores(name, shapes, seed):
+    scorer, rng = SCORERS[name], np.random.default_rng(seed)
+    sizes = (SIZE, len(RELATIONS), SIZE)
+    ids = [
+        torch.from_numpy(np.asarray(rng.integers(n, size=s))) for n, s in zip(sizes, shapes.input_shapes, strict=True)
+    ]
+    batched = scorer.score(*ids)
+    assert tuple(batched.shape) == shapes.result_shape
+    rows = zip(*(x.expand(shapes.result_shape).flatten().tolist() for x in ids), strict=True)
+    singles = torch.tensor([float(scorer.score(h, r, t)) for h, r, t in rows])
+    torch.testing.assert_close(batched.flatten(), singles.view(batched.numel()), atol=1e-5, rtol=1e-5)
+
+
+@any_scorer
+@any_relation
+def test_the_table_of_a_relation_holds_the_scores_of_all_pairs(scorer: Scorer, relation: int):
+    everything = torch.arange(SIZE)
+    expected = scorer.score(everything[:, None], relation, everything[None, :])
+    torch.testing.assert_close(scorer.table(relation), expected, atol=1e-5, rtol=1e-5)
+    torch.testing.assert_close(scorer.table(RELATIONS[relation]), scorer.table(relation))
+
+
+@any_scorer
+def test_scores_are_single_precision_numbers(scorer: Scorer):
+    assert scorer.score(0, COMPONENT_OF, 1).dtype == torch.float32
+    assert scorer.table(COMBINES_WITH).dtype == torch.float32
+
+
+@any_scorer
+@any_relation
+def test_labels_and_ids_give_the_same_scores(scorer: Scorer, relation: int):
+    heads, tails = [3, 1, 4], [1, 5, 9]
+    by_id = scorer.score(heads, relation, tails)
+    names = [[GRAPH.entities[i] for i in ids] for ids in (heads, tails)]
+    torch.testing.assert_close(scorer.score(names[0], RELATIONS[relation], names[1]), by_id)
+    torch.testing.assert_close(scorer.score(tuple(names[0]), relation, torch.tensor(tails)), by_id)
+    torch.testing.assert_close(scorer.score(names[0][0], RELATIONS[relation], tails), scorer.score(3, relation, tails))
+    assert scorer.score(names[0][0], RELATIONS[relation], names[1][0]).shape == ()
+
+
+@any_scorer
+def test_numpy_ids_are_as_good_as_any(scorer: Scorer):
+    head, relation, tail = GRAPH.triples[3]
+    expected = scorer.score(int(head), int(relation), int(tail))
+    torch.testing.assert_close(scorer.score(GRAPH.triples[:, 0], relation, GRAPH.triples[:, 2])[3], expected)
+    torch.testing.assert_close(scorer.score(head, relation, tail), expected)
+
+
+@any_scorer
+def test_no_ids_give_no_scores(scorer: Scorer):
+    assert scorer.score([], COMPONENT_OF, []).shape == (0,)
+    assert scorer.score(torch.empty(0, 3, dtype=torch.int64), COMPONENT_OF, 1).shape == (0, 3)
+
+
+@any_scorer
+@pytest.mark.parametrize("ids", [-1, SIZE, [0, SIZE], [-1, 0], torch.tensor([[0], [SIZE + 5]])])
+def test_entity_ids_out_of_range_are_refused(scorer: Scorer, ids):
+    with pytest.raises(UnknownEntityError, match=rf"0 \.\. {SIZE - 1}"):
+        scorer.score(ids, COMPONENT_OF, 0)
+    with pytest.raises(UnknownEntityError, match=rf"0 \.\. {SIZE - 1}"):
+        scorer.score(0, COMPONENT_OF, ids)
+
+
+@any_scorer
+@pytest.mark.parametrize("relation", [-1, 2, torch.tensor([0, 2])])
+def test_relation_ids_out_of_range_are_refused(scorer: Scorer, relation):
+    with pytest.raises(UnknownEntityError, match=r"relation ids must be 0 \.\. 1"):
+        scorer.score([0, 1], relation, [0, 1])
+
+
+@any_scorer
+def test_an_unknown_relation_is_refused_with_the_nearest_one(scorer: Scorer):
+    with pytest.raises(UnknownEntityError, match=r"'combineWith'.*Did you mean 'combinesWith'"):
+        scorer.score(0, "combineWith", 1)
+    with pytest.raises(UnknownEntityError, match="componentOf"):
+        scorer.table("makes")
+
+
+def test_an_unknown_label_is_refused_with_the_nearest_ones(complex_folder: Path):
+    scorer = load_scorer(complex_folder)
+    for call in (
+        lambda: scorer.score("bred", COMPONENT_OF, 0),
+        lambda: scorer.score(0, COMPONENT_OF, ["flour", "bred"]),
+        lambda: scorer.top("bred", COMPONENT_OF, None),
+    ):
+        with pytest.raises(UnknownEntityError, match=r"no entity 'bred'.*Did you mean.*'bread'"):
+            call()
+
+
+@any_scorer
+def test_another_graphs_ids_are_refused(scorer: Scorer):
+    check_scorer(scorer, GRAPH)
+    check_scorer(scorer, RecipeGraph(GRAPH.entities, GRAPH.recipes, GRAPH.base_ids, name="an equal one"))
+    other = random_graph(seed=1, num_entities=12, num_recipes=30)
+    with pytest.raises(GraphMismatchError, match=other.hash[:12]):
+        check_scorer(scorer, other)
+
+
+@any_scorer
+def test_top_lists_the_best_entities_of_an_open_slot(scorer: Scorer):
+    table = scorer.table(COMPONENT_OF)
+    for found, scores in (
+        (scorer.top(None, "componentOf", 2, limit=4), table[:, 2]),
+        (scorer.top(GRAPH.entities[2], COMPONENT_OF, None, limit=4), table[2]),
+    ):
+        assert [score for _, score in found] == pytest.approx(sorted(scores.tolist(), reverse=True)[:4], abs=1e-5)
+        assert [score for _, score in found] == pytest.approx(
+            [float(scores[GRAPH.id_of(name)]) for name, _ in found], abs=1e-5
+        )
+
+
+def test_top_lists_ties_in_the_order_of_ids_and_everything_without_a_limit():
+    scorer = SymbolicScorer(GRAPH, GRAPH.triples[:0])
+    assert scorer.top(None, COMPONENT_OF, 0, limit=None) == [(name, 0.0) for name in GRAPH.entities]
+    assert len(scorer.top(None, COMPONENT_OF, 0)) == 10
+    assert len(scorer.top(None, COMPONENT_OF, 0, limit=100)) == SIZE
+
+
+@pytest.mark.parametrize(("head", "tail"), [(None, None), (0, 1)])
+def test_top_wants_exactly_one_open_slot(head, tail):
+    with pytest.raises(ValueError, match="exactly one"):
+        COMPLEX.top(head, COMPONENT_OF, tail)
+
+
+# --- ComplEx and tables ----------------------------------------------------------------------------------------------
+
+
+def test_complex_scores_are_those_of_equation_1():
+    entity, relation = (
+        torch.complex(embeddings()[f"{kind}_real"], embeddings()[f"{kind}_imag"]).numpy()
+        for kind in ("entity", "relation")
+    )
+    for r in range(len(RELATIONS)):
+        expected = [[equation_1(entity[h], relation[r], entity[t]) for t in range(SIZE)] for h in range(SIZE)]
+        np.testing.assert_allclose(COMPLEX.table(r).numpy(), expected, atol=1e-5)
+
+
+def test_the_table_of_embeddings_scores_like_the_embeddings():
+    table = COMPLEX.to_table()
+    assert isinstance(table, TableScorer)
+    assert (table.entities, table.graph_hash, table.name) == (COMPLEX.entities, COMPLEX.graph_hash, COMPLEX.name)
+    everything = torch.arange(SIZE)
+    for relation in range(len(RELATIONS)):
+        torch.testing.assert_close(
+            table.score(everything[:, None], relation, everything),
+            COMPLEX.score(everything[:, None], relation, everything),
+            atol=1e-5,
+            rtol=1e-5,
+        )
+
+
+def test_embeddings_become_a_table_where_it_fits_the_limit(monkeypatch: pytest.MonkeyPatch):
+    bytes_needed = len(RELATIONS) * SIZE**2 * 4
+    for limit, kind in ((bytes_needed, TableScorer), (bytes_needed - 1, ComplExScorer)):
+        monkeypatch.setattr(scorer_folder, "TABLE_LIMIT", limit)
+        assert type(make_scorer("complex", embeddings(), GRAPH.entities, GRAPH.hash)) is kind
+
+
+def test_a_model_folder_above_the_table_limit_scores_the_same(complex_folder: Path, monkeypatch: pytest.MonkeyPatch):
+    table = load_scorer(complex_folder)
+    monkeypatch.setattr(scorer_folder, "TABLE_LIMIT", 0)
+    from_embeddings = load_scorer(complex_folder)
+    assert (type(table), type(from_embeddings)) == (TableScorer, ComplExScorer)
+    for relation in RELATIONS:
+        torch.testing.assert_close(from_embeddings.table(relation), table.table(relation), atol=1e-5, rtol=1e-5)
+
+
+# --- facts and counts ------------------------------------------------------------------------------------------------
+
+
+def test_the_symbolic_scorer_is_one_exactly_on_its_triples():
+    facts = GRAPH.triples[1::2]
+    scorer = SymbolicScorer(GRAPH, facts)
+    known = {tuple(triple) for triple in facts.tolist()}
+    for relation in range(len(RELATIONS)):
+        expected = [[float((h, relation, t) in known) for t in range(SIZE)] for h in range(SIZE)]
+        assert scorer.table(relation).tolist() == expected
+    assert len(known) == sum(int(scorer.table(relation).sum()) for relation in RELATIONS) > 0
+
+
+def test_the_frequency_scorer_counts_heads_and_tails_of_the_relation():
+    triples = GRAPH.triples[::3]
+    scorer = FrequencyScorer(GRAPH, triples)
+    for relation in range(len(RELATIONS)):
+        for head in range(SIZE):
+            for tail in range(SIZE):
+                as_head = sum(h == head and r == relation for h, r, _ in triples.tolist())
+                as_tail = sum(t == tail and r == relation for _, r, t in triples.tolist())
+                assert float(scorer.score(head, relation, tail)) == as_head + as_tail
+
+
+def slow_neighbour_scores(graph, triples, power):
+    """The formula of the docstring with loops over entities and neighbours."""
+    size = graph.num_entities
+    facts = {tuple(triple) for triple in triples.tolist()}
+    neighbours = [
+        {("with", t) for h, r, t in facts if h == e and r == COMBINES_WITH}
+        | {("makes", t) for h, r, t in facts if h == e and r == COMPONENT_OF}
+        | {("made of", h) for h, r, t in facts if t == e and r == COMPONENT_OF}
+        for e in range(size)
+    ]
+    count = Counter(neighbour for of_one in neighbours for neighbour in of_one)
+
+    def product(one, other):
+        return sum(count[neighbour] ** -power for neighbour in neighbours[one] & neighbours[other])
+
+    def alike(one, other):
+        lengths = math.sqrt(product(one, one) * product(other, other))
+        return product(one, other) / lengths if lengths and one != other else 0.0
+
+    scores = np.zeros((len(RELATIONS), size, size))
+    for head, relation, tail in facts:
+        for other in range(size):
+            scores[relation, other, tail] += alike(other, head)
+            scores[relation, head, other] += alike(other, tail)
+    return scores
+
+
+@pytest.mark.parametrize("power", [0.0, 0.5, 1.0])
+def test_the_neighbour_scorer_follows_its_formula(power):
+    triples = GRAPH.triples[::2]
+    scorer = NeighbourScorer(GRAPH, triples, power=power)
+    expected = slow_neighbour_scores(GRAPH, triples, power)
+    for relation in range(len(RELATIONS)):
+        np.testing.assert_allclose(scorer.table(relation).numpy(), expected[relation], rtol=1e-5, atol=1e-6)
+    assert expected[COMBINES_WITH].any()
+    assert expected[COMPONENT_OF].any()
+
+
+@pytest.mark.parametrize("kind", [SymbolicScorer, FrequencyScorer, NeighbourScorer])
+def test_a_scorer_of_no_triples_scores_nothing(kind):
+    scorer = kind(GRAPH, GRAPH.triples[:0])
+    assert not scorer.table(COMBINES_WITH).any()
+    assert not scorer.table(COMPONENT_OF).any()
+
+
+# --- loading ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(params=["complex_folder", "distmult_folder"])
+def folder(request: pytest.FixtureRequest) -> Path:
+    return request.getfixturevalue(request.param)
+
+
+def test_a_loaded_scorer_follows_the_protocol_and_knows_its_graph(folder: Path, opened_kitchen: OpenedGraph):
+    scorer = load_scorer(folder, graph=opened_kitchen.graph)
+    assert isinstance(scorer, TripleScorer)
+    assert (scorer.entities, scorer.graph_hash) == (opened_kitchen.graph.entities, opened_kitchen.graph.hash)
+    assert scorer.name == folder.name
+
+
+def test_a_loaded_scorer_has_the_scores_of_the_weights_in_the_folder(complex_folder: Path):
+    weights = safetensors.torch.load_file(complex_folder / "model.safetensors")
+    scorer = load_scorer(complex_folder)
+    expected = ComplExScorer(weights, scorer.entities, scorer.graph_hash).table(COMPONENT_OF)
+    assert expected.abs().max() > 0
+    torch.testing.assert_close(scorer.table(COMPONENT_OF), expected, atol=1e-5, rtol=1e-5)
+
+
+def test_a_table_models_scores_are_those_of_the_pykeen_model(distmult_folder: Path):
+    weights = safetensors.torch.load_file(distmult_folder / "model.safetensors")
+    entity, relation = (
+        weights[f"pykeen.{kind}_representations.0._embeddings.weight"] for kind in ("entity", "relation")
+    )
+    expected = torch.einsum("hd,rd,td->rht", entity, relation, entity)
+    scorer = load_scorer(distmult_folder)
+    found = torch.stack([scorer.table(name) for name in RELATIONS])
+    torch.testing.assert_close(found, expected, atol=1e-5, rtol=1e-5)
+
+
+def test_loading_and_using_a_scorer_does_not_import_pykeen(folder: Path):
+    code = (
+        "import sys\n"
+        "from wordcraft_kg.models.scorers.folder import load_scorer\n"
+        f"scorer = load_scorer({str(folder)!r})\n"
+        "print(scorer.score('flour', 'combinesWith', 'water').shape, scorer.top(None, 'componentOf', 'bread', 1))\n"
+        "print(sorted(name for name in sys.modules if name.partition('.')[0] == 'pykeen'))\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=True)
+    assert done.stdout.startswith("torch.Size([])")
+    assert done.stdout.splitlines()[-1] == "[]"
+
+
+def test_loading_with_another_graph_is_refused(folder: Path):
+    with pytest.raises(GraphMismatchError, match=folder.name):
+        load_scorer(folder, graph=GRAPH)
+
+
+def test_loading_what_does_not_exist_says_how_to_make_it(tmp_path: Path):
+    with pytest.raises(ArtefactError, match=r"does not exist.*train-complex"):
+        load_scorer(tmp_path / "nowhere")
+
+
+def test_loading_a_file_is_refused(complex_folder: Path):
+    with pytest.raises(ArtefactError, match="not a folder"):
+        load_scorer(complex_folder / "model.safetensors")
+
+
+def test_loading_a_folder_of_another_kind_is_refused(kitchen_folder: Path):
+    with pytest.raises(ArtefactError, match=r"run\.json is missing"):
+        load_scorer(kitchen_folder)
+
+
+def test_loading_an_unfinished_model_says_how_to_go_on(opened_kitchen: OpenedGraph, tmp_path: Path):
+    from wordcraft_kg.models.links.training import train_links
+
+    train_links(opened_kitchen, ComplExConfig(dim=4, epochs=4), tmp_path / "model", progress=interrupt_after(1))
+    for name in ("model", "model.unfinished"):
+        with pytest.raises(ArtefactError, match=r"wordcraft-kg resume .*model\.unfinished"):
+            load_scorer(tmp_path / name)
+
+
+Spoilt = Callable[[str], tuple[Path, Path]]
+PARTS = ("model.safetensors", "vocabulary.json")
+
+
+@pytest.mark.parametrize("name", PARTS)
+@pytest.mark.parametrize("place", [0.0, 0.001, 0.01, 0.1, 0.33, 0.5, 0.75, 0.9, 1.0])
+@pytest.mark.parametrize("bit", [0, 5])
+def test_a_flipped_bit_anywhere_is_an_artefact_error_that_names_the_file(spoilt: Spoilt, name, place, bit):
+    folder, path = spoilt(name)
+    flip_bit(path, int(place * (path.stat().st_size - 1)), bit)
+    with pytest.raises(ArtefactError, match=rf"{name} is damaged"):
+        load_scorer(folder)
+
+
+@pytest.mark.parametrize("name", PARTS)
+@pytest.mark.parametrize("kept", [0, 4, 100, -1])
+def test_a_truncated_file_is_an_artefact_error_that_names_it(spoilt: Spoilt, name, kept):
+    folder, path = spoilt(name)
+    path.write_bytes(path.read_bytes()[:kept])
+    with pytest.raises(ArtefactError, match=rf"{name} is damaged"):
+        load_scorer(folder)
+
+
+@pytest.mark.parametrize("name", [*PARTS, "run.json"])
+def test_a_missing_file_is_an_artefact_error_that_names_it(spoilt: Spoilt, name):
+    folder, path = spoilt(name)
+    path.unlink()
+    with pytest.raises(ArtefactError, match=rf"{name} is missing"):
+        load_scorer(folder)
+
+
+def test_a_flipped_bit_anywhere_in_the_run_record_never_ends_in_a_traceback(spoilt: Spoilt, complex_folder: Path):
+    folder, path = spoilt("run.json")
+    whole, expected = path.read_bytes(), load_scorer(complex_folder).table(COMPONENT_OF)
+    surprises = {}
+    for position in range(0, len(whole), 2):
+        flip_bit(path, position, bit=position % 7)
+        try:
+            assert torch.equal(load_scorer(folder).table(COMPONENT_OF), expected)
+        except WordCraftKGError:
+            pass
+        except Exception as error:
+            surprises[whole[max(position - 8, 0) : position + 8].decode()] = repr(error)
+        path.write_bytes(whole)
+    assert surprises == {}
+
+
+@pytest.mark.parametrize("kind", ["empty", "a list", "of an unknown scorer"])
+def test_a_vocabulary_of_another_kind_is_an_artefact_error(spoilt: Spoilt, kind: str):
+    folder, path = spoilt("vocabulary.json")
+    unknown = json.loads(path.read_text()) | {"scorer": "magic"}
+    path.write_text(json.dumps({"empty": {}, "a list": [], "of an unknown scorer": unknown}[kind]))
+    run = json.loads((folder / "run.json").read_text())
+    run["outputs"]["vocabulary.json"] = sha256_of(path)
+    (folder / "run.json").write_text(json.dumps(run))
+    with pytest.raises(ArtefactError):
+        load_scorer(folder)
+
+
+def test_loading_changes_nothing_in_the_folder(complex_folder: Path):
+    before = contents(complex_folder)
+    load_scorer(complex_folder)
+    assert contents(complex_folder) == before

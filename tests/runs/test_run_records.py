@@ -1,0 +1,114 @@
+"""Run records: what they hold, what they keep quiet about, and what is verified with them."""
+
+import getpass
+import socket
+import sys
+from pathlib import Path
+
+import pytest
+
+from wordcraft_kg.artefacts import sha256_of
+from wordcraft_kg.errors import ArtefactError
+from wordcraft_kg.runs.record import end_run, read_finished_run, read_run, start_run, verified_bytes
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    path = tmp_path / "run"
+    path.mkdir()
+    return path
+
+
+def finished(folder: Path) -> dict[str, object]:
+    run = start_run(folder, "train-complex", seed=3, inputs={})
+    (folder / "weights").write_bytes(b"abc")
+    end_run(folder, run, "done", ("weights",))
+    return run
+
+
+def test_a_run_is_on_record_while_it_runs(folder: Path):
+    run = start_run(folder, "train-complex", seed=3, inputs={})
+    assert read_run(folder) == run
+    assert (run["kind"], run["status"], run["seed"], run["ended"], run["outputs"]) == (
+        "train-complex",
+        "running",
+        3,
+        None,
+        {},
+    )
+
+
+def test_a_run_that_ended_has_the_hashes_of_its_outputs(folder: Path):
+    finished(folder)
+    run = read_finished_run(folder, "make it")
+    assert (run["status"], run["outputs"]) == ("done", {"weights": sha256_of(folder / "weights")})
+    assert run["started"] <= run["ended"]
+
+
+def test_a_run_says_with_which_versions_it_was_made(folder: Path):
+    versions = start_run(folder, "train-complex")["versions"]
+    assert versions["python"] == ".".join(str(part) for part in sys.version_info[:3])
+    assert {"wordcraft-kg", "torch", "pykeen", "numpy"} <= set(versions)
+
+
+def test_the_home_folder_in_arguments_becomes_a_tilde(folder: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("HOME", "/homes/somebody")
+    arguments = ["/homes/somebody/bin/wordcraft-kg", "build", "/homes/somebody/graphs", "--out=/homes/somebody/m"]
+    monkeypatch.setattr(sys, "argv", arguments)
+    assert start_run(folder, "train-complex")["argv"] == ["wordcraft-kg", "build", "~/graphs", "--out=~/m"]
+
+
+def test_no_host_or_user_name_goes_into_a_record(folder: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(socket, "gethostname", lambda: "some-host-name")
+    monkeypatch.setenv("HOSTNAME", "some-host-name")
+    monkeypatch.setenv("USER", "some-user-name")
+    monkeypatch.setenv("LOGNAME", "some-user-name")
+    assert getpass.getuser() == "some-user-name"
+    start_run(folder, "train-complex")
+    text = (folder / "run.json").read_text()
+    assert "some-host-name" not in text
+    assert "some-user-name" not in text
+
+
+@pytest.mark.parametrize("status", ["interrupted", "failed"])
+def test_a_run_that_is_not_done_is_refused_with_its_status(folder: Path, status: str):
+    end_run(folder, start_run(folder, "train-complex", inputs={}), status)
+    with pytest.raises(ArtefactError, match=rf"{status}, not done.*wordcraft-kg resume"):
+        read_finished_run(folder, "make it")
+
+
+def test_a_run_that_does_not_exist_is_refused_with_the_command_that_makes_it(tmp_path: Path):
+    with pytest.raises(ArtefactError, match="`make it`"):
+        read_finished_run(tmp_path / "nowhere", "make it")
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", "{}", '{"format": "something else 1"}', "3", "null"])
+def test_something_else_than_a_run_record_is_refused(folder: Path, text: str):
+    (folder / "run.json").write_text(text)
+    with pytest.raises(ArtefactError, match=r"run\.json"):
+        read_run(folder)
+
+
+def test_a_run_record_that_is_not_utf8_is_refused(folder: Path):
+    (folder / "run.json").write_bytes(b'{"format": "\xff"}')
+    with pytest.raises(ArtefactError, match=r"run\.json is damaged"):
+        read_run(folder)
+
+
+def test_verified_bytes_are_those_that_were_written(folder: Path):
+    assert verified_bytes(folder, finished(folder), "weights") == b"abc"
+
+
+@pytest.mark.parametrize("data", [b"", b"ab", b"abd", b"abcd"])
+def test_bytes_that_differ_are_refused(folder: Path, data: bytes):
+    run = finished(folder)
+    (folder / "weights").write_bytes(data)
+    with pytest.raises(ArtefactError, match="weights is damaged"):
+        verified_bytes(folder, run, "weights")
+
+
+def test_bytes_that_the_record_does_not_know_are_refused(folder: Path):
+    run = finished(folder)
+    (folder / "other").write_bytes(b"abc")
+    with pytest.raises(ArtefactError, match="other is damaged"):
+        verified_bytes(folder, run, "other")

@@ -1,0 +1,28 @@
+"""Arrays of ids."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    pass
+
+
+Ids = NDArray[np.int64]
+
+
+def frozen(array: Ids) -> Ids:
+    """Make an array read-only, so that what a graph or split hands out cannot change it."""
+    array.flags.writeable = False
+    return array
+
+
+def padded(rows: Sequence[Sequence[int]], padding: int, width: int = 0) -> Ids:
+    """Return rows of different lengths as an array, at least ``width`` wide."""
+    width = max([width, *map(len, rows)])
+    array = np.full((len(rows), width), padding, dtype=np.int64)
+    for index, row in enumerate(rows):
+        array[index, : len(row)] = row
+    return array

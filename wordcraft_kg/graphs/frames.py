@@ -1,0 +1,86 @@
+"""A recipe graph as other libraries hold it: a networkx graph, or pandas frames of entities, recipes and triples."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from wordcraft_kg.graphs.planner import layers
+from wordcraft_kg.graphs.recipe_graph import RecipeGraph
+from wordcraft_kg.graphs.recipes import Recipe
+from wordcraft_kg.graphs.triples import RELATIONS
+
+if TYPE_CHECKING:
+    import networkx as nx
+    import pandas as pd
+
+
+def to_networkx(graph: RecipeGraph, *, recipe_nodes: bool = False) -> "nx.MultiDiGraph":
+    """Return a networkx view.
+
+    Args:
+        graph: the recipe graph.
+        recipe_nodes: False gives the typed multigraph, entities joined by edges whose key and ``relation`` is
+            ``combinesWith`` or ``componentOf``. True keeps which pair makes what: each recipe is a node
+            ``recipe <index>`` of ``kind="recipe"`` with edges ``ingredient -> recipe -> result`` (two parallel
+            ingredient edges for a self pair). Where a label starts like that, underscores precede the name.
+    """
+    import networkx as nx
+
+    view = nx.MultiDiGraph(name=graph.name, hash=graph.hash)
+    in_base = set(graph.base_ids.tolist())
+    view.add_nodes_from((label, {"kind": "entity", "base": i in in_base}) for i, label in enumerate(graph.entities))
+    if recipe_nodes:
+        prefix = "recipe "
+        while any(label.startswith(prefix) for label in graph.entities):
+            prefix = "_" + prefix
+        for index, recipe in enumerate(graph.recipe_labels()):
+            node = f"{prefix}{index}"
+            view.add_node(node, kind="recipe")
+            view.add_edges_from(
+                [
+                    (recipe.ingredient_a, node, "ingredient_a", {"role": "ingredient"}),
+                    (recipe.ingredient_b, node, "ingredient_b", {"role": "ingredient"}),
+                    (node, recipe.result, "result", {"role": "result"}),
+                ]
+            )
+    else:
+        names = graph.entities
+        view.add_edges_from(
+            (names[head], names[tail], RELATIONS[relation], {"relation": RELATIONS[relation]})
+            for head, relation, tail in graph.triples.tolist()
+        )
+    return view
+
+
+def entities_frame(graph: RecipeGraph) -> "pd.DataFrame":
+    """Return a row per entity: label, base, layer (None where unreachable), recipes and uses."""
+    import pandas as pd
+
+    depth = layers(graph)
+    return pd.DataFrame(
+        {
+            "entity": graph.entities,
+            "base": np.isin(np.arange(graph.num_entities), graph.base_ids),
+            "layer": pd.Series(depth, dtype="Int64").mask(depth < 0),
+            "recipes": graph.recipe_counts,
+            "uses": graph.use_counts,
+        }
+    )
+
+
+def recipes_frame(graph: RecipeGraph) -> "pd.DataFrame":
+    """Return a row per recipe: ingredient_a, ingredient_b and result as labels."""
+    import pandas as pd
+
+    return pd.DataFrame(graph.recipe_labels(), columns=list(Recipe._fields))
+
+
+def triples_frame(graph: RecipeGraph) -> "pd.DataFrame":
+    """Return a row per triple of the full knowledge graph: head, relation and tail as labels."""
+    import pandas as pd
+
+    names = np.array(graph.entities, dtype=object)
+    head, relation, tail = graph.triples.T
+    return pd.DataFrame(
+        {"head": names[head], "relation": np.array(RELATIONS, dtype=object)[relation], "tail": names[tail]}
+    )

@@ -1,0 +1,176 @@
+"""Recipe books known by name: built in, in the user's cache or data folder, and those that can be fetched.
+
+A built-in book is a ``.csv`` file in the folder ``books``; a book to fetch is an entry of :data:`FETCHABLE`.
+"""
+
+import hashlib
+import os
+import urllib.request
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from http.client import HTTPException
+from pathlib import Path
+
+from wordcraft_kg.artefacts import sha256_of, write_atomically
+from wordcraft_kg.errors import FetchError, RecipeFileError
+from wordcraft_kg.graphs.recipes import RecipeBook, read_book
+from wordcraft_kg.settings import nearest
+
+DATA_VARIABLE = "WORDCRAFT_KG_DATA"
+"""Environment variable that names a folder with recipe books of the user's own."""
+ENDINGS = (".csv", ".tsv", ".json")
+_BUILT_IN = Path(__file__).parent / "books"
+_TIMEOUT = 30  # seconds without a byte from the server
+_MAX_BYTES = 64 * 2**20
+
+
+@dataclass(frozen=True)
+class Fetchable:
+    """A book that its authors publish and that is not ours to bundle.
+
+    Attributes:
+        url: of one commit, so that it never changes.
+        sha256: of the file.
+        file_name: under which it is kept, and looked for in the data folder.
+        base: its world's base entities, which the file itself does not name.
+        note: what a user should know about its licence.
+    """
+
+    url: str
+    sha256: str
+    file_name: str
+    base: tuple[str, ...]
+    note: str
+
+
+FETCHABLE = {
+    "little-alchemy-2": Fetchable(
+        url="https://raw.githubusercontent.com/minqi/wordcraft/a09887ad8bbfa5b3772b48c420f246919fe443ed"
+        "/datasets/alchemy2.json",
+        sha256="757422df36f8805b1a56c418e613c6418c905b0956e6f2fb3dff78569933d25d",
+        file_name="alchemy2.json",
+        base=("air", "earth", "fire", "time", "water"),
+        note="no licence given by its authors; for your own use",
+    )
+}
+
+
+@dataclass(frozen=True)
+class KnownBook:
+    """A book's name, where it comes from (built in, cache, data folder, to fetch) and its file, if there is one."""
+
+    name: str
+    origin: str
+    path: Path | None
+
+
+def cache_folder() -> Path:
+    """Return the folder that fetched books are kept in; it may not exist yet."""
+    root = os.environ.get("XDG_CACHE_HOME")
+    return (Path(root) if root else Path.home() / ".cache") / "wordcraft-kg" / "books"
+
+
+def data_folder() -> Path | None:
+    """Return the folder that ``WORDCRAFT_KG_DATA`` names, or None."""
+    value = os.environ.get(DATA_VARIABLE)
+    if not value:
+        return None
+    return Path(value).parent if Path(value).is_file() else Path(value)
+
+
+def known_books() -> list[KnownBook]:
+    """Return the books known by name; of two with the same name the one that :func:`open_book` takes."""
+    found: dict[str, KnownBook] = {}
+    for origin, folder in (("built in", _BUILT_IN), ("cache", cache_folder()), ("data folder", data_folder())):
+        for path in _books_in(folder):
+            name = next((name for name, book in FETCHABLE.items() if book.file_name == path.name), path.stem)
+            found.setdefault(name, KnownBook(name, origin, path))
+    for name in FETCHABLE:
+        found.setdefault(name, KnownBook(name, "to fetch", None))
+    return list(found.values())
+
+
+@dataclass(frozen=True)
+class LocatedBook:
+    """A book's file, and what its place says beyond it: its name and base where it is known by name, else None."""
+
+    path: Path
+    name: str | None = None
+    base: tuple[str, ...] | None = None
+
+
+def locate_book(name_or_path: str | Path) -> LocatedBook:
+    """Find a recipe book given by path or by name; a file or graph folder of that path goes first.
+
+    Raises:
+        RecipeFileError: if there is no such book, or a published one is not the file that was published.
+    """
+    path = Path(name_or_path)
+    if path.is_file() or (path / "graph.json").is_file():
+        return LocatedBook(path)
+    books = {book.name: book for book in known_books()}
+    if path.exists() and str(name_or_path) not in books:
+        return LocatedBook(path)
+    book = books.get(str(name_or_path))
+    if book is None:
+        raise RecipeFileError(
+            f"'{name_or_path}' is neither a file nor a known book.{nearest(str(name_or_path), books)} "
+            "`wordcraft-kg books` lists the known ones."
+        )
+    if book.path is None:
+        raise RecipeFileError(f"'{book.name}' is not on this machine yet. Fetch it: wordcraft-kg fetch {book.name}")
+    published = FETCHABLE.get(book.name)
+    if published and sha256_of(book.path) != published.sha256:
+        raise RecipeFileError(
+            f"{book.path} is not the published '{book.name}' (its SHA-256 differs). "
+            f"Fetch it again, or give the path itself to use it as it is: {book.path}"
+        )
+    return LocatedBook(book.path, book.name, published.base if published else None)
+
+
+def open_book(name_or_path: str | Path, *, keep_self_results: bool = False) -> RecipeBook:
+    """Read a recipe book given by path or by name, see :func:`locate_book`.
+
+    Raises:
+        RecipeFileError: if there is no such book, if it is not the file it should be, or if it cannot be read.
+    """
+    located = locate_book(name_or_path)
+    content = read_book(located.path, keep_self_results=keep_self_results, name=located.name)
+    return replace(content, base=located.base) if content.base is None else content
+
+
+def fetch_book(name: str) -> Path:
+    """Download a published book into the cache, once, and return its path.
+
+    Raises:
+        FetchError: if the name is unknown, the download fails (the message says how to place the file by hand), or
+            what came is not the pinned file. Nothing is kept then.
+    """
+    book = FETCHABLE.get(name)
+    if book is None:
+        raise FetchError(
+            f"'{name}' is not a book to fetch; there are: {', '.join(FETCHABLE)}.{nearest(name, FETCHABLE)}"
+        )
+    target = cache_folder() / book.file_name
+    if target.is_file() and sha256_of(target) == book.sha256:
+        return target
+    by_hand = f"Or place the file by hand: save {book.url} as {target}, or into the folder that {DATA_VARIABLE} names."
+    try:
+        with urllib.request.urlopen(book.url, timeout=_TIMEOUT) as response:
+            data = response.read(_MAX_BYTES)
+    except (OSError, HTTPException, ValueError) as error:
+        reason = getattr(error, "reason", error)
+        raise FetchError(f"could not download '{name}' ({reason}). Try again when online. {by_hand}") from None
+    found = hashlib.sha256(data).hexdigest()
+    if found != book.sha256:
+        raise FetchError(
+            f"what came for '{name}' has the SHA-256 {found[:12]}…, expected {book.sha256[:12]}…; not kept. {by_hand}"
+        )
+    target.parent.mkdir(parents=True, exist_ok=True)
+    write_atomically(target, data)
+    return target
+
+
+def _books_in(folder: Path | None) -> Iterator[Path]:
+    if folder is not None and folder.is_dir():
+        yield from sorted(path for path in folder.iterdir() if path.suffix in ENDINGS)

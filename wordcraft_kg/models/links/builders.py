@@ -1,0 +1,111 @@
+"""How each kind of link predictor is built for PyKEEN, and what of it the scorer keeps.
+
+A new kind is a configuration in ``link_config.py`` and two functions here.
+"""
+
+import torch
+from pykeen.losses import loss_resolver
+from pykeen.models import Model, model_resolver
+from pykeen.training import TrainingLoop, training_loop_resolver
+from pykeen.triples import TriplesFactory
+
+from wordcraft_kg.errors import ConfigError
+from wordcraft_kg.graphs.triples import RELATIONS
+from wordcraft_kg.models.links.complex import ComplExN3
+from wordcraft_kg.models.links.config import ComplExConfig, LinkConfig, LinkModelConfig
+from wordcraft_kg.models.links.symmetric_lcwa import IndexedSymmetricLCWATrainingLoop
+from wordcraft_kg.settings import nearest
+
+
+def make_training_loop(config: LinkConfig, factory: TriplesFactory) -> TrainingLoop:
+    """Build the PyKEEN model of a configuration and the loop that trains it.
+
+    Raises:
+        ConfigError: if PyKEEN has no such model, or it cannot be set up with these options.
+    """
+    return _complex_loop(config, factory) if isinstance(config, ComplExConfig) else _pykeen_loop(config, factory)
+
+
+def scorer_tensors(config: LinkConfig, model: Model) -> tuple[str, dict[str, torch.Tensor]]:
+    """Return the kind of scorer that a trained model becomes, and the tensors that it needs.
+
+    ComplEx becomes its embeddings (``complex``); any other model a ``table`` of the scores of all triples, beside its
+    own parameters.
+    """
+    return ("complex", _embeddings(model)) if isinstance(config, ComplExConfig) else ("table", _all_scores(model))
+
+
+def _complex_loop(config: ComplExConfig, factory: TriplesFactory) -> TrainingLoop:
+    model = ComplExN3(
+        triples_factory=factory,
+        embedding_dim=config.dim,
+        init_scale=config.init_scale,
+        regularizer="powersum" if config.n3 else None,
+        regularizer_kwargs={"weight": config.n3} if config.n3 else None,
+        random_seed=config.seed,
+    ).to(config.device)
+    return IndexedSymmetricLCWATrainingLoop(
+        model,
+        triples_factory=factory,
+        automatic_memory_optimization=False,
+        optimizer="Adagrad",
+        optimizer_kwargs={"lr": config.learning_rate},
+    )
+
+
+def _embeddings(model: Model) -> dict[str, torch.Tensor]:
+    tensors: dict[str, torch.Tensor] = {}
+    for name, (representation,) in (
+        ("entity", model.entity_representations),
+        ("relation", model.relation_representations),
+    ):
+        embedding = representation().detach().cpu()
+        tensors |= {f"{name}_real": embedding.real.contiguous(), f"{name}_imag": embedding.imag.contiguous()}
+    return tensors
+
+
+def model_class(name: str) -> type[Model]:
+    """Return a PyKEEN model by name.
+
+    Raises:
+        ConfigError: with the nearest names.
+    """
+    if name.lower() not in model_resolver.lookup_dict:
+        raise ConfigError(f"PyKEEN has no model '{name}'.{nearest(name.lower(), model_resolver.lookup_dict)}")
+    return model_resolver.lookup_dict[name.lower()]
+
+
+def _pykeen_loop(config: LinkModelConfig, factory: TriplesFactory) -> TrainingLoop:
+    is_softmax = config.loop == "symmetric"
+    kind = model_class(config.model)
+    try:
+        model = kind(
+            triples_factory=factory,
+            embedding_dim=config.dim,
+            loss=loss_resolver.make("crossentropy" if is_softmax else "nssa"),
+            random_seed=config.seed,
+        ).to(config.device)
+    except (TypeError, ValueError, NotImplementedError, AttributeError, AssertionError) as error:
+        # Models that need more than triples (literals, inverse triples) fail in any of these ways.
+        raise ConfigError(f"PyKEEN's '{config.model}' cannot be set up for a recipe graph: {error!r}") from None
+    return training_loop_resolver.lookup("symmetriclcwa" if is_softmax else "slcwa")(
+        model=model,
+        triples_factory=factory,
+        # Its search for the largest batch that fits is for GPUs; on a CPU it only trains two batches in vain.
+        automatic_memory_optimization=model.device.type == "cuda",
+        optimizer="Adam",
+        optimizer_kwargs={"lr": config.learning_rate},
+        **({} if is_softmax else {"negative_sampler_kwargs": {"num_negs_per_pos": config.negatives}}),
+    )
+
+
+@torch.no_grad()
+def _all_scores(model: Model) -> dict[str, torch.Tensor]:
+    everything = torch.arange(model.num_entities, device=model.device)
+    # 64 heads at a time: some interactions build a (heads, entities, dim) tensor.
+    rows = [
+        [model.score_t(torch.stack([heads, torch.full_like(heads, relation)], dim=1)) for heads in everything.split(64)]
+        for relation in range(len(RELATIONS))
+    ]
+    scores = torch.stack([torch.cat(blocks) for blocks in rows]).cpu()
+    return {"scores": scores} | {f"pykeen.{name}": value.cpu() for name, value in model.state_dict().items()}

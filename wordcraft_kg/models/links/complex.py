@@ -1,0 +1,108 @@
+"""ComplEx as a PyKEEN model, with the paper's regulariser, scoring all candidates by one matrix product.
+
+PyKEEN's interaction contracts head, relation and tail from left to right, which builds a (batch, entities, dim) tensor
+when heads are scored. Here the two known factors are multiplied first, whichever side is open.
+"""
+
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import torch
+from pykeen.losses import CrossEntropyLoss, Loss
+from pykeen.models import ERModel, model_resolver
+from pykeen.nn.modules import ComplExInteraction, interaction_resolver
+from pykeen.regularizers import PowerSumRegularizer
+
+from wordcraft_kg.models.links.config import N3_PARTIAL, PAPER_DIM, ComplExConfig
+from wordcraft_kg.models.scorers.embeddings import real_dot
+
+
+class MatmulComplExInteraction(ComplExInteraction):
+    """ComplEx interaction that recognises one-against-all shapes and scores them as one real matrix product."""
+
+    def forward(self, h: torch.Tensor, r: torch.Tensor, t: torch.Tensor) -> torch.Tensor:
+        """Score triples, ``Re<h, r, conj(t)>``.
+
+        Args:
+            h: complex, shape (*batch, d).
+            r: complex, shape (*batch, d).
+            t: complex, shape (*batch, d).
+
+        Returns:
+            float, of the broadcast batch shape. When one argument has shape (1, N, d) and the others (B, 1, d), the
+            (B, N) scores cost one product of (B, 2d) and (2d, N).
+        """
+        if _is_all(t) and _is_one(h) and _is_one(r):
+            return real_dot((h * r).squeeze(dim=1), t.squeeze(dim=0))
+        if _is_all(h) and _is_one(r) and _is_one(t):
+            return real_dot((r.conj() * t).squeeze(dim=1), h.squeeze(dim=0))
+        if _is_all(r) and _is_one(h) and _is_one(t):
+            return real_dot((h.conj() * t).squeeze(dim=1), r.squeeze(dim=0))
+        # Two factors first here too: the plain formula, without PyKEEN's search for an einsum path.
+        return torch.real(h * r * t.conj()).sum(dim=-1)
+
+
+def _is_all(x: torch.Tensor) -> bool:
+    return x.ndim == 3 and x.shape[0] == 1
+
+
+def _is_one(x: torch.Tensor) -> bool:
+    return x.ndim == 3 and x.shape[1] == 1
+
+
+class ComplExN3(ERModel):
+    """ComplEx with softmax cross entropy and the N3 regulariser.
+
+    A PyKEEN model like any other: ``pipeline`` and ``hpo_pipeline`` take it as ``model="ComplExN3"``. Train it with
+    ``training_loop="IndexedSymmetricLCWA"``, which regularises each looked-up factor once. PyKEEN's stock
+    ``SymmetricLCWA`` looks the batch and all entities up twice and regularises both, so about half of
+    ``regularizer_kwargs["weight"]`` does the same there.
+
+    Source: Trouillon et al. 2016 (model), Lacroix et al. 2018 (objective), Jiang et al. 2020 (dimension).
+    """
+
+    hpo_default: ClassVar[Mapping[str, Any]] = {"embedding_dim": {"type": "int", "low": 32, "high": 256, "q": 32}}
+    loss_default: ClassVar[type[Loss]] = CrossEntropyLoss
+    loss_default_kwargs: ClassVar[Mapping[str, Any]] = {"reduction": "mean"}
+    regularizer_default: ClassVar[type[PowerSumRegularizer]] = PowerSumRegularizer
+    #: N3 is the sum over dimensions of the cubed moduli, averaged over the batch: p = 3, not normalised.
+    regularizer_default_kwargs: ClassVar[Mapping[str, Any]] = {"weight": N3_PARTIAL, "p": 3.0, "normalize": False}
+
+    def __init__(
+        self,
+        *,
+        embedding_dim: int = PAPER_DIM,
+        init_scale: float = ComplExConfig.init_scale,
+        regularizer: Any = PowerSumRegularizer,
+        regularizer_kwargs: Mapping[str, Any] | None = None,
+        **kwargs: Any,
+    ) -> None:
+        """Set up embeddings and interaction.
+
+        Args:
+            embedding_dim: number of complex dimensions.
+            init_scale: standard deviation of the real and imaginary parts at the start; with PyKEEN's standard normal
+                the model does not learn.
+            regularizer: of each embedding that a batch looks up; None for none.
+            regularizer_kwargs: its settings; those given replace the defaults key by key, so a weight alone does.
+            kwargs: passed to :class:`pykeen.models.ERModel`.
+        """
+        settings = {**self.regularizer_default_kwargs, **(regularizer_kwargs or {})}
+        embedding = {
+            "shape": embedding_dim,
+            "dtype": torch.cfloat,
+            "initializer": "normal",
+            "initializer_kwargs": {"std": init_scale},
+            "regularizer": regularizer,
+            "regularizer_kwargs": settings if regularizer is not None else None,
+        }
+        super().__init__(
+            interaction=MatmulComplExInteraction,
+            entity_representations_kwargs=embedding,
+            relation_representations_kwargs=embedding,
+            **kwargs,
+        )
+
+
+interaction_resolver.register(MatmulComplExInteraction, raise_on_conflict=False)
+model_resolver.register(ComplExN3, raise_on_conflict=False)

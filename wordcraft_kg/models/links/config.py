@@ -1,0 +1,152 @@
+"""Settings of link predictors: every option, default, unit and allowed range; imports neither torch nor PyKEEN."""
+
+import math
+import os
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar, Literal
+
+from wordcraft_kg.errors import ArtefactError, ConfigError
+from wordcraft_kg.graphs.folder import KG
+
+PAPER_DIM = 128
+N3_PARTIAL = 0.1
+"""Chosen on validation parts, see docs/link-prediction.md."""
+
+
+@dataclass(frozen=True)
+class TrainingConfig:
+    """What every link predictor's training has.
+
+    Attributes:
+        kg: triples to train on: partial (those of the train recipes) or full (all of them, test recipes included).
+        epochs: passes over the triples.
+        batch_size: triples a step.
+        eval_every: epochs between rankings of the validation triples; 0 never ranks them.
+        patience: rankings without a better validation MRR before training stops and returns to the best epoch; 0
+            never stops early.
+        checkpoint_every: epochs between checkpoints.
+        seed: root seed of initialisation and batches.
+        device: torch device to train on, such as cpu or cuda.
+        threads: CPU threads; 1 is rarely slower for models this small, and much faster on a busy machine.
+    """
+
+    command: ClassVar[str]
+
+    kg: KG = "partial"
+    epochs: int = 50
+    batch_size: int = 512
+    eval_every: int = 0
+    patience: int = 0
+    checkpoint_every: int = 10
+    seed: int = 0
+    device: str = "cpu"
+    threads: int = 1
+
+    def __post_init__(self) -> None:
+        if self.kg not in ("partial", "full"):
+            raise ConfigError(f"--kg {self.kg}: expected partial or full.")
+        for name in ("epochs", "batch_size", "checkpoint_every", "threads"):
+            require(self, name, getattr(self, name) >= 1, "1 or more")
+        for name in ("eval_every", "patience", "seed"):
+            require(self, name, getattr(self, name) >= 0, "0 or more")
+        require(self, "seed", self.seed < 2**32, "less than 2^32, as PyKEEN needs")
+        if self.patience and not self.eval_every:
+            raise ConfigError("--patience counts rankings of the validation triples; give --eval-every too, such as 5.")
+
+
+@dataclass(frozen=True)
+class ComplExConfig(TrainingConfig):
+    """ComplEx with the paper's objective.
+
+    Attributes:
+        dim: complex dimensions; 128 is the paper's.
+        learning_rate: of Adagrad; 0.2 chosen on validation parts, see docs/link-prediction.md.
+        n3: weight of the N3 regulariser. Default: 0.1 on the partial graph (chosen on validation parts), 0 on the full.
+        init_scale: standard deviation of the initial embeddings; 0.001 as in the paper's released code.
+    """
+
+    command: ClassVar[str] = "train-complex"
+
+    dim: int = PAPER_DIM
+    learning_rate: float = 0.2
+    n3: float | None = None
+    init_scale: float = 1e-3
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require(self, "dim", self.dim >= 1, "1 or more")
+        for name in ("learning_rate", "init_scale"):
+            value = getattr(self, name)
+            require(self, name, math.isfinite(value) and value > 0, "a number above 0")
+        if self.n3 is None:
+            object.__setattr__(self, "n3", N3_PARTIAL if self.kg == "partial" else 0.0)
+        require(self, "n3", self.n3 is not None and math.isfinite(self.n3) and self.n3 >= 0, "0 or more")
+
+
+@dataclass(frozen=True)
+class LinkModelConfig(TrainingConfig):
+    """Any other PyKEEN model, since the paper's method takes any link predictor.
+
+    Attributes:
+        model: PyKEEN's name, such as rotate, transe, distmult, tucker.
+        dim: embedding dimensions.
+        learning_rate: of Adam.
+        loop: how triples become training examples: slcwa (sampled negatives) or symmetric (softmax over all heads and
+            all tails, the paper's objective; slow for models whose scores need large tensors).
+        negatives: sampled per triple, with slcwa.
+    """
+
+    command: ClassVar[str] = "train-links"
+
+    model: str = "rotate"
+    dim: int = PAPER_DIM
+    learning_rate: float = 0.01
+    loop: Literal["slcwa", "symmetric"] = "slcwa"
+    negatives: int = 32
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.loop not in ("slcwa", "symmetric"):
+            raise ConfigError(f"--loop {self.loop}: expected slcwa or symmetric.")
+        for name in ("dim", "negatives"):
+            require(self, name, getattr(self, name) >= 1, "1 or more")
+        require(self, "learning_rate", math.isfinite(self.learning_rate) and self.learning_rate > 0, "a number above 0")
+
+
+LinkConfig = ComplExConfig | LinkModelConfig
+CONFIGS: dict[str, type[ComplExConfig] | type[LinkModelConfig]] = {
+    config.command: config for config in (ComplExConfig, LinkModelConfig)
+}
+"""Configurations by the command that takes them."""
+
+
+def require(config: Any, name: str, holds: bool, expected: str) -> None:
+    """Check one setting.
+
+    Raises:
+        ConfigError: naming the option, its value and what was expected.
+    """
+    if not holds:
+        raise ConfigError(f"--{name.replace('_', '-')} {getattr(config, name)}: expected {expected}.")
+
+
+def read_config(folder: Path) -> tuple[LinkConfig, str]:
+    """Return the configuration of a model folder, and its graph as a path or a book's name.
+
+    Raises:
+        ArtefactError: if ``config.toml`` is missing or damaged.
+    """
+    path = folder / "config.toml"
+    try:
+        content = tomllib.loads(path.read_text(encoding="utf-8"))
+        ((command, table),) = content.items()
+        graph = table.pop("graph")
+        # The path is kept relative to the model folder, so that both can be moved together.
+        beside = folder / graph
+        return CONFIGS[command](**table), os.path.normpath(beside) if beside.exists() else graph
+    except FileNotFoundError:
+        raise ArtefactError(f"{path} is missing; '{folder}' is incomplete. Train the model again.") from None
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        raise ArtefactError(f"{path} is damaged ({error}). Train the model again, or restore a copy.") from None

@@ -1,0 +1,50 @@
+"""The paper's simple baseline."""
+
+import torch
+from torch import Tensor, nn
+
+from wordcraft_kg.errors import ConfigError
+from wordcraft_kg.models.policies.attention import EntityVectors, look_up
+from wordcraft_kg.models.policies.config import PolicyConfig
+from wordcraft_kg.models.policies.policy import Policy, PolicyOutput, Weights
+
+
+class MLPPolicy(Policy):
+    """The paper's simple baseline: one hidden layer on the vectors of goal, selection and all slots in their order.
+
+    It is made for tables of one size, and permuting the slots changes what it does.
+
+    Source: Jiang et al. 2020, appendix "Extended Discussion".
+    """
+
+    def __init__(self, config: PolicyConfig, vectors: EntityVectors, num_slots: int):
+        """Take entity vectors and the number of slots."""
+        super().__init__(config, vectors)
+        self.num_slots = num_slots
+        self.hidden = nn.Linear((2 + num_slots) * vectors.dim, config.hidden_size)
+        self.logits = nn.Linear(config.hidden_size, num_slots)
+        self.value = nn.Linear(config.hidden_size, 1)
+
+    def weights(self) -> Weights:  # noqa: D102 - inherited
+        layers = (self.hidden, self.logits, self.value)
+        return (self.vectors(), *(tensor for layer in layers for tensor in (layer.weight.T, layer.bias)))
+
+    def forward(  # noqa: D102 - inherited
+        self, goal: Tensor, selection: Tensor, table: Tensor, weights: Weights | None = None
+    ) -> PolicyOutput:
+        if table.shape[1] != self.num_slots:
+            raise ConfigError(
+                f"tables of {table.shape[1]} slots: this mlp was made for {self.num_slots}. Only the attention policy "
+                "takes tables of any size; play with the number of distractors that it was trained with."
+            )
+        vectors, hidden, hidden_bias, head, head_bias, value, value_bias = weights or self.weights()
+        ids = torch.cat([goal[:, None], selection[:, None], table], dim=1)
+        if len(vectors):
+            inner = torch.addmm(hidden_bias, look_up(vectors, ids).flatten(1), hidden)
+        else:
+            by_place = nn.functional.pad(hidden.view(ids.shape[1], self.num_entities, -1), (0, 0, 0, 1)).flatten(0, 1)
+            places = torch.arange(ids.shape[1], device=ids.device) * (self.num_entities + 1)
+            inner = hidden_bias + look_up(by_place, ids + places).sum(1)
+        inner = torch.relu(inner)
+        logits = torch.addmm(head_bias, inner, head).masked_fill(table == self.num_entities, -torch.inf)
+        return PolicyOutput(logits, torch.addmm(value_bias, inner, value)[:, 0])

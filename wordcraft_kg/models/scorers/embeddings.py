@@ -1,0 +1,52 @@
+"""Scores computed from embeddings, for graphs whose table of scores would be too large."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import torch
+
+from wordcraft_kg.graphs.triples import RELATIONS
+from wordcraft_kg.models.scorers.scorer import Scorer
+from wordcraft_kg.models.scorers.tables import TableScorer
+
+
+class ComplExScorer(Scorer):
+    """Computes ComplEx scores from the embeddings, for graphs whose score table would be too large.
+
+    Source: Trouillon et al. 2016; Jiang et al. 2020, Eq. 1.
+    """
+
+    def __init__(self, embeddings: dict[str, torch.Tensor], entities: Sequence[str], graph_hash: str, **kwargs: Any):
+        """Keep embeddings ``entity_real``, ``entity_imag`` (E, d), ``relation_real``, ``relation_imag`` (R, d)."""
+        super().__init__(entities, graph_hash, **kwargs)
+        tensors = {name: tensor.to(self.device, torch.float32) for name, tensor in embeddings.items()}
+        self.entity = torch.complex(tensors["entity_real"], tensors["entity_imag"])
+        self.relation = torch.complex(tensors["relation_real"], tensors["relation_imag"])
+
+    def _score(self, heads: torch.Tensor, relations: torch.Tensor, tails: torch.Tensor) -> torch.Tensor:
+        # All tails of some heads, or all heads of some tails, are one product of matrices.
+        by_row = relations.ndim == 0 or (relations.ndim == 2 and relations.shape[1] == 1)
+        if by_row and tails.ndim == 2 and tails.shape[0] == 1 and heads.ndim == 2 and heads.shape[1] == 1:
+            return real_dot(self.entity[heads[:, 0]] * self.relation[relations.reshape(-1)], self.entity[tails[0]])
+        if by_row and heads.ndim == 2 and heads.shape[0] == 1 and tails.ndim == 2 and tails.shape[1] == 1:
+            known = self.relation[relations.reshape(-1)].conj() * self.entity[tails[:, 0]]
+            return real_dot(known, self.entity[heads[0]])
+        product = self.entity[heads] * self.relation[relations] * self.entity[tails].conj()
+        return product.real.sum(dim=-1)
+
+    def table(self, relation: int | str) -> torch.Tensor:  # noqa: D102 - inherited
+        left = torch.view_as_real(self.entity * self.relation[self.relation_ids(relation)]).flatten(1)
+        return left @ torch.view_as_real(self.entity).flatten(1).T
+
+    def to_table(self) -> TableScorer:
+        """Score everything once."""
+        scores = torch.stack([self.table(relation) for relation in range(len(RELATIONS))])
+        return TableScorer(scores, self.entities, self.graph_hash, device=self.device, name=self.name)
+
+
+def real_dot(queries: torch.Tensor, candidates: torch.Tensor) -> torch.Tensor:
+    """Return ``Re<query, conj(candidate)>`` of (B, d) and (N, d) complex rows, shape (B, N), by one real product."""
+    return (
+        torch.view_as_real(queries.resolve_conj()).flatten(1)
+        @ torch.view_as_real(candidates.resolve_conj()).flatten(1).T
+    )

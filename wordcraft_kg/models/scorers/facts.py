@@ -1,0 +1,45 @@
+"""Scorers that learn nothing: what a knowledge graph knows, and how often an entity occurs in it."""
+
+from typing import Any
+
+import numpy as np
+import torch
+
+from wordcraft_kg.graphs.recipe_graph import RecipeGraph
+from wordcraft_kg.graphs.triples import RELATIONS
+from wordcraft_kg.models.scorers.scorer import Scorer
+
+
+class SymbolicScorer(Scorer):
+    """Scores 1 for the triples of a set and 0 for all others: a knowledge graph that knows its facts and no more."""
+
+    def __init__(self, graph: RecipeGraph, triples: np.ndarray, **kwargs: Any):
+        """Keep the triples, shape (T, 3), ids of ``graph``."""
+        super().__init__(graph.entities, graph.hash, **kwargs)
+        self._keys = torch.unique(self._key(*torch.tensor(triples, dtype=torch.int64, device=self.device).T))
+
+    def _key(self, heads: torch.Tensor, relations: torch.Tensor, tails: torch.Tensor) -> torch.Tensor:
+        return (relations * len(self.entities) + heads) * len(self.entities) + tails
+
+    def _score(self, heads: torch.Tensor, relations: torch.Tensor, tails: torch.Tensor) -> torch.Tensor:
+        return torch.isin(self._key(heads, relations, tails), self._keys).float()
+
+
+class FrequencyScorer(Scorer):
+    """Scores a triple by how often its head and its tail stand there in known triples of the relation.
+
+    With one slot open, this ranks the candidates by their training frequency in that slot: the baseline that a link
+    predictor has to beat.
+    """
+
+    def __init__(self, graph: RecipeGraph, triples: np.ndarray, **kwargs: Any):
+        """Count heads and tails of the triples, shape (T, 3), ids of ``graph``."""
+        super().__init__(graph.entities, graph.hash, **kwargs)
+        heads, relations, tails = torch.tensor(triples, dtype=torch.int64, device=self.device).T
+        size = len(RELATIONS) * len(self.entities)
+        shape = (len(RELATIONS), len(self.entities))
+        self._as_head = torch.bincount(relations * shape[1] + heads, minlength=size).view(shape).float()
+        self._as_tail = torch.bincount(relations * shape[1] + tails, minlength=size).view(shape).float()
+
+    def _score(self, heads: torch.Tensor, relations: torch.Tensor, tails: torch.Tensor) -> torch.Tensor:
+        return self._as_head[relations, heads] + self._as_tail[relations, tails]

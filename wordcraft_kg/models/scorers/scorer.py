@@ -1,0 +1,114 @@
+"""Scorers: what a trained link predictor, a set of facts or plain counting says about a triple.
+
+All follow :class:`~wordcraft_kg.models.scorers.protocol.TripleScorer`. A new scorer is a subclass of :class:`Scorer`
+with one method, ``_score``.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+
+import numpy as np
+import torch
+
+from wordcraft_kg.errors import UnknownEntityError
+from wordcraft_kg.graphs.triples import RELATIONS
+from wordcraft_kg.settings import nearest
+
+EntityIds = int | str | Sequence[int] | Sequence[str] | np.ndarray | torch.Tensor
+RelationIds = int | str | torch.Tensor
+
+
+class Scorer(ABC):
+    """Vocabulary and id handling shared by all scorers.
+
+    Attributes:
+        entities: labels in id order.
+        graph_hash: content hash of the graph that the ids belong to.
+        device: where scores are computed and returned.
+        name: what reports call the scorer.
+    """
+
+    def __init__(self, entities: Sequence[str], graph_hash: str, device: str | torch.device = "cpu", name: str = ""):
+        """Keep the vocabulary; subclasses keep what they score with."""
+        self.entities = tuple(entities)
+        self.graph_hash = graph_hash
+        self.device = torch.device(device)
+        self.name = name or type(self).__name__
+        self._index = {label: i for i, label in enumerate(self.entities)}
+
+    @abstractmethod
+    def _score(self, heads: torch.Tensor, relations: torch.Tensor, tails: torch.Tensor) -> torch.Tensor:
+        """Score broadcastable int64 ids that are in range; return float32 of the broadcast shape."""
+
+    def score(self, heads: EntityIds, relations: RelationIds, tails: EntityIds) -> torch.Tensor:
+        """Score triples given by ids or labels.
+
+        Args:
+            heads: one entity, a sequence, or a tensor of ids of any shape.
+            relations: one relation, or a tensor of ids.
+            tails: like ``heads``; the three broadcast against each other.
+
+        Returns:
+            float32, of the broadcast shape.
+
+        Raises:
+            UnknownEntityError: for a label or id that the scorer does not know.
+        """
+        return self._score(self.entity_ids(heads), self.relation_ids(relations), self.entity_ids(tails))
+
+    def table(self, relation: int | str) -> torch.Tensor:
+        """Return the scores of all pairs, shape (E, E), row = head, column = tail."""
+        everything = torch.arange(len(self.entities), device=self.device)
+        return self._score(everything[:, None], self.relation_ids(relation), everything[None, :])
+
+    def entity_ids(self, entities: EntityIds) -> torch.Tensor:
+        """Return entities as a tensor of ids on the scorer's device.
+
+        Raises:
+            UnknownEntityError: with the nearest labels, or the range of ids.
+        """
+        if not isinstance(entities, torch.Tensor):
+            values = np.asarray(entities)
+            if values.dtype.kind == "U":
+                unknown = [str(label) for label in values.flat if str(label) not in self._index]
+                if unknown:
+                    hint = nearest(unknown[0], self.entities)
+                    raise UnknownEntityError(f"no entity '{unknown[0]}' in {self.name}.{hint}")
+                values = np.array([self._index[str(label)] for label in values.flat]).reshape(values.shape)
+            entities = torch.tensor(values if values.size else values.astype(np.int64))
+        if entities.is_floating_point() or entities.is_complex():
+            raise UnknownEntityError(f"entities are labels or integer ids; found numbers of type {entities.dtype}.")
+        ids = entities.to(self.device, torch.int64)
+        _check_range(ids, len(self.entities), "entity")
+        return ids
+
+    def relation_ids(self, relations: RelationIds) -> torch.Tensor:
+        """Return relations as a tensor of ids on the scorer's device.
+
+        Raises:
+            UnknownEntityError: naming the relations there are.
+        """
+        if isinstance(relations, str):
+            if relations not in RELATIONS:
+                hint = nearest(relations, RELATIONS)
+                raise UnknownEntityError(f"no relation '{relations}'; there are {', '.join(RELATIONS)}.{hint}")
+            relations = RELATIONS.index(relations)
+        ids = torch.as_tensor(relations, dtype=torch.int64, device=self.device)
+        _check_range(ids, len(RELATIONS), "relation")
+        return ids
+
+    def top(
+        self, head: EntityIds | None, relation: RelationIds, tail: EntityIds | None, limit: int | None = 10
+    ) -> list[tuple[str, float]]:
+        """Return the best entities for the one open slot (None), best first, with their scores; None returns all."""
+        if (head is None) == (tail is None):
+            raise ValueError("exactly one of head and tail must be None.")
+        everything = torch.arange(len(self.entities), device=self.device)
+        scores = self.score(everything if head is None else head, relation, everything if tail is None else tail)
+        order = torch.sort(scores, descending=True, stable=True).indices[:limit]
+        return [(self.entities[i], float(scores[i])) for i in order.tolist()]
+
+
+def _check_range(ids: torch.Tensor, size: int, what: str) -> None:
+    if ids.numel() and not 0 <= int(ids.min()) <= int(ids.max()) < size:
+        raise UnknownEntityError(f"{what} ids must be 0 .. {size - 1}; found {int(ids.min())} .. {int(ids.max())}.")

@@ -1,0 +1,44 @@
+"""Tensors in files, and arrays as tensors."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import safetensors.torch
+import torch
+from safetensors import SafetensorError
+from torch import Tensor
+
+from wordcraft_kg.errors import ArtefactError, ConfigError
+
+
+def read_tensors(path: Path, data: bytes) -> dict[str, torch.Tensor]:
+    """Parse safetensors bytes.
+
+    Raises:
+        ArtefactError: if they are not whole.
+    """
+    try:
+        return safetensors.torch.load(data)
+    except (SafetensorError, ValueError) as error:
+        raise ArtefactError(f"{path} is damaged ({error}). Train the model again, or restore a copy.") from None
+
+
+def as_tensor(values: Any) -> Tensor:
+    """Return an engine's array as a tensor: the same memory on the CPU, the tensor itself on a device."""
+    return torch.from_numpy(values) if isinstance(values, np.ndarray) else values
+
+
+def check_device(device: str) -> None:
+    """Make sure that torch can compute on a device.
+
+    Raises:
+        ConfigError: saying why not.
+    """
+    import torch
+
+    try:
+        torch.zeros(1, device=device).item()
+    except (RuntimeError, AssertionError) as error:
+        reason = str(error).splitlines()[0]
+        raise ConfigError(f"--device {device} is not to be had here ({reason}). Use --device cpu.") from None

@@ -473,15 +473,19 @@ def test_torch_environments_train_the_same_as_numpy_ones(trainer, depth, unroll,
     one, other = (
         trainer(depth=depth, unroll=unroll, engine_device=device, **settings) for device in ("cpu", "torch:cpu")
     )
+    begun = flat(one).clone()
     for _ in range(20):
         one.update()
         other.update()
         assert torch.equal(one._unroll.actions, other._unroll.actions)
         torch.testing.assert_close(one._unroll.rewards, other._unroll.rewards)
-        # Sums over rows in another layout: their last bits differ by processor, and an update multiplies that.
-        torch.testing.assert_close(flat(one), flat(other), atol=1e-4, rtol=1e-4)
+        # Rows are summed in batches of another size, so that last bits differ, by processor, and a unit near 0 may
+        # be on in the one and off in the other: a single parameter says little, all of them together much.
+        assert (flat(one) - flat(other)).norm() < 1e-3 * (flat(one) - begun).norm()
     ours, theirs = one.take_figures(), other.take_figures()
-    assert ours == {name: value if value is None else pytest.approx(value, abs=1e-4) for name, value in theirs.items()}
+    assert ours == {
+        name: value if value is None else pytest.approx(value, rel=1e-3, abs=1e-3) for name, value in theirs.items()
+    }
 
 
 def test_the_last_update_has_almost_no_rate_and_there_is_none_after_it(trainer):

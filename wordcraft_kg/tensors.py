@@ -1,5 +1,6 @@
 """Tensors in files, and arrays as tensors."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,11 @@ def read_tensors(path: Path, data: bytes) -> dict[str, torch.Tensor]:
         return safetensors.torch.load(data)
     except (SafetensorError, ValueError) as error:
         raise ArtefactError(f"{path} is damaged ({error}). Train the model again, or restore a copy.") from None
+
+
+def with_prefix(tensors: Mapping[str, Tensor], prefix: str) -> dict[str, Tensor]:
+    """Return the tensors whose names begin with ``prefix``, by what follows it."""
+    return {name.removeprefix(prefix): tensor for name, tensor in tensors.items() if name.startswith(prefix)}
 
 
 def as_tensor(values: Any) -> Tensor:

@@ -12,6 +12,7 @@ from wordcraft_kg.agents.config import ImpalaConfig
 from wordcraft_kg.agents.evaluation import ENDINGS, EVALUATION_SEED, Evaluator, PolicyPlayer, player_of
 from wordcraft_kg.agents.impala import Impala
 from wordcraft_kg.agents.players import random_entity, recipe_oracle
+from wordcraft_kg.agents.states import states_of
 from wordcraft_kg.envs.batch import BatchEngine
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.wordcraft import WordCraftEnv
@@ -375,8 +376,7 @@ def test_the_scorer_alone_picks_the_best_sum_of_its_scores(opened, use):
     player, rng = player_of(policy, "kg-only"), np.random.default_rng(0)
     for _ in range(2):
         slots = player(engine, rng)
-        states = (torch.from_numpy(getattr(engine, name)) for name in ("goal", "selection", "table"))
-        scores = policy.knowledge(*states).sum(1).double().numpy()
+        scores = sum(source(*states_of(engine)) for source in policy.sources.values()).double().numpy()
         scores[engine.table == engine.nothing] = -np.inf
         chosen = scores[np.arange(300), slots]
         np.testing.assert_allclose(chosen, scores.max(1), atol=1e-5)

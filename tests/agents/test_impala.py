@@ -11,7 +11,7 @@ import torch
 from test_vtrace import slow_v_trace
 
 from wordcraft_kg.agents.config import ImpalaConfig
-from wordcraft_kg.agents.impala import LOSSES, SUMS, Impala, check_compiler
+from wordcraft_kg.agents.impala import LOSSES, Figures, Impala, check_compiler
 from wordcraft_kg.agents.vtrace import v_trace
 from wordcraft_kg.envs.batch import GOAL, BatchEngine
 from wordcraft_kg.envs.config import WordCraftConfig
@@ -222,7 +222,7 @@ def test_updates_are_those_of_the_formulas_written_out(trainer, scorer, depth, u
     assert figures["ratio_max"] == pytest.approx(ratios.max(), rel=1e-3)
     assert figures["ratio_clipped"] == pytest.approx((ratios > 1 + 1e-5).mean())
     for pick, rows in logged[-1]["lambdas"].items():
-        for i, source in enumerate(impala.policy.source_names):
+        for i, source in enumerate(label.name for label in impala.policy.labels):
             expected = torch.cat(rows)[:, i].mean().item()
             assert figures[f"lambda_{source}_{pick}"] == pytest.approx(expected, rel=1e-3)
 
@@ -299,13 +299,13 @@ def test_the_actor_has_the_weights_of_exactly_so_many_updates_before(trainer, mo
     used, collect = [], impala._collect
 
     def spy(weights):
-        used.append([tensor.clone() for tensor in weights])
+        used.append([tensor.clone() for tensor in weights.values()])
         return collect(weights)
 
     monkeypatch.setattr(impala, "_collect", spy)
     history = []
     for _ in range(8):
-        history.append([tensor.detach().clone() for tensor in impala.policy.weights()])
+        history.append([tensor.detach().clone() for tensor in impala.policy.weights().values()])
         impala.update()
     for number, weights in enumerate(used):
         matches = [past for past, other in enumerate(history) if all(map(torch.equal, weights, other))]
@@ -360,7 +360,7 @@ def test_each_uniform_number_picks_the_slot_whose_share_it_falls_into(trainer):
     goal, selection, table = (torch.from_numpy(np.repeat(array, count, axis=0)) for array in state)
     noise = (torch.arange(count) + 0.5) / count
     with torch.no_grad():
-        actions, log_probs = impala._choose(weights, goal, selection, table, noise)
+        actions, log_probs = impala._choose(weights, goal, selection, table, None, noise)
         shares = torch.softmax(impala.policy(goal[:1], selection[:1], table[:1]).logits[0], dim=0)
     frequencies = torch.bincount(actions, minlength=len(shares)) / count
     torch.testing.assert_close(frequencies, shares, atol=2 / count, rtol=0)
@@ -385,7 +385,7 @@ def test_an_entity_whose_probability_is_rounded_to_zero_is_never_picked(trainer,
     logits = torch.tensor([-200.0, 0.0, -200.0, 0.0, -200.0, -torch.inf])
     noise = torch.tensor([0.0, 0.25, 0.5, 0.75, 1 - 2.0**-24])
     monkeypatch.setattr(impala.policy, "forward", lambda *_: PolicyOutput(logits.repeat(len(noise), 1), noise))
-    actions, log_probs = impala._choose((), noise, noise, noise, noise)
+    actions, log_probs = impala._choose({}, noise, noise, noise, None, noise)
     assert actions.tolist() == [1, 1, 3, 3, 3]
     torch.testing.assert_close(log_probs, torch.full((5,), math.log(0.5)))
 
@@ -445,7 +445,7 @@ def test_every_parameter_learns_and_constants_stay(opened, trainer, scorer):
         before = copy.deepcopy(impala.policy.state_dict())
         train(impala, 30)
         learned = {name for name, _ in impala.policy.named_parameters()}
-        assert "knowledge.scores" in set(before) - learned
+        assert "sources.u.scores" in set(before) - learned
         assert ("vectors.vectors" in learned) == (features == "learned")
         for name, tensor in impala.policy.state_dict().items():
             assert torch.equal(tensor, before[name]) == (name not in learned), name
@@ -606,7 +606,7 @@ def test_a_parameter_that_is_no_number_stops_the_training(trainer, value):
 def test_who_reads_the_figures_learns_of_a_loss_that_was_not_finite(trainer):
     impala = trainer()
     train(impala, 1)
-    impala._sums[SUMS.index("grad_norm")] = math.nan  # what a device leaves, where no update asks
+    impala._sums[Figures._fields.index("grad_norm")] = math.nan  # what a device leaves, where no update asks
     with pytest.raises(TrainingError, match="no longer a finite number"):
         impala.take_figures()
 

@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
+import torch
 
 from wordcraft_kg.agents.players import (
-    fact_tables,
+    fact_sources,
     knowledge_player,
     knowledge_players,
     play_all,
@@ -12,13 +13,13 @@ from wordcraft_kg.agents.players import (
     random_entity,
     recipe_oracle,
     scorer_players,
-    scorer_tables,
 )
 from wordcraft_kg.envs.batch import BatchEngine
 from wordcraft_kg.envs.config import WordCraftConfig
-from wordcraft_kg.errors import ConfigError, GraphMismatchError
-from wordcraft_kg.graphs import COMBINES_WITH, COMPONENT_OF, open_graph
+from wordcraft_kg.errors import GraphMismatchError
+from wordcraft_kg.graphs import open_graph
 from wordcraft_kg.models.scorers.facts import FrequencyScorer, SymbolicScorer
+from wordcraft_kg.models.scorers.tables import TableScorer
 
 
 @pytest.fixture(scope="module")
@@ -85,37 +86,18 @@ def test_all_players_see_the_same_tables_and_the_seed_decides_them(opened):
     assert (one != third).any()
 
 
-def test_scores_are_brought_to_a_common_scale(opened):
+def test_a_scorers_players_take_its_scores_on_a_common_scale(opened):
     graph = opened.graph
     scorer = FrequencyScorer(graph, opened.split.partial)
-    tables = scorer_tables(graph, scorer)
-    others = ~np.eye(graph.num_entities, dtype=bool)
-    for relation in (COMBINES_WITH, COMPONENT_OF):
-        assert tables[relation, :-1, :-1][others].mean() == pytest.approx(0, abs=1e-6)
-        assert tables[relation, :-1, :-1][others].std() == pytest.approx(1)
-        assert not tables[relation, -1].any()
-        assert not tables[relation, :, -1].any()
-
-
-def test_self_edges_are_kept_observed_or_dropped(opened):
-    graph = opened.graph
-    scorer = FrequencyScorer(graph, graph.triples)
-    kept, observed, dropped = (
-        np.diagonal(scorer_tables(graph, scorer, self_edges=mode, observed=graph.triples)[COMBINES_WITH])[:-1]
-        for mode in ("keep", "observed", "drop")
-    )
-    loops = graph.triples[(graph.triples[:, 1] == COMBINES_WITH) & (graph.triples[:, 0] == graph.triples[:, 2]), 0]
-    assert not dropped.any()
-    np.testing.assert_array_equal(observed[loops], kept[loops])
-    assert not np.delete(observed, loops).any()
-    assert np.delete(kept, loops).any()
-    with pytest.raises(ConfigError, match="'observed' needs the triples"):
-        scorer_tables(graph, scorer, self_edges="observed")
+    louder = TableScorer(torch.stack([100 * scorer.table(0), scorer.table(1)]), graph.entities, graph.hash)
+    plain, scaled = (scorer_players(graph, kind, graph.triples)["u+v, self edges kept"] for kind in (scorer, louder))
+    table = play_all(opened, {"plain": plain, "louder": scaled}, WordCraftConfig(part="test"), (4,), draws=3)
+    assert success(table, "plain", 4) == success(table, "louder", 4)
 
 
 def test_a_scorer_of_facts_plays_like_the_facts(opened):
     graph = opened.graph
-    facts = knowledge_player(fact_tables(graph, graph.triples), u=False)
+    facts = knowledge_player([fact_sources(graph, graph.triples)["v"]])
     scored = scorer_players(graph, SymbolicScorer(graph, graph.triples), graph.triples)["v"]
     table = play_all(opened, {"facts": facts, "scorer": scored}, WordCraftConfig(part="test"), (4,), draws=20)
     assert success(table, "facts", 4) == pytest.approx(success(table, "scorer", 4), abs=1e-9)
@@ -124,7 +106,7 @@ def test_a_scorer_of_facts_plays_like_the_facts(opened):
 def test_a_foreign_scorer_is_refused(opened):
     other = open_graph("paper-examples").graph
     with pytest.raises(GraphMismatchError, match="was trained on graph"):
-        scorer_tables(opened.graph, FrequencyScorer(other, other.triples))
+        scorer_players(opened.graph, FrequencyScorer(other, other.triples), opened.graph.triples)
 
 
 @pytest.mark.parametrize(

@@ -92,12 +92,12 @@ def test_training_changes_the_parameters_of_a_copy_and_no_scores(algorithm):
     model.learn(256)
     after = model.policy.network.state_dict()
     constants = {name for name, _ in network.named_buffers()} & set(after)
-    assert constants == {"vectors.vectors", "knowledge.scores"}
+    assert constants == {"vectors.vectors", "sources.u.scores", "sources.v.scores"}
     for name, tensor in after.items():
         assert torch.equal(network.state_dict()[name], before[name]), name
         assert torch.equal(tensor, before[name]) == (name in constants), name
         assert torch.isfinite(tensor).all(), name
-    assert before["knowledge.scores"].count_nonzero() > 0
+    assert before["sources.u.scores"].count_nonzero() > 0
     trained = [parameter for group in model.policy.optimizer.param_groups for parameter in group["params"]]
     assert {id(parameter) for parameter in trained} == {id(p) for p in model.policy.network.parameters()}
     assert len(list(model.policy.parameters())) == len(trained)  # nothing of the library's own

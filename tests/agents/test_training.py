@@ -33,7 +33,7 @@ from wordcraft_kg.errors import (
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
 from wordcraft_kg.graphs.splits import SplitConfig
 from wordcraft_kg.models.policies.config import PolicyConfig
-from wordcraft_kg.models.policies.policy import Policy
+from wordcraft_kg.models.policies.folder import load_policy
 
 SMALL = ImpalaConfig(steps=1_600, batch_size=8, unroll=2, log_every=160, eval_every=800, checkpoint_every=320)
 
@@ -124,7 +124,7 @@ def test_a_policy_is_loaded_from_its_folder_alone(opened: OpenedGraph, tmp_path:
     trained = train_agent(opened, config_of(), tmp_path / "run")
     (trained.folder / "run.json").rename(tmp_path / "run.json")
     (tmp_path / "run.json").rename(trained.folder / "run.json")
-    policy = Policy.from_pretrained(trained.folder)
+    policy = load_policy(trained.folder)
     agent = open_agent(trained.folder)
     state = torch.tensor([3]), torch.tensor([80]), torch.tensor([[1, 2, 80]])
     torch.testing.assert_close(policy(*state), agent.policy(*state), rtol=0, atol=0)
@@ -160,7 +160,7 @@ def test_an_interrupted_run_can_be_judged_at_its_checkpoint(
     agent = open_agent(part.folder)
     assert agent.checkpoint == "step 480"
     with pytest.raises(ArtefactError, match=r"interrupted, not done.*resume"):
-        Policy.from_pretrained(part.folder)
+        load_policy(part.folder)
 
 
 def test_metrics_after_the_checkpoint_are_cut_off_when_a_run_goes_on(

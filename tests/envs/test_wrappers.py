@@ -16,6 +16,7 @@ from wordcraft_kg.envs.wrappers import (
 )
 from wordcraft_kg.errors import ActionError, ConfigError, EpisodeError, GraphMismatchError
 from wordcraft_kg.graphs import COMBINES_WITH, COMPONENT_OF, RecipeGraph, open_book, open_graph
+from wordcraft_kg.models.policies.sources.source import make_sources
 from wordcraft_kg.models.scorers.facts import FrequencyScorer
 from wordcraft_kg.models.scorers.neighbours import NeighbourScorer
 
@@ -104,8 +105,12 @@ def test_features_are_those_of_the_ids_and_zeros_for_nothing():
         FeatureObservation(gym.make("WordCraft-v0", **SETTINGS), vectors[:3])
 
 
+def sources_of(scorer):
+    return make_sources(["u", "v"], scorer)
+
+
 def test_scores_are_the_scorers_and_zero_for_nothing(scorer):
-    env = KGScoreObservation(gym.make("WordCraft-v0", **SETTINGS), scorer)
+    env = KGScoreObservation(gym.make("WordCraft-v0", **SETTINGS), sources_of(scorer))
     seen, _ = env.reset(seed=1)
     rng = np.random.default_rng(0)
     held_something = False
@@ -128,17 +133,17 @@ def test_scores_are_the_scorers_and_zero_for_nothing(scorer):
 
 def test_features_and_scores_go_together_in_one_order(scorer):
     vectors = np.ones((80, 3))
-    both = FeatureObservation(KGScoreObservation(gym.make("WordCraft-v0", **SETTINGS), scorer), vectors)
+    both = FeatureObservation(KGScoreObservation(gym.make("WordCraft-v0", **SETTINGS), sources_of(scorer)), vectors)
     seen, _ = both.reset(seed=0)
     assert both.observation_space.contains(seen)
     assert {"u", "v", "action_mask"} < set(seen)
     with pytest.raises(ConfigError, match="this wrapper needs ids"):
-        KGScoreObservation(FeatureObservation(gym.make("WordCraft-v0", **SETTINGS), vectors), scorer)
+        KGScoreObservation(FeatureObservation(gym.make("WordCraft-v0", **SETTINGS), vectors), sources_of(scorer))
 
 
 def test_batched_scores_are_the_single_ones(scorer):
-    envs = VectorKGScoreObservation(vector(), scorer)
-    single = KGScoreObservation(gym.make("WordCraft-v0", **SETTINGS), scorer)
+    envs = VectorKGScoreObservation(vector(), sources_of(scorer))
+    single = KGScoreObservation(gym.make("WordCraft-v0", **SETTINGS), sources_of(scorer))
     seen, _ = envs.reset(seed=2)
     for step in range(12):
         assert envs.observation_space.contains(seen)
@@ -153,10 +158,10 @@ def test_batched_scores_are_the_single_ones(scorer):
 def test_a_scorer_of_another_graph_is_refused():
     graph = RecipeGraph.from_book(open_book("paper-examples"))
     foreign = FrequencyScorer(graph, graph.triples)
-    with pytest.raises(GraphMismatchError, match="was trained on graph"):
-        KGScoreObservation(gym.make("WordCraft-v0", **SETTINGS), foreign)
-    with pytest.raises(GraphMismatchError, match="was trained on graph"):
-        VectorKGScoreObservation(vector(), foreign)
+    with pytest.raises(GraphMismatchError, match="belongs to graph"):
+        KGScoreObservation(gym.make("WordCraft-v0", **SETTINGS), sources_of(foreign))
+    with pytest.raises(GraphMismatchError, match="belongs to graph"):
+        VectorKGScoreObservation(vector(), sources_of(foreign))
 
 
 def test_text_says_what_there_is_and_words_are_actions():

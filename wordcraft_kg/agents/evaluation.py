@@ -8,16 +8,14 @@ import torch
 from numpy.typing import NDArray
 
 from wordcraft_kg.agents.players import Player, knowledge_player, random_entity, recipe_oracle
+from wordcraft_kg.agents.states import states_of
 from wordcraft_kg.envs.batch import GOAL, BatchEngine
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import GraphLike, World
 from wordcraft_kg.errors import ConfigError
 from wordcraft_kg.graphs.arrays import Ids, padded
-from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS
-from wordcraft_kg.models.policies.actor_critic import AttentionPolicy
 from wordcraft_kg.models.policies.policy import Policy
 from wordcraft_kg.statistics import task_bootstrap
-from wordcraft_kg.tensors import as_tensor
 
 EVALUATION_SEED = 0
 """Of the distractors: the same for all agents, whatever they were trained with."""
@@ -38,13 +36,13 @@ class PolicyPlayer:
     @torch.no_grad()
     def __call__(self, engine: BatchEngine, rng: np.random.Generator) -> Any:
         """Pick a slot in every environment."""
-        states = tuple(as_tensor(getattr(engine, name)) for name in ("goal", "selection", "table"))
-        weights = self.policy.weights()
+        states, weights = states_of(engine), self.policy.weights()
         device = next(self.policy.parameters()).device
         slots = torch.cat(
             [
-                self.policy(*(part.to(device) for part in parts), weights).logits.argmax(1)
-                for parts in zip(*(state.split(ROWS) for state in states), strict=True)
+                self.policy(goal, selection, table, weights, task).logits.argmax(1)
+                for start in range(0, engine.num_envs, ROWS)
+                for goal, selection, table, task in [states.rows(start, start + ROWS, device)]
             ]
         )
         return slots.cpu().numpy() if engine.xp is np else slots
@@ -57,13 +55,9 @@ def player_of(policy: Policy, kind: str) -> Player:
         ConfigError: for ``kg-only`` without a scorer.
     """
     if kind == "kg-only":
-        knowledge = policy.knowledge if isinstance(policy, AttentionPolicy) else None
-        if knowledge is None:
+        if not policy.sources:
             raise ConfigError("--agent kg-only plays by the run's scorer, and this run was trained without one.")
-        tables = np.zeros((len(RELATIONS), *knowledge.scores.shape[1:]))
-        for source, scores in zip(knowledge.sources, knowledge.scores.cpu().numpy(), strict=True):
-            tables[COMBINES_WITH if source == "u" else COMPONENT_OF] = scores.T
-        return knowledge_player(tables)
+        return knowledge_player(list(policy.sources.values()))
     players: dict[str, Player] = {"trained": PolicyPlayer(policy), "random": random_entity, "oracle": recipe_oracle}
     return players[kind]
 

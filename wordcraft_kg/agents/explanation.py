@@ -7,12 +7,14 @@ import numpy as np
 import torch
 
 from wordcraft_kg.agents.evaluation import EVALUATION_SEED, PolicyPlayer
+from wordcraft_kg.agents.states import states_of
 from wordcraft_kg.envs.batch import OUTCOMES, BatchEngine
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.errors import TaskError, UnknownEntityError
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.models.policies.policy import Policy
+from wordcraft_kg.models.policies.sources import ALPHA
 from wordcraft_kg.settings import nearest
 
 
@@ -74,15 +76,16 @@ def _explain(exact: Policy, player: PolicyPlayer, engine: BatchEngine, row: int)
     graph, nothing = engine.world.graph, engine.nothing
     task = engine.world.tasks[row]
     parts = {label for plan in task.plans for label in plan[-1][:2]}
+    names = [label.name for label in exact.labels]
     steps: list[dict[str, Any]] = []
     rng = np.random.default_rng(EVALUATION_SEED)
     outcome = 0
     while engine.attempts_left[row] > 0:
-        state = [np.array(getattr(engine, name)[row : row + 1]) for name in ("goal", "selection", "table")]
-        _, selection, table = state
+        state = states_of(engine).rows(row, row + 1)
+        goal, selection, table = state.goal.clone(), state.selection.clone(), state.table.clone()
         slots = player(engine, rng)
         with torch.no_grad():
-            output = exact(*map(torch.from_numpy, state))
+            output = exact(goal, selection, table, task=state.task)
         there = [label for label in table[0].tolist() if label != nothing]
         outcome = int(engine.step_once(slots).outcome[row])
         after = [label for label in engine.table[row].tolist() if label != nothing]
@@ -90,7 +93,7 @@ def _explain(exact: Policy, player: PolicyPlayer, engine: BatchEngine, row: int)
             {
                 "held": graph.entities[selection[0]] if selection[0] != nothing else None,
                 "value": float(output.value[0]),
-                "lambdas": dict(zip(exact.source_names, output.lambdas[0].tolist(), strict=True))
+                "lambdas": dict(zip(names, output.lambdas[0].tolist(), strict=True))
                 if output.lambdas is not None
                 else {},
                 "picked": graph.entities[table[0, slots[row]]],
@@ -115,11 +118,11 @@ def _slots(exact: Policy, output: Any, labels: list[str], parts: set[str]) -> li
     for i, label in enumerate(labels):
         row: dict[str, Any] = {"entity": label, "is_part": label in parts}
         if output.sources is None:
-            sources = {"alpha": float(logits[i])}
+            sources = {ALPHA.name: float(logits[i])}
             contributions = dict(sources)
         else:
             values, lambdas = output.sources[0, :, i].tolist(), output.lambdas[0].tolist()
-            sources = dict(zip(exact.source_names, values, strict=True))
+            sources = dict(zip((label.name for label in exact.labels), values, strict=True))
             contributions = {
                 name: value * weight for (name, value), weight in zip(sources.items(), lambdas, strict=True)
             }

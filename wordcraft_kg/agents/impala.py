@@ -16,15 +16,37 @@ from torch import Tensor, nn
 
 from wordcraft_kg.agents.config import ImpalaConfig
 from wordcraft_kg.agents.losses import baseline_loss, entropy, policy_gradient_loss
+from wordcraft_kg.agents.states import states_of
 from wordcraft_kg.agents.vtrace import v_trace
 from wordcraft_kg.envs.batch import GOAL, BatchEngine
 from wordcraft_kg.errors import ConfigError, TrainingError
 from wordcraft_kg.models.policies.policy import Policy, Weights, log_policy
 from wordcraft_kg.tensors import as_tensor
 
+
+class Figures(NamedTuple):
+    """What an update came to, as scalars; they are summed until somebody reads them.
+
+    Attributes:
+        loss, pg_loss, baseline_loss, entropy: of the learner, sums over the batch.
+        grad_norm: of the gradient before clipping.
+        rewards: their sum.
+        episodes, successes: how many ended, and with the goal.
+        updates: 1.
+    """
+
+    loss: Tensor
+    pg_loss: Tensor
+    baseline_loss: Tensor
+    entropy: Tensor
+    grad_norm: Tensor
+    rewards: Tensor
+    episodes: Tensor
+    successes: Tensor
+    updates: Tensor
+
+
 LOSSES = ("loss", "pg_loss", "baseline_loss", "entropy", "grad_norm")
-SUMS = (*LOSSES, "return", "episodes", "successes", "updates")
-"""What is summed over updates."""
 
 
 class Unroll(NamedTuple):
@@ -33,6 +55,7 @@ class Unroll(NamedTuple):
     Attributes:
         goal, selection: shape (T + 1, B), int64.
         table: shape (T + 1, B, A), int64.
+        task: shape (T + 1, B), int64; None unless a source's scores depend on it.
         actions: shape (T, B), int64.
         log_probs: shape (T, B): of the actions, by the policy that acted.
         rewards, discounts: shape (T, B).
@@ -42,12 +65,22 @@ class Unroll(NamedTuple):
     goal: Tensor
     selection: Tensor
     table: Tensor
+    task: Tensor | None
     actions: Tensor
     log_probs: Tensor
     rewards: Tensor
     discounts: Tensor
     over: Tensor
     won: Tensor
+
+
+class Losses(NamedTuple):
+    """The loss and what it is made of, as scalars; the first of :class:`Figures`, in their order."""
+
+    loss: Tensor
+    pg_loss: Tensor
+    baseline_loss: Tensor
+    entropy: Tensor
 
 
 class Impala:
@@ -86,6 +119,7 @@ class Impala:
             goal=self._empty(time + 1, batch, dtype=torch.int64),
             selection=self._empty(time + 1, batch, dtype=torch.int64),
             table=self._empty(time + 1, batch, slots, dtype=torch.int64),
+            task=self._empty(time + 1, batch, dtype=torch.int64) if policy.reads_task else None,
             actions=self._empty(time, batch, dtype=torch.int64),
             log_probs=self._empty(time, batch),
             rewards=self._empty(time, batch),
@@ -93,7 +127,7 @@ class Impala:
             over=self._empty(time, batch, dtype=torch.bool),
             won=self._empty(time, batch, dtype=torch.bool),
         )
-        self._sums = self._empty(len(SUMS), dtype=torch.float64).zero_()
+        self._sums = self._empty(len(Figures._fields), dtype=torch.float64).zero_()
         self._last: tuple[Tensor, ...] = ()
         self._act, self._learn = self._choose, self._losses
         if config.compile:
@@ -109,18 +143,19 @@ class Impala:
             TrainingError: if the loss is no longer finite; the parameters are those of before the update.
         """
         weights = self.policy.weights()
-        acting = tuple(tensor.detach() for tensor in weights)
+        acting = {name: tensor.detach() for name, tensor in weights.items()}
         if self.config.policy_lag:
             # Contiguous, as a checkpoint keeps them: products with a transposed tensor round differently.
-            self._snapshots.append(tuple(tensor.clone(memory_format=torch.contiguous_format) for tensor in acting))
+            contiguous = torch.contiguous_format
+            self._snapshots.append({name: tensor.clone(memory_format=contiguous) for name, tensor in acting.items()})
             acting = self._snapshots[0]
         is_cut = self._collect(acting)
         assert self._flat.grad is not None
         self._flat.grad.zero_()
-        loss, figures, last = self._learn(weights, self._unroll, is_cut)
-        loss.backward()
+        losses, last = self._learn(weights, self._unroll, is_cut)
+        losses.loss.backward()
         norm = self._flat.grad.norm()
-        # On a device nobody asks each time, because asking waits for it; whoever reads the sums will see it.
+        # Not checked on a device: that would wait for it. Whoever reads the sums will see it.
         if self.device.type == "cpu" and not math.isfinite(norm.item()):
             raise TrainingError(self._not_finite())
         self._flat.grad.mul_((self.config.clip / (norm + 1e-6)).clamp(max=1))
@@ -128,7 +163,7 @@ class Impala:
             group["lr"] = self.config.learning_rate * max(0, 1 - self.update_number / self.config.updates)
         self.optimizer.step()
         self.update_number += 1
-        self._sums += torch.cat([figures, torch.stack([norm, *self._counts()])])
+        self._sums += torch.stack([*(loss.detach() for loss in losses), norm, *self._counts()])
         self._last = tuple(tensor.clone() for tensor in last)  # a compiled learner writes over what it returned
 
     def take_figures(self) -> dict[str, float | None]:
@@ -141,14 +176,14 @@ class Impala:
         Raises:
             TrainingError: if the loss was not finite.
         """
-        sums = dict(zip(SUMS, self._sums.tolist(), strict=True))
+        sums = dict(zip(Figures._fields, self._sums.tolist(), strict=True))
         self._sums.zero_()
         if not math.isfinite(sums["grad_norm"]):
             raise TrainingError(self._not_finite())
         updates, episodes = max(sums["updates"], 1), sums["episodes"]
         figures: dict[str, float | None] = {name: sums[name] / updates for name in LOSSES}
         figures["entropy"] = sums["entropy"] / updates / self.config.steps_per_update
-        figures["return"] = sums["return"] / episodes if episodes else None
+        figures["return"] = sums["rewards"] / episodes if episodes else None
         figures["success"] = sums["successes"] / episodes if episodes else None
         if self._last:
             log_rhos, lambdas = self._last
@@ -158,7 +193,7 @@ class Impala:
             is_first = self._unroll.selection[:-1].reshape(-1) == self.policy.num_entities
             for pick, rows in (("first", is_first), ("second", ~is_first)):
                 means = lambdas[rows].mean(0).tolist() if rows.any() else [None] * lambdas.shape[1]
-                names = (f"lambda_{source}_{pick}" for source in self.policy.source_names)
+                names = (f"lambda_{label.name}_{pick}" for label in self.policy.labels)
                 figures |= dict(zip(names, means, strict=True))
         return figures
 
@@ -174,7 +209,7 @@ class Impala:
         tensors |= {f"optimizer.{name}": torch.as_tensor(value) for name, value in self._optimizer_state().items()}
         tensors |= {f"engine.{name}": torch.from_numpy(array) for name, array in self.engine.state().items()}
         for i, snapshot in enumerate(self._snapshots):
-            tensors |= {f"snapshot.{i}.{j}": tensor for j, tensor in enumerate(snapshot)}
+            tensors |= {f"snapshot.{i}.{name}": tensor for name, tensor in snapshot.items()}
         tensors |= {"sums": self._sums, "generator": self._generator.get_state()}
         tensors["update"] = torch.tensor(self.update_number)
         return {name: tensor.detach().cpu().clone().contiguous() for name, tensor in tensors.items()}
@@ -196,9 +231,12 @@ class Impala:
         }
         self.engine.restore({name: state[f"engine.{name}"].numpy() for name in self.engine.state()})
         self._snapshots.clear()
-        while (first := f"snapshot.{len(self._snapshots)}.") + "0" in state:
-            size = sum(name.startswith(first) for name in state)
-            self._snapshots.append(tuple(state[f"{first}{j}"].to(self.device, copy=True) for j in range(size)))
+        snapshots: dict[int, Weights] = {}
+        for key, tensor in state.items():
+            if key.startswith("snapshot."):
+                _, number, name = key.split(".", 2)
+                snapshots.setdefault(int(number), {})[name] = tensor.to(self.device, copy=True)
+        self._snapshots.extend(snapshots[number] for number in sorted(snapshots))
         self._sums.copy_(state["sums"])
         self._generator.set_state(state["generator"])
         self.update_number = int(state["update"])
@@ -212,7 +250,9 @@ class Impala:
         noise = torch.rand(self.config.unroll, engine.num_envs, generator=self._generator, device=self.device)
         for t in range(self.config.unroll):
             self._observe(t)
-            actions, log_probs = self._act(weights, unroll.goal[t], unroll.selection[t], unroll.table[t], noise[t])
+            task = None if unroll.task is None else unroll.task[t]
+            state = unroll.goal[t], unroll.selection[t], unroll.table[t], task
+            actions, log_probs = self._act(weights, *state, noise[t])
             unroll.actions[t], unroll.log_probs[t] = actions, log_probs
             step = engine.step(actions.numpy() if engine.xp is np else actions)
             unroll.rewards[t], unroll.over[t] = as_tensor(step.reward), as_tensor(step.over)
@@ -222,14 +262,16 @@ class Impala:
         return engine.xp is not np or not step.over.all()
 
     def _observe(self, t: int) -> None:
-        for name in ("goal", "selection", "table"):
-            getattr(self._unroll, name)[t] = as_tensor(getattr(self.engine, name))
+        unroll, states = self._unroll, states_of(self.engine)
+        unroll.goal[t], unroll.selection[t], unroll.table[t] = states.goal, states.selection, states.table
+        if unroll.task is not None and states.task is not None:
+            unroll.task[t] = states.task
 
     def _choose(
-        self, weights: Weights, goal: Tensor, selection: Tensor, table: Tensor, noise: Tensor
+        self, weights: Weights, goal: Tensor, selection: Tensor, table: Tensor, task: Tensor | None, noise: Tensor
     ) -> tuple[Tensor, Tensor]:
         """Draw actions by the policy, with one uniform number each: shape (B,), and their log-probabilities."""
-        log_probs = log_policy(self.policy(goal, selection, table, weights).logits)
+        log_probs = log_policy(self.policy(goal, selection, table, weights, task).logits)
         shares = log_probs.exp().cumsum(0)
         # The first slot whose share of the probabilities so far is above the number; one without probability never is.
         actions = (shares <= noise * shares[-1]).sum(0)
@@ -237,26 +279,34 @@ class Impala:
 
     # --- learning ----------------------------------------------------------------------------------------------------
 
-    def _losses(self, weights: Weights, unroll: Unroll, is_cut: bool) -> tuple[Tensor, Tensor, tuple[Tensor, ...]]:
-        """Return the loss, its parts, and log-ratios and λ for the record."""
+    def _losses(self, weights: Weights, unroll: Unroll, is_cut: bool) -> tuple[Losses, tuple[Tensor, Tensor]]:
+        """Return the loss and its parts, and log-ratios and λ for the record.
+
+        Args:
+            weights: of the policy that learns.
+            unroll: what the actor did.
+            is_cut: whether an episode goes on after it, so that the value of the last states is needed.
+        """
         config, time = self.config, self.config.unroll
-        end = time + is_cut
-        states = (ids[:end].flatten(0, 1) for ids in (unroll.goal, unroll.selection, unroll.table))
-        output = self.policy(*states, weights)
+        num_states = time + 1 if is_cut else time
+        goal, selection, table, task = (
+            None if ids is None else ids[:num_states].flatten(0, 1)
+            for ids in (unroll.goal, unroll.selection, unroll.table, unroll.task)
+        )
+        output = self.policy(goal, selection, table, weights, task)
         acted = unroll.actions.numel()
         log_policies = log_policy(output.logits[:acted])
         log_probs = log_policies.gather(0, unroll.actions.view(1, -1)).view_as(unroll.log_probs)
-        values = output.value.view(end, -1)
+        values = output.value.view(num_states, -1)
         bootstrap = values[time].detach() if is_cut else torch.zeros_like(values[0])
         log_rhos = log_probs.detach() - unroll.log_probs
         targets = v_trace(log_rhos, unroll.discounts, unroll.rewards, values[:time].detach(), bootstrap)
         of_policy = policy_gradient_loss(log_probs, targets.pg_advantages)
         of_baseline = baseline_loss(values[:time], targets.vs)
-        chaos = entropy(log_policies)
-        loss = of_policy + config.baseline_cost * of_baseline - config.entropy_cost * chaos
-        figures = torch.stack([loss, of_policy, of_baseline, chaos]).detach()
+        spread = entropy(log_policies)
+        loss = of_policy + config.baseline_cost * of_baseline - config.entropy_cost * spread
         lambdas = loss.new_zeros(acted, 0) if output.lambdas is None else output.lambdas[:acted].detach()
-        return loss, figures, (log_rhos, lambdas)
+        return Losses(loss, of_policy, of_baseline, spread), (log_rhos, lambdas)
 
     def _counts(self) -> tuple[Tensor, ...]:
         """Return the sum of rewards, the episodes that ended, the goals made, and 1 update."""

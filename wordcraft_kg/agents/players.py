@@ -3,7 +3,7 @@
 A player is a function ``(engine, rng) -> slots`` that picks for all environments of a batch at once.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -11,21 +11,22 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from wordcraft_kg.agents.states import states_of
 from wordcraft_kg.envs.batch import GOAL, BatchEngine
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS
+from wordcraft_kg.graphs.triples import COMBINES_WITH
+from wordcraft_kg.models.policies.sources.source import ScoreView, Source, make_sources
+from wordcraft_kg.models.scorers.facts import SymbolicScorer
 from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
-from wordcraft_kg.models.scorers.scales import SelfEdges, scaled_scorer
+from wordcraft_kg.models.scorers.scales import SelfEdges
 from wordcraft_kg.settings import whole
 from wordcraft_kg.statistics import wilson_interval
 
 Player = Callable[[BatchEngine, np.random.Generator], Ids]
-Tables = NDArray[np.float64]
-"""Scores of all pairs, shape (2, E + 1, E + 1), by relation, head and tail; 0 for nothing."""
 
 
 def random_entity(engine: BatchEngine, rng: np.random.Generator) -> Ids:
@@ -54,99 +55,86 @@ def recipe_oracle(engine: BatchEngine, rng: np.random.Generator) -> Ids:
     return slots
 
 
-def knowledge_player(tables: Tables, *, u: bool = True, v: bool = True) -> Player:
-    """Return a player that picks the best score ``u + v`` of the paper, ties at random.
-
-    ``u_i = L(e_i, combinesWith, held)``, 0 with nothing held; ``v_i = L(e_i, componentOf, goal)``.
-    """
+def knowledge_player(sources: Sequence[Source]) -> Player:
+    """Return a player that picks the best sum of its sources' scores, ties at random; with u and v the paper's."""
 
     def pick(engine: BatchEngine, rng: np.random.Generator) -> Ids:
+        states = states_of(engine)
         scores = np.zeros(engine.table.shape)
-        if u:
-            scores += tables[COMBINES_WITH, engine.table, engine.selection[:, None]]
-        if v:
-            scores += tables[COMPONENT_OF, engine.table, engine.goal[:, None]]
+        for source in sources:
+            scores += source(*states).numpy()
         return _best(np.where(engine.action_masks(), scores, -np.inf), rng)
 
     return pick
 
 
-def pair_player(tables: Tables) -> Player:
-    """Return a player that picks the pair of the best ``u + v_a + v_b``, of two different entities if it can."""
+def pair_player(of_pairs: Source, of_parts: Source) -> Player:
+    """Return a player that picks the pair of the best ``u + v_a + v_b``, of two different entities if it can.
+
+    Args:
+        of_pairs: u, the scores of a slot with what is held.
+        of_parts: v, the scores of a slot with the goal.
+    """
 
     def pick(engine: BatchEngine, rng: np.random.Generator) -> Ids:
-        table, there = engine.table, engine.action_masks()
-        parts = tables[COMPONENT_OF, table, engine.goal[:, None]]
-        pairs = tables[COMBINES_WITH, table[:, :, None], table[:, None, :]] + parts[:, :, None] + parts[:, None, :]
+        goal, selection, table, task = states_of(engine)
+        there = engine.action_masks()
+        parts = of_parts(goal, selection, table, task).numpy().astype(np.float64)
+        # By slot and slot held: the scores of all slots, as if each of them were held in turn.
+        pairs = np.stack([of_pairs(goal, held, table, task).numpy() for held in table.unbind(1)], axis=2)
+        pairs = pairs + parts[:, :, None] + parts[:, None, :]
         pairs = np.where(there[:, :, None] & there[:, None, :], pairs, -np.inf)
         pairs -= 1e-6 * np.eye(table.shape[1])
-        held = (table == engine.selection[:, None]).argmax(1)
+        held = (engine.table == engine.selection[:, None]).argmax(1)
         is_second = engine.selection != engine.nothing
-        first = pairs.max(axis=2)
-        return _best(np.where(is_second[:, None], pairs[np.arange(len(table)), held], first), rng)
+        second = pairs[np.arange(len(pairs)), :, held]
+        return _best(np.where(is_second[:, None], second, pairs.max(axis=1)), rng)
 
     return pick
 
 
-def fact_tables(graph: RecipeGraph, triples: Ids, *, self_edges: SelfEdges = "keep") -> Tables:
-    """Return the 0/1 tables of a set of triples."""
-    tables = np.zeros((len(RELATIONS), graph.num_entities + 1, graph.num_entities + 1))
-    tables[triples[:, 1], triples[:, 0], triples[:, 2]] = 1
-    if self_edges == "drop":
-        np.fill_diagonal(tables[COMBINES_WITH], 0)
-    return tables
-
-
-def scorer_tables(
-    graph: RecipeGraph, scorer: TripleScorer, *, self_edges: SelfEdges = "keep", observed: Ids | None = None
-) -> Tables:
-    """Return a scorer's tables on a common scale: each relation standardised over all pairs of different entities.
-
-    Args:
-        graph: of the environment.
-        scorer: of the same graph.
-        self_edges: what happens to an entity's combinesWith score with itself: ``keep``; ``observed`` keeps those of
-            ``observed``; ``drop`` none. A score that is dropped is 0, the mean.
-        observed: triples that the scorer was trained on, shape (T, 3).
-
-    Raises:
-        GraphMismatchError: if the scorer belongs to another graph.
-        ConfigError: for ``observed`` without triples.
-    """
-    check_scorer(scorer, graph)
-    scaled = scaled_scorer(scorer, self_edges=self_edges, observed=observed)
-    return np.pad(scaled.scores.numpy().astype(np.float64), ((0, 0), (0, 1), (0, 1)))
+def fact_sources(graph: RecipeGraph, triples: Ids) -> dict[str, Source]:
+    """Return u and v of a set of triples, by name: 1 where they have a link, 0 elsewhere."""
+    names = ("u", "v")
+    return dict(zip(names, make_sources(names, SymbolicScorer(graph, triples)), strict=True))
 
 
 def knowledge_players(graph: RecipeGraph, partial: Ids) -> dict[str, Player]:
     """Return the players of the reference table: chance, symbolic partial and full knowledge graphs, and the oracle."""
-    some, everything = fact_tables(graph, partial), fact_tables(graph, graph.triples)
-    no_self = fact_tables(graph, graph.triples, self_edges="drop")
+    some, everything = fact_sources(graph, partial), fact_sources(graph, graph.triples)
+    loops = (graph.triples[:, 1] == COMBINES_WITH) & (graph.triples[:, 0] == graph.triples[:, 2])
+    no_self = fact_sources(graph, graph.triples[~loops])
     return {
         "random": random_entity,
         "random, distinct": random_distinct,
-        "partial KG, v": knowledge_player(some, u=False),
-        "partial KG, u+v": knowledge_player(some),
-        "full KG, v": knowledge_player(everything, u=False),
-        "full KG, u": knowledge_player(everything, v=False),
-        "full KG, u+v": knowledge_player(everything),
-        "full KG, u+v, no self edges": knowledge_player(no_self),
-        "full KG, best pair": pair_player(everything),
+        "partial KG, v": knowledge_player([some["v"]]),
+        "partial KG, u+v": knowledge_player([some["u"], some["v"]]),
+        "full KG, v": knowledge_player([everything["v"]]),
+        "full KG, u": knowledge_player([everything["u"]]),
+        "full KG, u+v": knowledge_player([everything["u"], everything["v"]]),
+        "full KG, u+v, no self edges": knowledge_player([no_self["u"], no_self["v"]]),
+        "full KG, best pair": pair_player(everything["u"], everything["v"]),
         "recipe oracle": recipe_oracle,
     }
 
 
 def scorer_players(graph: RecipeGraph, scorer: TripleScorer, observed: Ids) -> dict[str, Player]:
-    """Return the players that a scorer makes: v, u, and u+v with self edges kept, observed and dropped."""
-    kept = scorer_tables(graph, scorer)
+    """Return the players that a scorer makes, its scores standardised: v, u, and u+v with three kinds of self edges.
+
+    Raises:
+        GraphMismatchError: if the scorer belongs to another graph.
+    """
+    check_scorer(scorer, graph)
+
+    def of(*names: str, self_edges: SelfEdges = "keep") -> Player:
+        return knowledge_player(make_sources(names, scorer, ScoreView("standardise", self_edges, observed)))
+
     return {
-        "v": knowledge_player(kept, u=False),
-        "u": knowledge_player(kept, v=False),
-        "u+v, self edges kept": knowledge_player(kept),
-        "u+v, self edges observed": knowledge_player(
-            scorer_tables(graph, scorer, self_edges="observed", observed=observed)
-        ),
-        "u+v, self edges dropped": knowledge_player(scorer_tables(graph, scorer, self_edges="drop")),
+        "v": of("v"),
+        "u": of("u"),
+        "u+v, self edges kept": of("u", "v"),
+        "u+v, self edges observed": of("u", "v", self_edges="observed"),
+        "u+v, self edges dropped": of("u", "v", self_edges="drop"),
     }
 
 

@@ -140,7 +140,7 @@ class _NetworkPolicy(BasePolicy):
 class SB3Policy(_NetworkPolicy, ActorCriticPolicy):
     """A policy of ours for Stable-Baselines3's PPO and A2C: ``PPO(SB3Policy, env, policy_kwargs={"network": policy})``.
 
-    ``network`` is what :func:`~wordcraft_kg.models.policies.folder.make_policy` or ``Policy.from_pretrained`` return. A
+    ``network`` is what :func:`~wordcraft_kg.models.policies.folder.make_policy` or ``load_policy`` return. A
     copy is trained, ``model.policy.network``, which is a policy like any other. Scores and constant vectors are
     buffers: no optimizer sees them. The ids have to be those of the policy's graph; only their number can be checked.
 

@@ -106,7 +106,7 @@ def train_agent(
         config.policy, opened.graph, engine.num_slots, scorer=scorer, observed=observed, seed=trainer.seed
     )
     with _writer(out, tensorboard) as writer, _replacing(out):
-        write_constants(out, policy, opened.graph)
+        write_constants(out, policy)
         config.write(out)
         inputs |= {name: sha256_of(out / name) for name in INPUTS}
         if features is not None:
@@ -478,9 +478,9 @@ Trained for {summary["steps"]:,} steps in {summary["seconds"]:.0f} s, seed {conf
 {summary["parameters"]:,} parameters. `config.toml` reproduces it; `run.json` says with which versions it was made.
 
 ```python
-from wordcraft_kg.models.policies.policy import Policy
+from wordcraft_kg.models.policies.folder import load_policy
 
-policy = Policy.from_pretrained("this folder")
+policy = load_policy("this folder")
 output = policy(goal, selection, table)  # ids; {opened.graph.num_entities} stands for nothing
 ```
 """

@@ -10,7 +10,6 @@ EXAMPLES = (
     "wordcraft-kg explain runs/partial --goal bread --episodes 3",
     "wordcraft-kg explain runs/no-kg --part train --distractors 1",
 )
-SYMBOLS = {"alpha": "α", "u": "u", "v": "v"}
 
 
 def explain(
@@ -47,15 +46,17 @@ def explain(
 
 
 def _text(number: int, episode: dict[str, Any]) -> list[str]:
+    from wordcraft_kg.models.policies.sources import label_of
+
     plans = "; ".join(", then ".join(plan) for plan in episode["plans"])
     lines = [f"Episode {number}: make {episode['goal']}   ({plans})"]
     for step in episode["steps"]:
-        weights = "  ".join(f"λ{SYMBOLS[name]} {value:.2f}" for name, value in step["lambdas"].items())
+        weights = "  ".join(f"{label_of(name).coefficient} {value:.2f}" for name, value in step["lambdas"].items())
         held = f"holding {step['held']}" if step["held"] else "holding nothing"
         lines += ["", f"  {held}   V {step['value']:.2f}   {weights}".rstrip()]
         names = list(step["slots"][0]["sources"])
         width = max(16, *(len(slot["entity"]) + 4 for slot in step["slots"]))
-        columns = [SYMBOLS[name] for name in names]
+        columns = [label_of(name).symbol for name in names]
         if step["lambdas"]:
             columns += [f"λ{symbol}·{symbol}" for symbol in columns]
         lines.append(f"  {'':<{width}}" + "".join(f"{column:>8}" for column in (*columns, "β", "π")))

@@ -1,7 +1,7 @@
 """Observations for others: entity vectors, knowledge-graph scores and words, added to ids and masks."""
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import Any, Protocol
 
 import gymnasium as gym
 import numpy as np
@@ -10,9 +10,7 @@ from gymnasium.vector import VectorEnv, VectorWrapper
 from numpy.typing import NDArray
 
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.errors import ActionError, ConfigError
-from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
-from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
+from wordcraft_kg.errors import ActionError, ConfigError, GraphMismatchError
 from wordcraft_kg.settings import nearest
 
 ID_KEYS = ("goal", "selection", "table")
@@ -56,51 +54,70 @@ class FeatureObservation(gym.ObservationWrapper[dict[str, Any], Any, dict[str, A
         return np.asarray(self.env.get_wrapper_attr("action_masks")(), dtype=bool)
 
 
+class SlotSource(Protocol):
+    """What scores slots: a source of :mod:`wordcraft_kg.models.policies.sources`, or anything like it."""
+
+    @property
+    def name(self) -> str:
+        """Key of its scores in the observations."""
+        ...
+
+    graph_hash: str
+
+    def __call__(self, goal: Any, selection: Any, table: Any, task: Any = None) -> Any:
+        """Score slots by tensors of ids: goal and selection (B,), table (B, A) -> (B, A)."""
+        ...
+
+
 class _Scores:
-    """u and v of table slots from the score tables of a scorer."""
+    """The scores of sources, by name, for the observations of a world."""
 
-    def __init__(self, world: World, scorer: TripleScorer):
-        check_scorer(scorer, world.graph)
-        tables = []
-        for relation in (COMBINES_WITH, COMPONENT_OF):
-            table = np.zeros((world.nothing + 1, world.nothing + 1), dtype=np.float32)
-            table[:-1, :-1] = scorer.table(relation).cpu().numpy()
-            tables.append(table)
-        self.combines, self.component = tables
+    def __init__(self, world: World, sources: Sequence[SlotSource]):
+        self.sources = sources
+        self.is_train = world.config.part == "train"
+        for source in sources:
+            if source.graph_hash != world.graph.hash:
+                raise GraphMismatchError(
+                    f"source '{source.name}' belongs to graph {source.graph_hash[:12]} but the environment plays on "
+                    f"'{world.graph.name}', {world.graph.hash[:12]}. Take a scorer of that graph."
+                )
 
-    def add(self, observation: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the observation with u and v: ``L(e_i, combinesWith, held)`` and ``L(e_i, componentOf, goal)``."""
-        table = observation["table"]
-        held, goal = np.asarray(observation["selection"])[..., None], np.asarray(observation["goal"])[..., None]
-        return {**observation, "u": self.combines[table, held], "v": self.component[table, goal]}
+    def of(self, observation: Mapping[str, Any], task: Any) -> dict[str, NDArray[np.float32]]:
+        """Return the scores of one state, with keys of shape (), or of many, with keys of shape (N,)."""
+        import torch
 
-    @staticmethod
-    def space(shape: tuple[int, ...]) -> dict[str, spaces.Space[Any]]:
-        return {key: spaces.Box(-np.inf, np.inf, shape, np.float32) for key in ("u", "v")}
+        goal, selection, table = (torch.as_tensor(np.asarray(observation[key])) for key in ID_KEYS)
+        rows = goal.reshape(-1), selection.reshape(-1), table.reshape(-1, table.shape[-1])
+        tasks = torch.as_tensor(np.asarray(task)).reshape(-1) if self.is_train else None
+        return {source.name: source(*rows, tasks).reshape(table.shape).numpy() for source in self.sources}
+
+    def spaces(self, shape: tuple[int, ...]) -> dict[str, spaces.Space[Any]]:
+        return {source.name: spaces.Box(-np.inf, np.inf, shape, np.float32) for source in self.sources}
 
 
 class KGScoreObservation(gym.ObservationWrapper[dict[str, Any], Any, dict[str, Any]]):
-    """Adds a scorer's u and v of each slot, shape (num_slots,): how well it goes with what is held, and with the goal.
+    """Adds what sources say of each slot, by their names, shape (num_slots,): the same values as a policy mixes.
 
-    ``u_i = L(e_i, combinesWith, e_held)`` and ``v_i = L(e_i, componentOf, e_goal)``; 0 for empty slots, and u is 0
-    while nothing is held.
+    With ``u`` and ``v``, ``u_i = L(e_i, combinesWith, e_held)`` says how well a slot goes with what is held, 0 while
+    nothing is, and ``v_i = L(e_i, componentOf, e_goal)`` how well with the goal; both are 0 for empty slots.
 
     Source: Jiang et al. 2020, section "Knowledge-guided policy".
     """
 
-    def __init__(self, env: gym.Env[Any, Any], scorer: TripleScorer):
-        """Take any scorer of the environment's graph.
+    def __init__(self, env: gym.Env[Any, Any], sources: Sequence[SlotSource]):
+        """Take sources of the environment's graph: ``make_sources(["u", "v"], scorer)``.
 
         Raises:
-            GraphMismatchError: if it belongs to another graph.
+            GraphMismatchError: if one belongs to another graph.
         """
         super().__init__(env)
-        self._scores = _Scores(_world(env), scorer)
-        self.observation_space = spaces.Dict({**_id_spaces(env), **_Scores.space((_world(env).num_slots,))})
+        world = _world(env)
+        self._scores = _Scores(world, sources)
+        self.observation_space = spaces.Dict({**_id_spaces(env), **self._scores.spaces((world.num_slots,))})
 
     def observation(self, observation: dict[str, Any]) -> dict[str, Any]:
         """Add the scores."""
-        return self._scores.add(observation)
+        return {**observation, **self._scores.of(observation, self.env.get_wrapper_attr("task_index"))}
 
     def action_masks(self) -> NDArray[np.bool_]:
         """Return which slots hold an entity, for libraries that ask the outermost wrapper."""
@@ -108,33 +125,37 @@ class KGScoreObservation(gym.ObservationWrapper[dict[str, Any], Any, dict[str, A
 
 
 class VectorKGScoreObservation(VectorWrapper):
-    """:class:`KGScoreObservation` for the vector environment: u and v have shape (N, num_slots)."""
+    """:class:`KGScoreObservation` for the vector environment: scores have shape (N, num_slots)."""
 
-    def __init__(self, env: VectorEnv[Any, Any, Any], scorer: TripleScorer):
-        """Take any scorer of the environment's graph.
+    def __init__(self, env: VectorEnv[Any, Any, Any], sources: Sequence[SlotSource]):
+        """Take sources of the environment's graph.
 
         Raises:
-            GraphMismatchError: if it belongs to another graph.
+            GraphMismatchError: if one belongs to another graph.
         """
         super().__init__(env)
-        world: World = env.unwrapped.engine.world  # type: ignore[attr-defined]
-        self._scores = _Scores(world, scorer)
+        self._engine = env.unwrapped.engine  # type: ignore[attr-defined]
+        world: World = self._engine.world
+        self._scores = _Scores(world, sources)
         single, batched = env.single_observation_space, env.observation_space
         assert isinstance(single, spaces.Dict)
         assert isinstance(batched, spaces.Dict)
-        self.single_observation_space = spaces.Dict({**single.spaces, **_Scores.space((world.num_slots,))})
+        self.single_observation_space = spaces.Dict({**single.spaces, **self._scores.spaces((world.num_slots,))})
         shape = (env.num_envs, world.num_slots)
-        self.observation_space = spaces.Dict({**batched.spaces, **_Scores.space(shape)})
+        self.observation_space = spaces.Dict({**batched.spaces, **self._scores.spaces(shape)})
 
     def reset(self, **options: Any) -> tuple[dict[str, Any], dict[str, Any]]:
         """Begin all environments anew."""
         observations, infos = self.env.reset(**options)
-        return self._scores.add(observations), infos
+        return self._with_scores(observations), infos
 
     def step(self, actions: Any) -> tuple[dict[str, Any], Any, Any, Any, dict[str, Any]]:
         """Pick a slot in each environment."""
         observations, rewards, terminated, truncated, infos = self.env.step(actions)
-        return self._scores.add(observations), rewards, terminated, truncated, infos
+        return self._with_scores(observations), rewards, terminated, truncated, infos
+
+    def _with_scores(self, observations: dict[str, Any]) -> dict[str, Any]:
+        return {**observations, **self._scores.of(observations, self._engine.task)}
 
 
 class TextObservation(gym.Wrapper[Any, Any, Any, Any]):

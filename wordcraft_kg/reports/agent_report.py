@@ -10,6 +10,7 @@ from typing import Any
 
 import jsonschema
 import numpy as np
+import torch
 from numpy.typing import NDArray
 
 from wordcraft_kg.agents.agent_folder import OpenedAgent
@@ -21,7 +22,8 @@ from wordcraft_kg.errors import ConfigError, GraphMismatchError
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.planner import layers
 from wordcraft_kg.graphs.tasks import TaskPart
-from wordcraft_kg.models.policies.actor_critic import AttentionPolicy
+from wordcraft_kg.models.policies.sources import ALPHA, SOURCES, label_of
+from wordcraft_kg.models.policies.sources.component_of import ComponentOf
 from wordcraft_kg.reports import charts
 from wordcraft_kg.reports.pages import render_page
 from wordcraft_kg.statistics import (
@@ -39,7 +41,7 @@ RULES = ("depth", "max_attempts", "distractor_weighting", "distractor_policy", "
 DISTRACTORS = (1, 8)
 """Numbers of distractors that every report has, besides those trained with."""
 MIN_SEEDS = 5
-SYMBOLS = {"alpha": "λα", "u": "λu", "v": "λv"}
+SYMBOLS = {name: label_of(name).coefficient for name in (ALPHA.name, *SOURCES)}
 _TOP = 10**6
 
 
@@ -172,6 +174,7 @@ def render(report: AgentReport) -> str:
         pictures=report.pictures,
         min_seeds=MIN_SEEDS,
         symbols=SYMBOLS,
+        label_of=label_of,
         bar=charts.contribution_bar,
     )
 
@@ -320,14 +323,16 @@ def _slices(agent: OpenedAgent, evaluator: Evaluator, success: NDArray[np.bool_]
 
 def _link_ranks(agent: OpenedAgent, tasks: Any) -> Ids | None:
     """Return for each task the worse rank of its two parts among all entities by v; the best over its plans."""
-    knowledge = agent.policy.knowledge if isinstance(agent.policy, AttentionPolicy) else None
-    if knowledge is None or "v" not in knowledge.sources:
+    if ComponentOf.label.name not in agent.policy.sources:
         return None
-    scores = knowledge.scores[knowledge.sources.index("v"), :-1, :-1].numpy()
-    recipes = agent.opened.graph.recipes
+    recipes, size = agent.opened.graph.recipes, agent.opened.graph.num_entities
+    goals, row_of = np.unique(tasks.goals, return_inverse=True)
+    everything = torch.arange(size).expand(len(goals), size)
+    source = agent.policy.sources[ComponentOf.label.name]
+    scores = source(torch.from_numpy(goals), torch.full((len(goals),), size), everything).numpy()
     ranks = []
-    for goal, plans in zip(tasks.goals.tolist(), tasks.plans, strict=True):
-        row = scores[goal]
+    for number, plans in zip(row_of.tolist(), tasks.plans, strict=True):
+        row = scores[number]
         ranks.append(min(max(_mean_rank(row, row[part]) for part in recipes[plan[-1], :2]) for plan in plans))
     return np.ceil(ranks).astype(np.int64)
 

@@ -77,8 +77,8 @@ def slow_alpha(
 
 
 def alpha_of(attention: TableAttention, vectors: EntityVectors, goal: Tensor, selection: Tensor, table: Tensor):
-    rows = attention.rows(attention.weights(), vectors(), goal, selection)
-    return Slots(vectors(), table).dot(rows)
+    rows = attention.rows({**vectors.weights(), **attention.weights()}, goal, selection)
+    return Slots(vectors.weights().get("vectors"), table).dot(rows)
 
 
 # --- logits ----------------------------------------------------------------------------------------------------------
@@ -112,9 +112,9 @@ def test_one_hot_vectors_attend_as_the_rows_of_an_identity_matrix(size: int):
 
 @pytest.mark.parametrize(("dim", "is_folded"), [(5, True), (FOLD_LIMIT, True), (ABOVE, False)])
 def test_keys_are_folded_into_the_query_up_to_the_limit(dim: int, is_folded: bool):
-    first, *_ = weights = attention_of(dim).weights()
+    weights = attention_of(dim).weights()
     assert (len(weights) == 2) is is_folded
-    assert first.shape == (2 * dim, dim if is_folded else KEY_SIZE)
+    assert weights["query"].shape == (2 * dim, dim if is_folded else KEY_SIZE)
 
 
 @pytest.mark.parametrize("kind", ["dense", "one-hot", "learned"])
@@ -152,7 +152,9 @@ def test_products_with_slots_are_those_of_loops_over_slots(kind: str):
         [sum(r * v for r, v in zip(row, x[entity], strict=True)) for entity in slots]
         for row, slots in zip(rows.tolist(), table.tolist(), strict=True)
     ]
-    torch.testing.assert_close(Slots(vectors(), table).dot(rows), torch.tensor(expected), atol=1e-4, rtol=1e-4)
+    torch.testing.assert_close(
+        Slots(vectors.weights().get("vectors"), table).dot(rows), torch.tensor(expected), atol=1e-4, rtol=1e-4
+    )
 
 
 @any_vectors
@@ -164,14 +166,14 @@ def test_weighted_sums_are_those_of_loops_over_slots(kind: str):
         [sum(w * x[entity][i] for w, entity in zip(row, slots, strict=True)) for i in range(vectors.dim)]
         for row, slots in zip(weights.tolist(), table.tolist(), strict=True)
     ]
-    found = Slots(vectors(), table).sum(weights, vectors.num_entities)
+    found = Slots(vectors.weights().get("vectors"), table).sum(weights, vectors.num_entities)
     assert found.shape == (len(table), vectors.dim)
     torch.testing.assert_close(found, torch.tensor(expected), atol=1e-5, rtol=1e-5)
 
 
 @pytest.mark.parametrize("shape", [(), (4,), (2, 3), (2, 3, 2), (0, 3)])
 def test_vectors_are_looked_up_for_ids_of_any_shape(shape: tuple[int, ...]):
-    vectors = VECTORS["dense"]()()
+    vectors = VECTORS["dense"]().weights()["vectors"]
     ids = torch.randint(NUM_ENTITIES + 1, shape, generator=torch.Generator().manual_seed(0))
     found = look_up(vectors, ids)
     assert found.shape == (*shape, 5)
@@ -225,9 +227,9 @@ def test_constant_vectors_are_a_float32_copy_that_nothing_trains():
     before = given_ones.detach().float().clone()
     given_ones.data.zero_()
     assert list(vectors.parameters()) == []
-    assert not vectors().requires_grad
-    assert vectors().dtype == torch.float32
-    assert torch.equal(vectors()[:-1], before)
+    assert not vectors.weights()["vectors"].requires_grad
+    assert vectors.weights()["vectors"].dtype == torch.float32
+    assert torch.equal(vectors.weights()["vectors"][:-1], before)
     assert list(vectors.state_dict()) == ["vectors"]
     assert (vectors.dim, vectors.is_one_hot) == (5, False)
 
@@ -242,7 +244,7 @@ def test_learned_vectors_are_parameters_and_as_long_as_asked_for():
 
 def test_one_hot_vectors_are_never_written_out():
     vectors = EntityVectors(NUM_ENTITIES)
-    assert len(vectors()) == 0
+    assert vectors.weights() == {}
     assert list(vectors.parameters()) == []
     assert (vectors.dim, vectors.is_one_hot) == (NUM_ENTITIES, True)
 
@@ -250,18 +252,18 @@ def test_one_hot_vectors_are_never_written_out():
 @pytest.mark.parametrize("kind", ["dense", "learned"])
 def test_the_vector_of_nothing_is_zero(kind: str):
     vectors = VECTORS[kind]()
-    assert vectors().shape == (NUM_ENTITIES + 1, 5)
-    assert not vectors()[NUM_ENTITIES].any()
-    assert vectors()[:NUM_ENTITIES].any(dim=1).all()
+    assert vectors.weights()["vectors"].shape == (NUM_ENTITIES + 1, 5)
+    assert not vectors.weights()["vectors"][NUM_ENTITIES].any()
+    assert vectors.weights()["vectors"][:NUM_ENTITIES].any(dim=1).all()
 
 
 def test_the_vector_of_nothing_is_still_zero_after_a_step_that_it_was_part_of():
     vectors, attention = VECTORS["learned"](), attention_of(5)
     table = torch.tensor([[0, 1, NUM_ENTITIES]])
-    before = vectors().detach()
+    before = vectors.weights()["vectors"].detach()
     for _ in range(2):  # the second with moved vectors
         alpha_of(attention, vectors, torch.tensor([2]), torch.tensor([NUM_ENTITIES]), table).sum().backward()
         torch.optim.SGD(vectors.parameters(), lr=0.1).step()
-    moved = (vectors().detach() != before).any(dim=1).tolist()
+    moved = (vectors.weights()["vectors"].detach() != before).any(dim=1).tolist()
     assert moved == [entity in (0, 1, 2) for entity in range(NUM_ENTITIES + 1)]
-    assert not vectors()[NUM_ENTITIES].any()
+    assert not vectors.weights()["vectors"][NUM_ENTITIES].any()

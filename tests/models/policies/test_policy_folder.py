@@ -93,7 +93,7 @@ def states(num_entities: int = SIZE) -> tuple[Tensor, Tensor, Tensor]:
 def assert_equal_bits(one: Policy, other: Policy) -> None:
     assert type(one) is type(other)
     assert one.config == other.config
-    assert one.source_names == other.source_names
+    assert one.labels == other.labels
     assert one.state_dict().keys() == other.state_dict().keys()
     for name, tensor in one.state_dict().items():
         assert torch.equal(tensor, other.state_dict()[name]), name
@@ -198,8 +198,8 @@ def test_a_scorer_is_mixed_in_on_the_scale_of_the_settings():
     ):
         policy = plain(scorer=SCORER, **settings)
         expected = scaled_scorer(SCORER, **settings)
-        for i, relation in enumerate(("combinesWith", "componentOf")):
-            assert torch.equal(policy.knowledge.scores[i, :-1, :-1].T, expected.table(relation))
+        for name, relation in (("u", "combinesWith"), ("v", "componentOf")):
+            assert torch.equal(policy.sources[name].scores[:-1, :-1].T, expected.table(relation))
     with pytest.raises(ConfigError, match="'observed' needs the triples"):
         plain(scorer=SCORER, self_edges="observed", observed=None)
 
@@ -208,8 +208,8 @@ def test_a_scorer_is_mixed_in_on_the_scale_of_the_settings():
 @pytest.mark.parametrize("kg_only", [False, True])
 def test_a_policy_mixes_the_sources_of_the_settings_and_alpha(use: str, names: tuple[str, ...], kg_only: bool):
     policy = plain(scorer=SCORER, use=use, kg_only=kg_only)
-    assert policy.knowledge.sources == names
-    assert policy.source_names == (names if kg_only else ("alpha", *names))
+    assert tuple(policy.sources) == names
+    assert tuple(label.name for label in policy.labels) == (names if kg_only else ("alpha", *names))
 
 
 def test_a_scorer_of_another_graph_is_refused():
@@ -243,7 +243,7 @@ def test_only_an_mlp_depends_on_the_number_of_slots():
 
 def written(folder: Path, policy: Policy, graph: RecipeGraph = GRAPH) -> Path:
     folder.mkdir(exist_ok=True)
-    write_constants(folder, policy, graph)
+    write_constants(folder, policy)
     write_parameters(folder, policy)
     return folder
 
@@ -334,10 +334,10 @@ def edited(folder: Path, **changes: object) -> Path:
 
 
 def test_a_finished_run_is_all_that_a_policy_needs(folder: Path):
-    policy, description = load_policy(folder)
+    policy = load_policy(folder)
     assert_equal_bits(policy, read(folder))
-    assert_equal_bits(Policy.from_pretrained(str(folder)), policy)
-    assert description["graph"] == GRAPH.hash
+    assert_equal_bits(load_policy(str(folder)), policy)
+    assert (policy.entities, policy.graph_hash) == (GRAPH.entities, GRAPH.hash)
 
 
 @pytest.mark.parametrize("name", FILES)
@@ -353,7 +353,7 @@ def test_a_flipped_bit_in_a_finished_run_is_an_artefact_error_that_names_the_fil
 def test_a_missing_file_is_an_artefact_error_that_names_it(folder: Path, name: str):
     (folder / name).unlink()
     with pytest.raises(ArtefactError, match=rf"{name} is missing"):
-        Policy.from_pretrained(folder)
+        load_policy(folder)
 
 
 @pytest.mark.parametrize("status", ["running", "interrupted", "failed"])
@@ -365,7 +365,7 @@ def test_an_unfinished_run_has_no_policy_yet(folder: Path, status: str):
 
 def test_a_run_that_does_not_exist_says_how_to_make_it(tmp_path: Path):
     with pytest.raises(ArtefactError, match=r"does not exist.*train-agent"):
-        Policy.from_pretrained(tmp_path / "nowhere")
+        load_policy(tmp_path / "nowhere")
 
 
 @pytest.mark.parametrize(

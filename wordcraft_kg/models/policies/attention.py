@@ -5,6 +5,7 @@ Rows of a batch have few slots, so the shapes of products matter more than their
 """
 
 import math
+from collections.abc import Mapping
 
 import torch
 from torch import Tensor, nn
@@ -39,9 +40,9 @@ class EntityVectors(nn.Module):
             self.register_buffer("vectors", torch.empty(0, 0))
         self.dim = num_entities if self.is_one_hot else self.vectors.shape[1]
 
-    def forward(self) -> Tensor:
-        """Return the vectors of all entities and of nothing, shape (E + 1, F); without rows for one-hot ones."""
-        return self.vectors if self.is_one_hot else nn.functional.pad(self.vectors, (0, 0, 0, 1))
+    def weights(self) -> dict[str, Tensor]:
+        """Return ``vectors``, those of all entities and of nothing, shape (E + 1, F); no such key for one-hot ones."""
+        return {} if self.is_one_hot else {"vectors": nn.functional.pad(self.vectors, (0, 0, 0, 1))}
 
 
 def look_up(vectors: Tensor, ids: Tensor) -> Tensor:
@@ -71,33 +72,39 @@ class TableAttention(nn.Module):
         self.query = nn.Linear(2 * dim, key_size)
         self.key = nn.Linear(dim, key_size, bias=False)
 
-    def weights(self) -> tuple[Tensor, ...]:
-        """Return what depends on the parameters alone: computed once for all samples of an update."""
+    def weights(self) -> dict[str, Tensor]:
+        """Return ``query``, ``query.bias`` and, where it was not folded into them, ``key``."""
         key = self.key.weight / math.sqrt(self.key.out_features)
         if self.key.in_features <= FOLD_LIMIT:
-            return self.query.weight.T @ key, self.query.bias @ key
-        return self.query.weight.T, self.query.bias, key
+            return {"query": self.query.weight.T @ key, "query.bias": self.query.bias @ key}
+        return {"query": self.query.weight.T, "query.bias": self.query.bias, "key": key}
 
     @staticmethod
-    def rows(weights: tuple[Tensor, ...], vectors: Tensor, goal: Tensor, selection: Tensor) -> Tensor:
-        """Return ``Kᵀ q / √d``, whose product with a slot's vector is its α: shape (B, F)."""
-        query, bias, *key = weights
-        if len(vectors):
+    def rows(weights: Mapping[str, Tensor], goal: Tensor, selection: Tensor) -> Tensor:
+        """Return ``Kᵀ q / √d``, whose product with a slot's vector is its α: shape (B, F).
+
+        Args:
+            weights: those of the attention and of the entities' vectors.
+            goal: shape (B,).
+            selection: shape (B,).
+        """
+        query, bias, vectors = weights["query"], weights["query.bias"], weights.get("vectors")
+        if vectors is not None:
             both = look_up(vectors, torch.stack([goal, selection], dim=1)).flatten(1)
             projected = torch.addmm(bias, both, query)
         else:
             by_goal, by_selection = nn.functional.pad(query.view(2, -1, query.shape[1]), (0, 0, 0, 1))
             projected = bias + by_goal.index_select(0, goal) + by_selection.index_select(0, selection)
-        return projected @ key[0] if key else projected
+        return projected @ weights["key"] if "key" in weights else projected
 
 
 class Slots:
     """The vectors on the tables of a batch: products with them, and weighted sums of them."""
 
-    def __init__(self, vectors: Tensor, table: Tensor):
-        """Take the vectors of all entities, as :class:`EntityVectors` gives them, and tables, shape (B, A)."""
+    def __init__(self, vectors: Tensor | None, table: Tensor):
+        """Take the vectors of all entities, shape (E + 1, F), None for one-hot ones, and tables, shape (B, A)."""
         self.table = table
-        self.vectors = look_up(vectors, table) if len(vectors) else None
+        self.vectors = None if vectors is None else look_up(vectors, table)
 
     def dot(self, rows: Tensor) -> Tensor:
         """Return ``r · x_i`` for each slot: rows (B, F) -> (B, A)."""

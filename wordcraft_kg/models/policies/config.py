@@ -4,6 +4,7 @@ from dataclasses import dataclass, fields
 from typing import Literal, get_args
 
 from wordcraft_kg.errors import ConfigError
+from wordcraft_kg.models.policies.sources import SOURCES
 from wordcraft_kg.models.scorers.config import Scale, SelfEdges
 from wordcraft_kg.models.scorers.features import Pooling
 from wordcraft_kg.settings import nearest
@@ -11,7 +12,6 @@ from wordcraft_kg.settings import nearest
 PolicyKind = Literal["attention", "mlp"]
 Mixing = Literal["softmax", "free"]
 ValueReadout = Literal["softmax", "logits"]
-SOURCES = ("u", "v")
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,8 @@ class PolicyConfig:
         value_size: dimensions of the value's and the mixture's encodings; 300 is the paper's.
         hidden_size: of the mlp; 300 is the paper's.
         embedding_size: dimensions of learned features; as many as GloVe's by default.
-        use: scores of the scorer to mix in: u (combinesWith with the held entity), v (componentOf the goal), or u,v.
+        use: sources of knowledge to mix in, comma-separated: u (the scorer's combinesWith with the held entity), v (its
+            componentOf with the goal).
         kg_only: mix the scores only, without the attention's own logits.
         mixing: range of λ: free, or softmax (positive, sum 1) as in the paper's released code. This and the next three
             were chosen on validation tasks, see docs/agents.md.
@@ -78,8 +79,12 @@ class PolicyConfig:
 
     @property
     def sources(self) -> tuple[str, ...]:
-        """The scores in use, in the order u, v."""
+        """The sources in use, in the order in which they are mixed."""
         asked = [source.strip() for source in self.use.split(",")]
-        if not self.use.strip() or any(source not in SOURCES for source in asked):
-            raise ConfigError(f"--use '{self.use}': expected u, v or u,v.")
+        unknown = [source for source in asked if source not in SOURCES]
+        if unknown:
+            hint = nearest(unknown[0], SOURCES)
+            raise ConfigError(
+                f"--use '{self.use}': expected one or more of {', '.join(SOURCES)}, comma-separated.{hint}"
+            )
         return tuple(source for source in SOURCES if source in asked)

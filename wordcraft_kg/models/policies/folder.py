@@ -1,10 +1,8 @@
 """Making policies for a graph, and keeping them in a folder that needs nothing else to be used again."""
 
-import json
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 import safetensors.torch
 import torch
@@ -17,14 +15,14 @@ from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.models.policies.actor_critic import AttentionPolicy
 from wordcraft_kg.models.policies.attention import EntityVectors
 from wordcraft_kg.models.policies.config import PolicyConfig
-from wordcraft_kg.models.policies.mixing import KnowledgeScores
 from wordcraft_kg.models.policies.mlp import MLPPolicy
 from wordcraft_kg.models.policies.policy import Policy
+from wordcraft_kg.models.policies.sources import source_class
+from wordcraft_kg.models.policies.sources.source import ScoreView, Source, make_sources
 from wordcraft_kg.models.scorers.features import EntityFeatures, make_features
 from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
-from wordcraft_kg.models.scorers.scales import scaled_scorer
 from wordcraft_kg.runs.record import read_finished_run, verified_bytes
-from wordcraft_kg.tensors import read_tensors
+from wordcraft_kg.tensors import read_tensors, with_prefix
 
 POLICY_FORMAT = "wordcraft-kg policy 1"
 LEARNED = "learned"
@@ -45,7 +43,7 @@ def make_policy(
         config: its settings.
         graph: whose entities it decides among.
         num_slots: of the tables; only an mlp depends on it.
-        scorer: what to mix in, see :func:`~wordcraft_kg.models.scorers.scales.scaled_scorer`.
+        scorer: what its sources ask, see :func:`~wordcraft_kg.models.policies.sources.source.make_sources`.
         observed: triples that the scorer was trained on, for ``self_edges`` ``observed``.
         seed: of the parameters and of random features; no global generator is left changed.
 
@@ -58,11 +56,13 @@ def make_policy(
         features = make_features(
             config.features, graph.entities, pooling=config.pooling, allow_missing=config.allow_missing, seed=seed
         )
+    sources: list[Source] = []
     if scorer is not None:
         if config.policy == "mlp":
             raise ConfigError("--policy mlp has no logits to mix a scorer's with; leave out --scorer.")
         check_scorer(scorer, graph)
-        scorer = scaled_scorer(scorer, scale=config.scale, self_edges=config.self_edges, observed=observed)
+        view = ScoreView(config.scale, config.self_edges, observed)
+        sources = make_sources(config.sources, scorer, view)
     with torch.random.fork_rng(devices=[]):
         torch.default_generator.manual_seed(seed)  # torch.manual_seed would seed those of all devices too
         vectors = None
@@ -71,23 +71,23 @@ def make_policy(
         entities = EntityVectors(
             graph.num_entities, vectors, learned_dim=config.embedding_size if config.features == LEARNED else 0
         )
+        policy: Policy
         if config.policy == "mlp":
-            return MLPPolicy(config, entities, num_slots), features
-        knowledge = None
-        if scorer is not None:
-            knowledge = KnowledgeScores(graph.num_entities, config.sources, scorer)
-        return AttentionPolicy(config, entities, knowledge), features
+            policy = MLPPolicy(config, entities, num_slots)
+        else:
+            policy = AttentionPolicy(config, entities, sources)
+    policy.entities, policy.graph_hash = graph.entities, graph.hash
+    return policy, features
 
 
-def write_constants(folder: Path, policy: Policy, graph: RecipeGraph) -> None:
+def write_constants(folder: Path, policy: Policy) -> None:
     """Write what training never changes: ``policy.json`` and ``constants.safetensors`` (features, scores)."""
-    knowledge = policy.knowledge if isinstance(policy, AttentionPolicy) else None
     description = {
         "format": POLICY_FORMAT,
-        "graph": graph.hash,
-        "entities": graph.entities,
+        "graph": policy.graph_hash,
+        "entities": policy.entities,
         "settings": asdict(policy.config),
-        "sources": [] if knowledge is None else knowledge.sources,
+        "sources": list(policy.sources),
         "num_slots": policy.num_slots if isinstance(policy, MLPPolicy) else None,
         "dim": 0 if policy.vectors.is_one_hot else policy.vectors.dim,
     }
@@ -111,6 +111,7 @@ def read_policy(folder: Path, constants: bytes, parameters: Mapping[str, Tensor]
         ArtefactError: if they do not fit each other.
     """
     description = read_json(folder / "policy.json")
+    tensors = read_tensors(folder / "constants.safetensors", constants)
     try:
         if description["format"] != POLICY_FORMAT:
             raise ValueError(f"its format is {description['format']!r}")
@@ -125,9 +126,13 @@ def read_policy(folder: Path, constants: bytes, parameters: Mapping[str, Tensor]
             if config.policy == "mlp":
                 policy = MLPPolicy(config, vectors, description["num_slots"])
             else:
-                sources = tuple(description["sources"])
-                policy = AttentionPolicy(config, vectors, KnowledgeScores(size, sources) if sources else None)
-        policy.load_state_dict({**read_tensors(folder / "constants.safetensors", constants), **parameters})
+                sources = [
+                    source_class(name).restored(size, with_prefix(tensors, f"sources.{name}."))
+                    for name in description["sources"]
+                ]
+                policy = AttentionPolicy(config, vectors, sources)
+        policy.load_state_dict({**tensors, **parameters})
+        policy.entities, policy.graph_hash = tuple(description["entities"]), description["graph"]
     except (KeyError, TypeError, ValueError, AttributeError, RuntimeError) as error:
         raise ArtefactError(
             f"{folder / 'policy.json'} and the weights do not make a policy ({type(error).__name__}: {error}). "
@@ -136,8 +141,8 @@ def read_policy(folder: Path, constants: bytes, parameters: Mapping[str, Tensor]
     return policy.eval()
 
 
-def load_policy(folder: str | Path) -> tuple[Policy, dict[str, Any]]:
-    """Load a trained policy, and what ``policy.json`` says of it: ``graph`` (hash), ``entities`` in id order, ...
+def load_policy(folder: str | Path) -> Policy:
+    """Load the policy of a finished run; its ``entities`` are the labels of its ids.
 
     The folder is all it needs: neither the graph nor the scorer nor the feature file has to be there.
 
@@ -147,5 +152,5 @@ def load_policy(folder: str | Path) -> tuple[Policy, dict[str, Any]]:
     folder = Path(folder)
     run = read_finished_run(folder, "wordcraft-kg train-agent")
     parameters = read_tensors(folder / "policy.safetensors", verified_bytes(folder, run, "policy.safetensors"))
-    description = json.loads(verified_bytes(folder, run, "policy.json"))
-    return read_policy(folder, verified_bytes(folder, run, "constants.safetensors"), parameters), description
+    verified_bytes(folder, run, "policy.json")
+    return read_policy(folder, verified_bytes(folder, run, "constants.safetensors"), parameters)

@@ -26,25 +26,34 @@ class MLPPolicy(Policy):
         self.value = nn.Linear(config.hidden_size, 1)
 
     def weights(self) -> Weights:  # noqa: D102 - inherited
-        layers = (self.hidden, self.logits, self.value)
-        return (self.vectors(), *(tensor for layer in layers for tensor in (layer.weight.T, layer.bias)))
+        found = self.vectors.weights()
+        for name, layer in (("hidden", self.hidden), ("logits", self.logits), ("value", self.value)):
+            found |= {name: layer.weight.T, f"{name}.bias": layer.bias}
+        return found
 
     def forward(  # noqa: D102 - inherited
-        self, goal: Tensor, selection: Tensor, table: Tensor, weights: Weights | None = None
+        self,
+        goal: Tensor,
+        selection: Tensor,
+        table: Tensor,
+        weights: Weights | None = None,
+        task: Tensor | None = None,
     ) -> PolicyOutput:
         if table.shape[1] != self.num_slots:
             raise ConfigError(
                 f"tables of {table.shape[1]} slots: this mlp was made for {self.num_slots}. Only the attention policy "
                 "takes tables of any size; play with the number of distractors that it was trained with."
             )
-        vectors, hidden, hidden_bias, head, head_bias, value, value_bias = weights or self.weights()
+        weights = weights or self.weights()
+        hidden, vectors = weights["hidden"], weights.get("vectors")
         ids = torch.cat([goal[:, None], selection[:, None], table], dim=1)
-        if len(vectors):
-            inner = torch.addmm(hidden_bias, look_up(vectors, ids).flatten(1), hidden)
+        if vectors is not None:
+            inner = torch.addmm(weights["hidden.bias"], look_up(vectors, ids).flatten(1), hidden)
         else:
             by_place = nn.functional.pad(hidden.view(ids.shape[1], self.num_entities, -1), (0, 0, 0, 1)).flatten(0, 1)
             places = torch.arange(ids.shape[1], device=ids.device) * (self.num_entities + 1)
-            inner = hidden_bias + look_up(by_place, ids + places).sum(1)
+            inner = weights["hidden.bias"] + look_up(by_place, ids + places).sum(1)
         inner = torch.relu(inner)
-        logits = torch.addmm(head_bias, inner, head).masked_fill(table == self.num_entities, -torch.inf)
-        return PolicyOutput(logits, torch.addmm(value_bias, inner, value)[:, 0])
+        logits = torch.addmm(weights["logits.bias"], inner, weights["logits"])
+        value = torch.addmm(weights["value.bias"], inner, weights["value"])
+        return PolicyOutput(logits.masked_fill(table == self.num_entities, -torch.inf), value[:, 0])

@@ -1,15 +1,18 @@
 """Policies as plain torch modules: ids of goal, selection and table in, logits of the slots and a value out."""
 
-from pathlib import Path
-from typing import NamedTuple
+from collections.abc import Iterable, Mapping
+from typing import NamedTuple, cast
 
 import torch
 from torch import Tensor, nn
 
 from wordcraft_kg.models.policies.attention import EntityVectors
 from wordcraft_kg.models.policies.config import PolicyConfig
+from wordcraft_kg.models.policies.sources import ALPHA, Label
+from wordcraft_kg.models.policies.sources.source import Source
 
-Weights = tuple[Tensor, ...]
+Weights = dict[str, Tensor]
+"""What depends on the parameters alone, by name."""
 
 
 class PolicyOutput(NamedTuple):
@@ -18,7 +21,7 @@ class PolicyOutput(NamedTuple):
     Attributes:
         logits: β, shape (B, A): unnormalised log-probabilities, -inf where a slot is empty.
         value: V, shape (B,): expected discounted return.
-        sources: what β is mixed from, shape (B, S, A): α where it takes part, then u and v; None without a mixture.
+        sources: what β is mixed from, shape (B, S, A): α where it takes part, then each source; None without a mixture.
         lambdas: λ of each source, shape (B, S); None without a mixture.
     """
 
@@ -37,33 +40,41 @@ class Policy(nn.Module):
     Attributes:
         config: its settings.
         num_entities: E.
-        source_names: names of the mixed sources in order: ``alpha``, ``u``, ``v``; empty without a mixture.
+        sources: what knows something about slots, by name; see :mod:`wordcraft_kg.models.policies.sources`.
+        labels: of what is mixed, in order: ``alpha`` where the attention takes part, then the sources; empty without.
+        entities: labels in id order, and ``graph_hash`` the graph's hash; set where policies are made and loaded.
     """
 
-    def __init__(self, config: PolicyConfig, vectors: EntityVectors):
-        """Keep the settings and the entities' vectors."""
+    def __init__(self, config: PolicyConfig, vectors: EntityVectors, sources: Iterable[Source] = ()):
+        """Keep the settings, the entities' vectors and the sources."""
         super().__init__()
+        self.entities: tuple[str, ...] = ()
+        self.graph_hash = ""
         self.config = config
         self.vectors = vectors
         self.num_entities = vectors.num_entities
-        self.source_names: tuple[str, ...] = ()
+        modules = nn.ModuleDict({source.name: source for source in sources})
+        self.sources = cast("Mapping[str, Source]", modules)
+        own = (ALPHA,) if self.sources and not config.kg_only else ()
+        self.labels: tuple[Label, ...] = (*own, *(source.label for source in self.sources.values()))
 
-    @classmethod
-    def from_pretrained(cls, folder: str | Path) -> "Policy":
-        """Load the policy of a run folder, which is all it needs.
-
-        Raises:
-            ArtefactError: if the run is unfinished, or a file in it is missing or damaged.
-        """
-        from wordcraft_kg.models.policies.folder import load_policy
-
-        return load_policy(folder)[0]
+    @property
+    def reads_task(self) -> bool:
+        """Whether a source's scores depend on the task, so that it should be passed on."""
+        return any(source.reads_task for source in self.sources.values())
 
     def weights(self) -> Weights:
         """Return what depends on the parameters alone, to be computed once for many calls."""
         raise NotImplementedError
 
-    def forward(self, goal: Tensor, selection: Tensor, table: Tensor, weights: Weights | None = None) -> PolicyOutput:
+    def forward(
+        self,
+        goal: Tensor,
+        selection: Tensor,
+        table: Tensor,
+        weights: Weights | None = None,
+        task: Tensor | None = None,
+    ) -> PolicyOutput:
         """Return logits and value of states.
 
         Args:
@@ -71,6 +82,7 @@ class Policy(nn.Module):
             selection: shape (B,), int64: the entity held, E for nothing.
             table: shape (B, A), int64: the entities on the table, E for an empty slot. At least one is there.
             weights: what :meth:`weights` returned; None computes it.
+            task: shape (B,), int64: number of the task among the train tasks; None if they are not or it is not known.
         """
         raise NotImplementedError
 

@@ -24,6 +24,13 @@ class SymbolicScorer(Scorer):
     def _score(self, heads: torch.Tensor, relations: torch.Tensor, tails: torch.Tensor) -> torch.Tensor:
         return torch.isin(self._key(heads, relations, tails), self._keys).float()
 
+    def table(self, relation: int | str) -> torch.Tensor:  # noqa: D102 - inherited
+        size = len(self.entities)
+        cells = self._keys - self.relation_ids(relation) * size**2
+        table = torch.zeros(size, size, device=self.device)
+        table.view(-1)[cells[(cells >= 0) & (cells < size**2)]] = 1
+        return table
+
 
 class FrequencyScorer(Scorer):
     """Scores a triple by how often its head and its tail stand there in known triples of the relation.

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from wordcraft_kg.errors import ConfigError
 from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.graphs.triples import COMBINES_WITH, RELATIONS
+from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
 from wordcraft_kg.models.scorers.config import Scale, SelfEdges
 from wordcraft_kg.models.scorers.protocol import TripleScorer
 from wordcraft_kg.models.scorers.tables import TableScorer
@@ -28,21 +28,23 @@ def standardised(table: NDArray[np.floating]) -> NDArray[np.float64]:
     return np.asarray((scores - different.mean()) / deviation)
 
 
-def scaled_scorer(
+def scaled_table(
     scorer: TripleScorer,
-    *,
+    relation: int,
     scale: Scale = "standardise",
+    *,
     self_edges: SelfEdges = "keep",
     observed: Ids | None = None,
-) -> TableScorer:
-    """Return a scorer's tables on a common scale, as a scorer.
+) -> torch.Tensor:
+    """Return a scorer's scores of all pairs in one relation, on a common scale: shape (E, E), row = head.
 
     Args:
         scorer: any.
-        scale: each relation on its own: ``standardise`` all pairs; ``ranks`` of the scores among all pairs, or
-            ``log-softmax`` over the heads of each tail, standardised then; ``none`` leaves scores as they are.
-        self_edges: what happens to an entity's combinesWith score with itself: ``keep`` it; ``observed`` keeps those
-            among ``observed``; ``drop`` keeps none. A score that is dropped becomes the mean of all others.
+        relation: id of the relation.
+        scale: ``standardise`` all pairs; ``ranks`` of the scores among all pairs, or ``log-softmax`` over the heads of
+            each tail, standardised then; ``none`` leaves scores as they are.
+        self_edges: what happens to an entity's score with itself: ``keep`` it; ``observed`` keeps those among
+            ``observed``; ``drop`` keeps none. A score that is dropped becomes the mean of all others.
         observed: triples that the scorer was trained on, shape (T, 3).
 
     Raises:
@@ -51,29 +53,52 @@ def scaled_scorer(
     for name, value, allowed in (("scale", scale, get_args(Scale)), ("self_edges", self_edges, get_args(SelfEdges))):
         if value not in allowed:
             raise ConfigError(f"{name} '{value}': expected one of {', '.join(allowed)}.{nearest(value, allowed)}")
-    size = len(scorer.entities)
-    tables = np.zeros((len(RELATIONS), size, size), dtype=np.float32)
-    for relation in range(len(RELATIONS)):
-        scores = scorer.table(relation).detach().cpu().numpy().astype(np.float64)
-        if scale == "ranks":
-            _, place, counts = np.unique(scores, return_inverse=True, return_counts=True)
-            middle = np.cumsum(counts) - (counts - 1) / 2  # equal scores share the mean of their ranks
-            scores = middle[place].reshape(scores.shape)
-        elif scale == "log-softmax":
-            scores = scores - scores.max(axis=0)
-            scores -= np.log(np.exp(scores).sum(axis=0))
-        tables[relation] = scores if scale == "none" else standardised(scores)
-    different = tables[COMBINES_WITH][~np.eye(size, dtype=bool)]
+    scores = scorer.table(relation).detach().cpu().numpy().astype(np.float64)
+    if scale == "ranks":
+        _, place, counts = np.unique(scores, return_inverse=True, return_counts=True)
+        middle = np.cumsum(counts) - (counts - 1) / 2  # equal scores share the mean of their ranks
+        scores = middle[place].reshape(scores.shape)
+    elif scale == "log-softmax":
+        scores = scores - scores.max(axis=0)
+        scores -= np.log(np.exp(scores).sum(axis=0))
+    table = (scores if scale == "none" else standardised(scores)).astype(np.float32)
     if self_edges != "keep":
-        dropped = np.ones(size, dtype=bool)
-        if self_edges == "observed":
-            if observed is None:
-                raise ConfigError(
-                    "self_edges 'observed' needs the triples that the scorer was trained on: give observed= (for the "
-                    "partial graph, split.partial), or choose keep or drop."
-                )
-            loops = (observed[:, 1] == COMBINES_WITH) & (observed[:, 0] == observed[:, 2])
-            dropped[observed[loops, 0]] = False
-        dropped_ids = np.flatnonzero(dropped)
-        tables[COMBINES_WITH, dropped_ids, dropped_ids] = different.mean() if scale == "none" and size > 1 else 0
-    return TableScorer(torch.from_numpy(tables), scorer.entities, scorer.graph_hash)
+        dropped = _dropped_self_edges(len(table), relation, self_edges, observed)
+        different = table[~np.eye(len(table), dtype=bool)]
+        table[dropped, dropped] = different.mean() if scale == "none" and len(table) > 1 else 0
+    return torch.from_numpy(table)
+
+
+def _dropped_self_edges(size: int, relation: int, self_edges: SelfEdges, observed: Ids | None) -> Ids:
+    """Return the entities whose score with themselves is dropped."""
+    kept = np.zeros(size, dtype=bool)
+    if self_edges == "observed":
+        if observed is None:
+            raise ConfigError(
+                "self_edges 'observed' needs the triples that the scorer was trained on: give observed= (for the "
+                "partial graph, split.partial), or choose keep or drop."
+            )
+        loops = (observed[:, 1] == relation) & (observed[:, 0] == observed[:, 2])
+        kept[observed[loops, 0]] = True
+    return np.flatnonzero(~kept)
+
+
+def scaled_scorer(
+    scorer: TripleScorer,
+    *,
+    scale: Scale = "standardise",
+    self_edges: SelfEdges = "keep",
+    observed: Ids | None = None,
+) -> TableScorer:
+    """Return a scorer's tables on a common scale, each relation on its own, as a scorer; see :func:`scaled_table`.
+
+    Self edges are those of combinesWith.
+
+    Raises:
+        ConfigError: for another scale or kind of self edges, or for ``observed`` without triples.
+    """
+    tables = [
+        scaled_table(scorer, COMBINES_WITH, scale, self_edges=self_edges, observed=observed),
+        scaled_table(scorer, COMPONENT_OF, scale),
+    ]
+    return TableScorer(torch.stack(tables), scorer.entities, scorer.graph_hash)

@@ -1,0 +1,288 @@
+"""Sources: u and v of slots against one question to the scorer each, and sources of other kinds."""
+
+import json
+import subprocess
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from types import ModuleType
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+import wordcraft_kg  # noqa: F401 - registers the environments
+from wordcraft_kg.agents.agent_folder import open_agent
+from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
+from wordcraft_kg.agents.explanation import explain_episodes
+from wordcraft_kg.agents.training import train_agent
+from wordcraft_kg.envs.wrappers import KGScoreObservation
+from wordcraft_kg.errors import ConfigError
+from wordcraft_kg.graphs import RecipeGraph
+from wordcraft_kg.graphs.folder import open_graph
+from wordcraft_kg.graphs.triples import RELATIONS
+from wordcraft_kg.models.links.config import ComplExConfig
+from wordcraft_kg.models.links.training import train_links
+from wordcraft_kg.models.policies.config import PolicyConfig
+from wordcraft_kg.models.policies.folder import load_policy
+from wordcraft_kg.models.policies.sources import ALPHA, SOURCES, Label, label_of, source_class
+from wordcraft_kg.models.policies.sources import source as source_module
+from wordcraft_kg.models.policies.sources.source import ScoreView, Source, make_sources
+from wordcraft_kg.models.scorers.neighbours import NeighbourScorer
+from wordcraft_kg.models.scorers.protocol import TripleScorer
+from wordcraft_kg.models.scorers.scales import scaled_scorer
+
+SIZE = 6
+NOTHING = SIZE
+any_sources = pytest.mark.parametrize("names", [("u",), ("v",), ("u", "v")], ids=",".join)
+
+
+class OtherScorer:
+    """The least that follows the protocol: not one of ours, and with scores that somebody trains."""
+
+    graph_hash = "of no graph"
+    entities = tuple("abcdef")
+
+    def __init__(self, seed: int = 0):
+        self.scores = torch.randn(len(RELATIONS), SIZE, SIZE, generator=torch.Generator().manual_seed(seed))
+        self.scores.requires_grad_()
+
+    def score(self, heads, relations, tails):
+        return self.scores[RELATIONS.index(relations) if isinstance(relations, str) else relations, heads, tails]
+
+    def table(self, relation):
+        return self.score(torch.arange(SIZE)[:, None], relation, torch.arange(SIZE))
+
+
+SCORER = OtherScorer()
+
+
+def knowledge_of(names, scorer: TripleScorer = SCORER):
+    """Return a function of states that gives the scores of all sources, shape (B, S, A)."""
+    sources = make_sources(names, scorer)
+    return lambda *state: torch.stack([source(*state) for source in sources], dim=1)
+
+
+def states(size: int = 7, num_slots: int = 4) -> tuple[Tensor, Tensor, Tensor]:
+    """Goals, selections that differ from row to row and are sometimes nothing, and tables with empty slots."""
+    goal = torch.arange(size) % SIZE
+    selection = (torch.arange(size) * 2 + 1) % (SIZE + 1)
+    table = torch.randint(SIZE + 1, (size, num_slots), generator=torch.Generator().manual_seed(0))
+    assert {NOTHING} < set(selection.tolist())
+    assert (table == NOTHING).any()
+    return goal, selection, table
+
+
+def slow_scores(names, goal: Tensor, selection: Tensor, table: Tensor) -> list[list[list[float]]]:
+    """``u_i = L(e_i, combinesWith, e_s)`` and ``v_i = L(e_i, componentOf, e_g)``, one question for each slot."""
+
+    def ask(entity: int, relation: str, other: int) -> float:
+        return 0.0 if NOTHING in (entity, other) else SCORER.score(entity, relation, other).item()
+
+    found = []
+    for g, s, row in zip(goal.tolist(), selection.tolist(), table.tolist(), strict=True):
+        u = [ask(entity, "combinesWith", s) for entity in row]
+        v = [ask(entity, "componentOf", g) for entity in row]
+        found.append([{"u": u, "v": v}[name] for name in names])
+    return found
+
+
+# --- u and v ---------------------------------------------------------------------------------------------------------
+
+
+def test_the_scorer_of_these_tests_follows_the_protocol_and_is_not_symmetric():
+    assert isinstance(SCORER, TripleScorer)
+    assert all(not torch.allclose(SCORER.table(relation), SCORER.table(relation).T) for relation in RELATIONS)
+
+
+@any_sources
+def test_u_and_v_are_the_scores_of_each_slot_with_the_selection_and_with_the_goal(names):
+    state = states()
+    found = knowledge_of(names)(*state)
+    assert found.shape == (7, len(names), 4)
+    assert found.dtype == torch.float32
+    assert torch.equal(found, torch.tensor(slow_scores(names, *state)))
+
+
+@any_sources
+def test_every_row_of_a_batch_is_scored_with_its_own_selection_and_goal(names):
+    goal, selection, table = states()
+    knowledge = knowledge_of(names)
+    singles = [knowledge(goal[i : i + 1], selection[i : i + 1], table[i : i + 1]) for i in range(len(goal))]
+    batched = knowledge(goal, selection, table)
+    assert torch.equal(batched, torch.cat(singles))
+    tiled = torch.arange(table.numel()) % len(goal)  # the row whose selection and goal the official code would take
+    mixed_up = knowledge(goal[tiled], selection[tiled], table.view(-1, 1)).view(7, 4, -1).transpose(1, 2)
+    assert not torch.equal(batched, mixed_up)
+
+
+def test_with_nothing_selected_u_is_exactly_zero_for_every_slot_and_v_is_not():
+    goal, _, table = states()
+    u, v = knowledge_of(["u", "v"])(goal, torch.full_like(goal, NOTHING), table).unbind(1)
+    assert not u.any()
+    assert torch.equal(v != 0, table != NOTHING)
+
+
+def test_an_empty_slot_scores_zero_with_everything():
+    everything = torch.arange(SIZE)
+    empty = torch.full((SIZE, 3), NOTHING)
+    assert not knowledge_of(["u", "v"])(everything, everything, empty).any()
+
+
+@pytest.mark.parametrize("scale", ["standardise", "ranks", "none"])
+@pytest.mark.parametrize("self_edges", ["keep", "drop"])
+def test_a_policy_sees_exactly_the_scores_that_observations_show(kitchen: RecipeGraph, scale, self_edges):
+    scorer = NeighbourScorer(kitchen, kitchen.triples[::2])
+    sources = make_sources(["u", "v"], scorer, ScoreView(scale, self_edges))
+    settings = {"graph": "kitchen", "part": "all", "depth": 2, "num_distractors": 3}
+    env = KGScoreObservation(gym.make("WordCraft-v0", **settings), sources)
+    scaled = scaled_scorer(scorer, scale=scale, self_edges=self_edges)
+    knowledge = knowledge_of(["u", "v"], scaled)
+    rng = np.random.default_rng(0)
+    seen, _ = env.reset(seed=0)
+    held, empty = 0, 0
+    for _ in range(40):
+        state = [torch.as_tensor(np.asarray(seen[key]))[None] for key in ("goal", "selection", "table")]
+        u, v = knowledge(*state)[0].numpy()
+        np.testing.assert_array_equal(u, seen["u"])
+        np.testing.assert_array_equal(v, seen["v"])
+        held += bool(u.any())
+        empty += bool((state[-1] == kitchen.num_entities).any())
+        seen, _, over, *_ = env.step(int(rng.choice(np.flatnonzero(seen["action_mask"]))))
+        if over:
+            seen, _ = env.reset()
+    assert min(held, empty) > 0
+
+
+@any_sources
+def test_tables_with_other_strides_are_read_in_the_same_order(names):
+    goal, selection, table = states()
+    knowledge = knowledge_of(names)
+    strided = table.T.contiguous().T
+    assert not strided.is_contiguous()
+    assert torch.equal(knowledge(goal, selection, strided), knowledge(goal, selection, table))
+
+
+def test_scores_are_constants_even_if_the_scorer_is_being_trained():
+    assert SCORER.table("combinesWith").requires_grad
+    for source in make_sources(["u", "v"], SCORER):
+        assert list(source.parameters()) == []
+        assert list(source.state_dict()) == ["scores"]
+        assert not source(*states()).requires_grad
+
+
+def test_later_changes_of_the_scorer_do_not_change_the_scores():
+    scorer = OtherScorer(seed=1)
+    knowledge = knowledge_of(["u", "v"], scorer)
+    before = knowledge(*states())
+    scorer.scores.data.zero_()
+    assert torch.equal(knowledge(*states()), before)
+    assert before.any()
+
+
+@pytest.mark.parametrize("name", SOURCES)
+def test_a_source_is_restored_from_its_constants(name):
+    (full,) = make_sources([name], SCORER)
+    constants = full.state_dict()
+    empty = source_class(name).restored(SIZE, constants)
+    assert not empty(*states()).any()
+    empty.load_state_dict(constants)
+    assert torch.equal(empty(*states()), full(*states()))
+
+
+@any_sources
+def test_tables_that_would_not_fit_are_refused_before_the_scorer_is_asked(names, monkeypatch: pytest.MonkeyPatch):
+    needed = len(names) * (SIZE + 1) ** 2 * 4
+    monkeypatch.setattr(source_module, "TABLE_LIMIT", needed)
+    make_sources(names, SCORER)
+    monkeypatch.setattr(source_module, "TABLE_LIMIT", needed - 1)
+    monkeypatch.setattr(OtherScorer, "table", None)
+    with pytest.raises(ConfigError, match="scores of all pairs of 6 entities take"):
+        make_sources(names, SCORER)
+
+
+# --- names -----------------------------------------------------------------------------------------------------------
+
+
+def test_every_source_has_a_label_of_its_own_name_and_symbol():
+    labels = [label_of(name) for name in (ALPHA.name, *SOURCES)]
+    assert [label.name for label in labels] == [ALPHA.name, *SOURCES]
+    assert len({label.symbol for label in labels}) == len(labels)
+    assert [label.coefficient for label in labels][:3] == ["λα", "λu", "λv"]
+
+
+def test_a_column_is_called_after_what_is_held_where_the_scores_depend_on_it():
+    u, v = label_of("u"), label_of("v")
+    assert (u.title("egg"), u.title(None), u.needs_held) == ("u combinesWith egg", "u combinesWith ∅", True)
+    assert (v.title("egg"), v.title(None), v.needs_held) == ("v componentOf goal", "v componentOf goal", False)
+    assert u.title("{held}") == "u combinesWith {held}"
+    assert ALPHA.title(None) == "α"
+
+
+def test_importing_the_names_of_sources_imports_no_torch():
+    code = "import sys, wordcraft_kg.models.policies.config\nprint('torch' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "False"
+
+
+# --- a third source --------------------------------------------------------------------------------------------------
+
+
+class Triple(Source):
+    """Depends on three entities, and on the task: what no table of pairs holds."""
+
+    label = Label("w", "w", "makes the goal with {held}")
+    reads_task = True
+
+    def __init__(self, num_entities: int, offsets: Tensor | None = None):
+        super().__init__(num_entities)
+        self.register_buffer("offsets", torch.zeros(0) if offsets is None else offsets)
+
+    @classmethod
+    def of_scorer(cls, scorer: TripleScorer, view: ScoreView) -> "Triple":
+        return cls(len(scorer.entities), 10 + torch.arange(500.0))
+
+    @classmethod
+    def restored(cls, num_entities: int, constants: Mapping[str, Tensor]) -> "Triple":
+        return cls(num_entities, torch.empty_like(constants["offsets"]))
+
+    def forward(self, goal: Tensor, selection: Tensor, table: Tensor, task: Tensor | None = None) -> Tensor:
+        product = torch.sin(1.0 + table * (goal + 1)[:, None] * (selection + 1)[:, None])
+        shift = 0 if task is None else self.offsets[task][:, None]
+        return torch.where(table == self.num_entities, 0.0, product + shift)
+
+
+@pytest.fixture
+def third(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Make the source known as a module of the package would."""
+    module = ModuleType("wordcraft_kg.models.policies.sources.triple")
+    module.Triple = Triple
+    monkeypatch.setitem(sys.modules, module.__name__, module)
+    monkeypatch.setitem(SOURCES, "w", "triple:Triple")
+
+
+def test_a_third_source_trains_saves_plays_and_explains_by_its_one_line(third, tmp_path: Path):
+    opened = open_graph("kitchen")
+    folder = tmp_path / "model"
+    train_links(opened, ComplExConfig(dim=4, epochs=1), folder)
+    config = AgentConfig("kitchen", str(folder), TaskConfig(), PolicyConfig(use="w,u"), ImpalaConfig(steps=2_000))
+    trained = train_agent(opened, config, tmp_path / "run")
+    policy = load_policy(trained.folder)
+    assert [label.name for label in policy.labels] == ["alpha", "u", "w"]
+    lines = [json.loads(line) for line in (trained.folder / "metrics.jsonl").read_text().splitlines()]
+    assert any("lambda_w_first" in line for line in lines)
+    (agent,) = [open_agent(trained.folder)]
+    train = agent.config.tasks.environment("train", 3)
+    (episode,) = explain_episodes(agent.policy, opened, train, episodes=1)
+    slots = episode["steps"][0]["slots"]
+    assert set(slots[0]["sources"]) == {"alpha", "u", "w"}
+    # Of a train task the number is known, and so its shift; of a test task it is not.
+    assert min(slot["sources"]["w"] for slot in slots) >= 9
+    (other,) = explain_episodes(agent.policy, opened, agent.config.tasks.environment("test", 3), episodes=1)
+    assert all(abs(slot["sources"]["w"]) <= 1 for slot in other["steps"][0]["slots"])
+
+
+def test_sources_of_other_graphs_are_known_by_their_hash():
+    assert {source.graph_hash for source in make_sources(["u", "v"], SCORER)} == {SCORER.graph_hash}

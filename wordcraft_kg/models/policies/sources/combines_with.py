@@ -1,0 +1,28 @@
+"""u: how well a slot goes with what is held."""
+
+from torch import Tensor
+
+from wordcraft_kg.graphs.triples import COMBINES_WITH
+from wordcraft_kg.models.policies.sources import Label
+from wordcraft_kg.models.policies.sources.source import ScoreView, TableSource
+from wordcraft_kg.models.scorers.protocol import TripleScorer
+from wordcraft_kg.models.scorers.scales import scaled_table
+
+
+class CombinesWith(TableSource):
+    """``u_i = L(e_i, combinesWith, e_s)``; 0 while nothing is held.
+
+    Source: Jiang et al. 2020, section "Link Prediction Model".
+    """
+
+    label = Label("u", "u", "combinesWith {held}")
+
+    @classmethod
+    def of_scorer(cls, scorer: TripleScorer, view: ScoreView) -> "CombinesWith":  # noqa: D102 - inherited
+        return cls(
+            len(scorer.entities),
+            scaled_table(scorer, COMBINES_WITH, view.scale, self_edges=view.self_edges, observed=view.observed),
+        )
+
+    def key(self, goal: Tensor, selection: Tensor) -> Tensor:  # noqa: D102 - inherited
+        return selection

@@ -38,7 +38,7 @@ LARGE = st.floats(-(2.0**100), 2.0**100, width=32) | st.sampled_from([0.0, -1.0,
 
 
 @given(lambdas=st.tuples(LARGE, LARGE, LARGE), mask=st.lists(st.booleans(), min_size=4, max_size=4).filter(any))
-@example(lambdas=(0.0, 0.0, 0.0), mask=[True, False, False, False])  # official bug A12: λ → 0 unmasked empty slots
+@example(lambdas=(0.0, 0.0, 0.0), mask=[True, False, False, False])  # in the released code λ → 0 unmasks empty slots
 @example(lambdas=(1e30, -1e30, 1e30), mask=[False, True, False, True])
 def test_a_masked_slot_has_probability_exactly_zero_for_any_lambda(lambdas: tuple[float, ...], mask: list[bool]):
     logits = torch.tensor([[[9.0, 1.0, -3.0, 0.5], [1e3, 2.0, -1e3, 0.0], [0.0, -5.0, 7.0, 1.0]]])

@@ -275,7 +275,7 @@ def test_outputs_have_their_shapes_and_are_minus_infinity_exactly_where_a_slot_i
 
 
 @any_policy
-def test_rows_of_a_batch_equal_single_states_unlike_official_bug_a1(kind: str):
+def test_rows_of_a_batch_equal_single_states_unlike_in_the_released_code(kind: str):
     policy, state = KINDS[kind](), states()
     batch = channels(policy(*state))
     for i in range(9):
@@ -415,7 +415,7 @@ ALPHA, NO_ALPHA = ("alpha",), ()
 
 @pytest.mark.parametrize(("use", "scores"), [("u", ("u",)), ("v", ("v",)), ("u,v", ("u", "v")), ("v, u", ("u", "v"))])
 @pytest.mark.parametrize("kg_only", [False, True])
-def test_a_source_that_is_switched_off_takes_no_weight_unlike_official_bug_a13(use, scores, kg_only):
+def test_a_source_that_is_switched_off_takes_no_weight_unlike_in_the_released_code(use, scores, kg_only):
     policy = attention(knows=True, use=use, kg_only=kg_only, mixing="softmax")
     output = policy(*states())
     names = (NO_ALPHA if kg_only else ALPHA) + scores

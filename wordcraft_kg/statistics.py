@@ -317,3 +317,16 @@ def interval(means: NDArray[np.float64], level: float = 0.95) -> tuple[float, fl
     """Return the percentile interval of bootstrap means."""
     low, high = np.quantile(means, [(1 - level) / 2, (1 + level) / 2])
     return float(low), float(high)
+
+
+def standardised(table: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Return scores of all pairs, shape (E, E), with mean 0 and standard deviation 1 over pairs of different entities.
+
+    An entity's score with itself is scaled too but has no say: self scores are often far off the others.
+    """
+    scores = np.asarray(table, dtype=np.float64)
+    different = scores[~np.eye(len(scores), dtype=bool)]
+    deviation = different.std()
+    if deviation <= 1e-12 * np.abs(different).max(initial=0):  # equal but for rounding, which is not to be blown up
+        deviation = 1.0
+    return np.asarray((scores - different.mean()) / deviation)

@@ -70,7 +70,7 @@ def assert_equal(one, other):
 @pytest.mark.parametrize("part", ["train", "test"])
 @pytest.mark.parametrize(("depth", "attempts"), [(1, None), (1, 3), (2, None), (2, 3)])
 def test_a_perfect_player_scores_exactly_one_in_all_tasks_and_draws(opened, part, depth, attempts):
-    """Unlike the released code, whose success rate can exceed 1: every task counts once a draw, whatever the length of its episodes."""
+    """In the released code the rate can exceed 1; here a task counts once a draw, however long its episodes."""
     config = WordCraftConfig(part=part, depth=depth, num_distractors=4, max_attempts=attempts)
     evaluator = Evaluator(opened, config, draws=3, limit=100)
     result = evaluator(recipe_oracle)
@@ -252,7 +252,7 @@ def test_every_player_meets_the_same_tables_every_time(opened):
 
 
 def test_success_does_not_depend_on_the_shaping_of_rewards(opened):
-    """Unlike the released code, which counts a positive return as success: the goal alone counts."""
+    """The released code counts a positive return as success; here the goal alone counts."""
     sparse, official = (
         Evaluator(opened, WordCraftConfig(part="test", depth=2, num_distractors=3, reward=reward), draws=1, limit=60)
         for reward in ("sparse", "official")
@@ -279,7 +279,7 @@ def test_an_evaluation_changes_neither_the_policy_nor_global_random_states(opene
 
 
 def test_an_evaluation_amid_training_sees_one_set_of_weights_and_does_not_disturb_it(opened, monkeypatch):
-    """Unlike the released code, whose weights change while it tests: a point of a learning curve is one checkpoint's."""
+    """In the released code weights change during a test; here a point of a curve is one checkpoint's."""
     config = WordCraftConfig(depth=2, num_distractors=2, reward="official")
     ends = []
     for evaluates in (False, True):

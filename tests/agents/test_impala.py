@@ -247,7 +247,7 @@ def test_figures_begin_anew_each_time_and_are_none_where_no_episode_ended(traine
 
 
 def test_success_counts_goals_alone_whatever_the_shaping(trainer):
-    """Unlike the released code, which counts a positive return as success: penalties and sub-goals of the official rewards are no success."""
+    """The released code counts a positive return as success; here penalties and sub-goals are none."""
     figures = {}
     for reward in ("sparse", "official"):
         impala = trainer(depth=1, world={"reward": reward}, learning_rate=1e-30)
@@ -391,7 +391,7 @@ def test_an_entity_whose_probability_is_rounded_to_zero_is_never_picked(trainer,
 
 
 def test_the_environments_of_a_batch_see_different_tasks(opened, trainer):
-    """Unlike the released code, whose actors all see the same tasks: n environments draw n different streams of tasks, which one seed decides."""
+    """In the released code all actors see the same tasks; here n environments draw n streams, by one seed."""
 
     def streams(engine_seed):
         impala = trainer(batch_size=16, engine_seed=engine_seed)

@@ -12,8 +12,8 @@ from wordcraft_kg.errors import ConfigError
 from wordcraft_kg.graphs.recipe_graph import Entity, RecipeGraph
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
 from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
-from wordcraft_kg.models.scorers.scales import standardised
 from wordcraft_kg.settings import nearest
+from wordcraft_kg.statistics import standardised
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -85,6 +85,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _fail(str(interruption) or "interrupted; nothing was written", 130)
     except WordCraftKGError as error:
         return _fail(f"{type(error).__name__}: {error}", 1)
+    except ModuleNotFoundError as error:
+        package = (error.name or "").partition(".")[0]
+        if package in ("", "wordcraft_kg"):
+            raise  # a fault of ours
+        return _fail(f"this command needs {package}, which is not installed. Install it: pip install wordcraft-kg", 1)
     except BrokenPipeError:
         # The reader of our output went away, as `| head` does: no error, but Python must not flush into it at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -14,8 +14,9 @@ from wordcraft_kg.errors import ConfigError
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS
 from wordcraft_kg.models.scorers.facts import FrequencyScorer
 from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
-from wordcraft_kg.models.scorers.scales import scaled_scorer, standardised
+from wordcraft_kg.models.scorers.scales import scaled_scorer
 from wordcraft_kg.models.scorers.tables import TableScorer
+from wordcraft_kg.statistics import standardised
 
 GRAPH = random_graph(num_entities=9, num_recipes=20)
 SIZE = GRAPH.num_entities

@@ -4,7 +4,6 @@ from typing import get_args
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
 from wordcraft_kg.errors import ConfigError
 from wordcraft_kg.graphs.arrays import Ids
@@ -13,19 +12,7 @@ from wordcraft_kg.models.scorers.config import Scale, SelfEdges
 from wordcraft_kg.models.scorers.protocol import TripleScorer
 from wordcraft_kg.models.scorers.tables import TableScorer
 from wordcraft_kg.settings import nearest
-
-
-def standardised(table: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Return scores of all pairs, shape (E, E), with mean 0 and standard deviation 1 over pairs of different entities.
-
-    An entity's score with itself is scaled too but has no say: self scores are often far off the others.
-    """
-    scores = np.asarray(table, dtype=np.float64)
-    different = scores[~np.eye(len(scores), dtype=bool)]
-    deviation = different.std()
-    if deviation <= 1e-12 * np.abs(different).max(initial=0):  # equal but for rounding, which is not to be blown up
-        deviation = 1.0
-    return np.asarray((scores - different.mean()) / deviation)
+from wordcraft_kg.statistics import standardised
 
 
 def scaled_table(

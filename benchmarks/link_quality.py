@@ -56,7 +56,7 @@ def sweep_neighbours(graph: RecipeGraph) -> None:
         for seed in (10, 11, 12):
             split = make_split(graph, SplitConfig(seed=seed, valid_ratio=0.1))
             scorer = NeighbourScorer(graph, split.partial, power=power)
-            found.append(ranking_metrics(rank_triples(scorer, split.held_out("valid"), graph.triples))["mrr"])
+            found.append(ranking_metrics(rank_triples(scorer, split.held_out("valid"), graph.triples)).mrr)
         print(f"a neighbour of n entities weighs n ** -{power}: validation MRR {np.mean(found):.4f}, mean of 3 splits")
 
 
@@ -76,13 +76,13 @@ def test(graph: RecipeGraph, folder: Path) -> None:
         found = ranking_metrics(ranks)
         rows.append(
             [
-                found["mrr"],
-                ranking_metrics(ranks[np.tile(~repeated, 2)])["mrr"],
-                ranking_metrics(beside)["mrr"],
-                ranking_metrics(beside[np.tile(~repeated, 2)])["mrr"],
-                *(ranking_metrics(rank_triples(scorer, queries, graph.triples))["mrr"] for scorer in baselines),
-                found["hits@1"],
-                found["hits@10"],
+                found.mrr,
+                ranking_metrics(ranks[np.tile(~repeated, 2)]).mrr,
+                ranking_metrics(beside).mrr,
+                ranking_metrics(beside[np.tile(~repeated, 2)]).mrr,
+                *(ranking_metrics(rank_triples(scorer, queries, graph.triples)).mrr for scorer in baselines),
+                found.hits_at_1,
+                found.hits_at_10,
             ]
         )
         print(f"split {seed}        " + _row(rows[-1]) + f"   {trained.metrics['seconds']:.1f} s")

@@ -7,8 +7,9 @@ msgspec does the work: it depends on nothing, imports in milliseconds, and takes
 settings as well.
 """
 
+import json
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Annotated, Any, TypeVar, dataclass_transform
 
 import msgspec
 
@@ -16,9 +17,16 @@ from wordcraft_kg.errors import ArtefactError
 
 T = TypeVar("T")
 
+Count = Annotated[int, msgspec.Meta(ge=0)]
+Share = Annotated[float, msgspec.Meta(ge=0, le=1)]
+"""A probability, or a part of a whole."""
+Hash = Annotated[str, msgspec.Meta(pattern="^[0-9a-f]{64}$")]
+"""SHA-256 in hexadecimal."""
 
-class Record(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Base of all records: frozen, by keyword, without room for unknown keys."""
+
+@dataclass_transform(frozen_default=True, field_specifiers=(msgspec.field,))
+class Record(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Base of all records: frozen, without room for unknown keys."""
 
 
 def parse_record(data: bytes, kind: type[T], path: Path | str) -> T:
@@ -47,8 +55,24 @@ def read_record(path: Path, kind: type[T]) -> T:
 
 
 def as_values(record: Any) -> Any:
-    """Return a record as plain values: dictionaries, lists, strings and numbers, ready for JSON."""
-    return msgspec.to_builtins(record)
+    """Return a record as plain values: dictionaries, lists, strings and numbers, exactly as JSON has them.
+
+    Raises:
+        TypeError: if something in it is no plain value, such as a NumPy number.
+        ValueError: if a number is not finite.
+    """
+    return json.loads(json.dumps(msgspec.to_builtins(record), allow_nan=False))
+
+
+def checked_values(record: Record) -> Any:
+    """Return :func:`as_values` after making sure that each is of the field's type and within its bounds.
+
+    Raises:
+        ValueError: naming the field that is not.
+    """
+    values = as_values(record)
+    msgspec.convert(values, type(record))
+    return values
 
 
 def schema_of(kind: type[Any], identifier: str, title: str) -> dict[str, Any]:

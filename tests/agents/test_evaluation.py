@@ -78,7 +78,7 @@ def test_a_perfect_player_scores_exactly_one_in_all_tasks_and_draws(opened, part
     assert result.success.all()
     assert result.by_plan.all()
     assert not result.endings.any()
-    assert result.figures()["mean"] == 1.0
+    assert result.figures().mean == 1.0
     assert set(result.picks.ravel().tolist()) == {2 * depth}
 
 
@@ -344,16 +344,16 @@ def test_figures_are_means_over_tasks_and_draws(opened):
     evaluator = Evaluator(opened, WordCraftConfig(part="test", num_distractors=3, max_attempts=2), draws=4)
     result = evaluator(scripted)
     figures = result.figures()
-    assert figures["mean"] == pytest.approx(result.success.sum() / (63 * 4))
-    assert figures["by_plan"] == pytest.approx(result.by_plan.sum() / (63 * 4))
-    assert figures["picks"] == pytest.approx(result.picks.sum() / (63 * 4))
-    assert (figures["tasks"], figures["draws"]) == (63, 4)
-    assert (figures["ci_low"], figures["ci_high"]) == task_bootstrap(result.success)
-    assert figures["ci_low"] < figures["mean"] < figures["ci_high"]
+    assert figures.mean == pytest.approx(result.success.sum() / (63 * 4))
+    assert figures.by_plan == pytest.approx(result.by_plan.sum() / (63 * 4))
+    assert figures.picks == pytest.approx(result.picks.sum() / (63 * 4))
+    assert (figures.tasks, figures.draws) == (63, 4)
+    assert (figures.ci_low, figures.ci_high) == task_bootstrap(result.success)
+    assert figures.ci_low < figures.mean < figures.ci_high
     shares = result.shares()
     assert tuple(shares) == ENDINGS
     assert sum(shares.values()) == pytest.approx(1)
-    assert shares["goal"] == pytest.approx(figures["mean"])
+    assert shares["goal"] == pytest.approx(figures.mean)
     counts = Counter(result.endings.ravel().tolist())
     assert shares == {name: pytest.approx(counts[code] / (63 * 4)) for code, name in enumerate(ENDINGS)}
 

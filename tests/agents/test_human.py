@@ -17,6 +17,7 @@ from wordcraft_kg.agents.human import (
     SCHEDULE,
     TASKS_PER_PART,
     Answer,
+    AnswerRate,
     HumanProtocol,
     Session,
     append_answer,
@@ -298,23 +299,23 @@ def test_the_summary_counts_each_part_over_all_sessions(kitchen: RecipeGraph, tm
     paths = [tmp_path / "one.jsonl", tmp_path / "two.jsonl"]
     sessions = [play(paths[0], HumanProtocol(kitchen)), play(paths[1], HumanProtocol(kitchen, seed=1), 45)]
     values = summarise(paths)
-    assert (values["sessions"], values["finished"]) == (2, 1)
+    assert (values.sessions, values.finished) == (2, 1)
     for part, answered in (("train", 80), ("test", 45)):
         successes = sum(answer.success for session in sessions for answer in session.answers if answer.part == part)
-        row = values["parts"][part]
+        row = values.parts[part]
         assert 0 < successes < answered
-        assert row == {
-            "answered": answered,
-            "successes": successes,
-            "rate": successes / answered,
-            "interval": list(wilson_interval(successes, answered)),
-        }
+        assert row == AnswerRate(
+            answered=answered,
+            successes=successes,
+            rate=successes / answered,
+            interval=wilson_interval(successes, answered),
+        )
 
 
 def test_the_summary_of_an_unbegun_session_has_no_rates(protocol: HumanProtocol, tmp_path: Path):
     open_session(tmp_path / "human.jsonl", protocol)
-    for row in summarise([tmp_path / "human.jsonl"])["parts"].values():
-        assert row == {"answered": 0, "successes": 0, "rate": None, "interval": None}
+    for row in summarise([tmp_path / "human.jsonl"]).parts.values():
+        assert row == AnswerRate(answered=0, successes=0, rate=None, interval=None)
 
 
 @pytest.mark.parametrize(("num_distractors", "graph_of"), [(1, "kitchen"), (8, "another split")])

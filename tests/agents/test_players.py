@@ -28,8 +28,8 @@ def opened():
 
 
 def success(table, player, distractors=1):
-    row = table[(table["player"] == player) & (table["distractors"] == distractors)]
-    return float(row["success"].iloc[0])
+    (row,) = (row for row in table if (row.player, row.distractors) == (player, distractors))
+    return row.success
 
 
 @pytest.mark.parametrize("depth", [1, 2, 3])
@@ -37,8 +37,8 @@ def success(table, player, distractors=1):
 def test_a_perfect_player_scores_exactly_one_whatever_the_depth_and_the_shaping(opened, depth, reward):
     config = WordCraftConfig(part="test", depth=depth, num_tasks=40, reward=reward)
     table = play_all(opened, {"recipe oracle": recipe_oracle}, config, (0, 4), draws=2)
-    assert table["success"].tolist() == [1.0, 1.0]
-    assert table["by_plan"].tolist() == [1.0, 1.0]
+    assert [row.success for row in table] == [1.0, 1.0]
+    assert [row.by_plan for row in table] == [1.0, 1.0]
 
 
 def test_the_oracle_falls_short_where_the_last_result_wins(opened):

@@ -9,6 +9,7 @@ from wordcraft_kg.errors import RecipeFileError
 from wordcraft_kg.graphs import RecipeGraph, open_book, read_book, write_book
 from wordcraft_kg.graphs.book_check import check_book
 from wordcraft_kg.graphs.library import locate_book
+from wordcraft_kg.records import as_values
 
 HEADER = "ingredient_a,ingredient_b,result\n"
 
@@ -158,7 +159,7 @@ def test_a_base_entity_that_nothing_uses_is_a_problem(check):
 def test_a_missing_header_is_a_problem_and_its_line_still_counts(check):
     found = check("a,a,b\na,b,c\n")
     assert message(found, "header") == "expected the header 'ingredient_a,ingredient_b,result'"
-    assert found.figures["recipes"] == 2
+    assert found.figures.recipes == 2
 
 
 def test_a_bad_directive_is_a_problem(check):
@@ -172,7 +173,7 @@ def test_a_bad_directive_is_a_problem(check):
 def test_a_book_without_recipes_fails_and_has_no_figures(check, text):
     found = check(text)
     assert not found.passed
-    assert (found.graph, found.figures) == (None, {})
+    assert (found.graph, found.figures) == (None, None)
 
 
 def test_a_json_book_reports_its_first_error_or_its_counts(check):
@@ -283,7 +284,7 @@ def test_what_passes_can_be_read(tmp_path_factory, lines, head):
 def test_the_figures_count_the_book(check):
     text = "# base: a, b\n" + HEADER + "a,b,c\na,b,d\na,a,c\nc,d,e\na,e,f\n"
     figures = check(text).figures
-    assert figures == {
+    assert as_values(figures) == {
         "entities": 6,
         "recipes": 5,
         "pairs": 4,
@@ -308,20 +309,20 @@ def test_everyday_has_the_size_and_the_shape_it_was_written_for():
     found = check_book(locate_book("everyday").path)
     assert found.passed
     figures = found.figures
-    assert set(figures["base"]) == {"air", "earth", "fire", "time", "water"}
-    assert 600 <= figures["entities"] == figures["reachable"] <= 800
-    assert figures["recipes"] >= 3_000
-    assert figures["mean_recipes_per_craftable"] >= 4
-    assert figures["share_with_two_recipes"] >= 0.9
-    assert figures["terminal"] >= 120
-    assert 60 <= figures["self_pairs"] <= 150
-    assert 80 <= figures["pairs_with_two_or_three_results"] <= 200
-    assert figures["pairs_with_more_results"] == 0
-    assert figures["max_layer"] >= 12
-    assert figures["most_used_share"] <= 0.06
+    assert set(figures.base) == {"air", "earth", "fire", "time", "water"}
+    assert 600 <= figures.entities == figures.reachable <= 800
+    assert figures.recipes >= 3_000
+    assert figures.mean_recipes_per_craftable >= 4
+    assert figures.share_with_two_recipes >= 0.9
+    assert figures.terminal >= 120
+    assert 60 <= figures.self_pairs <= 150
+    assert 80 <= figures.pairs_with_two_or_three_results <= 200
+    assert figures.pairs_with_more_results == 0
+    assert figures.max_layer >= 12
+    assert figures.most_used_share <= 0.06
     # As documented; a change to the book changes its datasheet, README, docs/graphs.md and CHANGELOG too.
-    assert (figures["entities"], figures["recipes"], figures["pairs"]) == (739, 4_289, 4_125)
-    assert (figures["terminal"], figures["self_pairs"], figures["max_layer"]) == (144, 101, 13)
+    assert (figures.entities, figures.recipes, figures.pairs) == (739, 4_289, 4_125)
+    assert (figures.terminal, figures.self_pairs, figures.max_layer) == (144, 101, 13)
 
 
 def test_everyday_is_written_in_lower_case_words_and_grouped_by_result():

@@ -16,6 +16,7 @@ from wordcraft_kg.graphs import (
     read_book,
     rounds,
 )
+from wordcraft_kg.graphs.audit import Spread
 from wordcraft_kg.graphs.triples import triple_lines
 
 MUD = [
@@ -124,11 +125,11 @@ def test_little_alchemy_2_has_its_self_pairs_terminals_and_componentof_cycles(al
 
 
 def test_little_alchemy_2_has_its_recipes_per_result(alchemy):
-    degrees = audit(alchemy, make_split(alchemy, SplitConfig("none")))["degrees"]
-    assert degrees["craftable"] == 697
-    assert degrees["recipes_per_craftable"] == {"mean": 4.902, "median": 4.0, "max": 41}
-    assert degrees["most_recipes"][0] == ["meat", 41]
-    assert [label for label, _ in degrees["most_used"][:5]] == ["human", "container", "house", "tool", "metal"]
+    degrees = audit(alchemy, make_split(alchemy, SplitConfig("none"))).degrees
+    assert degrees.craftable == 697
+    assert degrees.recipes_per_craftable == Spread(mean=4.902, median=4.0, max=41)
+    assert degrees.most_recipes[0] == ("meat", 41)
+    assert [label for label, _ in degrees.most_used[:5]] == ["human", "container", "house", "tool", "metal"]
 
 
 def test_little_alchemy_2_is_reached_in_sixteen_rounds_with_time(alchemy):
@@ -158,10 +159,10 @@ def test_little_alchemy_2_by_name_has_the_five_base_entities(alchemy_home, alche
 @pytest.mark.parametrize("kind", ["by-recipe", "by-recipe-plain", "by-goal", "by-goal-terminals"])
 def test_no_evaluated_triple_of_little_alchemy_2_is_in_train(alchemy, kind):
     found = audit(alchemy, make_split(alchemy, SplitConfig(kind)))
-    for row in found["leakage"].values():
-        assert row["evaluated"] == row["from_test_recipes"] - row["already_in_train"] > 0
-    assert found["leakage"]["combinesWith"]["mirror_in_train"] == 0
-    assert found["split"]["leaked_triples"] > 0
+    for row in found.leakage.values():
+        assert row.evaluated == row.from_test_recipes - row.already_in_train > 0
+    assert found.leakage["combinesWith"].mirror_in_train == 0
+    assert found.split.leaked_triples > 0
 
 
 def test_a_by_recipe_split_of_little_alchemy_2_covers_every_entity(alchemy):

@@ -7,7 +7,9 @@ import pytest
 from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
 from wordcraft_kg.models.links.folder import OpenedModel, open_model
-from wordcraft_kg.reports.link_report import LinkReport, make_link_report, write_link_report
+from wordcraft_kg.reports.link_report import make_link_report
+from wordcraft_kg.reports.report import Report, write_report
+from wordcraft_kg.views.links import LinkView
 
 
 @pytest.fixture(scope="session")
@@ -20,8 +22,8 @@ def kitchen_model(tmp_path_factory: pytest.TempPathFactory) -> OpenedModel:
 
 
 @pytest.fixture(scope="session")
-def kitchen_report(kitchen_model: OpenedModel) -> LinkReport:
-    """Read only: its values are shared by the tests."""
+def kitchen_report(kitchen_model: OpenedModel) -> Report[LinkView]:
+    """Shared by the tests."""
     return make_link_report(
         kitchen_model.scorer,
         kitchen_model.opened,
@@ -32,14 +34,14 @@ def kitchen_report(kitchen_model: OpenedModel) -> LinkReport:
 
 
 @pytest.fixture(scope="session")
-def report_folder(kitchen_report: LinkReport, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def report_folder(kitchen_report: Report[LinkView], tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("reports") / "kitchen"
-    write_link_report(kitchen_report, folder)
+    write_report(kitchen_report, folder)
     return folder
 
 
 @pytest.fixture(scope="session")
-def full_report(kitchen_model: OpenedModel) -> LinkReport:
+def full_report(kitchen_model: OpenedModel) -> Report[LinkView]:
     return make_link_report(kitchen_model.scorer, kitchen_model.opened, kg="full", name="kitchen-full")
 
 

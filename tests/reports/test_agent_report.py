@@ -1,11 +1,11 @@
 """The agent report: numbers of the evaluation, a whole page, and no comparison of what cannot be compared."""
 
-import json
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
 import jsonschema
+import msgspec
 import numpy as np
 import pytest
 
@@ -17,14 +17,12 @@ from wordcraft_kg.errors import ConfigError, GraphMismatchError
 from wordcraft_kg.graphs.folder import open_graph
 from wordcraft_kg.graphs.splits import SplitConfig
 from wordcraft_kg.models.policies.config import PolicyConfig
-from wordcraft_kg.reports.agent_report import (
-    AgentReport,
-    group_agents,
-    make_agent_report,
-    render,
-    report_schema,
-    write_agent_report,
-)
+from wordcraft_kg.records import as_values
+from wordcraft_kg.reports.agent_report import make_agent_report, report_schema
+from wordcraft_kg.reports.report import Report, render, write_report
+from wordcraft_kg.views.agents import AgentsView, group_agents
+
+AgentReport = Report[AgentsView]
 
 TRAINER = ImpalaConfig(steps=640, batch_size=8, log_every=160, eval_every=320)
 TASKS = TaskConfig(distractors=2)
@@ -67,34 +65,34 @@ def test_the_numbers_are_those_of_the_evaluation(agents: list[OpenedAgent], repo
     for amount in (1, 2, 8):
         evaluator = Evaluator(agents[0].opened, TASKS.environment("test", amount), draws=2)
         found = [evaluator(PolicyPlayer(agent.policy)) for agent in agents[:2]]
-        figures = report.values["agents"][0]["success"][str(amount)]
-        assert figures["seeds"] == [result.success.mean() for result in found]
-        assert figures["mean"] == pytest.approx(np.mean(figures["seeds"]))
-        assert figures["iqm"] == pytest.approx(figures["mean"])  # of two seeds nothing is trimmed
-        assert min(figures["seeds"]) <= figures["seed_ci"][0] <= figures["seed_ci"][1] <= max(figures["seeds"])
-        outcomes = report.values["agents"][0]["outcomes"][str(amount)]
-        assert outcomes["goal"] == pytest.approx(figures["mean"])
+        figures = report.view.agents[0].success[str(amount)]
+        assert figures.seeds == tuple(result.success.mean() for result in found)
+        assert figures.mean == pytest.approx(np.mean(figures.seeds))
+        assert figures.iqm == pytest.approx(figures.mean)  # of two seeds nothing is trimmed
+        assert min(figures.seeds) <= figures.seed_ci[0] <= figures.seed_ci[1] <= max(figures.seeds)
+        outcomes = report.view.agents[0].outcomes[str(amount)]
+        assert outcomes["goal"] == pytest.approx(figures.mean)
         assert sum(outcomes.values()) == pytest.approx(1)
 
 
 def test_an_mlp_is_judged_with_its_own_number_of_distractors_only(report: AgentReport) -> None:
-    assert report.values["agents"][1]["success"].keys() == {"2"}
+    assert report.view.agents[1].success.keys() == {"2"}
 
 
 def test_the_probability_of_improvement_counts_pairs_of_runs(report: AgentReport) -> None:
-    plain, mlp = (entry["success"]["2"] for entry in report.values["agents"])
-    wins = np.mean([0.5 + 0.5 * np.sign(mlp["seeds"][0] - seed) for seed in plain["seeds"]])
-    assert mlp["p_better"] == pytest.approx(wins)
-    assert plain["p_better"] is None
+    plain, mlp = (entry.success["2"] for entry in report.view.agents)
+    wins = np.mean([0.5 + 0.5 * np.sign(mlp.seeds[0] - seed) for seed in plain.seeds])
+    assert mlp.p_better == pytest.approx(wins)
+    assert plain.p_better is None
 
 
 def test_slices_hold_every_task_once_and_average_to_the_whole(report: AgentReport) -> None:
-    entry = report.values["agents"][0]
+    entry = report.view.agents[0]
     for name in ("train_recipes", "layer"):
-        rows = entry["slices"][name]
-        assert sum(row["tasks"] for row in rows) == report.values["tasks"]
-        mean = sum(row["tasks"] * row["success"] for row in rows) / report.values["tasks"]
-        assert mean == pytest.approx(entry["success"]["2"]["mean"])
+        rows = entry.slices[name]
+        assert sum(row.tasks for row in rows) == report.view.tasks
+        mean = sum(row.tasks * row.success for row in rows) / report.view.tasks
+        assert mean == pytest.approx(entry.success["2"].mean)
 
 
 def test_tasks_are_sliced_by_the_train_recipes_of_their_goal(agents: list[OpenedAgent], report: AgentReport) -> None:
@@ -102,21 +100,22 @@ def test_tasks_are_sliced_by_the_train_recipes_of_their_goal(agents: list[Opened
     evaluator = Evaluator(agents[0].opened, TASKS.environment("test"), draws=1)
     results = graph.recipes[split.is_in("train"), 2].tolist()
     alone = sum(results.count(goal) == 1 for goal in evaluator.engine.world.tasks.goals.tolist())
-    row = next((row for row in report.values["agents"][0]["slices"]["train_recipes"] if row["slice"] == "1"), None)
-    assert (row["tasks"] if row else 0) == alone
+    row = next((row for row in report.view.agents[0].slices["train_recipes"] if row.slice == "1"), None)
+    assert (row.tasks if row else 0) == alone
 
 
 def test_curves_are_means_over_seeds(agents: list[OpenedAgent], report: AgentReport) -> None:
-    for step, mean, low, high in report.values["agents"][0]["curves"]["test"]:
+    for step, mean, low, high in as_values(report.view)["agents"][0]["curves"]["test"]:
         seeds = [row["test_success"] for agent in agents[:2] for row in agent.metrics if row["step"] == step]
         assert mean == pytest.approx(np.mean(seeds))
         assert low <= mean <= high
 
 
 def test_it_follows_its_schema_and_is_the_same_each_time(agents: list[OpenedAgent], report: AgentReport) -> None:
-    jsonschema.validate(report.values, report_schema())
+    jsonschema.Draft202012Validator.check_schema(report_schema())
+    jsonschema.validate(as_values(report.view), report_schema())
     again = make_agent_report(group_agents(agents), draws=2)
-    assert json.dumps(again.values) == json.dumps(report.values)
+    assert again.view == report.view
     assert render(again) == render(report)
 
 
@@ -151,11 +150,11 @@ def test_the_page_is_whole_needs_no_network_and_escapes_names(agents: list[Opene
 
 
 def test_it_is_written_whole_or_not_at_all(report: AgentReport, tmp_path: Path) -> None:
-    write_agent_report(report, tmp_path / "report")
+    write_report(report, tmp_path / "report")
     assert {path.name for path in (tmp_path / "report").iterdir()} == {"index.html", "report.json"}
-    broken = AgentReport({**report.values, "part": "exam"}, report.pictures)
-    with pytest.raises(jsonschema.ValidationError):
-        write_agent_report(broken, tmp_path / "broken")
+    broken = replace(report, view=msgspec.structs.replace(report.view, part="exam"))
+    with pytest.raises(ValueError, match="exam"):
+        write_report(broken, tmp_path / "broken")
     assert not (tmp_path / "broken").exists()
 
 

@@ -1,17 +1,18 @@
 """The link-prediction report: honest numbers, checks that can fail, and a page that stands alone."""
 
-import copy
 import json
 import math
 import os
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
 import jsonschema
+import msgspec
 import numpy as np
 import pandas as pd
 import pytest
@@ -27,25 +28,33 @@ from wordcraft_kg.models.scorers.facts import FrequencyScorer, SymbolicScorer
 from wordcraft_kg.models.scorers.features import glove_features
 from wordcraft_kg.models.scorers.near_synonyms import near_synonym_recipes
 from wordcraft_kg.models.scorers.neighbours import NeighbourScorer
-from wordcraft_kg.models.scorers.ranking import random_metrics, rank_triples, ranking_metrics
+from wordcraft_kg.models.scorers.ranking import RankingMetrics, random_metrics, rank_triples, ranking_metrics
 from wordcraft_kg.models.scorers.tables import TableScorer
-from wordcraft_kg.reports import link_report
-from wordcraft_kg.reports.link_report import (
-    LinkReport,
-    make_link_report,
-    render,
-    report_schema,
-    summary_values,
-    write_link_report,
-)
+from wordcraft_kg.records import as_values
+from wordcraft_kg.reports.link_report import make_link_report, report_schema
+from wordcraft_kg.reports.report import Report, render, write_report
+from wordcraft_kg.views.links import LinkView, summarise_links
 
+LinkReport = Report[LinkView]
 Values = dict[str, Any]
+
+
+def values_of(report: LinkReport) -> Values:
+    return as_values(report.view)
+
+
+def summary_of(report: LinkReport) -> Values:
+    return as_values(summarise_links(report.view, "index.html"))
+
+
+def with_view(report: LinkReport, **changes: Any) -> LinkReport:
+    return replace(report, view=msgspec.structs.replace(report.view, **changes))
 
 
 @pytest.fixture
 def values(kitchen_report: LinkReport) -> Values:
     """The report's numbers, for a test to break."""
-    return copy.deepcopy(kitchen_report.values)
+    return values_of(kitchen_report)
 
 
 def checks(values: Values) -> dict[str, bool]:
@@ -65,7 +74,7 @@ ALL_PASS = {"leak": True, "mirror": True, "graph": True, "coverage": True}
 def test_the_reports_values_are_valid(values: Values, full_report: LinkReport):
     jsonschema.Draft202012Validator.check_schema(report_schema())
     jsonschema.validate(values, report_schema())
-    jsonschema.validate(full_report.values, report_schema())
+    jsonschema.validate(values_of(full_report), report_schema())
 
 
 def test_the_schema_requires_every_key_of_the_report(values: Values):
@@ -108,21 +117,21 @@ def test_a_value_out_of_range_is_not_valid(values: Values, path: tuple, value: A
         jsonschema.validate(values, report_schema())
 
 
-@pytest.mark.parametrize("number", [float("nan"), float("inf")])
-def test_a_report_with_a_number_that_is_none_is_not_written(kitchen_report: LinkReport, tmp_path: Path, number: float):
-    broken = copy.deepcopy(kitchen_report)
-    broken.values["metrics"]["all"]["amri"] = number
-    with pytest.raises((ValueError, jsonschema.ValidationError)):
-        write_link_report(broken, tmp_path / "report")
+@pytest.mark.parametrize("number", [float("nan"), float("inf"), 1.5, np.float64(0.5), "0.5", None])
+def test_a_report_with_a_value_that_its_type_does_not_have_is_not_written(
+    kitchen_report: LinkReport, tmp_path: Path, number: Any
+):
+    broken = with_view(
+        kitchen_report, ties=msgspec.structs.replace(kitchen_report.view.ties, optimistic=RankingMetrics(number))
+    )
+    with pytest.raises((ValueError, TypeError)):
+        write_report(broken, tmp_path / "report")
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_report_that_lacks_a_key_is_not_written(kitchen_report: LinkReport, tmp_path: Path):
-    broken = copy.deepcopy(kitchen_report)
-    del broken.values["leakage"]
-    with pytest.raises(jsonschema.ValidationError, match="leakage"):
-        write_link_report(broken, tmp_path / "report")
-    assert list(tmp_path.iterdir()) == []
+def test_a_share_above_one_is_refused_by_name(kitchen_report: LinkReport, tmp_path: Path):
+    with pytest.raises(ValueError, match="mrr"):
+        write_report(with_view(kitchen_report, with_leaked=RankingMetrics(3, mrr=1.5)), tmp_path / "report")
 
 
 # --- the numbers -----------------------------------------------------------------------------------------------------
@@ -132,7 +141,7 @@ def test_the_headline_is_the_filtered_ranking_of_unseen_triples(values: Values, 
     split, graph = kitchen_model.opened.split, kitchen_model.opened.graph
     queries = split.held_out("test")
     assert not is_in(queries, split.partial, graph.num_entities).any()
-    expected = ranking_metrics(rank_triples(kitchen_model.scorer, queries, graph.triples))
+    expected = as_values(ranking_metrics(rank_triples(kitchen_model.scorer, queries, graph.triples)))
     found = values["metrics"]["all"]
     assert {name: found[name] for name in expected} == expected
     assert (values["triples"], values["queries"]) == (len(queries), 2 * len(queries))
@@ -150,7 +159,7 @@ def test_slices_add_up_to_the_headline(values: Values):
 def test_with_leaked_is_the_ranking_of_all_triples_of_the_test_recipes(values: Values, kitchen_model: OpenedModel):
     split, graph = kitchen_model.opened.split, kitchen_model.opened.graph
     candidates = split.triples_of("test")
-    expected = ranking_metrics(rank_triples(kitchen_model.scorer, candidates, graph.triples))
+    expected = as_values(ranking_metrics(rank_triples(kitchen_model.scorer, candidates, graph.triples)))
     assert values["with_leaked"] == expected
     assert values["leaked_left_out"] == len(candidates) - values["triples"] > 0
 
@@ -160,10 +169,10 @@ def test_the_baselines_are_frequency_and_neighbours_in_train_and_expected_chance
 ):
     split, graph = kitchen_model.opened.split, kitchen_model.opened.graph
     ranks = rank_triples(FrequencyScorer(graph, split.partial), split.held_out("test"), graph.triples)
-    assert values["baselines"]["frequency"]["all"] == ranking_metrics(ranks)
+    assert values["baselines"]["frequency"]["all"] == as_values(ranking_metrics(ranks))
     ranks = rank_triples(NeighbourScorer(graph, split.partial), split.held_out("test"), graph.triples)
-    assert values["baselines"]["neighbours"]["all"] == ranking_metrics(ranks)
-    assert values["baselines"]["random"]["all"] == random_metrics(ranks)
+    assert values["baselines"]["neighbours"]["all"] == as_values(ranking_metrics(ranks))
+    assert values["baselines"]["random"]["all"] == as_values(random_metrics(ranks))
     assert set(values["baselines"]["frequency"]) == set(values["baselines"]["random"]) == set(values["metrics"])
 
 
@@ -181,24 +190,26 @@ def test_drill_downs_part_the_queries(values: Values):
     assert sum(row["queries"] for row in drill_down["self_combination"]) == symmetric
 
 
-def test_the_slices_by_near_synonyms_are_ranked_apart(values: Values, kitchen_model: OpenedModel):
+def test_the_slices_by_near_synonyms_are_ranked_apart(
+    values: Values, kitchen_report: LinkReport, kitchen_model: OpenedModel
+):
     graph, split = kitchen_model.opened.graph, kitchen_model.opened.split
     recipes = near_synonym_recipes(split, glove_features(graph.entities))
     repeated = {tuple(row) for row in recipe_triples(graph.recipes[recipes]).tolist()}
     ranks = rank_triples(kitchen_model.scorer, split.held_out("test"), graph.triples)
     mask = np.array([tuple(row) in repeated for row in ranks[["head", "relation", "tail"]].to_numpy().tolist()])
     with_one, without = values["drill_down"]["near_synonyms"]
-    assert with_one == {"slice": "a train recipe with a near-synonym", **ranking_metrics(ranks[mask])}
-    assert without == {"slice": "no such train recipe", **ranking_metrics(ranks[~mask])}
-    assert summary_values(values)["mrr_without_near_synonyms"] == without["mrr"]
+    assert with_one == {"slice": "a train recipe with a near-synonym", **as_values(ranking_metrics(ranks[mask]))}
+    assert without == {"slice": "no such train recipe", **as_values(ranking_metrics(ranks[~mask]))}
+    assert summary_of(kitchen_report)["mrr_without_near_synonyms"] == without["mrr"]
 
 
 def test_without_any_near_synonym_there_is_no_slice_that_looks_like_a_clean_bill(kitchen_model: OpenedModel):
     by_goal = make_split(kitchen_model.opened.graph, SplitConfig("by-goal"))
     opened = OpenedGraph(by_goal.graph, by_goal, "kitchen")
-    values = make_link_report(FrequencyScorer(by_goal.graph, by_goal.partial), opened).values
-    assert values["drill_down"]["near_synonyms"] == []
-    assert summary_values(values)["mrr_without_near_synonyms"] is None
+    report = make_link_report(FrequencyScorer(by_goal.graph, by_goal.partial), opened)
+    assert report.view.drill_down.near_synonyms == ()
+    assert summary_of(report)["mrr_without_near_synonyms"] is None
 
 
 def test_the_histogram_parts_the_queries_of_each_relation(values: Values):
@@ -210,7 +221,7 @@ def test_the_histogram_parts_the_queries_of_each_relation(values: Values):
 
 
 def test_best_and_worst_are_the_ends_of_the_ranking(values: Values, kitchen_report: LinkReport):
-    ranks = sorted(kitchen_report.ranks["rank"])
+    ranks = sorted(kitchen_report.tables["ranks.csv"]["rank"])
     assert [row["rank"] for row in values["best"]] == ranks[: len(values["best"])]
     assert [row["rank"] for row in values["worst"]] == ranks[::-1][: len(values["worst"])]
     assert len(values["best"]) == len(values["worst"]) > 0
@@ -244,7 +255,7 @@ def test_perhaps_missing_lists_the_best_triples_that_the_graph_lacks(values: Val
 def test_an_entity_is_never_listed_as_missing_from_itself(kitchen_model: OpenedModel):
     graph = kitchen_model.opened.graph
     scores = torch.eye(graph.num_entities).repeat(2, 1, 1)
-    listed = make_link_report(TableScorer(scores, graph.entities, graph.hash), kitchen_model.opened).values
+    listed = values_of(make_link_report(TableScorer(scores, graph.entities, graph.hash), kitchen_model.opened))
     assert {row["relation"] for row in listed["perhaps_missing"]} == set(RELATIONS)
     assert all(row["head"] != row["tail"] for row in listed["perhaps_missing"])
 
@@ -255,7 +266,7 @@ def test_self_edges_count_the_entities_that_are_their_own_best_answer(kitchen_mo
     scores[COMBINES_WITH].fill_diagonal_(1.0)
     scores[COMBINES_WITH, 0, 1] = 2.0
     scorer = TableScorer(scores, graph.entities, graph.hash)
-    found = make_link_report(scorer, kitchen_model.opened).values["self_edges"]
+    found = values_of(make_link_report(scorer, kitchen_model.opened))["self_edges"]
     assert found["top_answer_is_itself"] == pytest.approx((graph.num_entities - 1) / graph.num_entities)
     pairs = {tuple(sorted(pair)) for pair in graph.recipes[:, :2].tolist()}
     assert found["really_combines_with_itself"] == pytest.approx(sum(a == b for a, b in pairs) / graph.num_entities)
@@ -278,12 +289,13 @@ from pathlib import Path
 import torch
 from wordcraft_kg.graphs.folder import open_graph
 from wordcraft_kg.models.scorers.tables import TableScorer
-from wordcraft_kg.reports.link_report import make_link_report, write_link_report
+from wordcraft_kg.reports.link_report import make_link_report
+from wordcraft_kg.reports.report import write_report
 
 opened = open_graph("kitchen")
 size = opened.graph.num_entities
 scorer = TableScorer(torch.full((2, size, size), float(sys.argv[2])), opened.graph.entities, opened.graph.hash)
-write_link_report(make_link_report(scorer, opened), Path(sys.argv[1]))
+write_report(make_link_report(scorer, opened), Path(sys.argv[1]))
 """
     done = subprocess.run(
         [sys.executable, "-c", code, str(tmp_path / "report"), score], capture_output=True, timeout=120
@@ -295,8 +307,8 @@ write_link_report(make_link_report(scorer, opened), Path(sys.argv[1]))
     assert values["metrics"]["all"]["amri"] == pytest.approx(0, abs=1e-9)
 
 
-def test_the_summary_holds_the_headline_by_relation(values: Values):
-    summary = summary_values(values)
+def test_the_summary_holds_the_headline_by_relation(values: Values, kitchen_report: LinkReport):
+    summary = summary_of(kitchen_report)
     for metric in ("mrr", "hits@1", "hits@3", "hits@10"):
         assert summary[metric] == {name: values["metrics"][name][metric] for name in ("all", *RELATIONS)}
     assert summary["mrr_with_leaked"] == values["with_leaked"]["mrr"]
@@ -318,16 +330,18 @@ def test_a_leaked_test_triple_fails_the_leak_check(kitchen_model: OpenedModel, m
     honest = split.held_out("test")
     leaked = next(t for t in split.partial.tolist() if t[1] == COMPONENT_OF)
     monkeypatch.setattr(Split, "held_out", lambda self, part: np.concatenate([honest, [leaked]]))
-    monkeypatch.setattr(link_report, "recipe_clusters", lambda graph, chosen, triples: np.arange(len(triples)))
-    values = make_link_report(kitchen_model.scorer, kitchen_model.opened).values
-    assert checks(values) == ALL_PASS | {"leak": False}
-    assert detail(values, "leak") == "1 found"
-    assert not summary_values(values)["checks_passed"]
+    monkeypatch.setattr(
+        "wordcraft_kg.views.links.recipe_clusters", lambda graph, chosen, triples: np.arange(len(triples))
+    )
+    report = make_link_report(kitchen_model.scorer, kitchen_model.opened)
+    assert checks(values_of(report)) == ALL_PASS | {"leak": False}
+    assert detail(values_of(report), "leak") == "1 found"
+    assert not summary_of(report)["checks_passed"]
 
 
 def test_ranking_all_test_candidates_fails_the_leak_check(kitchen_model: OpenedModel, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(Split, "held_out", lambda self, part: self.triples_of(part))
-    values = make_link_report(kitchen_model.scorer, kitchen_model.opened).values
+    values = values_of(make_link_report(kitchen_model.scorer, kitchen_model.opened))
     leaked = is_in(
         kitchen_model.opened.split.triples_of("test"),
         kitchen_model.opened.split.partial,
@@ -345,7 +359,7 @@ def test_a_mirror_in_train_fails_the_mirror_check(kitchen_model: OpenedModel, mo
     test = np.array([t for t in split.held_out("test").tolist() if t != given_away[::-1]])
     monkeypatch.setattr(Split, "partial", property(lambda self: partial))
     monkeypatch.setattr(Split, "held_out", lambda self, part: test)
-    values = make_link_report(kitchen_model.scorer, kitchen_model.opened).values
+    values = values_of(make_link_report(kitchen_model.scorer, kitchen_model.opened))
     assert checks(values) == ALL_PASS | {"mirror": False}
 
 
@@ -353,14 +367,14 @@ def test_a_scorer_of_another_graph_fails_the_graph_check(kitchen_model: OpenedMo
     graph = kitchen_model.opened.graph
     scores = torch.stack([kitchen_model.scorer.table(relation) for relation in RELATIONS])
     foreign = TableScorer(scores, graph.entities, "0" * 64)
-    assert not checks(make_link_report(foreign, kitchen_model.opened).values)["graph"]
+    assert not checks(values_of(make_link_report(foreign, kitchen_model.opened)))["graph"]
 
 
 def test_entities_that_training_lacks_fail_the_coverage_check(kitchen_model: OpenedModel):
     graph = kitchen_model.opened.graph
     split = make_split(graph, SplitConfig(kind="by-recipe-plain", train_ratio=0.3))
     assert len(split.uncovered)
-    values = make_link_report(FrequencyScorer(graph, split.partial), OpenedGraph(graph, split, "sparse")).values
+    values = values_of(make_link_report(FrequencyScorer(graph, split.partial), OpenedGraph(graph, split, "sparse")))
     assert checks(values) == ALL_PASS | {"coverage": False}
     assert graph.entities[split.uncovered[0]] in detail(values, "coverage")
 
@@ -369,14 +383,10 @@ def test_entities_that_training_lacks_fail_the_coverage_check(kitchen_model: Ope
 def test_a_report_of_every_split_is_valid_and_free_of_leaks(kitchen_model: OpenedModel, kind: str):
     graph = kitchen_model.opened.graph
     split = make_split(graph, SplitConfig(kind=kind, train_ratio=0.5, valid_ratio=0.1))
-    values = make_link_report(FrequencyScorer(graph, split.partial), OpenedGraph(graph, split, kind)).values
-    jsonschema.validate(values, report_schema())
-    assert checks(values)["leak"]
-    assert render(LinkReport(values, pd.DataFrame(), dict.fromkeys(pictures_of(values), "")))
-
-
-def pictures_of(values: Values) -> list[str]:
-    return ["ranks", "calibration", "map", *(f"matrix_{name}" for name in RELATIONS)]
+    report = make_link_report(FrequencyScorer(graph, split.partial), OpenedGraph(graph, split, kind))
+    jsonschema.validate(values_of(report), report_schema())
+    assert checks(values_of(report))["leak"]
+    assert Page(render(report)).faults == []
 
 
 def test_fewer_than_thirty_unseen_triples_are_an_error_that_suggests_another_ratio(kitchen_model: OpenedModel):
@@ -392,7 +402,7 @@ def test_a_graph_without_a_split_has_nothing_to_report_but_memory(kitchen_model:
     opened = OpenedGraph(graph, make_split(graph, SplitConfig(kind="none")), "unsplit")
     with pytest.raises(SplitError, match="only 0 unseen"):
         make_link_report(FrequencyScorer(graph, graph.triples), opened)
-    values = make_link_report(SymbolicScorer(graph, graph.triples), opened, kg="full").values
+    values = values_of(make_link_report(SymbolicScorer(graph, graph.triples), opened, kg="full"))
     jsonschema.validate(values, report_schema())
     assert values["metrics"]["all"]["mrr"] == 1
 
@@ -403,20 +413,20 @@ def test_a_graph_without_a_split_has_nothing_to_report_but_memory(kitchen_model:
 def test_a_report_of_the_full_graph_is_marked_as_having_seen_the_data(
     full_report: LinkReport, kitchen_report: LinkReport
 ):
-    assert full_report.values["model"]["has_seen_the_test_recipes"]
-    assert not kitchen_report.values["model"]["has_seen_the_test_recipes"]
-    assert summary_values(full_report.values)["has_seen_the_test_recipes"]
+    assert values_of(full_report)["model"]["has_seen_the_test_recipes"]
+    assert not values_of(kitchen_report)["model"]["has_seen_the_test_recipes"]
+    assert summary_of(full_report)["has_seen_the_test_recipes"]
 
 
 def test_a_report_of_the_full_graph_asks_for_all_its_triples(full_report: LinkReport, kitchen_model: OpenedModel):
-    values, graph = full_report.values, kitchen_model.opened.graph
+    values, graph = values_of(full_report), kitchen_model.opened.graph
     assert values["triples"] == len(graph.triples)
     assert values["leaked_left_out"] == 0
     assert values["with_leaked"]["mrr"] == values["metrics"]["all"]["mrr"]
 
 
 def test_a_model_of_the_full_graph_is_not_asked_about_leaks(full_report: LinkReport):
-    assert checks(full_report.values) == {"graph": True, "coverage": True}
+    assert checks(values_of(full_report)) == {"graph": True, "coverage": True}
 
 
 def test_the_page_of_the_full_graph_says_that_it_measures_memory(full_report: LinkReport, kitchen_report: LinkReport):
@@ -512,7 +522,7 @@ def test_every_picture_has_a_description(html: str):
 
 
 def test_the_page_shows_the_headline_the_baseline_and_the_leak_check(kitchen_report: LinkReport):
-    text, values = text_of(render(kitchen_report)), kitchen_report.values
+    text, values = text_of(render(kitchen_report)), values_of(kitchen_report)
     for number in (
         values["metrics"]["all"]["mrr"],
         *values["metrics"]["all"]["mrr_ci"],
@@ -526,10 +536,10 @@ def test_the_page_shows_the_headline_the_baseline_and_the_leak_check(kitchen_rep
 
 
 def test_a_failed_check_is_shown_as_failed(kitchen_report: LinkReport):
-    for index, check in enumerate(kitchen_report.values["checks"]):
-        broken = copy.deepcopy(kitchen_report)
-        broken.values["checks"][index]["passed"] = False
-        assert f"FAIL {check['name']}" in text_of(render(broken))
+    passed = kitchen_report.view.checks
+    for check in passed:
+        failed = [msgspec.structs.replace(other, passed=other is not check) for other in passed]
+        assert f"FAIL {check.name}" in text_of(render(with_view(kitchen_report, checks=tuple(failed))))
 
 
 def test_the_page_shows_the_curves_of_the_training(kitchen_model: OpenedModel):
@@ -543,11 +553,11 @@ def test_the_page_shows_the_curves_of_the_training(kitchen_model: OpenedModel):
 
 
 def test_a_large_graph_has_a_report_without_the_map(kitchen_model: OpenedModel, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(link_report, "MAP_LIMIT", kitchen_model.opened.graph.num_entities - 1)
+    monkeypatch.setattr("wordcraft_kg.views.links.MAP_LIMIT", kitchen_model.opened.graph.num_entities - 1)
     report = make_link_report(kitchen_model.scorer, kitchen_model.opened)
     assert set(report.pictures) == {"ranks", "calibration"}
-    assert set(report.values["baselines"]) == {"frequency", "random"}
-    jsonschema.validate(report.values, report_schema())
+    assert set(report.view.baselines) == {"frequency", "random"}
+    jsonschema.validate(values_of(report), report_schema())
     assert Page(render(report)).faults == []
 
 
@@ -556,7 +566,7 @@ def test_labels_are_escaped_wherever_they_are_shown(awkward_graph: OpenedGraph, 
     scorer = FrequencyScorer(graph, split.partial)
     name = '</title><script>alert("1")</script>'
     report = make_link_report(scorer, awkward_graph, name=name, provenance={"trained by": name})
-    write_link_report(report, tmp_path / "report")
+    write_report(report, tmp_path / "report")
     html = (tmp_path / "report" / "index.html").read_text(encoding="utf-8")
     page = Page(html)
     assert (page.faults, page.open) == ([], [])
@@ -575,7 +585,7 @@ def test_a_report_is_three_files(report_folder: Path, kitchen_report: LinkReport
     assert sorted(path.name for path in report_folder.iterdir()) == ["index.html", "ranks.csv", "report.json"]
     written = json.loads((report_folder / "report.json").read_text(encoding="utf-8"))
     jsonschema.validate(written, report_schema())
-    assert written == kitchen_report.values
+    assert written == values_of(kitchen_report)
 
 
 def test_the_table_of_ranks_has_a_row_a_query_and_gives_the_headline(report_folder: Path, values: Values):
@@ -600,7 +610,7 @@ def test_the_table_of_ranks_names_triples_of_the_graph(report_folder: Path, kitc
 
 def test_awkward_labels_come_back_from_the_table_of_ranks(awkward_graph: OpenedGraph, tmp_path: Path):
     graph, split = awkward_graph.graph, awkward_graph.split
-    write_link_report(make_link_report(FrequencyScorer(graph, split.partial), awkward_graph), tmp_path / "report")
+    write_report(make_link_report(FrequencyScorer(graph, split.partial), awkward_graph), tmp_path / "report")
     ranks = pd.read_csv(tmp_path / "report" / "ranks.csv", keep_default_na=False)
     assert set(ranks["head"]) <= set(graph.entities)
     assert len(ranks) == 2 * len(split.held_out("test"))
@@ -614,7 +624,7 @@ def test_the_same_inputs_give_the_same_bytes(kitchen_model: OpenedModel, report_
         provenance=kitchen_model.provenance,
         trace=kitchen_model.trace,
     )
-    write_link_report(again, tmp_path / "report")
+    write_report(again, tmp_path / "report")
     for name in ("report.json", "ranks.csv", "index.html"):
         assert (tmp_path / "report" / name).read_bytes() == (report_folder / name).read_bytes(), name
 
@@ -625,15 +635,16 @@ import sys
 from pathlib import Path
 from wordcraft_kg.graphs.folder import open_graph
 from wordcraft_kg.models.scorers.facts import FrequencyScorer
-from wordcraft_kg.reports.link_report import make_link_report, write_link_report
+from wordcraft_kg.reports.link_report import make_link_report
+from wordcraft_kg.reports.report import write_report
 
 opened = open_graph("kitchen")
 scorer = FrequencyScorer(opened.graph, opened.split.partial)
-write_link_report(make_link_report(scorer, opened), Path(sys.argv[1]))
+write_report(make_link_report(scorer, opened), Path(sys.argv[1]))
 """
     opened = kitchen_model.opened
     report = make_link_report(FrequencyScorer(opened.graph, opened.split.partial), opened)
-    write_link_report(report, tmp_path / "here")
+    write_report(report, tmp_path / "here")
     command = [sys.executable, "-c", code, str(tmp_path / "there")]
     subprocess.run(command, check=True, timeout=120, env={**os.environ, "PYTHONHASHSEED": "1"})
     for name in ("report.json", "ranks.csv", "index.html"):
@@ -641,7 +652,7 @@ write_link_report(make_link_report(scorer, opened), Path(sys.argv[1]))
 
 
 def test_the_seed_moves_the_interval_but_not_the_headline(kitchen_model: OpenedModel, values: Values):
-    other = make_link_report(kitchen_model.scorer, kitchen_model.opened, seed=1).values
+    other = values_of(make_link_report(kitchen_model.scorer, kitchen_model.opened, seed=1))
     assert other["metrics"]["all"]["mrr"] == values["metrics"]["all"]["mrr"]
     assert other["metrics"]["all"]["mrr_ci"] != values["metrics"]["all"]["mrr_ci"]
     assert other["metrics"]["all"]["mrr_ci"] == pytest.approx(values["metrics"]["all"]["mrr_ci"], abs=0.03)
@@ -657,26 +668,26 @@ def test_making_a_report_leaves_the_global_generators_as_they_were(kitchen_model
 
 
 def test_a_report_is_not_overwritten_unless_forced(kitchen_report: LinkReport, full_report: LinkReport, tmp_path: Path):
-    write_link_report(kitchen_report, tmp_path / "report")
+    write_report(kitchen_report, tmp_path / "report")
     with pytest.raises(OutputExistsError, match="--force"):
-        write_link_report(full_report, tmp_path / "report")
+        write_report(full_report, tmp_path / "report")
     assert json.loads((tmp_path / "report" / "report.json").read_text())["model"]["name"] == "kitchen"
-    write_link_report(full_report, tmp_path / "report", force=True)
+    write_report(full_report, tmp_path / "report", force=True)
     assert json.loads((tmp_path / "report" / "report.json").read_text())["model"]["name"] == "kitchen-full"
 
 
 def test_an_earlier_report_stays_when_writing_fails(
     kitchen_report: LinkReport, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    write_link_report(kitchen_report, tmp_path / "report")
+    write_report(kitchen_report, tmp_path / "report")
     before = (tmp_path / "report" / "report.json").read_bytes()
 
     def interrupted(report: LinkReport) -> str:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(link_report, "render", interrupted)
+    monkeypatch.setattr("wordcraft_kg.reports.report.render", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        write_link_report(kitchen_report, tmp_path / "report", force=True)
+        write_report(kitchen_report, tmp_path / "report", force=True)
     assert (tmp_path / "report" / "report.json").read_bytes() == before
     assert [path.name for path in tmp_path.iterdir()] == ["report"]
 

@@ -1,7 +1,7 @@
 """Judging a player: every task of a part, several fixed draws of distractors, one frozen set of weights."""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal, get_args
 
 import numpy as np
 import torch
@@ -15,11 +15,13 @@ from wordcraft_kg.envs.world import GraphLike, World
 from wordcraft_kg.errors import ConfigError
 from wordcraft_kg.graphs.arrays import Ids, padded
 from wordcraft_kg.models.policies.policy import Policy
+from wordcraft_kg.records import Count, Record, Share
 from wordcraft_kg.statistics import task_bootstrap
 
 EVALUATION_SEED = 0
 """Of the distractors: the same for all agents, whatever they were trained with."""
-ENDINGS = ("goal", "same_twice", "one_right_part", "no_right_part", "no_recipe")
+Ending = Literal["goal", "same_twice", "one_right_part", "no_right_part", "no_recipe"]
+ENDINGS: tuple[Ending, ...] = get_args(Ending)
 """How an episode ended: the goal was made; or else the last pair was one entity twice; or two, of which one is, or both
 are, a part of the goal in a plan; or none is, and they made something else; or none is, and they made nothing."""
 ROWS = 2_048
@@ -62,6 +64,28 @@ def player_of(policy: Policy, kind: str) -> Player:
     return players[kind]
 
 
+class Success(Record):
+    """How well a player did on all tasks of a part.
+
+    Attributes:
+        mean: share of episodes that made the goal.
+        ci_low: lower end of its 95 % interval over tasks.
+        ci_high: upper end.
+        tasks: number of them.
+        draws: of distractors for each.
+        by_plan: share of episodes that made the goal by the last pair of a plan.
+        picks: mean number of picks in an episode.
+    """
+
+    mean: Share
+    ci_low: Share
+    ci_high: Share
+    tasks: Count
+    draws: Count
+    by_plan: Share
+    picks: float
+
+
 @dataclass(frozen=True)
 class Evaluation:
     """What a player made of all tasks of a part, N tasks with D draws of distractors each.
@@ -78,21 +102,21 @@ class Evaluation:
     picks: Ids
     endings: NDArray[np.int8]
 
-    def figures(self) -> dict[str, Any]:
-        """Return mean success with its interval over tasks, and the sizes, as ``evaluate-agent --json`` prints them."""
+    def figures(self) -> Success:
+        """Return mean success with its interval over tasks, and the sizes."""
         low, high = task_bootstrap(self.success)
         tasks, draws = self.success.shape
-        return {
-            "mean": float(self.success.mean()),
-            "ci_low": low,
-            "ci_high": high,
-            "tasks": tasks,
-            "draws": draws,
-            "by_plan": float(self.by_plan.mean()),
-            "picks": float(self.picks.mean()),
-        }
+        return Success(
+            mean=float(self.success.mean()),
+            ci_low=low,
+            ci_high=high,
+            tasks=tasks,
+            draws=draws,
+            by_plan=float(self.by_plan.mean()),
+            picks=float(self.picks.mean()),
+        )
 
-    def shares(self) -> dict[str, float]:
+    def shares(self) -> dict[Ending, Share]:
         """Return the share of episodes of each ending."""
         return {name: float((self.endings == code).mean()) for code, name in enumerate(ENDINGS)}
 

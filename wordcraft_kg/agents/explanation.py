@@ -1,8 +1,9 @@
 """Why an agent picked what it picked: every logit of an episode, split into what the sources contributed."""
 
 import copy
-from typing import Any
+from typing import Annotated, Any
 
+import msgspec
 import numpy as np
 import torch
 
@@ -15,12 +16,54 @@ from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.models.policies.policy import Policy
 from wordcraft_kg.models.policies.sources import ALPHA
+from wordcraft_kg.records import Record, Share
 from wordcraft_kg.settings import nearest
+
+
+class ExplainedSlot(Record):
+    """What was thought of an entity on the table.
+
+    Attributes:
+        entity: its label.
+        is_part: of the goal in a plan.
+        sources: value of each source.
+        contributions: λ · value of each source; they add up to ``logit``.
+        logit: β.
+        probability: π.
+    """
+
+    entity: str
+    is_part: bool
+    sources: dict[str, float]
+    contributions: dict[str, float]
+    logit: float
+    probability: Share
+
+
+class ExplainedStep(Record):
+    """A pick: what was held, the state's value, λ by source (none without mixing), and all slots of the table."""
+
+    held: str | None
+    value: float
+    lambdas: dict[str, float]
+    picked: str
+    made: tuple[str, ...]
+    slots: Annotated[tuple[ExplainedSlot, ...], msgspec.Meta(min_length=1)]
+
+
+class ExplainedEpisode(Record):
+    """An episode, pick by pick; the plans are recipes in words."""
+
+    goal: str
+    start: tuple[str, ...]
+    plans: tuple[tuple[str, ...], ...]
+    outcome: str
+    steps: tuple[ExplainedStep, ...]
 
 
 def explain_episodes(
     policy: Policy, opened: OpenedGraph, config: WordCraftConfig, *, goal: str | None = None, episodes: int = 3
-) -> list[dict[str, Any]]:
+) -> tuple[ExplainedEpisode, ...]:
     """Play some tasks of a part greedily, with the tables of the evaluation, and keep what was thought at each pick.
 
     Everything is computed in double precision, so that the contributions add up to the logit, and the probabilities
@@ -32,11 +75,6 @@ def explain_episodes(
         config: part, depth, distractors.
         goal: only tasks with this goal; None takes tasks evenly spaced over the part.
         episodes: how many; a goal with fewer tasks is played again with other distractors.
-
-    Returns:
-        a dictionary an episode: ``goal``, ``start``, ``plans``, ``outcome``, ``steps``. A step has ``held``, ``value``,
-        ``lambdas`` by source, ``picked``, ``made``, and ``slots``: for each its ``entity``, ``is_part`` of the goal in
-        a plan, the sources' values, their ``contributions`` λ·value, ``logit`` (β) and ``probability``.
 
     Raises:
         UnknownEntityError: if there is no such goal.
@@ -51,7 +89,7 @@ def explain_episodes(
     for task, draw in zip(tasks.tolist(), draws.tolist(), strict=True):
         engine.pose(np.arange(engine.num_envs), draw)
         found.append(_explain(exact, PolicyPlayer(policy), engine, task))
-    return found
+    return tuple(found)
 
 
 def _choose_tasks(
@@ -72,12 +110,12 @@ def _choose_tasks(
     return rows[numbers % len(rows)], numbers // len(rows)
 
 
-def _explain(exact: Policy, player: PolicyPlayer, engine: BatchEngine, row: int) -> dict[str, Any]:
+def _explain(exact: Policy, player: PolicyPlayer, engine: BatchEngine, row: int) -> ExplainedEpisode:
     graph, nothing = engine.world.graph, engine.nothing
     task = engine.world.tasks[row]
     parts = {label for plan in task.plans for label in plan[-1][:2]}
     names = [label.name for label in exact.labels]
-    steps: list[dict[str, Any]] = []
+    steps = []
     rng = np.random.default_rng(EVALUATION_SEED)
     outcome = 0
     while engine.attempts_left[row] > 0:
@@ -90,33 +128,30 @@ def _explain(exact: Policy, player: PolicyPlayer, engine: BatchEngine, row: int)
         outcome = int(engine.step_once(slots).outcome[row])
         after = [label for label in engine.table[row].tolist() if label != nothing]
         steps.append(
-            {
-                "held": graph.entities[selection[0]] if selection[0] != nothing else None,
-                "value": float(output.value[0]),
-                "lambdas": dict(zip(names, output.lambdas[0].tolist(), strict=True))
-                if output.lambdas is not None
-                else {},
-                "picked": graph.entities[table[0, slots[row]]],
-                "made": [graph.entities[entity] for entity in after[len(there) :]],
-                "slots": _slots(exact, output, [graph.entities[entity] for entity in there], parts),
-            }
+            ExplainedStep(
+                held=graph.entities[selection[0]] if selection[0] != nothing else None,
+                value=float(output.value[0]),
+                lambdas=dict(zip(names, output.lambdas[0].tolist(), strict=True)) if output.lambdas is not None else {},
+                picked=graph.entities[table[0, slots[row]]],
+                made=graph.labels(after[len(there) :]),
+                slots=_slots(exact, output, graph.labels(there), parts),
+            )
         )
-    return {
-        "goal": task.goal,
-        "start": list(task.start),
-        "plans": [[f"{one} + {other} -> {result}" for one, other, result in plan] for plan in task.plans],
-        "outcome": OUTCOMES[outcome],
-        "steps": steps,
-    }
+    return ExplainedEpisode(
+        goal=task.goal,
+        start=tuple(task.start),
+        plans=tuple(tuple(f"{one} + {other} -> {result}" for one, other, result in plan) for plan in task.plans),
+        outcome=OUTCOMES[outcome],
+        steps=tuple(steps),
+    )
 
 
-def _slots(exact: Policy, output: Any, labels: list[str], parts: set[str]) -> list[dict[str, Any]]:
+def _slots(exact: Policy, output: Any, labels: tuple[str, ...], parts: set[str]) -> tuple[ExplainedSlot, ...]:
     size = len(labels)
     logits = output.logits[0, :size]
     probabilities = torch.softmax(output.logits[0], dim=0)[:size]
     rows = []
     for i, label in enumerate(labels):
-        row: dict[str, Any] = {"entity": label, "is_part": label in parts}
         if output.sources is None:
             sources = {ALPHA.name: float(logits[i])}
             contributions = dict(sources)
@@ -126,6 +161,6 @@ def _slots(exact: Policy, output: Any, labels: list[str], parts: set[str]) -> li
             contributions = {
                 name: value * weight for (name, value), weight in zip(sources.items(), lambdas, strict=True)
             }
-        row |= {"sources": sources, "contributions": contributions}
-        rows.append(row | {"logit": float(logits[i]), "probability": float(probabilities[i])})
-    return rows
+        logit, probability = float(logits[i]), float(probabilities[i])
+        rows.append(ExplainedSlot(label, label in parts, sources, contributions, logit, probability))
+    return tuple(rows)

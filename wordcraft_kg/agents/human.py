@@ -16,6 +16,7 @@ from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.wordcraft import Observation, WordCraftEnv
 from wordcraft_kg.envs.world import GraphLike, open_world_graph
 from wordcraft_kg.errors import ActionError, ArtefactError, ConfigError, GraphMismatchError
+from wordcraft_kg.records import Count, Record, Share
 from wordcraft_kg.settings import nearest
 from wordcraft_kg.statistics import wilson_interval
 
@@ -285,7 +286,27 @@ def _check_alike(path: Path, header: dict[str, Any], other: str, reference: dict
 # --- summary ---------------------------------------------------------------------------------------------------------
 
 
-def summarise(paths: Sequence[Path]) -> dict[str, Any]:
+class AnswerRate(Record):
+    """How many answers were right, with the share and its 95 % Wilson interval; None without answers."""
+
+    answered: Count
+    successes: Count
+    rate: Share | None
+    interval: tuple[Share, Share] | None
+
+
+class HumanSummary(Record):
+    """Sessions of one graph, split and settings, and the rate of right answers by part."""
+
+    graph: str
+    graph_hash: str
+    settings: dict[str, int | str]
+    sessions: Count
+    finished: Count
+    parts: dict[str, AnswerRate]
+
+
+def summarise(paths: Sequence[Path]) -> HumanSummary:
     """Return answers and successes of each part, over the files of sessions with equal graph, split and settings.
 
     Raises:
@@ -306,25 +327,19 @@ def summarise(paths: Sequence[Path]) -> dict[str, Any]:
             raise ArtefactError(f"{path} holds the same answers as {seen[session.answers]}; give each session once.")
         if session.answers:
             seen[session.answers] = path
-    return {
-        "graph": reference["graph"],
-        "graph_hash": reference["graph_hash"],
-        "settings": reference["settings"],
-        "sessions": len(sessions),
-        "finished": sum(session.is_finished for session in sessions),
-        "parts": {
+    return HumanSummary(
+        graph=reference["graph"],
+        graph_hash=reference["graph_hash"],
+        settings=reference["settings"],
+        sessions=len(sessions),
+        finished=sum(session.is_finished for session in sessions),
+        parts={
             part: _rate([answer for session in sessions for answer in session.answers if answer.part == part])
             for part in HUMAN_PARTS
         },
-    }
+    )
 
 
-def _rate(answers: list[Answer]) -> dict[str, Any]:
+def _rate(answers: list[Answer]) -> AnswerRate:
     n, successes = len(answers), sum(answer.success for answer in answers)
-    known = n > 0
-    return {
-        "answered": n,
-        "successes": successes,
-        "rate": successes / n if known else None,
-        "interval": list(wilson_interval(successes, n)) if known else None,
-    }
+    return AnswerRate(n, successes, successes / n if n else None, wilson_interval(successes, n) if n else None)

@@ -5,10 +5,8 @@ A player is a function ``(engine, rng) -> slots`` that picks for all environment
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from wordcraft_kg.agents.states import states_of
@@ -23,6 +21,7 @@ from wordcraft_kg.models.policies.sources.source import ScoreView, Source, make_
 from wordcraft_kg.models.scorers.facts import SymbolicScorer
 from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
 from wordcraft_kg.models.scorers.scales import SelfEdges
+from wordcraft_kg.records import Count, Record, Share
 from wordcraft_kg.settings import whole
 from wordcraft_kg.statistics import wilson_interval
 
@@ -138,6 +137,28 @@ def scorer_players(graph: RecipeGraph, scorer: TripleScorer, observed: Ids) -> d
     }
 
 
+class PlayerSuccess(Record):
+    """How often a player made the goal with so many distractors.
+
+    Attributes:
+        player: its name.
+        distractors: number of them.
+        episodes: played.
+        success: share of them that made the goal.
+        low: lower end of its 95 % Wilson interval.
+        high: upper end.
+        by_plan: share of them that made the goal with a plan's last pair.
+    """
+
+    player: str
+    distractors: Count
+    episodes: Count
+    success: Share
+    low: Share
+    high: Share
+    by_plan: Share
+
+
 def play_all(
     opened: OpenedGraph,
     players: dict[str, Player],
@@ -146,7 +167,7 @@ def play_all(
     *,
     draws: int = 5,
     seed: int = 0,
-) -> pd.DataFrame:
+) -> tuple[PlayerSuccess, ...]:
     """Let players play every task of a part, each with several draws of distractors.
 
     Success is the sparse one, whatever the reward settings: the goal was made within the attempts.
@@ -160,10 +181,9 @@ def play_all(
         seed: of distractors and players.
 
     Returns:
-        a row for each player and number of distractors: ``player``, ``distractors``, ``episodes``, ``success``, its
-        95 % Wilson interval ``low`` and ``high``, and ``by_plan``, the share won with a plan's last pair.
+        a record for each number of distractors and player.
     """
-    rows: list[dict[str, Any]] = []
+    rows = []
     whole("seed", seed, 0)
     for amount in dict.fromkeys(distractors):
         tasks = np.arange(len(World(opened, replace(config, num_distractors=amount)).tasks))
@@ -180,17 +200,17 @@ def play_all(
             episodes = len(tasks) * draws
             low, high = wilson_interval(won, episodes)
             rows.append(
-                {
-                    "player": name,
-                    "distractors": amount,
-                    "episodes": episodes,
-                    "success": won / episodes,
-                    "low": low,
-                    "high": high,
-                    "by_plan": by_plan / episodes,
-                }
+                PlayerSuccess(
+                    player=name,
+                    distractors=amount,
+                    episodes=episodes,
+                    success=won / episodes,
+                    low=low,
+                    high=high,
+                    by_plan=by_plan / episodes,
+                )
             )
-    return pd.DataFrame(rows)
+    return tuple(rows)
 
 
 def _best(scores: NDArray[np.float64], rng: np.random.Generator) -> Ids:

@@ -32,6 +32,7 @@ from wordcraft_kg.graphs.tasks import TaskPart
 from wordcraft_kg.models.links.folder import open_model
 from wordcraft_kg.models.policies.folder import make_policy, read_policy, write_constants, write_parameters
 from wordcraft_kg.models.policies.policy import Policy
+from wordcraft_kg.records import as_values
 from wordcraft_kg.runs.inputs import open_run_graph
 from wordcraft_kg.runs.interruption import first_interrupt
 from wordcraft_kg.runs.record import end_run, resume_run, start_run
@@ -339,7 +340,7 @@ class _Run:
             "steps_per_second": round(self.step / self.seconds) if self.seconds else 0,
             "curves_share": round(self.eval_seconds / self.elapsed, 4),
             "parameters": sum(parameter.numel() for parameter in self.policy.parameters()),
-            "success": {part: result.figures() for part, result in results.items()},
+            "success": {part: as_values(result.figures()) for part, result in results.items()},
             "outcomes": {part: result.shares() for part, result in results.items()},
             "distractors": self.config.tasks.distractors,
         }

@@ -1,13 +1,16 @@
 """``wordcraft-kg baselines``."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
 from wordcraft_kg.cli.console import Output, whole_numbers
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.graphs.tasks import TaskPart
+
+if TYPE_CHECKING:
+    from wordcraft_kg.views.play import Baselines
 
 EXAMPLES = (
     "wordcraft-kg baselines graphs/everyday --distractors 1,2,8",
@@ -37,8 +40,8 @@ def baselines(
         draws: draws of distractors for each task; all players see the same.
         seed: of the draws and of ties.
     """
-    from wordcraft_kg.agents.players import knowledge_players, play_all, scorer_players
     from wordcraft_kg.graphs.folder import open_graph
+    from wordcraft_kg.views.play import view_baselines
 
     amounts = whole_numbers("distractors", distractors or ["1,2,8"])
     config = WordCraftConfig(part=part, depth=depth, num_distractors=amounts[0])
@@ -47,35 +50,27 @@ def baselines(
 
         raise ConfigError(f"--draws {draws}: expected 1 or more.")
     opened = open_graph(graph)
-    players = knowledge_players(opened.graph, opened.split.partial)
+    model = None
     if scorer is not None:
         from wordcraft_kg.models.links.folder import open_model
 
-        model = open_model(scorer, graph)
-        known = opened.triples(model.kg)
-        named = scorer_players(opened.graph, model.scorer, known)
-        oracle = players.pop("recipe oracle")
-        players |= {f"{scorer.name}, {name}": player for name, player in named.items()} | {"recipe oracle": oracle}
-    table = play_all(opened, players, config, amounts, draws=draws, seed=seed)
-    rows: list[dict[str, Any]] = [{str(key): value for key, value in row.items()} for row in table.to_dict("records")]
-    values = {"graph": graph, "part": part, "depth": depth, "draws": draws, "seed": seed, "rows": rows}
-    output.result(values, _text(rows, amounts, part, depth))
+        model = scorer.name, open_model(scorer, graph)
+    view = view_baselines(opened, graph, config, amounts, model, draws=draws, seed=seed)
+    output.result(view, _text(view))
 
 
-def _text(rows: list[dict[str, Any]], amounts: list[int], part: str, depth: int) -> list[str]:
-    names = list(dict.fromkeys(row["player"] for row in rows))
-    of = {(row["player"], row["distractors"]): row for row in rows}
+def _text(view: "Baselines") -> list[str]:
+    names = list(dict.fromkeys(row.player for row in view.rows))
+    amounts = list(dict.fromkeys(row.distractors for row in view.rows))
+    of = {(row.player, row.distractors): row for row in view.rows}
     width = max(map(len, names))
-    title = f"{'success':<{width}}" + "".join(
-        f"  {f'{amount} distractor' + 's' * (amount != 1):>19}" for amount in amounts
-    )
-    lines = [title.rstrip()]
+    titles = (f"{amount} distractor" + "s" * (amount != 1) for amount in amounts)
+    lines = [f"{'success':<{width}}" + "".join(f"  {title:>19}" for title in titles)]
     for name in names:
         cells = (of[name, amount] for amount in amounts)
         lines.append(
-            f"{name:<{width}}"
-            + "".join(f"  {cell['success']:.3f} [{cell['low']:.3f}, {cell['high']:.3f}]" for cell in cells)
+            f"{name:<{width}}" + "".join(f"  {cell.success:.3f} [{cell.low:.3f}, {cell.high:.3f}]" for cell in cells)
         )
-    episodes = ", ".join(f"{of[names[0], amount]['episodes']:,}" for amount in amounts)
-    lines.append(f"{part} tasks of depth {depth}; {episodes} episodes each; 95 % Wilson intervals")
+    episodes = ", ".join(f"{of[names[0], amount].episodes:,}" for amount in amounts)
+    lines.append(f"{view.part} tasks of depth {view.depth}; {episodes} episodes each; 95 % Wilson intervals")
     return lines

@@ -1,6 +1,12 @@
 """``wordcraft-kg books``."""
 
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
 from wordcraft_kg.cli.console import Output
+
+if TYPE_CHECKING:
+    from wordcraft_kg.views.books import BookList
 
 EXAMPLES = ("wordcraft-kg books", "wordcraft-kg books --json")
 
@@ -10,25 +16,19 @@ def books(*, output: Output = Output()) -> None:
 
     A book's name works wherever a recipe book's path does.
     """
-    from wordcraft_kg.graphs.library import DATA_VARIABLE, FETCHABLE, cache_folder, data_folder, known_books
+    from wordcraft_kg.views.books import view_books
 
-    found = [
-        {
-            "name": book.name,
-            "origin": book.origin,
-            "path": None if book.path is None else str(book.path),
-            "note": FETCHABLE[book.name].note if book.name in FETCHABLE else "",
-        }
-        for book in known_books()
-    ]
-    width = max(len(str(book["name"])) for book in found)
-    lines = [
-        f"{book['name']:<{width}}  {book['origin']:<11}  "
-        + (str(book["path"] or f"get it: wordcraft-kg fetch {book['name']}") if book["origin"] != "built in" else "")
-        + (f"  ({book['note']})" if book["note"] else "")
-        for book in found
-    ]
-    folder = data_folder()
-    lines.append(f"your own: any path, or files in the folder that {DATA_VARIABLE} names ({folder or 'not set'})")
-    values = {"books": found, "cache": str(cache_folder()), "data_folder": None if folder is None else str(folder)}
-    output.result(values, (line.rstrip() for line in lines))
+    view = view_books()
+    output.result(view, _text(view))
+
+
+def _text(view: "BookList") -> Iterator[str]:
+    from wordcraft_kg.graphs.library import DATA_VARIABLE
+
+    width = max(len(book.name) for book in view.books)
+    for book in view.books:
+        place = "" if book.origin == "built in" else book.path or f"get it: wordcraft-kg fetch {book.name}"
+        note = f"  ({book.note})" if book.note else ""
+        yield f"{book.name:<{width}}  {book.origin:<11}  {place}{note}".rstrip()
+    folder = view.data_folder or "not set"
+    yield f"your own: any path, or files in the folder that {DATA_VARIABLE} names ({folder})"

@@ -2,13 +2,16 @@
 
 import logging
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
 from wordcraft_kg.cli.console import Flag, Output, aligned, names, split_labels
 from wordcraft_kg.cli.splits import split_rows
 from wordcraft_kg.graphs.splits import SplitConfig, SplitKind
+
+if TYPE_CHECKING:
+    from wordcraft_kg.views.graphs import BuiltGraph
 
 EXAMPLES = (
     "wordcraft-kg build-graph everyday --out graphs/everyday",
@@ -50,6 +53,7 @@ def build_graph(
     from wordcraft_kg.graphs.library import open_book
     from wordcraft_kg.graphs.recipe_graph import RecipeGraph
     from wordcraft_kg.graphs.splits import make_split
+    from wordcraft_kg.views.graphs import view_build
 
     config = SplitConfig(split, train_ratio, valid_ratio, seed)
     recipes = open_book(book, keep_self_results=keep_self_results)
@@ -57,19 +61,19 @@ def build_graph(
     check_output(folder, force=force)
     graph = RecipeGraph.from_book(recipes, _base(base, base_file))
     found = write_graph_folder(folder, recipes, make_split(graph, config), force=force)
-    reach = found["reachability"]
-    if reach["unreachable"]:
+    reach = found.reachability
+    if reach.unreachable:
         inferred = base is None and base_file is None and recipes.base is None
         logging.getLogger(__name__).warning(
             "%s of %s entities cannot be made from the base (%s)%s: %s",
-            f"{reach['unreachable']:,}",
+            f"{reach.unreachable:,}",
             f"{graph.num_entities:,}",
             names(graph.base[:10], len(graph.base)),
             ", which was inferred as the entities without a recipe; name it with --base" if inferred else "",
-            names(reach["unreachable_entities"][:10], reach["unreachable"]),
+            names(reach.unreachable_entities[:10], reach.unreachable),
         )
-    result = build_result(found, folder)
-    output.result(result, _text(result, found, folder))
+    view = view_build(found, folder)
+    output.result(view, _text(view, found.ambiguity.pairs_with_several_results))
 
 
 def _base(base: list[str] | None, base_file: Path | None) -> list[str] | None:
@@ -89,38 +93,22 @@ def _base(base: list[str] | None, base_file: Path | None) -> list[str] | None:
     return labels
 
 
-def build_result(found: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """Return what ``build-graph --json`` prints, from the audit."""
-    reach, split = found["reachability"], found["split"]
-    return {
-        **{key: found[key] for key in ("entities", "recipes", "pairs", "base")},
-        "reachable": reach["reachable"],
-        "rounds": reach["rounds"],
-        "dropped_self_results": found["dropped_self_results"],
-        "merged_duplicates": found["merged_duplicates"],
-        "triples": found["triples"],
-        "split": split,
-        "hash": found["hash"],
-        "out": str(folder),
-    }
-
-
-def _text(result: dict[str, Any], found: dict[str, Any], folder: Path) -> list[str]:
-    split, triples = result["split"], result["triples"]
-    left_out = f", {result['dropped_self_results']:,} left out (the result is one of its own parts)"
-    merged = f", {result['merged_duplicates']:,} duplicates merged" if result["merged_duplicates"] else ""
+def _text(view: "BuiltGraph", with_several_results: int) -> list[str]:
+    triples = view.triples
+    left_out = f", {view.dropped_self_results:,} left out (the result is one of its own parts)"
+    merged = f", {view.merged_duplicates:,} duplicates merged" if view.merged_duplicates else ""
     rows = [
-        ("recipes", f"{result['recipes']:,} kept{left_out}{merged}"),
-        ("pairs", f"{result['pairs']:,}, {found['ambiguity']['pairs_with_several_results']:,} with several results"),
-        ("entities", f"{result['entities']:,}"),
-        ("base", f"{len(result['base'])}: {names(result['base'][:10], len(result['base']))}"),
-        ("reachable", f"{result['reachable']:,} of {result['entities']:,}, in {result['rounds']} rounds"),
+        ("recipes", f"{view.recipes:,} kept{left_out}{merged}"),
+        ("pairs", f"{view.pairs:,}, {with_several_results:,} with several results"),
+        ("entities", f"{view.entities:,}"),
+        ("base", f"{len(view.base)}: {names(view.base[:10], len(view.base))}"),
+        ("reachable", f"{view.reachable:,} of {view.entities:,}, in {view.rounds} rounds"),
         (
             "triples",
-            f"{triples['total']:,} = {triples['combinesWith']:,} combinesWith + {triples['componentOf']:,} componentOf",
+            f"{triples.total:,} = {triples.combines_with:,} combinesWith + {triples.component_of:,} componentOf",
         ),
-        *split_rows(split),
-        ("hash", result["hash"][:12]),
+        *split_rows(view.split),
+        ("hash", view.hash[:12]),
     ]
-    kg = "full" if split["kind"] == "none" else "partial"
-    return [*aligned(rows), f"wrote {folder}/   next: wordcraft-kg train-complex {folder} --kg {kg}"]
+    kg = "full" if view.split.kind == "none" else "partial"
+    return [*aligned(rows), f"wrote {view.out}/   next: wordcraft-kg train-complex {view.out} --kg {kg}"]

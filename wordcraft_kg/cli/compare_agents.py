@@ -1,12 +1,16 @@
 """``wordcraft-kg compare-agents``."""
 
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
 from wordcraft_kg.cli.console import Flag, Output, whole_numbers
 from wordcraft_kg.graphs.tasks import TaskPart
+
+if TYPE_CHECKING:
+    from wordcraft_kg.views.agents import AgentSuccess, AgentsView
 
 EXAMPLES = (
     "wordcraft-kg compare-agents runs/no-kg runs/partial",
@@ -40,7 +44,9 @@ def compare_agents(
     from wordcraft_kg.agents.agent_folder import open_agent
     from wordcraft_kg.artefacts import check_output
     from wordcraft_kg.errors import ConfigError
-    from wordcraft_kg.reports.agent_report import group_agents, make_agent_report, write_agent_report
+    from wordcraft_kg.reports.agent_report import make_agent_report
+    from wordcraft_kg.reports.report import write_report
+    from wordcraft_kg.views.agents import group_agents, summarise_agents
 
     if not runs:
         raise ConfigError("compare-agents needs at least one run folder.")
@@ -51,37 +57,28 @@ def compare_agents(
     folder = out or Path("reports") / "-and-".join(groups)
     check_output(folder, force=force)
     report = make_agent_report(groups, part=part, distractors=amounts, draws=draws, episodes=episodes)
-    write_agent_report(report, folder, force=force)
-    values = {"report": str(folder / "index.html"), **summary(report.values)}
-    output.result(values, [*_text(report.values), f"wrote {folder}/   open {folder / 'index.html'}"])
+    write_report(report, folder, force=force)
+    page = folder / "index.html"
+    output.result(summarise_agents(report.view, str(page)), [*_text(report.view), f"wrote {folder}/   open {page}"])
 
 
-def summary(values: dict[str, Any]) -> dict[str, Any]:
-    """Return what ``--json`` prints, from a report's numbers."""
-    agents = {
-        agent["name"]: {"runs": agent["runs"], "seeds": agent["seeds"], "success": agent["success"]}
-        for agent in values["agents"]
-    }
-    return {"part": values["part"], "depth": values["depth"], "agents": agents, "baselines": values["baselines"]}
+def _text(view: "AgentsView") -> Iterator[str]:
+    width = max(len(agent.name) for agent in view.agents)
+    for amount in map(str, view.distractors):
+        yield f"{view.part} tasks of depth {view.depth}, {amount} distractor{'s' * (amount != '1')}"
+        for agent in view.agents:
+            found = agent.success.get(amount)
+            figures = f"made for {agent.trained_with} distractors only" if found is None else _figures(found)
+            yield f"  {agent.name:<{width}}  {figures}"
 
 
-def _text(values: dict[str, Any]) -> list[str]:
-    width = max(len(agent["name"]) for agent in values["agents"])
-    lines = []
-    for amount in map(str, values["distractors"]):
-        lines.append(f"{values['part']} tasks of depth {values['depth']}, {amount} distractor{'s' * (amount != '1')}")
-        for agent in values["agents"]:
-            found = agent["success"].get(amount)
-            if found is None:
-                lines.append(f"  {agent['name']:<{width}}  made for {agent['trained_with']} distractors only")
-                continue
-            low, high = found["seed_ci"] or found["task_ci"]
-            over = f"over {len(agent['seeds'])} seeds" if found["seed_ci"] else "over tasks, one seed"
-            more = ""
-            if found["difference"] is not None:
-                down, up = found["difference_ci"]
-                more = f"  {found['difference']:+.3f} [{down:+.3f}, {up:+.3f}] over tasks"
-            if found["p_better"] is not None:
-                more += f"  P(better) {found['p_better']:.2f}"
-            lines.append(f"  {agent['name']:<{width}}  {found['mean']:.3f} [{low:.3f}, {high:.3f}] {over}{more}")
-    return lines
+def _figures(found: "AgentSuccess") -> str:
+    low, high = found.seed_ci or found.task_ci
+    over = f"over {len(found.seeds)} seeds" if found.seed_ci else "over tasks, one seed"
+    text = f"{found.mean:.3f} [{low:.3f}, {high:.3f}] {over}"
+    if found.difference is not None and found.difference_ci is not None:
+        down, up = found.difference_ci
+        text += f"  {found.difference:+.3f} [{down:+.3f}, {up:+.3f}] over tasks"
+    if found.p_better is not None:
+        text += f"  P(better) {found.p_better:.2f}"
+    return text

@@ -1,8 +1,12 @@
 """``wordcraft-kg compare-links``."""
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from wordcraft_kg.cli.console import Output, aligned
+
+if TYPE_CHECKING:
+    from wordcraft_kg.models.links.comparison import LinkComparison
 
 EXAMPLES = (
     "wordcraft-kg compare-links models/everyday models/everyday-rotate",
@@ -31,16 +35,20 @@ def compare_links(
     from wordcraft_kg.models.links.comparison import compare
     from wordcraft_kg.models.links.folder import open_model
 
-    values = compare(open_model(a, graph), open_model(b, graph), resamples=resamples, seed=seed)
-    low, high = values["difference_ci"]
+    view = compare(open_model(a, graph), open_model(b, graph), resamples=resamples, seed=seed)
+    output.result(view, _text(view))
+
+
+def _text(view: "LinkComparison") -> list[str]:
+    low, high = view.difference_ci
     verdict = "the interval leaves out 0" if low > 0 or high < 0 else "the interval holds 0: no difference is shown"
     rows = [
-        ("A", f"MRR {values['a']['mrr']:.3f}  hits@10 {values['a']['hits@10']:.3f}  {values['a']['name']}"),
-        ("B", f"MRR {values['b']['mrr']:.3f}  hits@10 {values['b']['hits@10']:.3f}  {values['b']['name']}"),
-        ("A - B", f"MRR {values['difference']:+.3f} [{low:+.3f}, {high:+.3f}]; {verdict}"),
-        ("P(A > B)", f"{values['probability_a_better']:.3f} of the resamples"),
+        ("A", f"MRR {view.a.mrr:.3f}  hits@10 {view.a.hits_at_10:.3f}  {view.a.name}"),
+        ("B", f"MRR {view.b.mrr:.3f}  hits@10 {view.b.hits_at_10:.3f}  {view.b.name}"),
+        ("A - B", f"MRR {view.difference:+.3f} [{low:+.3f}, {high:+.3f}]; {verdict}"),
+        ("P(A > B)", f"{view.probability_a_better:.3f} of the resamples"),
     ]
-    for side in ("a", "b"):
-        if values[side]["has_seen_the_test_recipes"]:
-            rows.append(("note", f"{values[side]['name']} was trained on all recipes: it has seen these triples"))
-    output.result(values, [f"{values['queries']:,} queries for unseen triples", *aligned(rows)])
+    for model in (view.a, view.b):
+        if model.has_seen_the_test_recipes:
+            rows.append(("note", f"{model.name} was trained on all recipes: it has seen these triples"))
+    return [f"{view.queries:,} queries for unseen triples", *aligned(rows)]

@@ -6,11 +6,14 @@ import time
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
 from wordcraft_kg.errors import ConfigError
+
+if TYPE_CHECKING:
+    from wordcraft_kg.records import Record
 
 
 @Parameter(name="*", group="Output and configuration")
@@ -28,10 +31,12 @@ class Output:
     quiet: Annotated[bool, Parameter(negative="", show_default=False)] = False
     config: Path | None = None
 
-    def result(self, values: dict[str, Any], text: Iterable[str]) -> None:
+    def result(self, view: "Record | dict[str, Any]", text: Iterable[str]) -> None:
         """Print the result of a command, as one JSON object or as lines of text."""
         if self.json:
-            print(json.dumps(values, ensure_ascii=False, allow_nan=False, default=str))
+            from wordcraft_kg.records import as_values
+
+            print(json.dumps(as_values(view), ensure_ascii=False))
         else:
             for line in text:
                 print(line)

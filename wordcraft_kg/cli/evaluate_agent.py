@@ -1,12 +1,15 @@
 """``wordcraft-kg evaluate-agent``."""
 
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
-from wordcraft_kg.cli.console import Output
+from wordcraft_kg.cli.console import Output, whole_numbers
 from wordcraft_kg.graphs.tasks import TaskPart
+
+if TYPE_CHECKING:
+    from wordcraft_kg.views.evaluation import AgentEvaluation
 
 EXAMPLES = (
     "wordcraft-kg evaluate-agent runs/no-kg --part test --distractors 1,8 --draws 5",
@@ -35,47 +38,28 @@ def evaluate_agent(
         graph: where the graph is now, if it has moved since the training.
     """
     from wordcraft_kg.agents.agent_folder import open_agent
-    from wordcraft_kg.agents.evaluation import Evaluator, player_of
-    from wordcraft_kg.cli.console import whole_numbers
     from wordcraft_kg.errors import ConfigError
+    from wordcraft_kg.views.evaluation import view_evaluation
 
     if draws < 1:
         raise ConfigError(f"--draws {draws}: expected 1 or more.")
     trained = open_agent(run, graph)
     amounts = whole_numbers("distractors", distractors or [str(trained.config.tasks.distractors)])
-    player = player_of(trained.policy, agent)
-    success: dict[str, Any] = {}
-    outcomes: dict[str, Any] = {}
-    for amount in amounts:
-        found = Evaluator(trained.opened, trained.config.tasks.environment(part, amount), draws=draws)(player)
-        success[str(amount)], outcomes[str(amount)] = found.figures(), found.shares()
-    depth, policy = trained.config.tasks.depth, trained.config.policy
-    scores = f"{policy.use}, scale {policy.scale}, self edges {policy.self_edges}" if agent == "kg-only" else None
-    checkpoint = trained.checkpoint if agent == "trained" else None
-    values = {
-        "run": str(run),
-        "agent": agent,
-        "checkpoint": checkpoint,
-        "scores": scores,
-        "part": part,
-        "depth": depth,
-        "success": success,
-        "outcomes": outcomes,
-    }
-    output.result(values, _text(values))
+    view = view_evaluation(run, trained, agent, part, amounts, draws)
+    output.result(view, _text(view))
 
 
-def _text(values: dict[str, Any]) -> list[str]:
-    who = f"kg-only ({values['scores']})" if values["agent"] == "kg-only" else values["agent"]
-    who = who if values["agent"] != "trained" else f"{Path(values['run']).name}, {values['checkpoint']}"
-    lines = [f"{who}: {values['part']} tasks of depth {values['depth']}, greedy"]
-    for amount, found in values["success"].items():
+def _text(view: "AgentEvaluation") -> list[str]:
+    who = f"kg-only ({view.scores})" if view.scores else view.agent
+    who = f"{Path(view.run).name}, {view.checkpoint}" if view.checkpoint else who
+    lines = [f"{who}: {view.part} tasks of depth {view.depth}, greedy"]
+    for amount, found in view.success.items():
         title = f"{amount} distractor{'s' * (amount != '1')}"
         lines.append(
-            f"{title:<15} success {found['mean']:.3f} [{found['ci_low']:.3f}, {found['ci_high']:.3f}]  "
-            f"by a plan {found['by_plan']:.3f}  picks {found['picks']:.2f}"
+            f"{title:<15} success {found.mean:.3f} [{found.ci_low:.3f}, {found.ci_high:.3f}]  "
+            f"by a plan {found.by_plan:.3f}  picks {found.picks:.2f}"
         )
-        shares = (f"{name.replace('_', ' ')} {share:.1%}" for name, share in values["outcomes"][amount].items())
+        shares = (f"{name.replace('_', ' ')} {share:.1%}" for name, share in view.outcomes[amount].items())
         lines.append(f"{'':<15} {', '.join(shares)}")
-    found = next(iter(values["success"].values()))
-    return [*lines, f"{found['tasks']:,} tasks, {found['draws']} draws of distractors each; 95 % intervals over tasks"]
+    found = next(iter(view.success.values()))
+    return [*lines, f"{found.tasks:,} tasks, {found.draws} draws of distractors each; 95 % intervals over tasks"]

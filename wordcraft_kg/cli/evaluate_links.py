@@ -2,9 +2,13 @@
 
 import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from wordcraft_kg.cli.console import Flag, Output, aligned
+
+if TYPE_CHECKING:
+    from wordcraft_kg.models.scorers.ranking import RankingMetrics
+    from wordcraft_kg.views.links import LinkView
 
 EXAMPLES = (
     "wordcraft-kg evaluate-links models/everyday",
@@ -34,7 +38,9 @@ def evaluate_links(
     if model.is_dir():
         check_output(folder, force=force)
     from wordcraft_kg.models.links.folder import open_model
-    from wordcraft_kg.reports.link_report import make_link_report, summary_values, write_link_report
+    from wordcraft_kg.reports.link_report import make_link_report
+    from wordcraft_kg.reports.report import write_report
+    from wordcraft_kg.views.links import summarise_links
 
     trained = open_model(model, graph)
     report = make_link_report(
@@ -45,34 +51,32 @@ def evaluate_links(
         provenance=trained.provenance,
         trace=trained.trace,
     )
-    write_link_report(report, folder, force=force)
-    values = summary_values(report.values) | {"report": str(folder / "index.html")}
-    output.result(values, _text(report.values, folder))
+    write_report(report, folder, force=force)
+    output.result(summarise_links(report.view, str(folder / "index.html")), _text(report.view, folder))
     # Coverage is the split's own choice (by-goal cannot have it); the other checks must hold for any figure to count.
-    failed = [check for check in report.values["checks"] if not check["passed"] and check["id"] != "coverage"]
+    failed = [check for check in report.view.checks if not check.passed and check.id != "coverage"]
     for check in failed:
-        print(f"CHECK FAILED: {check['name']} ({check['detail']})", file=sys.stderr)
+        print(f"CHECK FAILED: {check.name} ({check.detail})", file=sys.stderr)
     return 1 if failed else 0
 
 
-def _text(values: dict[str, Any], folder: Path) -> list[str]:
-    metrics, baselines = values["metrics"], values["baselines"]
-
-    def figures(table: dict[str, Any]) -> str:
-        if not table["queries"]:
-            return "no queries"
-        interval = f" [{table['mrr_ci'][0]:.3f}, {table['mrr_ci'][1]:.3f}]" if "mrr_ci" in table else ""
-        return f"MRR {table['mrr']:.3f}{interval}  hits@1 {table['hits@1']:.3f}  hits@10 {table['hits@10']:.3f}"
-
-    rows = [(name, figures(metrics[name])) for name in ("all", "combinesWith", "componentOf")]
-    rows += [(name, figures(table["all"])) for name, table in baselines.items()]
-    if values["model"]["has_seen_the_test_recipes"]:
-        first = f"{values['triples']:,} triples of the graph, all of them seen in training: memory, not prediction"
+def _text(view: "LinkView", folder: Path) -> list[str]:
+    rows = [(name, _figures(view.metrics[name])) for name in ("all", "combinesWith", "componentOf")]
+    rows += [(name, _figures(table["all"])) for name, table in view.baselines.items()]
+    if view.model.has_seen_the_test_recipes:
+        first = f"{view.triples:,} triples of the graph, all of them seen in training: memory, not prediction"
     else:
-        first = f"{values['triples']:,} unseen triples; {values['leaked_left_out']:,} leaked ones left out"
-        others = [row for row in values["drill_down"]["near_synonyms"] if row["slice"] == "no such train recipe"]
+        first = f"{view.triples:,} unseen triples; {view.leaked_left_out:,} leaked ones left out"
+        others = [row for row in view.drill_down.near_synonyms if row.slice == "no such train recipe"]
         rows += [
-            ("no near-synonym", f"{figures(row)}  (recipes that no train recipe nearly repeats)") for row in others
+            ("no near-synonym", f"{_figures(row)}  (recipes that no train recipe nearly repeats)") for row in others
         ]
-        rows.append(("with leaked", f"MRR {values['with_leaked']['mrr']:.3f}, inflated: training contains them"))
+        rows.append(("with leaked", f"MRR {view.with_leaked.mrr:.3f}, inflated: training contains them"))
     return [first, *aligned(rows), f"wrote {folder}/   open {folder / 'index.html'}"]
+
+
+def _figures(found: "RankingMetrics") -> str:
+    if not found.queries:
+        return "no queries"
+    interval = f" [{found.mrr_ci[0]:.3f}, {found.mrr_ci[1]:.3f}]" if found.mrr_ci else ""
+    return f"MRR {found.mrr:.3f}{interval}  hits@1 {found.hits_at_1:.3f}  hits@10 {found.hits_at_10:.3f}"

@@ -1,10 +1,14 @@
 """``wordcraft-kg explain``."""
 
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from wordcraft_kg.cli.console import Output
 from wordcraft_kg.graphs.tasks import TaskPart
+
+if TYPE_CHECKING:
+    from wordcraft_kg.agents.explanation import ExplainedEpisode, ExplainedStep
 
 EXAMPLES = (
     "wordcraft-kg explain runs/partial --goal bread --episodes 3",
@@ -33,40 +37,40 @@ def explain(
         graph: where the graph is now, if it has moved since the training.
     """
     from wordcraft_kg.agents.agent_folder import open_agent
-    from wordcraft_kg.agents.explanation import explain_episodes
     from wordcraft_kg.errors import ConfigError
+    from wordcraft_kg.views.evaluation import view_explanation
 
     if episodes < 1:
         raise ConfigError(f"--episodes {episodes}: expected 1 or more.")
     agent = open_agent(run, graph)
-    config = agent.config.tasks.environment(part, distractors)
-    found = explain_episodes(agent.policy, agent.opened, config, goal=goal, episodes=episodes)
-    values = {"run": str(run), "checkpoint": agent.checkpoint, "part": part, "episodes": found}
-    output.result(values, [line for number, episode in enumerate(found, 1) for line in _text(number, episode)])
+    view = view_explanation(run, agent, part, distractors, goal, episodes)
+    output.result(view, [line for number, episode in enumerate(view.episodes, 1) for line in _text(number, episode)])
 
 
-def _text(number: int, episode: dict[str, Any]) -> list[str]:
+def _text(number: int, episode: "ExplainedEpisode") -> Iterator[str]:
+    plans = "; ".join(", then ".join(plan) for plan in episode.plans)
+    yield f"Episode {number}: make {episode.goal}   ({plans})"
+    for step in episode.steps:
+        yield from _step(step)
+    ending = "made it" if episode.outcome == "goal" else "did not make it"
+    yield from (f"  {ending}   (> picked, * part of the goal in a plan)", "")
+
+
+def _step(step: "ExplainedStep") -> Iterator[str]:
     from wordcraft_kg.models.policies.sources import label_of
 
-    plans = "; ".join(", then ".join(plan) for plan in episode["plans"])
-    lines = [f"Episode {number}: make {episode['goal']}   ({plans})"]
-    for step in episode["steps"]:
-        weights = "  ".join(f"{label_of(name).coefficient} {value:.2f}" for name, value in step["lambdas"].items())
-        held = f"holding {step['held']}" if step["held"] else "holding nothing"
-        lines += ["", f"  {held}   V {step['value']:.2f}   {weights}".rstrip()]
-        names = list(step["slots"][0]["sources"])
-        width = max(16, *(len(slot["entity"]) + 4 for slot in step["slots"]))
-        columns = [label_of(name).symbol for name in names]
-        if step["lambdas"]:
-            columns += [f"λ{symbol}·{symbol}" for symbol in columns]
-        lines.append(f"  {'':<{width}}" + "".join(f"{column:>8}" for column in (*columns, "β", "π")))
-        for slot in sorted(step["slots"], key=lambda slot: -slot["logit"]):
-            mark = ">" if slot["entity"] == step["picked"] else " "
-            label = f"{mark} {slot['entity']}{' *' if slot['is_part'] else ''}"
-            figures = [*slot["sources"].values(), *(slot["contributions"].values() if step["lambdas"] else ())]
-            cells = "".join(f"{figure:>8.2f}" for figure in (*figures, slot["logit"]))
-            lines.append(f"  {label:<{width}}{cells}{slot['probability']:>8.1%}")
-        if step["made"]:
-            lines.append(f"  made {', '.join(step['made'])}")
-    ending = "made it" if episode["outcome"] == "goal" else "did not make it"
-    return [*lines, f"  {ending}   (> picked, * part of the goal in a plan)", ""]
+    weights = "  ".join(f"{label_of(name).coefficient} {value:.2f}" for name, value in step.lambdas.items())
+    yield from ("", f"  holding {step.held or 'nothing'}   V {step.value:.2f}   {weights}".rstrip())
+    width = max(16, *(len(slot.entity) + 4 for slot in step.slots))
+    columns = [label_of(name).symbol for name in step.slots[0].sources]
+    if step.lambdas:
+        columns += [f"λ{symbol}·{symbol}" for symbol in columns]
+    yield f"  {'':<{width}}" + "".join(f"{column:>8}" for column in (*columns, "β", "π"))
+    for slot in sorted(step.slots, key=lambda slot: -slot.logit):
+        mark = ">" if slot.entity == step.picked else " "
+        label = f"{mark} {slot.entity}{' *' if slot.is_part else ''}"
+        figures = [*slot.sources.values(), *(slot.contributions.values() if step.lambdas else ())]
+        cells = "".join(f"{figure:>8.2f}" for figure in (*figures, slot.logit))
+        yield f"  {label:<{width}}{cells}{slot.probability:>8.1%}"
+    if step.made:
+        yield f"  made {', '.join(step.made)}"

@@ -1,9 +1,12 @@
 """``wordcraft-kg human-summary``."""
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from wordcraft_kg.cli.console import Output, aligned
+
+if TYPE_CHECKING:
+    from wordcraft_kg.agents.human import AnswerRate, HumanSummary
 
 EXAMPLES = ("wordcraft-kg human-summary human.jsonl", "wordcraft-kg human-summary one.jsonl two.jsonl --json")
 
@@ -16,19 +19,17 @@ def human_summary(*sessions: Path, output: Output = Output()) -> None:
     """
     from wordcraft_kg.agents.human import summarise
 
-    values = summarise(sessions)
-    output.result(values, _text(values))
+    view = summarise(sessions)
+    output.result(view, _text(view))
 
 
-def _text(values: dict[str, Any]) -> list[str]:
-    def figures(row: dict[str, Any]) -> str:
-        if not row["answered"]:
+def _text(view: "HumanSummary") -> list[str]:
+    def figures(row: "AnswerRate") -> str:
+        if row.interval is None:
             return "no answers"
-        low, high = row["interval"]
-        return f"{row['successes']} of {row['answered']} right, rate {row['rate']:.3f} [{low:.3f}, {high:.3f}]"
+        low, high = row.interval
+        return f"{row.successes} of {row.answered} right, rate {row.rate:.3f} [{low:.3f}, {high:.3f}]"
 
-    distractors = values["settings"].get("num_distractors")
-    first = (
-        f"{values['graph']}, {distractors} distractors; sessions: {values['sessions']}, finished: {values['finished']}"
-    )
-    return [first, *aligned((part, figures(row)) for part, row in values["parts"].items())]
+    distractors = view.settings.get("num_distractors")
+    first = f"{view.graph}, {distractors} distractors; sessions: {view.sessions}, finished: {view.finished}"
+    return [first, *aligned((part, figures(row)) for part, row in view.parts.items())]

@@ -75,7 +75,9 @@ def report_agent(trained: "TrainedAgent", graph: str | None, output: Output) -> 
     """
     from wordcraft_kg.agents.agent_folder import open_agent
     from wordcraft_kg.agents.training import interruption_message
-    from wordcraft_kg.reports.agent_report import group_agents, make_agent_report, write_agent_report
+    from wordcraft_kg.reports.agent_report import make_agent_report
+    from wordcraft_kg.reports.report import write_report
+    from wordcraft_kg.views.agents import group_agents
 
     if trained.interrupted:
         raise KeyboardInterrupt(interruption_message(trained.folder, trained.step))
@@ -83,7 +85,7 @@ def report_agent(trained: "TrainedAgent", graph: str | None, output: Output) -> 
     success = summary["success"]
     part: TaskPart = "test" if "test" in success else "train"
     report = make_agent_report(group_agents([open_agent(folder, graph)]), part=part)
-    write_agent_report(report, folder / "report", force=True)
+    write_report(report, folder / "report", force=True)
     values = {
         "out": str(folder),
         "report": str(folder / "report" / "index.html"),

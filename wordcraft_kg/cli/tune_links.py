@@ -58,12 +58,11 @@ def tune_links(
         device=device,
         quiet=output.quiet,
     )
-    settings = ", ".join(f"{name} {value}" for name, value in found["settings"].items())
-    command = found["command"]
+    settings = ", ".join(f"{name} {value}" for name, value in found.settings.items())
     output.result(
         found,
         [
-            f"best of {found['trials']} trials: validation MRR {found['valid_mrr']:.3f} with {settings}",
-            f"wrote {out}   next: wordcraft-kg {command} {graph} --config {out}",
+            f"best of {found.trials} trials: validation MRR {found.valid_mrr:.3f} with {settings}",
+            f"wrote {out}   next: wordcraft-kg {found.command} {graph} --config {out}",
         ],
     )

@@ -1,148 +1,288 @@
 """What to know about a graph and its split before trusting a number: ambiguity, reachability, coverage, leakage."""
 
-from typing import Any
-
+import msgspec
 import numpy as np
 
+from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.planner import layers, rounds
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
+from wordcraft_kg.graphs.recipes import RecipeBook
 from wordcraft_kg.graphs.splits import Split
-from wordcraft_kg.graphs.triples import RELATIONS, is_in
+from wordcraft_kg.graphs.triples import RELATIONS, Relation, is_in
+from wordcraft_kg.records import Count, Hash, Record
 
 SHOWN = 20
 """How many entities or pairs a list names; counts are always complete."""
 
 
-def audit(graph: RecipeGraph, split: Split) -> dict[str, Any]:
-    """Return the audit of a graph and its split as plain values, ready for JSON.
+class TripleCounts(Record):
+    """Number of triples of each relation."""
 
-    Every list of names is cut at :data:`SHOWN`; the counts beside it are complete.
+    combines_with: Count = msgspec.field(name="combinesWith")
+    component_of: Count = msgspec.field(name="componentOf")
+    total: Count
+
+
+class AmbiguousPair(Record):
+    """A pair with several results."""
+
+    pair: tuple[str, str]
+    results: tuple[str, ...]
+
+
+class Ambiguity(Record):
+    """How many results the pairs have; the ``examples`` have most of them."""
+
+    pairs_by_number_of_results: dict[str, Count]
+    pairs_with_several_results: Count
+    examples: tuple[AmbiguousPair, ...]
+
+
+class Reachability(Record):
+    """What can be made from the base, and after how many rounds."""
+
+    reachable: Count
+    rounds: Count
+    known_after_round: tuple[Count, ...]
+    unreachable: Count
+    unreachable_entities: tuple[str, ...]
+
+
+class Spread(Record):
+    """Summary of a count over entities."""
+
+    mean: float
+    median: float
+    max: Count
+
+
+class Degrees(Record):
+    """How often entities are made and used.
+
+    Attributes:
+        craftable: entities with a recipe.
+        recipes_per_craftable: over those.
+        terminal: craftable entities that no recipe uses.
+        idle: entities in no recipe.
+        self_pairs: pairs of an entity with itself.
+        most_used: entities in most recipes, with their number.
+        most_recipes: entities made in most ways, with their number.
     """
+
+    craftable: Count
+    recipes_per_craftable: Spread
+    terminal: Count
+    idle: Count
+    self_pairs: Count
+    most_used: tuple[tuple[str, Count], ...]
+    most_recipes: tuple[tuple[str, Count], ...]
+
+
+class AlikeLabels(Record):
+    """Groups of labels that differ only in case or outer and repeated blanks: most often a slip, never merged by us."""
+
+    alike: Count
+    alike_labels: tuple[tuple[str, ...], ...]
+
+
+class SplitSummary(Record):
+    """Settings and sizes of a split.
+
+    Attributes:
+        evaluated_triples: triples of the test recipes that neither train nor validation recipes give.
+        leaked_triples: the others, which never count.
+        covered: every entity is in a train recipe.
+        uncovered: entities that are in none.
+        moved_for_coverage: recipes moved to train for that.
+        pairs_on_both_sides: pairs with results in more than one part.
+    """
+
+    kind: str
+    seed: int
+    train_ratio: float
+    valid_ratio: float
+    hash: Hash
+    train_recipes: Count
+    valid_recipes: Count
+    test_recipes: Count
+    partial_triples: Count
+    unseen_triples: Count
+    evaluated_triples: Count
+    leaked_triples: Count
+    covered: bool
+    uncovered: Count
+    uncovered_entities: tuple[str, ...]
+    moved_for_coverage: Count
+    pairs_on_both_sides: Count
+
+
+class Leakage(Record):
+    """How the test triples of a relation relate to its training triples.
+
+    Attributes:
+        train: training triples.
+        from_test_recipes: triples of the test recipes.
+        already_in_train: those of them that are in train, or in the validation part, and left out.
+        evaluated: the rest.
+        mirror_in_train: evaluated triples whose mirror (tail, relation, head) is in train: for combinesWith it must be
+            0, else the answer is given away.
+    """
+
+    train: Count
+    from_test_recipes: Count
+    already_in_train: Count
+    evaluated: Count
+    mirror_in_train: Count
+
+
+class Audit(Record, omit_defaults=True, kw_only=True):
+    """A graph and its split in numbers; every list of names is cut at :data:`SHOWN`, the count beside it is complete.
+
+    Attributes:
+        dropped_self_results: rows of the book whose result is one of their own parts; None where no book was given.
+        merged_duplicates: rows of the book that it has twice; None where no book was given.
+    """
+
+    dropped_self_results: Count | None = None
+    merged_duplicates: Count | None = None
+    entities: Count
+    recipes: Count
+    pairs: Count
+    base: tuple[str, ...]
+    hash: Hash
+    triples: TripleCounts
+    ambiguity: Ambiguity
+    reachability: Reachability
+    degrees: Degrees
+    labels: AlikeLabels
+    split: SplitSummary
+    leakage: dict[Relation, Leakage]
+
+
+def audit(graph: RecipeGraph, split: Split, book: RecipeBook | None = None) -> Audit:
+    """Return the audit of a graph and its split, and of the book that they were built from."""
     layer = layers(graph)
-    return {
-        "entities": graph.num_entities,
-        "recipes": graph.num_recipes,
-        "pairs": graph.num_pairs,
-        "base": list(graph.base),
-        "hash": graph.hash,
-        "triples": triple_counts(graph),
-        "ambiguity": _ambiguity(graph),
-        "reachability": _reachability(graph, layer),
-        "degrees": _degrees(graph),
-        "labels": _labels(graph),
-        "split": split_summary(split),
-        "leakage": leakage(split),
-    }
+    return Audit(
+        dropped_self_results=None if book is None else book.dropped_self_results,
+        merged_duplicates=None if book is None else book.merged_duplicates,
+        entities=graph.num_entities,
+        recipes=graph.num_recipes,
+        pairs=graph.num_pairs,
+        base=graph.base,
+        hash=graph.hash,
+        triples=triple_counts(graph),
+        ambiguity=_ambiguity(graph),
+        reachability=_reachability(graph, layer),
+        degrees=_degrees(graph),
+        labels=_labels(graph),
+        split=split_summary(split),
+        leakage=leakage(split),
+    )
 
 
-def triple_counts(graph: RecipeGraph) -> dict[str, int]:
+def triple_counts(graph: RecipeGraph) -> TripleCounts:
     """Return the number of triples of each relation, and their total."""
-    counts = np.bincount(graph.triples[:, 1], minlength=len(RELATIONS)).tolist()
-    return {**dict(zip(RELATIONS, counts, strict=True)), "total": len(graph.triples)}
+    combines_with, component_of = np.bincount(graph.triples[:, 1], minlength=len(RELATIONS)).tolist()
+    return TripleCounts(combines_with, component_of, len(graph.triples))
 
 
-def split_summary(split: Split) -> dict[str, Any]:
-    """Return settings and sizes of a split; ``leaked_triples`` counts test triples that train gives too."""
-    counts = np.bincount(split.parts, minlength=3).tolist()
+def split_summary(split: Split) -> SplitSummary:
+    """Return settings and sizes of a split."""
+    train, valid, test = np.bincount(split.parts, minlength=3).tolist()
     evaluated = split.held_out("test")
-    return {
-        "kind": split.config.kind,
-        "seed": split.config.seed,
-        "train_ratio": split.config.train_ratio,
-        "valid_ratio": split.config.valid_ratio,
-        "hash": split.hash,
-        "train_recipes": counts[0],
-        "valid_recipes": counts[1],
-        "test_recipes": counts[2],
-        "partial_triples": len(split.partial),
-        "unseen_triples": len(split.unseen),
-        "evaluated_triples": len(evaluated),
-        "leaked_triples": len(split.triples_of("test")) - len(evaluated),
-        "covered": not len(split.uncovered),
-        "uncovered": len(split.uncovered),
-        "uncovered_entities": list(split.graph.labels(split.uncovered[:SHOWN])),
-        "moved_for_coverage": split.moved_for_coverage,
-        "pairs_on_both_sides": split.pairs_on_both_sides,
-    }
+    return SplitSummary(
+        kind=split.config.kind,
+        seed=split.config.seed,
+        train_ratio=split.config.train_ratio,
+        valid_ratio=split.config.valid_ratio,
+        hash=split.hash,
+        train_recipes=train,
+        valid_recipes=valid,
+        test_recipes=test,
+        partial_triples=len(split.partial),
+        unseen_triples=len(split.unseen),
+        evaluated_triples=len(evaluated),
+        leaked_triples=len(split.triples_of("test")) - len(evaluated),
+        covered=not len(split.uncovered),
+        uncovered=len(split.uncovered),
+        uncovered_entities=split.graph.labels(split.uncovered[:SHOWN]),
+        moved_for_coverage=split.moved_for_coverage,
+        pairs_on_both_sides=split.pairs_on_both_sides,
+    )
 
 
-def leakage(split: Split) -> dict[str, dict[str, int]]:
-    """Return, per relation, how the test triples relate to the training triples.
-
-    Keys of each relation: ``train`` triples, triples ``from_test_recipes``, of which ``already_in_train`` (or in the
-    validation part) and left out, the ``evaluated`` rest, and how many of those have their mirror (tail, relation,
-    head) in train: for combinesWith it must be 0, else the answer is given away.
-    """
+def leakage(split: Split) -> dict[Relation, Leakage]:
+    """Return, by relation, how the test triples relate to the training triples."""
     evaluated = split.held_out("test")
     mirrored = is_in(evaluated[:, [2, 1, 0]], split.partial, split.graph.num_entities)
-    tables = {}
+    tables: dict[Relation, Leakage] = {}
     for relation, name in enumerate(RELATIONS):
         from_test = int(np.sum(split.triples_of("test")[:, 1] == relation))
         of_relation = evaluated[:, 1] == relation
-        tables[name] = {
-            "train": int(np.sum(split.partial[:, 1] == relation)),
-            "from_test_recipes": from_test,
-            "already_in_train": from_test - int(np.sum(of_relation)),
-            "evaluated": int(np.sum(of_relation)),
-            "mirror_in_train": int(np.sum(mirrored[of_relation])),
-        }
+        tables[name] = Leakage(
+            train=int(np.sum(split.partial[:, 1] == relation)),
+            from_test_recipes=from_test,
+            already_in_train=from_test - int(np.sum(of_relation)),
+            evaluated=int(np.sum(of_relation)),
+            mirror_in_train=int(np.sum(mirrored[of_relation])),
+        )
     return tables
 
 
-def _ambiguity(graph: RecipeGraph) -> dict[str, Any]:
+def _ambiguity(graph: RecipeGraph) -> Ambiguity:
     sizes = np.diff(graph.pair_starts)
     order = np.argsort(-sizes, kind="stable")[:SHOWN]
     examples = []
     for pair in order[sizes[order] > 1].tolist():
         start, stop = graph.pair_starts[pair : pair + 2]
         a, b = graph.labels(graph.recipes[start, :2])
-        examples.append({"pair": [a, b], "results": list(graph.labels(graph.recipes[start:stop, 2]))})
-    return {
-        "pairs_by_number_of_results": {str(n): int(c) for n, c in enumerate(np.bincount(sizes)) if c},
-        "pairs_with_several_results": int(np.sum(sizes > 1)),
-        "examples": examples,
-    }
+        examples.append(AmbiguousPair((a, b), graph.labels(graph.recipes[start:stop, 2])))
+    return Ambiguity(
+        pairs_by_number_of_results={str(n): int(c) for n, c in enumerate(np.bincount(sizes)) if c},
+        pairs_with_several_results=int(np.sum(sizes > 1)),
+        examples=tuple(examples),
+    )
 
 
-def _reachability(graph: RecipeGraph, layer: np.ndarray) -> dict[str, Any]:
+def _reachability(graph: RecipeGraph, layer: Ids) -> Reachability:
     unreachable = np.flatnonzero(layer < 0)
     known = rounds(layer)
-    return {
-        "reachable": int(np.sum(layer >= 0)),
-        "rounds": max(len(known) - 1, 0),
-        "known_after_round": known,
-        "unreachable": len(unreachable),
-        "unreachable_entities": list(graph.labels(unreachable[:SHOWN])),
-    }
+    return Reachability(
+        reachable=int(np.sum(layer >= 0)),
+        rounds=max(len(known) - 1, 0),
+        known_after_round=tuple(known),
+        unreachable=len(unreachable),
+        unreachable_entities=graph.labels(unreachable[:SHOWN]),
+    )
 
 
-def _degrees(graph: RecipeGraph) -> dict[str, Any]:
+def _degrees(graph: RecipeGraph) -> Degrees:
     uses, recipes = graph.use_counts, graph.recipe_counts
     craftable = recipes[recipes > 0]
     firsts = graph.recipes[graph.pair_starts[:-1]]
 
-    def top(counts: np.ndarray) -> list[list[Any]]:
-        return [[graph.entities[i], int(counts[i])] for i in np.argsort(-counts, kind="stable")[:10].tolist()]
+    def top(counts: Ids) -> tuple[tuple[str, int], ...]:
+        most = np.argsort(-counts, kind="stable")[:10].tolist()
+        return tuple((graph.entities[entity], int(counts[entity])) for entity in most)
 
-    return {
-        "craftable": len(craftable),
-        "recipes_per_craftable": {
-            "mean": round(float(craftable.mean()), 3) if len(craftable) else 0.0,
-            "median": float(np.median(craftable)) if len(craftable) else 0.0,
-            "max": int(craftable.max(initial=0)),
-        },
-        "terminal": int(np.sum((uses == 0) & (recipes > 0))),
-        "idle": int(np.sum((uses == 0) & (recipes == 0))),
-        "self_pairs": int(np.sum(firsts[:, 0] == firsts[:, 1])),
-        "most_used": top(uses),
-        "most_recipes": top(recipes),
-    }
+    return Degrees(
+        craftable=len(craftable),
+        recipes_per_craftable=Spread(
+            mean=round(float(craftable.mean()), 3) if len(craftable) else 0.0,
+            median=float(np.median(craftable)) if len(craftable) else 0.0,
+            max=int(craftable.max(initial=0)),
+        ),
+        terminal=int(np.sum((uses == 0) & (recipes > 0))),
+        idle=int(np.sum((uses == 0) & (recipes == 0))),
+        self_pairs=int(np.sum(firsts[:, 0] == firsts[:, 1])),
+        most_used=top(uses),
+        most_recipes=top(recipes),
+    )
 
 
-def _labels(graph: RecipeGraph) -> dict[str, Any]:
-    """Labels that differ only in case or outer and repeated blanks: most often a slip, never merged by us."""
+def _labels(graph: RecipeGraph) -> AlikeLabels:
     groups: dict[str, list[str]] = {}
     for label in graph.entities:
         groups.setdefault(" ".join(label.casefold().split()), []).append(label)
-    alike = [labels for labels in groups.values() if len(labels) > 1]
-    return {"alike": len(alike), "alike_labels": alike[:SHOWN]}
+    alike = [tuple(labels) for labels in groups.values() if len(labels) > 1]
+    return AlikeLabels(len(alike), tuple(alike[:SHOWN]))

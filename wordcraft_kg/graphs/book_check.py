@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
+import msgspec
 import numpy as np
 
 from wordcraft_kg.errors import RecipeFileError
@@ -26,6 +27,7 @@ from wordcraft_kg.graphs.recipes import (
     read_bytes,
     read_directive,
 )
+from wordcraft_kg.records import Count, Record, Share
 from wordcraft_kg.settings import nearest
 
 LISTED = 15
@@ -34,8 +36,7 @@ SIMILAR_FROM = 6
 """Characters from which labels that differ by one letter are listed; shorter ones do so by chance (cat, bat)."""
 
 
-@dataclass(frozen=True)
-class Finding:
+class Finding(Record):
     """One thing to look at.
 
     Attributes:
@@ -51,18 +52,56 @@ class Finding:
     message: str
 
 
+class BookFigures(Record, omit_defaults=True):
+    """Counts of a book; those with a default are there if somebody added them.
+
+    Attributes:
+        reachable: entities that can be made from the base, or are in it.
+        max_layer: rounds until the last of them.
+        share_with_two_recipes: of the craftable entities, those with two or more.
+        terminal: craftable entities that no recipe uses.
+        most_used_share: of the recipes, those that use the most used entity.
+        words_with_vector: of the words in labels, the share with a word vector.
+        near_synonym_share: of the test recipes of the default split, those that repeat a train recipe with a
+            near-synonym, that is, an ingredient of at least this cosine.
+        against: another book, which has ``shared_recipes`` of the recipes.
+    """
+
+    entities: Count
+    recipes: Count
+    pairs: Count
+    base: tuple[str, ...]
+    reachable: Count
+    max_layer: Count
+    mean_recipes_per_craftable: float
+    share_with_two_recipes: Share
+    terminal: Count
+    self_pairs: Count
+    pairs_with_two_or_three_results: Count
+    pairs_with_more_results: Count
+    most_used: str
+    most_used_share: Share
+    words: Count | None = None
+    words_with_vector: Share | None = None
+    near_synonym_share: Share | None = None
+    near_synonym_cosine: float | None = None
+    against: str | None = None
+    shared_recipes: Count | None = None
+    shared: Share | None = None
+
+
 @dataclass(frozen=True)
 class BookCheck:
     """Result of a check.
 
     Attributes:
         findings: problems first, each group by line.
-        figures: counts of the book; empty if no recipe could be read.
+        figures: counts of the book; None if no recipe could be read.
         graph: of the recipes that could be read; None if there is none.
     """
 
     findings: tuple[Finding, ...]
-    figures: Mapping[str, Any]
+    figures: BookFigures | None
     graph: RecipeGraph | None
 
     @property
@@ -70,9 +109,10 @@ class BookCheck:
         """Whether there is no problem."""
         return all(finding.severity == "note" for finding in self.findings)
 
-    def adding(self, findings: Iterable[Finding], figures: Mapping[str, Any]) -> "BookCheck":
+    def adding(self, findings: Iterable[Finding], **figures: Any) -> "BookCheck":
         """Return this check with more findings and figures."""
-        return replace(self, findings=_sorted([*self.findings, *findings]), figures={**self.figures, **figures})
+        more = None if self.figures is None else msgspec.structs.replace(self.figures, **figures)
+        return replace(self, findings=_sorted([*self.findings, *findings]), figures=more)
 
 
 def check_book(path: Path, base: Iterable[str] | None = None, name: str | None = None) -> BookCheck:
@@ -104,7 +144,7 @@ def check_book(path: Path, base: Iterable[str] | None = None, name: str | None =
     if book is None or not book.recipes:
         if not any(finding.severity == "problem" for finding in findings):
             findings.append(Finding("empty", "problem", (), "there is no recipe in it"))
-        return BookCheck(_sorted(findings), {}, None)
+        return BookCheck(_sorted(findings), None, None)
     wanted = book.base if base is None else tuple(base)
     known = None if wanted is None else [label for label in wanted if label in set(book.entities)]
     if wanted is not None and known is not None and len(known) < len(set(wanted)):
@@ -318,28 +358,28 @@ def _lonely(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Finding]
         yield Finding("lonely", "note", _at(lonely[:LISTED], line_of), message)
 
 
-def _figures(graph: RecipeGraph) -> dict[str, Any]:
+def _figures(graph: RecipeGraph) -> BookFigures:
     layer = layers(graph)
     made = graph.recipe_counts[graph.recipe_counts > 0]
     results = np.diff(graph.pair_starts)
     firsts = graph.recipes[graph.pair_starts[:-1]]
     most_used = int(np.argmax(graph.use_counts))
-    return {
-        "entities": graph.num_entities,
-        "recipes": graph.num_recipes,
-        "pairs": graph.num_pairs,
-        "base": list(graph.base),
-        "reachable": int(np.sum(layer >= 0)),
-        "max_layer": max(int(layer.max()), 0),
-        "mean_recipes_per_craftable": float(made.mean()),
-        "share_with_two_recipes": float(np.mean(made >= 2)),
-        "terminal": int(np.sum((graph.use_counts == 0) & (graph.recipe_counts > 0))),
-        "self_pairs": int(np.sum(firsts[:, 0] == firsts[:, 1])),
-        "pairs_with_two_or_three_results": int(np.sum((results == 2) | (results == 3))),
-        "pairs_with_more_results": int(np.sum(results > 3)),
-        "most_used": graph.entities[most_used],
-        "most_used_share": float(graph.use_counts[most_used] / graph.num_recipes),
-    }
+    return BookFigures(
+        entities=graph.num_entities,
+        recipes=graph.num_recipes,
+        pairs=graph.num_pairs,
+        base=graph.base,
+        reachable=int(np.sum(layer >= 0)),
+        max_layer=max(int(layer.max()), 0),
+        mean_recipes_per_craftable=float(made.mean()),
+        share_with_two_recipes=float(np.mean(made >= 2)),
+        terminal=int(np.sum((graph.use_counts == 0) & (graph.recipe_counts > 0))),
+        self_pairs=int(np.sum(firsts[:, 0] == firsts[:, 1])),
+        pairs_with_two_or_three_results=int(np.sum((results == 2) | (results == 3))),
+        pairs_with_more_results=int(np.sum(results > 3)),
+        most_used=graph.entities[most_used],
+        most_used_share=float(graph.use_counts[most_used] / graph.num_recipes),
+    )
 
 
 def listed(labels: Iterable[str]) -> str:

@@ -2,18 +2,19 @@
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 from wordcraft_kg.artefacts import dump_json, read_json, staged_folder, write_atomically
 from wordcraft_kg.errors import ArtefactError, RecipeFileError, SplitError
 from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.graphs.audit import audit
+from wordcraft_kg.graphs.audit import Audit, audit
 from wordcraft_kg.graphs.frames import entities_frame
 from wordcraft_kg.graphs.library import open_book
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.recipes import RecipeBook, book_json, read_book, recipe_table
 from wordcraft_kg.graphs.splits import Split, SplitConfig, make_split, read_split
 from wordcraft_kg.graphs.triples import triple_lines
+from wordcraft_kg.records import as_values
 
 KG = Literal["partial", "full"]
 """The triples of the train recipes, or those of all recipes."""
@@ -36,7 +37,7 @@ class OpenedGraph:
         return self.graph.triples if kg == "full" else self.split.partial
 
 
-def write_graph_folder(out: Path, book: RecipeBook, split: Split, *, force: bool = False) -> dict[str, Any]:
+def write_graph_folder(out: Path, book: RecipeBook, split: Split, *, force: bool = False) -> Audit:
     """Write a graph folder and return its audit.
 
     The folder holds ``graph.json``, ``split.json``, ``recipes.csv``, ``entities.tsv``, ``triples/full.tsv``,
@@ -63,9 +64,8 @@ def write_graph_folder(out: Path, book: RecipeBook, split: Split, *, force: bool
         (folder / "triples").mkdir()
         for name, triples in (("full", graph.triples), ("partial", split.partial), ("unseen", split.unseen)):
             write_atomically(folder / "triples" / f"{name}.tsv", triple_lines(triples, graph.entities))
-        found = {"dropped_self_results": book.dropped_self_results, "merged_duplicates": book.merged_duplicates}
-        found |= audit(graph, split)
-        write_atomically(folder / "audit.json", dump_json(found))
+        found = audit(graph, split, book)
+        write_atomically(folder / "audit.json", dump_json(as_values(found)))
     return found
 
 

@@ -1,6 +1,7 @@
 """The two relations of a recipe graph, and triples as arrays of ids."""
 
 from collections.abc import Iterator, Sequence
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,8 @@ COMBINES_WITH = 0
 """Id of ``combinesWith``: the head and the tail make something together; symmetric."""
 COMPONENT_OF = 1
 """Id of ``componentOf``: the head is an ingredient of the tail."""
-RELATIONS = ("combinesWith", "componentOf")
+Relation = Literal["combinesWith", "componentOf"]
+RELATIONS: tuple[Relation, Relation] = ("combinesWith", "componentOf")
 """Labels of the relations, in id order."""
 
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import torch
+from msgspec.structs import asdict
 
 from wordcraft_kg.errors import ConfigError, GraphMismatchError, SplitError
 from wordcraft_kg.graphs import SplitConfig, make_split
@@ -10,7 +11,7 @@ from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.models.links.comparison import compare
 from wordcraft_kg.models.links.folder import OpenedModel
 from wordcraft_kg.models.scorers.facts import FrequencyScorer, SymbolicScorer
-from wordcraft_kg.models.scorers.ranking import rank_triples, ranking_metrics
+from wordcraft_kg.models.scorers.ranking import RankingMetrics, rank_triples, ranking_metrics
 from wordcraft_kg.models.scorers.scorer import Scorer
 from wordcraft_kg.models.scorers.tables import TableScorer
 
@@ -37,15 +38,15 @@ def facts(opened_kitchen: OpenedGraph) -> OpenedModel:
 
 def test_a_model_does_not_differ_from_itself(frequency: OpenedModel):
     values = compare(frequency, frequency)
-    assert (values["difference"], values["difference_ci"], values["probability_a_better"]) == (0, [0, 0], 0.5)
-    assert values["a"] == values["b"]
+    assert (values.difference, values.difference_ci, values.probability_a_better) == (0, (0, 0), 0.5)
+    assert values.a == values.b
 
 
 def test_a_model_that_knows_the_answers_is_surely_better(facts: OpenedModel, frequency: OpenedModel):
     values = compare(facts, frequency)
-    assert values["probability_a_better"] == 1
-    assert values["difference_ci"][0] > 0
-    assert values["a"]["mrr"] == 1
+    assert values.probability_a_better == 1
+    assert values.difference_ci[0] > 0
+    assert values.a.mrr == 1
 
 
 def test_the_difference_is_that_of_the_mean_reciprocal_ranks(
@@ -57,19 +58,19 @@ def test_the_difference_is_that_of_the_mean_reciprocal_ranks(
         for opened in (facts, frequency)
     ]
     values = compare(facts, frequency)
-    assert values["queries"] == metrics[0]["queries"] == 2 * len(queries)
-    assert values["difference"] == pytest.approx(metrics[0]["mrr"] - metrics[1]["mrr"])
-    assert {name: values["b"][name] for name in metrics[1]} == metrics[1]
-    assert values["difference_ci"][0] <= values["difference"] <= values["difference_ci"][1]
+    assert values.queries == metrics[0].queries == 2 * len(queries)
+    assert values.difference == pytest.approx(metrics[0].mrr - metrics[1].mrr)
+    assert {name: getattr(values.b, name) for name in RankingMetrics.__struct_fields__} == asdict(metrics[1])
+    assert values.difference_ci[0] <= values.difference <= values.difference_ci[1]
 
 
 def test_swapping_the_models_turns_the_signs(opened_kitchen: OpenedGraph):
     one, two = (model(noise(opened_kitchen, seed), opened_kitchen) for seed in (1, 2))
     there, back = compare(one, two), compare(two, one)
-    assert there["difference"] == pytest.approx(-back["difference"])
-    assert there["difference_ci"] == pytest.approx([-back["difference_ci"][1], -back["difference_ci"][0]])
-    assert 0 < there["probability_a_better"] < 1
-    assert there["probability_a_better"] == pytest.approx(1 - back["probability_a_better"])
+    assert there.difference == pytest.approx(-back.difference)
+    assert there.difference_ci == pytest.approx([-back.difference_ci[1], -back.difference_ci[0]])
+    assert 0 < there.probability_a_better < 1
+    assert there.probability_a_better == pytest.approx(1 - back.probability_a_better)
 
 
 def test_a_paired_interval_is_narrower_than_the_separate_ones(opened_kitchen: OpenedGraph):
@@ -82,21 +83,21 @@ def test_a_paired_interval_is_narrower_than_the_separate_ones(opened_kitchen: Op
     values = compare(*(model(scorer, opened_kitchen) for scorer in scorers))
     queries = split.held_out("test")
     clusters = np.tile(recipe_clusters(graph, split.is_in("test"), queries), 2)
-    low, high = with_interval(rank_triples(scorers[0], queries, graph.triples), clusters)["mrr_ci"]
-    assert values["difference_ci"][1] - values["difference_ci"][0] < (high - low) / 2
+    low, high = with_interval(rank_triples(scorers[0], queries, graph.triples), clusters).mrr_ci
+    assert values.difference_ci[1] - values.difference_ci[0] < (high - low) / 2
 
 
 def test_the_comparison_is_determined_by_its_seed(opened_kitchen: OpenedGraph):
     one, two = (model(noise(opened_kitchen, seed), opened_kitchen) for seed in (1, 2))
     assert compare(one, two, seed=3) == compare(one, two, seed=3)
-    assert compare(one, two, seed=3)["difference_ci"] != compare(one, two, seed=4)["difference_ci"]
+    assert compare(one, two, seed=3).difference_ci != compare(one, two, seed=4).difference_ci
 
 
 def test_a_model_of_the_full_graph_is_marked_as_having_seen_the_queries(
     frequency: OpenedModel, facts: OpenedModel, opened_kitchen: OpenedGraph
 ):
     values = compare(model(facts.scorer, opened_kitchen, kg="full"), frequency)
-    assert [values[side]["has_seen_the_test_recipes"] for side in ("a", "b")] == [True, False]
+    assert [side.has_seen_the_test_recipes for side in (values.a, values.b)] == [True, False]
 
 
 def test_models_of_different_splits_are_refused(frequency: OpenedModel, opened_kitchen: OpenedGraph):

@@ -276,12 +276,12 @@ def test_a_third_source_trains_saves_plays_and_explains_by_its_one_line(third, t
     (agent,) = [open_agent(trained.folder)]
     train = agent.config.tasks.environment("train", 3)
     (episode,) = explain_episodes(agent.policy, opened, train, episodes=1)
-    slots = episode["steps"][0]["slots"]
-    assert set(slots[0]["sources"]) == {"alpha", "u", "w"}
+    slots = episode.steps[0].slots
+    assert set(slots[0].sources) == {"alpha", "u", "w"}
     # Of a train task the number is known, and so its shift; of a test task it is not.
-    assert min(slot["sources"]["w"] for slot in slots) >= 9
+    assert min(slot.sources["w"] for slot in slots) >= 9
     (other,) = explain_episodes(agent.policy, opened, agent.config.tasks.environment("test", 3), episodes=1)
-    assert all(abs(slot["sources"]["w"]) <= 1 for slot in other["steps"][0]["slots"])
+    assert all(abs(slot.sources["w"]) <= 1 for slot in other.steps[0].slots)
 
 
 def test_sources_of_other_graphs_are_known_by_their_hash():

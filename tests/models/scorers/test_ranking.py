@@ -27,7 +27,8 @@ from wordcraft_kg.models.scorers import ranking as link_prediction
 from wordcraft_kg.models.scorers.embeddings import ComplExScorer
 from wordcraft_kg.models.scorers.folder import make_scorer
 from wordcraft_kg.models.scorers.ranking import (
-    HITS,
+    CalibrationBin,
+    RankingMetrics,
     calibration,
     random_metrics,
     rank_triples,
@@ -37,7 +38,10 @@ from wordcraft_kg.models.scorers.ranking import (
     with_interval,
 )
 from wordcraft_kg.models.scorers.tables import TableScorer
+from wordcraft_kg.records import as_values
 from wordcraft_kg.statistics import bootstrap, interval
+
+HITS = (1, 3, 10)
 
 
 def table_scorer(table: np.ndarray) -> TableScorer:
@@ -94,7 +98,7 @@ def test_ranks_by_hand_follow_the_definitions_of_ties_and_filters():
 
 def test_no_triples_give_no_ranks():
     ranks = rank_triples(constant_scorer(3), np.empty((0, 3), dtype=np.int64), np.empty((0, 3), dtype=np.int64))
-    assert ranking_metrics(ranks) == random_metrics(ranks.assign(candidates=[])) == {"queries": 0}
+    assert ranking_metrics(ranks) == random_metrics(ranks.assign(candidates=[])) == RankingMetrics(0)
 
 
 def test_ranking_leaves_the_scorers_table_as_it_was():
@@ -146,11 +150,13 @@ def test_ranks_and_metrics_agree_with_pykeens_evaluator(opened_kitchen: OpenedGr
         for side, part in (("both", ranks), *((name, ranks[ranks["side"] == name]) for name in ("head", "tail"))):
             ours = ranking_metrics(part, column)
             names = {"mrr": "inverse_harmonic_mean_rank", "mean_rank": "arithmetic_mean_rank"}
-            names |= {f"hits@{k}": f"hits_at_{k}" for k in HITS}
+            names |= {name: name for name in ("hits_at_1", "hits_at_3", "hits_at_10")}
             if kind == "realistic":
                 names["amri"] = "adjusted_arithmetic_mean_rank_index"
             for name, pykeens in names.items():
-                assert ours[name] == pytest.approx(theirs.get_metric(f"{side}.{kind}.{pykeens}"), abs=1e-6), name
+                assert getattr(ours, name) == pytest.approx(theirs.get_metric(f"{side}.{kind}.{pykeens}"), abs=1e-6), (
+                    name
+                )
 
 
 def test_a_model_trained_by_negative_sampling_ranks_as_pykeens_evaluator_ranks_it(opened_kitchen: OpenedGraph):
@@ -178,7 +184,7 @@ def test_a_model_trained_by_negative_sampling_ranks_as_pykeens_evaluator_ranks_i
     tensors = scorer_tensors(LinkModelConfig(model="distmult", dim=4), model)
     scorer = make_scorer(*tensors, graph.entities, graph.hash)
     ours = ranking_metrics(rank_triples(scorer, split.held_out("test"), graph.triples))
-    assert ours["mrr"] == pytest.approx(theirs.get_metric("both.realistic.inverse_harmonic_mean_rank"), abs=1e-6)
+    assert ours.mrr == pytest.approx(theirs.get_metric("both.realistic.inverse_harmonic_mean_rank"), abs=1e-6)
 
 
 def test_embeddings_rank_like_their_table(opened_kitchen: OpenedGraph):
@@ -198,11 +204,11 @@ def test_a_constant_scorer_gets_the_rank_that_chance_would_give(opened_kitchen: 
     graph = opened_kitchen.graph
     ranks = rank_triples(constant_scorer(graph.num_entities), opened_kitchen.split.held_out("test"), graph.triples)
     metrics = ranking_metrics(ranks)
-    assert metrics["hits@1"] == 0
-    assert metrics["mean_rank"] == pytest.approx(float(((ranks["candidates"] + 1) / 2).mean()))
-    assert metrics["amri"] == pytest.approx(0, abs=1e-12)
-    assert random_metrics(ranks)["mean_rank"] == pytest.approx(metrics["mean_rank"])
-    assert metrics["mrr"] < random_metrics(ranks)["mrr"]
+    assert metrics.hits_at_1 == 0
+    assert metrics.mean_rank == pytest.approx(float(((ranks["candidates"] + 1) / 2).mean()))
+    assert metrics.amri == pytest.approx(0, abs=1e-12)
+    assert random_metrics(ranks).mean_rank == pytest.approx(metrics.mean_rank)
+    assert metrics.mrr < random_metrics(ranks).mrr
 
 
 def test_a_perfect_scorer_gets_perfect_metrics(opened_kitchen: OpenedGraph):
@@ -211,24 +217,24 @@ def test_a_perfect_scorer_gets_perfect_metrics(opened_kitchen: OpenedGraph):
     heads, relations, tails = graph.triples.T
     table[relations, heads, tails] = 1
     metrics = ranking_metrics(rank_triples(table_scorer(table), opened_kitchen.split.held_out("test"), graph.triples))
-    assert {metrics[name] for name in ("mrr", "hits@1", "hits@3", "hits@10", "mean_rank", "amri")} == {1.0}
+    assert set(as_values(metrics).values()) == {metrics.queries, 1.0}
 
 
 def test_metrics_by_hand():
     ranks = pd.DataFrame({"rank": [1.0, 2.0, 3.5, 11.0], "candidates": [5, 5, 7, 21]})
     metrics = ranking_metrics(ranks)
-    assert metrics["mrr"] == pytest.approx((1 + 1 / 2 + 1 / 3.5 + 1 / 11) / 4)
-    assert (metrics["hits@1"], metrics["hits@3"], metrics["hits@10"]) == (0.25, 0.5, 0.75)
-    assert metrics["mean_rank"] == 17.5 / 4
+    assert metrics.mrr == pytest.approx((1 + 1 / 2 + 1 / 3.5 + 1 / 11) / 4)
+    assert (metrics.hits_at_1, metrics.hits_at_3, metrics.hits_at_10) == (0.25, 0.5, 0.75)
+    assert metrics.mean_rank == 17.5 / 4
     # Expected ranks minus one: 2, 2, 3 and 10; reached: 0, 1, 2.5 and 10.
-    assert metrics["amri"] == pytest.approx(1 - 13.5 / 17)
-    assert metrics["queries"] == 4
+    assert metrics.amri == pytest.approx(1 - 13.5 / 17)
+    assert metrics.queries == 4
 
 
 def test_a_field_of_one_candidate_has_no_chance_to_beat():
     ranks = pd.DataFrame({"rank": [1.0, 1.0], "candidates": [1, 1]})
-    assert ranking_metrics(ranks)["amri"] == 0
-    assert random_metrics(ranks)["mrr"] == 1
+    assert ranking_metrics(ranks).amri == 0
+    assert random_metrics(ranks).mrr == 1
 
 
 def test_random_metrics_equal_the_mean_over_all_permutations():
@@ -243,7 +249,7 @@ def test_random_metrics_equal_the_mean_over_all_permutations():
             sums["mean_rank"] += share * rank
             for k in HITS:
                 sums[f"hits@{k}"] += share * (rank <= k)
-    found = random_metrics(pd.DataFrame({"candidates": sizes}))
+    found = as_values(random_metrics(pd.DataFrame({"candidates": sizes})))
     assert found.pop("queries") == len(sizes)
     assert found.pop("amri") == 0
     assert found == pytest.approx({name: float(value) for name, value in sums.items()})
@@ -256,8 +262,8 @@ def test_random_metrics_are_what_random_scores_get_on_average(opened_kitchen: Op
     for _ in range(40):
         table = rng.permutation(2 * graph.num_entities**2).reshape(2, graph.num_entities, graph.num_entities)
         ranks = rank_triples(table_scorer(table), queries, graph.triples)
-        drawn.append(ranking_metrics(ranks))
-    for name, expected in random_metrics(ranks).items():
+        drawn.append(as_values(ranking_metrics(ranks)))
+    for name, expected in as_values(random_metrics(ranks)).items():
         values = np.array([metrics[name] for metrics in drawn])
         error = values.std() / np.sqrt(len(values))
         assert abs(values.mean() - expected) <= 4 * error + 1e-12, name
@@ -349,15 +355,15 @@ def test_an_interval_contains_its_mean_and_covers_the_truth(opened_kitchen: Open
     for seed in range(60):
         ranks = pd.DataFrame({"rank": rng.choice([1.0, 2.0, 4.0], size=80), "candidates": 10})
         metrics = with_interval(ranks, np.arange(80), resamples=200, seed=seed)
-        low, high = metrics["mrr_ci"]
-        assert low <= metrics["mrr"] <= high
+        low, high = metrics.mrr_ci
+        assert low <= metrics.mrr <= high
         covered += low <= (1 + 1 / 2 + 1 / 4) / 3 <= high
     assert 50 <= covered <= 60
 
 
 def test_no_queries_have_no_interval():
     empty = pd.DataFrame({"rank": [], "candidates": []})
-    assert with_interval(empty, np.array([], dtype=np.int64)) == {"queries": 0}
+    assert with_interval(empty, np.array([], dtype=np.int64)) == RankingMetrics(0)
 
 
 # --- calibration -----------------------------------------------------------------------------------------------------
@@ -377,26 +383,26 @@ def answers(confidence: list[float], right: list[bool]) -> pd.DataFrame:
 
 def test_calibration_is_perfect_where_confidence_equals_accuracy():
     found = calibration(answers([0.25] * 4 + [0.75] * 4, [True] + [False] * 3 + [True] * 3 + [False]), bins=2)
-    assert found["ece"] == 0
-    assert found["bins"] == [
-        {"confidence": 0.25, "accuracy": 0.25, "queries": 4},
-        {"confidence": 0.75, "accuracy": 0.75, "queries": 4},
-    ]
+    assert found.ece == 0
+    assert found.bins == (
+        CalibrationBin(confidence=0.25, accuracy=0.25, queries=4),
+        CalibrationBin(confidence=0.75, accuracy=0.75, queries=4),
+    )
 
 
 def test_the_calibration_error_is_the_mean_distance_weighted_by_queries():
     found = calibration(answers([0.1, 0.1, 0.9], [True, True, False]), bins=2)
-    assert [row["queries"] for row in found["bins"]] == [2, 1]
-    assert found["ece"] == pytest.approx((2 * 0.9 + 0.9) / 3)
+    assert [row.queries for row in found.bins] == [2, 1]
+    assert found.ece == pytest.approx((2 * 0.9 + 0.9) / 3)
 
 
 def test_calibration_asks_for_the_head_where_the_head_is_open():
     frame = answers([0.5, 0.5], [True, True]).assign(side="head", head=[1, 0], tail=2)
-    assert calibration(frame, bins=1)["bins"][0]["accuracy"] == 0.5
+    assert calibration(frame, bins=1).bins[0].accuracy == 0.5
 
 
 def test_calibration_of_few_queries_has_no_empty_bins():
-    assert [row["queries"] for row in calibration(answers([0.2, 0.4], [True, False]))["bins"]] == [1, 1]
+    assert [row.queries for row in calibration(answers([0.2, 0.4], [True, False])).bins] == [1, 1]
 
 
 def test_a_confidence_is_a_share_among_the_candidates(opened_kitchen: OpenedGraph):

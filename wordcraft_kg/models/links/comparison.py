@@ -1,24 +1,53 @@
 """Comparing two link predictors on the same queries."""
 
-from typing import Any
-
+import msgspec
 import numpy as np
 
 from wordcraft_kg.errors import ConfigError, GraphMismatchError, SplitError
 from wordcraft_kg.models.links.folder import OpenedModel
-from wordcraft_kg.models.scorers.ranking import MIN_TRIPLES, rank_triples, ranking_metrics, recipe_clusters
+from wordcraft_kg.models.scorers.ranking import (
+    MIN_TRIPLES,
+    RankingMetrics,
+    rank_triples,
+    ranking_metrics,
+    recipe_clusters,
+)
+from wordcraft_kg.records import Count, Record, Share
 from wordcraft_kg.statistics import bootstrap, interval
 
 
-def compare(a: OpenedModel, b: OpenedModel, *, resamples: int = 1_000, seed: int = 0) -> dict[str, Any]:
+class ComparedModel(RankingMetrics, kw_only=True):
+    """A model's metrics on the shared queries."""
+
+    name: str
+    has_seen_the_test_recipes: bool
+
+
+class LinkComparison(Record):
+    """Two models on the same queries.
+
+    Attributes:
+        a: the first.
+        b: the second.
+        queries: number of them.
+        difference: of MRR, a - b.
+        difference_ci: its 95 % interval.
+        probability_a_better: share of resamples in which a is ahead; ties count half.
+    """
+
+    a: ComparedModel
+    b: ComparedModel
+    queries: Count
+    difference: float
+    difference_ci: tuple[float, float]
+    probability_a_better: Share
+
+
+def compare(a: OpenedModel, b: OpenedModel, *, resamples: int = 1_000, seed: int = 0) -> LinkComparison:
     """Rank the unseen test triples with both models and bootstrap the difference of their reciprocal ranks.
 
     Both are resampled together, a recipe pair at a time: the difference is judged on the same queries, which is much
     sharper than comparing two separate intervals.
-
-    Returns:
-        ``a`` and ``b`` (name, metrics), ``queries``, ``difference`` of MRR (a - b), its 95 % interval
-        ``difference_ci``, and ``probability_a_better``, the share of resamples in which a is ahead (ties count half).
 
     Raises:
         GraphMismatchError: if they were trained on different graphs or splits.
@@ -48,17 +77,19 @@ def compare(a: OpenedModel, b: OpenedModel, *, resamples: int = 1_000, seed: int
     clusters = np.tile(recipe_clusters(graph, split.is_in("test"), queries), 2)
     gain = 1 / ranks[0]["rank"].to_numpy(dtype=float) - 1 / ranks[1]["rank"].to_numpy(dtype=float)
     means = bootstrap(gain, clusters, resamples=resamples, seed=seed)
-    return {
-        **{
-            side: {
-                "name": model.scorer.name,
-                "has_seen_the_test_recipes": model.kg == "full",
-                **ranking_metrics(ranked),
-            }
-            for side, model, ranked in (("a", a, ranks[0]), ("b", b, ranks[1]))
-        },
-        "queries": len(gain),
-        "difference": float(gain.mean()),
-        "difference_ci": list(interval(means)),
-        "probability_a_better": float(np.mean(means > 0) + np.mean(means == 0) / 2),
-    }
+    one, other = (
+        ComparedModel(
+            **msgspec.structs.asdict(ranking_metrics(ranked)),
+            name=model.scorer.name,
+            has_seen_the_test_recipes=model.kg == "full",
+        )
+        for model, ranked in zip((a, b), ranks, strict=True)
+    )
+    return LinkComparison(
+        a=one,
+        b=other,
+        queries=len(gain),
+        difference=float(gain.mean()),
+        difference_ci=interval(means),
+        probability_a_better=float(np.mean(means > 0) + np.mean(means == 0) / 2),
+    )

@@ -38,7 +38,7 @@ from wordcraft_kg.models.links.builders import make_training_loop, model_class, 
 from wordcraft_kg.models.links.config import ComplExConfig, LinkConfig, LinkModelConfig, read_config
 from wordcraft_kg.models.links.pykeen_bridge import pykeen_guard, quiet_pykeen, seed_everything, triples_factory
 from wordcraft_kg.models.scorers.folder import make_scorer
-from wordcraft_kg.models.scorers.ranking import rank_triples, ranking_metrics
+from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples
 from wordcraft_kg.models.scorers.tables import TABLE_LIMIT
 from wordcraft_kg.runs.inputs import check_inputs
 from wordcraft_kg.runs.interruption import first_interrupt
@@ -265,7 +265,7 @@ def _finish(
         "valid_mrr": state.best_mrr,
         # Filtered by the training triples themselves: how well the model remembers, not how well it predicts.
         # On large graphs a fixed sample is enough.
-        "train_mrr": ranking_metrics(rank_triples(scorer, sample, triples))["mrr"],
+        "train_mrr": mean_reciprocal_rank(rank_triples(scorer, sample, triples)),
         "train_mrr_triples": len(sample),
     }
     write_atomically(folder / "model.safetensors", safetensors.torch.save(_copy(tensors)))
@@ -407,7 +407,7 @@ class _Checkpoints(TrainingCallback):
         scorer = make_scorer(*scorer_tensors(self.config, self.model), graph.entities, graph.hash)
         ranks = rank_triples(scorer, self._valid, graph.triples)  # type: ignore[arg-type]
         self.model.train()
-        return ranking_metrics(ranks)["mrr"]
+        return mean_reciprocal_rank(ranks)
 
 
 def _copy(tensors: dict[str, torch.Tensor]) -> dict[str, torch.Tensor]:

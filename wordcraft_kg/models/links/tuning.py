@@ -16,11 +16,33 @@ from wordcraft_kg.models.links.builders import model_class
 from wordcraft_kg.models.links.complex import ComplExN3
 from wordcraft_kg.models.links.config import CONFIGS, ComplExConfig, LinkModelConfig
 from wordcraft_kg.models.links.pykeen_bridge import pykeen_guard, quiet_pykeen, seeded_pipelines, triples_factory
+from wordcraft_kg.models.scorers.ranking import MIN_TRIPLES
+from wordcraft_kg.records import Count, Record, Share
 from wordcraft_kg.runs.record import toml_value
 from wordcraft_kg.tensors import check_device
 
 _EPOCHS = {"type": "int", "low": 20, "high": 100, "q": 20}
 _BATCH = {"type": "categorical", "choices": [256, 512, 1024]}
+
+
+class Tuned(Record):
+    """The best settings of a search.
+
+    Attributes:
+        model: that was tuned.
+        command: which trains it with the settings.
+        trials: how many were tried.
+        valid_mrr: on the validation triples.
+        settings: the best, by name.
+        out: the TOML file that holds them.
+    """
+
+    model: str
+    command: str
+    trials: Count
+    valid_mrr: Share
+    settings: dict[str, str | int | float]
+    out: str
 
 
 def tune(
@@ -34,7 +56,7 @@ def tune(
     timeout: int | None = None,
     device: str = "cpu",
     quiet: bool = False,
-) -> dict[str, Any]:
+) -> Tuned:
     """Search settings of a model on the partial graph and write the best as a TOML file.
 
     Args:
@@ -47,9 +69,6 @@ def tune(
         timeout: seconds after which no new trial begins.
         device: torch device.
         quiet: no line on stderr after each trial.
-
-    Returns:
-        model, command, trials, valid_mrr, settings and out.
 
     Raises:
         ConfigError: if an argument is out of range or PyKEEN has no such model.
@@ -108,14 +127,14 @@ def tune(
     ]
     out.parent.mkdir(parents=True, exist_ok=True)
     write_atomically(out, "\n".join(lines) + "\n")
-    return {
-        "model": model,
-        "command": next(name for name, kind in CONFIGS.items() if kind is config),
-        "trials": len(result.study.trials),
-        "valid_mrr": valid_mrr,
-        "settings": settings,
-        "out": str(out),
-    }
+    return Tuned(
+        model=model,
+        command=next(name for name, kind in CONFIGS.items() if kind is config),
+        trials=len(result.study.trials),
+        valid_mrr=valid_mrr,
+        settings=settings,
+        out=str(out),
+    )
 
 
 def _validation_split(opened: OpenedGraph, ratio: float, seed: int) -> tuple[Ids, Ids]:
@@ -131,8 +150,10 @@ def _validation_split(opened: OpenedGraph, ratio: float, seed: int) -> tuple[Ids
         train = recipe_triples(graph.recipes[in_train & ~is_held_out])
         valid = recipe_triples(graph.recipes[is_held_out])
         valid = valid[~is_in(valid, train, graph.num_entities)]
-    if len(valid) < 30:
-        raise SplitError(f"only {len(valid)} triples to validate on; 30 are needed. Choose a larger --valid-ratio.")
+    if len(valid) < MIN_TRIPLES:
+        raise SplitError(
+            f"only {len(valid)} triples to validate on; {MIN_TRIPLES} are needed. Choose a larger --valid-ratio."
+        )
     return train, valid
 
 

@@ -1,7 +1,8 @@
 """Filtered ranking of held-out triples: per-query ranks, metrics with intervals, slices and calibration."""
 
-from typing import Any
+from typing import Annotated
 
+import msgspec
 import numpy as np
 import pandas as pd
 import torch
@@ -12,13 +13,50 @@ from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.triples import RELATIONS, triple_keys
 from wordcraft_kg.models.scorers.protocol import TripleScorer
+from wordcraft_kg.records import Count, Record, Share
 from wordcraft_kg.statistics import bootstrap, interval
 
-HITS = (1, 3, 10)
 MIN_TRIPLES = 30
 """Fewer held-out triples than this give no figure that means something."""
 BATCH = 1_024
 """Queries scored at once: (BATCH, E) floats."""
+
+
+class RankingMetrics(Record, omit_defaults=True):
+    """What ranked queries come to; of no queries, ``queries`` is all there is.
+
+    Attributes:
+        queries: number of them.
+        mrr: mean reciprocal rank.
+        hits_at_1: share of ranks up to 1; so for 3 and 10.
+        mean_rank: from 1.
+        amri: adjusted mean rank index, 0 for a random order and 1 for a perfect one (Berrendorf et al. 2020).
+        mrr_ci: 95 % interval of ``mrr``, if it was asked for.
+    """
+
+    queries: Count
+    mrr: Share | None = None
+    hits_at_1: Share | None = msgspec.field(default=None, name="hits@1")
+    hits_at_3: Share | None = msgspec.field(default=None, name="hits@3")
+    hits_at_10: Share | None = msgspec.field(default=None, name="hits@10")
+    mean_rank: Annotated[float, msgspec.Meta(ge=1)] | None = None
+    amri: Annotated[float, msgspec.Meta(le=1)] | None = None
+    mrr_ci: tuple[Share, Share] | None = None
+
+
+class CalibrationBin(Record):
+    """Queries of like confidence: their mean confidence, and how often the best candidate is the true entity."""
+
+    confidence: Share
+    accuracy: Share
+    queries: Count
+
+
+class Calibration(Record):
+    """Expected calibration error, and bins of equal size by confidence."""
+
+    ece: Share
+    bins: tuple[CalibrationBin, ...]
 
 
 def rank_triples(scorer: TripleScorer, triples: Ids, known: Ids) -> pd.DataFrame:
@@ -104,37 +142,43 @@ def _ranges(left: Ids, right: Ids) -> Ids:
     return np.arange(ends[-1] if len(ends) else 0) + np.repeat(left - (ends - lengths), lengths)
 
 
-def ranking_metrics(ranks: pd.DataFrame, column: str = "rank") -> dict[str, float]:
-    """Return queries, mrr, hits@1, @3 and @10, mean_rank and amri of ranked queries.
+def mean_reciprocal_rank(ranks: pd.DataFrame) -> float:
+    """Return the MRR of ranked queries, at least one."""
+    return float(np.mean(1 / ranks["rank"].to_numpy(dtype=float)))
 
-    AMRI, the adjusted mean rank index, is 0 for a random order and 1 for a perfect one (Berrendorf et al. 2020).
-    """
+
+def ranking_metrics(ranks: pd.DataFrame, column: str = "rank") -> RankingMetrics:
+    """Return the metrics of ranked queries, by one of their columns of ranks."""
     rank = ranks[column].to_numpy(dtype=float)
     if not len(rank):
-        return {"queries": 0}
+        return RankingMetrics(0)
     chance = float(np.sum(ranks["candidates"] - 1)) / 2
-    return {
-        "queries": len(rank),
-        "mrr": float(np.mean(1 / rank)),
-        **{f"hits@{k}": float(np.mean(rank <= k)) for k in HITS},
-        "mean_rank": float(np.mean(rank)),
-        "amri": 1 - float(np.sum(rank - 1)) / chance if chance else 0.0,
-    }
+    return RankingMetrics(
+        queries=len(rank),
+        mrr=float(np.mean(1 / rank)),
+        hits_at_1=float(np.mean(rank <= 1)),
+        hits_at_3=float(np.mean(rank <= 3)),
+        hits_at_10=float(np.mean(rank <= 10)),
+        mean_rank=float(np.mean(rank)),
+        amri=1 - float(np.sum(rank - 1)) / chance if chance else 0.0,
+    )
 
 
-def random_metrics(ranks: pd.DataFrame) -> dict[str, float]:
+def random_metrics(ranks: pd.DataFrame) -> RankingMetrics:
     """Return the metrics that a random order is expected to get on the same queries (computed, not drawn)."""
     n = ranks["candidates"].to_numpy(dtype=float)
     if not len(n):
-        return {"queries": 0}
+        return RankingMetrics(0)
     harmonic = np.concatenate([[0], np.cumsum(1 / np.arange(1, n.max() + 1))])
-    return {
-        "queries": len(n),
-        "mrr": float(np.mean(harmonic[n.astype(int)] / n)),
-        **{f"hits@{k}": float(np.mean(np.minimum(k, n) / n)) for k in HITS},
-        "mean_rank": float(np.mean((n + 1) / 2)),
-        "amri": 0.0,
-    }
+    return RankingMetrics(
+        queries=len(n),
+        mrr=float(np.mean(harmonic[n.astype(int)] / n)),
+        hits_at_1=float(np.mean(1 / n)),
+        hits_at_3=float(np.mean(np.minimum(3, n) / n)),
+        hits_at_10=float(np.mean(np.minimum(10, n) / n)),
+        mean_rank=float(np.mean((n + 1) / 2)),
+        amri=0.0,
+    )
 
 
 def recipe_clusters(graph: RecipeGraph, recipes: NDArray[np.bool_], triples: Ids) -> Ids:
@@ -162,37 +206,29 @@ def recipe_clusters(graph: RecipeGraph, recipes: NDArray[np.bool_], triples: Ids
     return pairs[np.searchsorted(keys, triple_keys(triples, graph.num_entities))]
 
 
-def with_interval(ranks: pd.DataFrame, clusters: Ids, *, resamples: int = 1_000, seed: int = 0) -> dict[str, Any]:
+def with_interval(ranks: pd.DataFrame, clusters: Ids, *, resamples: int = 1_000, seed: int = 0) -> RankingMetrics:
     """Return :func:`ranking_metrics` with ``mrr_ci``, a 95 % interval by bootstrap over recipes."""
-    metrics: dict[str, Any] = ranking_metrics(ranks)
-    if metrics["queries"]:
-        means = bootstrap(1 / ranks["rank"].to_numpy(dtype=float), clusters, resamples=resamples, seed=seed)
-        metrics["mrr_ci"] = list(interval(means))
-    return metrics
+    metrics = ranking_metrics(ranks)
+    if not metrics.queries:
+        return metrics
+    means = bootstrap(1 / ranks["rank"].to_numpy(dtype=float), clusters, resamples=resamples, seed=seed)
+    return msgspec.structs.replace(metrics, mrr_ci=interval(means))
 
 
-def calibration(ranks: pd.DataFrame, bins: int = 10) -> dict[str, Any]:
+def calibration(ranks: pd.DataFrame, bins: int = 10) -> Calibration:
     """Compare the softmax confidence of the best candidate with how often it is the true entity.
 
-    Returns:
-        ``ece``, the expected calibration error, and ``bins`` of equal size by confidence, each with its mean
-        confidence, its accuracy and its count. Most unseen triples have several plausible answers, so neither is
-        expected to be near 1.
+    Most unseen triples have several plausible answers, so neither is expected to be near 1.
     """
     confidence = ranks["confidence"].to_numpy(dtype=float)
     target = np.where(ranks["side"] == "tail", ranks["tail"], ranks["head"])
     correct = (target == ranks["top"].to_numpy()).astype(float)
     groups = [group for group in np.array_split(np.argsort(confidence, kind="stable"), bins) if len(group)]
-    table = [
-        {
-            "confidence": float(confidence[group].mean()),
-            "accuracy": float(correct[group].mean()),
-            "queries": len(group),
-        }
-        for group in groups
-    ]
-    ece = sum(row["queries"] * abs(row["confidence"] - row["accuracy"]) for row in table) / max(len(ranks), 1)
-    return {"ece": ece, "bins": table}
+    table = tuple(
+        CalibrationBin(float(confidence[group].mean()), float(correct[group].mean()), len(group)) for group in groups
+    )
+    error = sum(row.queries * abs(row.confidence - row.accuracy) for row in table)
+    return Calibration(error / max(len(ranks), 1), table)
 
 
 def slice_masks(ranks: pd.DataFrame) -> dict[str, NDArray[np.bool_]]:

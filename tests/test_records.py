@@ -1,0 +1,72 @@
+"""Records as plain values: what JSON has, within the bounds of their types, and nothing else."""
+
+import json
+from typing import Annotated
+
+import jsonschema
+import msgspec
+import numpy as np
+import pytest
+
+from wordcraft_kg.records import Count, Record, Share, as_values, checked_values, schema_of
+
+
+class Row(Record, omit_defaults=True):
+    name: str
+    counts: tuple[Count, ...]
+    share: Share | None = None
+    at_one: Share | None = msgspec.field(default=None, name="hits@1")
+
+
+class Table(Record):
+    rows: Annotated[tuple[Row, ...], msgspec.Meta(min_length=1)]
+    by_name: dict[str, Row]
+
+
+ROW = Row("a", (1, 2), share=0.5)
+
+
+def test_values_are_those_that_json_gives_back():
+    values = as_values(Table((ROW, Row("b", (), at_one=1.0)), {"a": ROW}))
+    assert values == {
+        "rows": [{"name": "a", "counts": [1, 2], "share": 0.5}, {"name": "b", "counts": [], "hits@1": 1.0}],
+        "by_name": {"a": {"name": "a", "counts": [1, 2], "share": 0.5}},
+    }
+    assert json.loads(json.dumps(values)) == values
+
+
+@pytest.mark.parametrize("number", [float("nan"), float("inf"), np.float64(0.5), np.int64(1)])
+def test_what_json_does_not_have_is_refused(number):
+    with pytest.raises((TypeError, ValueError)):
+        as_values(Row("a", (), share=number))
+
+
+@pytest.mark.parametrize(
+    ("table", "field"),
+    [
+        (Table((Row("a", (), share=1.5),), {}), r"rows\[0\]\.share"),
+        (Table((Row("a", (1, -1)),), {}), r"counts\[1\]"),
+        (Table((), {}), "rows"),
+        (Table((Row(1, ()),), {}), "name"),
+    ],
+)
+def test_a_value_out_of_bounds_is_refused_by_the_name_of_its_field(table, field):
+    with pytest.raises(ValueError, match=field):
+        checked_values(table)
+    schema = schema_of(Table, "urn:table", "table")
+    with pytest.raises(jsonschema.ValidationError):
+        jsonschema.validate(as_values(table), schema)
+
+
+def test_good_values_pass_the_check_and_the_schema():
+    table = Table((ROW,), {"a": ROW})
+    assert checked_values(table) == as_values(table)
+    schema = schema_of(Table, "urn:table", "table")
+    jsonschema.Draft202012Validator.check_schema(schema)
+    jsonschema.validate(as_values(table), schema)
+    assert (schema["$id"], schema["title"]) == ("urn:table", "table")
+
+
+def test_a_record_cannot_be_changed():
+    with pytest.raises(AttributeError):
+        ROW.name = "b"

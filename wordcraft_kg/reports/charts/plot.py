@@ -1,0 +1,138 @@
+"""Axes with linear scales and what is drawn between them, as SVG elements."""
+
+from collections.abc import Callable, Sequence
+from html import escape
+
+from markupsafe import Markup
+
+from wordcraft_kg.reports.charts.scales import spread
+
+WIDTH, HEIGHT = 460, 250
+LEFT, RIGHT, TOP, BOTTOM = 46, 12, 12, 42
+LINE_HEIGHT = 13
+COLOURS = 8
+
+
+class Plot:
+    """Axes with linear scales, collecting SVG elements; ``top`` and ``right`` are margins."""
+
+    def __init__(
+        self,
+        x_range: tuple[float, float],
+        y_range: tuple[float, float],
+        description: str,
+        *,
+        top: int = TOP,
+        right: int = RIGHT,
+    ):
+        """Take the values at the ends of both axes, and a description for readers who do not see the chart."""
+        self.x_range, self.y_range, self.description = x_range, y_range, description
+        self.top, self.right = top, right
+        self.parts: list[str] = []
+
+    def x(self, value: float) -> float:
+        """Return the place of a value, in pixels from the left."""
+        low, high = self.x_range
+        return round(LEFT + (value - low) / (high - low) * (WIDTH - LEFT - self.right), 1)
+
+    def y(self, value: float) -> float:
+        """Return the place of a value, in pixels from the top."""
+        low, high = self.y_range
+        return round(HEIGHT - BOTTOM - (value - low) / (high - low) * (HEIGHT - self.top - BOTTOM), 1)
+
+    def y_ticks(self, values: Sequence[float], text: Callable[[float], str]) -> None:
+        """Draw grid lines at values and write these beside the y-axis."""
+        for value in values:
+            y = self.y(value)
+            self.parts.append(f'<line x1="{LEFT}" x2="{WIDTH - self.right}" y1="{y}" y2="{y}" class="grid"/>')
+            self.parts.append(f'<text x="{LEFT - 5}" y="{y + 4}" text-anchor="end">{text(value)}</text>')
+
+    def x_labels(self, labels: Sequence[tuple[float, str]]) -> None:
+        """Write texts under the x-axis."""
+        style = "small" if len(labels) > 6 else "tick"
+        for value, label in labels:
+            y = HEIGHT - BOTTOM + 15
+            self.parts.append(
+                f'<text x="{self.x(value)}" y="{y}" text-anchor="middle" class="{style}">{escape(label)}</text>'
+            )
+
+    def rectangle(self, left: float, right: float, low: float, high: float, style: str, title: str) -> None:
+        """Draw a bar with a tooltip."""
+        x, y = self.x(left), self.y(high)
+        self.parts.append(
+            f'<rect x="{x}" y="{y}" width="{self.x(right) - x:.1f}" height="{self.y(low) - y:.1f}" class="{style}">'
+            f"<title>{escape(title)}</title></rect>"
+        )
+
+    def polyline(self, points: Sequence[tuple[float, float]], style: str, title: str = "") -> None:
+        """Draw a line through points."""
+        path = " ".join(f"{self.x(x)},{self.y(y)}" for x, y in points)
+        inside = f"><title>{escape(title)}</title></polyline>" if title else "/>"
+        self.parts.append(f'<polyline points="{path}" class="{style}"{inside}')
+
+    def band(self, bounds: Sequence[tuple[float, float, float]], style: str, single: str) -> None:
+        """Fill what lies between the bounds (x, low, high); at one x only, draw a whisker of the style ``single``."""
+        if len(bounds) == 1:
+            self.whisker(*bounds[0], single)
+            return
+        around = [(x, high) for x, _, high in bounds] + [(x, low) for x, low, _ in reversed(bounds)]
+        path = " ".join(f"{self.x(x)},{self.y(y)}" for x, y in around)
+        self.parts.append(f'<polygon points="{path}" class="{style}"/>')
+
+    def whisker(self, x: float, low: float, high: float, style: str) -> None:
+        """Draw a line from ``low`` to ``high``."""
+        at = self.x(x)
+        self.parts.append(f'<line x1="{at}" x2="{at}" y1="{self.y(low)}" y2="{self.y(high)}" class="{style}"/>')
+
+    def marker(self, x: float, y: float, number: int, title: str) -> None:
+        """Draw a circle, square, triangle or diamond at a place in pixels, by the number of the series."""
+        style, inside = f"dot series-{number % COLOURS}", f"<title>{escape(title)}</title>"
+        corners = (
+            [],
+            [(-3.2, -3.2), (3.2, -3.2), (3.2, 3.2), (-3.2, 3.2)],
+            [(0, -4.2), (4, 3), (-4, 3)],
+            [(0, -4.6), (4.2, 0), (0, 4.6), (-4.2, 0)],
+        )[number % 4]
+        path = " ".join(f"{x + dx:.1f},{y + dy:.1f}" for dx, dy in corners)
+        self.parts.append(
+            f'<polygon points="{path}" class="{style}">{inside}</polygon>'
+            if corners
+            else f'<circle cx="{x}" cy="{y}" r="3.6" class="{style}">{inside}</circle>'
+        )
+
+    def end_labels(self, ends: Sequence[tuple[float, float, str, str, str]]) -> None:
+        """Name the right ends (x, y, text, whole name, style) of curves, with a thin line to names that had to move."""
+        places = spread([self.y(end[1]) for end in ends], LINE_HEIGHT, self.top, HEIGHT - BOTTOM)
+        edge = WIDTH - self.right
+        for (x_value, y_value, text, name, style), place in zip(ends, places, strict=True):
+            x, y = self.x(x_value), self.y(y_value)
+            if abs(place - y) > 2 or edge - x > 2:
+                self.parts.append(f'<line x1="{x + 2:.1f}" x2="{edge + 10}" y1="{y}" y2="{place:.1f}" class="leader"/>')
+            inside = escape(text) + (f"<title>{escape(name)}</title>" if name != text else "")
+            self.parts.append(f'<text x="{edge + 13}" y="{place + 4:.1f}" class="{style}">{inside}</text>')
+
+    def circle(self, x: float, y: float, radius: float, style: str, title: str) -> None:
+        """Draw a point with a tooltip."""
+        self.parts.append(
+            f'<circle cx="{self.x(x)}" cy="{self.y(y)}" r="{radius}" class="{style}">'
+            f"<title>{escape(title)}</title></circle>"
+        )
+
+    def titles(self, x_title: str, y_title: str) -> None:
+        """Write what the axes are."""
+        middle = (LEFT + WIDTH - self.right) / 2
+        self.parts.append(f'<text x="{middle}" y="{HEIGHT - 6}" text-anchor="middle">{escape(x_title)}</text>')
+        if y_title:
+            # Above the curves where there is room for it, otherwise inside.
+            x, y = (LEFT, self.top - 10) if self.top > TOP else (LEFT + 4, TOP + 8)
+            self.parts.append(f'<text x="{x}" y="{y}" class="small">{escape(y_title)}</text>')
+
+    def done(self, legend: Sequence[str], *, left: bool = False) -> Markup:
+        """Return the chart, with a legend of names in the order of their colours."""
+        x, top = (LEFT + 10, TOP + 16) if left else (WIDTH - 140, TOP + 4)
+        for i, name in enumerate(legend):
+            y = top + 16 * i
+            self.parts.append(f'<rect x="{x}" y="{y}" width="11" height="11" class="series-{i}"/>')
+            self.parts.append(f'<text x="{x + 16}" y="{y + 10}">{escape(name)}</text>')
+        opening = f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" role="img" aria-label="{escape(self.description)}">'
+        return Markup("".join([opening, *self.parts, "</svg>"]))

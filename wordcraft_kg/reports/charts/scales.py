@@ -1,0 +1,79 @@
+"""Numbers on axes and in tooltips, and room for texts."""
+
+import math
+from collections.abc import Sequence
+
+Estimate = tuple[float, float | None, float | None]
+"""A value and the bounds of its interval, or None twice."""
+
+
+def round_up(value: float) -> float:
+    """Return the smallest of 1, 2, 4, 5, 8 times a power of ten that is at least ``value``."""
+    if value <= 0:
+        return 1.0
+    unit = 10 ** math.floor(math.log10(value))
+    return next(step * unit for step in (1, 2, 4, 5, 8, 10) if step * unit >= value * (1 - 1e-9))
+
+
+def even_ticks(low: float, high: float, count: int = 5) -> list[float]:
+    """Return numbers from ``low`` to ``high``, evenly spaced; one if the two are equal."""
+    return [low + (high - low) * i / (count - 1) for i in range(count)] if high > low else [low]
+
+
+def round_ticks(low: float, high: float, most: int = 5) -> list[float]:
+    """Return multiples of 1, 2 or 5 times a power of ten from at most ``low`` to at least ``high``.
+
+    The values between the two make ``most`` steps at most.
+    """
+    span = high - low or abs(high) or 1.0
+    unit = 10 ** math.floor(math.log10(span / most))
+    step = next(size * unit for size in (1, 2, 5, 10) if span / (size * unit) <= most * (1 + 1e-9))
+    # Rounding must not add a tick beyond a bound that is one itself.
+    first, last = math.floor(low / step + 1e-9), math.ceil(high / step - 1e-9)
+    return [i * step for i in range(first, max(last, first + 1) + 1)]
+
+
+def amounts(values: Sequence[float]) -> list[str]:
+    """Return numbers in the unit of the largest: 0, 0.5M, 1M."""
+    highest = max(map(abs, values), default=0)
+    size, unit = next(((size, unit) for size, unit in ((1e9, "B"), (1e6, "M"), (1e3, "k")) if highest >= size), (1, ""))
+    return [f"{value / size:.10g}{unit}" if value else "0" for value in values]
+
+
+def estimate(value: Estimate, percent: bool) -> str:
+    """Return a value with its bounds, as text."""
+    centre, low, high = (
+        None if number is None else f"{number:.1%}" if percent else f"{number:.3g}" for number in value
+    )
+    return f"{centre}" if low is None or high is None else f"{centre} [{low}, {high}]"
+
+
+def shortened(text: str, letters: int) -> str:
+    """Cut a text to so many letters, the last an ellipsis."""
+    return text if len(text) <= letters else text[: max(letters - 1, 1)].rstrip() + "…"
+
+
+def spread(wanted: Sequence[float], gap: float, low: float, high: float) -> list[float]:
+    """Return places at least ``gap`` apart and within bounds, in the order of those wanted and as near as can be.
+
+    Least squares by pooling adjacent violators. Places that are too many for the bounds are nearer to each other.
+
+    Source: Barlow et al. 1972, "Statistical inference under order restrictions", for the pooling.
+    """
+    if not wanted:
+        return []
+    gap = min(gap, (high - low) / max(len(wanted) - 1, 1))
+    order = sorted(range(len(wanted)), key=wanted.__getitem__)
+    # Less its rank times the gap, a place may be no lower than the one before; pools of equal places: sum and number.
+    pools: list[tuple[float, int]] = []
+    for rank, i in enumerate(order):
+        total, size = wanted[i] - rank * gap, 1
+        while pools and pools[-1][0] / pools[-1][1] >= total / size:
+            total, size = total + pools[-1][0], size + pools[-1][1]
+            pools.pop()
+        pools.append((total, size))
+    means = [total / size for total, size in pools for _ in range(size)]
+    places = [0.0] * len(wanted)
+    for rank, i in enumerate(order):
+        places[i] = min(max(means[rank], low), high - (len(wanted) - 1) * gap) + rank * gap
+    return places

@@ -1,0 +1,185 @@
+"""Charts of series: bars, curves, and estimates with their intervals."""
+
+import math
+from collections.abc import Collection, Mapping, Sequence
+from html import escape
+from typing import Any
+
+from markupsafe import Markup
+
+from wordcraft_kg.reports.charts.plot import COLOURS, WIDTH, Plot
+from wordcraft_kg.reports.charts.scales import Estimate, amounts, estimate, even_ticks, round_ticks, round_up, shortened
+
+# A letter of the charts' 11 px text is about so wide; longer names of series are cut, and whole in the tooltip.
+LETTER, LONGEST_NAME = 6.3, 26
+DASHES = 4
+HOVER_POINTS = 60
+
+CurvePoint = tuple[float, float, float | None, float | None]
+"""x, y, and the bounds of an interval of y, or None twice."""
+
+
+def grouped_bars(
+    labels: Sequence[str], series: Mapping[Any, Sequence[float]], x_title: str, description: str
+) -> Markup:
+    """Draw shares (0 to 1) as grouped bars with a legend."""
+    highest = max((max(values, default=0) for values in series.values()), default=0)
+    top = round_up(highest)
+    plot = Plot((0, len(labels)), (0, top), description)
+    plot.y_ticks(even_ticks(0, top), lambda value: f"{value:.0%}")
+    width = 0.8 / max(len(series), 1)
+    for number, (name, values) in enumerate(series.items()):
+        for i, value in enumerate(values):
+            x = i + 0.1 + number * width
+            plot.rectangle(x, x + width * 0.94, 0, value, f"series-{number}", f"{name}, {labels[i]}: {value:.1%}")
+    plot.x_labels([(i + 0.5, label) for i, label in enumerate(labels)])
+    plot.titles(x_title, "")
+    return plot.done(list(series))
+
+
+def lines(
+    series: dict[str, Sequence[tuple[float, float]]],
+    x_title: str,
+    y_title: str,
+    description: str,
+    *,
+    legend_left: bool = False,
+) -> Markup:
+    """Draw curves through (x, y) points; rising curves leave room for the legend on the left."""
+    points = [point for values in series.values() for point in values]
+    xs, ys = zip(*points, strict=True) if points else ((0, 1), (0, 1))
+    low, high = min(ys), max(ys)
+    margin = (high - low) * 0.05 or abs(high) * 0.1 or 1.0
+    plot = Plot((min(xs), max(xs) if max(xs) > min(xs) else min(xs) + 1), (low - margin, high + margin), description)
+    plot.y_ticks(even_ticks(low, high), lambda value: f"{value:.3g}")
+    plot.x_labels([(x, f"{x:.0f}") for x in even_ticks(min(xs), max(xs))])
+    for number, values in enumerate(series.values()):
+        plot.polyline(values, f"line series-{number}")
+    plot.titles(x_title, y_title)
+    return plot.done(list(series) if len(series) > 1 else [], left=legend_left)
+
+
+def curves(
+    series: Mapping[str, Sequence[CurvePoint]],
+    x_title: str,
+    y_title: str,
+    description: str,
+    *,
+    percent: bool = False,
+    dashed: Collection[str] | None = None,
+    colours: Mapping[str, int] | None = None,
+) -> Markup:
+    """Draw curves with bands of uncertainty, each named at its right end; the x-axis holds 0.
+
+    Several seeds give a curve of their means and a band of their interval. A point with bounds whose neighbours have
+    none gets a whisker, and a curve of a single point a dot.
+
+    Args:
+        series: points by name, x ascending; a curve without points keeps its colour, but is not drawn.
+        x_title: under the x-axis, whose numbers are shortened (0.5M).
+        y_title: above the chart.
+        description: for readers who do not see it.
+        percent: y is a share, and its axis goes from 0 to 100 %; otherwise the axis is fitted to the data.
+        dashed: names of the curves to be dashed, all others being solid (say, train beside test); by default every
+            curve has a pattern of its own, so that they differ without colour too.
+        colours: numbers of colours by name, for curves that share one; by default a curve's place in ``series``.
+    """
+    names = {name: shortened(name, LONGEST_NAME) for name, points in series.items() if points}
+    everything = [point for points in series.values() for point in points]
+    xs = [point[0] for point in everything]
+    ys = [value for point in everything for value in point[1:] if value is not None]
+    y_ticks = [i / 5 for i in range(6)] if percent else round_ticks(min(ys, default=0), max(ys, default=1))
+    first, last = min(xs, default=0), max(xs, default=1)
+    first = min(first, 0)
+    last = last if last > first else first + 1
+    room = round(20 + LETTER * max(map(len, names.values()), default=0))
+    plot = Plot((first, last), (y_ticks[0], y_ticks[-1]), description, top=28, right=room)
+    y_texts = [f"{value:.0%}" for value in y_ticks] if percent else amounts(y_ticks)
+    plot.y_ticks(y_ticks, dict(zip(y_ticks, y_texts, strict=True)).__getitem__)
+    x_ticks = [value for value in round_ticks(first, last) if first <= value <= last]
+    plot.x_labels(list(zip(x_ticks, amounts(x_ticks), strict=True)))
+    number = {name: (colours or {}).get(name, i) % COLOURS for i, name in enumerate(series)}
+    for name in names:
+        for run in _runs_with_bounds(series[name]):
+            plot.band(run, f"band series-{number[name]}", f"whisker series-{number[name]}")
+    for i, name in enumerate(series):
+        if name in names:
+            dash = f"dash-{i % DASHES}" if dashed is None else "dashed" if name in dashed else "dash-0"
+            plot.polyline([point[:2] for point in series[name]], f"line series-{number[name]} {dash}", name)
+    for name in names:
+        points = series[name]
+        style, radius = ("hit", 4.0) if len(points) > 1 else (f"dot series-{number[name]}", 3.6)
+        every = math.ceil(len(points) / HOVER_POINTS)
+        # Counted from the end, which is the point of most interest.
+        for x, y, low, high in points[::-1][::every][::-1]:
+            plot.circle(x, y, radius, style, f"{name}, {x:,.10g}: {estimate((y, low, high), percent)}")
+    ends = [(name, *series[name][-1][:2]) for name in names]
+    plot.end_labels([(x, y, names[name], name, f"series-{number[name]}") for name, x, y in ends])
+    plot.titles(x_title, y_title)
+    return plot.done([])
+
+
+def dots(
+    labels: Sequence[str],
+    series: Mapping[str, Sequence[Estimate | None]],
+    x_title: str,
+    y_title: str,
+    description: str,
+) -> Markup:
+    """Draw shares (0 to 1) with the whiskers of their intervals, side by side in each category, legend on the right.
+
+    Series differ in colour and in shape.
+
+    Args:
+        labels: of the categories; cut where they would overlap.
+        series: by name a share and its interval for each category, or None where there is none.
+        x_title: under the x-axis.
+        y_title: above the chart.
+        description: for readers who do not see it.
+    """
+    names = {name: shortened(name, LONGEST_NAME) for name in series}
+    room = round(30 + LETTER * max(map(len, names.values()), default=0))
+    plot = Plot((0, max(len(labels), 1)), (0, 1), description, top=28, right=room)
+    plot.y_ticks([i / 5 for i in range(6)], lambda value: f"{value:.0%}")
+    letters = int((plot.x(1) - plot.x(0)) / LETTER)
+    plot.x_labels([(i + 0.5, shortened(label, letters)) for i, label in enumerate(labels)])
+    gap = min(0.15, 0.8 / max(len(series), 1))
+    for number, (name, values) in enumerate(series.items()):
+        for i, (label, value) in enumerate(zip(labels, values, strict=True)):
+            if value is not None:
+                x = i + 0.5 + (number - (len(series) - 1) / 2) * gap
+                share, low, high = value
+                if low is not None and high is not None:
+                    plot.whisker(x, low, high, f"whisker series-{number % COLOURS}")
+                plot.marker(plot.x(x), plot.y(share), number, f"{name}, {label}: {estimate(value, True)}")
+        left, y = WIDTH - room + 14, plot.top + 6 + 16 * number
+        plot.marker(left, y, number, name)
+        plot.parts.append(f'<text x="{left + 9}" y="{y + 4}">{escape(names[name])}</text>')
+    plot.titles(x_title, y_title)
+    return plot.done([])
+
+
+def reliability(points: Sequence[tuple[float, float, int]], description: str) -> Markup:
+    """Draw accuracy against confidence, axes fitted to the data, with the diagonal of perfect calibration."""
+    top = round_up(max((max(x, y) for x, y, _ in points), default=1.0))
+    plot = Plot((0, top), (0, top), description)
+    ticks = even_ticks(0, top)
+    plot.y_ticks(ticks, lambda value: f"{value:.2f}")
+    plot.x_labels([(value, f"{value:.2f}") for value in ticks])
+    plot.polyline([(0, 0), (top, top)], "diagonal")
+    plot.polyline([(x, y) for x, y, _ in points], "line series-0")
+    for x, y, count in points:
+        plot.circle(x, y, 4, "series-0", f"confidence {x:.3f}, right {y:.3f}, {count} queries")
+    plot.titles("confidence of the best candidate", "share that is right")
+    return plot.done([])
+
+
+def _runs_with_bounds(points: Sequence[CurvePoint]) -> list[list[tuple[float, float, float]]]:
+    """Return the stretches of points that have bounds, as (x, low, high)."""
+    runs: list[list[tuple[float, float, float]]] = [[]]
+    for x, _, low, high in points:
+        if low is not None and high is not None:
+            runs[-1].append((x, low, high))
+        elif runs[-1]:
+            runs.append([])
+    return [run for run in runs if run]

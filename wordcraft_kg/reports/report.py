@@ -1,0 +1,53 @@
+"""A report: a view, its pictures, and the folder with its page, its numbers and its tables."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
+
+from wordcraft_kg.artefacts import dump_json, staged_folder, write_atomically
+from wordcraft_kg.records import Record, checked_values
+from wordcraft_kg.reports.pages import render_page
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+V = TypeVar("V", bound=Record)
+
+
+@dataclass(frozen=True)
+class Report(Generic[V]):
+    """What a report says.
+
+    Attributes:
+        view: its numbers.
+        template: of its page.
+        pictures: by name, as the template asks for them.
+        shown: what else the template shows.
+        tables: further tables by file name.
+    """
+
+    view: V
+    template: str
+    pictures: Mapping[str, Any]
+    shown: Mapping[str, Any] = field(default_factory=dict)
+    tables: "Mapping[str, pd.DataFrame]" = field(default_factory=dict)
+
+
+def render(report: Report[Any]) -> str:
+    """Return a report as one self-contained HTML page."""
+    return render_page(report.template, report=report.view, pictures=report.pictures, **report.shown)
+
+
+def write_report(report: Report[Any], out: Path, *, force: bool = False) -> None:
+    """Write ``index.html``, ``report.json`` and the tables into a folder.
+
+    Raises:
+        ValueError: if a number of the view is not finite or out of its bounds; nothing is written then.
+        OutputExistsError: if ``out`` exists and ``force`` is False.
+    """
+    with staged_folder(out, force=force) as folder:
+        write_atomically(folder / "report.json", dump_json(checked_values(report.view)))
+        write_atomically(folder / "index.html", render(report))
+        for name, table in report.tables.items():
+            write_atomically(folder / name, table.to_csv(index=False, lineterminator="\n", float_format="%.6g"))

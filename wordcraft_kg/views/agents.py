@@ -1,0 +1,520 @@
+"""Agents side by side, in numbers: one run, several seeds of it, or several agents with all their seeds."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Annotated, Any, Literal
+
+import msgspec
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from wordcraft_kg.agents.agent_folder import OpenedAgent
+from wordcraft_kg.agents.evaluation import ENDINGS, Ending, Evaluation, Evaluator, PolicyPlayer
+from wordcraft_kg.agents.explanation import ExplainedEpisode, explain_episodes
+from wordcraft_kg.agents.players import Player, random_entity, recipe_oracle
+from wordcraft_kg.errors import ConfigError, GraphMismatchError
+from wordcraft_kg.graphs.arrays import Ids
+from wordcraft_kg.graphs.folder import KG
+from wordcraft_kg.graphs.planner import layers
+from wordcraft_kg.graphs.tasks import TaskPart, TaskSet
+from wordcraft_kg.models.policies.sources import ALPHA, SOURCES
+from wordcraft_kg.models.policies.sources.component_of import ComponentOf
+from wordcraft_kg.records import Count, Hash, Record, Share
+from wordcraft_kg.statistics import (
+    interquartile_mean,
+    paired_difference,
+    probability_of_improvement,
+    probability_of_improvement_interval,
+    stratified_bootstrap,
+    task_bootstrap,
+)
+from wordcraft_kg.views.bins import OPEN_END, binned
+
+RULES = ("depth", "max_attempts", "distractor_weighting", "distractor_policy", "ambiguity")
+"""Settings of the tasks in which agents that are compared must agree."""
+DISTRACTORS = (1, 8)
+"""Numbers of distractors that every report has, besides those trained with."""
+TRAIN_RECIPES = ((0, 0), (1, 1), (2, 2), (3, 4), (5, 8), (9, OPEN_END))
+LAYERS = ((0, 3), (4, 6), (7, 9), (10, OPEN_END))
+NEVER = "never"
+"""Layer of a goal that cannot be made from the base."""
+LINK_RANKS = ((1, 3), (4, 10), (11, 30), (31, 100), (101, OPEN_END))
+
+Interval = tuple[float, float]
+Slice = Literal["train_recipes", "layer", "link_rank"]
+
+
+class SharedGraph(Record):
+    """The graph that all agents play on."""
+
+    name: str
+    hash: Hash
+    entities: Count
+    recipes: Count
+
+
+class SharedSplit(Record):
+    """The split of its recipes."""
+
+    kind: str
+    seed: int
+    hash: Hash
+
+
+class AgentSuccess(Record):
+    """How often an agent makes the goal with so many distractors.
+
+    Attributes:
+        mean: over its runs.
+        iqm: mean of the middle half of the runs.
+        seed_ci: 95 % interval of the mean over seeds; None for a single run.
+        task_ci: 95 % interval over tasks.
+        seeds: mean of each run.
+        by_plan: share of episodes won with the last pair of a plan.
+        picks: mean number of picks in an episode.
+        difference: from the first agent, over the same tasks; None for the first one.
+        difference_ci: its 95 % interval over tasks.
+        p_better: probability that a run of this agent is better than one of the first; None if both have one run.
+        p_better_ci: its 95 % interval.
+    """
+
+    mean: Share
+    iqm: Share
+    seed_ci: Interval | None
+    task_ci: Interval
+    seeds: Annotated[tuple[Share, ...], msgspec.Meta(min_length=1)]
+    by_plan: Share
+    picks: Annotated[float, msgspec.Meta(ge=0)]
+    difference: Annotated[float, msgspec.Meta(ge=-1, le=1)] | None = None
+    difference_ci: Interval | None = None
+    p_better: Share | None = None
+    p_better_ci: Interval | None = None
+
+
+class SliceSuccess(Record):
+    """Success on a named part of the tasks, with its 95 % interval over them."""
+
+    slice: str
+    tasks: Annotated[int, msgspec.Meta(ge=1)]
+    success: Share
+    ci: Interval
+
+
+class CurvePoint(Record, array_like=True):
+    """Success after so many steps, and its interval over seeds."""
+
+    step: int
+    success: float
+    low: float | None
+    high: float | None
+
+
+class LambdaCurve(Record):
+    """A source's mean λ in training, as (step, λ), for the first or the second pick."""
+
+    source: str
+    pick: Literal["first", "second"]
+    points: tuple[tuple[int, float], ...]
+
+
+class AgentEntry(Record):
+    """All figures of one agent, that is, of runs that differ in the seed only.
+
+    Attributes:
+        settings: that differ from the defaults.
+        kg: what its scorer was trained on; None without a scorer.
+        trained_with: number of distractors.
+        success: by the number of distractors; so are ``outcomes``, the share of each ending.
+        slices: success in parts of the tasks, with the headline's number of distractors.
+        curves: success on tasks of a part in training.
+    """
+
+    name: str
+    runs: tuple[str, ...]
+    seeds: tuple[int, ...]
+    checkpoints: tuple[str, ...]
+    settings: dict[str, str]
+    kg: KG | None
+    trained_with: Count
+    steps: tuple[int, ...]
+    seconds: tuple[float | None, ...]
+    steps_per_second: tuple[float | None, ...]
+    success: dict[str, AgentSuccess]
+    outcomes: dict[str, dict[Ending, Share]]
+    slices: dict[Slice, tuple[SliceSuccess, ...]]
+    curves: dict[str, tuple[CurvePoint, ...]]
+    lambdas: tuple[LambdaCurve, ...]
+
+
+class BaselineSuccess(Record):
+    """Success of a scripted player, by the number of distractors."""
+
+    name: str
+    success: dict[str, Share]
+
+
+class AgentEpisodes(Record):
+    """Explained episodes of an agent's first run."""
+
+    agent: str
+    run: str
+    episodes: tuple[ExplainedEpisode, ...]
+
+
+class AgentsView(Record):
+    """The agent report (``report.json``).
+
+    Attributes:
+        distractors: numbers of distractors that were played with.
+        headline: the one of them that the report is about.
+        draws: of distractors for each task.
+        tasks: number of them.
+        agents: the first is the reference of comparisons.
+    """
+
+    format: Literal["wordcraft-kg agent report 1"]
+    graph: SharedGraph
+    split: SharedSplit
+    part: TaskPart
+    depth: Annotated[int, msgspec.Meta(ge=1)]
+    distractors: tuple[Count, ...]
+    headline: Count
+    draws: Annotated[int, msgspec.Meta(ge=1)]
+    tasks: Annotated[int, msgspec.Meta(ge=1)]
+    agents: Annotated[tuple[AgentEntry, ...], msgspec.Meta(min_length=1)]
+    baselines: tuple[BaselineSuccess, ...]
+    episodes: tuple[AgentEpisodes, ...]
+
+
+class AgentSummary(Record):
+    """Success of an agent, and the runs that it comes from."""
+
+    runs: tuple[str, ...]
+    seeds: tuple[int, ...]
+    success: dict[str, AgentSuccess]
+
+
+class AgentsSummary(Record):
+    """The headline of a report, and where it is."""
+
+    report: str
+    part: TaskPart
+    depth: int
+    agents: dict[str, AgentSummary]
+    baselines: tuple[BaselineSuccess, ...]
+
+
+Groups = dict[str, list[OpenedAgent]]
+"""Runs by agent."""
+
+
+def group_agents(agents: Sequence[OpenedAgent]) -> Groups:
+    """Return runs by agent: those that differ in nothing but the seed belong together.
+
+    A group is named like its runs, without the seed at their end.
+
+    Raises:
+        ConfigError: if a run is given twice, that is, two of a group have the same seed.
+    """
+    by_settings: dict[Any, list[OpenedAgent]] = {}
+    for agent in agents:
+        inputs = tuple(agent.run["inputs"].get(name) for name in ("graph", "split", "scorer"))
+        config = agent.config
+        key = (inputs, config.tasks, config.policy, replace(config.trainer, seed=0, device="cpu", threads=1))
+        by_settings.setdefault(key, []).append(agent)
+    groups: Groups = {}
+    for members in by_settings.values():
+        seeds = [agent.config.trainer.seed for agent in members]
+        if len(set(seeds)) < len(seeds):
+            names = ", ".join(agent.name for agent in members)
+            raise ConfigError(f"{names}: two of these runs are the same agent with the same seed; give each once.")
+        stems = {re.sub(r"[-_.]?(seed|s)?[-_]?\d+$", "", agent.name) or agent.name for agent in members}
+        name = stems.pop() if len(members) > 1 and len(stems) == 1 else members[0].name
+        while name in groups:
+            name += "′"
+        groups[name] = members
+    return groups
+
+
+def view_agents(
+    groups: Groups,
+    *,
+    part: TaskPart = "test",
+    distractors: Sequence[int] | None = None,
+    draws: int = 5,
+    episodes: int = 2,
+) -> AgentsView:
+    """Judge agents on all tasks of a part, greedily, with the same tables for all.
+
+    Args:
+        groups: runs by agent, see :func:`group_agents`; the first is the reference of comparisons.
+        part: tasks to play.
+        distractors: numbers of distractors. Default: 1, 8 and those trained with.
+        draws: of distractors for each task.
+        episodes: to explain for each agent.
+
+    Raises:
+        GraphMismatchError: if the runs are not all on one graph and split.
+        ConfigError: if they play by different rules, see :data:`RULES`, or none can play with such distractors.
+    """
+    everyone = [agent for members in groups.values() for agent in members]
+    first = everyone[0]
+    _check_alike(everyone)
+    played = _distractors(everyone, distractors)
+    headline = first.config.tasks.distractors
+    if headline not in played:
+        headline = played[-1]
+    judge = _Judge(part, draws)
+    found = {
+        name: {amount: judge.runs(members, amount) for amount in played if _can_play(members[0], amount)}
+        for name, members in groups.items()
+    }
+    reference = next(iter(groups))
+    entries = []
+    for name, members in groups.items():
+        others = {} if name == reference else found[reference]
+        entries.append(_entry(name, members, found[name], others, judge.slices(members[0], found[name], headline)))
+    graph, split = first.opened.graph, first.opened.split
+    return AgentsView(
+        format="wordcraft-kg agent report 1",
+        graph=SharedGraph(graph.name, graph.hash, graph.num_entities, graph.num_recipes),
+        split=SharedSplit(split.config.kind, split.config.seed, split.hash),
+        part=part,
+        depth=first.config.tasks.depth,
+        distractors=tuple(played),
+        headline=headline,
+        draws=draws,
+        tasks=len(judge.evaluator(first, headline).tasks),
+        agents=tuple(entries),
+        baselines=tuple(
+            BaselineSuccess(
+                name, {str(amount): float(judge(first, amount, player).success.mean()) for amount in played}
+            )
+            for name, player in (("random", random_entity), ("recipe oracle", recipe_oracle))
+        ),
+        episodes=tuple(
+            AgentEpisodes(name, members[0].name, _episodes(members[0], part, headline, episodes))
+            for name, members in groups.items()
+        ),
+    )
+
+
+def summarise_agents(view: AgentsView, report: str) -> AgentsSummary:
+    """Return the headline of a view, and where its report is."""
+    agents = {agent.name: AgentSummary(agent.runs, agent.seeds, agent.success) for agent in view.agents}
+    return AgentsSummary(report, view.part, view.depth, agents, view.baselines)
+
+
+def _check_alike(agents: Sequence[OpenedAgent]) -> None:
+    """Refuse agents whose tasks are not the same."""
+    first = agents[0]
+    for agent in agents[1:]:
+        if agent.opened.split.hash != first.opened.split.hash:
+            raise GraphMismatchError(
+                f"'{agent.name}' and '{first.name}' were trained on different graphs or splits: their tasks are not "
+                "the same, and their figures cannot be compared. Train them on one graph folder."
+            )
+        for rule in RULES:
+            found, expected = getattr(agent.config.tasks, rule), getattr(first.config.tasks, rule)
+            if found != expected:
+                raise ConfigError(
+                    f"'{agent.name}' plays with {rule} {found} and '{first.name}' with {expected}: their figures "
+                    "cannot be compared."
+                )
+
+
+def _distractors(agents: Sequence[OpenedAgent], wanted: Sequence[int] | None) -> list[int]:
+    """Return the numbers of distractors that some agent can play with."""
+    if wanted is None:
+        wanted = sorted({*DISTRACTORS, *(agent.config.tasks.distractors for agent in agents)})
+    played = [amount for amount in wanted if any(_can_play(agent, amount) for agent in agents)]
+    if not played:
+        raise ConfigError(
+            f"an mlp plays with {agents[0].config.tasks.distractors} distractors only, which it was made for."
+        )
+    return played
+
+
+def _can_play(agent: OpenedAgent, distractors: int) -> bool:
+    """Whether a policy takes tables of this size; an mlp is made for one."""
+    return agent.config.policy.policy != "mlp" or distractors == agent.config.tasks.distractors
+
+
+@dataclass
+class _Judge:
+    """Plays policies, with one set of environments for each number of distractors."""
+
+    part: TaskPart
+    draws: int
+    evaluators: dict[int, Evaluator] = field(default_factory=dict)
+
+    def evaluator(self, agent: OpenedAgent, distractors: int) -> Evaluator:
+        """Return the environments with so many distractors, of the first agent that asks for them."""
+        if distractors not in self.evaluators:
+            config = agent.config.tasks.environment(self.part, distractors)
+            self.evaluators[distractors] = Evaluator(agent.opened, config, draws=self.draws)
+        return self.evaluators[distractors]
+
+    def __call__(self, agent: OpenedAgent, distractors: int, player: Player) -> Evaluation:
+        return self.evaluator(agent, distractors)(player)
+
+    def runs(self, members: Sequence[OpenedAgent], distractors: int) -> list[Evaluation]:
+        """Judge all runs of an agent."""
+        return [self(agent, distractors, PolicyPlayer(agent.policy)) for agent in members]
+
+    def slices(
+        self, agent: OpenedAgent, found: dict[int, list[Evaluation]], distractors: int
+    ) -> dict[Slice, tuple[SliceSuccess, ...]]:
+        """Return success in parts of the tasks; none if the agent cannot play with so many distractors."""
+        if distractors not in found:
+            return {}
+        return _slices(agent, self.evaluator(agent, distractors).engine.world.tasks, _every(found[distractors]))
+
+
+def _entry(
+    name: str,
+    members: list[OpenedAgent],
+    found: dict[int, list[Evaluation]],
+    reference: dict[int, list[Evaluation]],
+    slices: dict[Slice, tuple[SliceSuccess, ...]],
+) -> AgentEntry:
+    config = members[0].config
+    return AgentEntry(
+        name=name,
+        runs=tuple(agent.name for agent in members),
+        seeds=tuple(agent.config.trainer.seed for agent in members),
+        checkpoints=tuple(agent.checkpoint for agent in members),
+        settings={key: str(value) for key, value in config.differing().items() if key not in ("seed", "graph")},
+        kg=members[0].run.get("kg"),
+        trained_with=config.tasks.distractors,
+        steps=tuple(int(agent.metrics[-1]["step"]) if agent.metrics else 0 for agent in members),
+        seconds=tuple(agent.metrics[-1]["seconds"] if agent.metrics else None for agent in members),
+        steps_per_second=tuple(agent.evaluation.get("steps_per_second") for agent in members),
+        success={str(amount): _success(results, reference.get(amount)) for amount, results in found.items()},
+        outcomes={str(amount): _outcomes(results) for amount, results in found.items()},
+        slices=slices,
+        curves=_curves(members),
+        lambdas=tuple(_lambda_curves(members)),
+    )
+
+
+def _means(found: Sequence[Evaluation]) -> list[float]:
+    return [float(result.success.mean()) for result in found]
+
+
+def _every(found: Sequence[Evaluation]) -> NDArray[np.bool_]:
+    """Successes of all runs, shape (N tasks, runs · draws)."""
+    return np.concatenate([result.success for result in found], axis=1)
+
+
+def _success(found: Sequence[Evaluation], reference: Sequence[Evaluation] | None) -> AgentSuccess:
+    means = _means(found)
+    success = AgentSuccess(
+        mean=float(np.mean(means)),
+        iqm=float(interquartile_mean(means)),
+        seed_ci=stratified_bootstrap(means, np.mean),
+        task_ci=task_bootstrap(_every(found)),
+        seeds=tuple(means),
+        by_plan=float(np.mean([result.by_plan.mean() for result in found])),
+        picks=float(np.mean([result.picks.mean() for result in found])),
+    )
+    if reference is None:
+        return success
+    difference, low, high = paired_difference(_every(found), _every(reference))
+    success = msgspec.structs.replace(success, difference=difference, difference_ci=(low, high))
+    seeds = means, _means(reference)
+    if max(map(len, seeds)) == 1:  # of one run each it would be 0 or 1, and say nothing
+        return success
+    interval = probability_of_improvement_interval(*seeds)
+    return msgspec.structs.replace(success, p_better=probability_of_improvement(*seeds), p_better_ci=interval)
+
+
+def _outcomes(found: Sequence[Evaluation]) -> dict[Ending, Share]:
+    shares = [result.shares() for result in found]
+    return {ending: float(np.mean([share[ending] for share in shares])) for ending in ENDINGS}
+
+
+def _curves(members: list[OpenedAgent]) -> dict[str, tuple[CurvePoint, ...]]:
+    """Success over training by part: means over seeds, with the interval of the mean."""
+    found = {}
+    for part in ("test", "train"):
+        rows = _shared_rows(members, f"{part}_success")
+        points = [
+            CurvePoint(step, float(np.mean(seeds)), *(stratified_bootstrap(seeds, np.mean) or (None, None)))
+            for step, seeds in rows
+        ]
+        if points:
+            found[part] = tuple(points)
+    return found
+
+
+def _lambda_curves(members: list[OpenedAgent]) -> list[LambdaCurve]:
+    """λ over training, by source and pick, the mean over seeds, in about 100 points."""
+    found = []
+    picks: tuple[Literal["first", "second"], ...] = ("first", "second")
+    for source in (ALPHA.name, *SOURCES):
+        for pick in picks:
+            rows = _shared_rows(members, f"lambda_{source}_{pick}")
+            points = [(step, float(np.mean(seeds))) for step, seeds in rows[:: max(1, len(rows) // 100)]]
+            if points:
+                found.append(LambdaCurve(source, pick, tuple(points)))
+    return found
+
+
+def _shared_rows(members: list[OpenedAgent], key: str) -> list[tuple[int, list[float]]]:
+    """Return the steps at which all runs have a figure, and the figures."""
+    rows = [{row["step"]: row[key] for row in agent.metrics if row.get(key) is not None} for agent in members]
+    return [(step, [row[step] for row in rows]) for step in sorted(set.intersection(*map(set, rows)))]
+
+
+def _slices(agent: OpenedAgent, tasks: TaskSet, success: NDArray[np.bool_]) -> dict[Slice, tuple[SliceSuccess, ...]]:
+    """Success by how many train recipes make the goal, by its layer, and by how well the scorer ranks its links."""
+    graph, split = agent.opened.graph, agent.opened.split
+    made = np.bincount(graph.recipes[split.is_in("train"), 2], minlength=graph.num_entities)[tasks.goals]
+    layer = layers(graph)[tasks.goals]
+    groups: dict[Slice, list[tuple[str, NDArray[np.bool_]]]] = {
+        "train_recipes": list(binned(made, TRAIN_RECIPES)),
+        "layer": [(NEVER, layer < 0), *binned(layer, LAYERS)],
+    }
+    ranks = _link_ranks(agent, tasks)
+    if ranks is not None:
+        groups["link_rank"] = list(binned(ranks, LINK_RANKS))
+    found = {
+        name: tuple(
+            SliceSuccess(part, int(mask.sum()), float(success[mask].mean()), task_bootstrap(success[mask]))
+            for part, mask in masks
+            if mask.any()
+        )
+        for name, masks in groups.items()
+    }
+    return {name: rows for name, rows in found.items() if rows}
+
+
+def _link_ranks(agent: OpenedAgent, tasks: TaskSet) -> Ids | None:
+    """Return for each task the worse rank of its two parts among all entities by v; the best over its plans."""
+    if ComponentOf.label.name not in agent.policy.sources:
+        return None
+    source = agent.policy.sources[ComponentOf.label.name]
+    recipes, size = agent.opened.graph.recipes, agent.opened.graph.num_entities
+    goals, row_of = np.unique(tasks.goals, return_inverse=True)
+    everything = torch.arange(size).expand(len(goals), size)
+    scores = source(torch.from_numpy(goals), torch.full((len(goals),), size), everything).numpy()
+    ranks = []
+    for number, plans in zip(row_of.tolist(), tasks.plans, strict=True):
+        row = scores[number]
+        ranks.append(min(max(_mean_rank(row, row[part]) for part in recipes[plan[-1], :2]) for plan in plans))
+    return np.ceil(ranks).astype(np.int64)
+
+
+def _mean_rank(scores: NDArray[np.float32], score: np.float32) -> float:
+    """Return the rank of a score; equal ones share the mean of theirs."""
+    return float((scores > score).sum() + ((scores == score).sum() + 1) / 2)
+
+
+def _episodes(agent: OpenedAgent, part: TaskPart, distractors: int, episodes: int) -> tuple[ExplainedEpisode, ...]:
+    if agent.config.policy.policy == "mlp":
+        distractors = agent.config.tasks.distractors
+    config = agent.config.tasks.environment(part, distractors)
+    return explain_episodes(agent.policy, agent.opened, config, episodes=episodes)

@@ -1,0 +1,97 @@
+"""The recipe books that are known by name, and the check of one."""
+
+from wordcraft_kg.errors import SplitError
+from wordcraft_kg.graphs.book_check import BookCheck, BookFigures, Finding, check_book, listed
+from wordcraft_kg.graphs.library import FETCHABLE, cache_folder, data_folder, known_books, locate_book, open_book
+from wordcraft_kg.graphs.recipe_graph import RecipeGraph
+from wordcraft_kg.graphs.splits import SplitConfig, make_split
+from wordcraft_kg.records import Record
+
+
+class ListedBook(Record):
+    """A book's name, where it comes from, its file if there is one, and a note."""
+
+    name: str
+    origin: str
+    path: str | None
+    note: str
+
+
+class BookList(Record):
+    """All books known by name, and the folders where they are looked for."""
+
+    books: tuple[ListedBook, ...]
+    cache: str
+    data_folder: str | None
+
+
+class CheckedBook(Record):
+    """What the check of a book found.
+
+    Attributes:
+        book: as it was asked for.
+        path: its file.
+        passed: whether there is no problem.
+        figures: counts; empty if no recipe could be read.
+        findings: problems first.
+    """
+
+    book: str
+    path: str
+    passed: bool
+    figures: BookFigures | dict[str, None]
+    findings: tuple[Finding, ...]
+
+
+def view_books() -> BookList:
+    """List the known books."""
+    books = tuple(
+        ListedBook(
+            name=book.name,
+            origin=book.origin,
+            path=None if book.path is None else str(book.path),
+            note=FETCHABLE[book.name].note if book.name in FETCHABLE else "",
+        )
+        for book in known_books()
+    )
+    folder = data_folder()
+    return BookList(books, str(cache_folder()), None if folder is None else str(folder))
+
+
+def view_check(book: str, base: list[str] | None, against: str | None) -> CheckedBook:
+    """Check a book, with what needs word vectors, and with what it shares with another one.
+
+    Args:
+        book: file, folder or known name.
+        base: base entities; None takes the book's own, or infers them.
+        against: another book; None compares with none.
+    """
+    located = locate_book(book)
+    path = located.path / "graph.json" if (located.path / "graph.json").is_file() else located.path
+    other = None if against is None else open_book(against)
+    found = check_book(path, base or located.base, located.name)
+    graph = found.graph
+    if graph is not None:
+        found = _with_words(found, graph)
+    if graph is not None and other is not None:
+        shared = len(set(graph.recipe_labels()) & set(other.recipes))
+        found = found.adding((), against=other.name, shared_recipes=shared, shared=shared / graph.num_recipes)
+    return CheckedBook(book, str(path), found.passed, found.figures or {}, found.findings)
+
+
+def _with_words(found: BookCheck, graph: RecipeGraph) -> BookCheck:
+    """Add what needs word vectors: words without one, and test recipes that nearly repeat a train recipe."""
+    from wordcraft_kg.models.scorers.features import glove_features
+    from wordcraft_kg.models.scorers.near_synonyms import NEAR_SYNONYM, near_synonym_recipes
+
+    features = glove_features(graph.entities)
+    words, missing = features.words, features.missing_words
+    message = f"{len(missing)} of {len(words)} words have no word vector: {listed(missing)}"
+    findings = [Finding("vector", "note", (), message)] if missing else []
+    found = found.adding(findings, words=len(words), words_with_vector=1 - len(missing) / len(words))
+    try:
+        split = make_split(graph, SplitConfig())
+    except SplitError:  # too few recipes to split
+        return found
+    share = float(near_synonym_recipes(split, features)[split.is_in("test")].mean())
+    return found.adding((), near_synonym_share=share, near_synonym_cosine=NEAR_SYNONYM)

@@ -1,0 +1,81 @@
+"""What an agent makes of all tasks of a part, and why it picked what it picked."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from wordcraft_kg.agents.agent_folder import OpenedAgent
+from wordcraft_kg.agents.evaluation import Ending, Evaluator, Success, player_of
+from wordcraft_kg.agents.explanation import ExplainedEpisode, explain_episodes
+from wordcraft_kg.graphs.tasks import TaskPart
+from wordcraft_kg.records import Record, Share
+
+
+class AgentEvaluation(Record):
+    """Success of a run's agent, or of another player of its tasks, by the number of distractors.
+
+    Attributes:
+        run: its folder.
+        agent: who played.
+        checkpoint: of the trained agent's weights; None for others.
+        scores: how the scorer's values were made, if it played alone; None for others.
+        success: by the number of distractors.
+        outcomes: share of each ending, by the number of distractors.
+    """
+
+    run: str
+    agent: str
+    checkpoint: str | None
+    scores: str | None
+    part: TaskPart
+    depth: int
+    success: dict[str, Success]
+    outcomes: dict[str, dict[Ending, Share]]
+
+
+class Explanation(Record):
+    """Episodes of a run's agent, with what was thought at each pick."""
+
+    run: str
+    checkpoint: str
+    part: TaskPart
+    episodes: tuple[ExplainedEpisode, ...]
+
+
+def view_evaluation(
+    run: Path, trained: OpenedAgent, agent: str, part: TaskPart, distractors: Sequence[int], draws: int
+) -> AgentEvaluation:
+    """Let an agent play all tasks of a part.
+
+    Args:
+        run: folder of ``trained``.
+        trained: whose tasks are played.
+        agent: who plays them, see :func:`~wordcraft_kg.agents.evaluation.player_of`.
+        part: of the tasks.
+        distractors: numbers of distractors.
+        draws: of distractors for each task.
+    """
+    player, tasks, policy = player_of(trained.policy, agent), trained.config.tasks, trained.config.policy
+    found = {
+        str(amount): Evaluator(trained.opened, tasks.environment(part, amount), draws=draws)(player)
+        for amount in distractors
+    }
+    scores = f"{policy.use}, scale {policy.scale}, self edges {policy.self_edges}" if agent == "kg-only" else None
+    return AgentEvaluation(
+        run=str(run),
+        agent=agent,
+        checkpoint=trained.checkpoint if agent == "trained" else None,
+        scores=scores,
+        part=part,
+        depth=tasks.depth,
+        success={amount: result.figures() for amount, result in found.items()},
+        outcomes={amount: result.shares() for amount, result in found.items()},
+    )
+
+
+def view_explanation(
+    run: Path, agent: OpenedAgent, part: TaskPart, distractors: int | None, goal: str | None, episodes: int
+) -> Explanation:
+    """Let an agent explain some episodes, see :func:`~wordcraft_kg.agents.explanation.explain_episodes`."""
+    config = agent.config.tasks.environment(part, distractors)
+    found = explain_episodes(agent.policy, agent.opened, config, goal=goal, episodes=episodes)
+    return Explanation(str(run), agent.checkpoint, part, found)

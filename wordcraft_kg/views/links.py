@@ -1,0 +1,544 @@
+"""A link predictor in numbers: how it ranks unseen triples, beside baselines, in slices, and what may be trusted.
+
+:func:`judge_links` ranks once; each part of the view (:func:`view_links`) and each picture of the report reads from it.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Annotated, Literal
+
+import msgspec
+import numpy as np
+import pandas as pd
+import torch
+from numpy.typing import NDArray
+
+from wordcraft_kg.agents.players import PlayerSuccess, play_all, random_entity, recipe_oracle, scorer_players
+from wordcraft_kg.envs.config import WordCraftConfig
+from wordcraft_kg.errors import SplitError, WordCraftKGError
+from wordcraft_kg.graphs.arrays import Ids
+from wordcraft_kg.graphs.audit import Leakage, SplitSummary, leakage, split_summary
+from wordcraft_kg.graphs.folder import KG, OpenedGraph
+from wordcraft_kg.graphs.planner import layers
+from wordcraft_kg.graphs.recipe_graph import RecipeGraph
+from wordcraft_kg.graphs.triples import COMBINES_WITH, RELATIONS, Relation, is_in
+from wordcraft_kg.models.scorers.facts import FrequencyScorer
+from wordcraft_kg.models.scorers.features import glove_features
+from wordcraft_kg.models.scorers.near_synonyms import NEAR_SYNONYM, near_synonym_recipes, near_synonym_triples
+from wordcraft_kg.models.scorers.neighbours import NeighbourScorer
+from wordcraft_kg.models.scorers.protocol import TripleScorer
+from wordcraft_kg.models.scorers.ranking import (
+    MIN_TRIPLES,
+    Calibration,
+    RankingMetrics,
+    calibration,
+    random_metrics,
+    rank_triples,
+    ranking_metrics,
+    recipe_clusters,
+    slice_masks,
+    with_interval,
+)
+from wordcraft_kg.records import Count, Hash, Record, Share
+from wordcraft_kg.views.bins import OPEN_END, Bounds, binned
+
+LISTED = 8
+MAP_LIMIT = 3_000
+"""Entities. Above it what needs the scores of all pairs is left out: matrices, map, neighbours as a baseline, ..."""
+SEEN = ((0, 0), (1, 5), (6, 15), (16, 40), (41, 100), (101, OPEN_END))
+LAYERS = ((0, 2), (3, 5), (6, 8), (9, 11), (12, OPEN_END))
+RANKS = ((1, 1), (2, 3), (4, 5), (6, 10), (11, 20), (21, 50), (51, 100), (101, 200), (201, OPEN_END))
+NO_NEAR_SYNONYM = "no such train recipe"
+
+Slices = dict[str, RankingMetrics]
+"""Metrics of all queries, of each relation, and of each relation and side."""
+
+
+class JudgedModel(Record):
+    """Which model it is; one of the full graph has seen what it is asked for."""
+
+    name: str
+    kg: KG
+    has_seen_the_test_recipes: bool
+
+
+class JudgedGraph(Record):
+    """Which graph it is, and its size."""
+
+    name: str
+    hash: Hash
+    entities: Count
+    recipes: Count
+    triples: Count
+
+
+class Check(Record):
+    """A condition without which the headline means nothing."""
+
+    id: Literal["graph", "coverage", "leak", "mirror"]
+    name: str
+    passed: bool
+    detail: str
+
+
+class Ties(Record):
+    """Metrics with ties broken for and against the model, and of unfiltered ranks, where all entities compete."""
+
+    optimistic: RankingMetrics
+    pessimistic: RankingMetrics
+    raw_rank: RankingMetrics
+
+
+class SliceMetrics(RankingMetrics, kw_only=True):
+    """Metrics of a named part of the queries."""
+
+    slice: str
+
+
+class DrillDown(Record):
+    """Where it works and where it does not; parts without queries are left out.
+
+    Attributes:
+        seen_in_train: by the number of training triples of the entity asked for.
+        layer: by the crafting rounds to the entity asked for.
+        self_combination: combinesWith, an entity with itself and with another.
+        near_synonyms: with and without test recipes that repeat a train recipe in other words.
+    """
+
+    seen_in_train: tuple[SliceMetrics, ...]
+    layer: tuple[SliceMetrics, ...]
+    self_combination: tuple[SliceMetrics, ...]
+    near_synonyms: tuple[SliceMetrics, ...]
+
+
+class Histogram(Record):
+    """Share of each relation's queries by rank."""
+
+    bins: tuple[str, ...]
+    shares: dict[Relation, tuple[Share, ...]]
+
+
+class RankedTriple(Record):
+    """A query: the rank and score of the true entity, and the best candidate."""
+
+    head: str
+    relation: Relation
+    tail: str
+    side: Literal["head", "tail"]
+    rank: Annotated[float, msgspec.Meta(ge=1)]
+    score: float
+    top: str
+
+
+class ScoredPair(Record):
+    """A triple that the graph does not have."""
+
+    head: str
+    relation: Relation
+    tail: str
+    score: float
+
+
+class SelfEdges(Record):
+    """Share of the entities whose best combinesWith answer is the entity itself, and of those that really have it."""
+
+    top_answer_is_itself: Share
+    really_combines_with_itself: Share
+
+
+class Neighbours(Record):
+    """An entity and the nearest to it."""
+
+    entity: str
+    neighbours: tuple[str, ...]
+
+
+class LinkView(Record):
+    """The link-prediction report (``report.json``).
+
+    Attributes:
+        queries: two for each of ``triples``.
+        leaked_left_out: triples of the test recipes that are not evaluated.
+        metrics: filtered, realistic ties.
+        with_leaked: metrics if those were evaluated too.
+        baselines: by name.
+        calibration: of the softmax over the candidates.
+        best: ranked queries.
+        worst: ranked queries.
+        perhaps_missing: the best-scored triples that the graph does not have; like the next two empty or None above
+            :data:`MAP_LIMIT` entities.
+        self_edges: a known failure.
+        neighbours: of the ten most used entities.
+        kg_play: success of players that know the scorer and nothing else.
+        trace: a row an epoch of the training.
+        provenance: facts about the training.
+    """
+
+    format: Literal["wordcraft-kg link report 1"]
+    model: JudgedModel
+    graph: JudgedGraph
+    split: SplitSummary
+    queries: Count
+    triples: Count
+    leaked_left_out: Count
+    leakage: dict[Relation, Leakage]
+    checks: Annotated[tuple[Check, ...], msgspec.Meta(min_length=2)]
+    metrics: Slices
+    ties: Ties
+    with_leaked: RankingMetrics
+    baselines: dict[str, Slices]
+    near_synonym_cosine: float
+    drill_down: DrillDown
+    histogram: Histogram
+    calibration: Calibration
+    best: tuple[RankedTriple, ...]
+    worst: tuple[RankedTriple, ...]
+    perhaps_missing: tuple[ScoredPair, ...]
+    self_edges: SelfEdges | None
+    neighbours: tuple[Neighbours, ...]
+    kg_play: tuple[PlayerSuccess, ...]
+    trace: tuple[dict[str, float], ...]
+    provenance: dict[str, str]
+
+
+class LinkSummary(Record):
+    """The headline of a report, by slice where it is a dictionary; None where a slice has no queries."""
+
+    mrr: dict[str, Share | None]
+    hits_at_1: dict[str, Share | None] = msgspec.field(name="hits@1")
+    hits_at_3: dict[str, Share | None] = msgspec.field(name="hits@3")
+    hits_at_10: dict[str, Share | None] = msgspec.field(name="hits@10")
+    mrr_ci: dict[str, tuple[Share, Share] | None]
+    queries: Count
+    triples: Count
+    leaked_left_out: Count
+    mrr_with_leaked: Share | None
+    mrr_without_near_synonyms: Share | None
+    has_seen_the_test_recipes: bool
+    baselines: dict[str, dict[str, Share | None]]
+    checks_passed: bool
+    report: str
+
+
+@dataclass(frozen=True)
+class JudgedLinks:
+    """A scorer's ranking of the triples that it is judged on, and what several parts of a view need of it.
+
+    Attributes:
+        scorer: that was judged.
+        opened: graph and split.
+        kg: what the scorer was trained on.
+        queries: triples that it is judged on, shape (T, 3).
+        ranks: a row a query, see :func:`~wordcraft_kg.models.scorers.ranking.rank_triples`.
+    """
+
+    scorer: TripleScorer
+    opened: OpenedGraph
+    kg: KG
+    queries: Ids
+    ranks: pd.DataFrame
+
+    @property
+    def graph(self) -> RecipeGraph:
+        """The graph whose triples are ranked."""
+        return self.opened.graph
+
+    @property
+    def is_full(self) -> bool:
+        """Whether the scorer has seen all triples."""
+        return self.kg == "full"
+
+    @property
+    def trained_on(self) -> Ids:
+        """The triples that the scorer has seen, shape (T, 3)."""
+        return self.opened.triples(self.kg)
+
+    @property
+    def has_table(self) -> bool:
+        """Whether the graph is small enough for the scores of all pairs."""
+        return self.graph.num_entities <= MAP_LIMIT
+
+    @cached_property
+    def table(self) -> NDArray[np.float32]:
+        """Scores of all pairs, shape (2, E, E), by relation, head and tail."""
+        return torch.stack([self.scorer.table(relation) for relation in range(len(RELATIONS))]).cpu().numpy()
+
+    @cached_property
+    def profiles(self) -> NDArray[np.float64]:
+        """Unit vectors of each entity's scores as head and as tail of both relations, shape (E, 4 E).
+
+        Each part is centred by row and by column, else all that it shows is which entities score high with everything.
+        """
+        parts = []
+        for scores in self.table.astype(np.float64):
+            centred = scores - scores.mean(axis=1, keepdims=True) - scores.mean(axis=0) + scores.mean()
+            parts += [part / (centred.std() or 1.0) for part in (centred, centred.T)]
+        profiles = np.concatenate(parts, axis=1)
+        return profiles / np.maximum(np.linalg.norm(profiles, axis=1, keepdims=True), 1e-12)
+
+    @property
+    def labelled_ranks(self) -> pd.DataFrame:
+        """``ranks`` with labels instead of ids."""
+        return _labelled(self.graph, self.ranks)
+
+
+def judge_links(scorer: TripleScorer, opened: OpenedGraph, kg: KG = "partial") -> JudgedLinks:
+    """Rank the triples that a scorer is judged on.
+
+    A scorer of the partial graph is judged on the test triples that training does not contain; one of the full graph
+    has seen them, so it is judged on the graph's own triples and marked as remembering.
+
+    Raises:
+        SplitError: if fewer than 30 triples are left to judge it on.
+    """
+    queries = opened.graph.triples if kg == "full" else opened.split.held_out("test")
+    if len(queries) < MIN_TRIPLES:
+        raise SplitError(
+            f"only {len(queries)} unseen test triples; {MIN_TRIPLES} are needed for a figure that means something. "
+            "Build the graph with a smaller --train-ratio, such as 0.7."
+        )
+    return JudgedLinks(scorer, opened, kg, queries, rank_triples(scorer, queries, opened.graph.triples))
+
+
+def view_links(
+    judged: JudgedLinks,
+    *,
+    name: str = "scorer",
+    provenance: Mapping[str, str] | None = None,
+    trace: Sequence[Mapping[str, float]] = (),
+    seed: int = 0,
+) -> LinkView:
+    """Return all numbers of the report.
+
+    Args:
+        judged: the ranking.
+        name: what the report calls the scorer.
+        provenance: facts for the last section.
+        trace: a row an epoch with ``epoch``, ``loss`` and perhaps ``valid_mrr``.
+        seed: of the bootstrap and the players.
+    """
+    graph, ranks = judged.graph, judged.ranks
+    split = split_summary(judged.opened.split)
+    return LinkView(
+        format="wordcraft-kg link report 1",
+        model=JudgedModel(name, judged.kg, judged.is_full),
+        graph=JudgedGraph(graph.name, graph.hash, graph.num_entities, graph.num_recipes, len(graph.triples)),
+        split=split,
+        queries=len(ranks),
+        triples=len(judged.queries),
+        leaked_left_out=0 if judged.is_full else split.leaked_triples,
+        leakage=leakage(judged.opened.split),
+        checks=tuple(_checks(judged)),
+        metrics=_headline(judged, seed),
+        ties=Ties(
+            ranking_metrics(ranks, "optimistic"),
+            ranking_metrics(ranks, "pessimistic"),
+            # Unfiltered, all entities compete.
+            ranking_metrics(ranks.assign(candidates=graph.num_entities), "raw_rank"),
+        ),
+        with_leaked=_with_leaked(judged),
+        baselines=_baselines(judged),
+        near_synonym_cosine=NEAR_SYNONYM,
+        drill_down=_drill_down(judged),
+        histogram=_histogram(ranks),
+        calibration=calibration(ranks),
+        best=_listed(judged, ascending=True),
+        worst=_listed(judged, ascending=False),
+        perhaps_missing=_perhaps_missing(judged) if judged.has_table else (),
+        self_edges=_self_edges(judged) if judged.has_table else None,
+        neighbours=_neighbours(judged) if judged.has_table else (),
+        kg_play=_kg_play(judged, seed) if judged.has_table else (),
+        trace=tuple(dict(row) for row in trace),
+        provenance=dict(provenance or {}),
+    )
+
+
+def summarise_links(view: LinkView, report: str) -> LinkSummary:
+    """Return the headline of a view, and where its report is."""
+    slices = ("all", *RELATIONS)
+    metrics = {name: view.metrics[name] for name in slices}
+    others = [row.mrr for row in view.drill_down.near_synonyms if row.slice == NO_NEAR_SYNONYM]
+    return LinkSummary(
+        mrr={name: row.mrr for name, row in metrics.items()},
+        hits_at_1={name: row.hits_at_1 for name, row in metrics.items()},
+        hits_at_3={name: row.hits_at_3 for name, row in metrics.items()},
+        hits_at_10={name: row.hits_at_10 for name, row in metrics.items()},
+        mrr_ci={name: row.mrr_ci for name, row in metrics.items()},
+        queries=view.queries,
+        triples=view.triples,
+        leaked_left_out=view.leaked_left_out,
+        mrr_with_leaked=view.with_leaked.mrr,
+        mrr_without_near_synonyms=others[0] if others else None,
+        has_seen_the_test_recipes=view.model.has_seen_the_test_recipes,
+        baselines={name: {part: table[part].mrr for part in slices} for name, table in view.baselines.items()},
+        checks_passed=all(check.passed for check in view.checks),
+        report=report,
+    )
+
+
+def _checks(judged: JudgedLinks) -> Iterator[Check]:
+    """A full-graph model is not asked about leaks."""
+    graph, split = judged.graph, judged.opened.split
+    yield Check(
+        "graph", "the model was trained on the graph that is evaluated", judged.scorer.graph_hash == graph.hash, ""
+    )
+    uncovered = split.uncovered[:0] if judged.is_full else split.uncovered
+    listed = f"{len(uncovered)} do not ({', '.join(graph.labels(uncovered[:6]))}): their ranks are near chance"
+    covered = not len(uncovered)
+    yield Check("coverage", "every entity occurs in training", covered, "all do" if covered else listed)
+    if judged.is_full:
+        return
+    test = judged.queries
+    symmetric = test[test[:, 1] == COMBINES_WITH]
+    in_train, mirrored = (
+        int(np.sum(is_in(triples, split.partial, graph.num_entities))) for triples in (test, symmetric[:, [2, 1, 0]])
+    )
+    no_leak = "no evaluated triple is in the training triples"
+    yield Check("leak", no_leak, not in_train, f"{in_train} found")
+    no_mirror = "no combinesWith triple has its mirror in the training triples"
+    yield Check("mirror", no_mirror, not mirrored, f"{mirrored} found")
+
+
+def _by_slice(ranks: pd.DataFrame, measure: Callable[[pd.DataFrame, NDArray[np.bool_]], RankingMetrics]) -> Slices:
+    return {name: measure(ranks[mask], mask) for name, mask in slice_masks(ranks).items()}
+
+
+def _headline(judged: JudgedLinks, seed: int) -> Slices:
+    graph, split = judged.graph, judged.opened.split
+    sources = np.ones(graph.num_recipes, dtype=bool) if judged.is_full else split.is_in("test")
+    clusters = np.tile(recipe_clusters(graph, sources, judged.queries), 2)
+    return _by_slice(judged.ranks, lambda part, mask: with_interval(part, clusters[mask], seed=seed))
+
+
+def _with_leaked(judged: JudgedLinks) -> RankingMetrics:
+    """The metrics of all triples of the test recipes, those that are in training too."""
+    if judged.is_full:
+        return ranking_metrics(judged.ranks)
+    everything = judged.opened.split.triples_of("test")
+    return ranking_metrics(rank_triples(judged.scorer, everything, judged.graph.triples))
+
+
+def _baselines(judged: JudgedLinks) -> dict[str, Slices]:
+    graph, trained_on = judged.graph, judged.trained_on
+    scorers: dict[str, TripleScorer] = {"frequency": FrequencyScorer(graph, trained_on)}
+    if judged.has_table:
+        scorers["neighbours"] = NeighbourScorer(graph, trained_on)
+    ranked = {name: rank_triples(scorer, judged.queries, graph.triples) for name, scorer in scorers.items()}
+    tables = {name: _by_slice(ranks, lambda part, _: ranking_metrics(part)) for name, ranks in ranked.items()}
+    return {**tables, "random": _by_slice(judged.ranks, lambda part, _: random_metrics(part))}
+
+
+def _drill_down(judged: JudgedLinks) -> DrillDown:
+    graph, ranks, trained_on = judged.graph, judged.ranks, judged.trained_on
+    target = np.where(ranks["side"] == "tail", ranks["tail"], ranks["head"]).astype(np.int64)
+    seen = np.bincount(np.concatenate([trained_on[:, 0], trained_on[:, 2]]), minlength=graph.num_entities)[target]
+    layer = layers(graph)[target]
+    is_symmetric = (ranks["relation"] == COMBINES_WITH).to_numpy()
+    is_self = (ranks["head"] == ranks["tail"]).to_numpy()
+
+    def between(values: Ids, bounds: Bounds) -> Iterator[tuple[str, NDArray[np.bool_]]]:
+        return binned(values, bounds, more=" or more")
+
+    return DrillDown(
+        seen_in_train=_slices(ranks, between(seen, SEEN)),
+        layer=_slices(ranks, [("not reachable", layer < 0), *between(layer, LAYERS)]),
+        self_combination=_slices(
+            ranks, [("with itself", is_symmetric & is_self), ("with another", is_symmetric & ~is_self)]
+        ),
+        near_synonyms=() if judged.is_full else _near_synonyms(judged),
+    )
+
+
+def _slices(ranks: pd.DataFrame, groups: Iterable[tuple[str, NDArray[np.bool_]]]) -> tuple[SliceMetrics, ...]:
+    return tuple(
+        SliceMetrics(**msgspec.structs.asdict(ranking_metrics(ranks[mask])), slice=name)
+        for name, mask in groups
+        if mask.any()
+    )
+
+
+def _near_synonyms(judged: JudgedLinks) -> tuple[SliceMetrics, ...]:
+    graph = judged.graph
+    recipes = near_synonym_recipes(judged.opened.split, glove_features(graph.entities))
+    repeats = np.tile(near_synonym_triples(graph, recipes, judged.queries), 2)
+    if not repeats.any():  # by goal no result is in both parts, and labels may have no word vectors: nothing to tell
+        return ()
+    return _slices(judged.ranks, (("a train recipe with a near-synonym", repeats), (NO_NEAR_SYNONYM, ~repeats)))
+
+
+def _histogram(ranks: pd.DataFrame) -> Histogram:
+    shares: dict[Relation, tuple[float, ...]] = {}
+    for relation, name in enumerate(RELATIONS):
+        rank = ranks.loc[ranks["relation"] == relation, "rank"].to_numpy(dtype=float)
+        # A realistic rank may end in .5; it counts for the bin it falls into when rounded up.
+        masks = [mask for _, mask in binned(np.ceil(rank).astype(np.int64), RANKS)]
+        shares[name] = tuple(float(np.mean(mask)) if len(rank) else 0.0 for mask in masks)
+    return Histogram(tuple(name for name, _ in binned(np.empty(0, dtype=np.int64), RANKS)), shares)
+
+
+def _listed(judged: JudgedLinks, *, ascending: bool) -> tuple[RankedTriple, ...]:
+    order = judged.ranks.sort_values(["rank", "score"], ascending=[ascending, not ascending], kind="stable")
+    shown = _labelled(judged.graph, order.head(LISTED))[list(RankedTriple.__struct_fields__)]
+    return tuple(RankedTriple(*row) for row in zip(*(shown[name].tolist() for name in shown), strict=True))
+
+
+def _perhaps_missing(judged: JudgedLinks) -> tuple[ScoredPair, ...]:
+    """The best-scored triples that the graph does not have, self edges left out, half of them of each relation."""
+    graph, found = judged.graph, []
+    for relation, name in enumerate(RELATIONS):
+        scores = judged.table[relation].copy()
+        if relation == COMBINES_WITH:
+            scores = np.triu((scores + scores.T) / 2, k=1) + np.where(np.tri(len(scores), dtype=bool), -np.inf, 0)
+        known = graph.triples[graph.triples[:, 1] == relation]
+        scores[known[:, 0], known[:, 2]] = -np.inf
+        np.fill_diagonal(scores, -np.inf)
+        for flat in np.argsort(-scores, axis=None, kind="stable")[: LISTED // 2].tolist():
+            head, tail = divmod(flat, len(scores))
+            found.append(ScoredPair(graph.entities[head], name, graph.entities[tail], float(scores[head, tail])))
+    return tuple(pair for pair in found if np.isfinite(pair.score))
+
+
+def _self_edges(judged: JudgedLinks) -> SelfEdges:
+    graph, scores = judged.graph, judged.table[COMBINES_WITH]
+    symmetric = graph.triples[graph.triples[:, 1] == COMBINES_WITH]
+    return SelfEdges(
+        top_answer_is_itself=float(np.mean(scores.argmax(axis=1) == np.arange(len(scores)))),
+        really_combines_with_itself=float(np.sum(symmetric[:, 0] == symmetric[:, 2]) / graph.num_entities),
+    )
+
+
+def _neighbours(judged: JudgedLinks) -> tuple[Neighbours, ...]:
+    """Nearest neighbours of the ten most used entities."""
+    graph, profiles = judged.graph, judged.profiles
+    most_used = np.argsort(-graph.use_counts, kind="stable")[:10]
+    similar = profiles[most_used] @ profiles.T
+    similar[np.arange(len(most_used)), most_used] = -np.inf
+    nearest = np.argsort(-similar, axis=1, kind="stable")[:, :5]
+    return tuple(
+        Neighbours(graph.entities[entity], graph.labels(row))
+        for entity, row in zip(most_used.tolist(), nearest.tolist(), strict=True)
+    )
+
+
+def _kg_play(judged: JudgedLinks, seed: int) -> tuple[PlayerSuccess, ...]:
+    """Success of players that know the scorer and nothing else, on the test tasks of depth 1, 1 and 8 distractors."""
+    try:
+        players = {
+            **scorer_players(judged.graph, judged.scorer, judged.trained_on),
+            "random": random_entity,
+            "recipe oracle": recipe_oracle,
+        }
+        return play_all(judged.opened, players, WordCraftConfig(part="test"), (1, 8), seed=seed)
+    except WordCraftKGError:
+        # No test task, too few entities for distractors, or a scorer that the checks refuse anyway.
+        return ()
+
+
+def _labelled(graph: RecipeGraph, ranks: pd.DataFrame) -> pd.DataFrame:
+    names = np.array(graph.entities, dtype=object)
+    frame = ranks.copy()
+    for column in ("head", "tail", "top"):
+        frame[column] = names[frame[column].to_numpy(dtype=np.int64)]
+    frame["relation"] = np.array(RELATIONS, dtype=object)[frame["relation"].to_numpy(dtype=np.int64)]
+    return frame

@@ -1,0 +1,166 @@
+"""What scripted players come to: success on all tasks of a part, and discoveries in open-ended play."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import msgspec
+
+from wordcraft_kg.agents.discovery import HUMAN_CURVE, HUMAN_SOURCE, discovery_curves, make_players, summarise_curves
+from wordcraft_kg.agents.players import PlayerSuccess, knowledge_players, play_all, scorer_players
+from wordcraft_kg.envs.config import WordCraftConfig
+from wordcraft_kg.envs.open_ended import Discovery
+from wordcraft_kg.graphs.folder import OpenedGraph
+from wordcraft_kg.graphs.recipe_graph import RecipeGraph
+from wordcraft_kg.graphs.tasks import TaskPart
+from wordcraft_kg.models.scorers.scorer import Scorer
+from wordcraft_kg.records import Count, Hash, Record, Share
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from wordcraft_kg.models.links.folder import OpenedModel
+
+
+class Baselines(Record):
+    """Success of scripted players, a row for each number of distractors and player."""
+
+    graph: str
+    part: TaskPart
+    depth: int
+    draws: int
+    seed: int
+    rows: tuple[PlayerSuccess, ...]
+
+
+class Known(Record):
+    """How many entities a player knows after some attempts.
+
+    Attributes:
+        mean: over the runs.
+        low: lower end of its 95 % interval; None for a single run.
+        high: upper end.
+        repeated: share of the attempts so far that repeated a pair.
+    """
+
+    mean: float
+    low: float | None
+    high: float | None
+    repeated: Share
+
+
+class DiscoveryView(Record, omit_defaults=True):
+    """Open-ended play.
+
+    Attributes:
+        base: entities known at the start.
+        reachable: entities that can be made from them.
+        marks: attempts after which the knowledge is read.
+        players: what each knows, by mark.
+        people: what people know, by attempts; in another game.
+        out: the page, if one was written.
+    """
+
+    graph: str
+    hash: Hash
+    entities: Count
+    base: tuple[str, ...]
+    reachable: Count
+    attempts: int
+    runs: int
+    seed: int
+    scorer: str | None
+    marks: tuple[int, ...]
+    players: dict[str, dict[str, Known]]
+    people: dict[str, float]
+    people_source: str
+    out: str | None = None
+
+
+def view_baselines(
+    opened: OpenedGraph,
+    graph: str,
+    config: WordCraftConfig,
+    distractors: Sequence[int],
+    model: "tuple[str, OpenedModel] | None" = None,
+    *,
+    draws: int = 5,
+    seed: int = 0,
+) -> Baselines:
+    """Let the players of the reference table play, and those of a model if there is one.
+
+    Args:
+        opened: graph and split.
+        graph: what the graph was called.
+        config: part and depth of the tasks.
+        distractors: numbers of distractors.
+        model: a link predictor and its name.
+        draws: of distractors for each task.
+        seed: of the draws and of ties.
+    """
+    players = knowledge_players(opened.graph, opened.split.partial)
+    if model is not None:
+        name, trained = model
+        named = scorer_players(opened.graph, trained.scorer, opened.triples(trained.kg))
+        oracle = players.pop("recipe oracle")
+        players |= {f"{name}, {kind}": player for kind, player in named.items()} | {"recipe oracle": oracle}
+    rows = play_all(opened, players, config, distractors, draws=draws, seed=seed)
+    return Baselines(graph, config.part, config.depth, draws, seed, rows)
+
+
+def view_discovery(
+    graph: RecipeGraph,
+    players: Sequence[str],
+    *,
+    attempts: int = 100,
+    runs: int = 100,
+    seed: int = 0,
+    base: Sequence[str] | None = None,
+    scorer: tuple[str, Scorer] | None = None,
+) -> tuple[DiscoveryView, "pd.DataFrame"]:
+    """Let players discover entities; return the view and the curves that it sums up.
+
+    Args:
+        graph: to play on.
+        players: by name.
+        attempts: combinations that a player may try.
+        runs: times that each plays.
+        seed: root of all draws.
+        base: entities known at the start; None takes the graph's.
+        scorer: that guides a player, and its name.
+    """
+    start = Discovery(graph, base)
+    loaded = None if scorer is None else scorer[1]
+    curves = discovery_curves(graph, make_players(players, graph, loaded), attempts, runs, seed, start.base)
+    table = summarise_curves(curves)
+    view = DiscoveryView(
+        graph=graph.name,
+        hash=graph.hash,
+        entities=graph.num_entities,
+        base=graph.labels(start.base),
+        reachable=start.reachable,
+        attempts=attempts,
+        runs=runs,
+        seed=seed,
+        scorer=None if scorer is None else scorer[0],
+        marks=tuple(table["attempt"].unique().tolist()),
+        players={name: _known(table[table["player"] == name]) for name in players},
+        people={str(attempt): known for attempt, known in HUMAN_CURVE.items()},
+        people_source=HUMAN_SOURCE,
+    )
+    return view, curves
+
+
+def written_to(view: DiscoveryView, out: Path) -> DiscoveryView:
+    """Return a view that names its page."""
+    return msgspec.structs.replace(view, out=str(out))
+
+
+def _known(table: "pd.DataFrame") -> dict[str, Known]:
+    """Return what a player knows, by the number of attempts."""
+    columns = (table[name].tolist() for name in ("attempt", "mean", "low", "high", "repeated"))
+    # A number that is not equal to itself is NaN.
+    return {
+        str(attempt): Known(mean, low if low == low else None, high if high == high else None, repeated)
+        for attempt, mean, low, high, repeated in zip(*columns, strict=True)
+    }

@@ -1,0 +1,65 @@
+"""The tasks of a graph, counted, and some of them as an agent would see them."""
+
+import numpy as np
+
+from wordcraft_kg.envs.wordcraft import WordCraftEnv
+from wordcraft_kg.graphs.recipes import Recipe
+from wordcraft_kg.graphs.tasks import TaskPart
+from wordcraft_kg.records import Count, Record
+
+
+class ShownTask(Record):
+    """A task with a table and all its plans."""
+
+    goal: str
+    start: tuple[str, ...]
+    distractors: tuple[str, ...]
+    table: tuple[str, ...]
+    plans: tuple[tuple[Recipe, ...], ...]
+
+
+class TaskListing(Record):
+    """Tasks of a part.
+
+    Attributes:
+        tasks: number of them.
+        complete: whether these are all that there are.
+        mixed: tasks that belong to no part.
+        shown: some of them.
+    """
+
+    graph: str
+    depth: int
+    part: TaskPart
+    tasks: Count
+    complete: bool
+    mixed: Count
+    shown: tuple[ShownTask, ...]
+
+
+def view_tasks(env: WordCraftEnv, limit: int, seed: int) -> TaskListing:
+    """Count an environment's tasks and show up to ``limit`` of them, in a random order."""
+    # One seed for the first episode only, as in training: with one for each, all tables would have like distractors.
+    env.reset(seed=seed)
+    order = np.random.default_rng(seed).permutation(len(env.tasks))[:limit].tolist()
+    return TaskListing(
+        graph=env.world.graph.name,
+        depth=env.config.depth,
+        part=env.config.part,
+        tasks=len(env.tasks),
+        complete=env.tasks.is_complete,
+        mixed=env.tasks.mixed,
+        shown=tuple(_shown(env, index) for index in order),
+    )
+
+
+def _shown(env: WordCraftEnv, index: int) -> ShownTask:
+    observation, _ = env.reset(options={"task": index})
+    task, table = env.task, env.world.graph.labels(observation["table"][observation["action_mask"] == 1])
+    return ShownTask(
+        goal=task.goal,
+        start=tuple(task.start),
+        distractors=tuple(sorted(set(table) - set(task.start))),
+        table=table,
+        plans=tuple(map(tuple, task.plans)),
+    )

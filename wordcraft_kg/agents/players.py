@@ -4,7 +4,6 @@ A player is a function ``(engine, rng) -> slots`` that picks for all environment
 """
 
 from collections.abc import Callable, Iterable
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,10 +11,8 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from wordcraft_kg.envs.batch import GOAL, BatchEngine
-from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS
 from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
@@ -151,9 +148,8 @@ def scorer_players(graph: RecipeGraph, scorer: TripleScorer, observed: Ids) -> d
 
 
 def play_all(
-    opened: OpenedGraph,
+    world: World,
     players: dict[str, Player],
-    config: WordCraftConfig,
     distractors: Iterable[int] = (1, 2, 8),
     *,
     draws: int = 5,
@@ -164,9 +160,8 @@ def play_all(
     Success is the sparse one, whatever the reward settings: the goal was made within the attempts.
 
     Args:
-        opened: graph and split.
+        world: the tasks; its number of distractors is replaced.
         players: by name.
-        config: part, depth and so on; its number of distractors is replaced.
         distractors: numbers of distractors.
         draws: of distractors for each task; all players see the same ones.
         seed: of distractors and players.
@@ -178,8 +173,8 @@ def play_all(
     rows: list[dict[str, Any]] = []
     whole("seed", seed, 0)
     for amount in dict.fromkeys(distractors):
-        tasks = np.arange(len(World(opened, replace(config, num_distractors=amount)).tasks))
-        engine = BatchEngine(opened, replace(config, num_distractors=amount), len(tasks), seed=seed)
+        tasks = np.arange(len(world.tasks))
+        engine = BatchEngine(world.variant(num_distractors=amount), len(tasks), seed=seed)
         for name, player in players.items():
             won = by_plan = 0
             rng = np.random.default_rng([seed, amount])

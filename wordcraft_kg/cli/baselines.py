@@ -38,6 +38,7 @@ def baselines(
         seed: of the draws and of ties.
     """
     from wordcraft_kg.agents.players import knowledge_players, play_all, scorer_players
+    from wordcraft_kg.envs.world import World
     from wordcraft_kg.graphs.folder import open_graph
 
     amounts = whole_numbers("distractors", distractors or ["1,2,8"])
@@ -56,7 +57,7 @@ def baselines(
         named = scorer_players(opened.graph, model.scorer, known)
         oracle = players.pop("recipe oracle")
         players |= {f"{scorer.name}, {name}": player for name, player in named.items()} | {"recipe oracle": oracle}
-    table = play_all(opened, players, config, amounts, draws=draws, seed=seed)
+    table = play_all(World(opened, config), players, amounts, draws=draws, seed=seed)
     rows: list[dict[str, Any]] = [{str(key): value for key, value in row.items()} for row in table.to_dict("records")]
     values = {"graph": graph, "part": part, "depth": depth, "draws": draws, "seed": seed, "rows": rows}
     output.result(values, _text(rows, amounts, part, depth))

@@ -37,6 +37,7 @@ def evaluate_agent(
     from wordcraft_kg.agents.agent_folder import open_agent
     from wordcraft_kg.agents.evaluation import Evaluator, player_of
     from wordcraft_kg.cli.console import whole_numbers
+    from wordcraft_kg.envs.world import World
     from wordcraft_kg.errors import ConfigError
 
     if draws < 1:
@@ -44,10 +45,11 @@ def evaluate_agent(
     trained = open_agent(run, graph)
     amounts = whole_numbers("distractors", distractors or [str(trained.config.tasks.distractors)])
     player = player_of(trained.policy, agent)
+    world = World(trained.opened, trained.config.tasks.environment(part, amounts[0]))
     success: dict[str, Any] = {}
     outcomes: dict[str, Any] = {}
     for amount in amounts:
-        found = Evaluator(trained.opened, trained.config.tasks.environment(part, amount), draws=draws)(player)
+        found = Evaluator(world.variant(num_distractors=amount), draws=draws)(player)
         success[str(amount)], outcomes[str(amount)] = found.figures(), found.shares()
     depth, policy = trained.config.tasks.depth, trained.config.policy
     scores = f"{policy.use}, scale {policy.scale}, self edges {policy.self_edges}" if agent == "kg-only" else None

@@ -35,13 +35,14 @@ def explain(
     """
     from wordcraft_kg.agents.agent_folder import open_agent
     from wordcraft_kg.agents.explanation import explain_episodes
+    from wordcraft_kg.envs.world import World
     from wordcraft_kg.errors import ConfigError
 
     if episodes < 1:
         raise ConfigError(f"--episodes {episodes}: expected 1 or more.")
     agent = open_agent(run, graph)
-    config = agent.config.tasks.environment(part, distractors)
-    found = explain_episodes(agent.policy, agent.opened, config, goal=goal, episodes=episodes)
+    world = World(agent.opened, agent.config.tasks.environment(part, distractors))
+    found = explain_episodes(agent.policy, world, goal=goal, episodes=episodes)
     values = {"run": str(run), "checkpoint": agent.checkpoint, "part": part, "episodes": found}
     output.result(values, [line for number, episode in enumerate(found, 1) for line in _text(number, episode)])
 

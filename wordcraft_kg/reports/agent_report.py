@@ -17,6 +17,7 @@ from wordcraft_kg.agents.evaluation import ENDINGS, Evaluation, Evaluator, Polic
 from wordcraft_kg.agents.explanation import explain_episodes
 from wordcraft_kg.agents.players import random_entity, recipe_oracle
 from wordcraft_kg.artefacts import dump_json, staged_folder, write_atomically
+from wordcraft_kg.envs.world import World
 from wordcraft_kg.errors import ConfigError, GraphMismatchError
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.planner import layers
@@ -125,7 +126,7 @@ def make_agent_report(
     headline = first.config.tasks.distractors
     if headline not in played:
         headline = played[-1]
-    judge = _Judge(part, draws)
+    judge = _Judge(World(first.opened, first.config.tasks.environment(part, headline)), draws)
     entries = [_entry(name, members, judge, played, headline) for name, members in groups.items()]
     _compare(entries, judge)
     graph, split, tasks = first.opened.graph, first.opened.split, first.config.tasks
@@ -140,9 +141,9 @@ def make_agent_report(
         "draws": draws,
         "tasks": len(judge.evaluators[headline].tasks),
         "agents": entries,
-        "baselines": _baselines(first, judge, played),
+        "baselines": _baselines(judge, played),
         "episodes": [
-            {"agent": name, "run": members[0].name, "episodes": _episodes(members[0], part, headline, episodes)}
+            {"agent": name, "run": members[0].name, "episodes": _episodes(members[0], judge.world, episodes)}
             for name, members in groups.items()
         ],
     }
@@ -177,17 +178,17 @@ def render(report: AgentReport) -> str:
 
 
 class _Judge:
-    """Plays policies, with one set of environments for each number of distractors."""
+    """Plays policies in one world, with one set of environments for each number of distractors."""
 
-    def __init__(self, part: TaskPart, draws: int):
-        self.part, self.draws = part, draws
+    def __init__(self, world: World, draws: int):
+        self.world, self.draws = world, draws
         self.evaluators: dict[int, Evaluator] = {}
         self.success: dict[tuple[str, int], NDArray[np.bool_]] = {}
 
-    def __call__(self, agent: OpenedAgent, distractors: int, player: Any) -> Evaluation:
+    def __call__(self, distractors: int, player: Any) -> Evaluation:
         if distractors not in self.evaluators:
-            config = agent.config.tasks.environment(self.part, distractors)
-            self.evaluators[distractors] = Evaluator(agent.opened, config, draws=self.draws)
+            world = self.world.variant(num_distractors=distractors)
+            self.evaluators[distractors] = Evaluator(world, draws=self.draws)
         return self.evaluators[distractors](player)
 
 
@@ -222,7 +223,7 @@ def _entry(
     for amount in distractors:
         if not _can_play(members[0], amount):
             continue
-        found = [judge(agent, amount, PolicyPlayer(agent.policy)) for agent in members]
+        found = [judge(amount, PolicyPlayer(agent.policy)) for agent in members]
         means = [float(result.success.mean()) for result in found]
         every = np.concatenate([result.success for result in found], axis=1)
         judge.success[name, amount] = every
@@ -262,10 +263,10 @@ def _compare(entries: list[dict[str, Any]], judge: _Judge) -> None:
                 figures["p_better_ci"] = None if interval is None else list(interval)
 
 
-def _baselines(agent: OpenedAgent, judge: _Judge, distractors: Sequence[int]) -> list[dict[str, Any]]:
+def _baselines(judge: _Judge, distractors: Sequence[int]) -> list[dict[str, Any]]:
     rows = []
     for name, player in (("random", random_entity), ("recipe oracle", recipe_oracle)):
-        success = {str(amount): float(judge(agent, amount, player).success.mean()) for amount in distractors}
+        success = {str(amount): float(judge(amount, player).success.mean()) for amount in distractors}
         rows.append({"name": name, "success": success})
     return rows
 
@@ -350,12 +351,10 @@ def _between(success: NDArray[np.bool_], values: Ids, bounds: Sequence[tuple[int
     return rows
 
 
-def _episodes(agent: OpenedAgent, part: TaskPart, distractors: int, episodes: int) -> list[dict[str, Any]]:
+def _episodes(agent: OpenedAgent, world: World, episodes: int) -> list[dict[str, Any]]:
     if agent.config.policy.policy == "mlp":
-        distractors = agent.config.tasks.distractors
-    return explain_episodes(
-        agent.policy, agent.opened, agent.config.tasks.environment(part, distractors), episodes=episodes
-    )
+        world = world.variant(num_distractors=agent.config.tasks.distractors)
+    return explain_episodes(agent.policy, world, episodes=episodes)
 
 
 def _pictures(values: dict[str, Any]) -> dict[str, Any]:

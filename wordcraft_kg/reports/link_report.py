@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from wordcraft_kg.agents.players import play_all, random_entity, recipe_oracle, scorer_players
 from wordcraft_kg.artefacts import dump_json, staged_folder, write_atomically
 from wordcraft_kg.envs.config import WordCraftConfig
+from wordcraft_kg.envs.world import World
 from wordcraft_kg.errors import SplitError, WordCraftKGError
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.audit import leakage, split_summary
@@ -309,7 +310,7 @@ def _kg_play(opened: OpenedGraph, scorer: TripleScorer, trained_on: Ids, seed: i
             "random": random_entity,
             "recipe oracle": recipe_oracle,
         }
-        played = play_all(opened, players, WordCraftConfig(part="test"), (1, 8), seed=seed)
+        played = play_all(World(opened, WordCraftConfig(part="test")), players, (1, 8), seed=seed)
     except (
         WordCraftKGError
     ):  # no test task, too few entities for distractors, or a scorer that the checks refuse anyway

@@ -17,6 +17,7 @@ import numpy as np
 
 from wordcraft_kg.agents.agent_folder import open_agent
 from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer
+from wordcraft_kg.envs.world import World
 from wordcraft_kg.statistics import stratified_bootstrap
 
 MARKS = (100_000, 300_000, 1_000_000)
@@ -148,7 +149,7 @@ def main() -> None:
                 agent = open_agent(jobs[name, seed])
                 key = agent.config.tasks
                 if key not in evaluators:
-                    evaluators[key] = Evaluator(agent.opened, key.environment(part))
+                    evaluators[key] = Evaluator(World(agent.opened, key.environment(part)))
                 means.append(evaluators[key](PolicyPlayer(agent.policy)).success.mean())
                 curve = [(row["step"], row["test_success"]) for row in agent.metrics if "test_success" in row]
                 early.append([min(curve, key=lambda point: abs(point[0] - mark))[1] for mark in MARKS])

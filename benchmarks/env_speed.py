@@ -17,9 +17,10 @@ import wordcraft_kg  # noqa: F401 - registers the environments
 from wordcraft_kg.envs.batch import BatchEngine
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.wordcraft import WordCraftEnv
+from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs import make_split, open_graph
 from wordcraft_kg.graphs.folder import OpenedGraph
-from wordcraft_kg.graphs.tasks import _make_tasks, make_tasks
+from wordcraft_kg.graphs.task_search import make_tasks
 
 SECONDS = 2.0
 
@@ -43,7 +44,7 @@ def single(opened: OpenedGraph) -> Callable[[], int]:
         env.reset()
         numbers = rng.random(2_000).tolist()
         for number in numbers:
-            _, _, over, _, _ = env.step(int(number * len(env._table)))
+            _, _, over, _, _ = env.step(int(number * len(env.state.table)))
             if over:
                 env.reset()
         return len(numbers)
@@ -53,7 +54,7 @@ def single(opened: OpenedGraph) -> Callable[[], int]:
 
 
 def batched(opened: OpenedGraph, num_envs: int, depth: int = 1) -> tuple[Callable[[], int], BatchEngine]:
-    engine = BatchEngine(opened, WordCraftConfig(num_distractors=8, depth=depth), num_envs)
+    engine = BatchEngine(World(opened, WordCraftConfig(num_distractors=8, depth=depth)), num_envs)
     rng = np.random.default_rng(0)
 
     def run() -> int:
@@ -66,7 +67,8 @@ def batched(opened: OpenedGraph, num_envs: int, depth: int = 1) -> tuple[Callabl
 
 
 def naive(opened: OpenedGraph, num_envs: int) -> Callable[[], int]:
-    envs = gym.make_vec("WordCraft-v0", num_envs=num_envs, vectorization_mode="sync", graph=opened, num_distractors=8)
+    world = World(opened, WordCraftConfig(num_distractors=8))
+    envs = gym.make_vec("WordCraft-v0", num_envs=num_envs, vectorization_mode="sync", graph=world)
     rng = np.random.default_rng(0)
     seen, _ = envs.reset(seed=0)
 
@@ -81,8 +83,11 @@ def naive(opened: OpenedGraph, num_envs: int) -> Callable[[], int]:
 
 def memory(engine: BatchEngine) -> float:
     """Return the bytes that the engine keeps for each environment."""
-    arrays = [value for value in vars(engine).values() if isinstance(value, np.ndarray)]
-    own = [array for array in arrays if array.ndim and array.shape[0] == engine.num_envs and array.base is None]
+    holders = (engine, engine._state, engine._ahead)
+    arrays = {
+        id(value): value for holder in holders for value in vars(holder).values() if isinstance(value, np.ndarray)
+    }
+    own = [array for array in arrays.values() if array.shape[0] == engine.num_envs and array.base is None]
     return sum(array.nbytes for array in own) / engine.num_envs
 
 
@@ -91,7 +96,6 @@ def main() -> None:
     parser.add_argument("graph", nargs="?", default="everyday")
     opened = open_graph(parser.parse_args().graph)
 
-    _make_tasks.cache_clear()
     start = time.perf_counter()
     WordCraftEnv(opened, num_distractors=8)
     print(f"construction at depth 1   {1e3 * (time.perf_counter() - start):6.1f} ms")

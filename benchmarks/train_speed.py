@@ -29,7 +29,7 @@ from wordcraft_kg.agents.losses import baseline_loss, entropy, policy_gradient_l
 from wordcraft_kg.agents.vtrace import v_trace
 from wordcraft_kg.envs.batch import BatchEngine
 from wordcraft_kg.envs.config import WordCraftConfig
-from wordcraft_kg.envs.world import open_world_graph
+from wordcraft_kg.envs.world import World, open_world_graph
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.folder import make_policy
@@ -96,8 +96,8 @@ def plain(opened: OpenedGraph, config: ImpalaConfig, distractors: int) -> Callab
 
 
 def make_engine(opened: OpenedGraph, config: ImpalaConfig, distractors: int) -> BatchEngine:
-    world = WordCraftConfig(part="train", num_distractors=distractors)
-    return BatchEngine(opened, world, config.batch_size, device=config.device, seed=0)
+    world = World(opened, WordCraftConfig(part="train", num_distractors=distractors))
+    return BatchEngine(world, config.batch_size, device=config.device, seed=0)
 
 
 def rate(update: Callable[[], None], config: ImpalaConfig, seconds: float) -> float:

@@ -16,6 +16,7 @@ from wordcraft_kg.agents.states import states_of
 from wordcraft_kg.envs.batch import BatchEngine
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.wordcraft import WordCraftEnv
+from wordcraft_kg.envs.world import World
 from wordcraft_kg.errors import ConfigError
 from wordcraft_kg.graphs import open_graph
 from wordcraft_kg.models.policies.config import PolicyConfig
@@ -72,7 +73,7 @@ def assert_equal(one, other):
 def test_a_perfect_player_scores_exactly_one_in_all_tasks_and_draws(opened, part, depth, attempts):
     """In the released code the rate can exceed 1; here a task counts once a draw, however long its episodes."""
     config = WordCraftConfig(part=part, depth=depth, num_distractors=4, max_attempts=attempts)
-    evaluator = Evaluator(opened, config, draws=3, limit=100)
+    evaluator = Evaluator(World(opened, config), draws=3, limit=100)
     result = evaluator(recipe_oracle)
     assert result.success.shape == (len(evaluator.tasks), 3)
     assert result.success.all()
@@ -87,10 +88,10 @@ def test_a_perfect_player_scores_exactly_one_in_all_tasks_and_draws(opened, part
 
 def play_singly(opened, config, player, draws, tasks):
     """Play each task and draw alone in the readable environment, on the tables of a batched engine of the same seed."""
-    engine = BatchEngine(opened, config, len(tasks), seed=EVALUATION_SEED)
+    engine = BatchEngine(World(opened, config), len(tasks), seed=EVALUATION_SEED)
     settings = {name: getattr(config, name) for name in ("part", "depth", "num_distractors", "max_attempts", "reward")}
     env = WordCraftEnv(opened, **settings)
-    one = BatchEngine(opened, config, 1)  # shows the player what the environment shows
+    one = BatchEngine(World(opened, config), 1)  # shows the player what the environment shows
     recipes = opened.graph.recipes.tolist()
     results = {name: np.zeros((len(tasks), draws), dtype=int) for name in RESULTS}
     for draw in range(draws):
@@ -143,7 +144,7 @@ def test_a_batch_is_judged_as_single_episodes_are(opened, depth, attempts):
         max_attempts=attempts,
         reward="official" if depth == 2 else "sparse",
     )
-    evaluator = Evaluator(opened, config, draws=2, limit=70)
+    evaluator = Evaluator(World(opened, config), draws=2, limit=70)
     result = evaluator(scripted)
     expected = play_singly(opened, config, scripted, 2, evaluator.tasks)
     for name in RESULTS:
@@ -156,7 +157,7 @@ def test_a_batch_is_judged_as_single_episodes_are(opened, depth, attempts):
 @pytest.mark.parametrize(("kind", "guided"), [("attention", False), ("attention", True), ("mlp", False)])
 def test_a_policy_plays_its_best_action_of_each_state(opened, monkeypatch, kind, guided):
     config = WordCraftConfig(part="test", depth=2, num_distractors=3)
-    evaluator = Evaluator(opened, config, draws=2, limit=60)
+    evaluator = Evaluator(World(opened, config), draws=2, limit=60)
     scorer = FrequencyScorer(opened.graph, opened.split.partial) if guided else None
     policy = policy_for(opened, evaluator.engine.num_slots, scorer, policy=kind)
 
@@ -177,7 +178,7 @@ def test_a_policy_plays_its_best_action_of_each_state(opened, monkeypatch, kind,
 
 
 def test_of_equally_good_actions_the_first_is_taken(opened):
-    engine = BatchEngine(opened, WordCraftConfig(part="test", num_distractors=3), 6)
+    engine = BatchEngine(World(opened, WordCraftConfig(part="test", num_distractors=3)), 6)
     policy = policy_for(opened, engine.num_slots)
     with torch.no_grad():
         for parameter in policy.attention.parameters():
@@ -187,7 +188,7 @@ def test_of_equally_good_actions_the_first_is_taken(opened):
 
 def test_a_policy_plays_on_torch_environments_too(opened):
     config = WordCraftConfig(part="test", num_distractors=3)
-    one, other = (BatchEngine(opened, config, 6, device=device) for device in ("cpu", "torch:cpu"))
+    one, other = (BatchEngine(World(opened, config), 6, device=device) for device in ("cpu", "torch:cpu"))
     player = PolicyPlayer(policy_for(opened, one.num_slots))
     slots, same = player(one, None), player(other, None)
     assert isinstance(slots, np.ndarray)
@@ -197,7 +198,7 @@ def test_a_policy_plays_on_torch_environments_too(opened):
 
 def test_chance_makes_the_goal_as_often_as_the_tables_say(opened):
     draws = 10
-    evaluator = Evaluator(opened, WordCraftConfig(part="test", num_distractors=2), draws=draws)
+    evaluator = Evaluator(World(opened, WordCraftConfig(part="test", num_distractors=2)), draws=draws)
     tables = []
 
     def look(engine, rng):
@@ -226,7 +227,7 @@ def test_chance_makes_the_goal_as_often_as_the_tables_say(opened):
 
 def test_every_player_meets_the_same_tables_every_time(opened):
     config = WordCraftConfig(part="test", num_distractors=4, max_attempts=2)
-    evaluator = Evaluator(opened, config, draws=3)
+    evaluator = Evaluator(World(opened, config), draws=3)
     seen = []
 
     def watched(player):
@@ -239,7 +240,7 @@ def test_every_player_meets_the_same_tables_every_time(opened):
 
     players = [recipe_oracle, random_entity, scripted, random_entity]
     results = [evaluator(watched(player)) for player in players]
-    results.append(Evaluator(opened, config, draws=3)(watched(random_entity)))
+    results.append(Evaluator(World(opened, config), draws=3)(watched(random_entity)))
     assert len(seen) == 3 * len(results)
     for draw in range(3):
         for tables in seen[draw::3]:
@@ -253,10 +254,8 @@ def test_every_player_meets_the_same_tables_every_time(opened):
 
 def test_success_does_not_depend_on_the_shaping_of_rewards(opened):
     """The released code counts a positive return as success; here the goal alone counts."""
-    sparse, official = (
-        Evaluator(opened, WordCraftConfig(part="test", depth=2, num_distractors=3, reward=reward), draws=1, limit=60)
-        for reward in ("sparse", "official")
-    )
+    world = World(opened, WordCraftConfig(part="test", depth=2, num_distractors=3))
+    sparse, official = (Evaluator(world.variant(reward=reward), draws=1, limit=60) for reward in ("sparse", "official"))
     assert_equal(sparse(scripted), official(scripted))
     assert 0 < sparse(scripted).success.mean() < 1
 
@@ -264,7 +263,7 @@ def test_success_does_not_depend_on_the_shaping_of_rewards(opened):
 def test_an_evaluation_changes_neither_the_policy_nor_global_random_states(opened):
     np.random.seed(3)  # noqa: NPY002 - the state that must not change
     torch.manual_seed(3)
-    evaluator = Evaluator(opened, WordCraftConfig(part="test", num_distractors=2), draws=2)
+    evaluator = Evaluator(World(opened, WordCraftConfig(part="test", num_distractors=2)), draws=2)
     policy = policy_for(opened, evaluator.engine.num_slots)
     before, graphs = (copy.deepcopy(policy.state_dict()), policy.training), []
     policy.register_forward_pre_hook(lambda *_: graphs.append(torch.is_grad_enabled()))
@@ -283,11 +282,12 @@ def test_an_evaluation_amid_training_sees_one_set_of_weights_and_does_not_distur
     config = WordCraftConfig(depth=2, num_distractors=2, reward="official")
     ends = []
     for evaluates in (False, True):
-        engine = BatchEngine(opened, config, 8, seed=1)
+        engine = BatchEngine(World(opened, config), 8, seed=1)
         policy = policy_for(opened, engine.num_slots)
         settings = ImpalaConfig(steps=10**4, batch_size=8, unroll=3, policy_lag=1, learning_rate=0.02)
         impala = Impala(policy, engine, settings)
-        evaluator = Evaluator(opened, WordCraftConfig(part="test", depth=2, num_distractors=2), draws=1, limit=50)
+        world = World(opened, WordCraftConfig(part="test", depth=2, num_distractors=2))
+        evaluator = Evaluator(world, draws=1, limit=50)
         player, used = PolicyPlayer(policy), []
         for _ in range(4):
             for _ in range(3):
@@ -314,9 +314,9 @@ def test_an_evaluation_amid_training_sees_one_set_of_weights_and_does_not_distur
 @pytest.mark.parametrize("limit", [1, 7, 50, 62, 63, 64, 1_000, None])
 def test_a_limit_takes_evenly_spaced_tasks(opened, limit):
     config = WordCraftConfig(part="test")
-    amount = len(Evaluator(opened, config, draws=1).tasks)
+    amount = len(Evaluator(World(opened, config), draws=1).tasks)
     assert amount == 63
-    tasks = Evaluator(opened, config, draws=1, limit=limit).tasks
+    tasks = Evaluator(World(opened, config), draws=1, limit=limit).tasks
     assert tasks[0] == 0
     steps = set(np.diff(tasks).tolist())
     assert len(steps) <= 1
@@ -329,7 +329,7 @@ def test_a_limit_takes_evenly_spaced_tasks(opened, limit):
 
 
 def test_a_sample_is_judged_by_its_own_tasks_parts(opened):
-    evaluator = Evaluator(opened, WordCraftConfig(part="test", num_distractors=3), draws=1, limit=20)
+    evaluator = Evaluator(World(opened, WordCraftConfig(part="test", num_distractors=3)), draws=1, limit=20)
     assert evaluator.tasks[1] > 1
 
     def half_right(engine, rng):  # a part of the goal first, then an empty slot
@@ -341,7 +341,7 @@ def test_a_sample_is_judged_by_its_own_tasks_parts(opened):
 
 
 def test_figures_are_means_over_tasks_and_draws(opened):
-    evaluator = Evaluator(opened, WordCraftConfig(part="test", num_distractors=3, max_attempts=2), draws=4)
+    evaluator = Evaluator(World(opened, WordCraftConfig(part="test", num_distractors=3, max_attempts=2)), draws=4)
     result = evaluator(scripted)
     figures = result.figures()
     assert figures.mean == pytest.approx(result.success.sum() / (63 * 4))
@@ -362,7 +362,7 @@ def test_figures_are_means_over_tasks_and_draws(opened):
 
 
 def test_players_go_by_name(opened):
-    evaluator = Evaluator(opened, WordCraftConfig(part="test", num_distractors=3), draws=1)
+    evaluator = Evaluator(World(opened, WordCraftConfig(part="test", num_distractors=3)), draws=1)
     policy = policy_for(opened, evaluator.engine.num_slots)
     for kind, player in (("trained", PolicyPlayer(policy)), ("random", random_entity), ("oracle", recipe_oracle)):
         assert_equal(evaluator(player_of(policy, kind)), evaluator(player))
@@ -371,7 +371,7 @@ def test_players_go_by_name(opened):
 @pytest.mark.parametrize("use", ["u", "v", "u,v"])
 def test_the_scorer_alone_picks_the_best_sum_of_its_scores(opened, use):
     config = WordCraftConfig(part="all", num_distractors=6)
-    engine = BatchEngine(opened, config, 300, seed=1)
+    engine = BatchEngine(World(opened, config), 300, seed=1)
     policy = policy_for(opened, engine.num_slots, FrequencyScorer(opened.graph, opened.split.partial), use=use)
     player, rng = player_of(policy, "kg-only"), np.random.default_rng(0)
     for _ in range(2):

@@ -15,6 +15,7 @@ from wordcraft_kg.agents.impala import LOSSES, Figures, Impala, check_compiler
 from wordcraft_kg.agents.vtrace import v_trace
 from wordcraft_kg.envs.batch import GOAL, BatchEngine
 from wordcraft_kg.envs.config import WordCraftConfig
+from wordcraft_kg.envs.world import World
 from wordcraft_kg.errors import ConfigError, TrainingError
 from wordcraft_kg.graphs import RecipeGraph, open_graph
 from wordcraft_kg.models.policies.config import PolicyConfig
@@ -51,7 +52,7 @@ def trainer(opened):
         settings = {"steps": 10**4, "batch_size": BATCH, "learning_rate": 0.02, **config}
         config = ImpalaConfig(**settings)
         tasks = WordCraftConfig(**{"depth": depth, "num_distractors": 2, "reward": "official", **dict(world)})
-        engine = BatchEngine(opened, tasks, config.batch_size, seed=engine_seed, device=engine_device)
+        engine = BatchEngine(World(opened, tasks), config.batch_size, seed=engine_seed, device=engine_device)
         kind = PolicyConfig(**{**SMALL, **dict(policy)})
         made, _ = make_policy(kind, opened.graph, engine.num_slots, scorer=scorer, seed=policy_seed)
         return Impala(made, engine, config)
@@ -88,7 +89,7 @@ class SlowImpala:
         self.policy = copy.deepcopy(impala.policy).double()
         self.config, self.nothing = impala.config, impala.engine.nothing
         engine = impala.engine
-        self.engine = BatchEngine(open_graph("kitchen"), engine.config, engine.num_envs, seed=3)
+        self.engine = BatchEngine(World(open_graph("kitchen"), engine.config), engine.num_envs, seed=3)
         self.actors = []
         self.updates = 0
         self.squares = [torch.zeros_like(parameter) for parameter in self.policy.parameters()]
@@ -650,7 +651,7 @@ def test_compiling_covers_actor_and_learner_and_changes_nothing(trainer, monkeyp
 def test_a_tiny_world_is_learned_within_two_hundred_updates(lag):
     rows = [("a", "b", "e"), ("a", "c", "f"), ("b", "d", "g"), ("c", "d", "h"), ("a", "d", "i"), ("b", "c", "j")]
     graph = RecipeGraph.from_recipes(rows)
-    engine = BatchEngine(graph, WordCraftConfig(part="all", num_distractors=2), 16, seed=1)
+    engine = BatchEngine(World(graph, WordCraftConfig(part="all", num_distractors=2)), 16, seed=1)
     settings = PolicyConfig(features="one-hot", key_size=16, value_size=16)
     policy, _ = make_policy(settings, graph, engine.num_slots)
     impala = Impala(policy, engine, ImpalaConfig(steps=200 * 32, batch_size=16, learning_rate=0.02, policy_lag=lag))

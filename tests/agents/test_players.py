@@ -16,6 +16,7 @@ from wordcraft_kg.agents.players import (
 )
 from wordcraft_kg.envs.batch import BatchEngine
 from wordcraft_kg.envs.config import WordCraftConfig
+from wordcraft_kg.envs.world import World
 from wordcraft_kg.errors import GraphMismatchError
 from wordcraft_kg.graphs import open_graph
 from wordcraft_kg.models.scorers.facts import FrequencyScorer, SymbolicScorer
@@ -36,14 +37,14 @@ def success(table, player, distractors=1):
 @pytest.mark.parametrize("reward", ["sparse", "official"])
 def test_a_perfect_player_scores_exactly_one_whatever_the_depth_and_the_shaping(opened, depth, reward):
     config = WordCraftConfig(part="test", depth=depth, num_tasks=40, reward=reward)
-    table = play_all(opened, {"recipe oracle": recipe_oracle}, config, (0, 4), draws=2)
+    table = play_all(World(opened, config), {"recipe oracle": recipe_oracle}, (0, 4), draws=2)
     assert [row.success for row in table] == [1.0, 1.0]
     assert [row.by_plan for row in table] == [1.0, 1.0]
 
 
 def test_the_oracle_falls_short_where_the_last_result_wins(opened):
     config = WordCraftConfig(part="all", ambiguity="last")
-    table = play_all(opened, {"recipe oracle": recipe_oracle}, config, (1,), draws=1)
+    table = play_all(World(opened, config), {"recipe oracle": recipe_oracle}, (1,), draws=1)
     results = np.diff(opened.graph.pair_starts)
     assert success(table, "recipe oracle") == pytest.approx(len(results) / results.sum(), abs=0.01)
     assert success(table, "recipe oracle") < 1
@@ -51,9 +52,9 @@ def test_the_oracle_falls_short_where_the_last_result_wins(opened):
 
 def test_chance_is_what_it_should_be(opened):
     players = {"random": random_entity, "random, distinct": random_distinct}
-    table = play_all(opened, players, WordCraftConfig(part="all"), (1,), draws=40, seed=1)
+    table = play_all(World(opened, WordCraftConfig(part="all")), players, (1,), draws=40, seed=1)
     # Three entities on the table of a task of two ingredients, two of one: pairs in any order.
-    starts = BatchEngine(opened, WordCraftConfig(part="all"), 1).world.tasks.starts
+    starts = BatchEngine(World(opened, WordCraftConfig(part="all")), 1).world.tasks.starts
     selfs = float(np.mean(starts[:, 1] == opened.graph.num_entities))
     expected = (1 - selfs) * 2 / 9 + selfs / 4
     assert success(table, "random") == pytest.approx(expected, abs=0.02)
@@ -62,7 +63,7 @@ def test_chance_is_what_it_should_be(opened):
 
 def test_more_knowledge_wins_more(opened):
     players = knowledge_players(opened.graph, opened.split.partial)
-    table = play_all(opened, players, WordCraftConfig(part="test"), (1, 8), draws=10)
+    table = play_all(World(opened, WordCraftConfig(part="test")), players, (1, 8), draws=10)
     for distractors in (1, 8):
         order = ["full KG, v", "full KG, u+v", "full KG, u+v, no self edges", "recipe oracle"]
         rates = [success(table, player, distractors) for player in order]
@@ -79,7 +80,7 @@ def test_all_players_see_the_same_tables_and_the_seed_decides_them(opened):
 
     config = WordCraftConfig(part="test")
     for seed in (0, 0, 1):
-        play_all(opened, {"one": look, "other": look}, config, (3,), draws=1, seed=seed)
+        play_all(World(opened, config), {"one": look, "other": look}, (3,), draws=1, seed=seed)
     one, other, again, _, third, _ = seen[::2]
     np.testing.assert_array_equal(one, other)
     np.testing.assert_array_equal(one, again)
@@ -91,7 +92,7 @@ def test_a_scorers_players_take_its_scores_on_a_common_scale(opened):
     scorer = FrequencyScorer(graph, opened.split.partial)
     louder = TableScorer(torch.stack([100 * scorer.table(0), scorer.table(1)]), graph.entities, graph.hash)
     plain, scaled = (scorer_players(graph, kind, graph.triples)["u+v, self edges kept"] for kind in (scorer, louder))
-    table = play_all(opened, {"plain": plain, "louder": scaled}, WordCraftConfig(part="test"), (4,), draws=3)
+    table = play_all(World(opened, WordCraftConfig(part="test")), {"plain": plain, "louder": scaled}, (4,), draws=3)
     assert success(table, "plain", 4) == success(table, "louder", 4)
 
 
@@ -99,7 +100,7 @@ def test_a_scorer_of_facts_plays_like_the_facts(opened):
     graph = opened.graph
     facts = knowledge_player([fact_sources(graph, graph.triples)["v"]])
     scored = scorer_players(graph, SymbolicScorer(graph, graph.triples), graph.triples)["v"]
-    table = play_all(opened, {"facts": facts, "scorer": scored}, WordCraftConfig(part="test"), (4,), draws=20)
+    table = play_all(World(opened, WordCraftConfig(part="test")), {"facts": facts, "scorer": scored}, (4,), draws=20)
     assert success(table, "facts", 4) == pytest.approx(success(table, "scorer", 4), abs=1e-9)
 
 
@@ -131,4 +132,4 @@ def test_little_alchemy_2_gives_the_reference_figures(alchemy_table, player, dis
 def alchemy_table(alchemy_path):
     opened = open_graph(alchemy_path)
     players = knowledge_players(opened.graph, opened.split.partial)
-    return play_all(opened, players, WordCraftConfig(part="test"), (1, 8))
+    return play_all(World(opened, WordCraftConfig(part="test")), players, (1, 8))

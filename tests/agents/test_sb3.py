@@ -12,6 +12,7 @@ import torch
 import wordcraft_kg  # noqa: F401 - registers the environments
 from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer
 from wordcraft_kg.envs.config import WordCraftConfig
+from wordcraft_kg.envs.world import World
 from wordcraft_kg.envs.wrappers import FeatureObservation
 from wordcraft_kg.errors import ActionError, ConfigError, MissingExtraError
 from wordcraft_kg.graphs import open_graph
@@ -264,7 +265,7 @@ def test_without_the_library_the_error_names_the_extra(package, monkeypatch):
 def test_training_lifts_success_far_above_chance(algorithm):
     config = PolicyConfig(features="random", key_size=64, value_size=64)
     settings = {"n_steps": 512, "batch_size": 128, "n_epochs": 8, "learning_rate": 1e-3, "gamma": 0.9}
-    success = Evaluator("kitchen", WordCraftConfig(num_distractors=DISTRACTORS), draws=3)
+    success = Evaluator(World("kitchen", WordCraftConfig(num_distractors=DISTRACTORS)), draws=3)
     for is_guided, steps, before, after in ((False, 8192, 0.15, 0.6), (True, 1024, 0.93, 0.96)):
         model = make_model(algorithm, make_network(config, is_guided=is_guided), **settings)
         player = PolicyPlayer(model.policy.network)

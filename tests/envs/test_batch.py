@@ -11,6 +11,7 @@ from wordcraft_kg.agents.players import recipe_oracle
 from wordcraft_kg.envs.batch import OUTCOMES, BatchEngine
 from wordcraft_kg.envs.config import REWARDS, RewardConfig, WordCraftConfig
 from wordcraft_kg.envs.wordcraft import WordCraftEnv
+from wordcraft_kg.envs.world import SHORTCUT_TRIES, World
 from wordcraft_kg.errors import ActionError, ConfigError, EpisodeError
 from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_graph
 from wordcraft_kg.graphs.folder import OpenedGraph
@@ -37,8 +38,9 @@ class Twins:
     """A batched engine and a readable environment for each of its rows, kept in step."""
 
     def __init__(self, opened, num_envs, seed, device="cpu", **settings):
-        self.engine = BatchEngine(opened, WordCraftConfig(**settings), num_envs, seed=seed, device=device)
-        self.envs = [WordCraftEnv(opened, **settings) for _ in range(num_envs)]
+        world = World(opened, WordCraftConfig(**settings))
+        self.engine = BatchEngine(world, num_envs, seed=seed, device=device)
+        self.envs = [WordCraftEnv(world) for _ in range(num_envs)]
         self.observations = [self.begin(i) for i in range(num_envs)]
 
     def begin(self, i):
@@ -64,7 +66,7 @@ class Twins:
                 self.compare(i, seen)
                 if rng.random() < legal:
                     actions[i] = self.wise(i, seen, rng)
-            step = self.engine.step(self.engine._array(actions))
+            step = self.engine.step(self.engine.arrays.array(actions))
             for i, env in enumerate(self.envs):
                 seen, reward, terminated, truncated, info = env.step(int(actions[i]))
                 assert float(step.reward[i]) == pytest.approx(reward, abs=1e-6)
@@ -85,7 +87,7 @@ class Twins:
         """A legal slot, mostly the one that the first plan needs next."""
         there = np.flatnonzero(seen["action_mask"]).tolist()
         table = [int(seen["table"][slot]) for slot in there]
-        plan = self.envs[i].tasks.plans[self.envs[i].task_index][0]
+        plan = self.envs[i].tasks.plans[self.envs[i].state.task][0]
         rows = self.engine.world.graph.recipes[list(plan)].tolist()
         a, b, _ = next((row for row in rows if row[2] not in table), rows[-1])
         wanted = b if seen["selection"] == a else a
@@ -93,7 +95,7 @@ class Twins:
 
 
 @pytest.mark.parametrize(
-    ("depth", "ambiguity", "reward"), product((1, 2, 3), ("all", "last"), ("sparse", "official", SHAPED))
+    ("depth", "ambiguity", "reward"), [*product((1, 2, 3), ("all", "last"), ("sparse", "official", SHAPED))]
 )
 def test_a_batch_does_step_for_step_what_the_readable_environment_does(ambiguous, depth, ambiguity, reward):
     settings = {"part": "all", "depth": depth, "ambiguity": ambiguity, "reward": reward, "num_tasks": 50}
@@ -111,8 +113,8 @@ def test_a_batch_on_the_kitchen_agrees_in_every_part(kitchen_opened, part):
 
 def test_torch_arrays_give_the_same_as_numpy_arrays(kitchen_opened):
     config = WordCraftConfig(depth=2, num_distractors=6, reward="official", task_weighting="goal")
-    one = BatchEngine(kitchen_opened, config, 16, seed=3)
-    other = BatchEngine(kitchen_opened, config, 16, seed=3, device="torch:cpu")
+    one = BatchEngine(World(kitchen_opened, config), 16, seed=3)
+    other = BatchEngine(World(kitchen_opened, config), 16, seed=3, device="torch:cpu")
     rng = np.random.default_rng(0)
     goals = 0
     for turn in range(200):
@@ -143,15 +145,27 @@ def episodes(engine, steps, rng_of):
 
 def test_results_do_not_depend_on_how_many_run_side_by_side(kitchen_opened):
     config = WordCraftConfig(num_distractors=5)
-    few = BatchEngine(kitchen_opened, config, 3, seed=7)
-    many = BatchEngine(kitchen_opened, config, 1_500, seed=7)
+    few = BatchEngine(World(kitchen_opened, config), 3, seed=7)
+    many = BatchEngine(World(kitchen_opened, config), 1_500, seed=7)
     rngs = [[np.random.default_rng(i) for i in range(1_500)] for _ in range(2)]
     assert episodes(few, 60, rngs[0]) == episodes(many, 60, rngs[1])[:3]
 
 
+def test_two_engines_of_a_half_each_see_what_a_whole_one_sees(kitchen_opened):
+    world = World(kitchen_opened, WordCraftConfig(num_distractors=5))
+    whole, low, high = (BatchEngine(world, n, seed=7, first_env=first) for n, first in ((7, 0), (3, 0), (4, 3)))
+    rngs = [[np.random.default_rng(i) for i in range(7)] for _ in range(2)]
+    assert episodes(whole, 60, rngs[0]) == episodes(low, 60, rngs[1]) + episodes(high, 60, rngs[1][3:])
+    for engine, tasks in ((whole, np.arange(7)), (low, np.arange(3)), (high, np.arange(3, 7))):
+        engine.pose(tasks, 2)
+    np.testing.assert_array_equal(whole.table, np.concatenate([low.table, high.table]))
+    with pytest.raises(ConfigError, match=r"first_env -1: expected a whole number, 0 or more"):
+        BatchEngine(world, 4, first_env=-1)
+
+
 def test_environments_draw_different_tasks_and_the_seed_decides_them(kitchen_opened):
     config = WordCraftConfig(num_distractors=2)
-    one, same, other = (BatchEngine(kitchen_opened, config, 64, seed=seed) for seed in (1, 1, 2))
+    one, same, other = (BatchEngine(World(kitchen_opened, config), 64, seed=seed) for seed in (1, 1, 2))
     assert len(set(one.task.tolist())) > 40
     np.testing.assert_array_equal(one.table, same.table)
     assert (one.table != other.table).any()
@@ -165,7 +179,7 @@ def test_global_random_states_are_left_alone(kitchen_opened):
     np.random.seed(0)  # noqa: NPY002 - the state that must not change
     torch.manual_seed(0)
     before = np.random.get_state()[1].copy(), torch.get_rng_state().clone()  # noqa: NPY002
-    engine = BatchEngine(kitchen_opened, WordCraftConfig(num_distractors=3), 8, seed=1)
+    engine = BatchEngine(World(kitchen_opened, WordCraftConfig(num_distractors=3)), 8, seed=1)
     engine.step(np.zeros(8, dtype=np.int64))
     np.testing.assert_array_equal(np.random.get_state()[1], before[0])  # noqa: NPY002
     assert torch.equal(torch.get_rng_state(), before[1])
@@ -174,17 +188,13 @@ def test_global_random_states_are_left_alone(kitchen_opened):
 # --- what is drawn ---------------------------------------------------------------------------------------------------
 
 
-def drawn_tables(opened, tables, **settings):
-    engine = BatchEngine(opened, WordCraftConfig(**settings), 500, seed=11)
-    for episode in range(tables // 500):
-        tasks = np.arange(episode * 500, (episode + 1) * 500) % len(engine.world.tasks)
+def drawn_tables(world, tables, at_once=500):
+    engine = BatchEngine(world, at_once, seed=11)
+    for episode in range(tables // at_once):
+        tasks = np.arange(episode * at_once, (episode + 1) * at_once) % len(world.tasks)
         engine.pose(tasks, episode)
-        for i in range(500):
-            yield (
-                engine.world,
-                int(tasks[i]),
-                [entity for entity in engine.table[i].tolist() if entity < engine.nothing],
-            )
+        for task, row in zip(tasks.tolist(), engine.table.tolist(), strict=True):
+            yield task, [entity for entity in row if entity < world.nothing]
 
 
 @pytest.mark.parametrize("part", ["train", "test", "all"])
@@ -194,7 +204,8 @@ def test_tables_hold_the_start_and_distractors_that_may_lie_there(kitchen_opened
     held_out = {}
     for a, b, result in split.recipes("test").tolist():
         held_out.setdefault(result, []).append((a, b))
-    for world, task, table in drawn_tables(kitchen_opened, 2_000, part=part, depth=depth, num_distractors=7):
+    world = World(kitchen_opened, WordCraftConfig(part=part, depth=depth, num_distractors=7))
+    for task, table in drawn_tables(world, 2_000):
         start = {entity for entity in world.tasks.starts[task].tolist() if entity < graph.num_entities}
         made = {entity for entity in world.tasks.intermediates[task].tolist() if entity < graph.num_entities}
         goal = int(world.tasks.goals[task])
@@ -212,19 +223,21 @@ def test_tables_hold_the_start_and_distractors_that_may_lie_there(kitchen_opened
                 assert not ({a, b} <= near and {a, b} & distractors)
 
 
+@pytest.mark.parametrize("tables", [50, pytest.param(500, marks=pytest.mark.slow)])
 @pytest.mark.parametrize(("depth", "attempts"), [(1, 1), (1, 2), (2, 2)])
-def test_without_shortcuts_only_the_plans_make_the_goal(ambiguous, kitchen_opened, depth, attempts):
+def test_without_shortcuts_only_the_plans_make_the_goal(ambiguous, kitchen_opened, depth, attempts, tables):
     # The ambiguous graph is so dense that at depth 2 some goals have a shortcut with any distractors.
     opened = ambiguous if attempts == 1 else kitchen_opened
-    settings = {"part": "all", "num_distractors": 3, "distractor_policy": "no_shortcut", "max_attempts": attempts}
-    for world, task, table in drawn_tables(opened, 500, depth=depth, **settings):
+    settings = {"num_distractors": 3, "distractor_policy": "no_shortcut", "max_attempts": attempts}
+    world = World(opened, WordCraftConfig(part="all", depth=depth, **settings))
+    for task, table in drawn_tables(world, tables, at_once=tables):
         start = world.tasks.starts[task].tolist()
         assert not world.has_shortcut(task, [entity for entity in table if entity not in start])
-    env = WordCraftEnv(opened, depth=depth, **settings)
-    for seed in range(100):
+    env = WordCraftEnv(world)
+    for seed in range(tables // 5):
         env.reset(seed=seed)
-        start = env.tasks.starts[env.task_index].tolist()
-        assert not env.world.has_shortcut(env.task_index, [entity for entity in env._table if entity not in start])
+        start = env.tasks.starts[env.state.task].tolist()
+        assert not world.has_shortcut(env.state.task, [entity for entity in env.state.table if entity not in start])
 
 
 @pytest.mark.parametrize("weighting", ["use", "uniform"])
@@ -240,7 +253,7 @@ def test_both_engines_draw_distractors_from_the_same_distribution(kitchen_opened
     share = weights / weights.sum()
     expected = share + sum(share[first] * share / (1 - share[first]) for first in range(len(share)))
     expected -= share**2 / (1 - share)  # the second is not the first
-    engine = BatchEngine(kitchen_opened, WordCraftConfig(**settings), 4_000, seed=0)
+    engine = BatchEngine(World(kitchen_opened, WordCraftConfig(**settings)), 4_000, seed=0)
     engine.pose(np.zeros(4_000, dtype=np.int64))
     batched = np.bincount(engine.table.ravel(), minlength=len(share) + 1)[:-1]
     single = np.zeros_like(batched)
@@ -258,7 +271,7 @@ def test_both_engines_draw_distractors_from_the_same_distribution(kitchen_opened
 
 
 def test_the_place_on_the_table_says_nothing(kitchen_opened):
-    engine = BatchEngine(kitchen_opened, WordCraftConfig(part="all", num_distractors=4), 6_000, seed=2)
+    engine = BatchEngine(World(kitchen_opened, WordCraftConfig(part="all", num_distractors=4)), 6_000, seed=2)
     goal = int(np.argmax([len(set(row)) == 2 for row in engine.world.tasks.starts.tolist()]))
     engine.pose(np.full(6_000, goal))
     first = engine.world.tasks.starts[goal, 0]
@@ -269,7 +282,7 @@ def test_the_place_on_the_table_says_nothing(kitchen_opened):
 @pytest.mark.parametrize("weighting", ["task", "goal"])
 def test_tasks_are_drawn_by_their_weights(kitchen_opened, weighting):
     config = WordCraftConfig(part="test", task_weighting=weighting)
-    engine = BatchEngine(kitchen_opened, config, 20_000, seed=4)
+    engine = BatchEngine(World(kitchen_opened, config), 20_000, seed=4)
     counts = np.bincount(engine.task, minlength=len(engine.world.tasks))
     expected = engine.world.tasks.weights(weighting) * 20_000
     assert np.abs(counts - expected).max() < 5 * np.sqrt(expected.max())
@@ -287,9 +300,9 @@ def played(engine, rng, steps):
     """What an engine shows and gives over steps of which many end an episode at once."""
     rows = []
     for _ in range(steps):
-        legal = np.asarray(engine.random_actions(engine._array(rng.random(engine.num_envs))))
+        legal = np.asarray(engine.random_actions(engine.arrays.array(rng.random(engine.num_envs))))
         actions = np.where(rng.random(engine.num_envs) < 0.4, engine.num_slots - 1, legal)
-        step = engine.step(engine._array(actions))
+        step = engine.step(engine.arrays.array(actions))
         values = [getattr(engine, name) for name in SEEN] + [getattr(step, name) for name in GIVEN]
         rows.append([value.tolist() for value in values])
     return rows
@@ -299,28 +312,27 @@ def played(engine, rng, steps):
 @pytest.mark.parametrize("steps", [0, 1, 16, 40])
 def test_a_restored_engine_goes_on_with_the_same_episodes(kitchen_opened, device, after, steps):
     config = WordCraftConfig(depth=2, num_distractors=4, reward="official", task_weighting="goal")
-    engine = BatchEngine(kitchen_opened, config, 6, seed=3, device=device)
+    engine = BatchEngine(World(kitchen_opened, config), 6, seed=3, device=device)
     played(engine, np.random.default_rng(0), steps)
     state = engine.state()
-    other = BatchEngine(kitchen_opened, config, 6, seed=3, device=after)
+    other = BatchEngine(World(kitchen_opened, config), 6, seed=3, device=after)
     played(other, np.random.default_rng(5), 7)
     other.restore(state)
     for name, array in other.state().items():
         np.testing.assert_array_equal(array, state[name])
     # Each environment uses up more episodes than are prepared at a time.
     assert played(other, np.random.default_rng(1), 60) == played(engine, np.random.default_rng(1), 60)
-    assert (engine.state()["episode"] - state["episode"]).min() > engine._ahead
+    assert (engine.state()["episode"] - state["episode"]).min() > engine._ahead.size
     for name, array in other.state().items():
         np.testing.assert_array_equal(array, engine.state()[name])
 
 
 @pytest.mark.parametrize("device", DEVICES)
 def test_environments_that_all_end_at_once_go_on_the_same_across_what_is_prepared(kitchen_opened, device):
+    world = World(kitchen_opened, WordCraftConfig(num_distractors=3))
     for ended in range(14, 19):
-        one, other = (
-            BatchEngine(kitchen_opened, WordCraftConfig(num_distractors=3), 4, seed=1, device=device) for _ in range(2)
-        )
-        empty = one._array(np.full(4, one.num_slots - 1))
+        one, other = (BatchEngine(world, 4, seed=1, device=device) for _ in range(2))
+        empty = one.arrays.array(np.full(4, one.num_slots - 1))
         for _ in range(ended):
             one.step(empty)
         other.restore(one.state())
@@ -334,9 +346,9 @@ def test_environments_that_all_end_at_once_go_on_the_same_across_what_is_prepare
 @pytest.mark.parametrize("device", DEVICES)
 def test_a_posed_episode_can_be_restored_too(kitchen_opened, device):
     config = WordCraftConfig(part="test", num_distractors=3)
-    one, other = (BatchEngine(kitchen_opened, config, 5, seed=2, device=device) for _ in range(2))
+    one, other = (BatchEngine(World(kitchen_opened, config), 5, seed=2, device=device) for _ in range(2))
     one.pose(np.arange(5), 4)
-    one.step(one._array(np.zeros(5, dtype=np.int64)))
+    one.step(one.arrays.array(np.zeros(5, dtype=np.int64)))
     other.restore(one.state())
     np.testing.assert_array_equal(np.asarray(other.task), np.arange(5))
     assert played(one, np.random.default_rng(0), 30) == played(other, np.random.default_rng(0), 30)
@@ -345,7 +357,7 @@ def test_a_posed_episode_can_be_restored_too(kitchen_opened, device):
 @pytest.mark.parametrize("device", DEVICES)
 def test_a_state_is_a_copy_when_taken_and_when_restored(kitchen_opened, device):
     config = WordCraftConfig(depth=2, num_distractors=3, reward="official")
-    engine, other = (BatchEngine(kitchen_opened, config, 6, seed=3, device=device) for _ in range(2))
+    engine, other = (BatchEngine(World(kitchen_opened, config), 6, seed=3, device=device) for _ in range(2))
     played(engine, np.random.default_rng(0), 9)
     state = engine.state()
     kept = {name: array.copy() for name, array in state.items()}
@@ -368,15 +380,15 @@ def test_a_state_is_a_copy_when_taken_and_when_restored(kitchen_opened, device):
 @pytest.mark.parametrize("device", DEVICES)
 def test_a_state_of_another_engine_is_refused_and_changes_nothing(kitchen_opened, device):
     config = WordCraftConfig(num_distractors=3)
-    engine = BatchEngine(kitchen_opened, config, 4, device=device)
+    engine = BatchEngine(World(kitchen_opened, config), 4, device=device)
     before = engine.state()
-    more = BatchEngine(kitchen_opened, config, 5, seed=1).state()
-    wider = BatchEngine(kitchen_opened, WordCraftConfig(num_distractors=4), 4, seed=1).state()
+    more = BatchEngine(World(kitchen_opened, config), 5, seed=1).state()
+    wider = BatchEngine(World(kitchen_opened, WordCraftConfig(num_distractors=4)), 4, seed=1).state()
     wrong = {"goal": (more, r"\(4,\)"), "wide": (wider, rf"\(4, {engine.num_slots + 1}\)")}
     for name, (state, shape) in wrong.items():
         with pytest.raises(ConfigError, match=f"this state is of another engine: '{name}' should have shape {shape}"):
             engine.restore(state)
-    own = BatchEngine(kitchen_opened, config, 4, seed=1).state()
+    own = BatchEngine(World(kitchen_opened, config), 4, seed=1).state()
     for name in own:
         with pytest.raises(ConfigError, match=f"of another engine: '{name}'"):
             engine.restore({other: array for other, array in own.items() if other != name})
@@ -391,7 +403,7 @@ def test_a_state_of_another_engine_is_refused_and_changes_nothing(kitchen_opened
 
 
 def test_a_posed_episode_ends_and_stays(kitchen_opened):
-    engine = BatchEngine(kitchen_opened, WordCraftConfig(part="test", num_distractors=3), 50, seed=0)
+    engine = BatchEngine(World(kitchen_opened, WordCraftConfig(part="test", num_distractors=3)), 50, seed=0)
     tasks = np.arange(50) % len(engine.world.tasks)
     engine.pose(tasks)
     starts = engine.world.tasks.starts[tasks]
@@ -409,7 +421,7 @@ def test_a_posed_episode_ends_and_stays(kitchen_opened):
 
 
 def test_an_episode_that_is_over_stays_while_others_go_on(kitchen_opened):
-    engine = BatchEngine(kitchen_opened, WordCraftConfig(part="all", depth=2, num_distractors=3), 2, seed=0)
+    engine = BatchEngine(World(kitchen_opened, WordCraftConfig(part="all", depth=2, num_distractors=3)), 2, seed=0)
     engine.pose(np.array([0, 1]))
     empty = engine.num_slots - 1
     for _ in range(2):  # the first environment loses both attempts, the second picks and picks
@@ -425,9 +437,9 @@ def test_an_episode_that_is_over_stays_while_others_go_on(kitchen_opened):
 
 @pytest.mark.parametrize("device", ["cpu", "torch:cpu"])
 def test_drawn_episodes_follow_posed_ones(kitchen_opened, device):
-    engine = BatchEngine(kitchen_opened, WordCraftConfig(num_distractors=3), 20, seed=0, device=device)
+    engine = BatchEngine(World(kitchen_opened, WordCraftConfig(num_distractors=3)), 20, seed=0, device=device)
     engine.pose(np.arange(20))
-    empty = engine._array(np.full(20, engine.num_slots - 1))
+    empty = engine.arrays.array(np.full(20, engine.num_slots - 1))
     for _ in range(40):
         assert bool(engine.step(empty).over.all())
         for row, task in zip(np.asarray(engine.table).tolist(), engine.task.tolist(), strict=True):
@@ -438,7 +450,7 @@ def test_drawn_episodes_follow_posed_ones(kitchen_opened, device):
 
 
 def test_a_reset_without_a_seed_goes_on(kitchen_opened):
-    one, other = (BatchEngine(kitchen_opened, WordCraftConfig(num_distractors=3), 30, seed=4) for _ in range(2))
+    one, other = (BatchEngine(World(kitchen_opened, WordCraftConfig(num_distractors=3)), 30, seed=4) for _ in range(2))
     first = one.table.copy()
     one.reset()
     assert (one.table != first).any()
@@ -449,7 +461,7 @@ def test_a_reset_without_a_seed_goes_on(kitchen_opened):
 
 
 def test_what_is_on_a_table_stands_first_however_many_are_drawn(kitchen_opened):
-    engine = BatchEngine(kitchen_opened, WordCraftConfig(part="all", num_distractors=4), 20_000, seed=0)
+    engine = BatchEngine(World(kitchen_opened, WordCraftConfig(part="all", num_distractors=4)), 20_000, seed=0)
     task = int(np.argmax(engine.world.tasks.starts[:, 1] == engine.nothing))
     for episode in range(10):
         engine.pose(np.full(20_000, task), episode)
@@ -462,7 +474,7 @@ def test_large_tables_hold_each_entity_once():
     rows = [(f"e{i:04d}", f"e{i + 1:04d}", f"e{i + 2:04d}") for i in range(1_300)]
     opened = OpenedGraph(RecipeGraph.from_recipes(rows), None, "chain")
     opened = OpenedGraph(opened.graph, make_split(opened.graph, SplitConfig()), "chain")
-    engine = BatchEngine(opened, WordCraftConfig(part="all", num_distractors=1_100), 2, seed=0)
+    engine = BatchEngine(World(opened, WordCraftConfig(part="all", num_distractors=1_100)), 2, seed=0)
     for row in engine.table.tolist():
         entities = [entity for entity in row if entity < engine.nothing]
         assert len(entities) == len(set(entities)) == 1_102
@@ -478,7 +490,7 @@ def test_large_tables_hold_each_entity_once():
     ],
 )
 def test_actions_outside_the_space_are_refused_and_change_nothing(kitchen_opened, actions, says):
-    engine = BatchEngine(kitchen_opened, WordCraftConfig(), 2)
+    engine = BatchEngine(World(kitchen_opened, WordCraftConfig()), 2)
     before = engine.selection.copy()
     with pytest.raises(ActionError, match=says):
         engine.step(actions)
@@ -486,7 +498,7 @@ def test_actions_outside_the_space_are_refused_and_change_nothing(kitchen_opened
 
 
 def test_an_empty_slot_raises_where_asked(kitchen_opened):
-    engine = BatchEngine(kitchen_opened, WordCraftConfig(illegal_action="raise"), 2)
+    engine = BatchEngine(World(kitchen_opened, WordCraftConfig(illegal_action="raise")), 2)
     with pytest.raises(
         ActionError, match=r"action 4 of environment 1: the slot is empty; slots 0 to [12] hold entities"
     ):
@@ -496,12 +508,12 @@ def test_an_empty_slot_raises_where_asked(kitchen_opened):
 def test_no_environments_and_missing_devices_are_refused(kitchen_opened):
     for wrong in (0, -1, 1.5, "2", None, True):
         with pytest.raises(ConfigError, match=f"num_envs {wrong!r}: expected a whole number, 1 or more"):
-            BatchEngine(kitchen_opened, WordCraftConfig(), wrong)
+            BatchEngine(World(kitchen_opened, WordCraftConfig()), wrong)
     with pytest.raises(ConfigError, match="seed -1: expected a whole number, 0 or more"):
-        BatchEngine(kitchen_opened, WordCraftConfig(), 1, seed=-1)
+        BatchEngine(World(kitchen_opened, WordCraftConfig()), 1, seed=-1)
     if not torch.cuda.is_available():
         with pytest.raises(ConfigError, match="no CUDA device"):
-            BatchEngine(kitchen_opened, WordCraftConfig(), 1, device="cuda")
+            BatchEngine(World(kitchen_opened, WordCraftConfig()), 1, device="cuda")
 
 
 def test_all_rewards_of_the_presets_are_magnitudes():
@@ -509,9 +521,13 @@ def test_all_rewards_of_the_presets_are_magnitudes():
     assert REWARDS["official"] == RewardConfig(0.1, 0.1, 1.0)
 
 
-def test_a_table_without_shortcuts_that_cannot_be_is_given_up(ambiguous):
+@pytest.mark.parametrize("tries", [30, pytest.param(SHORTCUT_TRIES, marks=pytest.mark.slow)])
+def test_a_table_without_shortcuts_that_cannot_be_is_given_up(ambiguous, monkeypatch, tries):
+    monkeypatch.setattr("wordcraft_kg.envs.world.SHORTCUT_TRIES", tries)
     settings = {"part": "all", "depth": 2, "num_distractors": 8, "distractor_policy": "no_shortcut"}
-    with pytest.raises(ConfigError, match="found no 8 distractors without a shortcut to 'e"):
-        BatchEngine(ambiguous, WordCraftConfig(**settings), 1)
-    with pytest.raises(ConfigError, match="found no 8 distractors without a shortcut to 'e"):
-        WordCraftEnv(ambiguous, **settings).reset(seed=0)
+    world = World(ambiguous, WordCraftConfig(**settings))
+    expected = rf"found no 8 distractors without a shortcut to 'e.*' in {tries} tries"
+    with pytest.raises(ConfigError, match=expected):
+        BatchEngine(world, 1)
+    with pytest.raises(ConfigError, match=expected):
+        WordCraftEnv(world).reset(seed=0)

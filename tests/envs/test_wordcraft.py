@@ -62,7 +62,7 @@ def pick(env, *labels):
     """Pick entities by label; returns the last step."""
     names = env.world.graph.entities
     for label in labels:
-        last = env.step([names[entity] for entity in env._table].index(label))
+        last = env.step([names[entity] for entity in env.state.table].index(label))
     return last
 
 

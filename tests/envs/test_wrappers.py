@@ -94,11 +94,11 @@ def test_features_are_those_of_the_ids_and_zeros_for_nothing():
     seen, _ = env.reset(seed=0)
     for slot in (0, 1, 0, 2):
         assert env.observation_space.contains(seen)
-        for i, entity in enumerate(ids._table):
+        for i, entity in enumerate(ids.state.table):
             np.testing.assert_allclose(seen["table"][i], vectors[entity], rtol=1e-6)
-        assert not seen["table"][len(ids._table) :].any()
-        np.testing.assert_allclose(seen["goal"], vectors[ids._goal], rtol=1e-6)
-        held = vectors[ids._selection] if ids._selection < ids.world.nothing else np.zeros(7)
+        assert not seen["table"][len(ids.state.table) :].any()
+        np.testing.assert_allclose(seen["goal"], vectors[ids.state.goal], rtol=1e-6)
+        held = vectors[ids.state.selection] if ids.state.selection < ids.world.nothing else np.zeros(7)
         np.testing.assert_allclose(seen["selection"], held, rtol=1e-6)
         seen, *_ = env.step(slot)
     with pytest.raises(ConfigError, match=r"vectors of shape \(3, 7\): expected \(80, D\)"):
@@ -168,7 +168,7 @@ def test_text_says_what_there_is_and_words_are_actions():
     env = TextObservation(gym.make("WordCraft-v0", **SETTINGS))
     text, _ = env.reset(seed=0)
     assert env.observation_space.contains(text)
-    names = [env.unwrapped.world.graph.entities[entity] for entity in env.unwrapped._table]
+    names = [env.unwrapped.world.graph.entities[entity] for entity in env.unwrapped.state.table]
     assert f"On the table: {', '.join(names)}" in text
     assert "In hand: nothing" in text
     text, *_ = env.step(f" {names[1].upper()} ")

@@ -15,8 +15,10 @@ from scipy.stats import chisquare
 
 from wordcraft_kg.errors import TaskError, UnknownEntityError
 from wordcraft_kg.graphs import Recipe, RecipeGraph, Split, SplitConfig, make_split
+from wordcraft_kg.graphs.plan_search import PlanSearch
 from wordcraft_kg.graphs.splits import PARTS, Draw
-from wordcraft_kg.graphs.tasks import MAX_DEPTH, Task, _make_tasks, all_ways, make_tasks, plans_of, replay
+from wordcraft_kg.graphs.task_search import MAX_DEPTH, make_tasks
+from wordcraft_kg.graphs.tasks import Task, replay
 
 Pair = tuple[str, str]
 Plans = dict[str, set[frozenset[Pair]]]
@@ -88,9 +90,10 @@ def tasks_made(graph: RecipeGraph, depth: int, *arguments, **options) -> list[Ta
 def test_plans_are_all_that_trying_every_pair_finds(graph, data):
     start = data.draw(st.sets(st.sampled_from(graph.entities), min_size=1, max_size=4))
     rounds = plans_by_trying(outcomes(graph), start, 3)
+    search = PlanSearch(graph)
     for goal in graph.entities:
         expected = next((plans[goal] for plans in rounds if goal in plans), set())
-        found = [tuple(graph.recipe_labels(graph.recipes[list(rows)])) for rows in plans_of(graph, goal, start, 3)]
+        found = [tuple(graph.recipe_labels(graph.recipes[list(rows)])) for rows in search.plans(goal, start, 3)]
         if goal in start:
             assert found == [()]
         else:
@@ -106,9 +109,9 @@ def test_plans_are_all_that_trying_every_pair_finds(graph, data):
 
 def test_a_plan_may_use_both_results_of_one_attempt():
     graph = RecipeGraph.from_recipes([("a", "b", "c"), ("a", "b", "d"), ("c", "d", "e")])
-    [rows] = plans_of(graph, "e", ["a", "b"], 2)
+    [rows] = PlanSearch(graph).plans("e", ["a", "b"], 2)
     assert rows == (0, 1, 2)
-    assert plans_of(graph, "e", ["a", "b"], 1) == []
+    assert PlanSearch(graph).plans("e", ["a", "b"], 1) == []
     made = make_tasks(graph, 2)
     assert [(task.goal, task.start) for task in made] == [
         ("e", ("a", "b")),
@@ -120,11 +123,11 @@ def test_a_plan_may_use_both_results_of_one_attempt():
 
 def test_a_plan_takes_entities_by_id_or_label_and_refuses_unknown_ones(kitchen):
     goal, start = "bread", kitchen.base
-    by_label = plans_of(kitchen, goal, start, 4)
+    by_label = PlanSearch(kitchen).plans(goal, start, 4)
     assert by_label
-    assert plans_of(kitchen, kitchen.id_of(goal), kitchen.base_ids.tolist(), 4) == by_label
+    assert PlanSearch(kitchen).plans(kitchen.id_of(goal), kitchen.base_ids.tolist(), 4) == by_label
     with pytest.raises(UnknownEntityError, match="no entity 'bred'"):
-        plans_of(kitchen, "bred", start, 4)
+        PlanSearch(kitchen).plans("bred", start, 4)
 
 
 def test_ways_are_also_longer_than_the_shortest_but_never_go_in_circles():
@@ -133,8 +136,9 @@ def test_ways_are_also_longer_than_the_shortest_but_never_go_in_circles():
     )
     pair = {(a, b): number for number, (a, b, _) in enumerate(graph.recipe_labels())}
     short, long = {pair["a", "a"], pair["b", "b"]}, {pair["a", "a"], pair["a", "b"], pair["c", "c"]}
-    assert all_ways(graph, graph.id_of("g"), [graph.id_of("a")], 2) == {frozenset(short)}
-    assert all_ways(graph, graph.id_of("g"), [graph.id_of("a")], 5) == {frozenset(short), frozenset(long)}
+    search, goal, start = PlanSearch(graph), graph.id_of("g"), frozenset([graph.id_of("a")])
+    assert search.ways(goal, start, 2) == search.shortest_ways(goal, start, 5) == {frozenset(short)}
+    assert search.ways(goal, start, 5) == {frozenset(short), frozenset(long)}
 
 
 @pytest.mark.parametrize(
@@ -230,7 +234,6 @@ def test_tasks_of_equal_content_are_equal():
 def test_task_sets_of_equal_content_are_equal(kitchen):
     again = RecipeGraph.from_recipes(kitchen.recipe_labels(), kitchen.base)
     drawn = make_tasks(kitchen, 3, limit=20)
-    _make_tasks.cache_clear()
     assert make_tasks(again, 3, limit=20) == drawn
     assert hash(make_tasks(again, 3, limit=20)) == hash(drawn)
     assert make_tasks(kitchen, 3, limit=20, seed=1) != drawn
@@ -362,7 +365,7 @@ def drawn_distribution(depth: int, part: str, weighting: str) -> dict[tuple[str,
         if (goal, start) in tasks:
             plans = tuple(
                 tuple(BRANCHED.recipe_labels(BRANCHED.recipes[list(rows)]))
-                for rows in plans_of(BRANCHED, goal, start, depth)
+                for rows in PlanSearch(BRANCHED).plans(goal, start, depth)
             )
             if part in ("all", part_of(Task(goal, start, depth, plans), BRANCHED_SPLIT)):
                 accepted[goal, start] = probability
@@ -427,7 +430,7 @@ def test_a_part_without_tasks_is_refused_saying_how_many_belong_to_none():
 
 PRINT_TASKS = """
 from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_book
-from wordcraft_kg.graphs.tasks import make_tasks
+from wordcraft_kg.graphs.task_search import make_tasks
 graph = RecipeGraph.from_book(open_book("kitchen"))
 split = make_split(graph, SplitConfig())
 for depth in (1, 2, 3, 4):

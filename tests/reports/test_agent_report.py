@@ -13,6 +13,7 @@ from wordcraft_kg.agents.agent_folder import OpenedAgent, open_agent
 from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
 from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer
 from wordcraft_kg.agents.training import train_agent
+from wordcraft_kg.envs.world import World
 from wordcraft_kg.errors import ConfigError, GraphMismatchError
 from wordcraft_kg.graphs.folder import open_graph
 from wordcraft_kg.graphs.splits import SplitConfig
@@ -63,7 +64,7 @@ def test_a_run_given_twice_is_an_error(agents: list[OpenedAgent]) -> None:
 
 def test_the_numbers_are_those_of_the_evaluation(agents: list[OpenedAgent], report: AgentReport) -> None:
     for amount in (1, 2, 8):
-        evaluator = Evaluator(agents[0].opened, TASKS.environment("test", amount), draws=2)
+        evaluator = Evaluator(World(agents[0].opened, TASKS.environment("test", amount)), draws=2)
         found = [evaluator(PolicyPlayer(agent.policy)) for agent in agents[:2]]
         figures = report.view.agents[0].success[str(amount)]
         assert figures.seeds == tuple(result.success.mean() for result in found)
@@ -97,7 +98,7 @@ def test_slices_hold_every_task_once_and_average_to_the_whole(report: AgentRepor
 
 def test_tasks_are_sliced_by_the_train_recipes_of_their_goal(agents: list[OpenedAgent], report: AgentReport) -> None:
     graph, split = agents[0].opened.graph, agents[0].opened.split
-    evaluator = Evaluator(agents[0].opened, TASKS.environment("test"), draws=1)
+    evaluator = Evaluator(World(agents[0].opened, TASKS.environment("test")), draws=1)
     results = graph.recipes[split.is_in("train"), 2].tolist()
     alone = sum(results.count(goal) == 1 for goal in evaluator.engine.world.tasks.goals.tolist())
     row = next((row for row in report.view.agents[0].slices["train_recipes"] if row.slice == "1"), None)

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from wordcraft_kg.agents.players import Player, knowledge_player, random_entity, recipe_oracle
 from wordcraft_kg.agents.states import states_of
 from wordcraft_kg.envs.batch import GOAL, BatchEngine
-from wordcraft_kg.envs.config import WordCraftConfig
-from wordcraft_kg.envs.world import GraphLike, World
+from wordcraft_kg.envs.world import World
 from wordcraft_kg.errors import ConfigError
 from wordcraft_kg.graphs.arrays import Ids, padded
 from wordcraft_kg.models.policies.policy import Policy
@@ -47,7 +46,7 @@ class PolicyPlayer:
                 for goal, selection, table, task in [states.rows(start, start + ROWS, device)]
             ]
         )
-        return slots.cpu().numpy() if engine.xp is np else slots
+        return slots if engine.arrays.on_device else slots.cpu().numpy()
 
 
 def player_of(policy: Policy, kind: str) -> Player:
@@ -124,21 +123,20 @@ class Evaluation:
 class Evaluator:
     """Plays all tasks of a part, or an evenly spaced sample of them, always with the same tables."""
 
-    def __init__(self, graph: GraphLike, config: WordCraftConfig, *, draws: int = 5, limit: int | None = None):
+    def __init__(self, world: World, *, draws: int = 5, limit: int | None = None):
         """Prepare the environments, one for each task.
 
         Args:
-            graph: graph and split.
-            config: part, depth, number of distractors and so on.
+            world: the tasks.
             draws: of distractors for each task.
             limit: play no more than about so many tasks, evenly spaced in their order; None plays all.
         """
-        amount = len(World(graph, config).tasks)
+        amount = len(world.tasks)
         step = 1 if limit is None else -(-amount // limit)
         self.tasks = np.arange(0, amount, step)
         self.draws = draws
-        self.engine = BatchEngine(graph, config, len(self.tasks), seed=EVALUATION_SEED)
-        self._parts = _right_parts(self.engine.world)[self.tasks]
+        self.engine = BatchEngine(world, len(self.tasks), seed=EVALUATION_SEED)
+        self._parts = _right_parts(world)[self.tasks]
 
     def __call__(self, player: Player) -> Evaluation:
         """Let a player play."""

@@ -10,10 +10,9 @@ import torch
 from wordcraft_kg.agents.evaluation import EVALUATION_SEED, PolicyPlayer
 from wordcraft_kg.agents.states import states_of
 from wordcraft_kg.envs.batch import OUTCOMES, BatchEngine
-from wordcraft_kg.envs.config import WordCraftConfig
+from wordcraft_kg.envs.world import World
 from wordcraft_kg.errors import TaskError, UnknownEntityError
 from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.models.policies.policy import Policy
 from wordcraft_kg.models.policies.sources import ALPHA
 from wordcraft_kg.records import Record, Share
@@ -62,7 +61,7 @@ class ExplainedEpisode(Record):
 
 
 def explain_episodes(
-    policy: Policy, opened: OpenedGraph, config: WordCraftConfig, *, goal: str | None = None, episodes: int = 3
+    policy: Policy, world: World, *, goal: str | None = None, episodes: int = 3
 ) -> tuple[ExplainedEpisode, ...]:
     """Play some tasks of a part greedily, with the tables of the evaluation, and keep what was thought at each pick.
 
@@ -71,8 +70,7 @@ def explain_episodes(
 
     Args:
         policy: of this graph.
-        opened: graph and split.
-        config: part, depth, distractors.
+        world: the tasks.
         goal: only tasks with this goal; None takes tasks evenly spaced over the part.
         episodes: how many; a goal with fewer tasks is played again with other distractors.
 
@@ -81,10 +79,9 @@ def explain_episodes(
         TaskError: if no task of the part has it.
     """
     exact = copy.deepcopy(policy).double().eval()
-    engine = BatchEngine(opened, config, 1, seed=EVALUATION_SEED)
-    tasks, draws = _choose_tasks(engine, opened, config, goal, episodes)
+    tasks, draws = _choose_tasks(world, goal, episodes)
     # The distractors depend on the environment's number: environment i plays task i, as in the evaluation.
-    engine = BatchEngine(opened, config, len(engine.world.tasks), seed=EVALUATION_SEED)
+    engine = BatchEngine(world, len(world.tasks), seed=EVALUATION_SEED)
     found = []
     for task, draw in zip(tasks.tolist(), draws.tolist(), strict=True):
         engine.pose(np.arange(engine.num_envs), draw)
@@ -92,10 +89,8 @@ def explain_episodes(
     return tuple(found)
 
 
-def _choose_tasks(
-    engine: BatchEngine, opened: OpenedGraph, config: WordCraftConfig, goal: str | None, episodes: int
-) -> tuple[Ids, Ids]:
-    graph, tasks = opened.graph, engine.world.tasks
+def _choose_tasks(world: World, goal: str | None, episodes: int) -> tuple[Ids, Ids]:
+    graph, tasks, config = world.graph, world.tasks, world.config
     if goal is None:
         rows = np.linspace(0, len(tasks) - 1, min(episodes, len(tasks))).astype(np.int64)
         return rows, np.zeros_like(rows)

@@ -14,7 +14,7 @@ import numpy as np
 from wordcraft_kg.artefacts import write_atomically
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.wordcraft import Observation, WordCraftEnv
-from wordcraft_kg.envs.world import GraphLike, open_world_graph
+from wordcraft_kg.envs.world import GraphLike, World
 from wordcraft_kg.errors import ActionError, ArtefactError, ConfigError, GraphMismatchError
 from wordcraft_kg.records import Count, Record, Share
 from wordcraft_kg.settings import nearest
@@ -128,18 +128,16 @@ class HumanProtocol:
             ConfigError: for a setting out of range.
             TaskError: if a part has no task.
         """
-        opened = open_world_graph(graph)
         episode_seed(seed, "train", 1)  # refuses a negative one
         self.seed = seed
-        self._envs = {
-            part: WordCraftEnv(opened, part=part, depth=1, num_distractors=num_distractors) for part in HUMAN_PARTS
-        }
+        world = World(graph, WordCraftConfig(num_distractors=num_distractors))
+        self._envs = {part: WordCraftEnv(world.variant(part=part)) for part in HUMAN_PARTS}
         self.header = {
             "format": HUMAN_FORMAT,
-            "graph": opened.graph.name,
-            "graph_hash": opened.graph.hash,
-            "split_hash": opened.split.hash,
-            "settings": _settings(self._envs["test"].config),
+            "graph": world.graph.name,
+            "graph_hash": world.graph.hash,
+            "split_hash": world.split.hash,
+            "settings": _settings(world.config),
             "seed": seed,
         }
 

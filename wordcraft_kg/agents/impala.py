@@ -10,7 +10,6 @@ from collections import deque
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-import numpy as np
 import torch
 from torch import Tensor, nn
 
@@ -254,12 +253,13 @@ class Impala:
             state = unroll.goal[t], unroll.selection[t], unroll.table[t], task
             actions, log_probs = self._act(weights, *state, noise[t])
             unroll.actions[t], unroll.log_probs[t] = actions, log_probs
-            step = engine.step(actions.numpy() if engine.xp is np else actions)
+            slots: Any = actions if engine.arrays.on_device else actions.numpy()
+            step = engine.step(slots)
             unroll.rewards[t], unroll.over[t] = as_tensor(step.reward), as_tensor(step.over)
             unroll.won[t] = as_tensor(step.outcome == GOAL)
         self._observe(self.config.unroll)
         torch.mul(~unroll.over, self.config.discount, out=unroll.discounts)
-        return engine.xp is not np or not step.over.all()
+        return engine.arrays.on_device or not step.over.all()
 
     def _observe(self, t: int) -> None:
         unroll, states = self._unroll, states_of(self.engine)

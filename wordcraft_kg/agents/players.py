@@ -4,17 +4,14 @@ A player is a function ``(engine, rng) -> slots`` that picks for all environment
 """
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wordcraft_kg.agents.states import states_of
 from wordcraft_kg.envs.batch import GOAL, BatchEngine
-from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.triples import COMBINES_WITH
 from wordcraft_kg.models.policies.sources.source import ScoreView, Source, make_sources
@@ -160,9 +157,8 @@ class PlayerSuccess(Record):
 
 
 def play_all(
-    opened: OpenedGraph,
+    world: World,
     players: dict[str, Player],
-    config: WordCraftConfig,
     distractors: Iterable[int] = (1, 2, 8),
     *,
     draws: int = 5,
@@ -173,9 +169,8 @@ def play_all(
     Success is the sparse one, whatever the reward settings: the goal was made within the attempts.
 
     Args:
-        opened: graph and split.
+        world: the tasks; its number of distractors is replaced.
         players: by name.
-        config: part, depth and so on; its number of distractors is replaced.
         distractors: numbers of distractors.
         draws: of distractors for each task; all players see the same ones.
         seed: of distractors and players.
@@ -186,8 +181,8 @@ def play_all(
     rows = []
     whole("seed", seed, 0)
     for amount in dict.fromkeys(distractors):
-        tasks = np.arange(len(World(opened, replace(config, num_distractors=amount)).tasks))
-        engine = BatchEngine(opened, replace(config, num_distractors=amount), len(tasks), seed=seed)
+        tasks = np.arange(len(world.tasks))
+        engine = BatchEngine(world.variant(num_distractors=amount), len(tasks), seed=seed)
         for name, player in players.items():
             won = by_plan = 0
             rng = np.random.default_rng([seed, amount])

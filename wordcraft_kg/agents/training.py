@@ -296,9 +296,9 @@ class _Run:
         found = {}
         for part in PARTS:
             with suppress(TaskError):  # a graph whose split holds nothing out has no test tasks
-                config = self.config.tasks.environment(part)
+                world = self.impala.engine.world.variant(part=part)
                 draws = 1 if curve and part == "train" else DRAWS
-                found[part] = Evaluator(self.opened, config, draws=draws, limit=CURVE_TASKS if curve else None)
+                found[part] = Evaluator(world, draws=draws, limit=CURVE_TASKS if curve else None)
         return found
 
     def _log(self, figures: dict[str, float | None], evaluators: dict[TaskPart, Evaluator]) -> None:
@@ -346,7 +346,7 @@ class _Run:
         }
         write_parameters(self.folder, self.policy)
         write_atomically(self.folder / "evaluation.json", dump_json(summary))
-        write_atomically(self.folder / "episodes.jsonl", _episode_lines(self.opened, self.config, results))
+        write_atomically(self.folder / "episodes.jsonl", _episode_lines(self.impala.engine.world, results))
         write_atomically(self.folder / "README.md", _model_card(self.opened, self.config, self.run, summary))
         end_run(self.folder, self.run, "done", OUTPUTS)
         shutil.rmtree(self.checkpoints.folder)
@@ -428,16 +428,14 @@ def _writer(folder: Path, wanted: bool, step: int = 0) -> Iterator[Any]:
 
 def _engine(opened: OpenedGraph, config: AgentConfig) -> BatchEngine:
     trainer = config.trainer
-    return BatchEngine(
-        opened, config.tasks.environment("train"), trainer.batch_size, device=trainer.device, seed=trainer.seed
-    )
+    world = World(opened, config.tasks.environment("train"))
+    return BatchEngine(world, trainer.batch_size, device=trainer.device, seed=trainer.seed)
 
 
-def _episode_lines(opened: OpenedGraph, config: AgentConfig, results: dict[TaskPart, Evaluation]) -> Iterator[str]:
+def _episode_lines(world: World, results: dict[TaskPart, Evaluation]) -> Iterator[str]:
     """One line a task: what it was, and how each draw of distractors ended."""
     for part, result in results.items():
-        tasks = World(opened, config.tasks.environment(part)).tasks
-        for i, task in enumerate(tasks):
+        for i, task in enumerate(world.variant(part=part).tasks):
             row = {
                 "part": part,
                 "goal": task.goal,

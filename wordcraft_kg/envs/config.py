@@ -6,7 +6,8 @@ from typing import Any, Literal, get_args
 
 from wordcraft_kg.errors import ConfigError, UnknownSettingError
 from wordcraft_kg.graphs.splits import PARTS
-from wordcraft_kg.graphs.tasks import DRAWN_TASKS, MAX_DEPTH, TaskPart, TaskWeighting
+from wordcraft_kg.graphs.task_search import DRAWN_TASKS, MAX_DEPTH
+from wordcraft_kg.graphs.tasks import TaskPart, TaskWeighting
 from wordcraft_kg.settings import nearest, whole
 
 MAX_ATTEMPTS = 1_000
@@ -121,6 +122,15 @@ class WordCraftConfig:
                     f"unexpected keyword argument '{name}'; there are {', '.join(known)}.{nearest(name, known)}"
                 )
         return cls(**settings)
+
+    def variant(self, **changes: Any) -> "WordCraftConfig":
+        """Return these settings with some changed.
+
+        Raises:
+            ConfigError: as :meth:`of` does.
+        """
+        mine = {entry.name: getattr(self, entry.name) for entry in fields(self) if entry.init}
+        return self.of(mine | changes)
 
     def _whole(self, name: str, low: int, high: int | None) -> None:
         object.__setattr__(self, name, whole(name, getattr(self, name), low, high))

@@ -8,9 +8,8 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from wordcraft_kg.envs.batch import OUTCOMES, BatchEngine
-from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.wordcraft import WordCraftEnv, observation_space
-from wordcraft_kg.envs.world import GraphLike
+from wordcraft_kg.envs.world import GraphLike, World
 from wordcraft_kg.errors import ConfigError, EpisodeError
 
 Arrays = dict[str, NDArray[Any]]
@@ -30,7 +29,7 @@ class WordCraftVectorEnv(VectorEnv[Arrays, Any, Any]):
     def __init__(
         self,
         num_envs: int,
-        graph: GraphLike,
+        graph: GraphLike | World,
         *,
         render_mode: str | None = None,
         **settings: Any,
@@ -44,10 +43,10 @@ class WordCraftVectorEnv(VectorEnv[Arrays, Any, Any]):
         if render_mode is not None:
             raise ConfigError(f"render_mode {render_mode!r}: many environments are not rendered; expected None.")
         self.render_mode = None
-        self.config = WordCraftConfig.of(settings)
-        self.engine = BatchEngine(graph, self.config, num_envs)
+        self.world = world = World.of(graph, settings)
+        self.config = world.config
+        self.engine = BatchEngine(world, num_envs)
         self.num_envs = self.engine.num_envs
-        world = self.engine.world
         self.metadata = {**WordCraftEnv.metadata, "autoreset_mode": AutoresetMode.SAME_STEP}
         self.single_observation_space = observation_space(world.nothing, world.num_slots, self.config.attempts)
         self.single_action_space = WordCraftEnv.space_of_actions(world.num_slots)

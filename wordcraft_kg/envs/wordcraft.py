@@ -3,6 +3,7 @@
 import operator
 from bisect import bisect_right
 from collections.abc import Iterable
+from dataclasses import dataclass
 from itertools import accumulate
 from typing import Any
 
@@ -11,7 +12,6 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import GraphLike, World
 from wordcraft_kg.errors import ActionError, ConfigError, EpisodeError
 from wordcraft_kg.graphs.recipe_graph import Entity
@@ -33,6 +33,27 @@ def observation_space(num_entities: int, num_slots: int, attempts: int) -> space
             "action_mask": spaces.MultiBinary(num_slots),
         }
     )
+
+
+@dataclass
+class State:
+    """Where an episode is; ids throughout.
+
+    Attributes:
+        task: index into the tasks, -1 before the first episode.
+        goal: entity to make.
+        table: entities in the slots, as many as there are.
+        selection: entity in hand.
+        attempts_left: the running one included.
+        outcome: ``not_begun``, ``in_progress``, ``goal`` or ``out_of_attempts``.
+    """
+
+    task: int
+    goal: int
+    table: list[int]
+    selection: int
+    attempts_left: int
+    outcome: str
 
 
 class WordCraftEnv(gym.Env[Observation, Any]):
@@ -80,7 +101,8 @@ class WordCraftEnv(gym.Env[Observation, Any]):
 
     ## Arguments
     ``graph`` is a graph folder, a book's name or file, a RecipeGraph or an OpenedGraph; the others are those of
-    :class:`~wordcraft_kg.envs.config.WordCraftConfig`.
+    :class:`~wordcraft_kg.envs.config.WordCraftConfig`. Or ``graph`` is a :class:`~wordcraft_kg.envs.world.World`, which
+    has settings of its own and may be shared with other environments; then there are no others.
 
     ## Version history
     v0: first version. Its differences from the environment of Jiang et al. 2020 are listed in docs/environment.md.
@@ -91,17 +113,17 @@ class WordCraftEnv(gym.Env[Observation, Any]):
         "render_fps": 4,
     }
 
-    def __init__(self, graph: GraphLike, *, render_mode: str | None = None, **settings: Any):
+    def __init__(self, graph: GraphLike | World, *, render_mode: str | None = None, **settings: Any):
         """Open the graph and prepare its tasks.
 
         Raises:
-            ConfigError: for an unknown setting, or a value out of range.
+            ConfigError: for an unknown setting, a value out of range, or settings beside a world.
             TaskError: if the graph has no task like that.
         """
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise ConfigError(f"render_mode {render_mode!r}: expected None or 'ansi'.")
         self.render_mode = render_mode
-        self.world = World(graph, WordCraftConfig.of(settings))
+        self.world = World.of(graph, settings)
         self.config = self.world.config
         self.tasks = self.world.tasks
         self.num_slots = self.world.num_slots
@@ -119,9 +141,7 @@ class WordCraftEnv(gym.Env[Observation, Any]):
         )
         pairs = self.world.graph.recipes[self.world.graph.pair_starts[:-1], :2].tolist()
         self._last_pairs = [{tuple(pairs[i]) for i in row if i >= 0} for row in self.tasks.final_pairs.tolist()]
-        self.task_index = -1
-        self._table: list[int] = []
-        self._attempts_left = 0
+        self.state = State(-1, self._nothing, [], self._nothing, 0, "not_begun")
 
     @staticmethod
     def space_of_actions(num_slots: int) -> spaces.Discrete:
@@ -140,75 +160,70 @@ class WordCraftEnv(gym.Env[Observation, Any]):
         if unknown:
             raise ConfigError(f"no reset option '{min(unknown)}'; there are task and table.")
         index = self._draw_task() if "task" not in options else whole("task", options["task"], 0, len(self.tasks) - 1)
-        table = self._checked_table(options["table"]) if "table" in options else None
-        self.task_index, self._goal = index, self._goals[index][0]
-        if table is None:
-            start = self._starts[index]
-            table = [*start, *self._draw_distractors(start)]
+        if "table" in options:
+            table = self._checked_table(options["table"])
+        else:
+            table = [*self._starts[index], *self._draw_distractors(index)]
             self._shuffle(table)
-        self._table = table
-        self._selection = self._nothing
-        self._attempts_left = self.config.attempts
-        self._outcome = "in_progress"
+        self.state = State(index, self._goals[index][0], table, self._nothing, self.config.attempts, "in_progress")
         return self._observation(), self._info(illegal=False, by_plan=False)
 
     def step(self, action: int) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Pick the entity in a slot."""
-        if self._attempts_left == 0 or self._outcome != "in_progress":
-            raise EpisodeError("the episode is over; call reset()." if self._table else "call reset() before step().")
+        state = self.state
+        if state.outcome != "in_progress":
+            is_new = state.outcome == "not_begun"
+            raise EpisodeError("call reset() before step()." if is_new else "the episode is over; call reset().")
         slot = self._checked_action(action)
-        reward, by_plan, illegal = 0.0, False, slot >= len(self._table)
-        if illegal:
-            if self.config.illegal_action == "raise":
-                raise ActionError(f"action {slot}: the slot is empty; slots 0 to {len(self._table) - 1} hold entities.")
-            self._selection = self._nothing
-            self._attempts_left -= 1
-        elif self._selection == self._nothing:
-            self._selection = self._table[slot]
+        reward, by_plan, illegal = 0.0, False, slot >= len(state.table)
+        if illegal and self.config.illegal_action == "raise":
+            raise ActionError(f"action {slot}: the slot is empty; slots 0 to {len(state.table) - 1} hold entities.")
+        if not illegal and state.selection == self._nothing:
+            state.selection = state.table[slot]
         else:
-            reward, by_plan = self._attempt(self._selection, self._table[slot])
-            self._selection = self._nothing
-            self._attempts_left -= 1
-        if self._outcome == "in_progress" and self._attempts_left == 0:
-            self._outcome = "out_of_attempts"
-        over = self._outcome != "in_progress"
+            if not illegal:
+                reward, by_plan = self._attempt(state.selection, state.table[slot])
+            state.selection = self._nothing
+            state.attempts_left -= 1
+        if state.outcome == "in_progress" and state.attempts_left == 0:
+            state.outcome = "out_of_attempts"
+        over = state.outcome != "in_progress"
         return self._observation(), reward, over, False, self._info(illegal=illegal, by_plan=by_plan)
 
     def action_masks(self) -> NDArray[np.bool_]:
         """Return which slots hold an entity, shape (num_slots,)."""
-        return np.arange(self.num_slots) < len(self._table)
+        return np.arange(self.num_slots) < len(self.state.table)
 
     def render(self) -> str | None:
         """Return the state in words, for ``render_mode="ansi"``."""
         if self.render_mode is None:
             return None
-        names = self.world.graph.entities
-        hand = names[self._selection] if self._selection != self._nothing else "nothing"
-        table = "  ".join(f"{slot}:{names[entity]}" for slot, entity in enumerate(self._table))
-        return f"goal: {names[self._goal]}   hand: {hand}   attempts left: {self._attempts_left}\ntable: {table}"
+        names, state = self.world.graph.entities, self.state
+        hand = names[state.selection] if state.selection != self._nothing else "nothing"
+        table = "  ".join(f"{slot}:{names[entity]}" for slot, entity in enumerate(state.table))
+        return f"goal: {names[state.goal]}   hand: {hand}   attempts left: {state.attempts_left}\ntable: {table}"
 
     @property
     def task(self) -> Task:
         """The task of the running episode."""
-        return self.tasks[self.task_index]
+        return self.tasks[self.state.task]
 
     # --- rules -------------------------------------------------------------------------------------------------------
 
     def _attempt(self, one: int, other: int) -> tuple[float, bool]:
         """Combine two entities; return the reward, and whether a plan's last pair made the goal."""
-        rewards = self.config.rewards
+        rewards, state = self.config.rewards, self.state
         pair = (one, other) if one <= other else (other, one)
         results = self._outcomes.get(pair, ())
-        fresh = [result for result in results if result not in self._table]
-        self._table += fresh
-        if self._goal in results:
-            self._outcome = "goal"
+        fresh = [result for result in results if result not in state.table]
+        state.table += fresh
         if not results:
             return -rewards.wrong_pair_penalty, False
-        intermediates = self._made[self.task_index]
+        intermediates = self._made[state.task]
         reward = rewards.intermediate_reward * sum(result in intermediates for result in fresh)
-        if self._goal in results:
-            return reward + 1.0, pair in self._last_pairs[self.task_index]
+        if state.goal in results:
+            state.outcome = "goal"
+            return reward + 1.0, pair in self._last_pairs[state.task]
         if not any(result in intermediates for result in results):
             reward -= rewards.irrelevant_penalty
         return reward, False
@@ -248,21 +263,22 @@ class WordCraftEnv(gym.Env[Observation, Any]):
             other = int(self._random() * (last + 1))
             items[last], items[other] = items[other], items[last]
 
-    def _draw_distractors(self, start: list[int]) -> list[int]:
-        drawn = self._draw_once(start)
+    def _draw_distractors(self, task: int) -> list[int]:
+        drawn = self._draw_once(task)
         if self.config.distractor_policy == "no_shortcut" and self.config.attempts > 1:
             tries = 0
-            while self.world.has_shortcut(self.task_index, drawn):
+            while self.world.has_shortcut(task, drawn):
                 tries += 1
-                self.world.check_tries(tries, self.task_index)
-                drawn = self._draw_once(start)
+                self.world.check_tries(tries, task)
+                drawn = self._draw_once(task)
         return drawn
 
-    def _draw_once(self, start: list[int]) -> list[int]:
-        """Draw distractors one after the other by their weights, skipping what may not lie on this table."""
-        guarded = self._guarded.get(self._goal, ())
-        taken = {self._goal, self._nothing, *start, *self._made[self.task_index]}
-        near = {*start, *self._makeable[self.task_index]}
+    def _draw_once(self, task: int) -> list[int]:
+        """Draw distractors one after the other by their weights, skipping what may not be on this table."""
+        goal, start = self._goals[task][0], self._starts[task]
+        guarded = self._guarded.get(goal, ())
+        taken = {goal, self._nothing, *start, *self._made[task]}
+        near = {*start, *self._makeable[task]}
         drawn: list[int] = []
         ends, total = self._weight_ends, self._weight_ends[-1]
         while len(drawn) < self.config.num_distractors and len(taken) <= self._nothing:
@@ -287,18 +303,19 @@ class WordCraftEnv(gym.Env[Observation, Any]):
     # --- what is seen ------------------------------------------------------------------------------------------------
 
     def _observation(self) -> Observation:
+        state, count = self.state, len(self.state.table)
         table = np.full(self.num_slots, self._nothing)
-        count = len(self._table)
-        table[:count] = self._table
+        table[:count] = state.table
         mask = np.zeros(self.num_slots, dtype=np.int8)
         mask[:count] = 1
         return {
-            "goal": np.int64(self._goal),
+            "goal": np.int64(state.goal),
             "table": table,
-            "selection": np.int64(self._selection),
-            "attempts_left": np.int64(self._attempts_left),
+            "selection": np.int64(state.selection),
+            "attempts_left": np.int64(state.attempts_left),
             "action_mask": mask,
         }
 
     def _info(self, *, illegal: bool, by_plan: bool) -> dict[str, Any]:
-        return {"outcome": self._outcome, "by_plan": by_plan, "illegal_action": illegal, "task": self.task_index}
+        state = self.state
+        return {"outcome": state.outcome, "by_plan": by_plan, "illegal_action": illegal, "task": state.task}

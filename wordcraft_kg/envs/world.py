@@ -1,8 +1,9 @@
 """What the readable and the batched environment have in common: tasks, outcomes of pairs, distractors, sizes."""
 
-from functools import cached_property
+from collections.abc import Callable, Hashable, Mapping
 from itertools import combinations_with_replacement
 from pathlib import Path
+from typing import Any, Generic, TypeVar, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,11 +12,16 @@ from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.errors import ConfigError
 from wordcraft_kg.graphs.arrays import Ids, frozen, padded
 from wordcraft_kg.graphs.folder import OpenedGraph, default_split, open_graph
+from wordcraft_kg.graphs.plan_search import PlanSearch
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.graphs.tasks import TaskSet, all_ways, make_tasks
+from wordcraft_kg.graphs.splits import Split
+from wordcraft_kg.graphs.task_search import make_tasks
+from wordcraft_kg.graphs.tasks import TaskSet
 
 GraphLike = str | Path | RecipeGraph | OpenedGraph
 """A graph folder, a book's file or name, a graph (split by recipe with the default settings), or an opened graph."""
+SHORTCUT_TRIES = 1_000
+_T = TypeVar("_T")
 
 
 def open_world_graph(graph: GraphLike) -> OpenedGraph:
@@ -31,43 +37,76 @@ def open_world_graph(graph: GraphLike) -> OpenedGraph:
     return open_graph(graph)
 
 
-SHORTCUT_TRIES = 1_000
+class _Derived(Generic[_T]):
+    """A property of a world that depends on some settings only; it is made once for all variants that agree in them."""
+
+    def __init__(self, make: Callable[["World"], _T], settings: tuple[str, ...]):
+        self.make, self.settings = make, settings
+        self.name, self.__doc__ = make.__name__, make.__doc__
+
+    @overload
+    def __get__(self, world: None, owner: type["World"]) -> "_Derived[_T]": ...
+    @overload
+    def __get__(self, world: "World", owner: type["World"]) -> _T: ...
+    def __get__(self, world: "World | None", owner: type["World"]) -> "_Derived[_T] | _T":
+        if world is None:
+            return self
+        key = (self.name, *(getattr(world.config, name) for name in self.settings))
+        if key not in world._derived:
+            world._derived[key] = self.make(world)
+        found: _T = world._derived[key]
+        return found
+
+
+def _derived_from(*settings: str) -> Callable[[Callable[["World"], _T]], _Derived[_T]]:
+    return lambda make: _Derived(make, settings)
+
+
+_TASKS = ("part", "depth", "task_weighting", "num_tasks", "task_seed")
 
 
 class World:
-    """A graph, its split and the settings of an environment, and what follows from them.
+    """A graph, its split and the settings of an environment, and what follows from them; it never changes.
+
+    Everything that plays in one world, or in variants of it, shares what was made for it: engines, environments,
+    evaluators and reports take a world and build none.
+
+    >>> world = World("kitchen", WordCraftConfig(num_distractors=8))
+    >>> world.variant(part="test").graph is world.graph
+    True
 
     Attributes:
         graph: the recipe graph; its whole book is in force, whatever the part.
         split: its split.
         config: the settings.
-        tasks: the tasks to draw from.
         nothing: id of nothing, the number of entities.
         max_results: most results of a pair.
         num_slots: size of the table, fixed: starting ingredients, distractors, room for all results of all attempts.
     """
 
-    def __init__(self, graph: GraphLike, config: WordCraftConfig):
+    def __init__(self, graph: "GraphLike | World", config: WordCraftConfig):
         """Open the graph and make its tasks.
+
+        Args:
+            graph: where the world is; or another world, with which this one shares what does not depend on the
+                settings in which they differ.
+            config: the settings.
 
         Raises:
             ConfigError: if the graph has too few entities for so many distractors.
             TaskError: if it has no such task.
         """
-        opened = open_world_graph(graph)
-        self.graph, self.split, self.config = opened.graph, opened.split, config
-        self.tasks: TaskSet = make_tasks(
-            self.graph,
-            config.depth,
-            None if config.part == "all" else self.split,
-            config.part,
-            weighting=config.task_weighting,
-            limit=config.num_tasks,
-            seed=config.task_seed,
-        )
+        self.graph: RecipeGraph
+        self.split: Split
+        self._derived: dict[Hashable, Any]
+        if isinstance(graph, World):
+            self.graph, self.split, self._derived = graph.graph, graph.split, graph._derived
+        else:
+            opened = open_world_graph(graph)
+            self.graph, self.split, self._derived = opened.graph, opened.split, {}
+        self.config = config
         self.nothing = self.graph.num_entities
-        sizes = np.diff(self.graph.pair_starts)
-        self.max_results = 1 if config.ambiguity == "last" else int(sizes.max())
+        self.max_results = 1 if config.ambiguity == "last" else int(np.diff(self.graph.pair_starts).max())
         self.num_slots = config.depth + 1 + config.num_distractors + self.max_results * config.attempts
         reserved = 1 + config.depth + 1 + self.tasks.intermediates.shape[1]
         if config.num_distractors > self.nothing - reserved:
@@ -76,15 +115,61 @@ class World:
                 f"task may need {reserved}; expected at most {max(self.nothing - reserved, 0)}."
             )
 
-    @cached_property
-    def outcomes(self) -> dict[tuple[int, int], tuple[int, ...]]:
+    @classmethod
+    def of(cls, graph: "GraphLike | World", settings: Mapping[str, Any]) -> "World":
+        """Return the world that an environment's arguments mean: the one given, or a new one.
+
+        Raises:
+            ConfigError: for settings beside a world, which has its own; or as :class:`World` and its settings do.
+        """
+        if not isinstance(graph, World):
+            return cls(graph, WordCraftConfig.of(settings))
+        if settings:
+            given = ", ".join(f"{name}={value!r}" for name, value in settings.items())
+            raise ConfigError(f"a world has its settings already; pass world.variant({given}), and no settings.")
+        return graph
+
+    def variant(self, **changes: Any) -> "World":
+        """Return this world with other settings, sharing graph, split and all that does not depend on them.
+
+        Raises:
+            ConfigError: for an unknown setting, or as :class:`World` does.
+            TaskError: if there is no such task.
+        """
+        return World(self, self.config.variant(**changes))
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> "World":
+        return self  # gymnasium copies the arguments of an environment whenever somebody asks for its spec
+
+    @_derived_from()
+    def search(self) -> PlanSearch:
+        """The graph's plan search."""
+        return PlanSearch(self.graph)
+
+    @_derived_from(*_TASKS)
+    def tasks(self) -> TaskSet:
+        """The tasks to draw from."""
+        config = self.config
+        return make_tasks(
+            self.graph,
+            config.depth,
+            None if config.part == "all" else self.split,
+            config.part,
+            weighting=config.task_weighting,
+            limit=config.num_tasks,
+            seed=config.task_seed,
+            search=self.search,
+        )
+
+    @_derived_from("ambiguity")
+    def outcomes(self) -> Mapping[tuple[int, int], tuple[int, ...]]:
         """Results of each pair ``(a, b)`` with ``a <= b``, ascending."""
         outcomes = self.graph.outcomes
         if self.config.ambiguity == "last":
             return {pair: results[-1:] for pair, results in outcomes.items()}
         return outcomes
 
-    @cached_property
+    @_derived_from("distractor_weighting")
     def distractor_weights(self) -> Ids:
         """Shape (E,), int64: weight of each entity as a distractor."""
         weights = np.ones(self.nothing, dtype=np.int64)
@@ -92,9 +177,9 @@ class World:
             a, b, _ = self.split.recipes("train").T
             users = np.concatenate([a, b[b != a]])
             weights += np.bincount(users, minlength=self.nothing)
-        return weights
+        return frozen(weights)
 
-    @cached_property
+    @_derived_from("distractor_policy", "part")
     def guarded_recipes(self) -> NDArray[np.bool_]:
         """Shape (num_recipes,): recipes that no distractor may complete if they make the goal.
 
@@ -107,19 +192,20 @@ class World:
             return ~self.split.is_in("train")
         return np.zeros(self.graph.num_recipes, dtype=bool)
 
-    @cached_property
+    @_derived_from(*_TASKS, "attempts", "ambiguity", "distractor_policy")
     def makeable(self) -> Ids:
         """What can be made of each task's start in all attempts but the last, shape (N, W), padded.
 
         Only where recipes are guarded; a distractor must not complete one with any of it.
         """
         rows: list[list[int]] = []
+        outcomes = self.outcomes
         for start in self.tasks.starts.tolist() if self.guarded_recipes.any() else [[]] * len(self.tasks):
             there = {entity for entity in start if entity < self.nothing}
             made: set[int] = set()
             for _ in range(self.config.attempts - 1):
                 pairs = combinations_with_replacement(sorted(there | made), 2)
-                more = {result for pair in pairs for result in self.outcomes.get(pair, ())} - there - made
+                more = {result for pair in pairs for result in outcomes.get(pair, ())} - there - made
                 if not more:
                     break
                 made |= more
@@ -128,11 +214,9 @@ class World:
 
     def has_shortcut(self, task: int, distractors: list[int]) -> bool:
         """Return whether distractors open a way to the goal, within an episode's attempts, that would not be there."""
-        start = [entity for entity in self.tasks.starts[task].tolist() if entity < self.nothing]
-        goal, attempts = int(self.tasks.goals[task]), self.config.attempts
-        return all_ways(self.graph, goal, [*start, *distractors], attempts) != all_ways(
-            self.graph, goal, start, attempts
-        )
+        start = frozenset(entity for entity in self.tasks.starts[task].tolist() if entity < self.nothing)
+        goal, attempts, search = int(self.tasks.goals[task]), self.config.attempts, self.search
+        return search.ways(goal, start.union(distractors), attempts) != search.ways(goal, start, attempts)
 
     def check_tries(self, tries: int, task: int) -> None:
         """Give up on a table without shortcuts after many tries.

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from wordcraft_kg.agents.agent_folder import OpenedAgent
 from wordcraft_kg.agents.evaluation import ENDINGS, Ending, Evaluation, Evaluator, PolicyPlayer
 from wordcraft_kg.agents.explanation import ExplainedEpisode, explain_episodes
-from wordcraft_kg.agents.players import Player, random_entity, recipe_oracle
+from wordcraft_kg.agents.players import random_entity, recipe_oracle
+from wordcraft_kg.envs.world import World
 from wordcraft_kg.errors import ConfigError, GraphMismatchError
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folder import KG
@@ -266,7 +267,8 @@ def view_agents(
     headline = first.config.tasks.distractors
     if headline not in played:
         headline = played[-1]
-    judge = _Judge(part, draws)
+    world = World(first.opened, first.config.tasks.environment(part, headline))
+    judge = _Judge(world, draws)
     found = {
         name: {amount: judge.runs(members, amount) for amount in played if _can_play(members[0], amount)}
         for name, members in groups.items()
@@ -286,16 +288,16 @@ def view_agents(
         distractors=tuple(played),
         headline=headline,
         draws=draws,
-        tasks=len(judge.evaluator(first, headline).tasks),
+        tasks=len(judge.evaluator(headline).tasks),
         agents=tuple(entries),
         baselines=tuple(
             BaselineSuccess(
-                name, {str(amount): float(judge(first, amount, player).success.mean()) for amount in played}
+                name, {str(amount): float(judge.evaluator(amount)(player).success.mean()) for amount in played}
             )
             for name, player in (("random", random_entity), ("recipe oracle", recipe_oracle))
         ),
         episodes=tuple(
-            AgentEpisodes(name, members[0].name, _episodes(members[0], part, headline, episodes))
+            AgentEpisodes(name, members[0].name, _episodes(members[0], world, episodes))
             for name, members in groups.items()
         ),
     )
@@ -344,25 +346,22 @@ def _can_play(agent: OpenedAgent, distractors: int) -> bool:
 
 @dataclass
 class _Judge:
-    """Plays policies, with one set of environments for each number of distractors."""
+    """Plays policies in one world, with one set of environments for each number of distractors."""
 
-    part: TaskPart
+    world: World
     draws: int
     evaluators: dict[int, Evaluator] = field(default_factory=dict)
 
-    def evaluator(self, agent: OpenedAgent, distractors: int) -> Evaluator:
-        """Return the environments with so many distractors, of the first agent that asks for them."""
+    def evaluator(self, distractors: int) -> Evaluator:
+        """Return the environments with so many distractors."""
         if distractors not in self.evaluators:
-            config = agent.config.tasks.environment(self.part, distractors)
-            self.evaluators[distractors] = Evaluator(agent.opened, config, draws=self.draws)
+            world = self.world.variant(num_distractors=distractors)
+            self.evaluators[distractors] = Evaluator(world, draws=self.draws)
         return self.evaluators[distractors]
-
-    def __call__(self, agent: OpenedAgent, distractors: int, player: Player) -> Evaluation:
-        return self.evaluator(agent, distractors)(player)
 
     def runs(self, members: Sequence[OpenedAgent], distractors: int) -> list[Evaluation]:
         """Judge all runs of an agent."""
-        return [self(agent, distractors, PolicyPlayer(agent.policy)) for agent in members]
+        return [self.evaluator(distractors)(PolicyPlayer(agent.policy)) for agent in members]
 
     def slices(
         self, agent: OpenedAgent, found: dict[int, list[Evaluation]], distractors: int
@@ -370,7 +369,7 @@ class _Judge:
         """Return success in parts of the tasks; none if the agent cannot play with so many distractors."""
         if distractors not in found:
             return {}
-        return _slices(agent, self.evaluator(agent, distractors).engine.world.tasks, _every(found[distractors]))
+        return _slices(agent, self.world.tasks, _every(found[distractors]))
 
 
 def _entry(
@@ -513,8 +512,7 @@ def _mean_rank(scores: NDArray[np.float32], score: np.float32) -> float:
     return float((scores > score).sum() + ((scores == score).sum() + 1) / 2)
 
 
-def _episodes(agent: OpenedAgent, part: TaskPart, distractors: int, episodes: int) -> tuple[ExplainedEpisode, ...]:
+def _episodes(agent: OpenedAgent, world: World, episodes: int) -> tuple[ExplainedEpisode, ...]:
     if agent.config.policy.policy == "mlp":
-        distractors = agent.config.tasks.distractors
-    config = agent.config.tasks.environment(part, distractors)
-    return explain_episodes(agent.policy, agent.opened, config, episodes=episodes)
+        world = world.variant(num_distractors=agent.config.tasks.distractors)
+    return explain_episodes(agent.policy, world, episodes=episodes)

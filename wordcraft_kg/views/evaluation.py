@@ -6,6 +6,7 @@ from pathlib import Path
 from wordcraft_kg.agents.agent_folder import OpenedAgent
 from wordcraft_kg.agents.evaluation import Ending, Evaluator, Success, player_of
 from wordcraft_kg.agents.explanation import ExplainedEpisode, explain_episodes
+from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.tasks import TaskPart
 from wordcraft_kg.records import Record, Share
 
@@ -55,9 +56,9 @@ def view_evaluation(
         draws: of distractors for each task.
     """
     player, tasks, policy = player_of(trained.policy, agent), trained.config.tasks, trained.config.policy
+    world = World(trained.opened, tasks.environment(part, distractors[0]))
     found = {
-        str(amount): Evaluator(trained.opened, tasks.environment(part, amount), draws=draws)(player)
-        for amount in distractors
+        str(amount): Evaluator(world.variant(num_distractors=amount), draws=draws)(player) for amount in distractors
     }
     scores = f"{policy.use}, scale {policy.scale}, self edges {policy.self_edges}" if agent == "kg-only" else None
     return AgentEvaluation(
@@ -76,6 +77,6 @@ def view_explanation(
     run: Path, agent: OpenedAgent, part: TaskPart, distractors: int | None, goal: str | None, episodes: int
 ) -> Explanation:
     """Let an agent explain some episodes, see :func:`~wordcraft_kg.agents.explanation.explain_episodes`."""
-    config = agent.config.tasks.environment(part, distractors)
-    found = explain_episodes(agent.policy, agent.opened, config, goal=goal, episodes=episodes)
+    world = World(agent.opened, agent.config.tasks.environment(part, distractors))
+    found = explain_episodes(agent.policy, world, goal=goal, episodes=episodes)
     return Explanation(str(run), agent.checkpoint, part, found)

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from wordcraft_kg.agents.players import PlayerSuccess, play_all, random_entity, recipe_oracle, scorer_players
 from wordcraft_kg.envs.config import WordCraftConfig
+from wordcraft_kg.envs.world import World
 from wordcraft_kg.errors import SplitError, WordCraftKGError
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.audit import Leakage, SplitSummary, leakage, split_summary
@@ -529,7 +530,7 @@ def _kg_play(judged: JudgedLinks, seed: int) -> tuple[PlayerSuccess, ...]:
             "random": random_entity,
             "recipe oracle": recipe_oracle,
         }
-        return play_all(judged.opened, players, WordCraftConfig(part="test"), (1, 8), seed=seed)
+        return play_all(World(judged.opened, WordCraftConfig(part="test")), players, (1, 8), seed=seed)
     except WordCraftKGError:
         # No test task, too few entities for distractors, or a scorer that the checks refuse anyway.
         return ()

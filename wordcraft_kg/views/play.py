@@ -10,6 +10,7 @@ from wordcraft_kg.agents.discovery import HUMAN_CURVE, HUMAN_SOURCE, discovery_c
 from wordcraft_kg.agents.players import PlayerSuccess, knowledge_players, play_all, scorer_players
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.open_ended import Discovery
+from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.tasks import TaskPart
@@ -104,7 +105,7 @@ def view_baselines(
         named = scorer_players(opened.graph, trained.scorer, opened.triples(trained.kg))
         oracle = players.pop("recipe oracle")
         players |= {f"{name}, {kind}": player for kind, player in named.items()} | {"recipe oracle": oracle}
-    rows = play_all(opened, players, config, distractors, draws=draws, seed=seed)
+    rows = play_all(World(opened, config), players, distractors, draws=draws, seed=seed)
     return Baselines(graph, config.part, config.depth, draws, seed, rows)
 
 

@@ -18,6 +18,7 @@ from wordcraft_kg.agents.agent_folder import open_agent
 from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
 from wordcraft_kg.agents.explanation import explain_episodes
 from wordcraft_kg.agents.training import train_agent
+from wordcraft_kg.envs.world import World
 from wordcraft_kg.envs.wrappers import KGScoreObservation
 from wordcraft_kg.errors import ConfigError
 from wordcraft_kg.graphs import RecipeGraph
@@ -274,13 +275,13 @@ def test_a_third_source_trains_saves_plays_and_explains_by_its_one_line(third, t
     lines = [json.loads(line) for line in (trained.folder / "metrics.jsonl").read_text().splitlines()]
     assert any("lambda_w_first" in line for line in lines)
     (agent,) = [open_agent(trained.folder)]
-    train = agent.config.tasks.environment("train", 3)
-    (episode,) = explain_episodes(agent.policy, opened, train, episodes=1)
+    train = World(opened, agent.config.tasks.environment("train", 3))
+    (episode,) = explain_episodes(agent.policy, train, episodes=1)
     slots = episode.steps[0].slots
     assert set(slots[0].sources) == {"alpha", "u", "w"}
     # Of a train task the number is known, and so its shift; of a test task it is not.
     assert min(slot.sources["w"] for slot in slots) >= 9
-    (other,) = explain_episodes(agent.policy, opened, agent.config.tasks.environment("test", 3), episodes=1)
+    (other,) = explain_episodes(agent.policy, train.variant(part="test"), episodes=1)
     assert all(abs(slot.sources["w"]) <= 1 for slot in other.steps[0].slots)
 
 

@@ -1,0 +1,139 @@
+"""Worlds: what their variants share, and that sharing changes nothing."""
+
+import copy
+import pickle
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import wordcraft_kg  # noqa: F401 - registers the environments
+from wordcraft_kg.agents.players import play_all, random_entity
+from wordcraft_kg.envs.config import WordCraftConfig
+from wordcraft_kg.envs.vector import WordCraftVectorEnv
+from wordcraft_kg.envs.wordcraft import WordCraftEnv
+from wordcraft_kg.envs.world import World
+from wordcraft_kg.errors import ConfigError, TaskError
+from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split
+from wordcraft_kg.graphs.folder import OpenedGraph
+from wordcraft_kg.graphs.task_search import make_tasks
+
+CHANGES = [
+    {"part": "test"},
+    {"part": "all"},
+    {"depth": 2},
+    {"depth": 3, "num_tasks": 20},
+    {"depth": 3, "num_tasks": 20, "task_seed": 1},
+    {"depth": 3, "num_tasks": 20, "task_weighting": "goal"},
+    {"num_distractors": 3},
+    {"max_attempts": 3},
+    {"reward": "official"},
+    {"distractor_weighting": "uniform"},
+    {"distractor_policy": "no_shortcut", "max_attempts": 2},
+    {"ambiguity": "last", "max_attempts": 2},
+    {"illegal_action": "raise"},
+]
+
+
+@pytest.fixture(scope="module")
+def opened():
+    """A small graph in which some pairs make several things."""
+    rows = np.random.default_rng(0).integers(0, 20, size=(90, 3)).tolist()
+    graph = RecipeGraph.from_recipes([tuple(f"e{entity:02d}" for entity in row) for row in rows])
+    return OpenedGraph(graph, make_split(graph, SplitConfig()), "small")
+
+
+def content(world):
+    return {
+        "slots": (world.num_slots, world.max_results),
+        "tasks": world.tasks,
+        "outcomes": world.outcomes,
+        "weights": world.distractor_weights.tolist(),
+        "guarded": world.guarded_recipes.tolist(),
+        "makeable": world.makeable.tolist(),
+    }
+
+
+def test_variants_are_what_worlds_of_their_settings_are(opened):
+    first = World(opened, WordCraftConfig())
+    found = [content(first.variant(**changes)) for changes in CHANGES]
+    expected = [content(World(opened, WordCraftConfig(**changes))) for changes in CHANGES]
+    assert found == expected
+    # The changes tell the properties apart: each has several values.
+    for name in expected[0]:
+        assert any(values[name] != expected[0][name] for values in expected[1:])
+
+
+def test_variants_share_what_does_not_depend_on_their_settings(opened):
+    world = World(opened, WordCraftConfig(part="train", num_distractors=1))
+    more = world.variant(num_distractors=4)
+    assert more.config == WordCraftConfig(part="train", num_distractors=4)
+    for name in ("graph", "split", "search", "tasks", "outcomes", "distractor_weights", "guarded_recipes", "makeable"):
+        assert getattr(more, name) is getattr(world, name)
+    test = more.variant(part="test")
+    assert test.search is world.search
+    assert test.tasks != world.tasks
+    assert test.variant(part="train").tasks is world.tasks
+
+
+def test_tasks_are_made_once_for_all_who_play(opened, monkeypatch):
+    made = []
+
+    def counted(*arguments, **options):
+        made.append(arguments)
+        return make_tasks(*arguments, **options)
+
+    monkeypatch.setattr("wordcraft_kg.envs.world.make_tasks", counted)
+    world = World(opened, WordCraftConfig(part="test"))
+    play_all(world, {"random": random_entity}, (1, 2, 3), draws=1)
+    WordCraftEnv(world)
+    WordCraftVectorEnv(2, world)
+    assert len(made) == 1
+
+
+def test_a_variant_that_cannot_be_is_refused_and_the_world_stays(opened):
+    world = World(opened, WordCraftConfig())
+    with pytest.raises(ConfigError, match=r"'distractors'; .* Did you mean 'num_distractors'"):
+        world.variant(distractors=3)
+    with pytest.raises(ConfigError, match="num_distractors 99: graph has 20 entities"):
+        world.variant(num_distractors=99)
+    with pytest.raises(TaskError, match="no task of depth 1 in the valid part"):
+        world.variant(part="valid")
+    assert world.config == WordCraftConfig()
+
+
+def test_environments_of_a_world_are_those_of_its_settings(opened):
+    settings = {"part": "all", "num_distractors": 4}
+    world = World(opened, WordCraftConfig(**settings))
+    for env, other in (
+        (WordCraftEnv(world), WordCraftEnv(opened, **settings)),
+        (WordCraftVectorEnv(3, world), WordCraftVectorEnv(3, opened, **settings)),
+    ):
+        assert env.world is world
+        seen, expected = env.reset(seed=5)[0], other.reset(seed=5)[0]
+        for key in expected:
+            np.testing.assert_array_equal(seen[key], expected[key])
+
+
+@pytest.mark.parametrize("make", [WordCraftEnv, lambda world, **settings: WordCraftVectorEnv(2, world, **settings)])
+def test_settings_beside_a_world_are_refused(opened, make):
+    world = World(opened, WordCraftConfig())
+    with pytest.raises(ConfigError, match=r"world\.variant\(depth=2, part='test'\)"):
+        make(world, depth=2, part="test")
+
+
+def test_gymnasium_makes_environments_of_a_world(opened):
+    world = World(opened, WordCraftConfig(num_distractors=2))
+    env = gym.make("WordCraft-v0", graph=world)
+    assert env.unwrapped.world is world
+    assert gym.make(env.spec).unwrapped.world is world
+    assert copy.deepcopy(env.spec) == env.spec
+    envs = gym.make_vec("WordCraft-v0", num_envs=3, vectorization_mode="sync", graph=world)
+    assert [single.unwrapped.world for single in envs.envs] == [world] * 3
+
+
+def test_a_world_survives_pickling(opened):
+    world = World(opened, WordCraftConfig(part="all", depth=2))
+    again = pickle.loads(pickle.dumps(world))
+    assert content(again) == content(world)
+    assert again.variant(num_distractors=3).tasks is again.tasks

@@ -1,0 +1,233 @@
+"""What episodes begin with, drawn for many of them at once: tasks, distractors, and their places on the table.
+
+Random numbers are a function of (seed, environment, episode, draw), hashed, not a stream: so an environment sees the
+same episodes however many run beside it, in whatever process, on either kind of array, and episodes can be drawn ahead.
+"""
+
+import numpy as np
+
+from wordcraft_kg.envs.arrays import Array, Arrays
+from wordcraft_kg.envs.guards import Guards
+from wordcraft_kg.envs.world import World
+from wordcraft_kg.settings import whole
+
+CHUNK = 8_192
+"""Tables that are drawn in one piece on the CPU, so that their arrays stay in the processor's cache."""
+LAST_31_BITS = 0x7FFFFFFF
+# Keys that are multiples of these apart hash independently; both are odd, the first is 2**64 / golden ratio.
+_STRIDE = -7046029254386353131
+_EPISODE_STRIDE = -3335678366873096957
+# Which numbers of a key are for what: number 0 for the task, from 1 on for candidates, from here on for places.
+_PLACES = 1 << 20
+
+
+def mixed(x: Array) -> Array:
+    """Hash 64-bit integers: the finaliser of SplitMix64 (Steele et al. 2014); products wrap around."""
+    x = x ^ ((x >> 30) & 0x3FFFFFFFF)
+    x *= -4658895280553007687
+    x ^= (x >> 27) & 0x1FFFFFFFFF
+    x *= -7723592293110705685
+    x ^= (x >> 31) & 0x1FFFFFFFF
+    return x
+
+
+class Draws:
+    """Draws the episodes of a world. A *key* is the hash of (seed, environment, episode); R of them draw R tables.
+
+    Ids are kept in 32 bits here, which halves what has to be moved, and tables as columns.
+
+    Attributes:
+        width: most entities of a table, starting ingredients and distractors.
+    """
+
+    def __init__(self, world: World, arrays: Arrays):
+        """Prepare what drawing looks up."""
+        self.world, self.arrays, tasks = world, arrays, world.tasks
+        self.width = world.config.depth + 1 + world.config.num_distractors
+        self._starts, self._goals, self._made = (
+            arrays.array(ids.astype(np.int32)) for ids in (tasks.starts, tasks.goals, tasks.intermediates)
+        )
+        # A distractor of weight w is w of the lots.
+        self._lots = arrays.array(np.repeat(np.arange(world.nothing, dtype=np.int32), world.distractor_weights))
+        self._task_ends = arrays.array(np.cumsum(tasks.weights(world.config.task_weighting)))
+        self._guards = Guards(world, arrays)
+
+    def env_keys(self, seed: int, first: int, count: int) -> Array:
+        """Return what the keys of environments number ``first``, ``first + 1``, ... are made from, shape (count,).
+
+        Raises:
+            ConfigError: for a negative seed.
+        """
+        words = np.random.SeedSequence(whole("seed", seed, 0)).generate_state(1, np.uint64).view(np.int64)
+        return mixed(self.arrays.array(np.arange(first, first + count) * _STRIDE + words))
+
+    def keys(self, env_keys: Array, episodes: Array) -> Array:
+        """Return the keys of episodes."""
+        return mixed(env_keys + episodes * _EPISODE_STRIDE)
+
+    def _numbers(self, keys: Array, first: int, count: int) -> Array:
+        """Return 31-bit numbers, shape (count, R), from number ``first`` on; more of them begin with the same ones."""
+        half = -(-count // 2)
+        draws = self.arrays.array((np.arange(first, first + half) * _STRIDE)[:, None])
+        hashed = mixed(keys[None, :] + draws)
+        numbers = self.arrays.full((2 * half, len(keys)), 0)
+        numbers[::2] = (hashed >> 33) & LAST_31_BITS
+        numbers[1::2] = hashed & LAST_31_BITS
+        return numbers[:count]
+
+    def tasks(self, keys: Array) -> Array:
+        """Draw tasks by their weights, shape (R,)."""
+        number, amount = self._numbers(keys, 0, 1)[0], len(self.world.tasks)
+        if self.world.config.task_weighting == "task":
+            return (number * amount) >> 31
+        share = self.arrays.cast(number, "float64") / 2**31 * self._task_ends[-1]
+        return self.arrays.xp.searchsorted(self._task_ends, share, side="right").clip(max=amount - 1)
+
+    def tables(self, keys: Array, tasks: Array) -> Array:
+        """Draw the entities on the tables of tasks, shape (R, width): shuffled, the empty slots last."""
+        size = len(keys) if self.arrays.on_device else CHUNK
+        pieces = [self._tables(keys[i : i + size], tasks[i : i + size]) for i in range(0, len(keys), size)]
+        return self.arrays.xp.concatenate(pieces)
+
+    def _tables(self, keys: Array, tasks: Array) -> Array:
+        arrays, starts = self.arrays, self._starts[tasks].T
+        rows = starts
+        if self.world.config.num_distractors:
+            rows = arrays.xp.concatenate([starts, self._distractors(keys, tasks, starts)])
+        # Sort by random numbers with the row's index in the last bits; what is nothing gets larger ones.
+        last = (1 << (len(rows) - 1).bit_length()) - 1
+        index = arrays.array(np.arange(len(rows)))[:, None]
+        places = self._numbers(keys, _PLACES, len(rows)) >> 1
+        order = arrays.xp.where(rows == self.world.nothing, LAST_31_BITS, places)
+        order = arrays.cast((order & ~last) + index, "int32").T
+        return arrays.take_in_rows(rows.T, arrays.sorted_rows(order) & last)
+
+    # --- distractors -------------------------------------------------------------------------------------------------
+
+    def _distractors(self, keys: Array, tasks: Array, starts: Array) -> Array:
+        """Draw distractors by weight without replacement: candidates one after the other, skipping what may not be.
+
+        Returns:
+            shape (num_distractors, R); the id of nothing where no entity is left that may be on the table.
+        """
+        config = self.world.config
+        wanted = config.num_distractors
+        taken = self.arrays.xp.concatenate([self._goals[tasks][None, :], starts, self._made[tasks].T])
+        if self.arrays.on_device:
+            # One round of many candidates, because asking whether it was enough would wait for the device.
+            drawn = self._pick(keys, tasks, taken, 8 * wanted + 16)
+        else:
+            # Most tables take the first candidates as they come; the rest is looked at more closely.
+            drawn = self._candidates(keys, wanted)
+            again = self._clashes(drawn, tasks, taken).nonzero()[0]
+            amount = wanted + 4
+            while len(again):
+                picked = self._pick(keys[again], tasks[again], taken[:, again], amount)
+                drawn[:, again] = picked
+                amount *= 4
+                again = again[picked[-1] == self.world.nothing] if amount < 2**11 * wanted else again[:0]
+        if config.distractor_policy == "no_shortcut" and config.attempts > 1:
+            self._avoid_shortcuts(keys, tasks, taken, drawn)
+        return drawn
+
+    def _candidates(self, keys: Array, amount: int) -> Array:
+        """Return entities drawn by weight, with replacement: shape (amount, R)."""
+        return self._lots[(self._numbers(keys, 1, amount) * len(self._lots)) >> 31]
+
+    def _clashes(self, candidates: Array, tasks: Array, taken: Array) -> Array:
+        """Return which tables cannot take their candidates unseen, shape (R,)."""
+        clash = self._guards.at_risk(candidates, tasks)
+        for i in range(len(candidates)):
+            for entity in taken:
+                clash |= candidates[i] == entity
+            for j in range(i):
+                clash |= candidates[i] == candidates[j]
+        return clash
+
+    def _pick(self, keys: Array, tasks: Array, taken: Array, amount: int) -> Array:
+        """Take the first distractors among ``amount`` candidates that may be on the table, in their order."""
+        arrays, wanted = self.arrays, self.world.config.num_distractors
+        candidates = self._candidates(keys, amount)
+        allowed = arrays.full(tuple(candidates.shape), 1, "bool")
+        for entity in taken:
+            allowed &= candidates != entity[None, :]
+        # An entity that came before is skipped, whether it was allowed or not: it would not be allowed now either.
+        for i in range(1, amount):
+            allowed[i] &= ~(candidates[:i] == candidates[i][None, :]).any(0)
+        if self._guards:
+            # Few tables can complete a guarded recipe at all; only those are followed candidate by candidate.
+            rows = arrays.rows(self._guards.at_risk(candidates, tasks))
+            if len(rows):
+                allowed[:, rows] = self._guards.refuse(candidates[:, rows], allowed[:, rows], tasks[rows])
+        place = arrays.xp.cumsum(arrays.cast(allowed, "int64"), 0) - 1
+        place = arrays.xp.where(allowed & (place < wanted), place, wanted)
+        drawn = arrays.full((wanted + 1, len(keys)), self.world.nothing, "int32")
+        columns = arrays.array(np.arange(len(keys)))
+        for i in range(amount):
+            drawn[place[i], columns] = candidates[i]
+        return drawn[:wanted]
+
+    def _avoid_shortcuts(self, keys: Array, tasks: Array, taken: Array, drawn: Array) -> None:
+        """Draw again, one table after the other, where distractors open a shortcut of several attempts."""
+        world = self.world
+        for i in range(len(keys)):
+            key, turn = keys[i : i + 1], 0
+            while world.has_shortcut(int(tasks[i]), [int(x) for x in drawn[:, i] if int(x) < world.nothing]):
+                turn += 1
+                world.check_tries(turn, int(tasks[i]))
+                more = self._pick(mixed(key + turn), tasks[i : i + 1], taken[:, i : i + 1], 256)
+                drawn[:, i] = more[:, 0]
+
+
+class Ahead:
+    """The next episodes of N environments, several drawn at a time.
+
+    Attributes:
+        size: episodes of each environment.
+    """
+
+    def __init__(self, draws: Draws, env_keys: Array, size: int):
+        """Begin with none."""
+        arrays, count = draws.arrays, len(env_keys)
+        self.draws, self.env_keys, self.size = draws, env_keys, size
+        self._tables = arrays.full((count, size, draws.width), 0, "int32")
+        self._tasks = arrays.full((count, size), 0, "int32")
+        self._next = arrays.full((count,), size)  # which of them; size where none is left
+        self._all = arrays.array(np.arange(count))
+        self._offsets = arrays.array(np.arange(size))[None, :]
+        self._used = 0  # most episodes that an environment can have used up since all of them drew
+
+    def draw(self, rows: Array, episodes: Array) -> None:
+        """Draw for some environments the episodes from the given numbers on, shape (len(rows),)."""
+        draws, shape = self.draws, (len(rows), self.size)
+        keys = draws.keys(self.env_keys[rows][:, None], episodes[:, None] + self._offsets).reshape(-1)
+        tasks = draws.tasks(keys)
+        self._tables[rows] = draws.tables(keys, tasks).reshape(*shape, -1)
+        self._tasks[rows] = draws.arrays.cast(tasks, "int32").reshape(shape)
+        self._next[rows] = 0
+        self._used = 0
+
+    def peek(self) -> tuple[Array, Array]:
+        """Return the next table and task of every environment, which must be drawn: shapes (N, width) and (N,)."""
+        return self._read(self._all)
+
+    def take(self, rows: Array, episodes: Array) -> tuple[Array, Array]:
+        """Take the next table and task of some environments, drawn if need be from the given numbers on."""
+        spent = self._next[rows] == self.size
+        if not self.draws.arrays.on_device and spent.any():
+            self.draw(rows[spent], episodes[spent])
+        found = self._read(rows)
+        self._next[rows] += 1
+        self._used += 1
+        return found
+
+    def skip(self, over: Array, episodes: Array) -> None:
+        """Count the episode that :meth:`peek` showed as taken where ``over``; draw for all before one runs out."""
+        self._next = self._next + over
+        self._used += 1
+        if self._used == self.size:
+            self.draw(self._all, episodes)
+
+    def _read(self, rows: Array) -> tuple[Array, Array]:
+        which = self._next[rows]
+        return self._tables[rows, which], self.draws.arrays.cast(self._tasks[rows, which], "int64")

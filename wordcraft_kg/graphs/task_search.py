@@ -1,0 +1,191 @@
+"""Which tasks a graph has: all of depth 1 and 2, and a drawn set of deeper ones, by the part that their plans use."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from wordcraft_kg.errors import TaskError
+from wordcraft_kg.graphs.arrays import frozen, padded
+from wordcraft_kg.graphs.plan_search import PlanSearch, Rows
+from wordcraft_kg.graphs.recipe_graph import RecipeGraph
+from wordcraft_kg.graphs.splits import PARTS, Split
+from wordcraft_kg.graphs.tasks import TaskPart, TaskSet, TaskWeighting
+
+MAX_DEPTH = 5
+"""Plans of more attempts are not searched: each attempt more makes the search six times longer."""
+ENUMERATED_DEPTH = 2
+"""Up to this depth all tasks are known; deeper ones are drawn."""
+DRAWN_TASKS = 1_000
+"""How many tasks are drawn where they are not enumerated."""
+_TRIES = 2_000  # draws without a new task after which the rest is given up
+
+Posed = tuple[int, Rows]
+"""What a task poses: its goal and its starting ingredients, ascending."""
+Plans = tuple[Rows, ...]
+
+
+def make_tasks(
+    graph: RecipeGraph,
+    depth: int = 1,
+    split: Split | None = None,
+    part: TaskPart = "all",
+    *,
+    weighting: TaskWeighting = "task",
+    limit: int = DRAWN_TASKS,
+    seed: int = 0,
+    search: PlanSearch | None = None,
+) -> TaskSet:
+    """Return the tasks of a depth: all of them at depth 1 and 2, and a drawn set of them beyond.
+
+    A task belongs to *train* if all its plans use train recipes only, to *test* if each of them uses a test recipe, to
+    *valid* if each uses a validation recipe and none a test recipe. Any other belongs to no part and is counted.
+
+    A deeper task is drawn backwards: a recipe at random, for train tasks a train recipe, is the last step (with
+    ``weighting="goal"``, a goal and then one of its recipes); then, ``depth - 1`` times, a random leaf that has recipes
+    is replaced by the ingredients of a random one of them. What is not a task of this depth and part is drawn again,
+    what was drawn before is kept once. So a task t is the first one drawn with the probability
+
+    ``P(t) = sum over the ways to build t of q * prod_i 1 / (l_i * r_i)  /  the same sum over all tasks``
+
+    where q is the probability of the last step (1 / number of allowed recipes; or 1 / number of goals / number of the
+    goal's recipes), l_i the number of leaves that have recipes at the i-th replacement, and r_i the number of recipes
+    of the leaf replaced.
+
+    Args:
+        graph: the graph; plans may use all its recipes.
+        depth: attempts that a task takes, from 1.
+        split: whose parts count; needed for any part but ``all``.
+        part: ``all``, ``train``, ``valid`` or ``test``.
+        weighting: of the last step's recipe where tasks are drawn.
+        limit: most tasks to draw.
+        seed: of the draw.
+        search: the graph's plan search, if there is one already.
+
+    Raises:
+        TaskError: if there is no such depth or part, or no such task.
+    """
+    if not 1 <= depth <= MAX_DEPTH:
+        raise TaskError(f"depth {depth}: expected 1 to {MAX_DEPTH} attempts.")
+    if part != "all" and part not in PARTS:
+        raise TaskError(f"no part '{part}'; there are all, {', '.join(PARTS)}.")
+    if split is None and part != "all":
+        raise TaskError(f"the part '{part}' needs a split; give one, or take all tasks.")
+    if split is not None and split.graph != graph:
+        raise TaskError("the split belongs to another graph.")
+    sieve = _Sieve(search or PlanSearch(graph), depth, split, part)
+    if depth <= ENUMERATED_DEPTH:
+        tasks = {posed: plans for posed in sorted(set(_enumerated(sieve.search, depth))) if (plans := sieve(posed))}
+    else:
+        tasks = _drawn(sieve, _Draw(sieve, weighting, seed), limit)
+    if not tasks:
+        where = "" if part == "all" else f" in the {part} part ({len(sieve.mixed)} belong to no part)"
+        raise TaskError(f"{graph.name} has no task of depth {depth}{where}.")
+    return TaskSet(
+        graph,
+        depth,
+        part,
+        goals=frozen(np.array([goal for goal, _ in tasks], dtype=np.int64)),
+        starts=frozen(padded([start for _, start in tasks], graph.num_entities, depth + 1)),
+        plans=tuple(tasks.values()),
+        is_complete=depth <= ENUMERATED_DEPTH,
+        mixed=len(sieve.mixed),
+    )
+
+
+class _Sieve:
+    """Lets through what is a task of one depth and part.
+
+    Attributes:
+        mixed: tasks of the depth that came up and belong to no part.
+    """
+
+    def __init__(self, search: PlanSearch, depth: int, split: Split | None, part: TaskPart):
+        self.search, self.depth, self.part = search, depth, part
+        self.parts: list[int] | None = None if split is None or part == "all" else split.parts.tolist()
+        self.mixed: set[Posed] = set()
+
+    def __call__(self, posed: Posed) -> Plans:
+        """Return the plans of a task; none for anything else."""
+        goal, start = posed
+        have = frozenset(start)
+        ways = self.search.shortest_ways(goal, have, self.depth)
+        if any(len(way) < self.depth for way in ways):
+            return ()
+        plans = tuple(self.search.ordered(ways, goal, have))
+        if self.parts is None:
+            return plans
+        of_plans = {max(self.parts[row] for row in plan) for plan in plans}
+        if len(of_plans) > 1:
+            self.mixed.add(posed)
+        return plans if of_plans == {PARTS.index(self.part)} else ()
+
+    def may_end(self, row: int) -> bool:
+        """Whether a recipe may be the last step of a plan."""
+        # Each test plan uses a test recipe somewhere, not necessarily at its end.
+        return self.parts is None or self.part != "train" or self.parts[row] == PARTS.index("train")
+
+
+def _enumerated(search: PlanSearch, depth: int) -> Iterator[Posed]:
+    """Yield the goals and leaves of all plans of ``depth`` attempts, 1 or 2, some of which need fewer."""
+    for goal, recipes in enumerate(search.recipes_of):
+        for _, x, y in recipes:
+            if depth == 1:
+                yield goal, tuple(sorted({x, y}))
+                continue
+            for made, other in {(x, y), (y, x)}:
+                for pair, a, b in search.recipes_of[made]:
+                    leaves = {a, b} | ({other} - {made})
+                    if goal not in leaves and made not in leaves:
+                        yield goal, tuple(sorted(leaves))
+                        if other in search.results(pair) and goal not in (a, b):
+                            yield goal, tuple(sorted({a, b}))
+
+
+class _Draw:
+    """Draws the goals and leaves of plans, backwards from the last step; see :func:`make_tasks`."""
+
+    def __init__(self, sieve: _Sieve, weighting: TaskWeighting, seed: int):
+        self.recipes_of, self.depth, self.weighting = sieve.search.recipes_of, sieve.depth, weighting
+        self.rng = np.random.default_rng(seed)
+        last: dict[int, list[tuple[int, int]]] = {}
+        for row, (a, b, result) in enumerate(sieve.search.rows):
+            if sieve.may_end(row) and result not in (a, b):
+                last.setdefault(result, []).append((a, b))
+        self.by_goal = list(last.items())
+        self.last_steps = [(goal, pair) for goal, pairs in self.by_goal for pair in pairs]
+
+    def __call__(self) -> Posed | None:
+        """Draw once; None where the draw leads nowhere."""
+        goal, (a, b) = self._last_step()
+        made, leaves = {goal}, {a, b}
+        for _ in range(self.depth - 1):
+            open_leaves = sorted(leaf for leaf in leaves if self.recipes_of[leaf])
+            if not open_leaves:
+                return None
+            leaf = open_leaves[self.rng.integers(len(open_leaves))]
+            _, a, b = self.recipes_of[leaf][self.rng.integers(len(self.recipes_of[leaf]))]
+            made.add(leaf)
+            leaves = (leaves | {a, b}) - made
+            if made & {a, b}:
+                return None  # a circle, or something that is made already
+        return goal, tuple(sorted(leaves))
+
+    def _last_step(self) -> tuple[int, tuple[int, int]]:
+        """Draw a goal and the ingredients that make it."""
+        if self.weighting == "task":
+            return self.last_steps[self.rng.integers(len(self.last_steps))]
+        goal, pairs = self.by_goal[self.rng.integers(len(self.by_goal))]
+        return goal, pairs[self.rng.integers(len(pairs))]
+
+
+def _drawn(sieve: _Sieve, draw: _Draw, limit: int) -> dict[Posed, Plans]:
+    """Return different tasks in the order in which they were drawn."""
+    tasks: dict[Posed, Plans] = {}
+    tries = 0
+    while draw.last_steps and len(tasks) < limit and tries < _TRIES:
+        tries += 1
+        posed = draw()
+        if posed is not None and posed not in tasks and (plans := sieve(posed)):
+            tasks[posed] = plans
+            tries = 0
+    return tasks

@@ -119,13 +119,14 @@ def _read_toml(path: str, tokens: Sequence[str]) -> dict[str, Any]:
     command = next((token for token in tokens if token in known), None)
     if command and command not in content:
         raise ConfigError(f"--config {path}: no table [{command}]; there is {', '.join(content) or 'nothing'} in it.")
-    # A run's or model's own config.toml names its files as they lie beside it.
-    for options in content.values():
-        for key in ("graph", "scorer", "features"):
-            beside = os.path.normpath(Path(path).parent / str(options.get(key, "")))
-            if key in options and not Path(str(options[key])).exists() and Path(beside).exists():
-                options[key] = beside
-    return content
+    # A run's own config.toml names its files as they lie beside it.
+    from wordcraft_kg.runs.config_file import moved
+
+    def beside(value: str) -> str:
+        there = os.path.normpath(Path(path).parent / value)
+        return there if os.path.exists(there) and not os.path.exists(value) else value
+
+    return {name: moved(options, beside) for name, options in content.items()}
 
 
 def _fail(message: str, code: int) -> int:

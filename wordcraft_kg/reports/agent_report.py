@@ -61,7 +61,7 @@ def group_agents(agents: Sequence[OpenedAgent]) -> dict[str, list[OpenedAgent]]:
     """
     by_settings: dict[Any, list[OpenedAgent]] = {}
     for agent in agents:
-        inputs = tuple(agent.run["inputs"].get(name) for name in ("graph", "split", "scorer"))
+        inputs = tuple(agent.run.inputs.get(name) for name in ("graph", "split", "scorer"))
         config = agent.config
         key = (inputs, config.tasks, config.policy, replace(config.trainer, seed=0, device="cpu", threads=1))
         by_settings.setdefault(key, []).append(agent)
@@ -208,11 +208,11 @@ def _entry(
         "seeds": [agent.config.trainer.seed for agent in members],
         "checkpoints": [agent.checkpoint for agent in members],
         "settings": {key: str(value) for key, value in settings.items()},
-        "kg": run.get("kg"),
+        "kg": run.kg,
         "trained_with": config.tasks.distractors,
-        "steps": [int(agent.metrics[-1]["step"]) if agent.metrics else 0 for agent in members],
-        "seconds": [agent.metrics[-1]["seconds"] if agent.metrics else None for agent in members],
-        "steps_per_second": [agent.evaluation.get("steps_per_second") for agent in members],
+        "steps": [agent.metrics[-1].step if agent.metrics else 0 for agent in members],
+        "seconds": [agent.metrics[-1].seconds if agent.metrics else None for agent in members],
+        "steps_per_second": [agent.evaluation and agent.evaluation.steps_per_second for agent in members],
         "success": {},
         "outcomes": {},
         "slices": {},
@@ -275,7 +275,7 @@ def _curves(members: list[OpenedAgent]) -> dict[str, list[list[float | None]]]:
     found = {}
     for part in ("test", "train"):
         key = f"{part}_success"
-        rows = [{row["step"]: row[key] for row in agent.metrics if key in row} for agent in members]
+        rows = [{row.step: row.figures[key] for row in agent.metrics if key in row.figures} for agent in members]
         shared = sorted(set.intersection(*(set(row) for row in rows))) if rows else []
         points: list[list[float | None]] = []
         for step in shared:
@@ -293,7 +293,7 @@ def _lambda_curves(members: list[OpenedAgent]) -> list[dict[str, Any]]:
     for source in SYMBOLS:
         for pick in ("first", "second"):
             key = f"lambda_{source}_{pick}"
-            rows = [{row["step"]: row[key] for row in agent.metrics if row.get(key) is not None} for agent in members]
+            rows = [{row.step: row.figures[key] for row in agent.metrics if key in row.figures} for agent in members]
             shared = sorted(set.intersection(*(set(row) for row in rows)))
             shared = shared[:: max(1, len(shared) // 100)]
             if shared:

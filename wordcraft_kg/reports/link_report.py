@@ -1,6 +1,7 @@
 """The link-prediction report: every number of it as plain values, its pictures, and its page."""
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
@@ -23,6 +24,7 @@ from wordcraft_kg.graphs.folder import KG, OpenedGraph
 from wordcraft_kg.graphs.planner import layers
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.triples import COMBINES_WITH, RELATIONS, is_in
+from wordcraft_kg.models.links.records import TraceRow
 from wordcraft_kg.models.scorers.facts import FrequencyScorer
 from wordcraft_kg.models.scorers.features import glove_features
 from wordcraft_kg.models.scorers.near_synonyms import NEAR_SYNONYM, near_synonym_recipes, near_synonym_triples
@@ -38,6 +40,7 @@ from wordcraft_kg.models.scorers.ranking import (
     slice_masks,
     with_interval,
 )
+from wordcraft_kg.records import as_values
 from wordcraft_kg.reports import charts
 from wordcraft_kg.reports.pages import render_page
 
@@ -65,7 +68,7 @@ def make_link_report(
     kg: KG = "partial",
     name: str = "scorer",
     provenance: dict[str, Any] | None = None,
-    trace: list[dict[str, float]] | None = None,
+    trace: Sequence[TraceRow] = (),
     seed: int = 0,
 ) -> LinkReport:
     """Evaluate a scorer on the links of a graph.
@@ -79,7 +82,7 @@ def make_link_report(
         kg: what the scorer was trained on, ``partial`` or ``full``.
         name: how the report calls the scorer.
         provenance: facts for the last section.
-        trace: a row an epoch with ``epoch``, ``loss`` and perhaps ``valid_mrr``.
+        trace: a row an epoch.
         seed: of the bootstrap and the map.
 
     Raises:
@@ -150,7 +153,7 @@ def make_link_report(
         "self_edges": None,
         "neighbours": [],
         "kg_play": [],
-        "trace": trace or [],
+        "trace": [as_values(row) for row in trace],
         "provenance": provenance or {},
     }
     pictures: dict[str, Markup] = {
@@ -167,10 +170,10 @@ def make_link_report(
     }
     if trace:
         pictures["loss"] = charts.lines(
-            {"loss": [(row["epoch"], row["loss"]) for row in trace]}, "epoch", "loss", "Training loss by epoch"
+            {"loss": [(row.epoch, row.loss) for row in trace]}, "epoch", "loss", "Training loss by epoch"
         )
-        if any("valid_mrr" in row for row in trace):
-            points = [(row["epoch"], row["valid_mrr"]) for row in trace if "valid_mrr" in row]
+        points = [(row.epoch, row.valid_mrr) for row in trace if row.valid_mrr is not None]
+        if points:
             pictures["valid"] = charts.lines({"MRR": points}, "epoch", "validation MRR", "Validation MRR by epoch")
     if graph.num_entities <= MAP_LIMIT:
         table = torch.stack([scorer.table(relation) for relation in range(len(RELATIONS))]).cpu().numpy()

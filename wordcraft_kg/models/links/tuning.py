@@ -16,7 +16,7 @@ from wordcraft_kg.models.links.builders import model_class
 from wordcraft_kg.models.links.complex import ComplExN3
 from wordcraft_kg.models.links.config import CONFIGS, ComplExConfig, LinkModelConfig
 from wordcraft_kg.models.links.pykeen_bridge import pykeen_guard, quiet_pykeen, seeded_pipelines, triples_factory
-from wordcraft_kg.runs.record import toml_value
+from wordcraft_kg.runs.config_file import toml_value
 from wordcraft_kg.tensors import check_device
 
 _EPOCHS = {"type": "int", "low": 20, "high": 100, "q": 20}

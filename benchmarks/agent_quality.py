@@ -90,8 +90,8 @@ def check(run: Path, given: dict[str, object]) -> None:
     wrong = [
         name for name, value in given.items() if name != "scorer" and str(found[name.replace("-", "_")]) != str(value)
     ]
-    if agent.run["status"] != "done" or wrong:
-        sys.exit(f"{run} is {agent.run['status']} and differs in {wrong}: remove it, or take another --out")
+    if agent.run.status != "done" or wrong:
+        sys.exit(f"{run} is {agent.run.status} and differs in {wrong}: remove it, or take another --out")
 
 
 def main() -> None:
@@ -151,7 +151,9 @@ def main() -> None:
                 if key not in evaluators:
                     evaluators[key] = Evaluator(World(agent.opened, key.environment(part)))
                 means.append(evaluators[key](PolicyPlayer(agent.policy)).success.mean())
-                curve = [(row["step"], row["test_success"]) for row in agent.metrics if "test_success" in row]
+                curve = [
+                    (row.step, row.figures["test_success"]) for row in agent.metrics if "test_success" in row.figures
+                ]
                 early.append([min(curve, key=lambda point: abs(point[0] - mark))[1] for mark in MARKS])
             interval = stratified_bootstrap(means, np.mean)
             shown = f"[{interval[0]:.3f}, {interval[1]:.3f}]" if interval else ""

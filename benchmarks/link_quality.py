@@ -20,9 +20,10 @@ from pathlib import Path
 
 import numpy as np
 
-from wordcraft_kg.graphs import OpenedGraph, RecipeGraph, SplitConfig, make_split, open_book
-from wordcraft_kg.models.links.config import ComplExConfig
-from wordcraft_kg.models.links.training import train_links
+from wordcraft_kg.graphs import RecipeBook, RecipeGraph, Split, SplitConfig, make_split, open_book
+from wordcraft_kg.graphs.folder import write_graph_folder
+from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
+from wordcraft_kg.models.links.training import TrainedLinks, train_links
 from wordcraft_kg.models.scorers.facts import FrequencyScorer, SymbolicScorer
 from wordcraft_kg.models.scorers.features import glove_features
 from wordcraft_kg.models.scorers.folder import load_scorer
@@ -43,7 +44,7 @@ def sweep(graph: RecipeGraph, folder: Path, epochs: int) -> None:
             curves = []
             for seed in (10, 11, 12):
                 split = make_split(graph, SplitConfig(seed=seed, valid_ratio=0.1))
-                trained = train_links(OpenedGraph(graph, split, graph.name), config, folder / "model", force=True)
+                trained = train(split, config, folder)
                 trace = [json.loads(line) for line in (trained.folder / "trace.jsonl").read_text().splitlines()]
                 curves.append([row["valid_mrr"] for row in trace if "valid_mrr" in row])
             means = " ".join(f"{value:.3f}" for value in np.mean(curves, axis=0))
@@ -67,7 +68,7 @@ def test(graph: RecipeGraph, folder: Path) -> None:
     rows = []
     for seed in (0, 1, 2):
         split = make_split(graph, SplitConfig(seed=seed))
-        trained = train_links(OpenedGraph(graph, split, graph.name), ComplExConfig(), folder / "model", force=True)
+        trained = train(split, ComplExConfig(), folder)
         queries = split.held_out("test")
         ranks = rank_triples(load_scorer(trained.folder), queries, graph.triples)
         repeated = near_synonym_triples(graph, near_synonym_recipes(split, features), queries)
@@ -85,11 +86,19 @@ def test(graph: RecipeGraph, folder: Path) -> None:
                 found.hits_at_10,
             ]
         )
-        print(f"split {seed}        " + _row(rows[-1]) + f"   {trained.metrics['seconds']:.1f} s")
+        print(f"split {seed}        " + _row(rows[-1]) + f"   {trained.metrics.seconds:.1f} s")
     print("mean           " + _row(np.mean(rows, axis=0)))
     split = make_split(graph, SplitConfig())
-    full = train_links(OpenedGraph(graph, split, graph.name), ComplExConfig(kg="full"), folder / "model", force=True)
-    print(f"full graph, on its own triples: MRR {full.metrics['train_mrr']:.4f}  {full.metrics['seconds']:.1f} s")
+    full = train(split, ComplExConfig(kg="full"), folder)
+    print(f"full graph, on its own triples: MRR {full.metrics.train_mrr:.4f}  {full.metrics.seconds:.1f} s")
+
+
+def train(split: Split, settings: ComplExConfig, folder: Path) -> TrainedLinks:
+    graph = split.graph
+    write_graph_folder(
+        folder / "graph", RecipeBook(graph.name, tuple(graph.recipe_labels()), graph.base), split, force=True
+    )
+    return train_links(LinksConfig(str(folder / "graph"), settings), folder / "model", force=True)
 
 
 def _row(values: Iterable[float]) -> str:

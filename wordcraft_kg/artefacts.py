@@ -14,6 +14,8 @@ from wordcraft_kg.errors import ArtefactError, OutputExistsError
 
 OWN_FILES = ("graph.json", "run.json", "report.json", "dataset.yaml")
 """A folder that holds one of these was written by this package, so that --force may replace it."""
+SMALL_FILE = 2**28
+"""Bytes; more than any record, log of figures or list of settings that this package writes."""
 
 
 def with_a_name(path: Path) -> Path:
@@ -32,16 +34,28 @@ def dump_json(value: Any) -> str:
     return json.dumps(value, ensure_ascii=False, indent=2, allow_nan=False) + "\n"
 
 
+def read_small_file(path: Path) -> bytes:
+    """Read a file of records, figures or settings that this package wrote.
+
+    Raises:
+        ArtefactError: if it is missing, not a regular file (a device never ends), or larger than :data:`SMALL_FILE`.
+    """
+    if not os.path.lexists(path):
+        raise ArtefactError(f"{path} is missing; the folder is incomplete or not of the expected kind.")
+    if not path.is_file() or path.stat().st_size > SMALL_FILE:
+        raise ArtefactError(f"{path} is damaged: not a file, or larger than {SMALL_FILE:,} bytes. Restore a copy.")
+    return path.read_bytes()
+
+
 def read_json(path: Path) -> Any:
     """Read a JSON file written by this package.
 
     Raises:
         ArtefactError: if the file is missing, not UTF-8 or not JSON.
     """
+    data = read_small_file(path)
     try:
-        return json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise ArtefactError(f"{path} is missing; the folder is incomplete or not of the expected kind.") from None
+        return json.loads(data.decode())
     except (ValueError, RecursionError) as error:  # not UTF-8, not JSON, a number of 5,000 digits, nested too deeply
         raise ArtefactError(f"{path} is damaged: {error}. Make it again, or restore a copy.") from None
 

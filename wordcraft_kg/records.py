@@ -8,11 +8,13 @@ settings as well.
 """
 
 import json
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, dataclass_transform
 
 import msgspec
 
+from wordcraft_kg.artefacts import read_small_file
 from wordcraft_kg.errors import ArtefactError
 
 T = TypeVar("T")
@@ -47,11 +49,34 @@ def read_record(path: Path, kind: type[T]) -> T:
     Raises:
         ArtefactError: if the file is missing, or damaged, see :func:`parse_record`.
     """
+    return parse_record(read_small_file(path), kind, path)
+
+
+def parse_lines(data: bytes, kind: type[T], path: Path | str) -> list[T]:
+    """Read a record from each line of JSON lines.
+
+    Raises:
+        ArtefactError: naming ``path``, line and field.
+    """
+    lines = data.removesuffix(b"\n").split(b"\n") if data else []
+    return [parse_record(line, kind, f"{path}, line {number},") for number, line in enumerate(lines, 1)]
+
+
+def as_record(values: Any, kind: type[T], path: Path | str) -> T:
+    """Turn plain values, such as those of a TOML table, into a record or a dataclass of settings.
+
+    Raises:
+        ArtefactError: naming ``path`` and the field, if they are not such a record.
+    """
     try:
-        data = path.read_bytes()
-    except FileNotFoundError:
-        raise ArtefactError(f"{path} is missing; the folder is incomplete or not of the expected kind.") from None
-    return parse_record(data, kind, path)
+        return msgspec.convert(values, kind)
+    except msgspec.ValidationError as error:
+        raise ArtefactError(f"{path} is damaged: {error}. Make it again, or restore a copy.") from None
+
+
+def as_lines(records: Iterable[Any]) -> list[str]:
+    """Return records as JSON lines."""
+    return [json.dumps(as_values(record), ensure_ascii=False, allow_nan=False) + "\n" for record in records]
 
 
 def as_values(record: Any) -> Any:

@@ -1,27 +1,70 @@
-"""Checking settings."""
+"""Checking settings: one idiom for all, with errors that name the setting.
+
+An error names a setting in backticks, as Python spells it: `learning_rate` -1: expected a number above 0. The command
+line shows it as the option that it is, ``--learning-rate``.
+"""
 
 import difflib
+import math
 import operator
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 from wordcraft_kg.errors import ConfigError
+
+
+def refuse(name: str, value: Any, expected: str, hint: str = "") -> ConfigError:
+    """Return the error for a setting's value: what was found, and what was expected."""
+    return ConfigError(f"`{name}` {value!r}: expected {expected}.{hint}")
+
+
+def require(config: Any, name: str, holds: bool, expected: str) -> None:
+    """Check one setting of a configuration.
+
+    Raises:
+        ConfigError: naming the setting, its value and what was expected.
+    """
+    if not holds:
+        raise refuse(name, getattr(config, name), expected)
 
 
 def whole(name: str, value: Any, low: int, high: int | None = None) -> int:
     """Return a whole number of any integer type.
 
     Raises:
-        ConfigError: if it is none, or outside its range.
+        ConfigError: if it is not one, or outside its range.
     """
-    allowed = f"{low} or more" if high is None else f"{low} to {high}"
     try:
         number = operator.index(value)
     except TypeError:
         number = low - 1
     if isinstance(value, bool) or number < low or (high is not None and number > high):
-        raise ConfigError(f"{name} {value!r}: expected a whole number, {allowed}.")
+        raise refuse(
+            name, value, f"a whole number, {low} or more" if high is None else f"a whole number, {low} to {high}"
+        )
     return number
+
+
+def positive(name: str, value: Any) -> float:
+    """Return a finite number above 0.
+
+    Raises:
+        ConfigError: if it is not one.
+    """
+    if isinstance(value, bool) or not isinstance(value, int | float) or not (math.isfinite(value) and value > 0):
+        raise refuse(name, value, "a number above 0")
+    return float(value)
+
+
+def one_of(name: str, value: Any, allowed: Sequence[str]) -> None:
+    """Check a choice.
+
+    Raises:
+        ConfigError: naming the choices, with the nearest ones.
+    """
+    if value not in allowed:
+        hint = nearest(value, allowed) if isinstance(value, str) else ""
+        raise refuse(name, value, f"one of {', '.join(allowed)}", hint)
 
 
 def nearest(label: str, known: Iterable[str], limit: int = 3) -> str:

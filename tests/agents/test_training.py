@@ -17,7 +17,7 @@ import pytest
 import torch
 
 from wordcraft_kg.agents import training
-from wordcraft_kg.agents.agent_folder import Checkpoints, open_agent
+from wordcraft_kg.agents.agent_folder import AGENTS, open_agent
 from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
 from wordcraft_kg.agents.impala import Impala
 from wordcraft_kg.agents.training import resume_agent, train_agent
@@ -30,10 +30,11 @@ from wordcraft_kg.errors import (
     OutputExistsError,
     TrainingError,
 )
-from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
-from wordcraft_kg.graphs.splits import SplitConfig
+from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_book
+from wordcraft_kg.graphs.folder import OpenedGraph, open_graph, write_graph_folder
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.folder import load_policy
+from wordcraft_kg.runs.checkpoints import Checkpoints
 
 SMALL = ImpalaConfig(steps=1_600, batch_size=8, unroll=2, log_every=160, eval_every=800, checkpoint_every=320)
 
@@ -69,7 +70,7 @@ def metrics_of(folder: Path) -> list[dict[str, Any]]:
 
 
 def test_a_run_folder_holds_what_its_description_says(opened: OpenedGraph, tmp_path: Path) -> None:
-    trained = train_agent(opened, config_of(), tmp_path / "run")
+    trained = train_agent(config_of(), tmp_path / "run")
     names = {path.name for path in trained.folder.iterdir()}
     assert names == {
         "README.md",
@@ -88,7 +89,7 @@ def test_a_run_folder_holds_what_its_description_says(opened: OpenedGraph, tmp_p
     assert run["inputs"]["graph"] == opened.graph.hash
     assert run["inputs"]["split"] == opened.split.hash
     assert all(sha256_of(trained.folder / name) == value for name, value in run["outputs"].items())
-    assert trained.summary["steps"] == trained.step == 1_600
+    assert trained.summary.steps == trained.step == 1_600
     rows = metrics_of(trained.folder)
     assert [row["step"] for row in rows] == [0, *range(160, 1_601, 160)]
     assert [row["step"] for row in rows if "test_success" in row] == [0, 800, 1_600]
@@ -97,22 +98,22 @@ def test_a_run_folder_holds_what_its_description_says(opened: OpenedGraph, tmp_p
 
 
 def test_the_last_point_of_the_curve_is_the_final_figure(opened: OpenedGraph, tmp_path: Path) -> None:
-    trained = train_agent(opened, config_of(), tmp_path / "run")
-    assert metrics_of(trained.folder)[-1]["test_success"] == trained.summary["success"]["test"]["mean"]
+    trained = train_agent(config_of(), tmp_path / "run")
+    assert metrics_of(trained.folder)[-1]["test_success"] == trained.summary.success["test"].mean
 
 
 def test_episodes_say_how_every_draw_of_every_task_ended(opened: OpenedGraph, tmp_path: Path) -> None:
-    trained = train_agent(opened, config_of(), tmp_path / "run")
+    trained = train_agent(config_of(), tmp_path / "run")
     rows = [json.loads(line) for line in (trained.folder / "episodes.jsonl").read_text().splitlines()]
     for part in ("train", "test"):
         found = [row for row in rows if row["part"] == part]
-        assert len(found) == trained.summary["success"][part]["tasks"]
+        assert len(found) == trained.summary.success[part].tasks
         won = np.mean([[ending == "goal" for ending in row["endings"]] for row in found])
-        assert won == pytest.approx(trained.summary["success"][part]["mean"])
+        assert won == pytest.approx(trained.summary.success[part].mean)
 
 
 def test_the_differing_settings_are_those_that_were_changed(opened: OpenedGraph, tmp_path: Path) -> None:
-    trained = train_agent(opened, config_of(policy=PolicyConfig(key_size=20)), tmp_path / "run")
+    trained = train_agent(config_of(policy=PolicyConfig(key_size=20)), tmp_path / "run")
     text = (trained.folder / "config.diff.toml").read_text()
     keys = {line.split(" = ")[0] for line in text.splitlines()[1:]}
     changed = {"graph", "distractors", "key_size", "steps", "batch_size", "log_every", "eval_every", "checkpoint_every"}
@@ -121,7 +122,7 @@ def test_the_differing_settings_are_those_that_were_changed(opened: OpenedGraph,
 
 
 def test_a_policy_is_loaded_from_its_folder_alone(opened: OpenedGraph, tmp_path: Path) -> None:
-    trained = train_agent(opened, config_of(), tmp_path / "run")
+    trained = train_agent(config_of(), tmp_path / "run")
     (trained.folder / "run.json").rename(tmp_path / "run.json")
     (tmp_path / "run.json").rename(trained.folder / "run.json")
     policy = load_policy(trained.folder)
@@ -138,10 +139,10 @@ def test_a_run_stopped_by_ctrl_c_and_resumed_ends_with_the_same_bits(
 ) -> None:
     trainer = replace(SMALL, policy_lag=lag, unroll=3, steps=2_400)
     config = config_of(trainer, tasks=TaskConfig(depth=2, distractors=2))
-    whole = train_agent(opened, config, tmp_path / "whole")
+    whole = train_agent(config, tmp_path / "whole")
     with monkeypatch.context() as patch:
         interrupt_at(patch, update)
-        part = train_agent(opened, config, tmp_path / "part")
+        part = train_agent(config, tmp_path / "part")
     assert part.interrupted
     assert part.step == update * 24
     assert json.loads((part.folder / "run.json").read_text())["status"] == "interrupted"
@@ -156,7 +157,7 @@ def test_an_interrupted_run_can_be_judged_at_its_checkpoint(
     opened: OpenedGraph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     interrupt_at(monkeypatch, 30)
-    part = train_agent(opened, config_of(), tmp_path / "run")
+    part = train_agent(config_of(), tmp_path / "run")
     agent = open_agent(part.folder)
     assert agent.checkpoint == "step 480"
     with pytest.raises(ArtefactError, match=r"interrupted, not done.*resume"):
@@ -166,12 +167,12 @@ def test_an_interrupted_run_can_be_judged_at_its_checkpoint(
 def test_metrics_after_the_checkpoint_are_cut_off_when_a_run_goes_on(
     opened: OpenedGraph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    whole = train_agent(opened, config_of(), tmp_path / "whole")
+    whole = train_agent(config_of(), tmp_path / "whole")
     with monkeypatch.context() as patch:
         # As if the power had gone: the checkpoint of update 40 is there, the metrics of update 50 too.
         interrupt_at(patch, 55, RuntimeError)
         with pytest.raises(RuntimeError):
-            train_agent(opened, config_of(), tmp_path / "part")
+            train_agent(config_of(), tmp_path / "part")
     with (tmp_path / "part" / "metrics.jsonl").open("ab") as file:
         file.write(b'{"step": 88')
     resume_agent(tmp_path / "part")
@@ -183,11 +184,11 @@ def test_metrics_after_the_checkpoint_are_cut_off_when_a_run_goes_on(
 def test_a_damaged_checkpoint_falls_back_to_the_one_before_and_says_so(
     opened: OpenedGraph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, what: str
 ) -> None:
-    whole = train_agent(opened, config_of(), tmp_path / "whole")
+    whole = train_agent(config_of(), tmp_path / "whole")
     with monkeypatch.context() as patch:
         interrupt_at(patch, 50)
-        part = train_agent(opened, config_of(), tmp_path / "part")
-    last, before = Checkpoints(part.folder).records()
+        part = train_agent(config_of(), tmp_path / "part")
+    last, before = AGENTS.checkpoints(part.folder).records().values()
     assert (last.stem, before.stem) == ("step-800", "step-640")
     tensors = last.with_suffix(".safetensors")
     if what == "tensors":
@@ -208,7 +209,7 @@ def test_a_run_without_a_whole_checkpoint_is_an_error(
     opened: OpenedGraph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     interrupt_at(monkeypatch, 50)
-    part = train_agent(opened, config_of(), tmp_path / "part")
+    part = train_agent(config_of(), tmp_path / "part")
     for path in (part.folder / "checkpoints").glob("*.safetensors"):
         path.write_bytes(b"nothing")
     with pytest.raises(ArtefactError, match=r"no checkpoint .* is whole"):
@@ -228,7 +229,7 @@ def test_a_loss_that_is_not_finite_stops_the_run_and_keeps_the_last_good_checkpo
 
     monkeypatch.setattr(Impala, "_collect", poisoned)
     with pytest.raises(TrainingError, match=r"update 46 \(environment steps 720 to 736\).*step 640 is safe"):
-        train_agent(opened, config_of(), tmp_path / "run")
+        train_agent(config_of(), tmp_path / "run")
     assert json.loads((tmp_path / "run/run.json").read_text())["status"] == "failed"
     agent = open_agent(tmp_path / "run")
     assert agent.checkpoint == "step 640"
@@ -238,18 +239,18 @@ def test_a_loss_that_is_not_finite_stops_the_run_and_keeps_the_last_good_checkpo
 def test_a_full_disk_loses_nothing_that_was_safe(
     opened: OpenedGraph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    whole = train_agent(opened, config_of(), tmp_path / "whole")
+    whole = train_agent(config_of(), tmp_path / "whole")
     save = Checkpoints.save
 
-    def full(self: Checkpoints, step: int, *arguments: Any, **facts: Any) -> None:
+    def full(self: Checkpoints[Any], step: int, *arguments: Any) -> None:
         if step == 960:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        save(self, step, *arguments, **facts)
+        save(self, step, *arguments)
 
     with monkeypatch.context() as patch:
         patch.setattr(Checkpoints, "save", full)
         with pytest.raises(ArtefactError, match=r"No space left.*step 640 is safe.*resume"):
-            train_agent(opened, config_of(), tmp_path / "run")
+            train_agent(config_of(), tmp_path / "run")
     resume_agent(tmp_path / "run")
     assert sha256_of(tmp_path / "run/policy.safetensors") == sha256_of(whole.folder / "policy.safetensors")
 
@@ -262,19 +263,19 @@ def test_a_disk_that_is_full_from_the_start_leaves_no_folder(
 
     monkeypatch.setattr(training, "write_constants", full)
     with pytest.raises(OSError, match="No space left"):
-        train_agent(opened, config_of(), tmp_path / "run")
+        train_agent(config_of(), tmp_path / "run")
     assert not (tmp_path / "run").exists()
 
 
 def test_a_finished_run_is_neither_resumed_nor_replaced_unasked(opened: OpenedGraph, tmp_path: Path) -> None:
-    train_agent(opened, config_of(), tmp_path / "run")
+    train_agent(config_of(), tmp_path / "run")
     before = sha256_of(tmp_path / "run/policy.safetensors")
     with pytest.raises(ArtefactError, match=r"is finished; there is nothing to resume"):
         resume_agent(tmp_path / "run")
     with pytest.raises(OutputExistsError, match="--force"):
-        train_agent(opened, config_of(), tmp_path / "run")
+        train_agent(config_of(), tmp_path / "run")
     assert sha256_of(tmp_path / "run/policy.safetensors") == before
-    train_agent(opened, config_of(replace(SMALL, seed=1)), tmp_path / "run", force=True)
+    train_agent(config_of(replace(SMALL, seed=1)), tmp_path / "run", force=True)
     assert sha256_of(tmp_path / "run/policy.safetensors") != before
 
 
@@ -283,16 +284,16 @@ def test_an_unfinished_run_is_not_replaced_unasked(
 ) -> None:
     with monkeypatch.context() as patch:
         interrupt_at(patch, 50)
-        train_agent(opened, config_of(), tmp_path / "run")
+        train_agent(config_of(), tmp_path / "run")
     with pytest.raises(OutputExistsError, match=r"an unfinished run is in .*resume"):
-        train_agent(opened, config_of(), tmp_path / "run")
+        train_agent(config_of(), tmp_path / "run")
 
 
 def test_a_folder_of_somebody_else_is_never_replaced(opened: OpenedGraph, tmp_path: Path) -> None:
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine/thesis.tex").write_text("everything")
     with pytest.raises(OutputExistsError, match="something else"):
-        train_agent(opened, config_of(), tmp_path / "mine", force=True)
+        train_agent(config_of(), tmp_path / "mine", force=True)
     assert (tmp_path / "mine/thesis.tex").read_text() == "everything"
 
 
@@ -300,7 +301,7 @@ def test_a_run_on_another_graph_is_refused(
     opened: OpenedGraph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     interrupt_at(monkeypatch, 50)
-    train_agent(opened, config_of(), tmp_path / "run")
+    train_agent(config_of(), tmp_path / "run")
     with pytest.raises(GraphMismatchError):
         resume_agent(tmp_path / "run", graph="paper-examples")
 
@@ -308,7 +309,7 @@ def test_a_run_on_another_graph_is_refused(
 def test_the_same_seed_gives_the_same_bytes_and_another_seed_others(opened: OpenedGraph, tmp_path: Path) -> None:
     hashes = []
     for name, seed in (("a", 0), ("b", 0), ("c", 1)):
-        train_agent(opened, config_of(replace(SMALL, seed=seed)), tmp_path / name)
+        train_agent(config_of(replace(SMALL, seed=seed)), tmp_path / name)
         hashes.append(sha256_of(tmp_path / name / "policy.safetensors"))
     assert hashes[0] == hashes[1] != hashes[2]
 
@@ -316,16 +317,17 @@ def test_the_same_seed_gives_the_same_bytes_and_another_seed_others(opened: Open
 def test_training_leaves_global_generators_and_thread_counts_as_they_were(opened: OpenedGraph, tmp_path: Path) -> None:
     torch.manual_seed(7)
     before = torch.get_rng_state(), np.random.get_state()[1].tolist(), torch.get_num_threads()  # noqa: NPY002
-    train_agent(opened, config_of(), tmp_path / "run")
+    train_agent(config_of(), tmp_path / "run")
     after = torch.get_rng_state(), np.random.get_state()[1].tolist(), torch.get_num_threads()  # noqa: NPY002
     assert torch.equal(before[0], after[0])
     assert before[1:] == after[1:]
 
 
 def test_a_graph_that_holds_nothing_out_is_judged_on_train_tasks_only(tmp_path: Path) -> None:
-    opened = open_graph("kitchen", SplitConfig("none"))
-    trained = train_agent(opened, config_of(), tmp_path / "run")
-    assert list(trained.summary["success"]) == ["train"]
+    book = open_book("kitchen")
+    write_graph_folder(tmp_path / "graph", book, make_split(RecipeGraph.from_book(book), SplitConfig("none")))
+    trained = train_agent(config_of(graph=str(tmp_path / "graph")), tmp_path / "run")
+    assert list(trained.summary.success) == ["train"]
 
 
 def test_a_missing_tensorboard_is_a_clear_error_and_leaves_no_folder(
@@ -333,7 +335,7 @@ def test_a_missing_tensorboard_is_a_clear_error_and_leaves_no_folder(
 ) -> None:
     monkeypatch.setitem(sys.modules, "torch.utils.tensorboard", None)
     with pytest.raises(MissingExtraError, match="tensorboard"):
-        train_agent(opened, config_of(), tmp_path / "run", tensorboard=True)
+        train_agent(config_of(), tmp_path / "run", tensorboard=True)
     assert not (tmp_path / "run").exists()
 
 
@@ -342,7 +344,7 @@ def test_settings_that_were_changed_after_the_start_are_refused(
     opened: OpenedGraph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
     interrupt_at(monkeypatch, 50)
-    train_agent(opened, config_of(), tmp_path / "run")
+    train_agent(config_of(), tmp_path / "run")
     path = tmp_path / "run" / name
     path.write_text(path.read_text().replace("free", "softmax"))
     for use in (open_agent, resume_agent):
@@ -370,7 +372,7 @@ def test_tensorboard_gets_the_figures_of_the_metrics_and_goes_on_with_a_resumed_
     monkeypatch.setitem(sys.modules, "torch.utils.tensorboard", SimpleNamespace(SummaryWriter=Writer))
     with monkeypatch.context() as patch:
         interrupt_at(patch, 50)
-        train_agent(opened, config_of(), tmp_path / "run", tensorboard=True)
+        train_agent(config_of(), tmp_path / "run", tensorboard=True)
     resume_agent(tmp_path / "run")
     assert begun == [None, -1, 800, -1]
     for row in metrics_of(tmp_path / "run"):
@@ -379,7 +381,7 @@ def test_tensorboard_gets_the_figures_of_the_metrics_and_goes_on_with_a_resumed_
 
 
 def test_an_unknown_option_in_a_run_s_settings_is_named(opened: OpenedGraph, tmp_path: Path) -> None:
-    train_agent(opened, config_of(), tmp_path / "run")
+    train_agent(config_of(), tmp_path / "run")
     path = tmp_path / "run/config.toml"
     path.write_text(path.read_text() + "learning_rat = 1.0\n")
     with pytest.raises(ArtefactError, match="no option 'learning_rat'"):
@@ -389,17 +391,17 @@ def test_an_unknown_option_in_a_run_s_settings_is_named(opened: OpenedGraph, tmp
 def test_a_run_that_fails_early_gives_back_the_one_that_it_was_to_replace(
     opened: OpenedGraph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    train_agent(opened, config_of(), tmp_path / "run")
+    train_agent(config_of(), tmp_path / "run")
     before = sha256_of(tmp_path / "run/policy.safetensors")
     with monkeypatch.context() as patch:
         patch.setattr(Checkpoints, "save", lambda *_, **__: (_ for _ in ()).throw(KeyboardInterrupt))
         with pytest.raises(KeyboardInterrupt):
-            train_agent(opened, config_of(replace(SMALL, seed=1)), tmp_path / "run", force=True)
+            train_agent(config_of(replace(SMALL, seed=1)), tmp_path / "run", force=True)
     assert sha256_of(tmp_path / "run/policy.safetensors") == before
     with monkeypatch.context() as patch:
         patch.setattr(torch, "compile", lambda *_, **__: (_ for _ in ()).throw(RuntimeError("no compiler")))
         with pytest.raises(ConfigError, match="no compiler"):
-            train_agent(opened, config_of(replace(SMALL, compile=True)), tmp_path / "run", force=True)
+            train_agent(config_of(replace(SMALL, compile=True)), tmp_path / "run", force=True)
     assert sha256_of(tmp_path / "run/policy.safetensors") == before
     assert [path.name for path in tmp_path.iterdir()] == ["run"]
 
@@ -417,7 +419,7 @@ def test_a_run_is_trained_by_one_process_at_a_time(
             found.append(True)
 
     monkeypatch.setattr(Impala, "update", update)
-    train_agent(opened, config_of(), tmp_path / "run")
+    train_agent(config_of(), tmp_path / "run")
     assert found == [True]
 
 
@@ -425,7 +427,7 @@ def test_metrics_that_are_shorter_than_the_checkpoint_says_are_an_error(
     opened: OpenedGraph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     interrupt_at(monkeypatch, 50)
-    train_agent(opened, config_of(), tmp_path / "run")
+    train_agent(config_of(), tmp_path / "run")
     (tmp_path / "run/metrics.jsonl").write_bytes(b"")
     with pytest.raises(ArtefactError, match=r"metrics\.jsonl is shorter"):
         resume_agent(tmp_path / "run")
@@ -438,9 +440,9 @@ def test_features_without_half_of_the_words_are_refused_before_anything_is_writt
     words.write_text("".join(f"{label} 1.0 2.0\n" for label in opened.graph.entities[::2] if " " not in label))
     policy = PolicyConfig(features=str(words))
     with pytest.raises(ConfigError, match="--allow-missing"):
-        train_agent(opened, config_of(policy=policy), tmp_path / "run")
+        train_agent(config_of(policy=policy), tmp_path / "run")
     assert not (tmp_path / "run").exists()
-    trained = train_agent(opened, config_of(policy=replace(policy, allow_missing=True)), tmp_path / "run")
+    trained = train_agent(config_of(policy=replace(policy, allow_missing=True)), tmp_path / "run")
     assert opened.graph.entities[1] in json.loads((trained.folder / "run.json").read_text())["missing_words"]
 
 

@@ -12,11 +12,11 @@ QUICK = ("--runs", 3, "--attempts", 12)
 
 @pytest.fixture(scope="module")
 def model(tmp_path_factory):
-    from wordcraft_kg.models.links.config import ComplExConfig
+    from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
     from wordcraft_kg.models.links.training import train_links
 
     out = tmp_path_factory.mktemp("models") / "kitchen"
-    return train_links(open_graph("kitchen"), ComplExConfig(dim=4, epochs=1), out).folder
+    return train_links(LinksConfig("kitchen", ComplExConfig(dim=4, epochs=1)), out).folder
 
 
 def test_the_table_has_a_row_for_each_player_and_one_for_people(run):

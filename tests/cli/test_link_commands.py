@@ -273,12 +273,12 @@ def test_ctrl_c_in_a_training_ends_with_130_and_says_how_to_resume(
     settings = (workshop / "graph", "--dim", "8", "--epochs", "6", "--seed", "3")
     outcome = run("train-complex", *settings, "--out", workshop / "model")
     assert (outcome.code, outcome.out) == (130, "")
-    assert f"wordcraft-kg resume {workshop / 'model.unfinished'}" in outcome.err
+    assert f"wordcraft-kg resume {workshop / 'model'}" in outcome.err
     assert "epoch 3" in outcome.err
-    assert not (workshop / "model").exists()
+    assert "resume" in refused(run("score", workshop / "model", "flour", "combinesWith", "water"), "ArtefactError")
     refused(run("train-complex", *settings, "--out", workshop / "model"), "OutputExistsError")
     ctrl_c_in_epoch_2.undo()
-    values = one_object(run("resume", workshop / "model.unfinished", "--json", "--quiet"))
+    values = one_object(run("resume", workshop / "model", "--json", "--quiet"))
     assert (values["out"], values["epochs"]) == (str(workshop / "model"), 6)
     run("train-complex", *settings, "--out", workshop / "undisturbed")
     weights = [(workshop / name / "model.safetensors").read_bytes() for name in ("model", "undisturbed")]
@@ -294,13 +294,19 @@ def test_a_second_ctrl_c_says_truly_what_is_left(run: Run, tmp_path: Path, monke
     monkeypatch.setattr(Progress, "__call__", press_twice)
     outcome = run("train-complex", "kitchen", *TINY, "--checkpoint-every", "1", "--out", tmp_path / "model")
     assert (outcome.code, outcome.out) == (130, "")
-    assert [path.name for path in tmp_path.iterdir()] == ["model.unfinished"]
+    assert [path.name for path in tmp_path.iterdir()] == ["model"]
     assert "wordcraft-kg resume" in outcome.err
     assert "nothing was written" not in outcome.err
 
 
-@pytest.mark.usefixtures("ctrl_c_in_epoch_2")
-def test_ctrl_c_in_a_forced_training_leaves_the_earlier_model(run: Run, workshop: Path):
+def test_ctrl_c_at_once_in_a_forced_training_leaves_the_earlier_model(
+    run: Run, workshop: Path, monkeypatch: pytest.MonkeyPatch
+):
+    def press_twice(self: Progress, done: int, total: int, figures: dict[str, float]) -> None:
+        signal.raise_signal(signal.SIGINT)
+        signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr(Progress, "__call__", press_twice)
     weights = (workshop / "one" / "model.safetensors").read_bytes()
     outcome = run("train-complex", workshop / "graph", *TINY, "--seed", "3", "--out", workshop / "one", "--force")
     assert outcome.code == 130
@@ -321,7 +327,7 @@ def test_ctrl_c_elsewhere_ends_with_130_and_one_line(run: Run, workshop: Path, m
 
 def test_resuming_what_is_finished_or_missing_is_a_clear_error(run: Run, trained: Path, tmp_path: Path):
     assert "finished" in refused(run("resume", trained / "one"), "ArtefactError")
-    assert "does not exist" in refused(run("resume", tmp_path / "nowhere.unfinished"), "ArtefactError")
+    assert "does not exist" in refused(run("resume", tmp_path / "nowhere"), "ArtefactError")
 
 
 # --- evaluation ------------------------------------------------------------------------------------------------------
@@ -618,10 +624,11 @@ def test_complex_with_its_defaults_predicts_unseen_links_better_than_frequency(r
 
 
 def test_a_model_trained_from_a_script_file_is_the_commands_model(trained: Path, tmp_path: Path):
-    from wordcraft_kg.models.links.config import ComplExConfig
+    from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
     from wordcraft_kg.models.links.training import train_links
 
-    here = train_links(open_graph(trained / "graph"), ComplExConfig(dim=8, epochs=4), tmp_path / "model").folder
+    config = LinksConfig(str(trained / "graph"), ComplExConfig(dim=8, epochs=4))
+    here = train_links(config, tmp_path / "model").folder
     assert (here / "model.safetensors").read_bytes() == (trained / "one" / "model.safetensors").read_bytes()
     assert not np.array_equal(
         np.frombuffer((trained / "two" / "model.safetensors").read_bytes(), dtype=np.uint8),

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from link_helpers import train
 
 from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_book
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph, write_graph_folder
@@ -35,20 +36,16 @@ def validated_kitchen(kitchen_folder: Path) -> OpenedGraph:
 @pytest.fixture(scope="session")
 def complex_folder(opened_kitchen: OpenedGraph, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A ComplEx model of the kitchen; read only, see `spoilt`."""
-    from wordcraft_kg.models.links.training import train_links
-
     out = tmp_path_factory.mktemp("models") / "kitchen"
-    return train_links(opened_kitchen, ComplExConfig(dim=8, epochs=4), out).folder
+    return train(opened_kitchen, ComplExConfig(dim=8, epochs=4), out).folder
 
 
 @pytest.fixture(scope="session")
 def distmult_folder(opened_kitchen: OpenedGraph, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A model whose scorer is a table; read only."""
-    from wordcraft_kg.models.links.training import train_links
-
     out = tmp_path_factory.mktemp("models") / "kitchen-distmult"
     config = LinkModelConfig(model="distmult", loop="symmetric", dim=4, epochs=2)
-    return train_links(opened_kitchen, config, out).folder
+    return train(opened_kitchen, config, out).folder
 
 
 @pytest.fixture

@@ -5,12 +5,24 @@ import random
 import signal
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
 
 from wordcraft_kg.graphs import RecipeGraph
+from wordcraft_kg.graphs.folder import OpenedGraph
+from wordcraft_kg.models.links.config import LinksConfig, LinkSettings
+
+if TYPE_CHECKING:
+    from wordcraft_kg.models.links.training import TrainedLinks
+
+
+def train(opened: OpenedGraph, settings: LinkSettings, out: Path, **options: Any) -> "TrainedLinks":
+    """Train a link predictor on a graph that was opened from somewhere."""
+    from wordcraft_kg.models.links.training import train_links
+
+    return train_links(LinksConfig(opened.source, settings), out, **options)
 
 
 def random_graph(seed: int = 0, num_entities: int = 10, num_recipes: int = 25) -> RecipeGraph:

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split
-from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
+from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.models.links.folder import OpenedModel, open_model
 from wordcraft_kg.reports.link_report import make_link_report
 from wordcraft_kg.reports.report import Report, write_report
@@ -14,11 +14,11 @@ from wordcraft_kg.views.links import LinkView
 
 @pytest.fixture(scope="session")
 def kitchen_model(tmp_path_factory: pytest.TempPathFactory) -> OpenedModel:
-    from wordcraft_kg.models.links.config import ComplExConfig
+    from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
     from wordcraft_kg.models.links.training import train_links
 
     out = tmp_path_factory.mktemp("models") / "kitchen"
-    return open_model(train_links(open_graph("kitchen"), ComplExConfig(dim=8, epochs=6), out).folder)
+    return open_model(train_links(LinksConfig("kitchen", ComplExConfig(dim=8, epochs=6)), out).folder)
 
 
 @pytest.fixture(scope="session")

@@ -33,14 +33,13 @@ TASKS = TaskConfig(distractors=2)
 def agents(tmp_path_factory: pytest.TempPathFactory) -> list[OpenedAgent]:
     """Two seeds of an attention agent and one run of an mlp."""
     home = tmp_path_factory.mktemp("runs")
-    opened = open_graph("kitchen")
     runs = (
         ("plain-0", PolicyConfig(), TRAINER),
         ("plain-1", PolicyConfig(), replace(TRAINER, seed=1)),
         ("mlp", PolicyConfig(policy="mlp"), TRAINER),
     )
     for name, policy, trainer in runs:
-        train_agent(opened, AgentConfig("kitchen", None, TASKS, policy, trainer), home / name)
+        train_agent(AgentConfig("kitchen", None, TASKS, policy, trainer), home / name)
     return [open_agent(home / name) for name, _, _ in runs]
 
 
@@ -107,7 +106,7 @@ def test_tasks_are_sliced_by_the_train_recipes_of_their_goal(agents: list[Opened
 
 def test_curves_are_means_over_seeds(agents: list[OpenedAgent], report: AgentReport) -> None:
     for step, mean, low, high in as_values(report.view)["agents"][0]["curves"]["test"]:
-        seeds = [row["test_success"] for agent in agents[:2] for row in agent.metrics if row["step"] == step]
+        seeds = [row.figures["test_success"] for agent in agents[:2] for row in agent.metrics if row.step == step]
         assert mean == pytest.approx(np.mean(seeds))
         assert low <= mean <= high
 

@@ -24,6 +24,7 @@ from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.splits import Split
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS, is_in, recipe_triples
 from wordcraft_kg.models.links.folder import OpenedModel
+from wordcraft_kg.models.links.records import TraceRow
 from wordcraft_kg.models.scorers.facts import FrequencyScorer, SymbolicScorer
 from wordcraft_kg.models.scorers.features import glove_features
 from wordcraft_kg.models.scorers.near_synonyms import near_synonym_recipes
@@ -543,7 +544,10 @@ def test_a_failed_check_is_shown_as_failed(kitchen_report: LinkReport):
 
 
 def test_the_page_shows_the_curves_of_the_training(kitchen_model: OpenedModel):
-    trace = [{"epoch": 1, "loss": 3.0}, {"epoch": 2, "loss": 2.0, "valid_mrr": 0.25}]
+    trace = [
+        TraceRow(epoch=1, loss=3.0, seconds=0.1),
+        TraceRow(epoch=2, loss=2.0, valid_mrr=0.25, seconds=0.1),
+    ]
     report = make_link_report(kitchen_model.scorer, kitchen_model.opened, trace=trace)
     assert {"loss", "valid"} <= set(report.pictures)
     assert "validation MRR" in text_of(render(report))

@@ -9,7 +9,7 @@ import pytest
 
 from wordcraft_kg.artefacts import sha256_of
 from wordcraft_kg.errors import ArtefactError
-from wordcraft_kg.runs.record import end_run, read_finished_run, read_run, start_run, verified_bytes
+from wordcraft_kg.runs.record import RunRecord, end_run, read_finished_run, read_run, start_run, verified_bytes
 
 
 @pytest.fixture
@@ -19,34 +19,26 @@ def folder(tmp_path: Path) -> Path:
     return path
 
 
-def finished(folder: Path) -> dict[str, object]:
-    run = start_run(folder, "train-complex", seed=3, inputs={})
+def finished(folder: Path) -> RunRecord:
     (folder / "weights").write_bytes(b"abc")
-    end_run(folder, run, "done", ("weights",))
-    return run
+    return end_run(folder, start_run(folder, "train-complex", seed=3), "done", ("weights",))
 
 
 def test_a_run_is_on_record_while_it_runs(folder: Path):
-    run = start_run(folder, "train-complex", seed=3, inputs={})
+    run = start_run(folder, "train-complex", seed=3)
     assert read_run(folder) == run
-    assert (run["kind"], run["status"], run["seed"], run["ended"], run["outputs"]) == (
-        "train-complex",
-        "running",
-        3,
-        None,
-        {},
-    )
+    assert (run.kind, run.status, run.seed, run.ended, run.outputs) == ("train-complex", "running", 3, None, {})
 
 
 def test_a_run_that_ended_has_the_hashes_of_its_outputs(folder: Path):
     finished(folder)
     run = read_finished_run(folder, "make it")
-    assert (run["status"], run["outputs"]) == ("done", {"weights": sha256_of(folder / "weights")})
-    assert run["started"] <= run["ended"]
+    assert (run.status, run.outputs) == ("done", {"weights": sha256_of(folder / "weights")})
+    assert run.started <= run.ended
 
 
 def test_a_run_says_with_which_versions_it_was_made(folder: Path):
-    versions = start_run(folder, "train-complex")["versions"]
+    versions = start_run(folder, "train-complex").versions
     assert versions["python"] == ".".join(str(part) for part in sys.version_info[:3])
     assert {"wordcraft-kg", "torch", "pykeen", "numpy"} <= set(versions)
 
@@ -55,7 +47,7 @@ def test_the_home_folder_in_arguments_becomes_a_tilde(folder: Path, monkeypatch:
     monkeypatch.setenv("HOME", "/homes/somebody")
     arguments = ["/homes/somebody/bin/wordcraft-kg", "build", "/homes/somebody/graphs", "--out=/homes/somebody/m"]
     monkeypatch.setattr(sys, "argv", arguments)
-    assert start_run(folder, "train-complex")["argv"] == ["wordcraft-kg", "build", "~/graphs", "--out=~/m"]
+    assert start_run(folder, "train-complex").argv == ("wordcraft-kg", "build", "~/graphs", "--out=~/m")
 
 
 def test_no_host_or_user_name_goes_into_a_record(folder: Path, monkeypatch: pytest.MonkeyPatch):
@@ -72,7 +64,7 @@ def test_no_host_or_user_name_goes_into_a_record(folder: Path, monkeypatch: pyte
 
 @pytest.mark.parametrize("status", ["interrupted", "failed"])
 def test_a_run_that_is_not_done_is_refused_with_its_status(folder: Path, status: str):
-    end_run(folder, start_run(folder, "train-complex", inputs={}), status)
+    end_run(folder, start_run(folder, "train-complex"), status)
     with pytest.raises(ArtefactError, match=rf"{status}, not done.*wordcraft-kg resume"):
         read_finished_run(folder, "make it")
 

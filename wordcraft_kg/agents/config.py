@@ -1,18 +1,15 @@
 """Settings of the trainer: every option, default, unit and allowed range; imports no torch."""
 
-import os
-import tomllib
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
-from wordcraft_kg.artefacts import write_atomically
 from wordcraft_kg.envs.config import Ambiguity, DistractorPolicy, DistractorWeighting, WordCraftConfig
 from wordcraft_kg.errors import ArtefactError, ConfigError
 from wordcraft_kg.graphs.tasks import TaskPart, TaskWeighting
 from wordcraft_kg.models.policies.config import PolicyConfig
-from wordcraft_kg.models.scorers.features import NAMED
-from wordcraft_kg.runs.record import toml_value
+from wordcraft_kg.records import Record
+from wordcraft_kg.runs.config_file import read_config, write_config
 from wordcraft_kg.settings import whole
 
 _LARGE = 1e9
@@ -138,29 +135,40 @@ def _option(name: str) -> str:
     return f"--{name.replace('_', '-')}"
 
 
-KIND = "train-agent"
-
-
-PATHS = ("graph", "scorer")
+OF_SCORER = ("use", "kg_only", "mixing", "scale", "self_edges")
+"""Settings of the policy that say what to do with a scorer's scores."""
 
 
 @dataclass(frozen=True)
 class AgentConfig:
-    """All that makes a run, as ``config.toml`` keeps it.
+    """All that makes an agent, as ``config.toml`` keeps it.
 
     Attributes:
-        graph: folder, book's file or known book's name.
+        graph: graph folder, recipe book's file or known book's name.
         scorer: model folder, or None.
         tasks: what is trained on.
         policy: what decides.
         trainer: how it learns.
     """
 
+    command: ClassVar[str] = "train-agent"
+
     graph: str
-    scorer: str | None
-    tasks: TaskConfig
-    policy: PolicyConfig
-    trainer: ImpalaConfig
+    scorer: str | None = None
+    tasks: TaskConfig = TaskConfig()
+    policy: PolicyConfig = PolicyConfig()  # noqa: RUF009 - frozen
+    trainer: ImpalaConfig = ImpalaConfig()
+
+    def __post_init__(self) -> None:
+        if self.scorer is not None:
+            return
+        for name in OF_SCORER:
+            if getattr(self.policy, name) != getattr(PolicyConfig, name):
+                raise ConfigError(f"{_option(name)} says what to do with a scorer's scores; give a --scorer too.")
+
+    def default_folder(self, graph_name: str) -> Path:
+        """Return where the run goes if nobody says."""
+        return Path("runs") / f"{graph_name}-{Path(self.scorer).name if self.scorer else 'no-kg'}"
 
     def values(self) -> dict[str, Any]:
         """Return the settings by option name; those that are None are left out."""
@@ -171,17 +179,13 @@ class AgentConfig:
 
     def differing(self) -> dict[str, Any]:
         """Return the settings that are not at their default."""
-        default = AgentConfig("", None, TaskConfig(), PolicyConfig(), ImpalaConfig()).values()
+        default = AgentConfig("").values()
         return {name: value for name, value in self.values().items() if default.get(name) != value}
 
     def write(self, folder: Path) -> None:
         """Write ``config.toml`` and ``config.diff.toml``; paths become relative to the folder, so both can move."""
-        for name, values in (("config.toml", self.values()), ("config.diff.toml", self.differing())):
-            keys = PATHS if values.get("features") in NAMED else (*PATHS, "features")
-            there = [key for key in keys if key in values and Path(values[key]).exists()]
-            relative = {key: os.path.relpath(values[key], folder) for key in there}
-            lines = (f"{key} = {toml_value(value)}" for key, value in {**values, **relative}.items())
-            write_atomically(folder / name, "\n".join([f"[{KIND}]", *lines]) + "\n")
+        write_config(folder, self.command, self.values())
+        write_config(folder, self.command, self.differing(), "config.diff.toml")
 
     @classmethod
     def read(cls, folder: Path) -> "AgentConfig":
@@ -190,23 +194,18 @@ class AgentConfig:
         Raises:
             ArtefactError: if it is missing or damaged.
         """
-        path = folder / "config.toml"
+        table = read_config(folder)
+        if table.command != cls.command:
+            raise ArtefactError(f"{table.path} is damaged: there is no [{table.command}]; expected {cls.command}.")
+        inputs = table.take(_Inputs)
+        tasks, policy, trainer = table.take(TaskConfig), table.take(PolicyConfig), table.take(ImpalaConfig)
+        table.close()
         try:
-            table = tomllib.loads(path.read_text(encoding="utf-8"))[KIND]
-            paths = {key: table.pop(key, None) for key in PATHS}
-            for key, value in paths.items():
-                if value is not None and (folder / value).exists():
-                    paths[key] = os.path.normpath(folder / value)
-            tasks, policy, trainer = (
-                {field.name: table.pop(field.name) for field in fields(kind) if field.name in table}
-                for kind in (TaskConfig, PolicyConfig, ImpalaConfig)
-            )
-            if table:
-                raise ValueError(f"there is no option '{next(iter(table))}'")
-            return cls(
-                paths["graph"], paths["scorer"], TaskConfig(**tasks), PolicyConfig(**policy), ImpalaConfig(**trainer)
-            )
-        except FileNotFoundError:
-            raise ArtefactError(f"{path} is missing; '{folder}' is incomplete. Train the agent again.") from None
-        except (ValueError, KeyError, TypeError, AttributeError) as error:
-            raise ArtefactError(f"{path} is damaged ({error}). Train the agent again, or restore a copy.") from None
+            return cls(inputs.graph, inputs.scorer, tasks, policy, trainer)
+        except ConfigError as error:
+            raise ArtefactError(f"{table.path} is damaged: {error} Train again, or restore a copy.") from None
+
+
+class _Inputs(Record, frozen=True, kw_only=True):
+    graph: str
+    scorer: str | None = None

@@ -7,6 +7,7 @@ import what is heavy inside the function, so that help stays fast.
 import gc
 import logging
 import os
+import re
 import sys
 import tomllib
 from collections.abc import Sequence
@@ -36,6 +37,9 @@ COMMANDS = {
     "Agents": ["train-agent", "resume", "evaluate-agent", "explain", "compare-agents"],
 }
 """Commands by group."""
+
+OPTIONS = {"num_distractors": "distractors"}
+"""Options by the settings that they fill, where the two are not called the same."""
 
 START = """Start here:
 
@@ -84,7 +88,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt as interruption:
         return _fail(str(interruption) or "interrupted; nothing was written", 130)
     except WordCraftKGError as error:
-        return _fail(f"{type(error).__name__}: {error}", 1)
+        return _fail(f"{type(error).__name__}: {with_options(str(error))}", 1)
     except ModuleNotFoundError as error:
         package = (error.name or "").partition(".")[0]
         if package in ("", "wordcraft_kg"):
@@ -124,13 +128,24 @@ def _read_toml(path: str, tokens: Sequence[str]) -> dict[str, Any]:
     command = next((token for token in tokens if token in known), None)
     if command and command not in content:
         raise ConfigError(f"--config {path}: no table [{command}]; there is {', '.join(content) or 'nothing'} in it.")
-    # A run's or model's own config.toml names its files as they lie beside it.
-    for options in content.values():
-        for key in ("graph", "scorer", "features"):
-            beside = os.path.normpath(Path(path).parent / str(options.get(key, "")))
-            if key in options and not Path(str(options[key])).exists() and Path(beside).exists():
-                options[key] = beside
-    return content
+    # A run's own config.toml names its files as they lie beside it.
+    from wordcraft_kg.runs.config_file import moved
+
+    def beside(value: str) -> str:
+        there = os.path.normpath(Path(path).parent / value)
+        return there if os.path.exists(there) and not os.path.exists(value) else value
+
+    return {name: moved(options, beside) for name, options in content.items()}
+
+
+def with_options(message: str) -> str:
+    """Return an error of the library with its settings, which are in backticks, as the options that they are."""
+
+    def option(match: re.Match[str]) -> str:
+        name = OPTIONS.get(match[1], match[1])
+        return f"--{name.replace('_', '-')}"
+
+    return re.sub(r"`([a-z]\w*)`", option, message)
 
 
 def _fail(message: str, code: int) -> int:

@@ -6,8 +6,8 @@ from wordcraft_kg.cli.console import Output
 from wordcraft_kg.errors import ConfigError
 
 EXAMPLES = (
-    "wordcraft-kg resume models/everyday.unfinished",
-    "wordcraft-kg resume models/everyday.unfinished --epochs 100",
+    "wordcraft-kg resume models/everyday",
+    "wordcraft-kg resume models/everyday --epochs 100",
     "wordcraft-kg resume runs/no-kg",
 )
 
@@ -16,13 +16,15 @@ def resume(run: Path, *, graph: str | None = None, epochs: int | None = None, ou
     """Go on with an interrupted training from its last checkpoint; on CPU the result is bit-identical.
 
     Args:
-        run: the unfinished folder, as the interrupted command named it; an agent's or a link predictor's.
+        run: folder of the interrupted training, of an agent or a link predictor.
         graph: where the graph is now, if it has moved.
         epochs: train a link predictor up to this many epochs instead of the number first asked for.
     """
+    from wordcraft_kg.agents.config import AgentConfig
     from wordcraft_kg.cli.training import finished_without_report, report, report_agent
+    from wordcraft_kg.runs.record import read_run
 
-    if _is_agent(run):
+    if read_run(run).kind == AgentConfig.command:
         from wordcraft_kg.agents.training import resume_agent
 
         if epochs is not None:
@@ -34,9 +36,3 @@ def resume(run: Path, *, graph: str | None = None, epochs: int | None = None, ou
     from wordcraft_kg.models.links.training import resume_links
 
     return report(resume_links(run, graph=graph, epochs=epochs, progress=output.progress("resumed")), output)
-
-
-def _is_agent(run: Path) -> bool:
-    from wordcraft_kg.runs.record import read_run
-
-    return (run / "run.json").is_file() and read_run(run)["kind"] == "train-agent"

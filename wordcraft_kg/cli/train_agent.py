@@ -40,20 +40,10 @@ def train_agent(
         tensorboard: write TensorBoard's event files too (extra: tensorboard).
     """
     from wordcraft_kg.agents.config import AgentConfig
-    from wordcraft_kg.agents.training import check_agent_output, train_agent
+    from wordcraft_kg.agents.training import train_agent
     from wordcraft_kg.cli.training import report_agent
-    from wordcraft_kg.errors import ConfigError
-    from wordcraft_kg.graphs.folder import open_graph
 
-    of_scorer = ("use", "kg_only", "mixing", "scale", "self_edges")
-    idle = [name for name in of_scorer if getattr(policy, name) != getattr(PolicyConfig, name)]
-    if scorer is None and idle:
-        option = idle[0].replace("_", "-")
-        raise ConfigError(f"--{option} says what to do with a scorer's scores; give a --scorer too.")
-    opened = open_graph(graph)
-    folder = out or Path("runs") / f"{opened.graph.name}-{scorer.name if scorer else 'no-kg'}"
-    check_agent_output(folder, force=force)
     config = AgentConfig(graph, None if scorer is None else str(scorer), tasks, policy, trainer)
     progress = output.progress("agent", unit="step")
-    trained = train_agent(opened, config, folder, force=force, tensorboard=tensorboard, progress=progress)
+    trained = train_agent(config, out, force=force, tensorboard=tensorboard, progress=progress)
     return report_agent(trained, graph, output)

@@ -7,7 +7,7 @@ from cyclopts import Parameter
 
 from wordcraft_kg.cli.console import Flag, Output
 from wordcraft_kg.cli.training import train
-from wordcraft_kg.models.links.config import ComplExConfig
+from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
 
 EXAMPLES = (
     "wordcraft-kg train-complex everyday --out models/everyday",
@@ -31,4 +31,4 @@ def train_complex(
         out: model folder to write. Default: models/<graph's name>-<kg>.
         force: replace the folder if it exists.
     """
-    return train(graph, settings, out, force, output)
+    return train(LinksConfig(graph, settings), out, force, output)

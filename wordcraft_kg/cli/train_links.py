@@ -7,7 +7,7 @@ from cyclopts import Parameter
 
 from wordcraft_kg.cli.console import Flag, Output
 from wordcraft_kg.cli.training import train
-from wordcraft_kg.models.links.config import LinkModelConfig
+from wordcraft_kg.models.links.config import LinkModelConfig, LinksConfig
 
 EXAMPLES = (
     "wordcraft-kg train-links everyday --model rotate --out models/everyday-rotate",
@@ -31,4 +31,4 @@ def train_links(
         out: model folder to write. Default: models/<graph's name>-<model>-<kg>.
         force: replace the folder if it exists.
     """
-    return train(graph, settings, out, force, output)
+    return train(LinksConfig(graph, settings), out, force, output)

@@ -1,51 +1,43 @@
 """What the training commands share: run, report, and say how to go on after Ctrl-C."""
 
-import json
 import logging
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from wordcraft_kg.cli.console import Output, aligned
 from wordcraft_kg.graphs.tasks import TaskPart
-from wordcraft_kg.models.links.config import LinkConfig, LinkModelConfig
+from wordcraft_kg.models.links.config import LinksConfig
+from wordcraft_kg.records import as_values
+from wordcraft_kg.runs.interruption import interruption_message
 
 if TYPE_CHECKING:
     from wordcraft_kg.agents.training import TrainedAgent
     from wordcraft_kg.models.links.training import TrainedLinks
 
 
-def train(graph: str, settings: LinkConfig, out: Path | None, force: bool, output: Output) -> int:
+def train(config: LinksConfig, out: Path | None, force: bool, output: Output) -> int:
     """Train a link predictor and print what came of it; return the exit code."""
-    from wordcraft_kg.artefacts import check_output
-    from wordcraft_kg.graphs.folder import open_graph
-
-    opened = open_graph(graph)
-    kind = f"{settings.model.lower()}-" if isinstance(settings, LinkModelConfig) else ""
-    folder = out or Path("models") / f"{opened.graph.name}-{kind}{settings.kg}"
-    check_output(folder, force=force)  # before the slow imports
     from wordcraft_kg.models.links.training import train_links
 
-    progress = output.progress(f"{settings.kg} graph")
-    return report(train_links(opened, settings, folder, force=force, progress=progress), output)
+    progress = output.progress(f"{config.settings.kg} graph")
+    return report(train_links(config, out, force=force, progress=progress), output)
 
 
 def report(trained: "TrainedLinks", output: Output) -> int:
     """Print the outcome of a training run and return 0; raise KeyboardInterrupt when Ctrl-C ended it."""
-    from wordcraft_kg.models.links.training import interruption_message
-
-    if trained.interrupted:
-        raise KeyboardInterrupt(interruption_message(trained.folder, trained.epoch))
     metrics = trained.metrics
-    values = {"out": str(trained.folder), **metrics}
+    if metrics is None:
+        raise KeyboardInterrupt(interruption_message(trained.folder, "epoch", trained.epoch))
+    values = {"out": str(trained.folder), **as_values(metrics)}
     rows = [
-        ("trained", f"{metrics['epochs']} epochs on {metrics['triples']:,} triples ({metrics['kg']} graph)"),
-        ("time", f"{metrics['seconds']:.1f} s, {metrics['seconds_per_epoch']:.3f} s an epoch"),
-        ("parameters", f"{metrics['parameters']:,}"),
-        ("train MRR", f"{metrics['train_mrr']:.3f} on its own training triples: what it remembers"),
+        ("trained", f"{metrics.epochs} epochs on {metrics.triples:,} triples ({metrics.kg} graph)"),
+        ("time", f"{metrics.seconds:.1f} s, {metrics.seconds_per_epoch:.3f} s an epoch"),
+        ("parameters", f"{metrics.parameters:,}"),
+        ("train MRR", f"{metrics.train_mrr:.3f} on its own training triples: what it remembers"),
     ]
-    if metrics["valid_mrr"] is not None:
-        rows.append(("valid MRR", f"{metrics['valid_mrr']:.3f} at best, in epoch {metrics['best_epoch']}"))
-    if metrics["train_mrr"] < 0.1:
+    if metrics.valid_mrr is not None:
+        rows.append(("valid MRR", f"{metrics.valid_mrr:.3f} at best, in epoch {metrics.best_epoch}"))
+    if metrics.train_mrr < 0.1:
         logging.getLogger(__name__).warning(
             "the model hardly remembers its own training triples; try more epochs, another rate, or --loop symmetric."
         )
@@ -57,14 +49,15 @@ def report(trained: "TrainedLinks", output: Output) -> int:
 
 def finished_without_report(folder: Path) -> "TrainedAgent | None":
     """Return what a finished run came to if its report is missing, else None."""
+    from wordcraft_kg.agents.agent_folder import AGENTS
+    from wordcraft_kg.agents.records import read_summary
     from wordcraft_kg.agents.training import TrainedAgent
-    from wordcraft_kg.runs.record import read_run, verified_bytes
 
-    run = read_run(folder)
-    if run["status"] != "done" or (folder / "report").exists():
+    run = AGENTS.read_record(folder)
+    if run.status != "done" or (folder / "report").exists():
         return None
-    summary = json.loads(verified_bytes(folder, run, "evaluation.json"))
-    return TrainedAgent(folder, summary["steps"], False, summary)
+    summary = read_summary(folder, run)
+    return TrainedAgent(folder, summary.steps, summary)
 
 
 def report_agent(trained: "TrainedAgent", graph: str | None, output: Output) -> int:
@@ -74,36 +67,35 @@ def report_agent(trained: "TrainedAgent", graph: str | None, output: Output) -> 
         KeyboardInterrupt: when Ctrl-C ended the training.
     """
     from wordcraft_kg.agents.agent_folder import open_agent
-    from wordcraft_kg.agents.training import interruption_message
     from wordcraft_kg.reports.agent_report import make_agent_report
     from wordcraft_kg.reports.report import write_report
     from wordcraft_kg.views.agents import group_agents
 
-    if trained.interrupted:
-        raise KeyboardInterrupt(interruption_message(trained.folder, trained.step))
     summary, folder = trained.summary, trained.folder
-    success = summary["success"]
+    if summary is None:
+        raise KeyboardInterrupt(interruption_message(folder, "step", trained.step))
+    success = summary.success
     part: TaskPart = "test" if "test" in success else "train"
     report = make_agent_report(group_agents([open_agent(folder, graph)]), part=part)
     write_report(report, folder / "report", force=True)
     values = {
         "out": str(folder),
         "report": str(folder / "report" / "index.html"),
-        **summary,
-        "success": {name: found["mean"] for name, found in success.items()},
+        **as_values(summary),
+        "success": {name: found.mean for name, found in success.items()},
     }
-    values["success_ci"] = {name: [found["ci_low"], found["ci_high"]] for name, found in success.items()}
+    values["success_ci"] = {name: [found.ci_low, found.ci_high] for name, found in success.items()}
     rows = [
-        ("trained", f"{summary['steps']:,} steps in {summary['seconds']:.1f} s"),
+        ("trained", f"{summary.steps:,} steps in {summary.seconds:.1f} s"),
         (
             "speed",
-            f"{summary['steps_per_second']:,} steps/s; {summary['curves_share']:.1%} of the time for the curves",
+            f"{summary.steps_per_second:,} steps/s; {summary.curves_share:.1%} of the time for the curves",
         ),
         *(
             (
                 f"{name} tasks",
-                f"success {found['mean']:.3f} [{found['ci_low']:.3f}, {found['ci_high']:.3f}] greedy, "
-                f"{found['tasks']:,} tasks with {found['draws']} draws of {summary['distractors']} distractors",
+                f"success {found.mean:.3f} [{found.ci_low:.3f}, {found.ci_high:.3f}] greedy, "
+                f"{found.tasks:,} tasks with {found.draws} draws of {summary.distractors} distractors",
             )
             for name, found in success.items()
         ),

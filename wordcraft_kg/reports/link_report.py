@@ -10,6 +10,7 @@ from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folder import KG, OpenedGraph
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.triples import RELATIONS
+from wordcraft_kg.models.links.records import TraceRow
 from wordcraft_kg.models.scorers.protocol import TripleScorer
 from wordcraft_kg.records import schema_of
 from wordcraft_kg.reports import charts
@@ -24,7 +25,7 @@ def make_link_report(
     kg: KG = "partial",
     name: str = "scorer",
     provenance: Mapping[str, str] | None = None,
-    trace: Sequence[Mapping[str, float]] = (),
+    trace: Sequence[TraceRow] = (),
     seed: int = 0,
 ) -> Report[LinkView]:
     """Evaluate a scorer on the links of a graph.
@@ -35,7 +36,7 @@ def make_link_report(
         kg: what the scorer was trained on, ``partial`` or ``full``, see :func:`~wordcraft_kg.views.links.judge_links`.
         name: what the report calls the scorer.
         provenance: facts for the last section.
-        trace: a row an epoch with ``epoch``, ``loss`` and perhaps ``valid_mrr``.
+        trace: a row an epoch.
         seed: of the bootstrap and the map.
 
     Raises:
@@ -73,14 +74,13 @@ def _pictures_of_ranks(view: LinkView) -> dict[str, Markup]:
 
 
 def _pictures_of_training(view: LinkView) -> dict[str, Markup]:
+    loss = [(row.epoch, row.loss) for row in view.trace]
+    valid = [(row.epoch, row.valid_mrr) for row in view.trace if row.valid_mrr is not None]
     pictures = {}
-    for picture, key, y_title, description in (
-        ("loss", "loss", "loss", "Training loss by epoch"),
-        ("valid", "valid_mrr", "validation MRR", "Validation MRR by epoch"),
-    ):
-        points = [(row["epoch"], row[key]) for row in view.trace if key in row]
-        if points:
-            pictures[picture] = charts.lines({y_title: points}, "epoch", y_title, description)
+    if loss:
+        pictures["loss"] = charts.lines({"loss": loss}, "epoch", "loss", "Training loss by epoch")
+    if valid:
+        pictures["valid"] = charts.lines({"MRR": valid}, "epoch", "validation MRR", "Validation MRR by epoch")
     return pictures
 
 

@@ -1,105 +1,168 @@
 """Run records: what was run, on what, with which versions, and what came of it (``run.json`` in every run's folder)."""
 
 import hashlib
-import json
 import platform
 import subprocess
 import sys
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
+from typing import Literal
 
-from wordcraft_kg import __version__
-from wordcraft_kg.artefacts import dump_json, read_json, sha256_of, with_a_name, write_atomically
+from msgspec.structs import replace
+
+from wordcraft_kg.artefacts import dump_json, sha256_of, write_atomically
 from wordcraft_kg.errors import ArtefactError
+from wordcraft_kg.graphs.folder import KG
+from wordcraft_kg.records import Record, as_values, read_record
 
-RUN_FORMAT = "wordcraft-kg run 1"
+RUN_FILE = "run.json"
 _PACKAGES = ("torch", "pykeen", "numpy", "pandas", "networkx", "safetensors")
+Status = Literal["running", "interrupted", "failed", "done"]
 
 
-def start_run(folder: Path, kind: str, **facts: Any) -> dict[str, Any]:
-    """Write ``run.json`` with the status ``running`` and return its content.
+class GitState(Record, frozen=True, kw_only=True):
+    """Commit of the checkout that a run was made from, and whether it had changes that are in no commit."""
+
+    commit: str
+    dirty: bool
+
+
+class Resumption(Record, frozen=True, kw_only=True):
+    """When, how and with which versions a run went on."""
+
+    started: str
+    argv: tuple[str, ...]
+    versions: dict[str, str]
+    git: GitState | None
+
+
+class RunRecord(Record, frozen=True, kw_only=True, omit_defaults=True):
+    """The content of ``run.json``; a key whose value would be the default is left out.
+
+    Attributes:
+        kind: the command that trains so, such as ``train-agent``.
+        argv: command line, with ``~`` for the home folder.
+        started: ISO 8601, UTC.
+        ended: of the last process, None while it runs.
+        versions: by package.
+        git: None if the package is installed, not checked out.
+        inputs: hashes by name: ``graph`` and ``split``, and the SHA-256 of files that training never changes.
+        outputs: SHA-256 of the files that training wrote.
+        kg: of an agent's scorer: the graph that it was trained on.
+        tensorboard: whether an agent's figures go to TensorBoard too.
+        missing_words: words of an agent's entities without a vector.
+        resumed: how the run went on, if it did.
+    """
+
+    format: Literal["wordcraft-kg run 1"]
+    kind: str
+    status: Status
+    argv: tuple[str, ...]
+    started: str
+    ended: str | None
+    versions: dict[str, str]
+    git: GitState | None
+    inputs: dict[str, str]
+    seed: int
+    device: str
+    threads: int
+    kg: KG | None = None
+    tensorboard: bool = False
+    missing_words: tuple[str, ...] = ()
+    outputs: dict[str, str]
+    resumed: tuple[Resumption, ...] = ()
+
+
+def start_run(
+    folder: Path,
+    kind: str,
+    *,
+    seed: int = 0,
+    device: str = "cpu",
+    threads: int = 1,
+    inputs: Mapping[str, str] | None = None,
+    kg: KG | None = None,
+    tensorboard: bool = False,
+    missing_words: Sequence[str] = (),
+) -> RunRecord:
+    """Write ``run.json`` with the status ``running``.
 
     No host or user name and no environment variable goes in; the home folder in arguments becomes ``~``.
     """
-    run = {
-        "format": RUN_FORMAT,
-        "kind": kind,
-        "status": "running",
-        "argv": _arguments(),
-        "started": _now(),
-        "ended": None,
-        "versions": _versions(),
-        "git": _git_state(),
-        "inputs": {},
-        **facts,
-        "outputs": {},
-    }
-    write_atomically(folder / "run.json", dump_json(run))
-    return run
+    run = RunRecord(
+        format="wordcraft-kg run 1",
+        kind=kind,
+        status="running",
+        argv=_arguments(),
+        started=_now(),
+        ended=None,
+        versions=_versions(),
+        git=_git_state(),
+        inputs=dict(inputs or {}),
+        seed=seed,
+        device=device,
+        threads=threads,
+        kg=kg,
+        tensorboard=tensorboard,
+        missing_words=tuple(missing_words),
+        outputs={},
+    )
+    return _write(folder, run)
 
 
-def resume_run(folder: Path, run: dict[str, Any]) -> None:
-    """Put a run back to ``running`` and note when, how and with which versions it went on."""
-    again = {"started": _now(), "argv": _arguments(), "versions": _versions(), "git": _git_state()}
-    run |= {"status": "running", "ended": None, "resumed": [*run.get("resumed", []), again]}
-    write_atomically(folder / "run.json", dump_json(run))
+def resume_run(folder: Path, run: RunRecord, inputs: Mapping[str, str] | None = None) -> RunRecord:
+    """Put a run back to ``running``, note how it went on, and replace hashes of inputs that have changed."""
+    again = Resumption(started=_now(), argv=_arguments(), versions=_versions(), git=_git_state())
+    changes = {"inputs": {**run.inputs, **(inputs or {})}, "resumed": (*run.resumed, again)}
+    return _write(folder, replace(run, status="running", ended=None, **changes))
 
 
-def end_run(folder: Path, run: dict[str, Any], status: str, outputs: tuple[str, ...] = ()) -> None:
+def end_run(folder: Path, run: RunRecord, status: Status, outputs: Sequence[str] = ()) -> RunRecord:
     """Write the final status (done, interrupted or failed) and the SHA-256 of the output files."""
-    run |= {"status": status, "ended": _now(), "outputs": {name: sha256_of(folder / name) for name in outputs}}
-    write_atomically(folder / "run.json", dump_json(run))
+    hashes = {name: sha256_of(folder / name) for name in outputs}
+    return _write(folder, replace(run, status=status, ended=_now(), outputs=hashes))
 
 
-def read_run(folder: Path) -> dict[str, Any]:
+def read_run(folder: Path) -> RunRecord:
     """Read ``run.json``.
 
     Raises:
         ArtefactError: if the folder has none, or it is damaged.
     """
+    if not folder.exists():
+        raise ArtefactError(f"'{folder}' does not exist; expected a folder written by a training command.")
     if not folder.is_dir():
         raise ArtefactError(f"'{folder}' is not a folder; expected one written by a training command.")
-    run = read_json(folder / "run.json")
-    if not isinstance(run, dict) or run.get("format") != RUN_FORMAT:
-        raise ArtefactError(f"{folder / 'run.json'} is not a run record of this version ({RUN_FORMAT}).")
-    expected = {"kind": str, "status": str, "argv": list, "versions": dict, "inputs": dict, "outputs": dict}
-    damaged = [key for key, kind in expected.items() if not isinstance(run.get(key), kind)]
-    if damaged:
-        raise ArtefactError(f"{folder / 'run.json'} is damaged: '{damaged[0]}' is missing or of another kind.")
-    return run
+    return read_record(folder / RUN_FILE, RunRecord)
 
 
-def read_finished_run(folder: Path, command: str) -> dict[str, Any]:
+def read_finished_run(folder: Path, command: str) -> RunRecord:
     """Read the record of a run that is done.
 
     Raises:
         ArtefactError: if there is no such folder or the run is not done; the message names ``command``.
     """
-    folder = with_a_name(folder)
-    unfinished = folder.with_name(folder.name + ".unfinished")
-    if not folder.exists() and unfinished.exists():
-        raise ArtefactError(f"'{folder}' is not finished yet. Go on with: wordcraft-kg resume {unfinished}")
     if not folder.exists():
         raise ArtefactError(f"'{folder}' does not exist. Make it with `{command}`.")
     run = read_run(folder)
-    if run["status"] != "done":
-        raise ArtefactError(f"'{folder}' is {run['status']}, not done. Go on with: wordcraft-kg resume {folder}")
+    if run.status != "done":
+        raise ArtefactError(f"'{folder}' is {run.status}, not done. Go on with: wordcraft-kg resume {folder}")
     return run
 
 
-def verified_bytes(folder: Path, run: dict[str, Any], name: str) -> bytes:
-    """Return a file's bytes if they are those that the run wrote.
+def verified_bytes(folder: Path, run: RunRecord, name: str) -> bytes:
+    """Return the bytes of a run's input or output file if they are those that are on record.
 
     Raises:
         ArtefactError: if the file is missing or differs by a bit.
     """
     path = folder / name
     if not path.is_file():
-        raise ArtefactError(f"{path} is missing; '{folder}' is incomplete. Train the model again, or restore a copy.")
+        raise ArtefactError(f"{path} is missing; '{folder}' is incomplete. Train again, or restore a copy.")
     data = path.read_bytes()
-    if hashlib.sha256(data).hexdigest() != run["outputs"].get(name):
+    if hashlib.sha256(data).hexdigest() != run.outputs.get(name, run.inputs.get(name)):
         raise ArtefactError(
             f"{path} is damaged or was changed: its SHA-256 is not the one that run.json records. "
             "Train again, or restore a copy."
@@ -107,15 +170,15 @@ def verified_bytes(folder: Path, run: dict[str, Any], name: str) -> bytes:
     return data
 
 
-def toml_value(value: Any) -> str:
-    """Write a string or a number as TOML; the two formats agree on these when no character is escaped as a pair."""
-    return json.dumps(value, ensure_ascii=False)
+def _write(folder: Path, run: RunRecord) -> RunRecord:
+    write_atomically(folder / RUN_FILE, dump_json(as_values(run)), durable=True)
+    return run
 
 
-def _arguments() -> list[str]:
+def _arguments() -> tuple[str, ...]:
     home = str(Path.home())
     shown = [argument if home == "/" else argument.replace(home, "~") for argument in sys.argv[1:]]
-    return [Path(sys.argv[0]).name, *shown]
+    return (Path(sys.argv[0]).name, *shown)
 
 
 def _now() -> str:
@@ -123,7 +186,7 @@ def _now() -> str:
 
 
 def _versions() -> dict[str, str]:
-    found = {"wordcraft-kg": __version__, "python": platform.python_version()}
+    found = {"wordcraft-kg": version("wordcraft-kg"), "python": platform.python_version()}
     for package in _PACKAGES:
         try:
             found[package] = version(package)
@@ -132,9 +195,9 @@ def _versions() -> dict[str, str]:
     return found
 
 
-def _git_state() -> dict[str, Any] | None:
+def _git_state() -> GitState | None:
     """Commit of the checkout that this package runs from, or None when it is installed."""
-    root = Path(__file__).parent.parent
+    root = Path(__file__).parents[2]
     if not (root / ".git").exists():
         return None
     try:
@@ -144,4 +207,4 @@ def _git_state() -> dict[str, Any] | None:
         )
     except (OSError, subprocess.SubprocessError):
         return None
-    return {"commit": commit.strip(), "dirty": bool(changes.strip())}
+    return GitState(commit=commit.strip(), dirty=bool(changes.strip()))

@@ -221,7 +221,7 @@ def group_agents(agents: Sequence[OpenedAgent]) -> Groups:
     """
     by_settings: dict[Any, list[OpenedAgent]] = {}
     for agent in agents:
-        inputs = tuple(agent.run["inputs"].get(name) for name in ("graph", "split", "scorer"))
+        inputs = tuple(agent.run.inputs.get(name) for name in ("graph", "split", "scorer"))
         config = agent.config
         key = (inputs, config.tasks, config.policy, replace(config.trainer, seed=0, device="cpu", threads=1))
         by_settings.setdefault(key, []).append(agent)
@@ -386,11 +386,11 @@ def _entry(
         seeds=tuple(agent.config.trainer.seed for agent in members),
         checkpoints=tuple(agent.checkpoint for agent in members),
         settings={key: str(value) for key, value in config.differing().items() if key not in ("seed", "graph")},
-        kg=members[0].run.get("kg"),
+        kg=members[0].run.kg,
         trained_with=config.tasks.distractors,
-        steps=tuple(int(agent.metrics[-1]["step"]) if agent.metrics else 0 for agent in members),
-        seconds=tuple(agent.metrics[-1]["seconds"] if agent.metrics else None for agent in members),
-        steps_per_second=tuple(agent.evaluation.get("steps_per_second") for agent in members),
+        steps=tuple(agent.metrics[-1].step if agent.metrics else 0 for agent in members),
+        seconds=tuple(agent.metrics[-1].seconds if agent.metrics else None for agent in members),
+        steps_per_second=tuple(agent.evaluation.steps_per_second if agent.evaluation else None for agent in members),
         success={str(amount): _success(results, reference.get(amount)) for amount, results in found.items()},
         outcomes={str(amount): _outcomes(results) for amount, results in found.items()},
         slices=slices,
@@ -464,7 +464,7 @@ def _lambda_curves(members: list[OpenedAgent]) -> list[LambdaCurve]:
 
 def _shared_rows(members: list[OpenedAgent], key: str) -> list[tuple[int, list[float]]]:
     """Return the steps at which all runs have a figure, and the figures."""
-    rows = [{row["step"]: row[key] for row in agent.metrics if row.get(key) is not None} for agent in members]
+    rows = [{row.step: row.figures[key] for row in agent.metrics if key in row.figures} for agent in members]
     return [(step, [row[step] for row in rows]) for step in sorted(set.intersection(*map(set, rows)))]
 
 

@@ -24,6 +24,7 @@ from wordcraft_kg.graphs.folder import KG, OpenedGraph
 from wordcraft_kg.graphs.planner import layers
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.triples import COMBINES_WITH, RELATIONS, Relation, is_in
+from wordcraft_kg.models.links.records import TraceRow
 from wordcraft_kg.models.scorers.facts import FrequencyScorer
 from wordcraft_kg.models.scorers.features import glove_features
 from wordcraft_kg.models.scorers.near_synonyms import NEAR_SYNONYM, near_synonym_recipes, near_synonym_triples
@@ -199,7 +200,7 @@ class LinkView(Record):
     self_edges: SelfEdges | None
     neighbours: tuple[Neighbours, ...]
     kg_play: tuple[PlayerSuccess, ...]
-    trace: tuple[dict[str, float], ...]
+    trace: tuple[TraceRow, ...]
     provenance: dict[str, str]
 
 
@@ -307,7 +308,7 @@ def view_links(
     *,
     name: str = "scorer",
     provenance: Mapping[str, str] | None = None,
-    trace: Sequence[Mapping[str, float]] = (),
+    trace: Sequence[TraceRow] = (),
     seed: int = 0,
 ) -> LinkView:
     """Return all numbers of the report.
@@ -316,7 +317,7 @@ def view_links(
         judged: the ranking.
         name: what the report calls the scorer.
         provenance: facts for the last section.
-        trace: a row an epoch with ``epoch``, ``loss`` and perhaps ``valid_mrr``.
+        trace: a row an epoch.
         seed: of the bootstrap and the players.
     """
     graph, ranks = judged.graph, judged.ranks
@@ -350,7 +351,7 @@ def view_links(
         self_edges=_self_edges(judged) if judged.has_table else None,
         neighbours=_neighbours(judged) if judged.has_table else (),
         kg_play=_kg_play(judged, seed) if judged.has_table else (),
-        trace=tuple(dict(row) for row in trace),
+        trace=tuple(trace),
         provenance=dict(provenance or {}),
     )
 

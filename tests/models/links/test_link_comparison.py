@@ -9,6 +9,7 @@ from wordcraft_kg.errors import ConfigError, GraphMismatchError, SplitError
 from wordcraft_kg.graphs import SplitConfig, make_split
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.models.links.comparison import compare
+from wordcraft_kg.models.links.config import ComplExConfig
 from wordcraft_kg.models.links.folder import OpenedModel
 from wordcraft_kg.models.scorers.facts import FrequencyScorer, SymbolicScorer
 from wordcraft_kg.models.scorers.ranking import RankingMetrics, rank_triples, ranking_metrics
@@ -17,7 +18,7 @@ from wordcraft_kg.models.scorers.tables import TableScorer
 
 
 def model(scorer: Scorer, data: OpenedGraph, kg: str = "partial") -> OpenedModel:
-    return OpenedModel(scorer, data, kg, {}, [])
+    return OpenedModel(scorer, data, ComplExConfig(kg=kg), run=None, metrics=None, trace=[])
 
 
 def noise(data: OpenedGraph, seed: int) -> Scorer:

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from wordcraft_kg.errors import ArtefactError, ConfigError
-from wordcraft_kg.models.links.config import CONFIGS, ComplExConfig, LinkModelConfig, read_config
+from wordcraft_kg.models.links.config import CONFIGS, ComplExConfig, LinkModelConfig, LinksConfig
 
 NAN, INF = float("nan"), float("inf")
 
@@ -85,12 +85,12 @@ def test_configurations_are_found_by_their_command():
 
 def test_a_config_file_fills_the_defaults_of_settings_that_it_lacks(tmp_path: Path):
     (tmp_path / "config.toml").write_text('[train-complex]\ngraph = "kitchen"\ndim = 5\n')
-    assert read_config(tmp_path) == (ComplExConfig(dim=5), "kitchen")
+    assert LinksConfig.read(tmp_path) == LinksConfig("kitchen", ComplExConfig(dim=5))
 
 
 def test_a_missing_config_file_is_an_error_that_says_so(tmp_path: Path):
     with pytest.raises(ArtefactError, match=r"config\.toml is missing"):
-        read_config(tmp_path)
+        LinksConfig.read(tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -112,10 +112,10 @@ def test_a_missing_config_file_is_an_error_that_says_so(tmp_path: Path):
 def test_a_damaged_config_file_is_an_error_that_names_it(tmp_path: Path, text: str):
     (tmp_path / "config.toml").write_text(text)
     with pytest.raises(ArtefactError, match=r"config\.toml is damaged"):
-        read_config(tmp_path)
+        LinksConfig.read(tmp_path)
 
 
 def test_a_config_file_that_is_not_utf8_is_an_error_that_names_it(tmp_path: Path):
     (tmp_path / "config.toml").write_bytes(b"\xff\xfe")
     with pytest.raises(ArtefactError, match=r"config\.toml is damaged"):
-        read_config(tmp_path)
+        LinksConfig.read(tmp_path)

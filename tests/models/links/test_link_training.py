@@ -16,21 +16,23 @@ from pathlib import Path
 import pytest
 import safetensors.torch
 import torch
-from link_helpers import contents, flip_bit, global_states, interrupt_after, random_graph
+from link_helpers import contents, flip_bit, global_states, interrupt_after, train
 
 from wordcraft_kg.artefacts import sha256_of
-from wordcraft_kg.errors import ArtefactError, ConfigError, GraphMismatchError, OutputExistsError
-from wordcraft_kg.graphs import SplitConfig, make_split, open_book
+from wordcraft_kg.errors import ArtefactError, ConfigError, GraphMismatchError, OutputExistsError, TrainingError
+from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_book
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph, write_graph_folder
 from wordcraft_kg.models.links import training as link_training
-from wordcraft_kg.models.links.config import ComplExConfig, LinkConfig, LinkModelConfig, read_config
+from wordcraft_kg.models.links.config import ComplExConfig, LinkModelConfig, LinksConfig, LinkSettings
+from wordcraft_kg.models.links.epochs import Epochs
 from wordcraft_kg.models.links.folder import open_model
-from wordcraft_kg.models.links.training import TrainedLinks, resume_links, train_links
+from wordcraft_kg.models.links.training import TrainedLinks, resume_links
 from wordcraft_kg.models.scorers.folder import load_scorer
 from wordcraft_kg.models.scorers.ranking import rank_triples, ranking_metrics
+from wordcraft_kg.records import as_values
 
 SHORT = ComplExConfig(dim=8, epochs=5)
-RESUMED: dict[str, LinkConfig] = {
+RESUMED: dict[str, LinkSettings] = {
     "complex": SHORT,
     "complex with validation": replace(SHORT, eval_every=1),
     "complex with validation and patience": replace(SHORT, eval_every=2, patience=1),
@@ -42,11 +44,10 @@ RESUMED: dict[str, LinkConfig] = {
 IN_ANOTHER_PROCESS = """
 import sys
 from pathlib import Path
-from wordcraft_kg.graphs.folder import open_graph
-from wordcraft_kg.models.links.config import ComplExConfig
+from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
 from wordcraft_kg.models.links.training import train_links
 
-train_links(open_graph("kitchen"), ComplExConfig(dim=8, epochs=5), Path(sys.argv[1]))
+train_links(LinksConfig("kitchen", ComplExConfig(dim=8, epochs=5)), Path(sys.argv[1]))
 """
 
 
@@ -60,7 +61,11 @@ def trace(trained: TrainedLinks) -> list[dict[str, float]]:
 
 
 def figures(trained: TrainedLinks) -> dict[str, object]:
-    return {name: value for name, value in trained.metrics.items() if not name.startswith("seconds")}
+    return {name: value for name, value in as_values(trained.metrics).items() if not name.startswith("seconds")}
+
+
+def status(folder: Path) -> str:
+    return json.loads((folder / "run.json").read_text())["status"]
 
 
 def attempt(call: Callable[[], TrainedLinks]) -> TrainedLinks | str:
@@ -75,14 +80,14 @@ def attempt(call: Callable[[], TrainedLinks]) -> TrainedLinks | str:
 
 
 @pytest.mark.parametrize("config", RESUMED.values(), ids=RESUMED)
-def test_the_same_seed_gives_the_same_bytes(validated_kitchen: OpenedGraph, tmp_path: Path, config: LinkConfig):
-    one, two = (train_links(validated_kitchen, config, tmp_path / name) for name in ("one", "two"))
+def test_the_same_seed_gives_the_same_bytes(validated_kitchen: OpenedGraph, tmp_path: Path, config: LinkSettings):
+    one, two = (train(validated_kitchen, config, tmp_path / name) for name in ("one", "two"))
     assert weights(one) == weights(two)
     assert (trace(one), figures(one)) == (trace(two), figures(two))
 
 
 def test_another_process_with_another_hash_seed_gives_the_same_bytes(opened_kitchen: OpenedGraph, tmp_path: Path):
-    here = train_links(opened_kitchen, SHORT, tmp_path / "here")
+    here = train(opened_kitchen, SHORT, tmp_path / "here")
     command = [sys.executable, "-c", IN_ANOTHER_PROCESS, str(tmp_path / "there")]
     subprocess.run(command, check=True, timeout=120, env={**os.environ, "PYTHONHASHSEED": "1"})
     for name in ("model.safetensors", "vocabulary.json"):
@@ -90,47 +95,47 @@ def test_another_process_with_another_hash_seed_gives_the_same_bytes(opened_kitc
 
 
 @pytest.mark.parametrize("config", [SHORT, RESUMED["distmult by softmax"]], ids=["complex", "distmult"])
-def test_another_seed_gives_another_model(opened_kitchen: OpenedGraph, tmp_path: Path, config: LinkConfig):
-    models = [train_links(opened_kitchen, replace(config, seed=seed), tmp_path / str(seed)) for seed in (0, 1, 2**31)]
+def test_another_seed_gives_another_model(opened_kitchen: OpenedGraph, tmp_path: Path, config: LinkSettings):
+    models = [train(opened_kitchen, replace(config, seed=seed), tmp_path / str(seed)) for seed in (0, 1, 2**31)]
     assert len({weights(model) for model in models}) == 3
 
 
 def test_a_seed_too_large_for_numpy_trains_or_is_a_clear_error(opened_kitchen: OpenedGraph, tmp_path: Path):
     settings = {"dim": 4, "epochs": 1, "seed": 2**32}
-    done = attempt(lambda: train_links(opened_kitchen, ComplExConfig(**settings), tmp_path / "model"))
-    assert "--seed" in done if isinstance(done, str) else done.metrics["epochs"] == 1
+    done = attempt(lambda: train(opened_kitchen, ComplExConfig(**settings), tmp_path / "model"))
+    assert "--seed" in done if isinstance(done, str) else done.metrics.epochs == 1
 
 
 def test_the_global_generators_do_not_influence_a_training(opened_kitchen: OpenedGraph, tmp_path: Path):
     models = []
     for seed in (1, 2):
         torch.manual_seed(seed)
-        models.append(train_links(opened_kitchen, SHORT, tmp_path / str(seed)))
+        models.append(train(opened_kitchen, SHORT, tmp_path / str(seed)))
     assert weights(models[0]) == weights(models[1])
 
 
 @pytest.mark.parametrize("config", [SHORT, RESUMED["rotate by negatives, with validation"]], ids=["complex", "rotate"])
 def test_training_leaves_all_global_states_as_they_were(
-    validated_kitchen: OpenedGraph, tmp_path: Path, config: LinkConfig
+    validated_kitchen: OpenedGraph, tmp_path: Path, config: LinkSettings
 ):
     before = global_states()
-    train_links(validated_kitchen, replace(config, threads=before["threads"] + 1), tmp_path / "model")
+    train(validated_kitchen, replace(config, threads=before["threads"] + 1), tmp_path / "model")
     assert global_states() == before
 
 
 def test_an_interrupted_training_leaves_all_global_states_as_they_were(opened_kitchen: OpenedGraph, tmp_path: Path):
     before = global_states()
-    assert train_links(opened_kitchen, SHORT, tmp_path / "model", progress=interrupt_after(1)).interrupted
+    assert train(opened_kitchen, SHORT, tmp_path / "model", progress=interrupt_after(1)).interrupted
     assert global_states() == before
 
 
 def test_a_failed_training_leaves_all_global_states_as_they_were(
     opened_kitchen: OpenedGraph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr(link_training, "_finish", fail)
+    monkeypatch.setattr(link_training, "write_results", fail)
     before = global_states()
     with pytest.raises(RuntimeError, match="no more"):
-        train_links(opened_kitchen, SHORT, tmp_path / "model")
+        train(opened_kitchen, SHORT, tmp_path / "model")
     assert global_states() == before
 
 
@@ -140,14 +145,18 @@ def test_a_failed_training_leaves_all_global_states_as_they_were(
 def test_a_finished_folder_holds_what_it_should_and_nothing_else(complex_folder: Path):
     names = ("README.md", "config.toml", "metrics.json", "model.safetensors", "run.json", "trace.jsonl")
     assert sorted(contents(complex_folder)) == sorted([*names, "vocabulary.json"])
-    assert not complex_folder.with_name(complex_folder.name + ".unfinished").exists()
+    assert [path for path in complex_folder.iterdir() if path.is_dir()] == []
 
 
 def test_the_run_record_holds_the_hashes_of_the_outputs_and_inputs(complex_folder: Path, opened_kitchen: OpenedGraph):
     run = json.loads((complex_folder / "run.json").read_text())
     assert run["status"] == "done"
     assert run["kind"] == "train-complex"
-    assert run["inputs"] == {"graph": opened_kitchen.graph.hash, "split": opened_kitchen.split.hash}
+    assert run["inputs"] == {
+        "graph": opened_kitchen.graph.hash,
+        "split": opened_kitchen.split.hash,
+        "config.toml": contents(complex_folder)["config.toml"],
+    }
     assert run["outputs"] == {name: contents(complex_folder)[name] for name in run["outputs"]}
     assert {"model.safetensors", "vocabulary.json", "config.toml"} <= set(run["outputs"])
     assert (run["versions"]["torch"], run["threads"]) == (torch.__version__, 1)
@@ -159,7 +168,7 @@ def test_no_environment_variable_and_no_home_folder_goes_into_the_records(
     monkeypatch.setenv("SOME_TOKEN", "s3cr3t-value")
     monkeypatch.setenv("HOME", str(tmp_path))
     monkeypatch.setattr(sys, "argv", [str(tmp_path / "bin" / "wordcraft-kg"), "--out", str(tmp_path / "m")])
-    folder = train_links(opened_kitchen, SHORT, tmp_path / "m").folder
+    folder = train(opened_kitchen, SHORT, tmp_path / "m").folder
     text = "".join(path.read_text() for path in folder.glob("*") if path.suffix != ".safetensors")
     assert json.loads((folder / "run.json").read_text())["argv"] == ["wordcraft-kg", "--out", "~/m"]
     assert "s3cr3t-value" not in text
@@ -168,23 +177,24 @@ def test_no_environment_variable_and_no_home_folder_goes_into_the_records(
 
 @pytest.mark.parametrize("config", RESUMED.values(), ids=RESUMED)
 def test_the_config_file_read_back_gives_an_equal_configuration(
-    validated_kitchen: OpenedGraph, tmp_path: Path, config: LinkConfig
+    validated_kitchen: OpenedGraph, tmp_path: Path, config: LinkSettings
 ):
-    folder = train_links(validated_kitchen, config, tmp_path / "model").folder
-    again, graph = read_config(folder)
-    assert again == config
-    assert open_graph(graph).split.hash == validated_kitchen.split.hash
+    folder = train(validated_kitchen, config, tmp_path / "model").folder
+    again = LinksConfig.read(folder)
+    assert again.settings == config
+    assert open_graph(again.graph).split.hash == validated_kitchen.split.hash
 
 
 def test_the_config_file_keeps_every_digit_of_a_number(opened_kitchen: OpenedGraph, tmp_path: Path):
     config = ComplExConfig(dim=4, epochs=1, n3=1e-17, init_scale=0.1 + 0.2, learning_rate=1 / 3)
-    assert read_config(train_links(opened_kitchen, config, tmp_path / "model").folder) == (config, "kitchen")
+    folder = train(opened_kitchen, config, tmp_path / "model").folder
+    assert LinksConfig.read(folder) == LinksConfig("kitchen", config)
 
 
 def test_a_model_and_its_graph_can_be_moved_together(tmp_path: Path, kitchen_folder: Path):
     shutil.copytree(kitchen_folder, tmp_path / "here" / "graphs" / "kitchen")
     opened = open_graph(tmp_path / "here" / "graphs" / "kitchen")
-    train_links(opened, SHORT, tmp_path / "here" / "models" / "kitchen")
+    train(opened, SHORT, tmp_path / "here" / "models" / "kitchen")
     (tmp_path / "here").rename(tmp_path / "there")
     assert open_model(tmp_path / "there" / "models" / "kitchen").opened.split.hash == opened.split.hash
 
@@ -193,7 +203,7 @@ def test_a_model_and_its_graph_can_be_moved_together(tmp_path: Path, kitchen_fol
 def test_a_graph_folder_may_have_any_name(tmp_path: Path, kitchen_folder: Path, name: str):
     shutil.copytree(kitchen_folder, tmp_path / name)
     opened = open_graph(tmp_path / name)
-    folder = train_links(opened, SHORT, tmp_path / "model").folder
+    folder = train(opened, SHORT, tmp_path / "model").folder
     assert tomllib.loads((folder / "config.toml").read_text(encoding="utf-8"))["train-complex"]["dim"] == 8
     assert open_model(folder).opened.graph == opened.graph
 
@@ -208,68 +218,70 @@ def test_the_metrics_say_what_was_trained(complex_folder: Path, opened_kitchen: 
 
 
 def test_the_trace_has_a_row_an_epoch_and_the_loss_falls(opened_kitchen: OpenedGraph, tmp_path: Path):
-    rows = trace(train_links(opened_kitchen, replace(SHORT, epochs=12), tmp_path / "model"))
+    rows = trace(train(opened_kitchen, replace(SHORT, epochs=12), tmp_path / "model"))
     assert [row["epoch"] for row in rows] == list(range(1, 13))
     assert rows[-1]["loss"] < rows[0]["loss"]
 
 
 def test_progress_is_called_after_each_epoch(opened_kitchen: OpenedGraph, tmp_path: Path):
     calls = []
-    train_links(opened_kitchen, SHORT, tmp_path / "model", progress=lambda *call: calls.append(call))
+    train(opened_kitchen, SHORT, tmp_path / "model", progress=lambda *call: calls.append(call))
     assert [(done, total, figures["epoch"]) for done, total, figures in calls] == [(i, 5, i) for i in range(1, 6)]
 
 
 def test_validation_runs_every_so_many_epochs_and_at_the_end(validated_kitchen: OpenedGraph, tmp_path: Path):
-    trained = train_links(validated_kitchen, replace(SHORT, eval_every=2), tmp_path / "model")
+    trained = train(validated_kitchen, replace(SHORT, eval_every=2), tmp_path / "model")
     measured = {row["epoch"]: row["valid_mrr"] for row in trace(trained) if "valid_mrr" in row}
     assert list(measured) == [2, 4, 5]
-    assert trained.metrics["valid_mrr"] == max(measured.values())
-    assert measured[trained.metrics["best_epoch"]] == max(measured.values())
+    assert trained.metrics.valid_mrr == max(measured.values())
+    assert measured[trained.metrics.best_epoch] == max(measured.values())
 
 
 def test_the_validation_figure_is_the_filtered_mrr_of_the_validation_part(
     validated_kitchen: OpenedGraph, tmp_path: Path
 ):
-    trained = train_links(validated_kitchen, replace(SHORT, eval_every=5), tmp_path / "model")
+    trained = train(validated_kitchen, replace(SHORT, eval_every=5), tmp_path / "model")
     queries = validated_kitchen.split.held_out("valid")
     ranks = rank_triples(load_scorer(trained.folder), queries, validated_kitchen.graph.triples)
-    assert trained.metrics["valid_mrr"] == pytest.approx(ranking_metrics(ranks).mrr)
+    assert trained.metrics.valid_mrr == pytest.approx(ranking_metrics(ranks).mrr)
 
 
 @pytest.mark.parametrize("config", [SHORT, RESUMED["rotate by negatives, with validation"]], ids=["complex", "rotate"])
-def test_validating_does_not_change_what_is_learnt(validated_kitchen: OpenedGraph, tmp_path: Path, config: LinkConfig):
+def test_validating_does_not_change_what_is_learnt(
+    validated_kitchen: OpenedGraph, tmp_path: Path, config: LinkSettings
+):
     without, with_validation = (
-        train_links(validated_kitchen, replace(config, eval_every=every), tmp_path / str(every)) for every in (0, 1)
+        train(validated_kitchen, replace(config, eval_every=every), tmp_path / str(every)) for every in (0, 1)
     )
     assert weights(without) == weights(with_validation)
 
 
 def test_the_full_graph_trains_on_all_triples(opened_kitchen: OpenedGraph, tmp_path: Path):
-    trained = train_links(opened_kitchen, ComplExConfig(kg="full", dim=8, epochs=2), tmp_path / "model")
-    assert trained.metrics["triples"] == len(opened_kitchen.graph.triples) > len(opened_kitchen.split.partial)
+    trained = train(opened_kitchen, ComplExConfig(kg="full", dim=8, epochs=2), tmp_path / "model")
+    assert trained.metrics.triples == len(opened_kitchen.graph.triples) > len(opened_kitchen.split.partial)
     assert open_model(trained.folder).kg == "full"
     assert "test recipes included" in (trained.folder / "README.md").read_text()
 
 
 def test_the_full_graph_is_remembered(opened_kitchen: OpenedGraph, tmp_path: Path):
     config = ComplExConfig(kg="full", dim=32, epochs=60)
-    assert train_links(opened_kitchen, config, tmp_path / "model").metrics["train_mrr"] > 0.9
+    assert train(opened_kitchen, config, tmp_path / "model").metrics.train_mrr > 0.9
 
 
 def test_training_works_outside_the_main_thread(opened_kitchen: OpenedGraph, tmp_path: Path, complex_folder: Path):
     found = []
     config = ComplExConfig(dim=8, epochs=4)
-    thread = threading.Thread(target=lambda: found.append(train_links(opened_kitchen, config, tmp_path / "model")))
+    thread = threading.Thread(target=lambda: found.append(train(opened_kitchen, config, tmp_path / "model")))
     thread.start()
     thread.join()
     assert weights(found[0]) == (complex_folder / "model.safetensors").read_bytes()
 
 
 @pytest.mark.parametrize("config", RESUMED.values(), ids=RESUMED)
-def test_training_warns_about_nothing(validated_kitchen: OpenedGraph, tmp_path: Path, config: LinkConfig):
+def test_training_warns_about_nothing(validated_kitchen: OpenedGraph, tmp_path: Path, config: LinkSettings):
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", UserWarning)
-        train_links(validated_kitchen, config, tmp_path / "model")
+        train(validated_kitchen, config, tmp_path / "model")
     assert [str(warning.message) for warning in caught] == []
 
 
@@ -278,12 +290,12 @@ def test_training_warns_about_nothing(validated_kitchen: OpenedGraph, tmp_path: 
 
 @pytest.mark.parametrize("config", RESUMED.values(), ids=RESUMED)
 def test_a_resumed_run_equals_an_undisturbed_one_bit_for_bit(
-    validated_kitchen: OpenedGraph, tmp_path: Path, config: LinkConfig
+    validated_kitchen: OpenedGraph, tmp_path: Path, config: LinkSettings
 ):
-    whole = train_links(validated_kitchen, config, tmp_path / "whole")
-    stopped = train_links(validated_kitchen, config, tmp_path / "halves", progress=interrupt_after(2))
-    assert (stopped.interrupted, stopped.epoch, stopped.metrics) == (True, 3, {})
-    assert not (tmp_path / "halves").exists()
+    whole = train(validated_kitchen, config, tmp_path / "whole")
+    stopped = train(validated_kitchen, config, tmp_path / "halves", progress=interrupt_after(2))
+    assert (stopped.interrupted, stopped.epoch, stopped.metrics) == (True, 3, None)
+    assert status(stopped.folder) == "interrupted"
     resumed = resume_links(stopped.folder)
     assert weights(resumed) == weights(whole)
     assert (trace(resumed), figures(resumed)) == (trace(whole), figures(whole))
@@ -292,8 +304,8 @@ def test_a_resumed_run_equals_an_undisturbed_one_bit_for_bit(
 
 def test_a_run_may_be_interrupted_more_than_once(opened_kitchen: OpenedGraph, tmp_path: Path):
     config = replace(SHORT, epochs=8)
-    whole = train_links(opened_kitchen, config, tmp_path / "whole")
-    folder = train_links(opened_kitchen, config, tmp_path / "parts", progress=interrupt_after(1)).folder
+    whole = train(opened_kitchen, config, tmp_path / "whole")
+    folder = train(opened_kitchen, config, tmp_path / "parts", progress=interrupt_after(1)).folder
     second = resume_links(folder, progress=interrupt_after(4))
     assert (second.interrupted, second.epoch) == (True, 5)
     resumed = resume_links(folder)
@@ -303,11 +315,11 @@ def test_a_run_may_be_interrupted_more_than_once(opened_kitchen: OpenedGraph, tm
 
 @pytest.mark.parametrize("config", RESUMED.values(), ids=RESUMED)
 def test_a_resumed_run_has_the_optimisers_state_of_an_undisturbed_one(
-    validated_kitchen: OpenedGraph, tmp_path: Path, config: LinkConfig
+    validated_kitchen: OpenedGraph, tmp_path: Path, config: LinkSettings
 ):
     config = replace(config, epochs=9, patience=0)
-    straight = train_links(validated_kitchen, config, tmp_path / "straight", progress=interrupt_after(5))
-    begun = train_links(validated_kitchen, config, tmp_path / "halves", progress=interrupt_after(1))
+    straight = train(validated_kitchen, config, tmp_path / "straight", progress=interrupt_after(5))
+    begun = train(validated_kitchen, config, tmp_path / "halves", progress=interrupt_after(1))
     resumed = resume_links(begun.folder, progress=interrupt_after(5))
     expected, found = (
         safetensors.torch.load_file(run.folder / "checkpoints" / "epoch-6.safetensors") for run in (straight, resumed)
@@ -319,32 +331,27 @@ def test_a_resumed_run_has_the_optimisers_state_of_an_undisturbed_one(
 
 
 def test_a_resumed_run_may_train_longer(opened_kitchen: OpenedGraph, tmp_path: Path):
-    whole = train_links(opened_kitchen, replace(SHORT, epochs=7), tmp_path / "whole")
-    stopped = train_links(opened_kitchen, SHORT, tmp_path / "longer", progress=interrupt_after(2))
+    whole = train(opened_kitchen, replace(SHORT, epochs=7), tmp_path / "whole")
+    stopped = train(opened_kitchen, SHORT, tmp_path / "longer", progress=interrupt_after(2))
     resumed = resume_links(stopped.folder, epochs=7)
     assert weights(resumed) == weights(whole)
-    assert read_config(resumed.folder) == read_config(whole.folder)
+    assert LinksConfig.read(resumed.folder) == LinksConfig.read(whole.folder)
 
 
 def test_a_resumed_run_never_claims_fewer_epochs_than_it_was_trained_for(opened_kitchen: OpenedGraph, tmp_path: Path):
-    stopped = train_links(opened_kitchen, SHORT, tmp_path / "model", progress=interrupt_after(3))
+    stopped = train(opened_kitchen, SHORT, tmp_path / "model", progress=interrupt_after(3))
     done = attempt(lambda: resume_links(stopped.folder, epochs=2))
     if isinstance(done, str):
         assert "--epochs" in done
     else:
-        assert read_config(done.folder)[0].epochs == done.metrics["epochs"]
-
-
-def test_a_run_can_be_resumed_by_the_name_it_will_have(opened_kitchen: OpenedGraph, tmp_path: Path):
-    train_links(opened_kitchen, SHORT, tmp_path / "model", progress=interrupt_after(1))
-    assert resume_links(tmp_path / "model").folder == tmp_path / "model"
+        assert LinksConfig.read(done.folder).settings.epochs == done.metrics.epochs
 
 
 def test_a_run_whose_graph_has_moved_is_resumed_with_the_new_place(tmp_path: Path, kitchen_folder: Path):
     shutil.copytree(kitchen_folder, tmp_path / "graph")
     opened = open_graph(tmp_path / "graph")
-    whole = train_links(opened, SHORT, tmp_path / "whole")
-    stopped = train_links(opened, SHORT, tmp_path / "model", progress=interrupt_after(1))
+    whole = train(opened, SHORT, tmp_path / "whole")
+    stopped = train(opened, SHORT, tmp_path / "model", progress=interrupt_after(1))
     (tmp_path / "graph").rename(tmp_path / "moved")
     resumed = resume_links(stopped.folder, graph=str(tmp_path / "moved"))
     assert weights(resumed) == weights(whole)
@@ -352,77 +359,66 @@ def test_a_run_whose_graph_has_moved_is_resumed_with_the_new_place(tmp_path: Pat
 
 def test_a_model_resumed_from_a_moved_graph_is_opened_without_being_told_again(tmp_path: Path, kitchen_folder: Path):
     shutil.copytree(kitchen_folder, tmp_path / "graph")
-    stopped = train_links(open_graph(tmp_path / "graph"), SHORT, tmp_path / "model", progress=interrupt_after(1))
+    stopped = train(open_graph(tmp_path / "graph"), SHORT, tmp_path / "model", progress=interrupt_after(1))
     (tmp_path / "graph").rename(tmp_path / "moved")
     resumed = resume_links(stopped.folder, graph=str(tmp_path / "moved"))
     assert Path(open_model(resumed.folder).opened.source).resolve() == (tmp_path / "moved").resolve()
 
 
 def test_an_interruption_in_the_last_epoch_finishes_the_run(opened_kitchen: OpenedGraph, tmp_path: Path):
-    trained = train_links(opened_kitchen, SHORT, tmp_path / "model", progress=interrupt_after(5))
-    assert (trained.interrupted, trained.folder, trained.metrics["epochs"]) == (False, tmp_path / "model", 5)
+    trained = train(opened_kitchen, SHORT, tmp_path / "model", progress=interrupt_after(5))
+    assert (trained.interrupted, trained.folder, trained.metrics.epochs) == (False, tmp_path / "model", 5)
 
 
 def test_a_second_ctrl_c_acts_at_once_and_loses_no_checkpoint(opened_kitchen: OpenedGraph, tmp_path: Path):
     config = replace(SHORT, checkpoint_every=1)
-    whole = train_links(opened_kitchen, config, tmp_path / "whole")
+    whole = train(opened_kitchen, config, tmp_path / "whole")
     handler = signal.getsignal(signal.SIGINT)
     with pytest.raises(KeyboardInterrupt):
-        train_links(opened_kitchen, config, tmp_path / "model", progress=interrupt_after(3, times=2))
+        train(opened_kitchen, config, tmp_path / "model", progress=interrupt_after(3, times=2))
     assert signal.getsignal(signal.SIGINT) is handler
     assert weights(resume_links(tmp_path / "model")) == weights(whole)
 
 
 def test_an_unfinished_run_is_not_overwritten_unless_forced(opened_kitchen: OpenedGraph, tmp_path: Path):
-    folder = train_links(opened_kitchen, SHORT, tmp_path / "model", progress=interrupt_after(1)).folder
+    folder = train(opened_kitchen, SHORT, tmp_path / "model", progress=interrupt_after(1)).folder
     before = contents(folder)
-    with pytest.raises(OutputExistsError, match=r"wordcraft-kg resume .*model\.unfinished"):
-        train_links(opened_kitchen, SHORT, tmp_path / "model")
+    with pytest.raises(OutputExistsError, match=r"an unfinished run is in .*wordcraft-kg resume .*model"):
+        train(opened_kitchen, SHORT, tmp_path / "model")
     assert contents(folder) == before
 
 
 def test_forced_training_starts_anew_over_an_unfinished_run(opened_kitchen: OpenedGraph, tmp_path: Path):
-    folder = train_links(opened_kitchen, SHORT, tmp_path / "model", progress=interrupt_after(1)).folder
-    anew = train_links(opened_kitchen, replace(SHORT, seed=1), tmp_path / "model", force=True)
-    assert not folder.exists()
-    assert weights(anew) == weights(train_links(opened_kitchen, replace(SHORT, seed=1), tmp_path / "other"))
+    train(opened_kitchen, SHORT, tmp_path / "model", progress=interrupt_after(1))
+    anew = train(opened_kitchen, replace(SHORT, seed=1), tmp_path / "model", force=True)
+    assert [path.name for path in tmp_path.iterdir()] == ["model"]
+    assert weights(anew) == weights(train(opened_kitchen, replace(SHORT, seed=1), tmp_path / "other"))
 
 
 def test_a_finished_model_is_not_overwritten_unless_forced(opened_kitchen: OpenedGraph, tmp_path: Path):
-    train_links(opened_kitchen, SHORT, tmp_path / "model")
+    train(opened_kitchen, SHORT, tmp_path / "model")
     before = contents(tmp_path / "model")
     with pytest.raises(OutputExistsError, match="--force"):
-        train_links(opened_kitchen, replace(SHORT, seed=1), tmp_path / "model")
+        train(opened_kitchen, replace(SHORT, seed=1), tmp_path / "model")
     assert contents(tmp_path / "model") == before
-    train_links(opened_kitchen, replace(SHORT, seed=1), tmp_path / "model", force=True)
-    assert read_config(tmp_path / "model")[0].seed == 1
-
-
-def test_an_earlier_model_stays_when_a_forced_run_is_interrupted(opened_kitchen: OpenedGraph, tmp_path: Path):
-    train_links(opened_kitchen, SHORT, tmp_path / "model")
-    before = contents(tmp_path / "model")
-    config = replace(SHORT, seed=1)
-    stopped = train_links(opened_kitchen, config, tmp_path / "model", force=True, progress=interrupt_after(1))
-    assert stopped.interrupted
-    assert contents(tmp_path / "model") == before
-    load_scorer(tmp_path / "model")
+    train(opened_kitchen, replace(SHORT, seed=1), tmp_path / "model", force=True)
+    assert LinksConfig.read(tmp_path / "model").settings.seed == 1
 
 
 def test_a_forced_run_that_was_interrupted_replaces_the_earlier_model_when_resumed(
     opened_kitchen: OpenedGraph, tmp_path: Path
 ):
-    train_links(opened_kitchen, SHORT, tmp_path / "model")
+    train(opened_kitchen, SHORT, tmp_path / "model")
     config = replace(SHORT, seed=1)
-    stopped = train_links(opened_kitchen, config, tmp_path / "model", force=True, progress=interrupt_after(1))
+    stopped = train(opened_kitchen, config, tmp_path / "model", force=True, progress=interrupt_after(1))
     resume_links(stopped.folder)
-    assert read_config(tmp_path / "model")[0].seed == 1
+    assert LinksConfig.read(tmp_path / "model").settings.seed == 1
     assert [path.name for path in tmp_path.iterdir()] == ["model"]
 
 
-@pytest.mark.parametrize("name", ["nowhere", "nowhere.unfinished"])
-def test_resuming_what_does_not_exist_is_an_error(tmp_path: Path, name: str):
+def test_resuming_what_does_not_exist_is_an_error(tmp_path: Path):
     with pytest.raises(ArtefactError, match="does not exist"):
-        resume_links(tmp_path / name)
+        resume_links(tmp_path / "nowhere")
 
 
 def test_resuming_a_finished_model_is_an_error(complex_folder: Path):
@@ -431,14 +427,14 @@ def test_resuming_a_finished_model_is_an_error(complex_folder: Path):
 
 
 def test_resuming_on_another_split_is_an_error(tmp_path: Path, opened_kitchen: OpenedGraph, kitchen_folder: Path):
-    stopped = train_links(opened_kitchen, SHORT, tmp_path / "model", progress=interrupt_after(1))
+    stopped = train(opened_kitchen, SHORT, tmp_path / "model", progress=interrupt_after(1))
     with pytest.raises(GraphMismatchError, match="split"):
         resume_links(stopped.folder, graph=str(kitchen_folder))
 
 
 @pytest.fixture
 def unfinished(opened_kitchen: OpenedGraph, tmp_path: Path) -> Path:
-    return train_links(opened_kitchen, SHORT, tmp_path / "model", progress=interrupt_after(1)).folder
+    return train(opened_kitchen, SHORT, tmp_path / "model", progress=interrupt_after(1)).folder
 
 
 @pytest.mark.parametrize("name", ["run.json", "config.toml", "checkpoints/epoch-2.safetensors"])
@@ -450,7 +446,7 @@ def test_resuming_without_one_of_its_files_is_an_artefact_error_that_says_where(
 
 
 @pytest.mark.parametrize(
-    "name", ["run.json", "config.toml", "checkpoints/last.json", "checkpoints/epoch-2.safetensors"]
+    "name", ["run.json", "config.toml", "checkpoints/epoch-2.json", "checkpoints/epoch-2.safetensors"]
 )
 def test_resuming_from_a_truncated_file_is_an_artefact_error(unfinished: Path, name: str):
     data = (unfinished / name).read_bytes()
@@ -461,7 +457,7 @@ def test_resuming_from_a_truncated_file_is_an_artefact_error(unfinished: Path, n
 
 @pytest.mark.parametrize("text", ["{}", "[]", '{"epoch": 2}'])
 def test_resuming_from_a_checkpoint_record_of_another_kind_is_an_artefact_error(unfinished: Path, text: str):
-    (unfinished / "checkpoints" / "last.json").write_text(text)
+    (unfinished / "checkpoints" / "epoch-2.json").write_text(text)
     with pytest.raises(ArtefactError):
         resume_links(unfinished)
 
@@ -480,7 +476,7 @@ def test_resuming_from_a_checkpoint_with_a_flipped_bit_is_an_artefact_error(unfi
 def scripted_validation(monkeypatch: pytest.MonkeyPatch) -> None:
     """Validation MRR is best in epoch 2, whatever the model says."""
     figures = [0.1, 0.4, 0.2, 0.4, 0.3, 0.3, 0.9, 0.9]
-    monkeypatch.setattr(link_training._Checkpoints, "_validate", lambda state: figures[len(state.trace)])
+    monkeypatch.setattr(Epochs, "_validate", lambda epochs: figures[len(epochs.so_far.trace)])
 
 
 PATIENT = replace(SHORT, epochs=8, eval_every=1, patience=2)
@@ -488,31 +484,31 @@ PATIENT = replace(SHORT, epochs=8, eval_every=1, patience=2)
 
 @pytest.mark.usefixtures("scripted_validation")
 def test_early_stopping_returns_to_the_best_epoch(validated_kitchen: OpenedGraph, tmp_path: Path):
-    stopped = train_links(validated_kitchen, PATIENT, tmp_path / "stopped")
-    best = train_links(validated_kitchen, replace(SHORT, epochs=2), tmp_path / "best")
-    assert (stopped.metrics["epochs"], stopped.metrics["best_epoch"], stopped.metrics["valid_mrr"]) == (4, 2, 0.4)
+    stopped = train(validated_kitchen, PATIENT, tmp_path / "stopped")
+    best = train(validated_kitchen, replace(SHORT, epochs=2), tmp_path / "best")
+    assert (stopped.metrics.epochs, stopped.metrics.best_epoch, stopped.metrics.valid_mrr) == (4, 2, 0.4)
     assert weights(stopped) == weights(best)
     assert [row["epoch"] for row in trace(stopped)] == [1, 2, 3, 4]
 
 
 @pytest.mark.usefixtures("scripted_validation")
 def test_early_stopping_waits_as_long_as_the_patience_says(validated_kitchen: OpenedGraph, tmp_path: Path):
-    stopped = train_links(validated_kitchen, replace(PATIENT, patience=5), tmp_path / "stopped")
-    assert (stopped.metrics["epochs"], stopped.metrics["best_epoch"]) == (8, 7)
+    stopped = train(validated_kitchen, replace(PATIENT, patience=5), tmp_path / "stopped")
+    assert (stopped.metrics.epochs, stopped.metrics.best_epoch) == (8, 7)
 
 
 @pytest.mark.usefixtures("scripted_validation")
 def test_without_patience_the_last_epoch_is_kept(validated_kitchen: OpenedGraph, tmp_path: Path):
-    trained = train_links(validated_kitchen, replace(PATIENT, patience=0, epochs=5), tmp_path / "trained")
-    assert (trained.metrics["epochs"], trained.metrics["best_epoch"]) == (5, 2)
-    assert weights(trained) == weights(train_links(validated_kitchen, SHORT, tmp_path / "plain"))
+    trained = train(validated_kitchen, replace(PATIENT, patience=0, epochs=5), tmp_path / "trained")
+    assert (trained.metrics.epochs, trained.metrics.best_epoch) == (5, 2)
+    assert weights(trained) == weights(train(validated_kitchen, SHORT, tmp_path / "plain"))
 
 
 @pytest.mark.usefixtures("scripted_validation")
 @pytest.mark.parametrize("epoch", [1, 2])
 def test_a_resumed_run_stops_early_at_the_same_epoch(validated_kitchen: OpenedGraph, tmp_path: Path, epoch: int):
-    whole = train_links(validated_kitchen, PATIENT, tmp_path / "whole")
-    stopped = train_links(validated_kitchen, PATIENT, tmp_path / "halves", progress=interrupt_after(epoch))
+    whole = train(validated_kitchen, PATIENT, tmp_path / "whole")
+    stopped = train(validated_kitchen, PATIENT, tmp_path / "halves", progress=interrupt_after(epoch))
     assert (stopped.interrupted, stopped.epoch) == (True, epoch + 1)
     resumed = resume_links(stopped.folder)
     assert (figures(resumed), trace(resumed)) == (figures(whole), trace(whole))
@@ -523,8 +519,8 @@ def test_a_resumed_run_stops_early_at_the_same_epoch(validated_kitchen: OpenedGr
 def test_an_interruption_in_the_epoch_of_the_early_stop_finishes_the_run(
     validated_kitchen: OpenedGraph, tmp_path: Path
 ):
-    trained = train_links(validated_kitchen, PATIENT, tmp_path / "model", progress=interrupt_after(3))
-    assert (trained.interrupted, trained.metrics["epochs"], trained.metrics["best_epoch"]) == (False, 4, 2)
+    trained = train(validated_kitchen, PATIENT, tmp_path / "model", progress=interrupt_after(3))
+    assert (trained.interrupted, trained.metrics.epochs, trained.metrics.best_epoch) == (False, 4, 2)
 
 
 # --- failures --------------------------------------------------------------------------------------------------------
@@ -542,23 +538,22 @@ def test_a_run_that_fails_after_a_checkpoint_is_marked_and_can_be_resumed(opened
             raise RuntimeError("no more")
 
     with pytest.raises(RuntimeError, match="no more"):
-        train_links(opened_kitchen, config, tmp_path / "model", progress=fail_in_the_third_epoch)
-    assert not (tmp_path / "model").exists()
-    assert json.loads((tmp_path / "model.unfinished" / "run.json").read_text())["status"] == "failed"
-    whole = train_links(opened_kitchen, config, tmp_path / "whole")
-    assert weights(resume_links(tmp_path / "model.unfinished")) == weights(whole)
+        train(opened_kitchen, config, tmp_path / "model", progress=fail_in_the_third_epoch)
+    assert status(tmp_path / "model") == "failed"
+    whole = train(opened_kitchen, config, tmp_path / "whole")
+    assert weights(resume_links(tmp_path / "model")) == weights(whole)
 
 
-def test_a_run_that_fails_at_the_end_is_marked_failed_and_the_earlier_model_stays(
+def test_a_run_that_fails_at_the_end_is_marked_failed_and_can_go_on(
     opened_kitchen: OpenedGraph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    train_links(opened_kitchen, SHORT, tmp_path / "model")
-    before = contents(tmp_path / "model")
-    monkeypatch.setattr(link_training, "_finish", fail)
-    with pytest.raises(RuntimeError, match="no more"):
-        train_links(opened_kitchen, replace(SHORT, seed=1), tmp_path / "model", force=True)
-    assert json.loads((tmp_path / "model.unfinished" / "run.json").read_text())["status"] == "failed"
-    assert contents(tmp_path / "model") == before
+    whole = train(opened_kitchen, SHORT, tmp_path / "whole")
+    with monkeypatch.context() as patch:
+        patch.setattr(link_training, "write_results", fail)
+        with pytest.raises(RuntimeError, match="no more"):
+            train(opened_kitchen, SHORT, tmp_path / "model")
+    assert status(tmp_path / "model") == "failed"
+    assert weights(resume_links(tmp_path / "model")) == weights(whole)
 
 
 def test_a_run_that_fails_before_its_first_checkpoint_leaves_nothing_behind(
@@ -566,35 +561,17 @@ def test_a_run_that_fails_before_its_first_checkpoint_leaves_nothing_behind(
 ):
     monkeypatch.setattr(link_training, "make_training_loop", fail)
     with pytest.raises(RuntimeError, match="no more"):
-        train_links(opened_kitchen, SHORT, tmp_path / "model")
+        train(opened_kitchen, SHORT, tmp_path / "model")
     assert list(tmp_path.iterdir()) == []
-
-
-def test_a_folder_that_cannot_be_replaced_at_the_end_leaves_the_earlier_model(
-    opened_kitchen: OpenedGraph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
-    train_links(opened_kitchen, SHORT, tmp_path / "model")
-    before = contents(tmp_path / "model")
-    rename = os.rename
-
-    def no_renaming_onto_the_model(source: Path, target: Path) -> None:
-        if Path(target) == tmp_path / "model" and Path(source).name.endswith(".unfinished"):
-            raise OSError("no more")
-        rename(source, target)
-
-    monkeypatch.setattr(os, "rename", no_renaming_onto_the_model)
-    with pytest.raises(OSError, match="no more"):
-        train_links(opened_kitchen, replace(SHORT, seed=1), tmp_path / "model", force=True)
-    assert contents(tmp_path / "model") == before
 
 
 # --- settings that cannot be met -------------------------------------------------------------------------------------
 
 
-def refused(opened: OpenedGraph, config: LinkConfig, out: Path) -> str:
+def refused(opened: OpenedGraph, config: LinkSettings, out: Path) -> str:
     """Train, expect a ConfigError, and return its message; nothing may be left behind."""
     with pytest.raises(ConfigError) as caught:
-        train_links(opened, config, out)
+        train(opened, config, out)
     assert list(out.parent.iterdir()) == []
     return str(caught.value)
 
@@ -631,7 +608,7 @@ def test_a_model_that_needs_more_than_triples_is_a_clear_error(opened_kitchen: O
 @pytest.mark.parametrize("model", ["TransE", "tucker", "rescal", "rgcn", "conve", "complexn3", "quate"])
 def test_other_models_train_and_load(opened_kitchen: OpenedGraph, tmp_path: Path, model: str):
     config = LinkModelConfig(model=model, dim=8, epochs=1, negatives=2)
-    scorer = load_scorer(train_links(opened_kitchen, config, tmp_path / "model").folder, graph=opened_kitchen.graph)
+    scorer = load_scorer(train(opened_kitchen, config, tmp_path / "model").folder, graph=opened_kitchen.graph)
     assert scorer.table("combinesWith").shape == (80, 80)
     assert torch.isfinite(scorer.table("componentOf")).all()
 
@@ -645,7 +622,7 @@ def test_every_model_of_pykeen_trains_or_is_refused_clearly(opened_kitchen: Open
     for model in sorted(model_resolver.lookup_dict):
         config = LinkModelConfig(model=model, dim=8, epochs=1, negatives=2, loop=loop)
         try:
-            load_scorer(train_links(opened_kitchen, config, tmp_path / model).folder)
+            load_scorer(train(opened_kitchen, config, tmp_path / model).folder)
         except ConfigError:
             continue
         except Exception as error:
@@ -654,36 +631,29 @@ def test_every_model_of_pykeen_trains_or_is_refused_clearly(opened_kitchen: Open
 
 
 def test_a_graph_without_a_split_has_no_partial_graph_to_train_on(tmp_path: Path):
-    graph = random_graph(num_entities=12, num_recipes=60)
-    opened = OpenedGraph(graph, make_split(graph, SplitConfig(kind="none")), "random")
+    book = open_book("paper-examples")
+    graph = RecipeGraph.from_book(book)
+    write_graph_folder(tmp_path / "graph", book, make_split(graph, SplitConfig(kind="none")))
+    opened = open_graph(tmp_path / "graph")
     with pytest.raises(ConfigError, match="Use --kg full, or build the graph with a split"):
-        train_links(opened, SHORT, tmp_path / "model")
-    trained = train_links(opened, replace(SHORT, kg="full"), tmp_path / "model")
-    assert trained.metrics["triples"] == len(graph.triples)
+        train(opened, SHORT, tmp_path / "model")
+    trained = train(opened, replace(SHORT, kg="full"), tmp_path / "model")
+    assert trained.metrics.triples == len(graph.triples)
 
 
 def test_the_full_graph_is_not_validated_on_triples_it_has_seen(validated_kitchen: OpenedGraph, tmp_path: Path):
     with pytest.raises(ConfigError, match="holds the validation triples too"):
-        train_links(validated_kitchen, replace(SHORT, kg="full", eval_every=2), tmp_path / "model")
+        train(validated_kitchen, replace(SHORT, kg="full", eval_every=2), tmp_path / "model")
 
 
 def test_a_diverging_training_is_a_clear_error_and_leaves_nothing(opened_kitchen: OpenedGraph, tmp_path: Path):
-    with pytest.raises(ConfigError, match="lower --learning-rate"):
-        train_links(opened_kitchen, replace(SHORT, learning_rate=1e30), tmp_path / "model")
+    with pytest.raises(TrainingError, match="lower --learning-rate"):
+        train(opened_kitchen, replace(SHORT, learning_rate=1e30), tmp_path / "model")
     assert not list(tmp_path.iterdir())
 
 
 def test_a_misspelt_model_leaves_an_unfinished_run_alone(opened_kitchen: OpenedGraph, tmp_path: Path):
-    stopped = train_links(opened_kitchen, SHORT, tmp_path / "model", progress=interrupt_after(2))
+    stopped = train(opened_kitchen, SHORT, tmp_path / "model", progress=interrupt_after(2))
     with pytest.raises(ConfigError, match="PyKEEN has no model"):
-        train_links(opened_kitchen, LinkModelConfig(model="nosuch"), tmp_path / "model", force=True)
-    assert (stopped.folder / "checkpoints" / "last.json").exists()
-
-
-def test_an_unsplit_graph_folder_can_be_trained_on(tmp_path: Path):
-    from wordcraft_kg.graphs import RecipeGraph
-
-    book = open_book("paper-examples")
-    write_graph_folder(tmp_path / "graph", book, make_split(RecipeGraph.from_book(book), SplitConfig(kind="none")))
-    trained = train_links(open_graph(tmp_path / "graph"), replace(SHORT, kg="full"), tmp_path / "model")
-    assert trained.metrics["epochs"] == 5
+        train(opened_kitchen, LinkModelConfig(model="nosuch"), tmp_path / "model", force=True)
+    assert (stopped.folder / "checkpoints" / "epoch-3.json").exists()

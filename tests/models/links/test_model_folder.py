@@ -7,14 +7,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from link_helpers import flip_bit
+from link_helpers import flip_bit, train
 
 from wordcraft_kg.errors import ArtefactError, GraphMismatchError
 from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_book
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph, write_graph_folder
 from wordcraft_kg.models.links.config import ComplExConfig
 from wordcraft_kg.models.links.folder import open_model
-from wordcraft_kg.models.links.training import train_links
 
 Spoilt = Callable[[str], tuple[Path, Path]]
 SHORT = ComplExConfig(dim=4, epochs=2)
@@ -24,7 +23,7 @@ SHORT = ComplExConfig(dim=4, epochs=2)
 def on_disk(kitchen_folder: Path, tmp_path: Path) -> tuple[Path, Path]:
     """A model folder, and the graph folder beside it, for a test to move or replace."""
     shutil.copytree(kitchen_folder, tmp_path / "graph")
-    return train_links(open_graph(tmp_path / "graph"), SHORT, tmp_path / "model").folder, tmp_path / "graph"
+    return train(open_graph(tmp_path / "graph"), SHORT, tmp_path / "model").folder, tmp_path / "graph"
 
 
 def rebuild(folder: Path, **settings: float) -> None:
@@ -36,7 +35,7 @@ def test_an_opened_model_has_its_scorer_graph_split_and_history(complex_folder: 
     opened = open_model(complex_folder)
     assert (opened.opened.graph, opened.opened.split.hash) == (opened_kitchen.graph, opened_kitchen.split.hash)
     assert opened.scorer.graph_hash == opened_kitchen.graph.hash
-    assert (opened.kg, [row["epoch"] for row in opened.trace]) == ("partial", [1, 2, 3, 4])
+    assert (opened.kg, [row.epoch for row in opened.trace]) == ("partial", [1, 2, 3, 4])
     assert (
         opened.provenance["weights"]
         == json.loads((complex_folder / "run.json").read_text())["outputs"]["model.safetensors"]

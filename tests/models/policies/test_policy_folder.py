@@ -22,7 +22,7 @@ from wordcraft_kg.models.policies.policy import Policy
 from wordcraft_kg.models.scorers.facts import FrequencyScorer
 from wordcraft_kg.models.scorers.features import make_features
 from wordcraft_kg.models.scorers.scales import scaled_scorer
-from wordcraft_kg.runs.record import end_run, start_run
+from wordcraft_kg.runs.record import end_run, read_run, start_run
 
 GRAPH = random_graph(num_entities=8, num_recipes=20)
 SIZE = GRAPH.num_entities
@@ -358,7 +358,7 @@ def test_a_missing_file_is_an_artefact_error_that_names_it(folder: Path, name: s
 
 @pytest.mark.parametrize("status", ["running", "interrupted", "failed"])
 def test_an_unfinished_run_has_no_policy_yet(folder: Path, status: str):
-    end_run(folder, json.loads((folder / "run.json").read_text()), status)
+    end_run(folder, read_run(folder), status)
     with pytest.raises(ArtefactError, match=rf"{status}, not done.*wordcraft-kg resume"):
         load_policy(folder)
 

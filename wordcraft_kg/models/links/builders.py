@@ -12,12 +12,13 @@ from pykeen.triples import TriplesFactory
 from wordcraft_kg.errors import ConfigError
 from wordcraft_kg.graphs.triples import RELATIONS
 from wordcraft_kg.models.links.complex import ComplExN3
-from wordcraft_kg.models.links.config import ComplExConfig, LinkConfig, LinkModelConfig
+from wordcraft_kg.models.links.config import ComplExConfig, LinkModelConfig, LinkSettings
 from wordcraft_kg.models.links.symmetric_lcwa import IndexedSymmetricLCWATrainingLoop
+from wordcraft_kg.models.scorers.folder import ScorerKind
 from wordcraft_kg.settings import nearest
 
 
-def make_training_loop(config: LinkConfig, factory: TriplesFactory) -> TrainingLoop:
+def make_training_loop(config: LinkSettings, factory: TriplesFactory) -> TrainingLoop:
     """Build the PyKEEN model of a configuration and the loop that trains it.
 
     Raises:
@@ -26,7 +27,7 @@ def make_training_loop(config: LinkConfig, factory: TriplesFactory) -> TrainingL
     return _complex_loop(config, factory) if isinstance(config, ComplExConfig) else _pykeen_loop(config, factory)
 
 
-def scorer_tensors(config: LinkConfig, model: Model) -> tuple[str, dict[str, torch.Tensor]]:
+def scorer_tensors(config: LinkSettings, model: Model) -> tuple[ScorerKind, dict[str, torch.Tensor]]:
     """Return the kind of scorer that a trained model becomes, and the tensors that it needs.
 
     ComplEx becomes its embeddings (``complex``); any other model a ``table`` of the scores of all triples, beside its

@@ -1,14 +1,14 @@
 """Settings of link predictors: every option, default, unit and allowed range; imports neither torch nor PyKEEN."""
 
 import math
-import os
-import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
 from wordcraft_kg.errors import ArtefactError, ConfigError
 from wordcraft_kg.graphs.folder import KG
+from wordcraft_kg.records import Record
+from wordcraft_kg.runs.config_file import read_config, write_config
 
 PAPER_DIM = 128
 N3_PARTIAL = 0.1
@@ -52,6 +52,10 @@ class TrainingConfig:
         for name in ("eval_every", "patience", "seed"):
             require(self, name, getattr(self, name) >= 0, "0 or more")
         require(self, "seed", self.seed < 2**32, "less than 2^32, as PyKEEN needs")
+        if self.kg == "full" and self.eval_every:
+            raise ConfigError(
+                "--eval-every: the full graph holds the validation triples too; validate with --kg partial."
+            )
         if self.patience and not self.eval_every:
             raise ConfigError("--patience counts rankings of the validation triples; give --eval-every too, such as 5.")
 
@@ -115,11 +119,11 @@ class LinkModelConfig(TrainingConfig):
         require(self, "learning_rate", math.isfinite(self.learning_rate) and self.learning_rate > 0, "a number above 0")
 
 
-LinkConfig = ComplExConfig | LinkModelConfig
+LinkSettings = ComplExConfig | LinkModelConfig
 CONFIGS: dict[str, type[ComplExConfig] | type[LinkModelConfig]] = {
     config.command: config for config in (ComplExConfig, LinkModelConfig)
 }
-"""Configurations by the command that takes them."""
+"""Settings by the command that takes them."""
 
 
 def require(config: Any, name: str, holds: bool, expected: str) -> None:
@@ -132,21 +136,48 @@ def require(config: Any, name: str, holds: bool, expected: str) -> None:
         raise ConfigError(f"--{name.replace('_', '-')} {getattr(config, name)}: expected {expected}.")
 
 
-def read_config(folder: Path) -> tuple[LinkConfig, str]:
-    """Return the configuration of a model folder, and its graph as a path or a book's name.
+@dataclass(frozen=True)
+class LinksConfig:
+    """All that makes a link predictor, as ``config.toml`` keeps it.
 
-    Raises:
-        ArtefactError: if ``config.toml`` is missing or damaged.
+    Attributes:
+        graph: graph folder, recipe book's file or known book's name.
+        settings: of the model and its training.
     """
-    path = folder / "config.toml"
-    try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-        ((command, table),) = content.items()
-        graph = table.pop("graph")
-        # The path is kept relative to the model folder, so that both can be moved together.
-        beside = folder / graph
-        return CONFIGS[command](**table), os.path.normpath(beside) if beside.exists() else graph
-    except FileNotFoundError:
-        raise ArtefactError(f"{path} is missing; '{folder}' is incomplete. Train the model again.") from None
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
-        raise ArtefactError(f"{path} is damaged ({error}). Train the model again, or restore a copy.") from None
+
+    graph: str
+    settings: LinkSettings = ComplExConfig()
+
+    @property
+    def command(self) -> str:
+        """The command that trains so."""
+        return self.settings.command
+
+    def default_folder(self, graph_name: str) -> Path:
+        """Return where the model goes if nobody says."""
+        kind = f"{self.settings.model.lower()}-" if isinstance(self.settings, LinkModelConfig) else ""
+        return Path("models") / f"{graph_name}-{kind}{self.settings.kg}"
+
+    def write(self, folder: Path) -> None:
+        """Write ``config.toml``; the graph's path becomes relative to the folder, so that both can be moved."""
+        write_config(folder, self.command, {"graph": self.graph, **vars(self.settings)})
+
+    @classmethod
+    def read(cls, folder: Path) -> "LinksConfig":
+        """Read ``config.toml``.
+
+        Raises:
+            ArtefactError: if it is missing or damaged.
+        """
+        table = read_config(folder)
+        if table.command not in CONFIGS:
+            raise ArtefactError(
+                f"{table.path} is damaged: there is no [{table.command}]; expected {', '.join(CONFIGS)}."
+            )
+        inputs, settings = table.take(_Inputs), table.take(CONFIGS[table.command])
+        table.close()
+        return cls(inputs.graph, settings)
+
+
+class _Inputs(Record, frozen=True):
+    graph: str

@@ -1,16 +1,16 @@
-"""Opening a model folder for evaluation: its scorer, the graph and split that it was trained on, and its record."""
+"""Opening a model folder for evaluation: its scorer, the graph and split that it was trained on, and its history."""
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from wordcraft_kg.graphs.folder import KG, OpenedGraph
-from wordcraft_kg.models.links.config import read_config
+from wordcraft_kg.models.links.config import LinksConfig, LinkSettings
+from wordcraft_kg.models.links.records import LinkMetrics, TraceRow
 from wordcraft_kg.models.scorers.folder import load_scorer
 from wordcraft_kg.models.scorers.scorer import Scorer
+from wordcraft_kg.records import parse_lines, parse_record
 from wordcraft_kg.runs.inputs import open_run_graph
-from wordcraft_kg.runs.record import read_finished_run, verified_bytes
+from wordcraft_kg.runs.record import RunRecord, read_finished_run, verified_bytes
 
 
 @dataclass(frozen=True)
@@ -20,16 +20,37 @@ class OpenedModel:
     Attributes:
         scorer: loaded from the folder.
         opened: the graph and split that it was trained on, checked by hash.
-        kg: ``partial`` or ``full``.
-        provenance: facts for a report.
+        settings: that it was trained with.
+        run: its ``run.json``.
+        metrics: what its training came to.
         trace: a row an epoch.
     """
 
     scorer: Scorer
     opened: OpenedGraph
-    kg: KG
-    provenance: dict[str, Any]
-    trace: list[dict[str, float]]
+    settings: LinkSettings
+    run: RunRecord
+    metrics: LinkMetrics
+    trace: list[TraceRow]
+
+    @property
+    def kg(self) -> KG:
+        """What it was trained on: ``partial`` or ``full``."""
+        return self.settings.kg
+
+    @property
+    def provenance(self) -> dict[str, str]:
+        """Facts for a report."""
+        metrics = self.metrics
+        return {
+            "trained by": " ".join(self.run.argv),
+            "finished": self.run.ended or "",
+            "training": f"{metrics.epochs} epochs, {metrics.seconds:.1f} s, {metrics.parameters:,} parameters",
+            "on its own training triples": f"MRR {metrics.train_mrr:.3f}",
+            "settings": ", ".join(f"{name} {value}" for name, value in vars(self.settings).items()),
+            "versions": ", ".join(f"{name} {number}" for name, number in self.run.versions.items()),
+            "weights": self.run.outputs["model.safetensors"],
+        }
 
 
 def open_model(folder: Path, graph: str | None = None) -> OpenedModel:
@@ -46,17 +67,8 @@ def open_model(folder: Path, graph: str | None = None) -> OpenedModel:
     run = read_finished_run(folder, "wordcraft-kg train-complex")
     scorer = load_scorer(folder)
     verified_bytes(folder, run, "config.toml")
-    config, recorded_graph = read_config(folder)
-    opened = open_run_graph(folder, run, graph or recorded_graph)
-    metrics = json.loads(verified_bytes(folder, run, "metrics.json"))
-    trace = [json.loads(line) for line in verified_bytes(folder, run, "trace.jsonl").splitlines()]
-    provenance = {
-        "trained by": " ".join(run["argv"]),
-        "finished": run["ended"],
-        "training": f"{metrics['epochs']} epochs, {metrics['seconds']:.1f} s, {metrics['parameters']:,} parameters",
-        "on its own training triples": f"MRR {metrics['train_mrr']:.3f}",
-        "settings": ", ".join(f"{name} {value}" for name, value in vars(config).items()),
-        "versions": ", ".join(f"{name} {number}" for name, number in run["versions"].items()),
-        "weights": run["outputs"]["model.safetensors"],
-    }
-    return OpenedModel(scorer, opened, config.kg, provenance, trace)
+    config = LinksConfig.read(folder)
+    opened = open_run_graph(folder, run, graph or config.graph)
+    metrics = parse_record(verified_bytes(folder, run, "metrics.json"), LinkMetrics, folder / "metrics.json")
+    trace = parse_lines(verified_bytes(folder, run, "trace.jsonl"), TraceRow, folder / "trace.jsonl")
+    return OpenedModel(scorer, opened, config.settings, run, metrics, trace)

@@ -18,7 +18,7 @@ from wordcraft_kg.models.links.config import CONFIGS, ComplExConfig, LinkModelCo
 from wordcraft_kg.models.links.pykeen_bridge import pykeen_guard, quiet_pykeen, seeded_pipelines, triples_factory
 from wordcraft_kg.models.scorers.ranking import MIN_TRIPLES
 from wordcraft_kg.records import Count, Record, Share
-from wordcraft_kg.runs.record import toml_value
+from wordcraft_kg.runs.config_file import toml_value
 from wordcraft_kg.tensors import check_device
 
 _EPOCHS = {"type": "int", "low": 20, "high": 100, "q": 20}

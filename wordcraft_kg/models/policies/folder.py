@@ -10,6 +10,7 @@ from torch import Tensor
 
 from wordcraft_kg.artefacts import dump_json, read_json, write_atomically
 from wordcraft_kg.errors import ArtefactError, ConfigError
+from wordcraft_kg.feature_spec import LEARNED
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.models.policies.actor_critic import AttentionPolicy
@@ -25,7 +26,6 @@ from wordcraft_kg.runs.record import read_finished_run, verified_bytes
 from wordcraft_kg.tensors import read_tensors, with_prefix
 
 POLICY_FORMAT = "wordcraft-kg policy 1"
-LEARNED = "learned"
 
 
 def make_policy(

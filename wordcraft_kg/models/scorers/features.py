@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from wordcraft_kg.artefacts import sha256_of, write_atomically
 from wordcraft_kg.errors import ConfigError
+from wordcraft_kg.feature_spec import SHUFFLED, VECTORS, FeatureSpec
 from wordcraft_kg.graphs.library import cache_folder
 from wordcraft_kg.settings import nearest
 
@@ -32,8 +33,6 @@ MAX_MISSING_SHARE = 0.1
 """Share of entities without a vector up to which :func:`make_features` goes on with zeros unasked."""
 ONE_HOT_LIMIT = 2**28
 """Bytes; 8,192 entities."""
-NAMED = ("glove", "one-hot", "random")
-SHUFFLED = "shuffled:"
 Pooling = Literal["mean", "max"]
 _POOLINGS: dict[str, Callable[..., Any]] = {"mean": np.mean, "max": np.max}
 _LISTED = 20
@@ -126,22 +125,24 @@ def make_features(
         raise ConfigError(f"pooling '{pooling}': expected one of {', '.join(_POOLINGS)}.{nearest(pooling, _POOLINGS)}")
     if seed < 0:
         raise ConfigError(f"seed {seed}: expected 0 or more.")
-    if spec.startswith(SHUFFLED):
-        inner = spec.removeprefix(SHUFFLED)
-        features = make_features(inner, labels, pooling=pooling, allow_missing=allow_missing, seed=seed)
-        return _shuffled(features, seed)
+    asked = FeatureSpec.parse(spec)
+    if asked.prefix:
+        features = make_features(asked.source, labels, pooling=pooling, allow_missing=allow_missing, seed=seed)
+        for _ in range(asked.prefix.count(SHUFFLED)):
+            features = _shuffled(features, seed)
+        return features
     if spec == "one-hot":
         return _one_hot(len(labels))
     if spec == "random":
         return _random(len(labels), seed)
     if spec == "glove":
         features = _glove(labels, pooling)
-    elif os.path.isfile(spec):
+    elif asked.is_path and os.path.isfile(spec):
         features = _from_file(Path(spec), labels, pooling)
     else:
-        names = (*NAMED, *(SHUFFLED + name for name in NAMED))
+        names = (*VECTORS, *(SHUFFLED + name for name in VECTORS))
         raise ConfigError(
-            f"features '{spec}': neither a file nor one of {', '.join(NAMED)}, which may have '{SHUFFLED}' before "
+            f"features '{spec}': neither a file nor one of {', '.join(VECTORS)}, which may have '{SHUFFLED}' before "
             f"them.{nearest(spec, names)}"
         )
     _check_known(features, spec, allow_missing)

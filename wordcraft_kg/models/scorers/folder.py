@@ -1,9 +1,8 @@
 """The scorer of a model folder."""
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import torch
 
@@ -14,8 +13,29 @@ from wordcraft_kg.models.scorers.embeddings import ComplExScorer
 from wordcraft_kg.models.scorers.protocol import check_scorer
 from wordcraft_kg.models.scorers.scorer import Scorer
 from wordcraft_kg.models.scorers.tables import TABLE_LIMIT, TableScorer
+from wordcraft_kg.records import Record, parse_record
 from wordcraft_kg.runs.record import read_finished_run, verified_bytes
 from wordcraft_kg.tensors import read_tensors
+
+ScorerKind = Literal["complex", "table"]
+"""What a scorer is made of: embeddings, or the scores themselves."""
+
+
+class Vocabulary(Record, frozen=True, kw_only=True):
+    """``vocabulary.json``: what the rows of the tensors stand for.
+
+    Attributes:
+        scorer: its kind.
+        graph: hash of the graph that the ids belong to.
+        entities: labels in id order.
+        relations: likewise.
+    """
+
+    format: Literal["wordcraft-kg vocabulary 1"]
+    scorer: ScorerKind
+    graph: str
+    entities: tuple[str, ...]
+    relations: tuple[str, ...]
 
 
 def load_scorer(folder: str | Path, *, graph: RecipeGraph | None = None, device: str = "cpu") -> Scorer:
@@ -33,36 +53,49 @@ def load_scorer(folder: str | Path, *, graph: RecipeGraph | None = None, device:
     folder = Path(folder)
     run = read_finished_run(folder, "wordcraft-kg train-complex")
     tensors = read_tensors(folder / "model.safetensors", verified_bytes(folder, run, "model.safetensors"))
+    path = folder / "vocabulary.json"
+    vocabulary = parse_record(verified_bytes(folder, run, path.name), Vocabulary, path)
     try:
-        vocabulary = json.loads(verified_bytes(folder, run, "vocabulary.json"))
-        kind, entities, graph_hash = vocabulary["scorer"], vocabulary["entities"], vocabulary["graph"]
-        scorer = make_scorer(kind, tensors, entities, graph_hash, device=device, name=folder.name)
-    except ArtefactError:
-        raise
-    except (KeyError, TypeError, ValueError) as error:
+        _check_shapes(vocabulary, tensors)
+        scorer = make_scorer(
+            vocabulary.scorer, tensors, vocabulary.entities, vocabulary.graph, device=device, name=folder.name
+        )
+    except (KeyError, TypeError, ValueError, RuntimeError) as error:
         raise ArtefactError(f"{folder} does not hold a scorer ({error!r}). Train it again.") from None
     if graph is not None:
         check_scorer(scorer, graph)
     return scorer
 
 
+def _check_shapes(vocabulary: Vocabulary, tensors: dict[str, torch.Tensor]) -> None:
+    """Raise KeyError or ValueError if the tensors are not those of the vocabulary."""
+    size, relations = len(vocabulary.entities), len(RELATIONS)
+    expected: dict[str, tuple[int, ...]] = {"scores": (relations, size, size)}
+    if vocabulary.scorer == "complex":
+        dim = tensors["entity_real"].shape[-1]
+        rows = {"entity": size, "relation": relations}
+        expected = {f"{what}_{part}": (rows[what], dim) for what in rows for part in ("real", "imag")}
+    for name, shape in expected.items():
+        if tensors[name].shape != shape:
+            raise ValueError(f"{name} has shape {tuple(tensors[name].shape)}, its vocabulary needs {shape}")
+
+
 def make_scorer(
-    kind: str, tensors: dict[str, torch.Tensor], entities: Sequence[str], graph_hash: str, **settings: Any
+    kind: ScorerKind, tensors: dict[str, torch.Tensor], entities: Sequence[str], graph_hash: str, **settings: Any
 ) -> Scorer:
     """Make a scorer from the tensors of a trained model: a table where it fits :data:`TABLE_LIMIT`.
 
     Args:
-        kind: ``complex`` (embeddings) or ``table`` (scores), as in ``vocabulary.json``.
+        kind: as in ``vocabulary.json``.
         tensors: what that kind needs.
         entities: labels in id order.
         graph_hash: of the graph that the ids belong to.
         settings: ``device`` and ``name``.
 
     Raises:
-        ValueError: for another kind.
+        KeyError: if a tensor is missing.
+        ValueError: if one does not fit the entities.
     """
-    if kind not in ("complex", "table"):
-        raise ValueError(f"no kind of scorer '{kind}'")
     if kind == "table":
         return TableScorer(tensors["scores"], entities, graph_hash, **settings)
     scorer = ComplExScorer(tensors, entities, graph_hash, **settings)

@@ -1,0 +1,82 @@
+"""``metrics.jsonl``: the trainer's figures and the points of the learning curves, a line each."""
+
+import json
+import os
+import time
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer
+from wordcraft_kg.agents.tensorboard import Board
+from wordcraft_kg.envs.world import World
+from wordcraft_kg.errors import TaskError
+from wordcraft_kg.graphs.tasks import TaskPart
+from wordcraft_kg.models.policies.policy import Policy
+
+JUDGED: tuple[TaskPart, ...] = ("train", "test")
+"""Parts whose tasks a training is judged on."""
+DRAWS = 5
+CURVE_TASKS = 4_000
+"""Tasks of a part that a point of a learning curve is made of, at most; the final figures are made of all."""
+
+
+class MetricsFile:
+    """Appends to ``metrics.jsonl``, and to TensorBoard if asked to.
+
+    Attributes:
+        path: of the file.
+        eval_seconds: spent on the learning curves.
+    """
+
+    def __init__(self, folder: Path, world: World, board: Board | None):
+        """Prepare the environments of the learning curves."""
+        self.path = folder / "metrics.jsonl"
+        self.eval_seconds = 0.0
+        self._board = board
+        self._evaluators = evaluators(world, curve=True)
+
+    def size(self) -> int:
+        """Return the file's length in bytes, after it has reached the disk."""
+        self.path.touch()
+        with self.path.open("rb+") as file:
+            os.fsync(file.fileno())
+        return self.path.stat().st_size
+
+    def cut(self, size: int) -> None:
+        """Remove what was written after a checkpoint.
+
+        Raises:
+            ValueError: if the file is shorter than it was then.
+        """
+        if self.path.stat().st_size < size:
+            raise ValueError("metrics.jsonl is shorter than it was")
+        os.truncate(self.path, size)
+
+    def judge(self, policy: Policy) -> dict[str, float]:
+        """Return a point of each learning curve."""
+        begun = time.perf_counter()
+        point = {
+            f"{part}_success": float(evaluator(PolicyPlayer(policy)).success.mean())
+            for part, evaluator in self._evaluators.items()
+        }
+        self.eval_seconds += time.perf_counter() - begun
+        return point
+
+    def add(self, row: dict[str, Any]) -> None:
+        """Write a line."""
+        with self.path.open("ab") as file:
+            file.write((json.dumps(row, allow_nan=False) + "\n").encode())
+        if self._board is not None:
+            self._board.add(row["step"], {name: value for name, value in row.items() if name != "step"})
+
+
+def evaluators(world: World, *, curve: bool = False) -> dict[TaskPart, Evaluator]:
+    """Return what judges an agent of a world, for each part that has tasks; fewer of them for a curve."""
+    found = {}
+    for part in JUDGED:
+        with suppress(TaskError):  # a graph whose split holds nothing out has no test tasks
+            draws = 1 if curve and part == "train" else DRAWS
+            limit = CURVE_TASKS if curve else None
+            found[part] = Evaluator(world.variant(part=part), draws=draws, limit=limit)
+    return found

@@ -1,0 +1,85 @@
+"""The files of a finished run: weights, evaluation of all tasks, every episode, and the model card."""
+
+import json
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+from wordcraft_kg.agents.config import AgentConfig
+from wordcraft_kg.agents.evaluation import ENDINGS, Evaluation
+from wordcraft_kg.agents.records import AgentSummary
+from wordcraft_kg.artefacts import dump_json, write_atomically
+from wordcraft_kg.envs.world import World
+from wordcraft_kg.graphs.folder import KG, OpenedGraph
+from wordcraft_kg.graphs.tasks import TaskPart
+from wordcraft_kg.models.policies.folder import write_parameters
+from wordcraft_kg.models.policies.policy import Policy
+from wordcraft_kg.records import as_values
+
+OUTPUTS = ("policy.safetensors", "policy.json", "constants.safetensors", "evaluation.json", "metrics.jsonl")
+
+
+def write_results(
+    folder: Path,
+    policy: Policy,
+    world: World,
+    summary: AgentSummary,
+    results: Mapping[TaskPart, Evaluation],
+) -> None:
+    """Write the policy's weights, the figures of its evaluation, and how each episode of it ended."""
+    write_parameters(folder, policy)
+    write_atomically(folder / "evaluation.json", dump_json(as_values(summary)))
+    write_atomically(folder / "episodes.jsonl", _episode_lines(world, results))
+
+
+def _episode_lines(world: World, results: Mapping[TaskPart, Evaluation]) -> Iterator[str]:
+    """One line a task: what it was, and how each draw of distractors ended."""
+    for part, result in results.items():
+        for i, task in enumerate(world.variant(part=part).tasks):
+            row = {
+                "part": part,
+                "goal": task.goal,
+                "start": task.start,
+                "success": float(result.success[i].mean()),
+                "endings": [ENDINGS[code] for code in result.endings[i].tolist()],
+                "picks": result.picks[i].tolist(),
+            }
+            yield json.dumps(row, ensure_ascii=False) + "\n"
+
+
+def model_card(opened: OpenedGraph, config: AgentConfig, kg: KG | None, summary: AgentSummary) -> str:
+    """Return the ``README.md`` of a run folder."""
+    policy, tasks = config.policy, config.tasks
+    kind = "Self-attention actor-critic" if policy.policy == "attention" else "One-layer MLP"
+    guide = "without a knowledge graph"
+    if config.scorer:
+        own = "only" if policy.kg_only else "mixed into its logits"
+        guide = f"with {' and '.join(policy.sources)} of a scorer of the {kg} knowledge graph {own}"
+    warning = (
+        "\nThe scorer was trained on all triples, those of the test recipes included: success on test tasks says how "
+        "well the agent uses a perfect source, not how well it generalises.\n"
+        if kg == "full"
+        else ""
+    )
+    rows = "\n".join(
+        f"- {part}: {found.mean:.3f} [{found.ci_low:.3f}, {found.ci_high:.3f}], "
+        f"{found.tasks:,} tasks with {found.draws} draws of distractors each"
+        for part, found in summary.success.items()
+    )
+    return f"""# {kind} for {opened.graph.name}, {guide}
+
+Plays crafting tasks of depth {tasks.depth} with {tasks.distractors} distractors on graph `{opened.graph.hash[:12]}`.
+{warning}
+Success, greedy, in the part's tasks (95 % interval over tasks; one training, so it says nothing about other seeds):
+
+{rows}
+
+Trained for {summary.steps:,} steps in {summary.seconds:.0f} s, seed {config.trainer.seed}, \
+{summary.parameters:,} parameters. `config.toml` reproduces it; `run.json` says with which versions it was made.
+
+```python
+from wordcraft_kg.models.policies.folder import load_policy
+
+policy = load_policy("this folder")
+output = policy(goal, selection, table)  # ids; {opened.graph.num_entities} stands for nothing
+```
+"""

@@ -1,0 +1,125 @@
+"""What happens after each epoch of a training: validation, a line of the trace, a checkpoint, the next epoch's seed."""
+
+import time
+from typing import Any
+
+import numpy as np
+import torch
+from msgspec.structs import replace
+from pykeen.training import TrainingLoop
+from pykeen.training.callbacks import TrainingCallback
+from torch import Tensor
+
+from wordcraft_kg.graphs.folder import OpenedGraph
+from wordcraft_kg.models.links.builders import scorer_tensors
+from wordcraft_kg.models.links.config import LinkSettings
+from wordcraft_kg.models.links.pykeen_bridge import seed_everything
+from wordcraft_kg.models.links.records import LinkProgress, TraceRow
+from wordcraft_kg.models.scorers.folder import make_scorer
+from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples
+from wordcraft_kg.runs.checkpoints import Checkpoint
+from wordcraft_kg.runs.folder import Progress, RunFolder
+
+
+class Epochs(TrainingCallback):
+    """The epochs of a run so far.
+
+    Epoch ``n`` draws its randomness from (seed, n) alone, so a checkpoint needs no generator states.
+
+    Attributes:
+        so_far: trace, seconds, and which epoch was the best.
+    """
+
+    def __init__(
+        self, run: RunFolder[LinkProgress], opened: OpenedGraph, settings: LinkSettings, progress: Progress | None
+    ):
+        """Begin with none; :meth:`restore` goes back to a checkpoint."""
+        super().__init__()
+        self.run, self.opened, self.settings, self.report = run, opened, settings, progress
+        self.so_far = LinkProgress(seconds=0.0, best_mrr=None, best_epoch=None, has_stopped=False, trace=())
+        self._valid = opened.split.held_out("valid") if settings.eval_every else None
+        self._best: dict[str, Tensor] = {}
+        self._clock = time.perf_counter()
+
+    def post_epoch(self, epoch: int, epoch_loss: float, **kwargs: Any) -> None:
+        """Do what is due after an epoch, and stop the training if it was the last one."""
+        settings = self.settings
+        is_ranked = self._valid is not None and (epoch % settings.eval_every == 0 or epoch == settings.epochs)
+        row = TraceRow(epoch=epoch, loss=epoch_loss, valid_mrr=self._validate() if is_ranked else None, seconds=0.0)
+        now = time.perf_counter()
+        row = replace(row, seconds=round(now - self._clock, 4))
+        seconds, self._clock = now - self._clock, now
+        self._note(row, seconds)
+        is_last = self.so_far.has_stopped or self.run.interrupted.is_set() or epoch == settings.epochs
+        if is_last or epoch % settings.checkpoint_every == 0:
+            self.run.checkpoints.save(epoch, self._tensors(), self.so_far)
+        if self.report:
+            figures = {"epoch": epoch, "loss": epoch_loss, "valid_mrr": row.valid_mrr, "seconds": row.seconds}
+            self.report(epoch, settings.epochs, {name: value for name, value in figures.items() if value is not None})
+        if is_last:
+            self.training_loop._should_stop = True
+        seed_everything(settings.seed, epoch + 1)
+
+    def restore(self, loop: TrainingLoop, checkpoint: Checkpoint[LinkProgress]) -> None:
+        """Go back to a checkpoint of the same model and settings.
+
+        Raises:
+            ValueError: if a tensor or an epoch of the trace is missing.
+            RuntimeError: if a tensor has another shape.
+        """
+        if [row.epoch for row in checkpoint.progress.trace] != list(range(1, checkpoint.number + 1)):
+            raise ValueError("its trace is not that of its epochs")
+        loop.model.load_state_dict(_with_prefix(checkpoint.tensors, "model."))
+        self._best = _with_prefix(checkpoint.tensors, "best.")
+        state: dict[int, dict[str, Tensor]] = {}
+        for name, value in _with_prefix(checkpoint.tensors, "optimizer.").items():
+            index, _, key = name.partition(".")
+            state.setdefault(int(index), {})[key] = value
+        # The settings of the optimiser are those that it was just made with.
+        loop.optimizer.load_state_dict({**loop.optimizer.state_dict(), "state": state})
+        loop._epoch = checkpoint.number
+        loop.losses_per_epochs = [row.loss for row in checkpoint.progress.trace]
+        self.so_far = checkpoint.progress
+
+    def restore_best(self, loop: TrainingLoop) -> None:
+        """Return to the best epoch, if patience was asked for."""
+        if self.settings.patience and self._best:
+            loop.model.load_state_dict(self._best)
+
+    def _note(self, row: TraceRow, seconds: float) -> None:
+        """Add an epoch; stop early if the best ranking was too many rankings ago."""
+        before = self.so_far
+        now = replace(before, seconds=before.seconds + seconds, trace=(*before.trace, row))
+        if row.valid_mrr is not None:
+            if before.best_mrr is None or row.valid_mrr > before.best_mrr:
+                now = replace(now, best_mrr=row.valid_mrr, best_epoch=row.epoch)
+                self._best = copied(self.model.state_dict())
+            rankings = [line.valid_mrr for line in now.trace if line.valid_mrr is not None]
+            since_best = len(rankings) - 1 - int(np.argmax(rankings))
+            now = replace(now, has_stopped=bool(self.settings.patience) and since_best >= self.settings.patience)
+        self.so_far = now
+
+    def _validate(self) -> float:
+        """Return the filtered MRR of the validation triples."""
+        self.model.eval()
+        graph = self.opened.graph
+        scorer = make_scorer(*scorer_tensors(self.settings, self.model), graph.entities, graph.hash)
+        ranks = rank_triples(scorer, self._valid, graph.triples)  # type: ignore[arg-type]
+        self.model.train()
+        return mean_reciprocal_rank(ranks)
+
+    def _tensors(self) -> dict[str, Tensor]:
+        tensors = {f"model.{name}": value for name, value in self.model.state_dict().items()}
+        tensors |= {f"best.{name}": value for name, value in self._best.items()}
+        for index, values in self.optimizer.state_dict()["state"].items():
+            tensors |= {f"optimizer.{index}.{key}": torch.as_tensor(value) for key, value in values.items()}
+        return copied(tensors)
+
+
+def copied(tensors: dict[str, Tensor]) -> dict[str, Tensor]:
+    """Return copies on the CPU that own their memory, as safetensors wants them."""
+    return {name: tensor.detach().cpu().clone().contiguous() for name, tensor in tensors.items()}
+
+
+def _with_prefix(tensors: dict[str, Tensor], prefix: str) -> dict[str, Tensor]:
+    return {name.removeprefix(prefix): value for name, value in tensors.items() if name.startswith(prefix)}

@@ -1,0 +1,95 @@
+"""The files of a finished model folder."""
+
+from pathlib import Path
+
+import numpy as np
+import safetensors.torch
+from pykeen.models import Model
+
+from wordcraft_kg.artefacts import dump_json, write_atomically
+from wordcraft_kg.graphs.arrays import Ids
+from wordcraft_kg.graphs.folder import OpenedGraph
+from wordcraft_kg.graphs.triples import RELATIONS
+from wordcraft_kg.models.links.builders import scorer_tensors
+from wordcraft_kg.models.links.config import ComplExConfig, LinkSettings
+from wordcraft_kg.models.links.epochs import copied
+from wordcraft_kg.models.links.records import LinkMetrics, LinkProgress
+from wordcraft_kg.models.scorers.folder import Vocabulary, make_scorer
+from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples
+from wordcraft_kg.records import as_lines, as_values
+
+OUTPUTS = ("model.safetensors", "vocabulary.json", "config.toml", "metrics.json", "trace.jsonl")
+RANKED_IN_TRAIN = 20_000
+"""Training triples that are ranked at the end of a training, at most."""
+
+
+def write_results(
+    folder: Path, model: Model, opened: OpenedGraph, settings: LinkSettings, progress: LinkProgress
+) -> LinkMetrics:
+    """Write what a scorer is loaded from, the metrics and the trace; return the metrics."""
+    model.eval()
+    kind, tensors = scorer_tensors(settings, model)
+    graph, triples = opened.graph, opened.triples(settings.kg)
+    vocabulary = Vocabulary(
+        format="wordcraft-kg vocabulary 1",
+        scorer=kind,
+        graph=graph.hash,
+        entities=graph.entities,
+        relations=RELATIONS,
+    )
+    # On large graphs a fixed sample is enough.
+    sample = _sample(triples, RANKED_IN_TRAIN)
+    ranks = rank_triples(make_scorer(kind, tensors, graph.entities, graph.hash), sample, triples)
+    metrics = LinkMetrics(
+        kg=settings.kg,
+        triples=len(triples),
+        epochs=len(progress.trace),
+        best_epoch=progress.best_epoch,
+        seconds=round(progress.seconds, 3),
+        seconds_per_epoch=round(progress.seconds / len(progress.trace), 4),
+        parameters=sum(parameter.numel() for parameter in model.parameters()),
+        loss=progress.trace[-1].loss,
+        valid_mrr=progress.best_mrr,
+        train_mrr=mean_reciprocal_rank(ranks),
+        train_mrr_triples=len(sample),
+    )
+    write_atomically(folder / "model.safetensors", safetensors.torch.save(copied(tensors)))
+    write_atomically(folder / "vocabulary.json", dump_json(as_values(vocabulary)))
+    write_atomically(folder / "metrics.json", dump_json(as_values(metrics)))
+    write_atomically(folder / "trace.jsonl", as_lines(progress.trace))
+    return metrics
+
+
+def _sample(triples: Ids, size: int) -> Ids:
+    if len(triples) <= size:
+        return triples
+    return triples[np.sort(np.random.default_rng(0).permutation(len(triples))[:size])]
+
+
+def model_card(opened: OpenedGraph, settings: LinkSettings, metrics: LinkMetrics) -> str:
+    """Return the ``README.md`` of a model folder."""
+    name = "ComplEx" if isinstance(settings, ComplExConfig) else settings.model
+    seen = (
+        "It was trained on all triples, those of the test recipes included: its scores say what it remembers."
+        if settings.kg == "full"
+        else "It was trained on the triples of the train recipes only."
+    )
+    return f"""# {name} on the {settings.kg} knowledge graph of {opened.graph.name}
+
+Scores triples (head, relation, tail) with the relations `combinesWith` and `componentOf`. {seen}
+
+- graph `{opened.graph.hash[:12]}`: {opened.graph.num_entities:,} entities; split `{opened.split.config.kind}`, seed \
+{opened.split.config.seed}; {metrics.triples:,} training triples
+- {metrics.epochs} epochs, {metrics.parameters:,} parameters, MRR on its own training triples \
+{metrics.train_mrr:.3f}
+
+`config.toml` reproduces it; `run.json` says with which versions it was made. Its quality on unseen triples is what
+`wordcraft-kg evaluate-links` reports, not the figure above. Scores are not calibrated probabilities.
+
+```python
+from wordcraft_kg.models import load_scorer
+
+scorer = load_scorer("this folder")
+scorer.top(None, "componentOf", {opened.graph.entities[0]!r})
+```
+"""

@@ -1,0 +1,113 @@
+"""Checkpoints of a run: all that its training knows, in files that survive a power failure."""
+
+import hashlib
+import logging
+import re
+import shutil
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Generic, TypeVar
+
+from wordcraft_kg.artefacts import dump_json, write_atomically
+from wordcraft_kg.errors import ArtefactError
+from wordcraft_kg.records import Record, as_values, read_record
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+KEPT = 2
+"""Checkpoints: if the last one is damaged, the one before is still there."""
+P = TypeVar("P")
+
+
+class CheckpointRecord(Record, Generic[P], frozen=True, kw_only=True):
+    """What is noted beside a checkpoint's tensors: their SHA-256, and how far the training was."""
+
+    sha256: str
+    progress: P
+
+
+@dataclass(frozen=True)
+class Checkpoint(Generic[P]):
+    """A checkpoint that was read: its number (epoch or step), tensors by name, and how far the training was."""
+
+    number: int
+    tensors: dict[str, "Tensor"]
+    progress: P
+
+
+class Checkpoints(Generic[P]):
+    """The last checkpoints of a run: ``checkpoints/epoch-N.safetensors``, each with its record beside it.
+
+    Attributes:
+        folder: where they are.
+        last: number of the checkpoint last saved or loaded, None if there was none yet.
+    """
+
+    def __init__(self, run_folder: Path, unit: str, progress: type[P]):
+        """Take the run's folder, what checkpoints are numbered by (epoch, step), and the type of their records."""
+        self.run_folder, self.unit, self.progress = run_folder, unit, progress
+        self.folder = run_folder / "checkpoints"
+        self.last: int | None = None
+
+    def records(self) -> dict[int, Path]:
+        """Return the records that are there by number, latest first."""
+        found = ((re.fullmatch(rf"{self.unit}-(\d+)", path.stem), path) for path in self.folder.glob("*.json"))
+        return dict(sorted(((int(match[1]), path) for match, path in found if match), reverse=True))
+
+    def save(self, number: int, tensors: Mapping[str, "Tensor"], progress: P) -> None:
+        """Write a checkpoint, then its record; then remove all but the last two."""
+        import safetensors.torch
+
+        self.folder.mkdir(exist_ok=True)
+        data = safetensors.torch.save(dict(tensors))
+        path = self.folder / f"{self.unit}-{number}.safetensors"
+        write_atomically(path, data, durable=True)
+        record = CheckpointRecord(sha256=hashlib.sha256(data).hexdigest(), progress=progress)
+        write_atomically(path.with_suffix(".json"), dump_json(as_values(record)), durable=True)
+        self.last = number
+        known = self.records()
+        # Those of a higher number were damaged: the run has gone on from an earlier one.
+        kept = [other for other in known if other <= number][:KEPT]
+        for other, old in known.items():
+            if other not in kept:
+                old.unlink()
+                old.with_suffix(".safetensors").unlink(missing_ok=True)
+
+    def load(self) -> Checkpoint[P]:
+        """Return the last whole checkpoint, with a warning for each damaged one after it.
+
+        Raises:
+            ArtefactError: if there is none, or all are damaged.
+        """
+        damaged: list[ArtefactError] = []
+        for number, path in self.records().items():
+            try:
+                found = self._read(number, path)
+            except ArtefactError as error:
+                damaged.append(error)
+                continue
+            for problem in damaged:
+                logging.getLogger(__name__).warning("%s Going on from the checkpoint before, %s.", problem, path.stem)
+            self.last = number
+            return found
+        if damaged:
+            raise ArtefactError(f"no checkpoint of '{self.run_folder}' is whole: {damaged[0]} Train again.")
+        raise ArtefactError(f"'{self.run_folder}' has no checkpoint yet. Wait, or train again with --force.")
+
+    def drop(self) -> None:
+        """Remove all checkpoints; the results of a finished run take their place."""
+        shutil.rmtree(self.folder, ignore_errors=True)
+
+    def _read(self, number: int, path: Path) -> Checkpoint[P]:
+        from wordcraft_kg.tensors import read_tensors
+
+        record: CheckpointRecord[P] = read_record(path, CheckpointRecord[self.progress])  # type: ignore[name-defined]
+        tensors = path.with_suffix(".safetensors")
+        if not tensors.is_file():
+            raise ArtefactError(f"{tensors} is missing.")
+        data = tensors.read_bytes()
+        if hashlib.sha256(data).hexdigest() != record.sha256:
+            raise ArtefactError(f"{tensors} is damaged: its SHA-256 is not the one written.")
+        return Checkpoint(number, read_tensors(tensors, data), record.progress)

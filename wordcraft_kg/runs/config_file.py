@@ -1,0 +1,105 @@
+"""``config.toml``: all settings of a run in one table, named like the command that takes them back by ``--config``."""
+
+import json
+import os
+import tomllib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields, is_dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+from wordcraft_kg.artefacts import read_small_file, write_atomically
+from wordcraft_kg.errors import ArtefactError
+from wordcraft_kg.feature_spec import FeatureSpec
+from wordcraft_kg.records import as_record
+
+CONFIG_FILE = "config.toml"
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class ConfigTable:
+    """What was read from a ``config.toml``, to be taken out part by part.
+
+    Attributes:
+        path: of the file.
+        command: the table's name.
+        settings: by option name; paths are as seen from the working folder.
+    """
+
+    path: Path
+    command: str
+    settings: dict[str, Any]
+
+    def take(self, kind: type[T]) -> T:
+        """Take out the settings of a dataclass or record; those that are not there are at their default.
+
+        Raises:
+            ArtefactError: naming the setting that is of another type, out of range, or missing and has no default.
+        """
+        names = [field.name for field in fields(kind)] if is_dataclass(kind) else kind.__struct_fields__  # type: ignore[attr-defined]
+        return as_record({name: self.settings.pop(name) for name in names if name in self.settings}, kind, self.path)
+
+    def close(self) -> None:
+        """Make sure that nothing is left.
+
+        Raises:
+            ArtefactError: naming a setting that nothing has taken.
+        """
+        if self.settings:
+            raise ArtefactError(f"{self.path} is damaged: there is no option '{next(iter(self.settings))}'.")
+
+
+def write_config(folder: Path, command: str, settings: Mapping[str, Any], name: str = CONFIG_FILE) -> None:
+    """Write settings by option name, None left out; paths become relative to the folder, so that both can be moved.
+
+    A file that holds the same already stays as it is.
+    """
+
+    def beside(path: str) -> str:
+        return os.path.relpath(path, folder) if os.path.exists(path) else path
+
+    lines = (f"{key} = {toml_value(value)}" for key, value in moved(settings, beside).items() if value is not None)
+    text = "\n".join([f"[{command}]", *lines]) + "\n"
+    path = folder / name
+    if not path.is_file() or path.read_bytes() != text.encode():
+        write_atomically(path, text, durable=True)
+
+
+def read_config(folder: Path) -> ConfigTable:
+    """Read the ``config.toml`` of a run's folder.
+
+    Raises:
+        ArtefactError: if it is missing, or not a TOML file with one table.
+    """
+
+    def from_here(path: str) -> str:
+        return os.path.normpath(folder / path) if os.path.exists(folder / path) else path
+
+    path = folder / CONFIG_FILE
+    try:
+        ((command, settings),) = tomllib.loads(read_small_file(path).decode()).items()
+        return ConfigTable(path, command, moved(settings, from_here))
+    except ArtefactError:
+        raise
+    except (ValueError, AttributeError, RecursionError) as error:
+        raise ArtefactError(f"{path} is damaged ({error}). Train again, or restore a copy.") from None
+
+
+def moved(settings: Mapping[str, Any], change: Callable[[str], str]) -> dict[str, Any]:
+    """Return settings with the paths in them changed; which features are a path, :class:`FeatureSpec` says."""
+    found = dict(settings)
+    for key in ("graph", "scorer", "features"):
+        value = found.get(key)
+        if not isinstance(value, str):
+            continue
+        if key != "features":
+            found[key] = change(value)
+        elif (spec := FeatureSpec.parse(value)).is_path:
+            found[key] = spec.prefix + change(spec.source)
+    return found
+
+
+def toml_value(value: Any) -> str:
+    """Write a string or a number as TOML; the two formats agree on these when no character is escaped as a pair."""
+    return json.dumps(value, ensure_ascii=False)

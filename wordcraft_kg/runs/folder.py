@@ -1,0 +1,336 @@
+"""The folder of a run while it is trained in: begin, resume, finish, fail, and what becomes of a folder it replaces."""
+
+import logging
+import os
+import shutil
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, nullcontext, suppress
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Generic, Protocol, TypeVar
+
+from wordcraft_kg.artefacts import check_output, sha256_of, with_a_name, write_atomically
+from wordcraft_kg.errors import ArtefactError, OutputExistsError, TrainingError
+from wordcraft_kg.graphs.folder import KG
+from wordcraft_kg.runs.checkpoints import Checkpoints
+from wordcraft_kg.runs.config_file import CONFIG_FILE
+from wordcraft_kg.runs.interruption import first_interrupt, interruption_message
+from wordcraft_kg.runs.record import RUN_FILE, RunRecord, Status, end_run, read_run, resume_run, start_run
+
+P = TypeVar("P")
+Progress = Callable[[int, int, dict[str, float]], None]
+"""Called now and then with epochs or steps done, all of them, and the latest figures."""
+
+
+class RunConfig(Protocol):
+    """All settings of a run."""
+
+    @property
+    def command(self) -> str:
+        """The command that trains so."""
+
+    def write(self, folder: Path) -> None:
+        """Write ``config.toml``."""
+
+
+class TrainerConfig(Protocol):
+    """Settings that every trainer has."""
+
+    @property
+    def seed(self) -> int: ...  # noqa: D102
+    @property
+    def device(self) -> str: ...  # noqa: D102
+    @property
+    def threads(self) -> int: ...  # noqa: D102
+
+
+@dataclass(frozen=True)
+class RunKind(Generic[P]):
+    """What runs of one trainer have in common.
+
+    Attributes:
+        commands: that train so; one of them is the ``kind`` of a run's record.
+        unit: what progress is counted in: epoch or step.
+        progress: type of what a checkpoint notes beside its tensors.
+        judged_by: the command that evaluates a finished run.
+    """
+
+    commands: tuple[str, ...]
+    unit: str
+    progress: type[P]
+    judged_by: str
+
+    def read_record(self, folder: Path) -> RunRecord:
+        """Read ``run.json`` of such a run.
+
+        Raises:
+            ArtefactError: if it is missing, damaged, or of another kind.
+        """
+        if not folder.exists():
+            raise ArtefactError(f"'{folder}' does not exist. Make it with `wordcraft-kg {self.commands[0]}`.")
+        record = read_run(folder)
+        if record.kind not in self.commands:
+            expected = " or ".join(self.commands)
+            raise ArtefactError(f"'{folder}' was written by {record.kind}; expected a run of {expected}.")
+        return record
+
+    def checkpoints(self, folder: Path) -> Checkpoints[P]:
+        """Return the checkpoints of such a run."""
+        return Checkpoints(folder, self.unit, self.progress)
+
+
+class RunFolder(Generic[P]):
+    """A run that this process trains; made by :func:`new_run` and :func:`resumed_run`.
+
+    Attributes:
+        path: of the folder.
+        checkpoints: to save to and load from.
+        interrupted: set by the first Ctrl-C.
+        is_live: whether it is on record as running, by this process.
+    """
+
+    def __init__(self, path: Path, kind: RunKind[P], interrupted: threading.Event, record: RunRecord | None = None):
+        """Take a folder whose lock is held, and its record if it has one already."""
+        self.path, self.kind, self.interrupted = path, kind, interrupted
+        self.checkpoints = kind.checkpoints(path)
+        self.is_live = False
+        self._record = record
+
+    @property
+    def record(self) -> RunRecord:
+        """The run's record, as it is on disk."""
+        assert self._record is not None, "begin the run first"
+        return self._record
+
+    def begin(
+        self,
+        config: RunConfig,
+        trainer: TrainerConfig,
+        *,
+        inputs: Mapping[str, str],
+        files: Sequence[str] = (),
+        kg: KG | None = None,
+        tensorboard: bool = False,
+        missing_words: Sequence[str] = (),
+    ) -> None:
+        """Write ``config.toml`` and put the run on record.
+
+        Args:
+            config: all settings.
+            trainer: the part of them that says where to compute.
+            inputs: hashes of what is trained on.
+            files: that are in the folder already and that training never changes.
+            kg: see :class:`~wordcraft_kg.runs.record.RunRecord`, as for the next two.
+            tensorboard: whether figures go there too.
+            missing_words: words without a vector.
+        """
+        config.write(self.path)
+        hashes = {name: sha256_of(self.path / name) for name in (CONFIG_FILE, *files)}
+        self._record = start_run(
+            self.path,
+            config.command,
+            seed=trainer.seed,
+            device=trainer.device,
+            threads=trainer.threads,
+            inputs={**inputs, **hashes},
+            kg=kg,
+            tensorboard=tensorboard,
+            missing_words=missing_words,
+        )
+        self.is_live = True
+
+    def go_on(self, config: RunConfig) -> None:
+        """Put a resumed run on record, with settings that may have changed (more epochs, a graph that has moved)."""
+        began_with, found = self.record.versions.get("torch"), version("torch")
+        if began_with != found:
+            logging.getLogger(__name__).warning(
+                "the run began with torch %s and goes on with %s: the result may differ in the last bits.",
+                began_with,
+                found,
+            )
+        config.write(self.path)
+        self._record = resume_run(self.path, self.record, {CONFIG_FILE: sha256_of(self.path / CONFIG_FILE)})
+        self.is_live = True
+
+    @contextmanager
+    def restoring(self) -> Iterator[None]:
+        """Turn what goes wrong while a checkpoint is restored into an error about it.
+
+        Raises:
+            ArtefactError: if the checkpoint does not fit what it is restored into.
+        """
+        try:
+            yield
+        except (KeyError, RuntimeError, TypeError, ValueError, AttributeError, IndexError, OSError) as error:
+            reason = (str(error) or "no reason given").splitlines()[0]
+            raise ArtefactError(
+                f"the checkpoint in '{self.path}' does not fit the run ({type(error).__name__}: {reason}). Train anew."
+            ) from None
+
+    def interrupt(self) -> None:
+        """Put on record that the run was stopped and can go on."""
+        self._end("interrupted")
+
+    def finish(self, outputs: Sequence[str], card: str) -> None:
+        """Write the model card and put the run on record as done; its checkpoints are no longer needed."""
+        write_atomically(self.path / "README.md", card)
+        for name in outputs:
+            with (self.path / name).open("rb+") as file:
+                os.fsync(file.fileno())
+        self._end("done", outputs)
+        self.checkpoints.drop()
+
+    def fail(self, error: BaseException) -> BaseException:
+        """Put on record that an error ended the run; return the error that says what is left and how to go on."""
+        with suppress(OSError):  # the disk may be full
+            self._end("interrupted" if isinstance(error, KeyboardInterrupt) else "failed")
+        unit, last = self.kind.unit, self.checkpoints.last
+        if last is None:
+            return error
+        if isinstance(error, KeyboardInterrupt):
+            return KeyboardInterrupt(interruption_message(self.path, unit, last))
+        kept = f"The checkpoint of {unit} {last:,} is safe"
+        if isinstance(error, TrainingError):
+            return TrainingError(f"{error} {kept}, in '{self.path}'.")
+        if isinstance(error, OSError):
+            return ArtefactError(
+                f"'{self.path}' cannot be written ({error.strerror or error}). {kept}; make room, then go on with: "
+                f"wordcraft-kg resume {self.path}"
+            )
+        return error
+
+    def _end(self, status: Status, outputs: Sequence[str] = ()) -> None:
+        self.is_live = False
+        self._record = end_run(self.path, self.record, status, outputs)
+
+
+@contextmanager
+def new_run(out: Path, kind: RunKind[P], *, force: bool = False) -> Iterator[RunFolder[P]]:
+    """Make the folder of a new run and keep other processes out of it.
+
+    A folder that is replaced is put aside, and comes back if the run leaves nothing to go on with.
+
+    Raises:
+        OutputExistsError: if ``out`` exists and ``force`` is False.
+        ArtefactError: if another process trains there.
+    """
+    out = with_a_name(out)
+    check_run_output(out, force=force)
+    with _locked(out) if out.exists() else nullcontext():
+        _put_aside(out)
+        try:
+            out.mkdir(parents=True)
+            with _locked(out), first_interrupt() as interrupted, _failing(RunFolder(out, kind, interrupted)) as run:
+                yield run
+        finally:
+            if _is_dead(out):
+                shutil.rmtree(out, ignore_errors=True)
+            _settle(out)
+
+
+@contextmanager
+def resumed_run(folder: Path, kind: RunKind[P]) -> Iterator[RunFolder[P]]:
+    """Take up a run that is not done and keep other processes out of its folder.
+
+    Raises:
+        ArtefactError: if it is done, of another kind, damaged, or another process trains there.
+    """
+    folder = with_a_name(folder)
+    record = kind.read_record(folder)
+    if record.status == "done":
+        raise ArtefactError(
+            f"'{folder}' is finished; there is nothing to resume. Judge it: wordcraft-kg {kind.judged_by} {folder}"
+        )
+    with _locked(folder):
+        try:
+            with first_interrupt() as interrupted, _failing(RunFolder(folder, kind, interrupted, record)) as run:
+                yield run
+        finally:
+            _settle(folder)
+
+
+def check_run_output(out: Path, *, force: bool) -> None:
+    """Refuse an output that exists; where an unfinished run is, say how to go on with it.
+
+    Raises:
+        OutputExistsError: if it exists and ``force`` is False.
+    """
+    if not force and (out / RUN_FILE).is_file() and read_run(out).status != "done":
+        raise OutputExistsError(
+            f"an unfinished run is in '{out}'. Go on: wordcraft-kg resume {out}, or start anew with --force."
+        )
+    check_output(out, force=force)
+
+
+@contextmanager
+def _failing(run: RunFolder[P]) -> Iterator[RunFolder[P]]:
+    """Put the run on record as failed or interrupted if an error ends it."""
+    try:
+        yield run
+    except BaseException as error:
+        if not run.is_live:
+            raise
+        said = run.fail(error)
+        if said is error:
+            raise
+        raise said from None
+
+
+@contextmanager
+def _locked(folder: Path) -> Iterator[None]:
+    """Keep others from training in a folder for as long as this process does; the lock ends with the process.
+
+    Raises:
+        ArtefactError: if another process does.
+    """
+    try:
+        import fcntl
+    except ImportError:  # Windows
+        yield
+        return
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise ArtefactError(f"'{folder}' is being trained by another process; wait for it, or stop it.") from None
+        yield
+    finally:
+        os.close(handle)
+
+
+def _aside(out: Path) -> Path:
+    """Where a folder is kept while the run that replaces it has nothing to go on with."""
+    return out.with_name(f".{out.name}.replaced-by-wordcraft-kg")
+
+
+def _put_aside(out: Path) -> None:
+    """Clear the way; if an earlier replacement was killed before its first checkpoint, what it replaced stays aside."""
+    if not out.exists():
+        return
+    if _aside(out).exists() and _is_dead(out):
+        shutil.rmtree(out)
+        return
+    shutil.rmtree(_aside(out), ignore_errors=True)
+    os.rename(out, _aside(out))
+
+
+def _settle(out: Path) -> None:
+    """Forget the folder that was replaced if its replacement can go on, else bring it back."""
+    if not _aside(out).exists():
+        return
+    if out.exists() and not _is_dead(out):
+        shutil.rmtree(_aside(out), ignore_errors=True)
+    else:
+        shutil.rmtree(out, ignore_errors=True)
+        os.rename(_aside(out), out)
+
+
+def _is_dead(folder: Path) -> bool:
+    """Whether a folder holds neither a result nor a checkpoint."""
+    with suppress(ArtefactError):
+        if read_run(folder).status == "done":
+            return False
+    return not any((folder / "checkpoints").glob("*.json"))

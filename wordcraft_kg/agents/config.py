@@ -29,6 +29,10 @@ class TaskConfig:
         distractor_policy: any, or no_shortcut: no distractor opens another way to the goal.
         task_weighting: task draws all train tasks alike, goal first a goal and then one of its tasks.
         ambiguity: all results of a pair, or only the last, as the paper's released code keeps one.
+
+    Example:
+        >>> TaskConfig(depth=2, distractors=4).environment("test").part
+        'test'
     """
 
     depth: int = WordCraftConfig.depth
@@ -79,6 +83,10 @@ class ImpalaConfig:
         log_every: environment steps between lines of metrics.jsonl.
         eval_every: environment steps between points of the learning curves; 0 evaluates at the end only.
         checkpoint_every: environment steps between checkpoints.
+
+    Example:
+        >>> ImpalaConfig(steps=1_000).updates
+        4
     """
 
     steps: int = 3_000_000
@@ -149,6 +157,10 @@ class AgentConfig:
         tasks: what is trained on.
         policy: what decides.
         trainer: how it learns.
+
+    Example:
+        >>> AgentConfig("kitchen", "models/kitchen", TaskConfig(distractors=2)).differing()
+        {'graph': 'kitchen', 'scorer': 'models/kitchen', 'distractors': 2}
     """
 
     command: ClassVar[str] = "train-agent"

@@ -61,10 +61,6 @@ class World:
     Everything that plays in one world, or in variants of it, shares what was made for it: engines, environments,
     evaluators and reports take a world and build none.
 
-    >>> world = World("kitchen", WordCraftConfig(num_distractors=8))
-    >>> world.variant(part="test").graph is world.graph
-    True
-
     Attributes:
         graph: the recipe graph; its whole book is in force, whatever the part.
         split: its split.
@@ -72,6 +68,11 @@ class World:
         nothing: id of nothing, the number of entities.
         max_results: most results of a pair.
         num_slots: size of the table, fixed: starting ingredients, distractors, room for all results of all attempts.
+
+    Example:
+        >>> world = World("kitchen", WordCraftConfig(num_distractors=8))
+        >>> world.variant(part="test").graph is world.graph
+        True
     """
 
     def __init__(self, graph: "GraphLike | World", config: WordCraftConfig):

@@ -51,6 +51,10 @@ class SplitConfig:
             goals (by-goal, by-goal-terminals). 0.8 is the paper's.
         valid_ratio: share kept for validation, from 0; the rest, which must not be empty, is the test part.
         seed: of the draw.
+
+    Example:
+        >>> SplitConfig("by-goal", train_ratio=0.7, seed=1).valid_ratio
+        0.0
     """
 
     kind: SplitKind = "by-recipe"
@@ -182,6 +186,11 @@ def make_split(graph: RecipeGraph, config: SplitConfig) -> Split:
 
     Raises:
         SplitError: if a part comes out empty because the graph is too small for the ratios.
+
+    Example:
+        >>> split = make_split(open_graph("kitchen").graph, SplitConfig("by-goal"))
+        >>> len(split.recipes("train")), len(split.recipes("test"))
+        (271, 55)
     """
     draw = _draw_of(config.kind)(graph, config, np.random.default_rng(config.seed))
     split = Split(graph, config, draw)

@@ -48,14 +48,14 @@ def discover(
     """
     if out is not None and out.exists() and not force:
         raise OutputExistsError(f"'{out}' exists. Choose another --out, or replace it with --force.")
-    from wordcraft_kg.agents.discovery import PLAYERS
+    from wordcraft_kg.agents.discovery import DISCOVERERS
     from wordcraft_kg.graphs.folder import open_graph
     from wordcraft_kg.views.play import view_discovery, written_to
 
     played = open_graph(graph).graph
-    chosen = list(dict.fromkeys(split_labels(players))) if players else list(PLAYERS)[: None if scorer else -1]
+    chosen = list(dict.fromkeys(split_labels(players))) if players else list(DISCOVERERS)[: None if scorer else -1]
     if not chosen:
-        raise ConfigError(f"--players names nobody; there are {', '.join(PLAYERS)}.")
+        raise ConfigError(f"--players names nobody; there are {', '.join(DISCOVERERS)}.")
     loaded = None
     if scorer is not None:
         from wordcraft_kg.models.scorers.folder import load_scorer

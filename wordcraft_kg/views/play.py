@@ -6,7 +6,13 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from wordcraft_kg.agents.discovery import HUMAN_CURVE, HUMAN_SOURCE, discovery_curves, make_players, summarise_curves
+from wordcraft_kg.agents.discovery import (
+    HUMAN_CURVE,
+    HUMAN_SOURCE,
+    discovery_curves,
+    make_discoverers,
+    summarise_curves,
+)
 from wordcraft_kg.agents.players import PlayerSuccess, knowledge_players, play_all, scorer_players
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.open_ended import Discovery
@@ -132,7 +138,7 @@ def view_discovery(
     """
     start = Discovery(graph, base)
     loaded = None if scorer is None else scorer[1]
-    curves = discovery_curves(graph, make_players(players, graph, loaded), attempts, runs, seed, start.base)
+    curves = discovery_curves(graph, make_discoverers(players, graph, loaded), attempts, runs, seed, start.base)
     table = summarise_curves(curves)
     view = DiscoveryView(
         graph=graph.name,

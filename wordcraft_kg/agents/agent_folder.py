@@ -45,7 +45,7 @@ class OpenedAgent:
     evaluation: AgentSummary | None
 
 
-def open_agent(folder: Path, graph: str | None = None) -> OpenedAgent:
+def open_agent(folder: str | Path, graph: str | None = None) -> OpenedAgent:
     """Open a run folder; one that is not done is opened at its last checkpoint.
 
     Args:
@@ -55,7 +55,12 @@ def open_agent(folder: Path, graph: str | None = None) -> OpenedAgent:
     Raises:
         ArtefactError: if there is no such run, it has no checkpoint yet, or a file is damaged.
         GraphMismatchError: if the graph or its split is not the one that it was trained on.
+
+    Example:
+        >>> open_agent("runs/kitchen").config.tasks.distractors
+        1
     """
+    folder = Path(folder)
     run = AGENTS.read_record(folder)
     config = read_run_config(folder, run)
     opened = open_run_graph(folder, run, graph or config.graph)

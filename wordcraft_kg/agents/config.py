@@ -30,6 +30,10 @@ class TaskConfig:
         distractor_policy: any; or no_shortcut, with which no distractor opens another way to the goal.
         task_weighting: task draws all train tasks alike, goal draws a goal, then one of its tasks.
         ambiguity: all results of a pair, or only the last (the paper's released code keeps one).
+
+    Example:
+        >>> TaskConfig(depth=2, distractors=4).environment("test").part
+        'test'
     """
 
     depth: int = WordCraftConfig.depth
@@ -79,6 +83,10 @@ class ImpalaConfig:
         log_every: environment steps between two lines of metrics.jsonl.
         eval_every: environment steps between two points of the learning curves; 0 evaluates at the end only.
         checkpoint_every: environment steps between two checkpoints.
+
+    Example:
+        >>> ImpalaConfig(steps=1_000).updates
+        4
     """
 
     steps: int = 3_000_000
@@ -140,6 +148,10 @@ class AgentConfig:
         tasks: what the agent is trained on.
         policy: how it decides.
         trainer: how it learns.
+
+    Example:
+        >>> AgentConfig("kitchen", "models/kitchen", TaskConfig(distractors=2)).differing()
+        {'graph': 'kitchen', 'scorer': 'models/kitchen', 'distractors': 2}
     """
 
     command: ClassVar[str] = "train-agent"

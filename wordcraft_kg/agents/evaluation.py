@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from wordcraft_kg.agents.players import Player, knowledge_player, random_entity, recipe_oracle
 from wordcraft_kg.agents.states import states_of
 from wordcraft_kg.envs.batch import GOAL, BatchEngine
-from wordcraft_kg.envs.world import World
+from wordcraft_kg.envs.world import GraphLike, World
 from wordcraft_kg.errors import ConfigError
 from wordcraft_kg.graphs.arrays import Ids, padded
 from wordcraft_kg.models.policies.policy import Policy
@@ -175,6 +175,28 @@ class Evaluator:
         is_right = ((self._parts == held[:, None]) | (self._parts == picked[:, None])).any(1)
         makes = self.engine.pairs(held, picked) != self.engine.world.graph.num_pairs
         return np.select([is_twice, is_right, makes], [1, 2, 3], 4)
+
+
+def evaluate(player: Policy | Player, graph: GraphLike | World, *, draws: int = 5, **settings: Any) -> Evaluation:
+    """Let a policy, greedily, or any other player play all tasks of a part, the test part unless another is given.
+
+    Args:
+        player: a policy of the graph, or a function ``(engine, rng) -> slots``.
+        graph: graph folder, book's file or name, a graph, an opened graph, or a world, which has its own settings.
+        draws: of distractors for each task; all players see the same ones.
+        settings: of the tasks, see :class:`~wordcraft_kg.envs.config.WordCraftConfig`.
+
+    Raises:
+        ConfigError: for an unknown setting, or a value out of range.
+        TaskError: if there is no such task.
+
+    Example:
+        >>> found = evaluate(load_policy("runs/kitchen"), "kitchen", num_distractors=2, draws=1)
+        >>> found.success.shape, 0 <= found.figures().mean <= 1
+        ((63, 1), True)
+    """
+    world = World.of(graph, settings if isinstance(graph, World) else {"part": "test", **settings})
+    return Evaluator(world, draws=draws)(PolicyPlayer(player) if isinstance(player, Policy) else player)
 
 
 def _right_parts(world: World) -> Ids:

@@ -54,7 +54,7 @@ class TrainedAgent:
 
 def train_agent(
     config: AgentConfig,
-    out: Path | None = None,
+    out: str | Path | None = None,
     *,
     force: bool = False,
     tensorboard: bool = False,
@@ -74,10 +74,16 @@ def train_agent(
         ConfigError: if the settings do not fit the graph or the machine.
         GraphMismatchError: if the scorer belongs to another graph or split.
         TrainingError: if the loss is no longer finite.
+
+    Example:
+        >>> config = AgentConfig("kitchen", "models/kitchen", trainer=ImpalaConfig(steps=512, eval_every=0))
+        >>> trained = train_agent(config, "runs/kitchen")
+        >>> trained.step
+        512
     """
     opened = open_graph(config.graph)
-    out = config.default_folder(opened.graph.name) if out is None else Path(out)
-    check_run_output(out, force=force)
+    folder = config.default_folder(opened.graph.name) if out is None else Path(out)
+    check_run_output(folder, force=force)
     trainer = config.trainer
     check_device(trainer.device)
     if trainer.compile:
@@ -95,7 +101,7 @@ def train_agent(
     )
     if features is not None:
         inputs["features"] = features.sha256
-    with board(out, tensorboard) as sink, new_run(out, AGENTS, force=force) as run:
+    with board(folder, tensorboard) as sink, new_run(folder, AGENTS, force=force) as run:
         write_constants(run.path, policy)
         run.begin(
             config,

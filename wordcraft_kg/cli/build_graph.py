@@ -8,7 +8,7 @@ from cyclopts import Parameter
 
 from wordcraft_kg.cli.console import Flag, Output, aligned, names, split_labels
 from wordcraft_kg.cli.splits import split_rows
-from wordcraft_kg.graphs.splits import SplitConfig, SplitKind
+from wordcraft_kg.graphs.splits import SPLITS, SplitConfig, SplitKind
 
 if TYPE_CHECKING:
     from wordcraft_kg.views.graphs import BuiltGraph
@@ -19,12 +19,16 @@ EXAMPLES = (
 )
 
 
+def _kinds() -> str:
+    return ", ".join(f"{name} ({about})" for name, (_, about) in SPLITS.items())
+
+
 def build_graph(
     book: str = "everyday",
     *,
     base: Annotated[list[str] | None, Parameter(negative=(), consume_multiple=False)] = None,
     base_file: Path | None = None,
-    split: SplitKind = SplitConfig.kind,
+    split: Annotated[SplitKind, Parameter(help=f"what is held out: {_kinds()}.")] = SplitConfig.kind,
     train_ratio: float = SplitConfig.train_ratio,
     valid_ratio: float = SplitConfig.valid_ratio,
     seed: int = SplitConfig.seed,
@@ -39,8 +43,6 @@ def build_graph(
         book: recipe book: a .csv, .tsv or .json file, or a known book's name.
         base: base entities, repeatable, commas separate. Default: the book's own, else the entities without a recipe.
         base_file: text file with one base entity a line.
-        split: by-recipe (pairs are held out, every entity stays in train), by-recipe-plain (without that), by-goal,
-            by-goal-terminals (goals that nothing needs stay in train), none (full graph only).
         train_ratio: share of the pairs (or goals) kept for training, between 0 and 1.
         valid_ratio: share kept for validation; the rest is the test part.
         seed: seed of the split.

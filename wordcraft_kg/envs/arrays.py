@@ -90,39 +90,26 @@ class TorchArrays(Arrays):
         self.xp = cast(Functions, torch)
         self.device = device
 
-    def array(self, values: NDArray[Any]) -> Array:
-        """Convert NumPy values."""
-        tensor: Array = self.torch.tensor(values, device=self.device)
-        return tensor
+    def array(self, values: NDArray[Any]) -> Array:  # noqa: D102 - as for NumPy, here and below
+        return self.torch.tensor(values, device=self.device)
 
-    def numpy(self, values: Any) -> NDArray[Any]:
-        """Return a copy as a NumPy array."""
+    def numpy(self, values: Any) -> NDArray[Any]:  # noqa: D102
         return np.array(values.cpu().numpy())
 
-    def full(self, shape: tuple[int, ...], value: int, dtype: str = "int64") -> Array:
-        """Return an array of one value."""
-        tensor: Array = self.torch.full(shape, value, dtype=getattr(self.torch, dtype), device=self.device)
-        return tensor
+    def full(self, shape: tuple[int, ...], value: int, dtype: str = "int64") -> Array:  # noqa: D102
+        return self.torch.full(shape, value, dtype=getattr(self.torch, dtype), device=self.device)
 
-    def cast(self, values: Any, dtype: str) -> Array:
-        """Return values as another type."""
-        tensor: Array = values.to(getattr(self.torch, dtype))
-        return tensor
+    def cast(self, values: Any, dtype: str) -> Array:  # noqa: D102
+        return values.to(getattr(self.torch, dtype))
 
-    def sorted_rows(self, values: Array) -> Array:
-        """Return a matrix with each row sorted."""
-        tensor: Array = self.torch.sort(values, dim=1).values
-        return tensor
+    def sorted_rows(self, values: Array) -> Array:  # noqa: D102
+        return self.torch.sort(values, dim=1).values
 
-    def take_in_rows(self, values: Any, columns: Array) -> Array:
-        """Return the values of each row in the columns given for it."""
-        tensor: Array = values.gather(1, self.cast(columns, "int64"))
-        return tensor
+    def take_in_rows(self, values: Any, columns: Array) -> Array:  # noqa: D102
+        return values.gather(1, self.cast(columns, "int64"))
 
-    def rows(self, mask: Array) -> Array:
-        """Return all rows: finding those that count would wait for the device."""
-        tensor: Array = self.torch.arange(len(mask), device=self.device)
-        return tensor
+    def rows(self, mask: Array) -> Array:  # noqa: D102
+        return self.torch.arange(len(mask), device=self.device)
 
 
 def arrays_of(device: str) -> Arrays:

@@ -22,8 +22,6 @@ IN_PROGRESS, GOAL, OUT_OF_ATTEMPTS = 0, 1, 2
 OUTCOMES = ("in_progress", "goal", "out_of_attempts")
 """Names of the outcome codes."""
 
-AHEAD, AHEAD_OF_MANY, MANY = 16, 8, 1_024
-"""Episodes drawn at a time for each environment: ``AHEAD``, or ``AHEAD_OF_MANY`` for more than ``MANY`` of them."""
 DENSE_LIMIT = 4_096
 """Most entities for which pairs are looked up in a square table, of 4 bytes a cell; larger graphs use a search."""
 
@@ -71,12 +69,6 @@ class State:
     wide: Array
     count: Array
     episode: Array
-
-    @classmethod
-    def blank(cls, arrays: Arrays, num_envs: int, num_slots: int, nothing: int) -> "State":
-        """Return the state before any episode."""
-        found = {entry.name: arrays.full((num_envs,), 0) for entry in fields(cls)}
-        return cls(**found | {"wide": arrays.full((num_envs, num_slots + 1), nothing)})
 
 
 class PairNumbers:
@@ -189,7 +181,7 @@ class BatchEngine:
         if seed is not None:
             self._env_keys = self._draws.env_keys(seed, self.first_env, self.num_envs)
             self._blank()
-        self._ahead.draw(self._rows, self._state.episode)
+        self._look_ahead()
         self._begin(self._rows)
 
     def pose(self, tasks: Array, episode: int = 0) -> None:
@@ -207,16 +199,14 @@ class BatchEngine:
         keys = self._draws.keys(self._env_keys, self._state.episode)
         self._place(self._rows, self._draws.tables(keys, tasks), tasks)
         self._state.episode += 1
-        self._draw_ahead_on_device()
+        self._look_ahead()
 
     def _blank(self) -> None:
-        self._state = State.blank(self.arrays, self.num_envs, self.num_slots, self.nothing)
-        self._ahead = Ahead(self._draws, self._env_keys, AHEAD if self.num_envs <= MANY else AHEAD_OF_MANY)
+        blank = {entry.name: self.arrays.full((self.num_envs,), 0) for entry in fields(State)}
+        self._state = State(**blank | {"wide": self.arrays.full((self.num_envs, self.num_slots + 1), self.nothing)})
 
-    def _draw_ahead_on_device(self) -> None:
-        # On the CPU the next episodes are drawn when they are needed; on a device control flow may not depend on that.
-        if self.arrays.on_device:
-            self._ahead.draw(self._rows, self._state.episode)
+    def _look_ahead(self) -> None:
+        self._ahead = Ahead(self._draws, self._env_keys, self._state.episode)
 
     def _begin(self, rows: Array) -> None:
         """Begin the next episode of some environments."""
@@ -272,10 +262,9 @@ class BatchEngine:
             expected = tuple(getattr(self._state, name).shape)
             if name not in state or tuple(state[name].shape) != expected:
                 raise ConfigError(f"this is the state of another engine: '{name}' should have shape {expected}.")
-        self._blank()
-        # Episodes that were drawn ahead are drawn again: they depend on seed, environment and episode only.
         self._state = State(**{name: self.arrays.array(np.array(state[name], dtype=np.int64)) for name in names})
-        self._draw_ahead_on_device()
+        # Episodes that were drawn ahead are drawn again: they depend on seed, environment and episode only.
+        self._look_ahead()
 
     # --- steps -------------------------------------------------------------------------------------------------------
 

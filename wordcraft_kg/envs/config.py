@@ -60,6 +60,10 @@ class WordCraftConfig:
         illegal_action: what picking an empty slot does: ``waste`` the attempt, or ``raise`` an error.
         num_tasks: how many tasks to draw at depth 3 and above.
         task_seed: seed of that draw.
+
+    Example:
+        >>> WordCraftConfig(depth=2, num_distractors=8).attempts
+        2
     """
 
     part: TaskPart = "train"

@@ -11,6 +11,8 @@ from wordcraft_kg.envs.guards import Guards
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.settings import whole
 
+AHEAD, AHEAD_OF_MANY, MANY = 16, 8, 1_024
+"""Episodes drawn at a time for each environment: ``AHEAD``, or ``AHEAD_OF_MANY`` for more than ``MANY`` of them."""
 CHUNK = 8_192
 """Tables drawn at a time on the CPU, so that their arrays stay in the processor's cache."""
 LAST_31_BITS = 0x7FFFFFFF
@@ -182,23 +184,28 @@ class Draws:
 class Ahead:
     """The next episodes of N environments, several drawn at a time.
 
+    On the CPU they are drawn when an environment needs one. On a device control flow may not depend on that: they are
+    drawn at once, and again for all as soon as one environment may have used up its own.
+
     Attributes:
         size: episodes drawn at a time for each environment.
     """
 
-    def __init__(self, draws: Draws, env_keys: Array, size: int):
-        """Begin with no episode drawn."""
+    def __init__(self, draws: Draws, env_keys: Array, episodes: Array):
+        """Begin with the episodes of the given numbers, one for each environment, shape (N,)."""
         arrays, count = draws.arrays, len(env_keys)
-        self.draws, self.env_keys, self.size = draws, env_keys, size
-        self._tables = arrays.full((count, size, draws.width), 0, "int32")
-        self._tasks = arrays.full((count, size), 0, "int32")
-        self._next = arrays.full((count,), size)  # index of the next one; size where none is left
+        self.draws, self.env_keys, self.size = draws, env_keys, AHEAD if count <= MANY else AHEAD_OF_MANY
+        self._tables = arrays.full((count, self.size, draws.width), 0, "int32")
+        self._tasks = arrays.full((count, self.size), 0, "int32")
+        self._next = arrays.full((count,), self.size)  # index of the next one; size where none is left
         self._all = arrays.array(np.arange(count))
-        self._offsets = arrays.array(np.arange(size))[None, :]
+        self._offsets = arrays.array(np.arange(self.size))[None, :]
         self._used = 0  # most episodes that an environment can have used since all of them drew
+        if arrays.on_device:
+            self._draw(self._all, episodes)
 
-    def draw(self, rows: Array, episodes: Array) -> None:
-        """Draw episodes of some environments, from the given numbers on, shape (len(rows),)."""
+    def _draw(self, rows: Array, episodes: Array) -> None:
+        """Draw episodes of some environments, from the given numbers on."""
         draws, shape = self.draws, (len(rows), self.size)
         keys = draws.keys(self.env_keys[rows][:, None], episodes[:, None] + self._offsets).reshape(-1)
         tasks = draws.tasks(keys)
@@ -215,7 +222,7 @@ class Ahead:
         """Take the next table and task of some environments; draw from the given numbers on where none is left."""
         spent = self._next[rows] == self.size
         if not self.draws.arrays.on_device and spent.any():
-            self.draw(rows[spent], episodes[spent])
+            self._draw(rows[spent], episodes[spent])
         found = self._read(rows)
         self._next[rows] += 1
         self._used += 1
@@ -226,7 +233,7 @@ class Ahead:
         self._next = self._next + over
         self._used += 1
         if self._used == self.size:
-            self.draw(self._all, episodes)
+            self._draw(self._all, episodes)
 
     def _read(self, rows: Array) -> tuple[Array, Array]:
         which = self._next[rows]

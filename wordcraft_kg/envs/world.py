@@ -3,7 +3,7 @@
 from collections.abc import Callable, Hashable, Mapping
 from itertools import combinations_with_replacement
 from pathlib import Path
-from typing import Any, Generic, TypeVar, overload
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,29 +37,19 @@ def open_world_graph(graph: GraphLike) -> OpenedGraph:
     return open_graph(graph)
 
 
-class _Derived(Generic[_T]):
-    """A property of a world that depends on some settings only; variants that agree in them share it."""
+def _derived_from(*settings: str) -> Callable[[Callable[["World"], _T]], _T]:
+    """Declare a property that depends on these settings only; it is made once for all variants that agree in them."""
 
-    def __init__(self, make: Callable[["World"], _T], settings: tuple[str, ...]):
-        self.make, self.settings = make, settings
-        self.name, self.__doc__ = make.__name__, make.__doc__
+    def declare(make: Callable[["World"], _T]) -> Any:
+        def get(world: "World") -> Any:
+            key = (make.__name__, *(getattr(world.config, name) for name in settings))
+            if key not in world._derived:
+                world._derived[key] = make(world)
+            return world._derived[key]
 
-    @overload
-    def __get__(self, world: None, owner: type["World"]) -> "_Derived[_T]": ...
-    @overload
-    def __get__(self, world: "World", owner: type["World"]) -> _T: ...
-    def __get__(self, world: "World | None", owner: type["World"]) -> "_Derived[_T] | _T":
-        if world is None:
-            return self
-        key = (self.name, *(getattr(world.config, name) for name in self.settings))
-        if key not in world._derived:
-            world._derived[key] = self.make(world)
-        found: _T = world._derived[key]
-        return found
+        return property(get, doc=make.__doc__)
 
-
-def _derived_from(*settings: str) -> Callable[[Callable[["World"], _T]], _Derived[_T]]:
-    return lambda make: _Derived(make, settings)
+    return declare
 
 
 _TASKS = ("part", "depth", "task_weighting", "num_tasks", "task_seed")
@@ -71,17 +61,18 @@ class World:
     Engines, environments, evaluators and reports take a world instead of building one, so all of them share its tasks
     and look-up tables; variants of a world share what their settings do not change.
 
-    >>> world = World("kitchen", WordCraftConfig(num_distractors=8))
-    >>> world.variant(part="test").graph is world.graph
-    True
-
     Attributes:
         graph: the recipe graph; all its recipes apply, whatever the part.
         split: its split.
         config: the settings.
         nothing: id of nothing, the number of entities.
         max_results: most results of a pair.
-        num_slots: fixed size of the table: starting ingredients, distractors, room for all results of all attempts.
+        num_slots: size of the table, fixed: starting ingredients, distractors, room for all results of all attempts.
+
+    Example:
+        >>> world = World("kitchen", WordCraftConfig(num_distractors=8))
+        >>> world.variant(part="test").graph is world.graph
+        True
     """
 
     def __init__(self, graph: "GraphLike | World", config: WordCraftConfig):

@@ -4,7 +4,7 @@ import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, Literal
 from urllib.parse import quote
 
 from wordcraft_kg.artefacts import staged_file, staged_folder, write_atomically
@@ -147,3 +147,7 @@ EXPORTERS = {
     "json": Exporter("recipe book in our own JSON, for build-graph", _book(".json")),
 }
 """The formats by name."""
+if TYPE_CHECKING:
+    Format = str
+else:
+    Format = Literal[tuple(EXPORTERS)]

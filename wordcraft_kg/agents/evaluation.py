@@ -178,13 +178,13 @@ class Evaluator:
 
 
 def evaluate(player: Policy | Player, graph: GraphLike | World, *, draws: int = 5, **settings: Any) -> Evaluation:
-    """Let a policy, greedily, or any other player play all tasks of a part, the test part unless another is given.
+    """Let a policy (greedily) or any other player play all tasks of a part, by default the test part.
 
     Args:
         player: a policy of the graph, or a function ``(engine, rng) -> slots``.
         graph: graph folder, book's file or name, a graph, an opened graph, or a world, which has its own settings.
-        draws: of distractors for each task; all players see the same ones.
-        settings: of the tasks, see :class:`~wordcraft_kg.envs.config.WordCraftConfig`.
+        draws: draws of distractors for each task; all players see the same ones.
+        settings: settings of the tasks, see :class:`~wordcraft_kg.envs.config.WordCraftConfig`.
 
     Raises:
         ConfigError: for an unknown setting, or a value out of range.

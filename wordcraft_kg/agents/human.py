@@ -310,7 +310,7 @@ def summarise(paths: Sequence[Path]) -> HumanSummary:
         ConfigError: if the settings differ, or there is no file.
     """
     if not paths:
-        raise ConfigError("`sessions`: expected at least one file.")
+        raise ConfigError("no session file: expected at least one.")
     sessions = [read_session(path) for path in paths]
     reference = sessions[0].header
     seen: dict[tuple[Answer, ...], Path] = {}

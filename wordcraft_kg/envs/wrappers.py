@@ -119,7 +119,7 @@ class KGScoreObservation(gym.ObservationWrapper[dict[str, Any], Any, dict[str, A
 
     def observation(self, observation: dict[str, Any]) -> dict[str, Any]:
         """Add the scores."""
-        return {**observation, **self._scores.of(observation, self.env.get_wrapper_attr("task_index"))}
+        return {**observation, **self._scores.of(observation, self.env.get_wrapper_attr("state").task)}
 
     def action_masks(self) -> NDArray[np.bool_]:
         """Return which slots hold an entity, for libraries that ask the outermost wrapper."""

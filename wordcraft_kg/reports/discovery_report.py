@@ -18,7 +18,7 @@ def discovery_page(view: DiscoveryView, curves: "pd.DataFrame") -> str:
     """Return the page.
 
     Args:
-        view: of the discoveries.
+        view: the discoveries.
         curves: from :func:`wordcraft_kg.agents.discovery.discovery_curves`.
     """
     means = curves.groupby(["player", "attempt"], sort=False)["known"].mean()

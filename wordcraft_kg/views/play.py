@@ -1,4 +1,4 @@
-"""What scripted players come to: success on all tasks of a part, and discoveries in open-ended play."""
+"""The results of scripted players: success on all tasks of a part, and discoveries in open-ended play."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -44,7 +44,7 @@ class Known(Record):
     """How many entities a player knows after some attempts.
 
     Attributes:
-        mean: over the runs.
+        mean: mean over the runs.
         low: lower end of its 95 % interval; None for a single run.
         high: upper end.
         repeated: share of the attempts so far that repeated a pair.
@@ -62,10 +62,10 @@ class DiscoveryView(Record, omit_defaults=True):
     Attributes:
         base: entities known at the start.
         reachable: entities that can be made from them.
-        marks: attempts after which the knowledge is read.
-        players: what each knows, by mark.
-        people: what people know, by attempts; in another game.
-        out: the page, if one was written.
+        marks: attempts after which the number of known entities is reported.
+        players: what each player knows, by mark.
+        people: entities that people know in another game, by attempts.
+        out: file of the page, if it was written.
     """
 
     graph: str
@@ -94,16 +94,16 @@ def view_baselines(
     draws: int = 5,
     seed: int = 0,
 ) -> Baselines:
-    """Let the players of the reference table play, and those of a model if there is one.
+    """Let the players of the reference table play, and those of a model if one is given.
 
     Args:
         opened: graph and split.
-        graph: what the graph was called.
+        graph: the graph as it was named by the user.
         config: part and depth of the tasks.
         distractors: numbers of distractors.
-        model: a link predictor and its name.
-        draws: of distractors for each task.
-        seed: of the draws and of ties.
+        model: name of a link predictor, and the predictor.
+        draws: draws of distractors for each task.
+        seed: seed of the draws and of ties.
     """
     players = knowledge_players(opened.graph, opened.split.partial)
     if model is not None:
@@ -125,16 +125,16 @@ def view_discovery(
     base: Sequence[str] | None = None,
     scorer: tuple[str, Scorer] | None = None,
 ) -> tuple[DiscoveryView, "pd.DataFrame"]:
-    """Let players discover entities; return the view and the curves that it sums up.
+    """Let players discover entities; return the view and the curves that it summarises.
 
     Args:
-        graph: to play on.
-        players: by name.
+        graph: the graph to play on.
+        players: names of the players.
         attempts: combinations that a player may try.
-        runs: times that each plays.
-        seed: root of all draws.
+        runs: how many times each player plays.
+        seed: root seed of all draws.
         base: entities known at the start; None takes the graph's.
-        scorer: that guides a player, and its name.
+        scorer: name of a scorer that guides a player, and the scorer.
     """
     start = Discovery(graph, base)
     loaded = None if scorer is None else scorer[1]
@@ -159,7 +159,7 @@ def view_discovery(
 
 
 def written_to(view: DiscoveryView, out: Path) -> DiscoveryView:
-    """Return a view that names its page."""
+    """Return a view with the file of its page."""
     return msgspec.structs.replace(view, out=str(out))
 
 

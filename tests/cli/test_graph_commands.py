@@ -494,7 +494,7 @@ def test_a_bad_toml_file_is_refused_by_name(refused, book, content, says):
 
 
 def test_a_toml_file_that_does_not_exist_is_refused(refused, home):
-    refused("kitchen", "--config", home / "nowhere.toml", says=["nowhere.toml: there is no such file"])
+    refused("kitchen", "--config", home / "nowhere.toml", says=["nowhere.toml: no such file"])
 
 
 def test_describe_shows_the_audit_of_a_folder_with_its_own_split(run, kitchen, kitchen_folder):

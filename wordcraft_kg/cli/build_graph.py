@@ -41,8 +41,9 @@ def build_graph(
 
     Args:
         book: recipe book: a .csv, .tsv or .json file, or a known book's name.
-        base: base entities, repeatable, commas separate. Default: the book's own, else the entities without a recipe.
-        base_file: text file with one base entity a line.
+        base: comma-separated base entities; may be repeated. Default: the book's own, or else the entities without a
+            recipe.
+        base_file: text file with one base entity per line.
         train_ratio: share of the pairs (or goals) kept for training, between 0 and 1.
         valid_ratio: share kept for validation; the rest is the test part.
         seed: seed of the split.
@@ -91,13 +92,13 @@ def _base(base: list[str] | None, base_file: Path | None) -> list[str] | None:
             raise ConfigError(f"--base-file {base_file} is not UTF-8 text.") from None
         labels += [line for line in text.splitlines() if line.strip()]
     if not labels:
-        raise ConfigError("the list of base entities is empty; name at least one, or leave --base out to infer them.")
+        raise ConfigError("--base: the list is empty; name at least one entity, or leave the option out to infer them.")
     return labels
 
 
 def _text(view: "BuiltGraph", with_several_results: int) -> list[str]:
     triples = view.triples
-    left_out = f", {view.dropped_self_results:,} left out (the result is one of its own parts)"
+    left_out = f", {view.dropped_self_results:,} left out (the result is one of its own ingredients)"
     merged = f", {view.merged_duplicates:,} duplicates merged" if view.merged_duplicates else ""
     rows = [
         ("recipes", f"{view.recipes:,} kept{left_out}{merged}"),

@@ -6,7 +6,13 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from wordcraft_kg.agents.discovery import HUMAN_CURVE, HUMAN_SOURCE, discovery_curves, make_players, summarise_curves
+from wordcraft_kg.agents.discovery import (
+    HUMAN_CURVE,
+    HUMAN_SOURCE,
+    discovery_curves,
+    make_discoverers,
+    summarise_curves,
+)
 from wordcraft_kg.envs.open_ended import Discovery
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.records import Count, Hash, Record, Share
@@ -21,7 +27,7 @@ class Known(Record):
     """How many entities a player knows after some attempts.
 
     Attributes:
-        mean: over the runs.
+        mean: mean over the runs.
         low: lower end of its 95 % interval; None for a single run.
         high: upper end.
         repeated: share of the attempts so far that repeated a pair.
@@ -39,10 +45,10 @@ class DiscoveryView(Record, omit_defaults=True):
     Attributes:
         base: entities known at the start.
         reachable: entities that can be made from them.
-        marks: attempts after which the knowledge is read.
-        players: what each knows, by mark.
-        people: what people know, by attempts; in another game.
-        out: the page, if one was written.
+        marks: attempts after which the number of known entities is reported.
+        players: what each player knows, by mark.
+        people: entities that people know in another game, by attempts.
+        out: file of the page, if it was written.
     """
 
     graph: str
@@ -71,20 +77,20 @@ def view_discovery(
     base: Sequence[str] | None = None,
     scorer: "tuple[str, Scorer] | None" = None,
 ) -> tuple[DiscoveryView, "pd.DataFrame"]:
-    """Let players discover entities; return the view and the curves that it sums up.
+    """Let players discover entities; return the view and the curves that it summarises.
 
     Args:
-        graph: to play on.
-        players: by name.
+        graph: the graph to play on.
+        players: names of the players.
         attempts: combinations that a player may try.
-        runs: times that each plays.
-        seed: root of all draws.
+        runs: how many times each player plays.
+        seed: root seed of all draws.
         base: entities known at the start; None takes the graph's.
-        scorer: that guides a player, and its name.
+        scorer: name of a scorer that guides a player, and the scorer.
     """
     start = Discovery(graph, base)
     loaded = None if scorer is None else scorer[1]
-    curves = discovery_curves(graph, make_players(players, graph, loaded), attempts, runs, seed, start.base)
+    curves = discovery_curves(graph, make_discoverers(players, graph, loaded), attempts, runs, seed, start.base)
     table = summarise_curves(curves)
     view = DiscoveryView(
         graph=graph.name,
@@ -105,7 +111,7 @@ def view_discovery(
 
 
 def written_to(view: DiscoveryView, out: Path) -> DiscoveryView:
-    """Return a view that names its page."""
+    """Return a view with the file of its page."""
     return msgspec.structs.replace(view, out=str(out))
 
 

@@ -318,7 +318,7 @@ def test_an_output_that_is_a_file_is_never_replaced(run, out, options):
     before = contents(out)
     outcome = run("build-graph", "kitchen", "--out", out / "file", *options)
     assert outcome.code == 1
-    assert "file' is a file; a folder is to be written there. Choose another --out." in outcome.err
+    assert "file' is a file, but the output is a folder. Choose another --out." in outcome.err
     assert contents(out) == before
 
 

@@ -383,7 +383,7 @@ def test_a_second_ctrl_c_acts_at_once_and_loses_no_checkpoint(opened_kitchen: Op
 def test_an_unfinished_run_is_not_overwritten_unless_forced(opened_kitchen: OpenedGraph, tmp_path: Path):
     folder = train(opened_kitchen, SHORT, tmp_path / "model", progress=interrupt_after(1)).folder
     before = contents(folder)
-    with pytest.raises(OutputExistsError, match=r"an unfinished run is in .*wordcraft-kg resume .*model"):
+    with pytest.raises(OutputExistsError, match=r"unfinished run.*wordcraft-kg resume .*model"):
         train(opened_kitchen, SHORT, tmp_path / "model")
     assert contents(folder) == before
 
@@ -398,7 +398,7 @@ def test_forced_training_starts_anew_over_an_unfinished_run(opened_kitchen: Open
 def test_a_finished_model_is_not_overwritten_unless_forced(opened_kitchen: OpenedGraph, tmp_path: Path):
     train(opened_kitchen, SHORT, tmp_path / "model")
     before = contents(tmp_path / "model")
-    with pytest.raises(OutputExistsError, match="--force"):
+    with pytest.raises(OutputExistsError, match="`force`"):
         train(opened_kitchen, replace(SHORT, seed=1), tmp_path / "model")
     assert contents(tmp_path / "model") == before
     train(opened_kitchen, replace(SHORT, seed=1), tmp_path / "model", force=True)

@@ -143,7 +143,7 @@ BAD_JSON = {
     "huge number": ('{"entities": ' + "1" * 5000 + "}", ["book.json"]),
     "duplicate key": (
         '{"entities": {"a": {"recipes": []}, "b": {"recipes": [["a", "a"]]}, "a": {"recipes": []}}}',
-        ["book.json: the key 'a' stands twice in one object"],
+        ["book.json: the key 'a' occurs twice"],
     ),
     "unlisted entity": (
         '{"entities": ["a", "b"], "recipes": [["a", "a", "b"], ["a", "b", "gold"]]}',
@@ -258,7 +258,7 @@ def test_a_train_ratio_outside_its_range_is_refused(refused, ratio):
     refused(
         "kitchen",
         f"--train-ratio={ratio}",
-        says=[f"SplitError: train ratio {float(ratio)}: expected more than 0 and less than 1, such as 0.8."],
+        says=[f"ConfigError: --train-ratio {float(ratio)}: expected more than 0 and less than 1"],
     )
 
 
@@ -283,7 +283,7 @@ def test_an_unknown_command_is_refused_with_the_nearest_one(run):
 
 
 def test_a_negative_seed_is_refused(refused):
-    refused("kitchen", "--seed=-1", says=["SplitError: seed -1: expected 0 or more."])
+    refused("kitchen", "--seed=-1", says=["ConfigError: --seed -1: expected a whole number, 0 or more."])
 
 
 def test_a_book_too_small_to_split_is_refused_and_says_how_to_go_on(refused, run, book, home):
@@ -633,7 +633,7 @@ def test_fetch_reports_the_real_book_that_the_cache_holds(run, home, alchemy_pat
 def test_fetch_refuses_an_unknown_book_with_the_nearest_one(run, home):
     outcome = run("fetch", "little-alchemy-3")
     assert (outcome.code, outcome.out) == (1, "")
-    assert "'little-alchemy-3' is not a book to fetch" in outcome.err
+    assert "no book 'little-alchemy-3' to fetch" in outcome.err
     assert "Did you mean 'little-alchemy-2'?" in outcome.err
 
 

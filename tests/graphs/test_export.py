@@ -185,7 +185,7 @@ def test_a_file_is_never_replaced_by_a_folder(kitchen, tmp_path):
 
 
 def test_an_unknown_format_is_refused_with_the_nearest_one(kitchen, tmp_path):
-    with pytest.raises(ConfigError, match=r"--format graphm: expected one of tsv, .*Did you mean 'graphml'"):
+    with pytest.raises(ConfigError, match=r"`format` 'graphm': expected one of tsv, .*Did you mean 'graphml'"):
         export_graph(opened(kitchen), "graphm", tmp_path / "out")
 
 

@@ -38,7 +38,7 @@ COMMANDS = {
 }
 """Commands by group."""
 
-OPTIONS = {"num_distractors": "distractors"}
+OPTIONS = {"num_distractors": "distractors", "kind": "split"}
 """Options by the settings that they fill, where the two are not called the same."""
 
 START = """Start here:

@@ -439,7 +439,7 @@ def test_features_without_half_of_the_words_are_refused_before_anything_is_writt
     words = tmp_path / "words.txt"
     words.write_text("".join(f"{label} 1.0 2.0\n" for label in opened.graph.entities[::2] if " " not in label))
     policy = PolicyConfig(features=str(words))
-    with pytest.raises(ConfigError, match="--allow-missing"):
+    with pytest.raises(ConfigError, match="`allow_missing`"):
         train_agent(config_of(policy=policy), tmp_path / "run")
     assert not (tmp_path / "run").exists()
     trained = train_agent(config_of(policy=replace(policy, allow_missing=True)), tmp_path / "run")

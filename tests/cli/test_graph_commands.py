@@ -297,7 +297,7 @@ def test_a_folder_of_somebody_else_is_never_replaced(run, home):
     (home / "thesis" / "chapter.tex").write_text("mine")
     outcome = run("build-graph", "kitchen", "--out", home / "thesis", "--force")
     assert outcome.code == 1
-    assert "holds something else than an output of wordcraft-kg" in outcome.err
+    assert "does not look like an output of wordcraft-kg" in outcome.err
     assert [path.name for path in (home / "thesis").iterdir()] == ["chapter.tex"]
 
 
@@ -484,7 +484,7 @@ BAD_TOML = {
     "key outside a table": ("seed = 3\n", ["options.toml", "seed"]),
     "not TOML": ("[build-graph\n", ["options.toml: not a TOML file", "line 1"]),
     "not UTF-8": (b'[build-graph]\nsplit = "\xff"\n', ["options.toml: not a TOML file"]),
-    "out of range": ("[build-graph]\ntrain-ratio = 5\n", ["train ratio 5.0: expected more than 0"]),
+    "out of range": ("[build-graph]\ntrain-ratio = 5\n", ["--train-ratio 5.0: expected more than 0"]),
 }
 
 

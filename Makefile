@@ -13,7 +13,7 @@ help:
 	@echo "make test     set up, then the tests"
 	@echo "make install  set up .venv only"
 	@echo "make slow     the tests that take minutes"
-	@echo "make lint     ruff and mypy"
+	@echo "make lint     ruff, mypy, and the directions of imports"
 	@echo "make docs     write docs/commands.md from the commands' help"
 	@echo "make clean    remove what was built; .venv stays"
 
@@ -39,7 +39,7 @@ demo: install
 	$(BIN)/wordcraft-kg explain $(DEMO)/runs/partial --episodes 1
 
 test: install
-	$(BIN)/python -m pytest -m "not slow"
+	$(BIN)/python -m pytest -m "not slow" --numprocesses auto
 
 slow: install
 	$(BIN)/python -m pytest -m slow
@@ -48,6 +48,8 @@ lint: install
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	$(BIN)/mypy --strict examples
+	$(BIN)/lint-imports
 	$(BIN)/python docs/make_commands.py --check
 
 format: install

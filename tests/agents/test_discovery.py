@@ -11,13 +11,13 @@ import torch
 
 from wordcraft_kg.agents import discovery
 from wordcraft_kg.agents.discovery import (
+    DISCOVERERS,
     HUMAN_CURVE,
-    PLAYERS,
-    EmpowermentPlayer,
-    GreedyPlayer,
-    ScorerPlayer,
+    EmpowermentDiscoverer,
+    GreedyDiscoverer,
+    ScorerDiscoverer,
     discovery_curves,
-    make_players,
+    make_discoverers,
     summarise_curves,
 )
 from wordcraft_kg.envs.open_ended import Discovery, OpenEndedEnv
@@ -38,7 +38,7 @@ def random_scorer(graph, seed=0):
 
 
 def everybody(graph):
-    return make_players(PLAYERS, graph, SymbolicScorer(graph, graph.triples))
+    return make_discoverers(DISCOVERERS, graph, SymbolicScorer(graph, graph.triples))
 
 
 def known_after(curves, player, attempt):
@@ -50,7 +50,7 @@ def curves(kitchen):
     return discovery_curves(kitchen, everybody(kitchen), ATTEMPTS, runs=20)
 
 
-@pytest.mark.parametrize("name", PLAYERS)
+@pytest.mark.parametrize("name", DISCOVERERS)
 def test_a_player_in_the_environment_draws_the_same_curve_and_is_never_illegal(kitchen, curves, name):
     player = everybody(kitchen)[name]
     env = OpenEndedEnv(kitchen, max_attempts=ATTEMPTS, illegal_action="raise")
@@ -82,14 +82,14 @@ def test_curves_begin_with_the_base_and_never_fall(kitchen, curves):
 
 
 def test_knowing_more_discovers_more(curves):
-    known = {name: known_after(curves, name, ATTEMPTS) for name in PLAYERS}
+    known = {name: known_after(curves, name, ATTEMPTS) for name in DISCOVERERS}
     assert known["random"] < known["random-no-repeat"] < known["empowerment-scorer"]
     assert known["empowerment-scorer"] < min(known["greedy"], known["empowerment"])
 
 
 def test_who_knows_the_graph_never_fails(kitchen):
     attempts = 15
-    curves = discovery_curves(kitchen, make_players(["greedy", "empowerment"], kitchen), attempts, runs=5)
+    curves = discovery_curves(kitchen, make_discoverers(["greedy", "empowerment"], kitchen), attempts, runs=5)
     assert (curves.groupby(["player", "run"])["known"].diff().dropna() >= 1).all()
 
 
@@ -102,11 +102,12 @@ def test_when_everything_is_known_the_curve_stays_there():
 
 
 def test_a_curve_depends_on_the_seed_and_not_on_who_else_plays(kitchen, curves):
-    alone = discovery_curves(kitchen, make_players(["greedy"], kitchen), ATTEMPTS, runs=20)
+    alone = discovery_curves(kitchen, make_discoverers(["greedy"], kitchen), ATTEMPTS, runs=20)
     both = curves[curves["player"] == "greedy"].reset_index(drop=True)
     pd.testing.assert_frame_equal(alone, both)
     again, other = (
-        discovery_curves(kitchen, make_players(["random"], kitchen), ATTEMPTS, runs=20, seed=seed) for seed in (0, 1)
+        discovery_curves(kitchen, make_discoverers(["random"], kitchen), ATTEMPTS, runs=20, seed=seed)
+        for seed in (0, 1)
     )
     pd.testing.assert_frame_equal(again, curves[curves["player"] == "random"].reset_index(drop=True))
     assert not again["known"].equals(other["known"])
@@ -118,7 +119,7 @@ def test_curves_are_the_same_in_processes_with_different_hash_seeds(tmp_path):
         "from wordcraft_kg.graphs import RecipeGraph, open_book\n"
         "from wordcraft_kg.models.scorers.facts import SymbolicScorer\n"
         "graph = RecipeGraph.from_book(open_book('kitchen'))\n"
-        "players = make_players(PLAYERS, graph, SymbolicScorer(graph, graph.triples))\n"
+        "players = make_discoverers(DISCOVERERS, graph, SymbolicScorer(graph, graph.triples))\n"
         "print(discovery_curves(graph, players, 20, 3).to_csv())"
     )
     printed = {
@@ -168,7 +169,7 @@ def slow_empowerment(graph, known):
 
 
 def slow_scorer_values(graph, scorer, known, tried, candidates):
-    """Return the value of every untried pair by the formula of :class:`ScorerPlayer`."""
+    """Return the value of every untried pair by the formula of :class:`ScorerDiscoverer`."""
     size = graph.num_entities
     links, parts = (scorer.table(relation).double().numpy() for relation in (0, 1))
     links = (links + links.T) / 2
@@ -190,13 +191,13 @@ def slow_scorer_values(graph, scorer, known, tried, candidates):
     return values
 
 
-@pytest.mark.parametrize("kind", [GreedyPlayer, EmpowermentPlayer])
+@pytest.mark.parametrize("kind", [GreedyDiscoverer, EmpowermentDiscoverer])
 def test_an_oracle_takes_the_pair_of_the_highest_value(kitchen, kind):
     game, player = Discovery(kitchen), kind(kitchen)
     player.begin(game.base, np.random.default_rng(0))
     for _ in range(12):
         known = list(game.known)
-        worth = slow_out_degree(kitchen) if kind is GreedyPlayer else slow_empowerment(kitchen, known)
+        worth = slow_out_degree(kitchen) if kind is GreedyDiscoverer else slow_empowerment(kitchen, known)
         pair = player.choose()
         assert pair in best_pairs(slow_oracle_values(kitchen, known, worth))
         player.observe(pair, game.combine(*pair)[0])
@@ -212,7 +213,7 @@ def test_a_scorer_s_player_takes_the_untried_pair_of_the_highest_value(monkeypat
     graph = RecipeGraph.from_recipes(rows, base=["a", "b", "c"])
     for seed in range(4):
         scorer = random_scorer(graph, seed)
-        game, player = Discovery(graph), ScorerPlayer(graph, scorer)
+        game, player = Discovery(graph), ScorerDiscoverer(graph, scorer)
         player.begin(game.base, np.random.default_rng(0))
         while not game.is_complete:
             pair = player.choose()
@@ -222,7 +223,7 @@ def test_a_scorer_s_player_takes_the_untried_pair_of_the_highest_value(monkeypat
 
 
 def test_equal_values_are_drawn_alike(kitchen):
-    class Free(GreedyPlayer):
+    class Free(GreedyDiscoverer):
         def worth(self):
             return np.ones(self.graph.num_entities)
 
@@ -240,7 +241,7 @@ def test_a_scorer_that_tells_nothing_still_repeats_nothing_and_warns_of_nothing(
     scores = torch.full((2, kitchen.num_entities, kitchen.num_entities), fill)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        player = ScorerPlayer(kitchen, TableScorer(scores, kitchen.entities, kitchen.hash))
+        player = ScorerDiscoverer(kitchen, TableScorer(scores, kitchen.entities, kitchen.hash))
         curves = discovery_curves(kitchen, {"told nothing": player}, ATTEMPTS, runs=3)
     assert not curves["repeated"].any()
 
@@ -248,7 +249,7 @@ def test_a_scorer_that_tells_nothing_still_repeats_nothing_and_warns_of_nothing(
 def test_scores_of_any_size_stay_finite(kitchen):
     scores = torch.zeros(2, kitchen.num_entities, kitchen.num_entities)
     scores[0, 0, 1] = scores[1, 0, 1] = 1e30
-    player = ScorerPlayer(kitchen, TableScorer(scores, kitchen.entities, kitchen.hash))
+    player = ScorerDiscoverer(kitchen, TableScorer(scores, kitchen.entities, kitchen.hash))
     assert player._odds.max() <= math.exp(50)
     discovery_curves(kitchen, {"one link": player}, 5, runs=1)
 
@@ -275,29 +276,29 @@ def test_the_summary_gives_means_intervals_and_the_share_of_repeats():
 
 
 def test_a_single_run_has_no_interval(kitchen):
-    table = summarise_curves(discovery_curves(kitchen, make_players(["random"], kitchen), 10, runs=1))
+    table = summarise_curves(discovery_curves(kitchen, make_discoverers(["random"], kitchen), 10, runs=1))
     assert table["low"].isna().all()
     assert table["mean"].notna().all()
 
 
 def test_errors_say_what_there_is(kitchen):
-    with pytest.raises(ConfigError, match=r"no player 'gredy'.*Did you mean 'greedy'"):
-        make_players(["gredy"], kitchen)
-    with pytest.raises(ConfigError, match="needs a scorer"):
-        make_players(["empowerment-scorer"], kitchen)
+    with pytest.raises(ConfigError, match=r"`players` 'gredy': .*Did you mean 'greedy'"):
+        make_discoverers(["gredy"], kitchen)
+    with pytest.raises(ConfigError, match="needs a `scorer`"):
+        make_discoverers(["empowerment-scorer"], kitchen)
     other = RecipeGraph.from_recipes([("a", "a", "b")])
     with pytest.raises(GraphMismatchError, match="trained on graph"):
-        ScorerPlayer(kitchen, random_scorer(other))
+        ScorerDiscoverer(kitchen, random_scorer(other))
     for settings in ({"attempts": 0}, {"runs": 0}, {"seed": -1}, {"base": ["nothing like it"]}):
         with pytest.raises(ConfigError):
-            discovery_curves(kitchen, make_players(["random"], kitchen), **settings)
+            discovery_curves(kitchen, make_discoverers(["random"], kitchen), **settings)
 
 
 # --- golden: Little Alchemy 2 ----------------------------------------------------------------------------------------
 
 
 def test_little_alchemy_from_the_four_entities_that_people_begin_with(alchemy):
-    players = make_players(["random", "random-no-repeat", "greedy", "empowerment"], alchemy)
+    players = make_discoverers(["random", "random-no-repeat", "greedy", "empowerment"], alchemy)
     curves = discovery_curves(alchemy, players, attempts=100, runs=100, base=FOUR)
     for attempt, expected in ((1, 5.0), (10, 8.8), (20, 10.9), (50, 15.0), (100, 19.3)):
         assert known_after(curves, "random", attempt) == pytest.approx(expected, rel=0.04)

@@ -386,7 +386,7 @@ def test_the_scorer_alone_picks_the_best_sum_of_its_scores(opened, use):
 
 
 def test_the_scorer_alone_needs_a_scorer(opened):
-    with pytest.raises(ConfigError, match="--agent kg-only plays by the run's scorer"):
+    with pytest.raises(ConfigError, match="`agent` 'kg-only'"):
         player_of(policy_for(opened, 5), "kg-only")
-    with pytest.raises(ConfigError, match="trained without one"):
+    with pytest.raises(ConfigError, match="trained without a scorer"):
         player_of(policy_for(opened, 5, policy="mlp"), "kg-only")

@@ -143,7 +143,7 @@ def test_episode_seeds_differ_by_seed_part_and_number_and_never_change():
 
 
 def test_a_negative_seed_is_refused(kitchen: RecipeGraph):
-    with pytest.raises(ConfigError, match="seed -1"):
+    with pytest.raises(ConfigError, match="`seed` -1"):
         HumanProtocol(kitchen, seed=-1)
 
 
@@ -278,7 +278,7 @@ def test_a_task_that_is_not_posed_there_is_refused(protocol: HumanProtocol, tmp_
     session = play(path, protocol, 2)
     third = answer_to(protocol, "train", 3)
     append_answer(path, session, replace(third, table=third.table[::-1]))
-    with pytest.raises(ArtefactError, match="line 4: not the task"):
+    with pytest.raises(ArtefactError, match="line 4: this version poses another task"):
         open_session(path, protocol)
 
 

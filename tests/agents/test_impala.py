@@ -556,7 +556,7 @@ def test_a_state_that_lacks_something_or_is_of_other_environments_is_refused(tra
     for name in ("policy.attention.key.weight", "engine.goal", "sums", "generator", "update"):
         with pytest.raises(KeyError, match=name):
             trainer(momentum=0.5).restore({other: tensor for other, tensor in state.items() if other != name})
-    with pytest.raises(ConfigError, match="this state is of another engine"):
+    with pytest.raises(ConfigError, match="state of another engine"):
         trainer(momentum=0.5, batch_size=4).restore(state)
     with pytest.raises(RuntimeError, match="size"):
         trainer(momentum=0.5, policy={"key_size": 6}).restore(state)
@@ -599,7 +599,7 @@ def test_a_parameter_that_is_no_number_stops_the_training(trainer, value):
     with torch.no_grad():
         impala.policy.value[2].bias.fill_(value)
     before = flat(impala).clone()
-    with pytest.raises(TrainingError, match=r"in update 2 .*Train with a lower --learning-rate"):
+    with pytest.raises(TrainingError, match=r"in update 2 .*`learning_rate`"):
         impala.update()
     torch.testing.assert_close(flat(impala), before, equal_nan=True, rtol=0, atol=0)
 
@@ -620,9 +620,9 @@ def test_a_missing_compiler_is_an_error_that_says_what_to_do(trainer, monkeypatc
         raise error
 
     monkeypatch.setattr(torch, "compile", fail)
-    with pytest.raises(ConfigError, match=rf"--compile: torch cannot compile here \({reason}.*Install a C\+\+ comp"):
+    with pytest.raises(ConfigError, match=rf"`compile`: torch cannot compile here \({reason}.*Install a C\+\+ comp"):
         check_compiler(torch.device("cpu"))
-    with pytest.raises(ConfigError, match="leave the option out"):
+    with pytest.raises(ConfigError, match="train without it"):
         trainer(compile=True)
     trainer(compile=False).update()
 

@@ -82,7 +82,7 @@ def test_kg_only_plays_the_run_s_scorer_and_needs_one(run: Run, world: Path) -> 
     assert run("evaluate-agent", world / "guided", "--agent", "kg-only").code == 0
     refused = run("evaluate-agent", world / "plain-0", "--agent", "kg-only")
     assert refused.code == 1
-    assert "trained without one" in refused.err
+    assert "trained without a scorer" in refused.err
 
 
 def test_explain_splits_every_logit_into_what_the_sources_contributed(run: Run, world: Path) -> None:
@@ -198,13 +198,13 @@ def test_a_run_s_own_settings_reproduce_it(run: Run, world: Path, tmp_path: Path
     ("options", "message"),
     [
         (("--distractors", 500), "expected at most"),
-        (("--distractors", -1), "num_distractors -1"),
+        (("--distractors", -1), "--distractors -1"),
         (("--unroll", 0), "--unroll 0: expected a whole number, 1 or more"),
         (("--learning-rate", "nan"), "--learning-rate nan"),
         (("--discount", 1.5), "--discount 1.5: expected 0 to 1"),
         (("--use", "u"), "give a --scorer too"),
         (("--kg-only",), "give a --scorer too"),
-        (("--mixing", "softmax"), "--mixing says what to do with a scorer's scores"),
+        (("--mixing", "softmax"), "--mixing says how to use a scorer"),
         (("--seed", 2**64), "--seed 18446744073709551616"),
         (("--learning-rate", "1e300"), "--learning-rate 1e+300"),
         (("--features", "glov"), "Did you mean 'glove'"),

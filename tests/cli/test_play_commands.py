@@ -251,8 +251,8 @@ def test_an_unfinished_session_says_how_to_go_on_and_not_how_many_test_tasks_wer
         "finished": False,
     }
     outcome = typed("", *PROTOCOL, "--out", tmp_path / "human.jsonl")
-    assert "Going on after 75 answers" in outcome.out
-    assert outcome.out.splitlines()[-1].startswith("answered 75 of 80; the same command goes on")
+    assert "Continuing after 75 answers" in outcome.out
+    assert outcome.out.splitlines()[-1].startswith("answered 75 of 80; the same command continues")
 
 
 def test_a_finished_file_says_so_and_stays(typed: Run, tmp_path: Path):
@@ -320,7 +320,7 @@ def test_a_killed_session_goes_on_as_if_it_had_not_been(typed: Run, tmp_path: Pa
     with path.open("ab") as file:
         file.write(b'{"part": "test", "num')  # what a kill in the middle of a write leaves
     outcome = typed("1\n" * 160, *PROTOCOL, "--out", path)
-    assert "Going on after 45 answers" in outcome.out
+    assert "Continuing after 45 answers" in outcome.out
     assert "torn" in caplog.text
     typed("1\n" * 160, *PROTOCOL, "--out", tmp_path / "whole.jsonl")
     assert without_seconds(path) == without_seconds(tmp_path / "whole.jsonl")

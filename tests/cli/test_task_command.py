@@ -116,13 +116,13 @@ def test_a_graph_folder_brings_its_own_split(shown, home, kitchen):
     ("arguments", "says"),
     [
         (["evryday"], "'evryday' is neither a file nor a known book. Did you mean 'everyday'?"),
-        (["kitchen", "--depth", 0], "depth 0: expected a whole number, 1 to 5"),
-        (["kitchen", "--depth", 50], "depth 50: expected a whole number, 1 to 5"),
-        (["kitchen", "--distractors", -1], "num_distractors -1: expected a whole number, 0 or more"),
-        (["kitchen", "--distractors", 500], "num_distractors 500: kitchen has 80 entities"),
+        (["kitchen", "--depth", 0], "--depth 0: expected a whole number, 1 to 5"),
+        (["kitchen", "--depth", 50], "--depth 50: expected a whole number, 1 to 5"),
+        (["kitchen", "--distractors", -1], "--distractors -1: expected a whole number, 0 or more"),
+        (["kitchen", "--distractors", 500], "--distractors 500: kitchen has 80 entities"),
         (["kitchen", "--part", "valid"], "kitchen has no task of depth 1 in the valid part"),
-        (["kitchen", "--limit", -1], "--limit -1: expected 0 or more"),
-        (["kitchen", "--seed", -1], "--seed -1: expected 0 or more"),
+        (["kitchen", "--limit", -1], "--limit -1: expected a whole number, 0 or more"),
+        (["kitchen", "--seed", -1], "--seed -1: expected a whole number, 0 or more"),
     ],
 )
 @pytest.mark.parametrize("json_option", [[], ["--json"]], ids=["text", "json"])

@@ -159,7 +159,7 @@ def test_two_engines_of_a_half_each_see_what_a_whole_one_sees(kitchen_opened):
     for engine, tasks in ((whole, np.arange(7)), (low, np.arange(3)), (high, np.arange(3, 7))):
         engine.pose(tasks, 2)
     np.testing.assert_array_equal(whole.table, np.concatenate([low.table, high.table]))
-    with pytest.raises(ConfigError, match=r"first_env -1: expected a whole number, 0 or more"):
+    with pytest.raises(ConfigError, match=r"`first_env` -1: expected a whole number, 0 or more"):
         BatchEngine(world, 4, first_env=-1)
 
 
@@ -386,7 +386,7 @@ def test_a_state_of_another_engine_is_refused_and_changes_nothing(kitchen_opened
     wider = BatchEngine(World(kitchen_opened, WordCraftConfig(num_distractors=4)), 4, seed=1).state()
     wrong = {"goal": (more, r"\(4,\)"), "wide": (wider, rf"\(4, {engine.num_slots + 1}\)")}
     for name, (state, shape) in wrong.items():
-        with pytest.raises(ConfigError, match=f"this state is of another engine: '{name}' should have shape {shape}"):
+        with pytest.raises(ConfigError, match=f"state of another engine: '{name}' should have shape {shape}"):
             engine.restore(state)
     own = BatchEngine(World(kitchen_opened, config), 4, seed=1).state()
     for name in own:
@@ -507,9 +507,9 @@ def test_an_empty_slot_raises_where_asked(kitchen_opened):
 
 def test_no_environments_and_missing_devices_are_refused(kitchen_opened):
     for wrong in (0, -1, 1.5, "2", None, True):
-        with pytest.raises(ConfigError, match=f"num_envs {wrong!r}: expected a whole number, 1 or more"):
+        with pytest.raises(ConfigError, match=f"`num_envs` {wrong!r}: expected a whole number, 1 or more"):
             BatchEngine(World(kitchen_opened, WordCraftConfig()), wrong)
-    with pytest.raises(ConfigError, match="seed -1: expected a whole number, 0 or more"):
+    with pytest.raises(ConfigError, match="`seed` -1: expected a whole number, 0 or more"):
         BatchEngine(World(kitchen_opened, WordCraftConfig()), 1, seed=-1)
     if not torch.cuda.is_available():
         with pytest.raises(ConfigError, match="no CUDA device"):
@@ -526,7 +526,7 @@ def test_a_table_without_shortcuts_that_cannot_be_is_given_up(ambiguous, monkeyp
     monkeypatch.setattr("wordcraft_kg.envs.world.SHORTCUT_TRIES", tries)
     settings = {"part": "all", "depth": 2, "num_distractors": 8, "distractor_policy": "no_shortcut"}
     world = World(ambiguous, WordCraftConfig(**settings))
-    expected = rf"found no 8 distractors without a shortcut to 'e.*' in {tries} tries"
+    expected = rf"`num_distractors` 8: found no distractors without a shortcut to 'e.*' in {tries} tries"
     with pytest.raises(ConfigError, match=expected):
         BatchEngine(world, 1)
     with pytest.raises(ConfigError, match=expected):

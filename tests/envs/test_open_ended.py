@@ -161,15 +161,15 @@ def test_another_base_may_be_given_by_label_or_id(base):
 @pytest.mark.parametrize(
     ("settings", "says"),
     [
-        ({"max_attempts": 0}, "max_attempts 0: expected a whole number, 1 or more"),
-        ({"max_attempts": True}, "max_attempts True"),
-        ({"max_attempts": 2.5}, "max_attempts 2.5"),
-        ({"base": ["fire", "watre"]}, "base: no entity 'watre' in small. Did you mean 'water'"),
-        ({"base": [99]}, "base: no entity id 99"),
-        ({"base": ["moon"]}, "base moon: nothing new can be made"),
-        ({"base": []}, r"base \(empty\): nothing new can be made"),
-        ({"illegal_action": "ignore"}, "illegal_action 'ignore'"),
-        ({"render_mode": "human"}, "render_mode 'human'"),
+        ({"max_attempts": 0}, "`max_attempts` 0: expected a whole number, 1 or more"),
+        ({"max_attempts": True}, "`max_attempts` True"),
+        ({"max_attempts": 2.5}, "`max_attempts` 2.5"),
+        ({"base": ["fire", "watre"]}, "`base`: no entity 'watre' in small. Did you mean 'water'"),
+        ({"base": [99]}, "`base`: no entity id 99"),
+        ({"base": ["moon"]}, "`base` moon: nothing new can be made"),
+        ({"base": []}, r"`base` \(empty\): nothing new can be made"),
+        ({"illegal_action": "ignore"}, "`illegal_action` 'ignore'"),
+        ({"render_mode": "human"}, "`render_mode` 'human'"),
     ],
 )
 def test_a_bad_setting_says_what_was_expected(settings, says):
@@ -178,7 +178,7 @@ def test_a_bad_setting_says_what_was_expected(settings, says):
 
 
 def test_a_reset_option_is_refused():
-    with pytest.raises(ConfigError, match="no reset option 'base'"):
+    with pytest.raises(ConfigError, match="unknown reset option 'base'"):
         make().reset(options={"base": [1]})
 
 

@@ -272,25 +272,33 @@ def test_random_settings_and_actions_keep_every_rule(kitchen_opened, data):
 @pytest.mark.parametrize(
     ("changes", "error", "says"),
     [
-        ({"depth": 0}, ConfigError, "depth 0: expected a whole number, 1 to 5"),
-        ({"depth": 50}, ConfigError, "depth 50: expected a whole number, 1 to 5"),
-        ({"depth": 1.5}, ConfigError, "depth 1.5"),
-        ({"num_distractors": -1}, ConfigError, "num_distractors -1: expected a whole number, 0 or more"),
-        ({"num_distractors": 80}, ConfigError, "num_distractors 80: kitchen has 80 entities"),
-        ({"part": "tests"}, ConfigError, "part 'tests': expected one of all, train, valid, test. Did you mean 'test'"),
+        ({"depth": 0}, ConfigError, "`depth` 0: expected a whole number, 1 to 5"),
+        ({"depth": 50}, ConfigError, "`depth` 50: expected a whole number, 1 to 5"),
+        ({"depth": 1.5}, ConfigError, "`depth` 1.5"),
+        ({"num_distractors": -1}, ConfigError, "`num_distractors` -1: expected a whole number, 0 or more"),
+        ({"num_distractors": 80}, ConfigError, "`num_distractors` 80: kitchen has 80 entities"),
+        (
+            {"part": "tests"},
+            ConfigError,
+            "`part` 'tests': expected one of all, train, valid, test. Did you mean 'test'",
+        ),
         ({"part": "valid"}, TaskError, "kitchen has no task of depth 1 in the valid part"),
-        ({"reward": "dense"}, ConfigError, "reward 'dense': expected one of sparse, official"),
-        ({"ambiguity": "first"}, ConfigError, "ambiguity 'first': expected one of all, last"),
-        ({"max_attempts": 1, "depth": 2}, ConfigError, "max_attempts 1: a task of depth 2 takes 2 attempts"),
+        ({"reward": "dense"}, ConfigError, "`reward` 'dense': expected one of sparse, official"),
+        ({"ambiguity": "first"}, ConfigError, "`ambiguity` 'first': expected one of all, last"),
+        ({"max_attempts": 1, "depth": 2}, ConfigError, "`max_attempts` 1: expected 2 or more"),
         (
             {"distractors": 3},
             ConfigError,
             "unexpected keyword argument 'distractors'; .* Did you mean 'num_distractors'",
         ),
-        ({"render_mode": "human"}, ConfigError, "render_mode 'human': expected None or 'ansi'"),
-        ({"graph": None}, ConfigError, "graph None: expected a graph folder"),
-        ({"graph": 5}, ConfigError, "graph 5: expected a graph folder"),
-        ({"distractor_policy": "no_shortcut", "max_attempts": 20}, ConfigError, "max_attempts 20: distractor_policy"),
+        ({"render_mode": "human"}, ConfigError, "`render_mode` 'human': expected None or 'ansi'"),
+        ({"graph": None}, ConfigError, "`graph` None: expected a graph folder"),
+        ({"graph": 5}, ConfigError, "`graph` 5: expected a graph folder"),
+        (
+            {"distractor_policy": "no_shortcut", "max_attempts": 20},
+            ConfigError,
+            "`max_attempts` 20: expected at most 5",
+        ),
         ({"graph": "kitchn"}, RecipeFileError, "Did you mean 'kitchen'"),
         ({"graph": "tests"}, ArtefactError, "not a graph folder"),
     ],
@@ -303,7 +311,7 @@ def test_bad_settings_are_refused_by_name(changes, error, says):
 @pytest.mark.parametrize("name", ["wrong_pair_penalty", "irrelevant_penalty", "intermediate_reward"])
 @pytest.mark.parametrize("value", [-0.1, float("nan"), float("inf"), "a", None])
 def test_rewards_are_magnitudes(name, value):
-    with pytest.raises(ConfigError, match=f"{name} {value!r}: expected a magnitude, 0 or more"):
+    with pytest.raises(ConfigError, match=f"`{name}` {value!r}: expected a finite number, 0 or more"):
         RewardConfig(**{name: value})
 
 
@@ -329,13 +337,13 @@ def test_steps_before_a_reset_and_after_the_end_raise(kitchen_opened):
 @pytest.mark.parametrize(
     ("options", "error", "says"),
     [
-        ({"tsk": 1}, ConfigError, "no reset option 'tsk'"),
-        ({"task": 10**6}, ConfigError, "task 1000000: expected a whole number, 0 to"),
-        ({"task": "a"}, ConfigError, "task 'a': expected a whole number, 0 to"),
-        ({"table": []}, ConfigError, "a table of 0 entities: expected 1 to"),
+        ({"tsk": 1}, ConfigError, "unknown reset option 'tsk'"),
+        ({"task": 10**6}, ConfigError, "`task` 1000000: expected a whole number, 0 to"),
+        ({"task": "a"}, ConfigError, "`task` 'a': expected a whole number, 0 to"),
+        ({"table": []}, ConfigError, "`table` of 0 entities: expected 1 to"),
         ({"table": ["flour", "flour"]}, ConfigError, "holds an entity twice"),
         ({"table": ["flour", "wat"]}, UnknownEntityError, "no entity 'wat'"),
-        ({"table": ["flour"] * 50}, ConfigError, "a table of 50 entities: expected 1 to"),
+        ({"table": ["flour"] * 50}, ConfigError, "`table` of 50 entities: expected 1 to"),
     ],
 )
 def test_bad_reset_options_are_refused(kitchen_opened, options, error, says):

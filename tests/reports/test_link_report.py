@@ -394,7 +394,7 @@ def test_fewer_than_thirty_unseen_triples_are_an_error_that_suggests_another_rat
     graph = kitchen_model.opened.graph
     split = make_split(graph, SplitConfig(train_ratio=0.99))
     assert 0 < len(split.held_out("test")) < 30
-    with pytest.raises(SplitError, match=rf"only {len(split.held_out('test'))} unseen .*--train-ratio, such as 0\.7"):
+    with pytest.raises(SplitError, match=rf"only {len(split.held_out('test'))} unseen .*`train_ratio`, such as 0\.7"):
         make_link_report(FrequencyScorer(graph, split.partial), OpenedGraph(graph, split, "few"))
 
 

@@ -17,7 +17,7 @@ from wordcraft_kg.tensors import read_tensors
 
 AGENTS = RunKind((AgentConfig.command,), unit="step", progress=AgentProgress, judged_by="evaluate-agent")
 INPUTS = ("policy.json", "constants.safetensors")
-"""Files that are there from the start and never change; their hashes are in ``run.json``."""
+"""Files that exist from the start and never change; their hashes are in ``run.json``."""
 
 
 @dataclass(frozen=True)
@@ -25,9 +25,9 @@ class OpenedAgent:
     """An agent with everything that its evaluation needs.
 
     Attributes:
-        name: of its folder.
-        policy: with the weights of ``checkpoint``.
-        checkpoint: ``final``, or ``step N`` of a run that is not done.
+        name: name of its folder.
+        policy: has the weights of ``checkpoint``.
+        checkpoint: ``final``, or ``step N`` for a run that is not done.
         config: its settings.
         opened: the graph and split it was trained on, checked by hash.
         run: its ``run.json``.
@@ -45,17 +45,22 @@ class OpenedAgent:
     evaluation: AgentSummary | None
 
 
-def open_agent(folder: Path, graph: str | None = None) -> OpenedAgent:
+def open_agent(folder: str | Path, graph: str | None = None) -> OpenedAgent:
     """Open a run folder; one that is not done is opened at its last checkpoint.
 
     Args:
         folder: written by ``train-agent``.
-        graph: where its graph is now, if it has moved.
+        graph: where the graph is now, if it has moved.
 
     Raises:
         ArtefactError: if there is no such run, it has no checkpoint yet, or a file is damaged.
         GraphMismatchError: if the graph or its split is not the one that it was trained on.
+
+    Example:
+        >>> open_agent("runs/kitchen").config.tasks.distractors
+        1
     """
+    folder = Path(folder)
     run = AGENTS.read_record(folder)
     config = read_run_config(folder, run)
     opened = open_run_graph(folder, run, graph or config.graph)
@@ -72,7 +77,7 @@ def open_agent(folder: Path, graph: str | None = None) -> OpenedAgent:
         policy = policy_at(folder, run, found)
         checkpoint = f"step {found.number:,}"
         lines = read_small_file(path)
-        lines = lines[: lines.rfind(b"\n") + 1]  # the last one may just be written
+        lines = lines[: lines.rfind(b"\n") + 1]  # the last one may be half written
     metrics = read_metrics(lines, path)
     return OpenedAgent(folder.resolve().name, policy, checkpoint, config, opened, run, metrics, evaluation)
 
@@ -91,7 +96,7 @@ def policy_at(folder: Path, run: RunRecord, checkpoint: Checkpoint[AgentProgress
 
 
 def read_run_config(folder: Path, run: RunRecord) -> AgentConfig:
-    """Read the settings of a run, after making sure that they are those that it began with.
+    """Read the settings of a run, after checking that they are those that it began with.
 
     Raises:
         ArtefactError: if ``config.toml`` or ``policy.json`` is missing or was changed.

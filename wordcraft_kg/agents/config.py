@@ -10,25 +10,30 @@ from wordcraft_kg.graphs.tasks import TaskPart, TaskWeighting
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.records import Record
 from wordcraft_kg.runs.config_file import read_config, write_config
-from wordcraft_kg.settings import whole
+from wordcraft_kg.settings import require, whole
 
 _LARGE = 1e9
 
 
 @dataclass(frozen=True)
 class TaskConfig:
-    """The tasks that an agent is trained on, and, with another part, judged on.
+    """The tasks that an agent is trained on and, in another part, evaluated on.
 
     Attributes:
-        depth: attempts that a task takes at least, 1 to 5.
+        depth: fewest attempts that solve a task, 1 to 5.
         distractors: entities on the table that no plan needs.
         max_attempts: attempts in an episode. Default: depth.
-        reward: sparse (1 for the goal), or official (with the penalties and sub-goals of the paper's released code);
-            success is always counted by the goal alone.
-        distractor_weighting: use draws an entity by 1 + the train recipes that use it, uniform all alike.
-        distractor_policy: any, or no_shortcut: no distractor opens another way to the goal.
-        task_weighting: task draws all train tasks alike, goal first a goal and then one of its tasks.
-        ambiguity: all results of a pair, or only the last, as the paper's released code keeps one.
+        reward: sparse (1 for the goal) or official (with the penalties and sub-goals of the paper's released code);
+            success counts the goal alone either way.
+        distractor_weighting: use draws an entity with weight 1 + the number of train recipes that use it, uniform draws
+            all alike.
+        distractor_policy: any; or no_shortcut, with which no distractor opens another way to the goal.
+        task_weighting: task draws all train tasks alike, goal draws a goal, then one of its tasks.
+        ambiguity: all results of a pair, or only the last (the paper's released code keeps one).
+
+    Example:
+        >>> TaskConfig(depth=2, distractors=4).environment("test").part
+        'test'
     """
 
     depth: int = WordCraftConfig.depth
@@ -59,26 +64,29 @@ class ImpalaConfig:
     """IMPALA with the paper's settings.
 
     Attributes:
-        steps: environment steps (picks) of the whole training, rounded up to whole updates; 3,000,000 is the paper's.
-        batch_size: environments side by side, and unrolls in an update; 128 is the paper's.
-        unroll: steps of each environment in an update; 2 is the paper's.
-        policy_lag: updates between the policy that acts and the one that learns; 0 keeps them in step, so that all
-            importance ratios are 1.
-        discount: γ; 0.99 is the paper's.
-        learning_rate: of RMSProp, decayed linearly to 0; 0.001 is the paper's.
-        rms_decay: of RMSProp's average of squared gradients; 0.99 as in the paper's released code.
-        rms_epsilon: of RMSProp; 0.01 is the paper's.
-        momentum: of RMSProp.
-        entropy_cost: weight of the entropy; 0.01 is the paper's.
-        baseline_cost: weight of the value's loss; 0.5 as in the paper's released code.
-        clip: largest norm of the gradient; 40 as in the paper's released code.
+        steps: environment steps (picks) of the whole training, rounded up to whole updates; 3,000,000 in the paper.
+        batch_size: environments side by side, which is also the number of unrolls in an update; 128 in the paper.
+        unroll: steps of each environment in an update; 2 in the paper.
+        policy_lag: updates by which the acting policy is behind the learning one; with 0 all importance ratios are 1.
+        discount: γ; 0.99 in the paper.
+        learning_rate: learning rate of RMSProp, decayed linearly to 0; 0.001 in the paper.
+        rms_decay: decay of RMSProp's average of squared gradients; 0.99 in the paper's released code.
+        rms_epsilon: ε of RMSProp; 0.01 in the paper.
+        momentum: momentum of RMSProp.
+        entropy_cost: weight of the entropy; 0.01 in the paper.
+        baseline_cost: weight of the value loss; 0.5 in the paper's released code.
+        clip: largest norm of the gradient; 40 in the paper's released code.
         seed: root seed of initialisation, environments and actions.
-        device: torch device to train on, such as cpu or cuda; environments, actor and learner live there.
-        threads: CPU threads; products are so small that 1 is about as fast as 2.
-        compile: compile actor and learner first; needs a C++ compiler on a CPU, and takes a minute.
-        log_every: environment steps between lines of metrics.jsonl.
-        eval_every: environment steps between points of the learning curves; 0 evaluates at the end only.
-        checkpoint_every: environment steps between checkpoints.
+        device: torch device of environments, actor and learner: cpu or cuda.
+        threads: CPU threads; the matrices are so small that 1 is about as fast as 2.
+        compile: compile actor and learner first; takes a minute, and on a CPU needs a C++ compiler.
+        log_every: environment steps between two lines of metrics.jsonl.
+        eval_every: environment steps between two points of the learning curves; 0 evaluates at the end only.
+        checkpoint_every: environment steps between two checkpoints.
+
+    Example:
+        >>> ImpalaConfig(steps=1_000).updates
+        4
     """
 
     steps: int = 3_000_000
@@ -103,18 +111,17 @@ class ImpalaConfig:
 
     def __post_init__(self) -> None:
         for name in ("steps", "batch_size", "unroll", "threads", "log_every", "checkpoint_every"):
-            whole(_option(name), getattr(self, name), 1)
+            whole(name, getattr(self, name), 1)
         for name in ("policy_lag", "eval_every"):
-            whole(_option(name), getattr(self, name), 0)
-        whole("--seed", self.seed, 0, 2**63 - 1)
+            whole(name, getattr(self, name), 0)
+        whole("seed", self.seed, 0, 2**63 - 1)
         for name in ("learning_rate", "rms_epsilon", "clip"):
-            self._require(name, 0 < getattr(self, name) < _LARGE, f"a number above 0, below {_LARGE:g}")
+            require(self, name, 0 < getattr(self, name) < _LARGE, f"a number above 0, below {_LARGE:g}")
         for name in ("entropy_cost", "baseline_cost"):
-            self._require(name, 0 <= getattr(self, name) < _LARGE, f"0 or more, below {_LARGE:g}")
+            require(self, name, 0 <= getattr(self, name) < _LARGE, f"0 or more, below {_LARGE:g}")
         for name in ("discount", "rms_decay", "momentum"):
-            self._require(name, 0 <= getattr(self, name) <= 1, "0 to 1")
-
-        self._require("device", self.device == "cpu" or self.device.startswith("cuda"), "cpu or cuda")
+            require(self, name, 0 <= getattr(self, name) <= 1, "0 to 1")
+        require(self, "device", self.device == "cpu" or self.device.startswith("cuda"), "cpu or cuda")
 
     @property
     def steps_per_update(self) -> int:
@@ -126,29 +133,25 @@ class ImpalaConfig:
         """Updates of the whole training."""
         return -(-self.steps // self.steps_per_update)
 
-    def _require(self, name: str, holds: bool, expected: str) -> None:
-        if not holds:
-            raise ConfigError(f"{_option(name)} {getattr(self, name)}: expected {expected}.")
-
-
-def _option(name: str) -> str:
-    return f"--{name.replace('_', '-')}"
-
 
 OF_SCORER = ("use", "kg_only", "mixing", "scale", "self_edges")
-"""Settings of the policy that say what to do with a scorer's scores."""
+"""Settings of the policy that say how it uses a scorer."""
 
 
 @dataclass(frozen=True)
 class AgentConfig:
-    """All that makes an agent, as ``config.toml`` keeps it.
+    """All settings of an agent, as ``config.toml`` keeps them.
 
     Attributes:
         graph: graph folder, recipe book's file or known book's name.
         scorer: model folder, or None.
-        tasks: what is trained on.
-        policy: what decides.
+        tasks: what the agent is trained on.
+        policy: how it decides.
         trainer: how it learns.
+
+    Example:
+        >>> AgentConfig("kitchen", "models/kitchen", TaskConfig(distractors=2)).differing()
+        {'graph': 'kitchen', 'scorer': 'models/kitchen', 'distractors': 2}
     """
 
     command: ClassVar[str] = "train-agent"
@@ -164,10 +167,10 @@ class AgentConfig:
             return
         for name in OF_SCORER:
             if getattr(self.policy, name) != getattr(PolicyConfig, name):
-                raise ConfigError(f"{_option(name)} says what to do with a scorer's scores; give a --scorer too.")
+                raise ConfigError(f"`{name}` says how to use a scorer; give a `scorer` too.")
 
     def default_folder(self, graph_name: str) -> Path:
-        """Return where the run goes if nobody says."""
+        """Return the default folder of the run."""
         return Path("runs") / f"{graph_name}-{Path(self.scorer).name if self.scorer else 'no-kg'}"
 
     def values(self) -> dict[str, Any]:
@@ -183,7 +186,7 @@ class AgentConfig:
         return {name: value for name, value in self.values().items() if default.get(name) != value}
 
     def write(self, folder: Path) -> None:
-        """Write ``config.toml`` and ``config.diff.toml``; paths become relative to the folder, so both can move."""
+        """Write ``config.toml`` and ``config.diff.toml``, with paths relative to the folder so that it can be moved."""
         write_config(folder, self.command, self.values())
         write_config(folder, self.command, self.differing(), "config.diff.toml")
 
@@ -196,7 +199,9 @@ class AgentConfig:
         """
         table = read_config(folder)
         if table.command != cls.command:
-            raise ArtefactError(f"{table.path} is damaged: there is no [{table.command}]; expected {cls.command}.")
+            raise ArtefactError(
+                f"{table.path} is damaged: expected the table [{cls.command}], found [{table.command}]."
+            )
         inputs = table.take(_Inputs)
         tasks, policy, trainer = table.take(TaskConfig), table.take(PolicyConfig), table.take(ImpalaConfig)
         table.close()

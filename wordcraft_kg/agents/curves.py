@@ -1,4 +1,4 @@
-"""``metrics.jsonl``: the trainer's figures and the points of the learning curves, a line each."""
+"""``metrics.jsonl``: lines with the trainer's figures and points of the learning curves."""
 
 import json
 import os
@@ -15,18 +15,18 @@ from wordcraft_kg.graphs.tasks import TaskPart
 from wordcraft_kg.models.policies.policy import Policy
 
 JUDGED: tuple[TaskPart, ...] = ("train", "test")
-"""Parts whose tasks a training is judged on."""
+"""Parts whose tasks a trained agent is evaluated on."""
 DRAWS = 5
 CURVE_TASKS = 4_000
-"""Tasks of a part that a point of a learning curve is made of, at most; the final figures are made of all."""
+"""Most tasks of a part that are played for a point of a learning curve; the final evaluation plays all."""
 
 
 class MetricsFile:
-    """Appends to ``metrics.jsonl``, and to TensorBoard if asked to.
+    """Appends to ``metrics.jsonl``, and to TensorBoard if wanted.
 
     Attributes:
-        path: of the file.
-        eval_seconds: spent on the learning curves.
+        path: path of the file.
+        eval_seconds: seconds spent on the learning curves.
     """
 
     def __init__(self, folder: Path, world: World, board: Board | None):
@@ -72,7 +72,7 @@ class MetricsFile:
 
 
 def evaluators(world: World, *, curve: bool = False) -> dict[TaskPart, Evaluator]:
-    """Return what judges an agent of a world, for each part that has tasks; fewer of them for a curve."""
+    """Return an evaluator for each part of a world that has tasks; those of a curve play fewer tasks."""
     found = {}
     for part in JUDGED:
         with suppress(TaskError):  # a graph whose split holds nothing out has no test tasks

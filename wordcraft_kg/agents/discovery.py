@@ -1,4 +1,4 @@
-"""Players of open-ended play, and how much they come to know: random, knowing the graph, or guided by a scorer."""
+"""Players of open-ended play (random, knowing the graph, or guided by a scorer), and how much they discover."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
@@ -12,7 +12,7 @@ from wordcraft_kg.errors import ConfigError
 from wordcraft_kg.graphs.recipe_graph import Entity, RecipeGraph
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
 from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
-from wordcraft_kg.settings import nearest
+from wordcraft_kg.settings import one_of, whole
 from wordcraft_kg.statistics import standardised
 
 if TYPE_CHECKING:
@@ -24,33 +24,33 @@ Floats = NDArray[np.floating]
 HUMAN_CURVE = {1: 5.0, 10: 9.95, 20: 14.05, 50: 23.47, 100: 35.96}
 """Entities that people know after n attempts at Little Alchemy 2, a game of 720 entities that begins with 4."""
 HUMAN_SOURCE = "12,100 players of Little Alchemy 2 (720 entities, 4 at the start); Brändle et al. 2023"
-"""Where the curve is from: "Empowerment contributes to exploration behaviour in a creative video game", Nature Human
+"""Source of the curve: "Empowerment contributes to exploration behaviour in a creative video game", Nature Human
 Behaviour 7, 1481-1489."""
 
 CANDIDATES = 16
-"""Results that a scorer's player considers for each pair; the others together have little probability."""
+"""Results that a player with a scorer considers for each pair; all others together have little probability."""
 MARKS = (1, 10, 20, 50, 100)
-"""Attempts after which a summary reads the curves."""
+"""Attempts after which a summary reports the curves."""
 _MOST = 50.0  # standard deviations; beyond them exp would overflow
 
 
-class Player(ABC):
-    """Chooses which known entities to combine, from what it was told so far; ``begin`` starts a run.
+class Discoverer(ABC):
+    """A player of open-ended play: chooses which known entities to combine; ``begin`` starts a run.
 
     Attributes:
         known: ids in the order of their discovery.
-        rng: where all its chance comes from.
+        rng: source of all its random numbers.
     """
 
     def begin(self, base: Sequence[int], rng: np.random.Generator) -> None:
-        """Start a run that knows ``base``."""
+        """Start a run in which ``base`` is known."""
         self.known: list[int] = []
         self.rng = rng
         for entity in base:
             self.learn(entity)
 
     def observe(self, pair: Pair, new: Sequence[int]) -> None:
-        """Hear what the chosen pair newly gave."""
+        """Take in the new results of the chosen pair."""
         for entity in new:
             self.learn(entity)
 
@@ -60,15 +60,15 @@ class Player(ABC):
 
     @abstractmethod
     def choose(self) -> Pair:
-        """Return the pair to combine next; only asked while something new can be made."""
+        """Return the pair to combine next; only called while something new can be made."""
 
     def draw_best(self, values: Floats) -> int:
-        """Return the index of the highest value, drawn among equals."""
+        """Return the index of the highest value, ties at random."""
         best = np.flatnonzero(values == values.max())
         return int(best[self.rng.integers(len(best))])
 
 
-class RandomPlayer(Player):
+class RandomDiscoverer(Discoverer):
     """Draws both entities uniformly, whatever was tried before."""
 
     def choose(self) -> Pair:  # noqa: D102 - inherited
@@ -76,15 +76,15 @@ class RandomPlayer(Player):
         return self.known[one], self.known[other]
 
 
-class NoRepeatPlayer(RandomPlayer):
-    """Draws like :class:`RandomPlayer`, again and again until the pair is one that was not tried before."""
+class NoRepeatDiscoverer(RandomDiscoverer):
+    """Draws like :class:`RandomDiscoverer` until it gets a pair that was not tried before."""
 
     def begin(self, base: Sequence[int], rng: np.random.Generator) -> None:  # noqa: D102 - inherited
         super().begin(base, rng)
         self._tried: set[Pair] = set()
 
     def choose(self) -> Pair:  # noqa: D102 - inherited
-        # Ends: when all pairs of known entities were tried, everything reachable is known and nobody asks.
+        # This ends: once all pairs of known entities are tried, everything reachable is known and the run is over.
         while True:
             one, other = super().choose()
             if (min(one, other), max(one, other)) not in self._tried:
@@ -95,11 +95,11 @@ class NoRepeatPlayer(RandomPlayer):
         self._tried.add((min(pair), max(pair)))
 
 
-class OraclePlayer(Player):
+class OracleDiscoverer(Discoverer):
     """Knows the true graph and never fails: takes the pair whose new results are worth most together."""
 
     def __init__(self, graph: RecipeGraph):
-        """Keep the recipes by pair."""
+        """Index the recipes by pair."""
         self.graph = graph
         self._pair_starts = graph.pair_starts[:-1]
         self._pairs = graph.recipes[self._pair_starts, :2]
@@ -124,8 +124,8 @@ class OraclePlayer(Player):
         return one, other
 
 
-class GreedyPlayer(OraclePlayer):
-    """The greedy oracle: an entity is worth 1 + the number of recipes that use it, its out-degree, known or not."""
+class GreedyDiscoverer(OracleDiscoverer):
+    """The greedy oracle: an entity is worth 1 + its out-degree, the number of recipes that use it."""
 
     def __init__(self, graph: RecipeGraph):
         """Count uses once."""
@@ -136,14 +136,14 @@ class GreedyPlayer(OraclePlayer):
         return self._worth
 
 
-class EmpowermentPlayer(OraclePlayer):
-    """Seeks what empowers most, by the true graph.
+class EmpowermentDiscoverer(OracleDiscoverer):
+    """Seeks the highest empowerment in the true graph.
 
-    ``worth(c) = 1 + #{d not known : {c, x} makes d for some known x}``: the entity itself and the different new things
-    that it would make with what is known already. A pair is worth the sum over its new results.
+    ``worth(c) = 1 + #{d not known : {c, x} makes d for some known x}``: c itself and the different new entities that
+    it would make with known ones. A pair is worth the sum over its new results.
 
-    Source: Brändle et al. 2023, who count what an entity can make in the whole game; here only what is still new and
-    has its other ingredient at hand counts, so that the value falls as the world is explored.
+    Source: Brändle et al. 2023, who count what an entity can make in the whole game. Here only new entities count whose
+    other ingredient is known, so that the value falls as the world is explored.
     """
 
     def worth(self) -> Floats:  # noqa: D102 - inherited
@@ -154,19 +154,19 @@ class EmpowermentPlayer(OraclePlayer):
         return 1.0 + np.bincount(made // size, minlength=size)
 
 
-class ScorerPlayer(Player):
-    """Seeks what empowers most, by a link predictor's idea of the graph.
+class ScorerDiscoverer(Discoverer):
+    """Seeks the highest empowerment that a link predictor expects.
 
     With ``z_r`` the scores of relation r standardised over all pairs of different entities (combinesWith symmetrised):
 
     ``value(a, b) = odds(a, b) * sum_c P(c | a, b) * [c not known] * (1 + sum_{x known} odds(c, x))``
 
-    where ``odds(a, b) = exp(z_combinesWith(a, b))`` says how plausible it is that the pair makes anything and
-    ``P(c | a, b) = softmax_c(z_componentOf(a, c) + z_componentOf(b, c))`` what, cut to the best :data:`CANDIDATES`. The
-    last factor is the empowerment of c: itself and its partners among the known, none tried yet, each as far as
-    plausible. The untried pair of the highest value comes next; what was tried never again.
+    where ``odds(a, b) = exp(z_combinesWith(a, b))`` is how plausible it is that the pair makes anything, and
+    ``P(c | a, b) = softmax_c(z_componentOf(a, c) + z_componentOf(b, c))``, cut to the best :data:`CANDIDATES`, is what
+    it makes. The last factor is the empowerment of c: c itself and its known partners, each weighted by its
+    plausibility. The untried pair of the highest value comes next; no pair is tried twice.
 
-    Source: the expected empowerment of Brändle et al. 2023, there with link and element probabilities of word vectors.
+    Source: the expected empowerment of Brändle et al. 2023, who take link and element probabilities from word vectors.
     """
 
     def __init__(self, graph: RecipeGraph, scorer: TripleScorer):
@@ -223,70 +223,69 @@ class ScorerPlayer(Player):
         return self._guesses[entity]
 
 
-PLAYERS = {
+DISCOVERERS = {
     "random": "any pair",
     "random-no-repeat": "any pair not tried before",
     "greedy": "knows the graph: results with the most uses",
     "empowerment": "knows the graph: results that make the most new things",
     "empowerment-scorer": "guided by a link predictor: results that it expects to make the most",
 }
-"""What each player goes by, by name."""
+"""What each player does, by name."""
 
 
-def make_players(names: Iterable[str], graph: RecipeGraph, scorer: TripleScorer | None = None) -> dict[str, Player]:
+def make_discoverers(
+    names: Iterable[str], graph: RecipeGraph, scorer: TripleScorer | None = None
+) -> dict[str, Discoverer]:
     """Return players by name.
 
     Raises:
         ConfigError: for an unknown name, or ``empowerment-scorer`` without a scorer.
         GraphMismatchError: if the scorer belongs to another graph.
     """
-    players: dict[str, Player] = {}
+    players: dict[str, Discoverer] = {}
     for name in names:
-        if name not in PLAYERS:
-            raise ConfigError(f"no player '{name}'; there are {', '.join(PLAYERS)}.{nearest(name, PLAYERS)}")
+        one_of("players", name, tuple(DISCOVERERS))
         if name == "random":
-            players[name] = RandomPlayer()
+            players[name] = RandomDiscoverer()
         elif name == "random-no-repeat":
-            players[name] = NoRepeatPlayer()
+            players[name] = NoRepeatDiscoverer()
         elif name == "greedy":
-            players[name] = GreedyPlayer(graph)
+            players[name] = GreedyDiscoverer(graph)
         elif name == "empowerment":
-            players[name] = EmpowermentPlayer(graph)
+            players[name] = EmpowermentDiscoverer(graph)
         elif scorer is None:
-            raise ConfigError(f"player '{name}' needs a scorer; train one with `wordcraft-kg train-complex`.")
+            raise ConfigError(f"player '{name}' needs a `scorer`; train one with `wordcraft-kg train-complex`.")
         else:
-            players[name] = ScorerPlayer(graph, scorer)
+            players[name] = ScorerDiscoverer(graph, scorer)
     return players
 
 
 def discovery_curves(
     graph: RecipeGraph,
-    players: Mapping[str, Player],
+    players: Mapping[str, Discoverer],
     attempts: int = 100,
     runs: int = 100,
     seed: int = 0,
     base: Iterable[Entity] | None = None,
 ) -> "pd.DataFrame":
-    """Let players discover, on ids alone: the rules are those of ``WordCraft-OpenEnded-v0``, without its observations.
+    """Let players discover, by the rules of ``WordCraft-OpenEnded-v0`` but on ids alone, without observations.
 
     Run ``i`` draws from ``np.random.default_rng([seed, i])`` for every player, so a player's curve does not depend on
-    who else plays.
+    the other players.
 
     Returns:
-        a row per player, run and attempt, 0 (the base) to ``attempts``: ``known``, the number of entities known after
-        the attempt, and ``repeated``, whether the pair had been tried before. Once everything reachable is known, no
-        more attempts are made.
+        a row per player, run and attempt, from 0 (the base) to ``attempts``: ``known``, the number of entities known
+        after the attempt, and ``repeated``, whether the pair had been tried before. A run stops when everything
+        reachable is known.
 
     Raises:
         ConfigError: for numbers out of range, or a base from which nothing can be made.
     """
     import pandas as pd
 
-    for what, number in (("attempts", attempts), ("runs", runs)):
-        if number < 1:
-            raise ConfigError(f"{what} {number}: expected 1 or more.")
-    if seed < 0:
-        raise ConfigError(f"seed {seed}: expected 0 or more.")
+    whole("attempts", attempts, 1)
+    whole("runs", runs, 1)
+    whole("seed", seed, 0)
     game = Discovery(graph, base)
     shape = (len(players), runs, attempts + 1)
     known, repeated = np.zeros(shape, dtype=np.int64), np.zeros(shape, dtype=bool)
@@ -309,11 +308,11 @@ def discovery_curves(
 
 
 def summarise_curves(curves: "pd.DataFrame", marks: Sequence[int] = MARKS) -> "pd.DataFrame":
-    """Return how much players know after some attempts.
+    """Return how much players know after given numbers of attempts.
 
     Args:
         curves: from :func:`discovery_curves`.
-        marks: attempts to read; those beyond the curves are left out, and the last attempt always comes too.
+        marks: attempts to report; those beyond the curves are left out, and the last attempt is always included.
 
     Returns:
         a row per player and attempt, in the order of ``curves``: ``mean`` over the runs, ``low`` and ``high`` its 95 %

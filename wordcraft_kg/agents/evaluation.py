@@ -1,4 +1,4 @@
-"""Judging a player: every task of a part, several fixed draws of distractors, one frozen set of weights."""
+"""Evaluating a player: every task of a part, with several fixed draws of distractors and frozen weights."""
 
 from dataclasses import dataclass
 from typing import Any, Literal, get_args
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from wordcraft_kg.agents.players import Player, knowledge_player, random_entity, recipe_oracle
 from wordcraft_kg.agents.states import states_of
 from wordcraft_kg.envs.batch import GOAL, BatchEngine
-from wordcraft_kg.envs.world import World
+from wordcraft_kg.envs.world import GraphLike, World
 from wordcraft_kg.errors import ConfigError
 from wordcraft_kg.graphs.arrays import Ids, padded
 from wordcraft_kg.models.policies.policy import Policy
@@ -18,20 +18,28 @@ from wordcraft_kg.records import Count, Record, Share
 from wordcraft_kg.statistics import task_bootstrap
 
 EVALUATION_SEED = 0
-"""Of the distractors: the same for all agents, whatever they were trained with."""
+"""Seed of the distractors: the same for all agents, whatever their own seed."""
 Ending = Literal["goal", "same_twice", "one_right_part", "no_right_part", "no_recipe"]
 ENDINGS: tuple[Ending, ...] = get_args(Ending)
-"""How an episode ended: the goal was made; or else the last pair was one entity twice; or two, of which one is, or both
-are, a part of the goal in a plan; or none is, and they made something else; or none is, and they made nothing."""
+"""How an episode ended; the first that holds.
+
+| ending | the last pair |
+|---|---|
+| goal | made the goal |
+| same_twice | was one entity twice |
+| one_right_part | has an ingredient of the goal's recipe in a plan |
+| no_right_part | made something else |
+| no_recipe | made nothing |
+"""
 ROWS = 2_048
-"""States that a policy is asked about at a time, so that its arrays stay in the processor's cache."""
+"""States given to a policy at a time, so that its arrays stay in the processor's cache."""
 
 
 class PolicyPlayer:
-    """A policy as a player that takes its best action; of equal ones the first."""
+    """A player that takes a policy's best action; ties go to the first slot."""
 
     def __init__(self, policy: Policy):
-        """Take a policy; its weights are those of the moment of each call."""
+        """Take a policy; each call uses its weights at that moment."""
         self.policy = policy
 
     @torch.no_grad()
@@ -50,29 +58,31 @@ class PolicyPlayer:
 
 
 def player_of(policy: Policy, kind: str) -> Player:
-    """Return who plays: ``trained``, ``random``, ``oracle``, or ``kg-only``, the policy's scorer without the rest.
+    """Return the player ``trained``, ``random``, ``oracle`` or ``kg-only``, the policy's scorer without the rest.
 
     Raises:
         ConfigError: for ``kg-only`` without a scorer.
     """
     if kind == "kg-only":
         if not policy.sources:
-            raise ConfigError("--agent kg-only plays by the run's scorer, and this run was trained without one.")
+            raise ConfigError(
+                "`agent` 'kg-only' plays with the run's scorer alone, but this run was trained without a scorer."
+            )
         return knowledge_player(list(policy.sources.values()))
     players: dict[str, Player] = {"trained": PolicyPlayer(policy), "random": random_entity, "oracle": recipe_oracle}
     return players[kind]
 
 
 class Success(Record):
-    """How well a player did on all tasks of a part.
+    """A player's success on all tasks of a part.
 
     Attributes:
         mean: share of episodes that made the goal.
         ci_low: lower end of its 95 % interval over tasks.
         ci_high: upper end.
-        tasks: number of them.
-        draws: of distractors for each.
-        by_plan: share of episodes that made the goal by the last pair of a plan.
+        tasks: number of tasks.
+        draws: draws of distractors for each task.
+        by_plan: share of episodes in which the last pair of a plan made the goal.
         picks: mean number of picks in an episode.
     """
 
@@ -87,13 +97,13 @@ class Success(Record):
 
 @dataclass(frozen=True)
 class Evaluation:
-    """What a player made of all tasks of a part, N tasks with D draws of distractors each.
+    """The episodes of a player: all N tasks of a part, with D draws of distractors each.
 
     Attributes:
         success: shape (N, D), bool: the goal was made within the attempts.
-        by_plan: shape (N, D), bool: by the last pair of a plan, not another way.
+        by_plan: shape (N, D), bool: the last pair of a plan made it.
         picks: shape (N, D), int64: picks until the end.
-        endings: shape (N, D), int8: see :data:`ENDINGS`.
+        endings: shape (N, D), int8: index into :data:`ENDINGS`.
     """
 
     success: NDArray[np.bool_]
@@ -127,9 +137,9 @@ class Evaluator:
         """Prepare the environments, one for each task.
 
         Args:
-            world: the tasks.
-            draws: of distractors for each task.
-            limit: play no more than about so many tasks, evenly spaced in their order; None plays all.
+            world: graph, tasks and settings.
+            draws: draws of distractors for each task.
+            limit: about the most tasks to play, evenly spaced in their order; None plays all.
         """
         amount = len(world.tasks)
         step = 1 if limit is None else -(-amount // limit)
@@ -165,6 +175,28 @@ class Evaluator:
         is_right = ((self._parts == held[:, None]) | (self._parts == picked[:, None])).any(1)
         makes = self.engine.pairs(held, picked) != self.engine.world.graph.num_pairs
         return np.select([is_twice, is_right, makes], [1, 2, 3], 4)
+
+
+def evaluate(player: Policy | Player, graph: GraphLike | World, *, draws: int = 5, **settings: Any) -> Evaluation:
+    """Let a policy (greedily) or any other player play all tasks of a part, by default the test part.
+
+    Args:
+        player: a policy of the graph, or a function ``(engine, rng) -> slots``.
+        graph: graph folder, book's file or name, a graph, an opened graph, or a world, which has its own settings.
+        draws: draws of distractors for each task; all players see the same ones.
+        settings: settings of the tasks, see :class:`~wordcraft_kg.envs.config.WordCraftConfig`.
+
+    Raises:
+        ConfigError: for an unknown setting, or a value out of range.
+        TaskError: if there is no such task.
+
+    Example:
+        >>> found = evaluate(load_policy("runs/kitchen"), "kitchen", num_distractors=2, draws=1)
+        >>> found.success.shape, 0 <= found.figures().mean <= 1
+        ((63, 1), True)
+    """
+    world = World.of(graph, settings if isinstance(graph, World) else {"part": "test", **settings})
+    return Evaluator(world, draws=draws)(PolicyPlayer(player) if isinstance(player, Policy) else player)
 
 
 def _right_parts(world: World) -> Ids:

@@ -1,4 +1,4 @@
-"""Why an agent picked what it picked: every logit of an episode, split into what the sources contributed."""
+"""Why an agent picked what it picked: every logit of an episode, split into the contributions of the sources."""
 
 import copy
 from typing import Annotated, Any
@@ -20,13 +20,13 @@ from wordcraft_kg.settings import nearest
 
 
 class ExplainedSlot(Record):
-    """What was thought of an entity on the table.
+    """How an entity on the table was valued.
 
     Attributes:
         entity: its label.
-        is_part: of the goal in a plan.
-        sources: value of each source.
-        contributions: λ · value of each source; they add up to ``logit``.
+        is_part: whether a plan makes the goal from it.
+        sources: value from each source.
+        contributions: λ · value for each source; they add up to ``logit``.
         logit: β.
         probability: π.
     """
@@ -40,7 +40,7 @@ class ExplainedSlot(Record):
 
 
 class ExplainedStep(Record):
-    """A pick: what was held, the state's value, λ by source (none without mixing), and all slots of the table."""
+    """A pick: the entity in hand, the state's value, λ by source (empty without mixing), and all slots of the table."""
 
     held: str | None
     value: float
@@ -51,7 +51,7 @@ class ExplainedStep(Record):
 
 
 class ExplainedEpisode(Record):
-    """An episode, pick by pick; the plans are recipes in words."""
+    """An episode, pick by pick; plans are written as recipes, such as "a + b -> c"."""
 
     goal: str
     start: tuple[str, ...]
@@ -63,16 +63,16 @@ class ExplainedEpisode(Record):
 def explain_episodes(
     policy: Policy, world: World, *, goal: str | None = None, episodes: int = 3
 ) -> tuple[ExplainedEpisode, ...]:
-    """Play some tasks of a part greedily, with the tables of the evaluation, and keep what was thought at each pick.
+    """Play some tasks of a part greedily, on the tables of the evaluation, and record every logit of each pick.
 
     Everything is computed in double precision, so that the contributions add up to the logit, and the probabilities
     to 1, to 1e-9.
 
     Args:
-        policy: of this graph.
-        world: the tasks.
+        policy: a policy of this graph.
+        world: graph, tasks and settings.
         goal: only tasks with this goal; None takes tasks evenly spaced over the part.
-        episodes: how many; a goal with fewer tasks is played again with other distractors.
+        episodes: number of episodes; a goal with fewer tasks is played again with other distractors.
 
     Raises:
         UnknownEntityError: if there is no such goal.
@@ -99,7 +99,7 @@ def _choose_tasks(world: World, goal: str | None, episodes: int) -> tuple[Ids, I
     rows = np.flatnonzero(tasks.goals == graph.entities.index(goal))
     if not len(rows):
         raise TaskError(
-            f"no {config.part} task of depth {config.depth} has the goal '{goal}'. Choose another goal, or --part all."
+            f"no {config.part} task of depth {config.depth} has the goal '{goal}'. Choose another goal, or `part` all."
         )
     numbers = np.arange(episodes)
     return rows[numbers % len(rows)], numbers // len(rows)

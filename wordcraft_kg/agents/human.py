@@ -1,4 +1,4 @@
-"""People at the task: what they type, the paper's protocol for them, the file of their answers, and its summary."""
+"""People at the task: how their input is read, the paper's protocol, the file of their answers, and its summary."""
 
 import json
 import logging
@@ -17,27 +17,26 @@ from wordcraft_kg.envs.wordcraft import Observation, WordCraftEnv
 from wordcraft_kg.envs.world import GraphLike, World
 from wordcraft_kg.errors import ActionError, ArtefactError, ConfigError, GraphMismatchError
 from wordcraft_kg.records import Count, Record, Share
-from wordcraft_kg.settings import nearest
+from wordcraft_kg.settings import nearest, whole
 from wordcraft_kg.statistics import wilson_interval
 
 HUMAN_FORMAT = "wordcraft-kg human protocol 1"
 TASKS_PER_PART = 40
 """The paper's number."""
 HUMAN_PARTS = ("train", "test")
-"""In this order. The answer is shown after each train task, and after no test task."""
+"""Parts in their order. The answer is shown after each train task, and after no test task."""
 SCHEDULE = tuple((part, number) for part in HUMAN_PARTS for number in range(1, TASKS_PER_PART + 1))
 """Part and number of each task of a session."""
 _SEED_KEYS = ("all", "train", "valid", "test")  # a part's place goes into the seeds, so it must never change
 
 
 def episode_seed(seed: int, part: str, number: int) -> int:
-    """Return the seed of an episode, whatever was played before it.
+    """Return the seed of an episode, independent of those played before it.
 
     Raises:
         ConfigError: if the seed is negative.
     """
-    if seed < 0:
-        raise ConfigError(f"seed {seed}: expected 0 or more.")
+    whole("seed", seed, 0)
     return int(np.random.SeedSequence(seed, spawn_key=(_SEED_KEYS.index(part), number)).generate_state(1)[0])
 
 
@@ -47,21 +46,21 @@ def table_labels(env: WordCraftEnv, observation: Observation) -> tuple[str, ...]
 
 
 def results_of(env: WordCraftEnv, one: str, other: str) -> tuple[str, ...]:
-    """Return what a pair makes in an environment; nothing for most pairs."""
+    """Return the results of a pair in an environment; most pairs have none."""
     a, b = sorted(map(env.world.graph.id_of, (one, other)))
     return env.world.graph.labels(env.world.outcomes.get((a, b), ()))
 
 
 def read_pick(typed: str, table: Sequence[str]) -> int:
-    """Return the slot that a player means: by its number, counted from 1, by its entity's word or the word's beginning.
+    """Return the slot that a player means: by its number from 1, by its entity's word, or by the word's beginning.
 
-    A number goes before a word, a whole word before a beginning, and equal case before another.
+    A number takes precedence over a word, a whole word over a beginning, and equal case over different case.
 
     Raises:
-        ActionError: saying what is expected, if that is no slot or more than one.
+        ActionError: if the input means no slot or several.
     """
     typed = " ".join(typed.split())
-    expected = f"expected 1 to {len(table)}, a word of the table, or its beginning"
+    expected = f"expected 1 to {len(table)}, a word on the table, or its beginning"
     if not typed:
         raise ActionError(f"nothing typed: {expected}.")
     numbers = {str(slot + 1): slot for slot in range(len(table))}
@@ -91,13 +90,13 @@ class Answer:
 
     Attributes:
         part: ``train`` or ``test``.
-        number: of the task in its part, from 1.
-        goal: what was to be made.
-        table: what was on the table, slot by slot.
+        number: number of the task in its part, from 1.
+        goal: entity to make.
+        table: entities on the table, slot by slot.
         picks: the two entities picked.
-        made: what they make.
-        success: whether the goal is among it.
-        seconds: from showing the task to the second pick.
+        made: their results.
+        success: whether the goal is among them.
+        seconds: time from showing the task to the second pick.
     """
 
     part: str
@@ -113,10 +112,10 @@ class Answer:
 class HumanProtocol:
     """The paper's protocol: 40 train tasks with their answers, then 40 test tasks; depth 1, one attempt each.
 
-    The tasks and tables are those that agents get, and depend on graph, split, distractors and seed only.
+    The tasks and tables are drawn as for agents, and depend on graph, split, number of distractors and seed only.
 
     Attributes:
-        header: what makes two sessions comparable, and the first line of a session's file.
+        header: what comparable sessions share; the first line of a session's file.
 
     Source: Jiang et al. 2020, human evaluation (one person with 1 distractor, another with 8).
     """
@@ -142,7 +141,7 @@ class HumanProtocol:
         }
 
     def pose(self, part: str, number: int) -> tuple[WordCraftEnv, Observation]:
-        """Begin the episode of a task; return its environment and what is seen."""
+        """Begin the episode of a task; return its environment and observation."""
         env = self._envs[part]
         observation, _ = env.reset(seed=episode_seed(self.seed, part, number))
         return env, observation
@@ -158,12 +157,12 @@ def _settings(config: WordCraftConfig) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class Session:
-    """What a session's file holds.
+    """Content of a session's file.
 
     Attributes:
         header: see :class:`HumanProtocol`.
-        answers: so far, in the order of :data:`SCHEDULE`.
-        torn: bytes after the last whole line, which a crash has left.
+        answers: the answers so far, in the order of :data:`SCHEDULE`.
+        torn: number of bytes after the last whole line, which a crash left.
     """
 
     header: dict[str, Any]
@@ -177,12 +176,12 @@ class Session:
 
 
 def open_session(path: Path, protocol: HumanProtocol) -> Session:
-    """Begin a session's file, or read the one that is there to go on with it; a torn last line is dropped.
+    """Begin a session's file, or read the existing one to continue it; a torn last line is dropped.
 
     Raises:
-        ArtefactError: if the file is of another kind or damaged, or its tasks are not those of the protocol.
+        ArtefactError: if the file is not of this kind, is damaged, or has other tasks than the protocol.
         GraphMismatchError: if it belongs to another graph or split.
-        ConfigError: if it was begun with other settings. The file stays as it is in all these cases.
+        ConfigError: if it was begun with other settings. The file is unchanged in all these cases.
     """
     if not path.exists():
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -193,17 +192,15 @@ def open_session(path: Path, protocol: HumanProtocol) -> Session:
     for line, answer in enumerate(session.answers, start=2):
         env, observation = protocol.pose(answer.part, answer.number)
         if (answer.goal, answer.table) != (env.task.goal, table_labels(env, observation)):
-            raise ArtefactError(
-                f"{path}, line {line}: not the task that this version poses there. Nothing was changed."
-            )
+            raise ArtefactError(f"{path}, line {line}: this version poses another task there. Nothing was changed.")
     if session.torn:
-        logging.getLogger(__name__).warning("%s ended in a torn line; it is dropped and its task asked again", path)
+        logging.getLogger(__name__).warning("%s ended in a torn line, which was dropped; its task is asked again", path)
         os.truncate(path, path.stat().st_size - session.torn)
     return replace(session, torn=0)
 
 
 def append_answer(path: Path, session: Session, answer: Answer) -> Session:
-    """Add an answer to a session and its file; when this returns it is on the disk."""
+    """Add an answer to a session and its file; it is on disk when this returns."""
     with path.open("ab") as file:
         file.write(_line(asdict(answer)).encode())
         file.flush()
@@ -215,7 +212,7 @@ def read_session(path: Path) -> Session:
     """Read a session's file.
 
     Raises:
-        ArtefactError: naming the line, if it is of another kind or damaged; a torn last line is not an error.
+        ArtefactError: naming the line, if the file is not of this kind or damaged; a torn last line is not an error.
     """
     *lines, rest = path.read_bytes().split(b"\n")
     header = _json(lines[0]) if lines else None
@@ -226,9 +223,9 @@ def read_session(path: Path) -> Session:
     kinds = {"graph": str, "graph_hash": str, "split_hash": str, "settings": dict, "seed": int}
     wrong = [name for name, kind in kinds.items() if not isinstance(header.get(name), kind)]
     if wrong:
-        raise ArtefactError(f"{path}, line 1 is damaged: '{wrong[0]}' is missing or of another kind.")
+        raise ArtefactError(f"{path}, line 1 is damaged: '{wrong[0]}' is missing or has another type.")
     if len(lines) - 1 > len(SCHEDULE):
-        raise ArtefactError(f"{path} is damaged: {len(lines) - 1} answers; a session has {len(SCHEDULE)}.")
+        raise ArtefactError(f"{path} is damaged: it has {len(lines) - 1} answers, but a session has {len(SCHEDULE)}.")
     answers = []
     for line, (text, turn) in enumerate(zip(lines[1:], SCHEDULE, strict=False), start=2):
         answer = _answer(_json(text))
@@ -255,7 +252,7 @@ _KINDS = dict(
 
 
 def _answer(value: Any) -> Answer | None:
-    """Return the answer that a line's value is, or None if it is none."""
+    """Return the answer that a line holds, or None if it is not one."""
     if not isinstance(value, dict) or {name: type(entry) for name, entry in value.items()} != _KINDS:
         return None
     lists = {name: tuple(entry) for name, entry in value.items() if isinstance(entry, list)}
@@ -271,7 +268,7 @@ def _answer(value: Any) -> Answer | None:
 
 
 def _check_alike(path: Path, header: dict[str, Any], other: str, reference: dict[str, Any]) -> None:
-    """Refuse a header that differs from the reference in more than the graph's name."""
+    """Refuse a header that differs from the reference in anything but the graph's name."""
     have, want = ({**entry, **entry["settings"]} for entry in (header, reference))
     for name in want | have:
         if name in ("graph", "settings") or have.get(name) == want.get(name):
@@ -285,7 +282,7 @@ def _check_alike(path: Path, header: dict[str, Any], other: str, reference: dict
 
 
 class AnswerRate(Record):
-    """How many answers were right, with the share and its 95 % Wilson interval; None without answers."""
+    """Number and share of right answers, with its 95 % Wilson interval; the share is None without answers."""
 
     answered: Count
     successes: Count
@@ -305,24 +302,24 @@ class HumanSummary(Record):
 
 
 def summarise(paths: Sequence[Path]) -> HumanSummary:
-    """Return answers and successes of each part, over the files of sessions with equal graph, split and settings.
+    """Return the rate of right answers of each part over sessions with equal graph, split and settings.
 
     Raises:
-        ArtefactError: if a file is damaged or ends in a torn line, or holds the same answers as another.
+        ArtefactError: if a file is damaged, ends in a torn line, or has the same answers as another.
         GraphMismatchError: if the graphs or splits differ.
         ConfigError: if the settings differ, or there is no file.
     """
     if not paths:
-        raise ConfigError("no file of a session; expected at least one.")
+        raise ConfigError("no session file: expected at least one.")
     sessions = [read_session(path) for path in paths]
     reference = sessions[0].header
     seen: dict[tuple[Answer, ...], Path] = {}
     for path, session in zip(paths, sessions, strict=True):
         if session.torn:
-            raise ArtefactError(f"{path} ends in a torn line; go on with its session, which asks that task again.")
+            raise ArtefactError(f"{path} ends in a torn line; continue its session, which asks that task again.")
         _check_alike(path, session.header | {"seed": reference["seed"]}, f"'{paths[0]}'", reference)
         if session.answers in seen:
-            raise ArtefactError(f"{path} holds the same answers as {seen[session.answers]}; give each session once.")
+            raise ArtefactError(f"{path} has the same answers as {seen[session.answers]}; give each session once.")
         if session.answers:
             seen[session.answers] = path
     return HumanSummary(

@@ -1,8 +1,8 @@
 """IMPALA over the batched environment: actor and learner in one process, on one device, in a fixed order.
 
 An update acts for ``unroll`` steps in all environments and learns from them. With ``policy_lag`` k the actor uses the
-weights of k updates before, as the actors of a distributed IMPALA do, and V-trace corrects for it; with 0 both use the
-same.
+weights of k updates ago, as the actors of a distributed IMPALA do, and V-trace corrects for it; with 0 they use the
+same weights.
 """
 
 import math
@@ -24,13 +24,13 @@ from wordcraft_kg.tensors import as_tensor
 
 
 class Figures(NamedTuple):
-    """What an update came to, as scalars; they are summed until somebody reads them.
+    """Figures of an update, as scalars; they are summed until they are read.
 
     Attributes:
-        loss, pg_loss, baseline_loss, entropy: of the learner, sums over the batch.
-        grad_norm: of the gradient before clipping.
-        rewards: their sum.
-        episodes, successes: how many ended, and with the goal.
+        loss, pg_loss, baseline_loss, entropy: the learner's, summed over the batch.
+        grad_norm: norm of the gradient before clipping.
+        rewards: sum of the rewards.
+        episodes, successes: number of episodes that ended, and that ended with the goal.
         updates: 1.
     """
 
@@ -49,14 +49,14 @@ LOSSES = ("loss", "pg_loss", "baseline_loss", "entropy", "grad_norm")
 
 
 class Unroll(NamedTuple):
-    """What the actor did: T steps of B environments, and the states after them.
+    """The actor's experience: T steps of B environments, and the states after them.
 
     Attributes:
         goal, selection: shape (T + 1, B), int64.
         table: shape (T + 1, B, A), int64.
         task: shape (T + 1, B), int64; None unless a source's scores depend on it.
         actions: shape (T, B), int64.
-        log_probs: shape (T, B): of the actions, by the policy that acted.
+        log_probs: shape (T, B): log-probabilities of the actions under the acting policy.
         rewards, discounts: shape (T, B).
         over, won: shape (T, B), bool: the episode ended with this step, and with the goal.
     """
@@ -74,7 +74,7 @@ class Unroll(NamedTuple):
 
 
 class Losses(NamedTuple):
-    """The loss and what it is made of, as scalars; the first of :class:`Figures`, in their order."""
+    """The loss and its terms, as scalars; the first fields of :class:`Figures`, in the same order."""
 
     loss: Tensor
     pg_loss: Tensor
@@ -86,21 +86,21 @@ class Impala:
     """Trains a policy on an engine's tasks.
 
     Attributes:
-        update_number: updates done.
+        update_number: number of updates done.
     """
 
     def __init__(self, policy: Policy, engine: BatchEngine, config: ImpalaConfig):
         """Take a policy, which is trained in place, and an engine of ``config.batch_size`` environments.
 
         Raises:
-            ConfigError: if ``config.compile`` is set and nothing can be compiled here.
+            ConfigError: if ``config.compile`` is set and torch cannot compile.
         """
         self.policy, self.engine, self.config = policy, engine, config
         self.device = torch.device(config.device)
         policy.to(self.device)
         self.update_number = 0
         self._parameters = [parameter for parameter in policy.parameters() if parameter.requires_grad]
-        # One flat tensor that the parameters are views of: a step of the optimiser is then a few calls, not hundreds.
+        # The parameters are views of one flat tensor: a step of the optimiser is then a few calls, not hundreds.
         self._flat = nn.Parameter(torch.cat([parameter.detach().reshape(-1) for parameter in self._parameters]))
         self._flat.grad = torch.zeros_like(self._flat)
         self._make_views()
@@ -139,7 +139,7 @@ class Impala:
         """Act for an unroll and learn from it.
 
         Raises:
-            TrainingError: if the loss is no longer finite; the parameters are those of before the update.
+            TrainingError: if the loss is no longer finite; the parameters are as before the update.
         """
         weights = self.policy.weights()
         acting = {name: tensor.detach() for name, tensor in weights.items()}
@@ -154,7 +154,7 @@ class Impala:
         losses, last = self._learn(weights, self._unroll, is_cut)
         losses.loss.backward()
         norm = self._flat.grad.norm()
-        # Not checked on a device: that would wait for it. Whoever reads the sums will see it.
+        # Not checked on a device, because it would synchronise; take_figures and state check it there.
         if self.device.type == "cpu" and not math.isfinite(norm.item()):
             raise TrainingError(self._not_finite())
         self._flat.grad.mul_((self.config.clip / (norm + 1e-6)).clamp(max=1))
@@ -166,11 +166,12 @@ class Impala:
         self._last = tuple(tensor.clone() for tensor in last)  # a compiled learner writes over what it returned
 
     def take_figures(self) -> dict[str, float | None]:
-        """Return what happened since the last call, and begin to count anew.
+        """Return the figures since the last call, and start new sums.
 
-        The losses are means over updates (they are sums over the batch), ``entropy`` over steps, ``return`` and
-        ``success`` over the episodes that ended, None if none did. ``lambda_<source>_<pick>`` and the importance ratios
-        ``ratio_mean``, ``ratio_max`` and ``ratio_clipped`` (the share above 1) are those of the last update.
+        Losses are means over updates (of sums over the batch), ``entropy`` is a mean over steps, ``return`` and
+        ``success`` are means over the episodes that ended, or None if none did. ``lambda_<source>_<pick>`` and the
+        importance ratios ``ratio_mean``, ``ratio_max`` and ``ratio_clipped`` (the share above 1) are those of the last
+        update.
 
         Raises:
             TrainingError: if the loss was not finite.
@@ -197,10 +198,10 @@ class Impala:
         return figures
 
     def state(self) -> dict[str, Tensor]:
-        """Return all that :meth:`restore` needs to go on bit for bit: tensors by name.
+        """Return all that :meth:`restore` needs to continue bit for bit: tensors by name.
 
         Raises:
-            TrainingError: if a parameter is not finite, which on a device nobody has asked before.
+            TrainingError: if a parameter is not finite, which updates on a device do not check.
         """
         if not self._flat.isfinite().all():
             raise TrainingError(self._not_finite())
@@ -214,7 +215,7 @@ class Impala:
         return {name: tensor.detach().cpu().clone().contiguous() for name, tensor in tensors.items()}
 
     def restore(self, state: Mapping[str, Tensor]) -> None:
-        """Go on from a :meth:`state` of the same policy, tasks and settings.
+        """Continue from a :meth:`state` of the same policy, tasks and settings.
 
         Raises:
             KeyError: if a tensor is missing.
@@ -244,7 +245,7 @@ class Impala:
 
     @torch.no_grad()
     def _collect(self, weights: Weights) -> bool:
-        """Act for an unroll; return whether an episode goes on after it, so that the value there is needed."""
+        """Act for an unroll; return whether any episode continues after it, so that its value is needed."""
         unroll, engine = self._unroll, self.engine
         noise = torch.rand(self.config.unroll, engine.num_envs, generator=self._generator, device=self.device)
         for t in range(self.config.unroll):
@@ -270,22 +271,22 @@ class Impala:
     def _choose(
         self, weights: Weights, goal: Tensor, selection: Tensor, table: Tensor, task: Tensor | None, noise: Tensor
     ) -> tuple[Tensor, Tensor]:
-        """Draw actions by the policy, with one uniform number each: shape (B,), and their log-probabilities."""
+        """Draw actions with one uniform number each; return them and their log-probabilities, shape (B,) each."""
         log_probs = log_policy(self.policy(goal, selection, table, weights, task).logits)
         shares = log_probs.exp().cumsum(0)
-        # The first slot whose share of the probabilities so far is above the number; one without probability never is.
+        # The first slot at which the cumulative probability exceeds the number; a slot of probability 0 never is.
         actions = (shares <= noise * shares[-1]).sum(0)
         return actions, log_probs.gather(0, actions[None])[0]
 
     # --- learning ----------------------------------------------------------------------------------------------------
 
     def _losses(self, weights: Weights, unroll: Unroll, is_cut: bool) -> tuple[Losses, tuple[Tensor, Tensor]]:
-        """Return the loss and its parts, and log-ratios and λ for the record.
+        """Return the loss with its terms, and log-ratios and λ for the figures.
 
         Args:
-            weights: of the policy that learns.
-            unroll: what the actor did.
-            is_cut: whether an episode goes on after it, so that the value of the last states is needed.
+            weights: weights of the learning policy.
+            unroll: the actor's experience.
+            is_cut: whether any episode continues after it, so that the values of the last states are needed.
         """
         config, time = self.config, self.config.unroll
         num_states = time + 1 if is_cut else time
@@ -309,7 +310,7 @@ class Impala:
         return Losses(loss, of_policy, of_baseline, spread), (log_rhos, lambdas)
 
     def _counts(self) -> tuple[Tensor, ...]:
-        """Return the sum of rewards, the episodes that ended, the goals made, and 1 update."""
+        """Return the sum of rewards, the number of episodes that ended, of goals made, and of updates, 1."""
         unroll = self._unroll
         return unroll.rewards.sum(), unroll.over.sum(), unroll.won.sum(), torch.ones((), device=self.device)
 
@@ -330,7 +331,7 @@ class Impala:
         return (
             f"the loss is no longer a finite number in update {self.update_number + 1} (environment steps "
             f"{self.update_number * self.config.steps_per_update:,} to "
-            f"{(self.update_number + 1) * self.config.steps_per_update:,}). Train with a lower --learning-rate."
+            f"{(self.update_number + 1) * self.config.steps_per_update:,}). Train with a lower `learning_rate`."
         )
 
     def _empty(self, *shape: int, dtype: torch.dtype = torch.float32) -> Tensor:
@@ -338,16 +339,16 @@ class Impala:
 
 
 def check_compiler(device: torch.device) -> None:
-    """Make sure that torch can compile for a device.
+    """Check that torch can compile for a device.
 
     Raises:
-        ConfigError: saying why not.
+        ConfigError: giving torch's reason if it cannot.
     """
     try:
         torch.compile(lambda x: (x + 1).exp())(torch.zeros(8, device=device))
-    except Exception as error:  # torch has a dozen classes for this
+    except Exception as error:  # torch raises a dozen different classes here
         reason = (str(error).strip() or "no reason given").splitlines()[0]
         raise ConfigError(
-            f"--compile: torch cannot compile here ({type(error).__name__}: {reason}). Install a C++ compiler such as "
-            "g++, or leave the option out."
+            f"`compile`: torch cannot compile here ({type(error).__name__}: {reason}). Install a C++ compiler such as "
+            "g++, or train without it."
         ) from None

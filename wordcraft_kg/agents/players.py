@@ -1,4 +1,4 @@
-"""Scripted players: chance, knowledge graphs without any learning, and an oracle; how often each makes the goal.
+"""Scripted players (chance, knowledge graphs without learning, an oracle) and how often each makes the goal.
 
 A player is a function ``(engine, rng) -> slots`` that picks for all environments of a batch at once.
 """
@@ -31,9 +31,9 @@ def random_entity(engine: BatchEngine, rng: np.random.Generator) -> Ids:
 
 
 def random_distinct(engine: BatchEngine, rng: np.random.Generator) -> Ids:
-    """Pick any entity on the table, the second time another one."""
+    """Pick any entity on the table, but not the same one twice."""
     others = engine.action_masks() & (engine.table != engine.selection[:, None])
-    # Where there is no other one, the same again.
+    # Where there is no other entity, the same again.
     return _best(np.where(others, 1.0, np.where(engine.action_masks(), 0.0, -np.inf)), rng)
 
 
@@ -52,7 +52,7 @@ def recipe_oracle(engine: BatchEngine, rng: np.random.Generator) -> Ids:
 
 
 def knowledge_player(sources: Sequence[Source]) -> Player:
-    """Return a player that picks the best sum of its sources' scores, ties at random; with u and v the paper's."""
+    """Return a player that picks the highest sum of its sources' scores, ties at random; the paper's has u and v."""
 
     def pick(engine: BatchEngine, rng: np.random.Generator) -> Ids:
         states = states_of(engine)
@@ -65,18 +65,18 @@ def knowledge_player(sources: Sequence[Source]) -> Player:
 
 
 def pair_player(of_pairs: Source, of_parts: Source) -> Player:
-    """Return a player that picks the pair of the best ``u + v_a + v_b``, of two different entities if it can.
+    """Return a player that picks the pair with the highest ``u + v_a + v_b``, if possible of two different entities.
 
     Args:
-        of_pairs: u, the scores of a slot with what is held.
-        of_parts: v, the scores of a slot with the goal.
+        of_pairs: u, which scores slots with the entity in hand.
+        of_parts: v, which scores slots with the goal.
     """
 
     def pick(engine: BatchEngine, rng: np.random.Generator) -> Ids:
         goal, selection, table, task = states_of(engine)
         there = engine.action_masks()
         parts = of_parts(goal, selection, table, task).numpy().astype(np.float64)
-        # By slot and slot held: the scores of all slots, as if each of them were held in turn.
+        # By slot and slot in hand: the scores of all slots with each of them in hand in turn.
         pairs = np.stack([of_pairs(goal, held, table, task).numpy() for held in table.unbind(1)], axis=2)
         pairs = pairs + parts[:, :, None] + parts[:, None, :]
         pairs = np.where(there[:, :, None] & there[:, None, :], pairs, -np.inf)
@@ -90,7 +90,7 @@ def pair_player(of_pairs: Source, of_parts: Source) -> Player:
 
 
 def fact_sources(graph: RecipeGraph, triples: Ids) -> dict[str, Source]:
-    """Return u and v of a set of triples, by name: 1 where they have a link, 0 elsewhere."""
+    """Return u and v of a set of triples by name: 1 where there is a link, 0 elsewhere."""
     names = ("u", "v")
     return dict(zip(names, make_sources(names, SymbolicScorer(graph, triples)), strict=True))
 
@@ -115,7 +115,7 @@ def knowledge_players(graph: RecipeGraph, partial: Ids) -> dict[str, Player]:
 
 
 def scorer_players(graph: RecipeGraph, scorer: TripleScorer, observed: Ids) -> dict[str, Player]:
-    """Return the players that a scorer makes, its scores standardised: v, u, and u+v with three kinds of self edges.
+    """Return players that use a scorer's standardised scores: v, u, and u+v with three treatments of self edges.
 
     Raises:
         GraphMismatchError: if the scorer belongs to another graph.
@@ -135,16 +135,16 @@ def scorer_players(graph: RecipeGraph, scorer: TripleScorer, observed: Ids) -> d
 
 
 class PlayerSuccess(Record):
-    """How often a player made the goal with so many distractors.
+    """How often a player made the goal with a number of distractors.
 
     Attributes:
-        player: its name.
-        distractors: number of them.
-        episodes: played.
-        success: share of them that made the goal.
+        player: name of the player.
+        distractors: number of distractors.
+        episodes: number of episodes played.
+        success: share of episodes that made the goal.
         low: lower end of its 95 % Wilson interval.
         high: upper end.
-        by_plan: share of them that made the goal with a plan's last pair.
+        by_plan: share of episodes in which the last pair of a plan made the goal.
     """
 
     player: str
@@ -166,14 +166,14 @@ def play_all(
 ) -> tuple[PlayerSuccess, ...]:
     """Let players play every task of a part, each with several draws of distractors.
 
-    Success is the sparse one, whatever the reward settings: the goal was made within the attempts.
+    Success means that the goal was made within the attempts, whatever the reward settings.
 
     Args:
-        world: the tasks; its number of distractors is replaced.
-        players: by name.
+        world: graph, tasks and settings; its number of distractors is replaced.
+        players: players by name.
         distractors: numbers of distractors.
-        draws: of distractors for each task; all players see the same ones.
-        seed: of distractors and players.
+        draws: draws of distractors for each task; all players see the same ones.
+        seed: seed of distractors and players.
 
     Returns:
         a record for each number of distractors and player.

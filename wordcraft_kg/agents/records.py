@@ -1,4 +1,4 @@
-"""What the run folder of an agent keeps beside the weights."""
+"""The records in an agent's run folder besides the weights."""
 
 from pathlib import Path
 
@@ -12,17 +12,17 @@ from wordcraft_kg.runs.record import RunRecord, verified_bytes
 
 
 class AgentSummary(Record, frozen=True, kw_only=True):
-    """``evaluation.json``: what a training came to.
+    """``evaluation.json``: the outcome of a training.
 
     Attributes:
         steps: environment steps done.
-        seconds: of the whole run, evaluations and writing included.
-        steps_per_second: of acting and learning alone.
-        curves_share: of the seconds that went into the learning curves.
-        parameters: of the policy.
-        success: by part.
+        seconds: duration of the whole run, including evaluations and writing.
+        steps_per_second: speed of acting and learning alone.
+        curves_share: share of the seconds spent on the learning curves.
+        parameters: number of the policy's parameters.
+        success: success by part.
         outcomes: shares of the endings, by part.
-        distractors: on the tables.
+        distractors: number of distractors on the tables.
     """
 
     steps: int
@@ -36,12 +36,12 @@ class AgentSummary(Record, frozen=True, kw_only=True):
 
 
 class AgentProgress(Record, frozen=True, kw_only=True):
-    """What a checkpoint of an agent's training notes beside its tensors.
+    """What a checkpoint of an agent's training records besides its tensors.
 
     Attributes:
-        seconds: of acting and learning.
-        eval_seconds: of the learning curves.
-        elapsed: of everything.
+        seconds: time spent acting and learning.
+        eval_seconds: time spent on the learning curves.
+        elapsed: time of everything.
         metrics_bytes: length of ``metrics.jsonl``.
     """
 
@@ -56,8 +56,8 @@ class MetricsRow(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         step: environment steps done.
-        seconds: since the start.
-        figures: all else that has a value, by name: loss, success, test_success, lambda_u_first, ...
+        seconds: seconds since the start.
+        figures: all other values by name: loss, success, test_success, lambda_u_first, ...
     """
 
     step: int

@@ -1,4 +1,4 @@
-"""The files of a finished run: weights, evaluation of all tasks, every episode, and the model card."""
+"""The files of a finished run: weights, evaluation on all tasks, every episode, and the model card."""
 
 import json
 from collections.abc import Iterator, Mapping
@@ -25,14 +25,14 @@ def write_results(
     summary: AgentSummary,
     results: Mapping[TaskPart, Evaluation],
 ) -> None:
-    """Write the policy's weights, the figures of its evaluation, and how each episode of it ended."""
+    """Write the policy's weights, the figures of its evaluation, and how each of its episodes ended."""
     write_parameters(folder, policy)
     write_atomically(folder / "evaluation.json", dump_json(as_values(summary)))
     write_atomically(folder / "episodes.jsonl", _episode_lines(world, results))
 
 
 def _episode_lines(world: World, results: Mapping[TaskPart, Evaluation]) -> Iterator[str]:
-    """One line a task: what it was, and how each draw of distractors ended."""
+    """Yield a line for each task: the task, and how each draw of distractors ended."""
     for part, result in results.items():
         for i, task in enumerate(world.variant(part=part).tasks):
             row = {
@@ -55,7 +55,7 @@ def model_card(opened: OpenedGraph, config: AgentConfig, kg: KG | None, summary:
         own = "only" if policy.kg_only else "mixed into its logits"
         guide = f"with {' and '.join(policy.sources)} of a scorer of the {kg} knowledge graph {own}"
     warning = (
-        "\nThe scorer was trained on all triples, those of the test recipes included: success on test tasks says how "
+        "\nThe scorer was trained on all triples, including those of the test recipes: success on test tasks says how "
         "well the agent uses a perfect source, not how well it generalises.\n"
         if kg == "full"
         else ""
@@ -69,17 +69,17 @@ def model_card(opened: OpenedGraph, config: AgentConfig, kg: KG | None, summary:
 
 Plays crafting tasks of depth {tasks.depth} with {tasks.distractors} distractors on graph `{opened.graph.hash[:12]}`.
 {warning}
-Success, greedy, in the part's tasks (95 % interval over tasks; one training, so it says nothing about other seeds):
+Success of the greedy policy on the tasks of each part (95 % interval over tasks, for this one seed):
 
 {rows}
 
 Trained for {summary.steps:,} steps in {summary.seconds:.0f} s, seed {config.trainer.seed}, \
-{summary.parameters:,} parameters. `config.toml` reproduces it; `run.json` says with which versions it was made.
+{summary.parameters:,} parameters. `config.toml` reproduces it; `run.json` lists the versions it was made with.
 
 ```python
 from wordcraft_kg.models.policies.folder import load_policy
 
 policy = load_policy("this folder")
-output = policy(goal, selection, table)  # ids; {opened.graph.num_entities} stands for nothing
+output = policy(goal, selection, table)  # ids; {opened.graph.num_entities} is the id of nothing
 ```
 """

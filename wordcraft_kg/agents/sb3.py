@@ -1,6 +1,6 @@
-"""Our policies in Stable-Baselines3: PPO and A2C train :class:`SB3Policy`, sb3-contrib's MaskablePPO its masked kin.
+"""Our policies in Stable-Baselines3: :class:`SB3Policy` for PPO and A2C, and a masked one for MaskablePPO.
 
-Needs the extra ``interop``. The environment is the plain ``WordCraft-v0``; ids go to the policy as they are::
+Needs the extra ``interop``. The environment is the plain ``WordCraft-v0``; ids go to the policy unchanged::
 
     policy, _ = make_policy(PolicyConfig(features="random"), opened.graph, env.unwrapped.num_slots)
     model = PPO(SB3Policy, env, policy_kwargs={"network": policy})
@@ -35,9 +35,9 @@ Schedule = Callable[[float], float]
 class _NetworkPolicy(BasePolicy):
     """What both classes share: actions and values come from a :class:`~wordcraft_kg.models.policies.policy.Policy`.
 
-    Stable-Baselines3's own features, layers and initial weights are left out. ``B`` states have their ids in the keys
-    ``goal``, ``selection`` and ``table``, of shape (B,) or (B, 1), (B,) or (B, 1), and (B, A), of any type of number;
-    all other keys are ignored.
+    Stable-Baselines3's own features, layers and initial weights are not used. The ids of B states are in the keys
+    ``goal`` and ``selection``, of shape (B,) or (B, 1), and ``table``, of shape (B, A), of any number type; other keys
+    are ignored.
     """
 
     def __init__(
@@ -51,14 +51,14 @@ class _NetworkPolicy(BasePolicy):
         optimizer_class: type[torch.optim.Optimizer] = torch.optim.Adam,
         optimizer_kwargs: dict[str, Any] | None = None,
     ):
-        """Copy the policy; the algorithm gives the first ones, and ``policy_kwargs`` those after the star.
+        """Copy the policy; the algorithm gives the positional arguments, ``policy_kwargs`` those after the star.
 
         Args:
-            observation_space: of the environment.
-            action_space: of the environment.
-            lr_schedule: learning rate by what remains of the training, 1 to 0.
-            use_sde: False, since the algorithms refuse that noise for slots; PPO and A2C say so all the same.
-            network: what to train; it is left as it is, and its trained copy is the attribute of this name.
+            observation_space: the environment's.
+            action_space: the environment's.
+            lr_schedule: learning rate by the remaining share of the training, 1 to 0.
+            use_sde: always False: PPO and A2C pass it, but refuse that noise for discrete actions.
+            network: the policy to train; it stays unchanged, and its trained copy is the attribute of this name.
             optimizer_class: Adam by default, with Stable-Baselines3's ``eps`` of 1e-5.
             optimizer_kwargs: its settings besides the learning rate.
 
@@ -96,8 +96,8 @@ class _NetworkPolicy(BasePolicy):
 
         Args:
             obs: ids of B states.
-            action_masks: anything that reshapes to (B, A): False takes a slot out, and True changes nothing, so that
-                no mask can revive an empty slot. None: the empty slots are out, as always.
+            action_masks: anything that reshapes to (B, A): False excludes a slot, and True changes nothing, so that no
+                mask can revive an empty slot. None excludes the empty slots only.
 
         Raises:
             ActionError: if a row of ``action_masks`` leaves nothing to choose.
@@ -112,7 +112,7 @@ class _NetworkPolicy(BasePolicy):
         """Make none of the library's own layers."""
 
     def _get_constructor_parameters(self) -> dict[str, Any]:
-        """Return what ``save`` of the policy alone keeps, besides the weights."""
+        """Return what saving the policy alone keeps besides the weights."""
         return {
             "observation_space": self.observation_space,
             "action_space": self.action_space,
@@ -128,11 +128,11 @@ class _NetworkPolicy(BasePolicy):
             mask = torch.as_tensor(action_masks, dtype=torch.bool, device=logits.device).reshape(logits.shape)
             logits = logits.masked_fill(~mask, -torch.inf)
             if (logits == -torch.inf).all(1).any():
-                raise ActionError("action_masks leaves a state without a slot to choose; the only True are empty ones.")
+                raise ActionError("`action_masks` leaves a state without a slot to choose: only empty slots are True.")
         return self.action_dist.proba_distribution(action_logits=logits), value[:, None]
 
     def _ask(self, obs: Observations) -> PolicyOutput:
-        # Buffers of rollouts hold ids as floats in some versions, and single numbers as rows of one.
+        # Some versions keep ids as floats in their rollout buffers, and single numbers as rows of one.
         goal, selection = obs["goal"].long().reshape(-1), obs["selection"].long().reshape(-1)
         return self.network(goal, selection, obs["table"].long())
 
@@ -142,21 +142,21 @@ class SB3Policy(_NetworkPolicy, ActorCriticPolicy):
 
     ``network`` is what :func:`~wordcraft_kg.models.policies.folder.make_policy` or ``load_policy`` return. A
     copy is trained, ``model.policy.network``, which is a policy like any other. Scores and constant vectors are
-    buffers: no optimizer sees them. The ids have to be those of the policy's graph; only their number can be checked.
+    buffers, so no optimiser changes them. The ids must be those of the policy's graph; only their number is checked.
 
-    ``optimizer_class`` and ``optimizer_kwargs`` are the only other settings. Nothing picks an empty slot, whether
-    masks are given or not: PPO needs no wrapper for that.
+    ``optimizer_class`` and ``optimizer_kwargs`` are the only other settings. Empty slots are never picked, with or
+    without masks, so PPO needs no wrapper for that.
 
-    ``model.save`` is Stable-Baselines3's: it pickles ``policy_kwargs``, and with it the untrained ``network``, scores
-    and features included, by cloudpickle. So ``PPO.load`` needs neither graph nor scorer, but load only files that you
-    trust, and expect them to fit the versions of torch and of this package that wrote them.
+    ``model.save`` is Stable-Baselines3's: it pickles ``policy_kwargs``, and with it the untrained ``network`` including
+    scores and features. So ``PPO.load`` needs neither graph nor scorer; but load only files that you trust, and expect
+    them to work only with the versions of torch and of this package that wrote them.
     """
 
 
 class MaskableSB3Policy(_NetworkPolicy, MaskableActorCriticPolicy):
-    """:class:`SB3Policy` for sb3-contrib's MaskablePPO, which also takes masks of the user's own.
+    """:class:`SB3Policy` for sb3-contrib's MaskablePPO, which also takes masks of your own.
 
-    The environment's own masks say no more than its tables, so that they change nothing here.
+    The environment's own masks only repeat which slots are empty, so they change nothing here.
     """
 
 
@@ -172,7 +172,7 @@ def _check_spaces(observation_space: spaces.Space[Any], action_space: spaces.Spa
     ):
         raise ConfigError(
             f"observations {observation_space} and actions {action_space}: expected the ids of goal, selection and "
-            "table and the slots of WordCraft-v0. Give the environment without a wrapper that replaces its ids."
+            "table and the slots of WordCraft-v0. Use the environment without a wrapper that replaces its ids."
         )
     if goal.n != network.num_entities:
         raise ConfigError(

@@ -1,4 +1,4 @@
-"""Figures of a training for TensorBoard, which is an extra."""
+"""Figures of a training for TensorBoard, an optional extra."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -9,10 +9,10 @@ from wordcraft_kg.errors import MissingExtraError
 
 
 class Board:
-    """Writes figures into ``tensorboard/`` of a run's folder; the file is there with the first of them."""
+    """Writes figures into ``tensorboard/`` of a run's folder; the first one creates the file."""
 
     def __init__(self, folder: Path, writer_class: Any, step: int):
-        """Take the run's folder and the step that it goes on from; later figures of an earlier part are removed."""
+        """Take the run's folder and the step that it continues from; figures of later steps are removed."""
         self._folder, self._writer_class, self._step = folder / "tensorboard", writer_class, step
         self._writer: Any = None
 
@@ -24,14 +24,14 @@ class Board:
                 self._writer.add_scalar(name, value, step)
 
     def close(self) -> None:
-        """Write what is left."""
+        """Write what is pending."""
         if self._writer is not None:
             self._writer.close()
 
 
 @contextmanager
 def board(folder: Path, wanted: bool, step: int = 0) -> Iterator[Board | None]:
-    """Yield a board for the figures from a step on, or None.
+    """Yield a board for the figures from a step on, or None if not wanted.
 
     Raises:
         MissingExtraError: if it is wanted and TensorBoard is not installed.
@@ -43,7 +43,7 @@ def board(folder: Path, wanted: bool, step: int = 0) -> Iterator[Board | None]:
         from torch.utils.tensorboard import SummaryWriter
     except ImportError:
         raise MissingExtraError(
-            "--tensorboard needs the package tensorboard. Install it: pip install 'wordcraft-kg[tensorboard]'"
+            "`tensorboard` needs the package tensorboard. Install it: pip install 'wordcraft-kg[tensorboard]'"
         ) from None
     opened = Board(folder, SummaryWriter, step)
     try:

@@ -1,6 +1,7 @@
-"""Training an agent into a run folder, and going on after an interruption.
+"""Training an agent into a run folder, and resuming after an interruption.
 
-A checkpoint holds all that the trainer knows, so on a CPU a resumed run ends with the same bits as an undisturbed one.
+A checkpoint holds the whole state of the trainer, so on a CPU a resumed run ends with the same bits as one without
+interruption.
 """
 
 import time
@@ -33,12 +34,12 @@ from wordcraft_kg.tensors import check_device
 
 @dataclass(frozen=True)
 class TrainedAgent:
-    """What a training run came to.
+    """The outcome of a training run.
 
     Attributes:
-        folder: of the run.
+        folder: folder of the run.
         step: environment steps done.
-        summary: content of ``evaluation.json``; None for an interrupted run, which :func:`resume_agent` goes on with.
+        summary: content of ``evaluation.json``; None for an interrupted run, which :func:`resume_agent` continues.
     """
 
     folder: Path
@@ -53,7 +54,7 @@ class TrainedAgent:
 
 def train_agent(
     config: AgentConfig,
-    out: Path | None = None,
+    out: str | Path | None = None,
     *,
     force: bool = False,
     tensorboard: bool = False,
@@ -64,7 +65,7 @@ def train_agent(
     Args:
         config: all settings.
         out: the folder to write. Default: ``runs/<graph's name>-<scorer's folder or no-kg>``.
-        force: replace a folder that is there.
+        force: replace an existing folder.
         tensorboard: write TensorBoard's event files too.
         progress: called after each line of metrics.
 
@@ -73,10 +74,16 @@ def train_agent(
         ConfigError: if the settings do not fit the graph or the machine.
         GraphMismatchError: if the scorer belongs to another graph or split.
         TrainingError: if the loss is no longer finite.
+
+    Example:
+        >>> config = AgentConfig("kitchen", "models/kitchen", trainer=ImpalaConfig(steps=512, eval_every=0))
+        >>> trained = train_agent(config, "runs/kitchen")
+        >>> trained.step
+        512
     """
     opened = open_graph(config.graph)
-    out = config.default_folder(opened.graph.name) if out is None else Path(out)
-    check_run_output(out, force=force)
+    folder = config.default_folder(opened.graph.name) if out is None else Path(out)
+    check_run_output(folder, force=force)
     trainer = config.trainer
     check_device(trainer.device)
     if trainer.compile:
@@ -94,7 +101,7 @@ def train_agent(
     )
     if features is not None:
         inputs["features"] = features.sha256
-    with board(out, tensorboard) as sink, new_run(out, AGENTS, force=force) as run:
+    with board(folder, tensorboard) as sink, new_run(folder, AGENTS, force=force) as run:
         write_constants(run.path, policy)
         run.begin(
             config,
@@ -109,15 +116,15 @@ def train_agent(
 
 
 def resume_agent(folder: Path, *, graph: str | None = None, progress: Progress | None = None) -> TrainedAgent:
-    """Go on with an interrupted run from its last checkpoint.
+    """Resume an interrupted run from its last checkpoint.
 
     Args:
-        folder: of the run.
+        folder: folder of the run.
         graph: where the graph is now, if it has moved.
         progress: called after each line of metrics.
 
     Raises:
-        ArtefactError: if the run is done, damaged, or under way elsewhere.
+        ArtefactError: if the run is done, damaged, or running in another process.
         GraphMismatchError: if the graph or its split is not the one that the run began with.
     """
     with resumed_run(Path(folder), AGENTS) as run:
@@ -143,7 +150,7 @@ def _engine(opened: OpenedGraph, config: AgentConfig) -> BatchEngine:
 
 
 class _Training:
-    """A training under way: updates, and what is due between them."""
+    """A running training: updates, and logging and checkpoints between them."""
 
     def __init__(
         self,
@@ -169,7 +176,7 @@ class _Training:
 
     @property
     def elapsed(self) -> float:
-        """Seconds from start to now, of all parts of a run that was resumed; evaluations and writing included."""
+        """Seconds since the start, summed over the parts of a resumed run; including evaluations and writing."""
         return self._elapsed + time.perf_counter() - self._begun
 
     def restore(self, checkpoint: Checkpoint[AgentProgress]) -> None:
@@ -202,14 +209,14 @@ class _Training:
             eval_every = trainer.updates
         if self.run.checkpoints.last is None:
             self._save()
-        if not self.step:  # where everything begins
+        if not self.step:  # the first points of the curves
             self._log({}, is_point=True)
         while self.impala.update_number < trainer.updates and not self.run.interrupted.is_set():
             begun = time.perf_counter()
             self.impala.update()
             done = self.impala.update_number
             is_point = done == trainer.updates or done % eval_every == 0
-            # On a device this is where its work is waited for, so the clock goes on.
+            # On a device this waits for pending work, so it belongs to the measured time.
             figures = self.impala.take_figures() if is_point or done % log_every == 0 else None
             self.seconds += time.perf_counter() - begun
             if figures is not None:
@@ -220,7 +227,7 @@ class _Training:
             self._save()
 
     def _log(self, figures: dict[str, float | None], *, is_point: bool) -> None:
-        """Write a line of metrics, with a point of the learning curves if it is time for one."""
+        """Write a line of metrics, with a point of the learning curves if ``is_point``."""
         step, seconds = self._logged
         rate = round((self.step - step) / (self.seconds - seconds)) if self.seconds > seconds else None
         self._logged = (self.step, self.seconds)
@@ -248,7 +255,7 @@ class _Training:
         summary = AgentSummary(
             steps=self.step,
             seconds=round(self.elapsed, 3),
-            # Of acting and learning alone; all else that the seconds hold is evaluation and writing.
+            # Speed of acting and learning alone: the other seconds are evaluation and writing.
             steps_per_second=round(self.step / self.seconds) if self.seconds else 0,
             curves_share=round(self.metrics.eval_seconds / self.elapsed, 4),
             parameters=sum(parameter.numel() for parameter in self.policy.parameters()),
@@ -263,7 +270,7 @@ class _Training:
 
 @contextmanager
 def _threads(number: int) -> Iterator[None]:
-    """Let torch use so many CPU threads."""
+    """Let torch use a number of CPU threads."""
     before = torch.get_num_threads()
     torch.set_num_threads(number)
     try:

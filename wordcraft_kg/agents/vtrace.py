@@ -1,4 +1,4 @@
-"""V-trace: value targets and advantages from experience of another, slightly older policy."""
+"""V-trace: value targets and advantages from the experience of a slightly older policy."""
 
 from typing import NamedTuple
 
@@ -40,11 +40,11 @@ def v_trace(
         log_rhos: shape (T, B): log π(a|x) - log μ(a|x).
         discounts: shape (T, B): γ, and 0 where the episode ended with this step.
         rewards: shape (T, B).
-        values: shape (T, B): V of the states acted in.
+        values: shape (T, B): V of the states in which actions were taken.
         bootstrap_value: shape (B,): V of the state after the last step.
-        clip_rho: ρ̄, what the targets converge to depends on it.
-        clip_c: c̄, how far corrections reach back.
-        clip_pg_rho: ρ̄ of the policy gradient.
+        clip_rho: ρ̄, which decides what the targets converge to.
+        clip_c: c̄, which decides how far corrections reach back.
+        clip_pg_rho: ρ̄_pg, of the policy gradient.
 
     Source: Espeholt et al. 2018, "IMPALA", equations 1 and 2 and section 4.2.
     """

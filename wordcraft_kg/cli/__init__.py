@@ -1,7 +1,7 @@
-"""The command line: one thin module a command; results on stdout, log and progress on stderr.
+"""The command line: one thin module per command; results on stdout, log and progress on stderr.
 
-A new command is a module with a function of its own name and ``EXAMPLES``, and an entry of :data:`COMMANDS`. Modules
-import what is heavy inside the function, so that help stays fast.
+A new command is a module with a function of its own name and ``EXAMPLES``, and an entry in :data:`COMMANDS`. Heavy
+imports go inside the function, so that help stays fast.
 """
 
 import gc
@@ -39,7 +39,7 @@ COMMANDS = {
 """Commands by group."""
 
 OPTIONS = {"num_distractors": "distractors", "kind": "split"}
-"""Options by the settings that they fill, where the two are not called the same."""
+"""Options by the settings that they set, where the two have different names."""
 
 START = """Start here:
 
@@ -47,7 +47,7 @@ START = """Start here:
   wordcraft-kg train-complex graphs/everyday --out models/everyday
   wordcraft-kg evaluate-links models/everyday
 
-Options may also stand in a TOML file, --config FILE, in a table named like the command."""
+Options can also be set in a TOML file, --config FILE, in a table named after the command."""
 
 
 def make_app() -> App:
@@ -74,7 +74,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command and return its exit code: 0 done, 1 bad input or a failed check, 2 misuse, 130 interrupted."""
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s: %(message)s", stream=sys.stderr)
     logging.captureWarnings(True)
-    # A large book makes millions of small objects that all stay: collecting among them takes longer than making them.
+    # A large book makes millions of small objects that all stay: collecting garbage would take longer than making them.
     gc.set_threshold(200_000, 20, 100)
     tokens = list(sys.argv[1:] if arguments is None else arguments)
     try:
@@ -92,17 +92,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except ModuleNotFoundError as error:
         package = (error.name or "").partition(".")[0]
         if package in ("", "wordcraft_kg"):
-            raise  # a fault of ours
+            raise  # a bug of this package
         return _fail(f"this command needs {package}, which is not installed. Install it: pip install wordcraft-kg", 1)
     except BrokenPipeError:
-        # The reader of our output went away, as `| head` does: no error, but Python must not flush into it at exit.
+        # The reader of the output has gone, as with `| head`: not an error, but Python must not flush into it at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except OSError as error:
         where = f"'{error.filename}': " if error.filename else ""
         return _fail(f"{type(error).__name__}: {where}{error.strerror or error}. Nothing was changed.", 1)
     except MemoryError:
-        return _fail("MemoryError: the machine has not enough memory for this. Nothing was changed.", 1)
+        return _fail("MemoryError: this machine does not have enough memory for this. Nothing was changed.", 1)
 
 
 def _config_path(tokens: Sequence[str]) -> str | None:
@@ -118,17 +118,17 @@ def _read_toml(path: str, tokens: Sequence[str]) -> dict[str, Any]:
     try:
         content = tomllib.loads(Path(path).read_text(encoding="utf-8"))
     except FileNotFoundError:
-        raise ConfigError(f"--config {path}: there is no such file.") from None
+        raise ConfigError(f"--config {path}: no such file.") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ConfigError(f"--config {path}: not a TOML file ({error}).") from None
     known = [name for names in COMMANDS.values() for name in names]
     for key, value in content.items():
         if key not in known or not isinstance(value, dict):
-            raise ConfigError(f"--config {path}: '{key}' is not a table named like a command.{nearest(key, known)}")
+            raise ConfigError(f"--config {path}: '{key}' is not a table named after a command.{nearest(key, known)}")
     command = next((token for token in tokens if token in known), None)
     if command and command not in content:
-        raise ConfigError(f"--config {path}: no table [{command}]; there is {', '.join(content) or 'nothing'} in it.")
-    # A run's own config.toml names its files as they lie beside it.
+        raise ConfigError(f"--config {path}: no table [{command}]; found {', '.join(content) or 'nothing'}.")
+    # A run's own config.toml gives paths relative to itself.
     from wordcraft_kg.runs.config_file import moved
 
     def beside(value: str) -> str:
@@ -139,7 +139,7 @@ def _read_toml(path: str, tokens: Sequence[str]) -> dict[str, Any]:
 
 
 def with_options(message: str) -> str:
-    """Return an error of the library with its settings, which are in backticks, as the options that they are."""
+    """Return a library's error with its settings, which are in backticks, replaced by the command line's options."""
 
     def option(match: re.Match[str]) -> str:
         name = OPTIONS.get(match[1], match[1])

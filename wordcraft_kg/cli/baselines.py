@@ -8,9 +8,10 @@ from cyclopts import Parameter
 from wordcraft_kg.cli.console import Output, whole_numbers
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.graphs.tasks import TaskPart
+from wordcraft_kg.settings import whole
 
 if TYPE_CHECKING:
-    from wordcraft_kg.views.play import Baselines
+    from wordcraft_kg.views.baselines import Baselines
 
 EXAMPLES = (
     "wordcraft-kg baselines graphs/everyday --distractors 1,2,8",
@@ -29,26 +30,23 @@ def baselines(
     seed: int = 0,
     output: Output = Output(),
 ) -> None:
-    """Play all tasks of a part by script: chance, symbolic knowledge graphs, a scorer, the oracle.
+    """Let scripted players play all tasks of a part: chance, symbolic knowledge graphs, a scorer, the oracle.
 
     Args:
         graph: graph folder, book's file, or known book's name.
-        distractors: numbers of distractors, commas separate. Default: 1,2,8.
+        distractors: comma-separated numbers of distractors. Default: 1,2,8.
         part: tasks to play: train, valid, test or all.
-        depth: attempts that a task takes.
-        scorer: model folder whose scores play too.
+        depth: fewest attempts that solve a task, 1 to 5.
+        scorer: model folder; players that use its scores play too.
         draws: draws of distractors for each task; all players see the same.
-        seed: of the draws and of ties.
+        seed: seed of the draws and of ties.
     """
     from wordcraft_kg.graphs.folder import open_graph
-    from wordcraft_kg.views.play import view_baselines
+    from wordcraft_kg.views.baselines import view_baselines
 
     amounts = whole_numbers("distractors", distractors or ["1,2,8"])
     config = WordCraftConfig(part=part, depth=depth, num_distractors=amounts[0])
-    if draws < 1:
-        from wordcraft_kg.errors import ConfigError
-
-        raise ConfigError(f"--draws {draws}: expected 1 or more.")
+    whole("draws", draws, 1)
     opened = open_graph(graph)
     model = None
     if scorer is not None:

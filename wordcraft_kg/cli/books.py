@@ -12,9 +12,9 @@ EXAMPLES = ("wordcraft-kg books", "wordcraft-kg books --json")
 
 
 def books(*, output: Output = Output()) -> None:
-    """List the recipe books known by name: built in, in the cache or data folder, and to fetch.
+    """List the recipe books known by name: built in, in the cache or data folder, or available to fetch.
 
-    A book's name works wherever a recipe book's path does.
+    A book's name works wherever a path of a recipe book does.
     """
     from wordcraft_kg.views.books import view_books
 

@@ -8,7 +8,7 @@ from cyclopts import Parameter
 
 from wordcraft_kg.cli.console import Flag, Output, aligned, names, split_labels
 from wordcraft_kg.cli.splits import split_rows
-from wordcraft_kg.graphs.splits import SplitConfig, SplitKind
+from wordcraft_kg.graphs.splits import SPLITS, SplitConfig, SplitKind
 
 if TYPE_CHECKING:
     from wordcraft_kg.views.graphs import BuiltGraph
@@ -19,12 +19,16 @@ EXAMPLES = (
 )
 
 
+def _kinds() -> str:
+    return ", ".join(f"{name} ({about})" for name, (_, about) in SPLITS.items())
+
+
 def build_graph(
     book: str = "everyday",
     *,
     base: Annotated[list[str] | None, Parameter(negative=(), consume_multiple=False)] = None,
     base_file: Path | None = None,
-    split: SplitKind = SplitConfig.kind,
+    split: Annotated[SplitKind, Parameter(help=f"what is held out: {_kinds()}.")] = SplitConfig.kind,
     train_ratio: float = SplitConfig.train_ratio,
     valid_ratio: float = SplitConfig.valid_ratio,
     seed: int = SplitConfig.seed,
@@ -37,10 +41,9 @@ def build_graph(
 
     Args:
         book: recipe book: a .csv, .tsv or .json file, or a known book's name.
-        base: base entities, repeatable, commas separate. Default: the book's own, else the entities without a recipe.
-        base_file: text file with one base entity a line.
-        split: by-recipe (pairs are held out, every entity stays in train), by-recipe-plain (without that), by-goal,
-            by-goal-terminals (goals that nothing needs stay in train), none (full graph only).
+        base: comma-separated base entities; may be repeated. Default: the book's own, or else the entities without a
+            recipe.
+        base_file: text file with one base entity per line.
         train_ratio: share of the pairs (or goals) kept for training, between 0 and 1.
         valid_ratio: share kept for validation; the rest is the test part.
         seed: seed of the split.
@@ -89,13 +92,13 @@ def _base(base: list[str] | None, base_file: Path | None) -> list[str] | None:
             raise ConfigError(f"--base-file {base_file} is not UTF-8 text.") from None
         labels += [line for line in text.splitlines() if line.strip()]
     if not labels:
-        raise ConfigError("the list of base entities is empty; name at least one, or leave --base out to infer them.")
+        raise ConfigError("--base: the list is empty; name at least one entity, or leave the option out to infer them.")
     return labels
 
 
 def _text(view: "BuiltGraph", with_several_results: int) -> list[str]:
     triples = view.triples
-    left_out = f", {view.dropped_self_results:,} left out (the result is one of its own parts)"
+    left_out = f", {view.dropped_self_results:,} left out (the result is one of its own ingredients)"
     merged = f", {view.merged_duplicates:,} duplicates merged" if view.merged_duplicates else ""
     rows = [
         ("recipes", f"{view.recipes:,} kept{left_out}{merged}"),

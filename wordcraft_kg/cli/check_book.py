@@ -24,14 +24,15 @@ def check_book(
     against: str | None = None,
     output: Output = Output(),
 ) -> int:
-    """Check a recipe book while writing it: all findings with their lines, and its counts; never changes it.
+    """Check a recipe book while you write it: list all findings with their lines, and counts. The book is not changed.
 
-    Exit code 1 if there is a problem. Notes are places to look at and do not fail.
+    The exit code is 1 if there is a problem. Notes are worth a look, but are not failures.
 
     Args:
         book: recipe book: a .csv, .tsv or .json file, or a known book's name.
-        base: base entities, repeatable, commas separate. Default: the book's own, else the entities without a recipe.
-        against: another book; says what share of this one's recipes stand in it too.
+        base: comma-separated base entities; may be repeated. Default: the book's own, or else the entities without a
+            recipe.
+        against: another book; the share of this one's recipes that are in it too is reported.
     """
     from wordcraft_kg.views.books import view_check
 
@@ -66,4 +67,4 @@ def _rows(found: "BookFigures") -> Iterator[tuple[str, str]]:
         share, cosine = found.near_synonym_share, found.near_synonym_cosine
         yield "near-synonyms", f"{share:.1%} of test recipes repeat a train recipe with one (cosine {cosine} or more)"
     if found.against is not None:
-        yield "shared", f"{found.shared_recipes:,} recipes ({found.shared:.1%}) stand in {found.against} too"
+        yield "shared", f"{found.shared_recipes:,} recipes ({found.shared:.1%}) are in {found.against} too"

@@ -8,6 +8,7 @@ from cyclopts import Parameter
 
 from wordcraft_kg.cli.console import Flag, Output, whole_numbers
 from wordcraft_kg.graphs.tasks import TaskPart
+from wordcraft_kg.settings import whole
 
 if TYPE_CHECKING:
     from wordcraft_kg.views.agents import AgentSuccess, AgentsView
@@ -29,17 +30,17 @@ def compare_agents(
     force: Flag = False,
     output: Output = Output(),
 ) -> None:
-    """Judge agents on the same tables and write a report; runs that differ in the seed only count as one agent.
+    """Evaluate agents on the same tables and write a report; runs that differ only in the seed count as one agent.
 
     Args:
         runs: run folders on one graph and split; the first agent is the reference.
         part: tasks to play: train, valid, test or all.
-        distractors: numbers of distractors, commas separate. Default: 1, 8 and those trained with.
+        distractors: comma-separated numbers of distractors. Default: 1, 8 and those trained with.
         draws: draws of distractors for each task.
-        episodes: to explain for each agent.
+        episodes: number of episodes to explain for each agent.
         graph: where the graph is now, if it has moved since the training.
         out: folder to write. Default: reports/<the agents' names>.
-        force: replace the report if there is one.
+        force: replace the report if it exists.
     """
     from wordcraft_kg.agents.agent_folder import open_agent
     from wordcraft_kg.artefacts import check_output
@@ -50,8 +51,8 @@ def compare_agents(
 
     if not runs:
         raise ConfigError("compare-agents needs at least one run folder.")
-    if draws < 1 or episodes < 0:
-        raise ConfigError(f"--draws {draws} --episodes {episodes}: expected 1 or more draws, 0 or more episodes.")
+    whole("draws", draws, 1)
+    whole("episodes", episodes, 0)
     amounts = whole_numbers("distractors", distractors) if distractors else None
     groups = group_agents([open_agent(run, graph) for run in runs])
     folder = out or Path("reports") / "-and-".join(groups)
@@ -68,7 +69,7 @@ def _text(view: "AgentsView") -> Iterator[str]:
         yield f"{view.part} tasks of depth {view.depth}, {amount} distractor{'s' * (amount != '1')}"
         for agent in view.agents:
             found = agent.success.get(amount)
-            figures = f"made for {agent.trained_with} distractors only" if found is None else _figures(found)
+            figures = f"plays with {agent.trained_with} distractors only" if found is None else _figures(found)
             yield f"  {agent.name:<{width}}  {figures}"
 
 

@@ -28,9 +28,9 @@ def compare_links(
     Args:
         a: model folder.
         b: model folder, trained on the same graph and split.
-        graph: where their graph is now, if it has moved.
-        resamples: of the bootstrap.
-        seed: of the bootstrap.
+        graph: where the graph is now, if it has moved.
+        resamples: number of bootstrap resamples.
+        seed: seed of the bootstrap.
     """
     from wordcraft_kg.models.links.comparison import compare
     from wordcraft_kg.models.links.folder import open_model
@@ -41,7 +41,7 @@ def compare_links(
 
 def _text(view: "LinkComparison") -> list[str]:
     low, high = view.difference_ci
-    verdict = "the interval leaves out 0" if low > 0 or high < 0 else "the interval holds 0: no difference is shown"
+    verdict = "the interval excludes 0" if low > 0 or high < 0 else "the interval includes 0: no difference is shown"
     rows = [
         ("A", f"MRR {view.a.mrr:.3f}  hits@10 {view.a.hits_at_10:.3f}  {view.a.name}"),
         ("B", f"MRR {view.b.mrr:.3f}  hits@10 {view.b.hits_at_10:.3f}  {view.b.name}"),

@@ -1,4 +1,4 @@
-"""What the commands share: common options, results as text or JSON, and progress."""
+"""What commands share: common options, results as text or JSON, and progress."""
 
 import json
 import sys
@@ -24,7 +24,7 @@ class Output:
     Attributes:
         json: print one JSON object on stdout instead of text.
         quiet: no progress on stderr.
-        config: TOML file with options in a table named like the command; the command line goes first.
+        config: TOML file with options in a table named after the command; the command line takes precedence.
     """
 
     json: Annotated[bool, Parameter(negative="", show_default=False)] = False
@@ -47,11 +47,11 @@ class Output:
 
 
 Flag = Annotated[bool, Parameter(negative="", show_default=False)]
-"""An option that is only ever switched on."""
+"""An option that can only be switched on."""
 
 
 def split_labels(values: Sequence[str]) -> list[str]:
-    """Split comma-separated labels; a label that holds a comma goes into a file instead."""
+    """Split comma-separated labels; a label that contains a comma has to come from a file."""
     return [label for value in values for part in value.split(",") if (label := part.strip())]
 
 
@@ -71,12 +71,12 @@ def whole_numbers(option: str, values: Sequence[str]) -> list[int]:
 
 
 class Progress:
-    """A bar on a terminal, else a plain line every few seconds; always on stderr."""
+    """A bar on a terminal, or else a plain line every few seconds; always on stderr."""
 
     INTERVAL = 5.0  # seconds between plain lines
 
     def __init__(self, what: str, *, unit: str = "epoch", hidden: bool = False):
-        """Name what is counted; ``hidden`` reports nothing."""
+        """Take the name of what is counted; ``hidden`` reports nothing."""
         self.what = what
         self.unit = unit
         self.hidden = hidden
@@ -108,19 +108,19 @@ class Progress:
             print(f"{self.what}: {self.unit} {done:,} of {total:,}, {detail}", file=sys.stderr, flush=True)
 
     def close(self) -> None:
-        """End the bar, wherever it stands."""
+        """Close the bar, even if it is not full."""
         if self._bar is not None:
             self._bar.close()
 
 
 def aligned(rows: Iterable[tuple[str, str]]) -> list[str]:
-    """Lay out ``name  value`` lines with the values in one column."""
+    """Lay out ``name  value`` lines with the values aligned."""
     pairs = list(rows)
     width = max((len(name) for name, _ in pairs), default=0)
     return [f"{name:<{width}}  {value}" for name, value in pairs]
 
 
 def names(labels: Sequence[str], total: int | None = None) -> str:
-    """Join labels with commas; says how many more there are when only some are listed."""
+    """Join labels with commas; if only some are listed, add how many more there are."""
     more = (total if total is not None else len(labels)) - len(labels)
     return ", ".join(labels) + (f" and {more:,} more" if more > 0 else "")

@@ -54,7 +54,10 @@ def _audit_text(name: str, found: "Audit") -> list[str]:
     rows = [
         ("graph", f"{name}, hash {found.hash[:12]}"),
         ("entities", f"{found.entities:,}, {degrees.craftable:,} craftable, {degrees.terminal:,} terminal"),
-        ("recipes", f"{found.recipes:,} over {found.pairs:,} pairs, {degrees.self_pairs:,} of them self"),
+        (
+            "recipes",
+            f"{found.recipes:,} over {found.pairs:,} pairs, {degrees.self_pairs:,} with itself",
+        ),
         ("per entity", f"{per.mean:.2f} recipes on average, median {per.median:.0f}, at most {per.max}"),
         (
             "ambiguity",
@@ -73,7 +76,7 @@ def _audit_text(name: str, found: "Audit") -> list[str]:
         rows.append(("unreachable", names(reach.unreachable_entities[:10], reach.unreachable)))
     if labels.alike:
         alike = " / ".join(", ".join(map(repr, group)) for group in labels.alike_labels[:3])
-        rows.append(("look alike", f"{labels.alike} groups differ in case or blanks only: {alike}"))
+        rows.append(("look alike", f"{labels.alike} groups of labels differ only in case or blanks: {alike}"))
     rows += split_rows(found.split)
     return [*aligned(rows), *_leak_check(found)]
 

@@ -9,7 +9,7 @@ from wordcraft_kg.cli.console import Flag, Output, split_labels
 from wordcraft_kg.errors import ConfigError, OutputExistsError
 
 if TYPE_CHECKING:
-    from wordcraft_kg.views.play import DiscoveryView, Known
+    from wordcraft_kg.views.discovery import DiscoveryView, Known
 
 EXAMPLES = (
     "wordcraft-kg discover everyday --players random,greedy --runs 20",
@@ -31,31 +31,31 @@ def discover(
     force: Flag = False,
     output: Output = Output(),
 ) -> None:
-    """Let players discover entities from the base in open-ended play, and set them beside people.
+    """Let players discover entities from the base in open-ended play, and compare them with people.
 
     Args:
         graph: graph folder, recipe book or known book's name.
         attempts: combinations that a player may try.
-        runs: times that each player plays.
+        runs: how many times each player plays.
         players: comma-separated: random, random-no-repeat, greedy and empowerment (these two know the graph),
-            empowerment-scorer (guided by --scorer). Default: all, the last one where there is a scorer.
+            empowerment-scorer (guided by --scorer). Default: all; the last one only with a scorer.
         scorer: model folder, written by train-complex or train-links on this graph.
         base: comma-separated entities known at the start. Default: the graph's base; people begin with air, earth,
             fire and water.
-        seed: root of all draws.
+        seed: root seed of all draws.
         out: HTML page to write, with the curves.
-        force: replace the page if there is one.
+        force: replace the page if it exists.
     """
     if out is not None and out.exists() and not force:
         raise OutputExistsError(f"'{out}' exists. Choose another --out, or replace it with --force.")
-    from wordcraft_kg.agents.discovery import PLAYERS
+    from wordcraft_kg.agents.discovery import DISCOVERERS
     from wordcraft_kg.graphs.folder import open_graph
-    from wordcraft_kg.views.play import view_discovery, written_to
+    from wordcraft_kg.views.discovery import view_discovery, written_to
 
     played = open_graph(graph).graph
-    chosen = list(dict.fromkeys(split_labels(players))) if players else list(PLAYERS)[: None if scorer else -1]
+    chosen = list(dict.fromkeys(split_labels(players))) if players else list(DISCOVERERS)[: None if scorer else -1]
     if not chosen:
-        raise ConfigError(f"--players names nobody; there are {', '.join(PLAYERS)}.")
+        raise ConfigError(f"--players: expected at least one of {', '.join(DISCOVERERS)}.")
     loaded = None
     if scorer is not None:
         from wordcraft_kg.models.scorers.folder import load_scorer

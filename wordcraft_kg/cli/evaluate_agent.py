@@ -7,6 +7,7 @@ from cyclopts import Parameter
 
 from wordcraft_kg.cli.console import Output, whole_numbers
 from wordcraft_kg.graphs.tasks import TaskPart
+from wordcraft_kg.settings import whole
 
 if TYPE_CHECKING:
     from wordcraft_kg.views.evaluation import AgentEvaluation
@@ -30,19 +31,17 @@ def evaluate_agent(
     """Let an agent play all tasks of a part, greedily, with fixed draws of distractors.
 
     Args:
-        run: run folder; one that is not done is judged at its last checkpoint.
+        run: run folder; an unfinished run is evaluated at its last checkpoint.
         part: tasks to play: train, valid, test or all.
-        distractors: numbers of distractors, commas separate. Default: as trained.
+        distractors: comma-separated numbers of distractors. Default: as in training.
         draws: draws of distractors for each task; all agents see the same.
         agent: who plays the run's tasks: the trained agent, chance, an oracle, or the run's scorer alone (u + v).
         graph: where the graph is now, if it has moved since the training.
     """
     from wordcraft_kg.agents.agent_folder import open_agent
-    from wordcraft_kg.errors import ConfigError
     from wordcraft_kg.views.evaluation import view_evaluation
 
-    if draws < 1:
-        raise ConfigError(f"--draws {draws}: expected 1 or more.")
+    whole("draws", draws, 1)
     trained = open_agent(run, graph)
     amounts = whole_numbers("distractors", distractors or [str(trained.config.tasks.distractors)])
     view = view_evaluation(run, trained, agent, part, amounts, draws)

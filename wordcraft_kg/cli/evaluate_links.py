@@ -24,13 +24,13 @@ def evaluate_links(
     force: Flag = False,
     output: Output = Output(),
 ) -> int:
-    """Rank the triples that a model has never seen and write the report; leaked triples never count.
+    """Rank the triples that a model has never seen, and write the report; leaked triples never count.
 
     Args:
         model: model folder.
         graph: where the graph is now, if it has moved since the training.
         out: folder to write. Default: report/ in the model folder.
-        force: replace the report if there is one.
+        force: replace the report if it exists.
     """
     from wordcraft_kg.artefacts import check_output
 
@@ -53,7 +53,7 @@ def evaluate_links(
     )
     write_report(report, folder, force=force)
     output.result(summarise_links(report.view, str(folder / "index.html")), _text(report.view, folder))
-    # Coverage is the split's own choice (by-goal cannot have it); the other checks must hold for any figure to count.
+    # Coverage is the split's choice (by-goal cannot have it); if another check fails, no figure is valid.
     failed = [check for check in report.view.checks if not check.passed and check.id != "coverage"]
     for check in failed:
         print(f"CHECK FAILED: {check.name} ({check.detail})", file=sys.stderr)
@@ -64,7 +64,7 @@ def _text(view: "LinkView", folder: Path) -> list[str]:
     rows = [(name, _figures(view.metrics[name])) for name in ("all", "combinesWith", "componentOf")]
     rows += [(name, _figures(table["all"])) for name, table in view.baselines.items()]
     if view.model.has_seen_the_test_recipes:
-        first = f"{view.triples:,} triples of the graph, all of them seen in training: memory, not prediction"
+        first = f"{view.triples:,} triples of the graph, all seen in training: memory, not prediction"
     else:
         first = f"{view.triples:,} unseen triples; {view.leaked_left_out:,} leaked ones left out"
         others = [row for row in view.drill_down.near_synonyms if row.slice == "no such train recipe"]

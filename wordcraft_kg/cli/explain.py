@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from wordcraft_kg.cli.console import Output
 from wordcraft_kg.graphs.tasks import TaskPart
+from wordcraft_kg.settings import whole
 
 if TYPE_CHECKING:
     from wordcraft_kg.agents.explanation import ExplainedEpisode, ExplainedStep
@@ -26,22 +27,20 @@ def explain(
     graph: str | None = None,
     output: Output = Output(),
 ) -> None:
-    """Show why an agent picked what it picked: each logit, split into what attention, u and v contributed.
+    """Show why an agent picked what it picked: each logit, split into the contributions of attention, u and v.
 
     Args:
         run: run folder.
-        goal: entity to make. Default: tasks from all over the part.
-        episodes: how many to play.
+        goal: entity to make. Default: tasks spread over the part.
+        episodes: number of episodes to play.
         part: tasks to play: train, valid, test or all.
-        distractors: on the table. Default: as trained.
+        distractors: number of distractors on the table. Default: as in training.
         graph: where the graph is now, if it has moved since the training.
     """
     from wordcraft_kg.agents.agent_folder import open_agent
-    from wordcraft_kg.errors import ConfigError
     from wordcraft_kg.views.evaluation import view_explanation
 
-    if episodes < 1:
-        raise ConfigError(f"--episodes {episodes}: expected 1 or more.")
+    whole("episodes", episodes, 1)
     agent = open_agent(run, graph)
     view = view_explanation(run, agent, part, distractors, goal, episodes)
     output.result(view, [line for number, episode in enumerate(view.episodes, 1) for line in _text(number, episode)])

@@ -1,17 +1,17 @@
 """``wordcraft-kg export``."""
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 from cyclopts import Parameter
 
 from wordcraft_kg.cli.console import Flag, Output
+from wordcraft_kg.graphs.export import Format
 
 EXAMPLES = (
     "wordcraft-kg export everyday --format graphml --out everyday.graphml",
     "wordcraft-kg export graphs/everyday --format libkge --out everyday-libkge",
 )
-Format = Literal["tsv", "libkge", "graphml", "gexf", "nt", "ttl", "parquet", "csv", "json"]
 
 
 def export(

@@ -9,7 +9,7 @@ def fetch(book: str, *, output: Output = Output()) -> None:
     """Download a published recipe book into the cache, checked against its pinned SHA-256.
 
     Args:
-        book: name of a book that `wordcraft-kg books` lists as one to fetch.
+        book: name of a book that `wordcraft-kg books` lists as available to fetch.
     """
     from wordcraft_kg.graphs.library import FETCHABLE, fetch_book
 

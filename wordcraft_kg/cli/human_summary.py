@@ -15,7 +15,7 @@ def human_summary(*sessions: Path, output: Output = Output()) -> None:
     """Show how often people made the goal in the paper's protocol, with a 95% Wilson interval.
 
     Args:
-        sessions: files written by `play --protocol paper`, with equal graph, split and settings.
+        sessions: files written by `play --protocol paper`, with the same graph, split and settings.
     """
     from wordcraft_kg.agents.human import summarise
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TextIO
 
 from wordcraft_kg.cli.console import Output
+from wordcraft_kg.settings import whole
 
 if TYPE_CHECKING:
     from wordcraft_kg.agents.human import Session
@@ -22,7 +23,7 @@ EXAMPLES = (
 )
 
 WIDTH = 80  # columns
-HELP = """Two picks make an attempt: both are combined, and what they make comes to the
+HELP = """Two picks make an attempt: the two are combined, and their results come to the
 table. Nothing is used up, and the same thing may be picked twice. Type the
 number of a thing, its word, or the word's beginning. ? shows this, q quits."""
 INTRODUCTION = """The paper's protocol: 40 train tasks, each with its answer afterwards, then 40
@@ -43,18 +44,18 @@ def play(
     out: Path | None = None,
     output: Output = Output(),
 ) -> None:
-    """Play the crafting task by hand; or take the paper's test for people, whose answers go to a file.
+    """Play the crafting task by hand, or take the paper's test for people and save the answers to a file.
 
     Args:
         graph: graph folder, recipe book or known book's name.
-        depth: attempts that a task takes at least, 1 to 5.
-        distractors: entities on the table that no plan needs. Default: 4; with a protocol 8.
-        part: whose tasks.
+        depth: fewest attempts that solve a task, 1 to 5.
+        distractors: entities on the table that no plan needs. Default: 4; 8 with a protocol.
+        part: tasks to play: train, valid, test or all.
         attempts: attempts in an episode. Default: depth.
-        seed: of tasks and tables.
-        episodes: how many to play; 0 goes on until you quit.
+        seed: seed of tasks and tables.
+        episodes: number of episodes to play; 0 plays until you quit.
         protocol: paper asks 40 train tasks with their answers and then 40 test tasks, at depth 1 with one attempt.
-        out: file of the protocol's answers (JSON lines). A session that was broken off goes on where it was.
+        out: file for the protocol's answers (JSON lines). An interrupted session continues where it stopped.
     """
     from wordcraft_kg.errors import ConfigError
 
@@ -63,16 +64,15 @@ def play(
         from wordcraft_kg.envs.wordcraft import WordCraftEnv
 
         if out is not None:
-            raise ConfigError(f"--out {out}: only a protocol's answers are kept; add --protocol paper.")
-        if episodes < 0:
-            raise ConfigError(f"--episodes {episodes}: expected 0 (until you quit) or more.")
+            raise ConfigError(f"--out {out}: only a protocol's answers are saved; add --protocol paper.")
+        whole("episodes", episodes, 0)
         num_distractors = 4 if distractors is None else distractors
         env = WordCraftEnv(graph, part=part, depth=depth, num_distractors=num_distractors, max_attempts=attempts)
         values = _play_freely(terminal, env, seed, episodes)
         output.result(values, [f"episodes played: {values['episodes']}   goal made: {values['successes']}"])
     else:
         if out is None:
-            raise ConfigError("--protocol paper: say where the answers go, with --out human.jsonl.")
+            raise ConfigError("--protocol paper: name a file for the answers, such as --out human.jsonl.")
         if (depth, part, attempts in (None, 1), episodes) != (1, "all", True, 0):
             raise ConfigError("--protocol paper fixes depth, part, attempts and episodes; leave these options out.")
         session = _play_protocol(terminal, graph, 8 if distractors is None else distractors, seed, out)
@@ -88,7 +88,7 @@ class Quit(Exception):
 
 @dataclass(frozen=True)
 class Terminal:
-    """Where the game is shown, and what is typed on stdin is read."""
+    """Shows the game, and reads what is typed on stdin."""
 
     stream: TextIO
 
@@ -142,7 +142,7 @@ def _cells(table: Sequence[str]) -> Iterable[str]:
 
 @dataclass(frozen=True)
 class Attempt:
-    """Two picks and what came of them."""
+    """Two picks and their results."""
 
     table: tuple[str, ...]
     picks: tuple[str, str]
@@ -205,7 +205,7 @@ def _play_freely(terminal: Terminal, env: "WordCraftEnv", seed: int, episodes: i
 
 
 def _play_episode(terminal: Terminal, env: "WordCraftEnv", observation: "Observation") -> bool:
-    """Play an episode to its end, say what came of it, and return whether the goal was made."""
+    """Play an episode to its end, show the outcome, and return whether the goal was made."""
     outcome = "in_progress"
     while outcome == "in_progress":
         attempt = _attempt(terminal, env, observation)
@@ -232,7 +232,7 @@ def _play_protocol(terminal: Terminal, graph: str, distractors: int, seed: int, 
         return session
     terminal.say(INTRODUCTION, HELP)
     if session.answers:
-        terminal.say(f"Going on after {len(session.answers)} answers.")
+        terminal.say(f"Continuing after {len(session.answers)} answers.")
     try:
         for part, number in SCHEDULE[len(session.answers) :]:
             env, observation = protocol.pose(part, number)
@@ -250,7 +250,7 @@ def _play_protocol(terminal: Terminal, graph: str, distractors: int, seed: int, 
     except Quit:
         terminal.say("")
     except KeyboardInterrupt:
-        kept = f"interrupted; {len(session.answers)} answers are in {out}, the same command goes on"
+        kept = f"interrupted; {len(session.answers)} answers are in {out}, the same command continues"
         raise KeyboardInterrupt(kept) from None
     return session
 
@@ -260,8 +260,8 @@ def _protocol_result(session: "Session", out: Path) -> tuple[dict[str, Any], lis
 
     answered, finished = len(session.answers), session.is_finished
     values = {"out": str(out), "answered": answered, "tasks": len(SCHEDULE), "finished": finished}
-    if not finished:  # how many test tasks were right is told at the end only
-        return values, [f"answered {answered} of {len(SCHEDULE)}; the same command goes on with {out}"]
+    if not finished:  # the number of right test answers is shown at the end only
+        return values, [f"answered {answered} of {len(SCHEDULE)}; the same command continues {out}"]
     right = {part: sum(answer.success for answer in session.answers if answer.part == part) for part in HUMAN_PARTS}
     shown = ", ".join(f"{part} {count} of {TASKS_PER_PART}" for part, count in right.items())
     return values | {"successes": right}, [f"right: {shown}   next: wordcraft-kg human-summary {out}"]

@@ -13,12 +13,12 @@ EXAMPLES = (
 
 
 def resume(run: Path, *, graph: str | None = None, epochs: int | None = None, output: Output = Output()) -> int:
-    """Go on with an interrupted training from its last checkpoint; on CPU the result is bit-identical.
+    """Resume an interrupted training from its last checkpoint; on a CPU the result is bit-identical.
 
     Args:
-        run: folder of the interrupted training, of an agent or a link predictor.
+        run: folder of the interrupted training of an agent or a link predictor.
         graph: where the graph is now, if it has moved.
-        epochs: train a link predictor up to this many epochs instead of the number first asked for.
+        epochs: total number of epochs of a link predictor, in place of the number in its settings.
     """
     from wordcraft_kg.agents.config import AgentConfig
     from wordcraft_kg.cli.training import finished_without_report, report, report_agent
@@ -28,8 +28,8 @@ def resume(run: Path, *, graph: str | None = None, epochs: int | None = None, ou
         from wordcraft_kg.agents.training import resume_agent
 
         if epochs is not None:
-            raise ConfigError("--epochs is for link predictors; an agent's run goes on to the steps it was begun with.")
-        if finished := finished_without_report(run):  # it was stopped while the report was made
+            raise ConfigError("--epochs is for link predictors; an agent trains for the steps in its settings.")
+        if finished := finished_without_report(run):  # it was stopped while its report was written
             return report_agent(finished, graph, output)
         progress = output.progress("agent", unit="step")
         return report_agent(resume_agent(run, graph=graph, progress=progress), graph, output)

@@ -4,6 +4,7 @@ from pathlib import Path
 
 from wordcraft_kg.cli.console import Output
 from wordcraft_kg.errors import ConfigError
+from wordcraft_kg.settings import whole
 
 EXAMPLES = (
     'wordcraft-kg score models/everyday "flour" combinesWith "water"',
@@ -19,16 +20,15 @@ def score(model: Path, head: str, relation: str, tail: str = "?", *, top: int = 
         head: entity, or ? for an open slot.
         relation: combinesWith or componentOf.
         tail: entity, or ? for an open slot.
-        top: how many entities to list for an open slot.
+        top: number of entities to list for an open slot.
     """
     from wordcraft_kg.models.scorers.folder import load_scorer
     from wordcraft_kg.views.scores import OPEN, view_open_slot, view_triple
 
-    if top < 1:
-        raise ConfigError(f"--top {top}: expected 1 or more.")
+    whole("top", top, 1)
     scorer = load_scorer(model)
     if head == tail == OPEN:
-        raise ConfigError("both slots are open; name the head or the tail.")
+        raise ConfigError("both slots are open: name the head or the tail.")
     if OPEN in (head, tail):
         slot = view_open_slot(scorer, head, relation, tail, top)
         found = (
@@ -40,7 +40,7 @@ def score(model: Path, head: str, relation: str, tail: str = "?", *, top: int = 
         triple = view_triple(scorer, head, relation, tail)
         text = [
             f"{triple.score:.4f}  {head} {relation} {tail}",
-            f"place among all {len(scorer.entities):,} entities, unfiltered: "
+            f"rank among all {len(scorer.entities):,} entities, unfiltered: "
             f"tail {triple.rank_as_tail:,}, head {triple.rank_as_head:,}",
         ]
         output.result(triple, text)

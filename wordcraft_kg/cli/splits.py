@@ -19,10 +19,10 @@ def split_rows(split: "SplitSummary") -> list[tuple[str, str]]:
     sizes += f", {split.test_recipes:,} test recipes"
     rows = [
         ("split", f"{split.kind} {'/'.join(f'{share:.0%}' for share in shares)}, seed {split.seed}: {sizes}"),
-        ("unseen", f"{split.unseen_triples:,} triples; leaked and set aside: {split.leaked_triples:,}"),
+        ("unseen", f"{split.unseen_triples:,} triples; leaked and left out: {split.leaked_triples:,}"),
     ]
     if split.moved_for_coverage:
-        rows.append(("moved", f"{split.moved_for_coverage} recipes to train, so that it covers every entity"))
+        rows.append(("moved", f"{split.moved_for_coverage} recipes to train, to cover every entity"))
     if split.uncovered:
         listed = names(split.uncovered_entities[:5], split.uncovered)
         rows.append(("uncovered", f"{split.uncovered} entities are in no train recipe: {listed}"))

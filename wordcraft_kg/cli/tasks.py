@@ -4,8 +4,8 @@ from typing import TYPE_CHECKING
 
 from wordcraft_kg.cli.console import Output, aligned
 from wordcraft_kg.envs.config import WordCraftConfig
-from wordcraft_kg.errors import ConfigError
 from wordcraft_kg.graphs.tasks import TaskPart
+from wordcraft_kg.settings import whole
 
 if TYPE_CHECKING:
     from wordcraft_kg.views.tasks import TaskListing
@@ -26,22 +26,21 @@ def tasks(
     seed: int = 0,
     output: Output = Output(),
 ) -> None:
-    """Count the tasks of a graph, and show some as an agent would see them, with all their plans.
+    """Count the tasks of a graph, and show some as an agent sees them, with all their plans.
 
     Args:
         graph: graph folder, recipe book or known book's name.
-        depth: attempts that a task takes at least, 1 to 5.
+        depth: fewest attempts that solve a task, 1 to 5.
         distractors: entities on the table that no plan needs.
         part: train (all plans use train recipes only), test (each uses a test recipe), valid, or all.
-        limit: how many tasks to show; 0 only counts them.
-        seed: of the order in which tasks are shown, and of their tables.
+        limit: number of tasks to show; 0 only counts them.
+        seed: seed of the order in which tasks are shown, and of their tables.
     """
     from wordcraft_kg.envs.wordcraft import WordCraftEnv
     from wordcraft_kg.views.tasks import view_tasks
 
-    for name, value in (("limit", limit), ("seed", seed)):
-        if value < 0:
-            raise ConfigError(f"--{name} {value}: expected 0 or more.")
+    whole("limit", limit, 0)
+    whole("seed", seed, 0)
     env = WordCraftEnv(graph, part=part, depth=depth, num_distractors=distractors)
     view = view_tasks(env, limit, seed)
     output.result(view, _text(view))
@@ -49,12 +48,12 @@ def tasks(
 
 def _text(view: "TaskListing") -> list[str]:
     of_part = "" if view.part == "all" else f" in the {view.part} part"
-    known = "all there are" if view.complete else "drawn; there may be more"
+    known = "which is all" if view.complete else "drawn; there may be more"
     head = [("graph", view.graph), ("tasks", f"{view.tasks:,} of depth {view.depth}{of_part}, {known}")]
     if view.part != "all":
-        came_up = "" if view.complete else " of those that came up"
-        reason = "some of their plans belong to one, some to another"
-        head.append(("mixed", f"{view.mixed:,}{came_up} belong to no part: {reason}"))
+        drawn = "" if view.complete else " of those drawn"
+        reason = "their plans belong to different parts"
+        head.append(("mixed", f"{view.mixed:,}{drawn} belong to no part: {reason}"))
     text = [*aligned(head), *([] if view.shown else [f"none shown of {view.tasks:,}"])]
     for task in view.shown:
         plans = ["; ".join(f"{a} + {b} -> {result}" for a, b, result in plan) for plan in task.plans]

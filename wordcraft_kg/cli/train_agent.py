@@ -31,13 +31,13 @@ def train_agent(
 
     Args:
         graph: graph folder, recipe book or known book's name.
-        scorer: model folder whose scores are mixed into the policy; it stays as it is.
-        tasks: to train on.
-        policy: what decides.
+        scorer: model folder whose scores are mixed into the policy; the scorer is not trained.
+        tasks: what the agent is trained on.
+        policy: how it decides.
         trainer: how it learns.
         out: run folder to write. Default: runs/<graph's name>-<scorer's folder or no-kg>.
         force: replace the folder if it exists.
-        tensorboard: write TensorBoard's event files too (extra: tensorboard).
+        tensorboard: also write TensorBoard's event files (needs the extra tensorboard).
     """
     from wordcraft_kg.agents.config import AgentConfig
     from wordcraft_kg.agents.training import train_agent

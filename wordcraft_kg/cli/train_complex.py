@@ -27,7 +27,7 @@ def train_complex(
 
     Args:
         graph: graph folder, recipe book or known book's name.
-        settings: of the model and its training.
+        settings: settings of the model and its training.
         out: model folder to write. Default: models/<graph's name>-<kg>.
         force: replace the folder if it exists.
     """

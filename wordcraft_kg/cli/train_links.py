@@ -23,11 +23,11 @@ def train_links(
     force: Flag = False,
     output: Output = Output(),
 ) -> int:
-    """Train another PyKEEN model; its scorer, report and commands are those of ComplEx.
+    """Train another PyKEEN model; scorer, report and commands are the same as for ComplEx.
 
     Args:
         graph: graph folder, recipe book or known book's name.
-        settings: of the model and its training.
+        settings: settings of the model and its training.
         out: model folder to write. Default: models/<graph's name>-<model>-<kg>.
         force: replace the folder if it exists.
     """

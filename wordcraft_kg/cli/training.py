@@ -1,4 +1,4 @@
-"""What the training commands share: run, report, and say how to go on after Ctrl-C."""
+"""What the training commands share: training, reporting, and how to continue after Ctrl-C."""
 
 import logging
 from pathlib import Path
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def train(config: LinksConfig, out: Path | None, force: bool, output: Output) -> int:
-    """Train a link predictor and print what came of it; return the exit code."""
+    """Train a link predictor, print the outcome and return the exit code."""
     from wordcraft_kg.models.links.training import train_links
 
     progress = output.progress(f"{config.settings.kg} graph")
@@ -31,15 +31,15 @@ def report(trained: "TrainedLinks", output: Output) -> int:
     values = {"out": str(trained.folder), **as_values(metrics)}
     rows = [
         ("trained", f"{metrics.epochs} epochs on {metrics.triples:,} triples ({metrics.kg} graph)"),
-        ("time", f"{metrics.seconds:.1f} s, {metrics.seconds_per_epoch:.3f} s an epoch"),
+        ("time", f"{metrics.seconds:.1f} s, {metrics.seconds_per_epoch:.3f} s per epoch"),
         ("parameters", f"{metrics.parameters:,}"),
-        ("train MRR", f"{metrics.train_mrr:.3f} on its own training triples: what it remembers"),
+        ("train MRR", f"{metrics.train_mrr:.3f} on its own training triples (memory)"),
     ]
     if metrics.valid_mrr is not None:
         rows.append(("valid MRR", f"{metrics.valid_mrr:.3f} at best, in epoch {metrics.best_epoch}"))
     if metrics.train_mrr < 0.1:
         logging.getLogger(__name__).warning(
-            "the model hardly remembers its own training triples; try more epochs, another rate, or --loop symmetric."
+            "the model hardly fits its own training triples; try more epochs, another rate, or --loop symmetric."
         )
     output.result(
         values, [*aligned(rows), f"wrote {trained.folder}/   next: wordcraft-kg evaluate-links {trained.folder}"]
@@ -48,7 +48,7 @@ def report(trained: "TrainedLinks", output: Output) -> int:
 
 
 def finished_without_report(folder: Path) -> "TrainedAgent | None":
-    """Return what a finished run came to if its report is missing, else None."""
+    """Return the outcome of a finished run if its report is missing, else None."""
     from wordcraft_kg.agents.agent_folder import AGENTS
     from wordcraft_kg.agents.records import read_summary
     from wordcraft_kg.agents.training import TrainedAgent
@@ -61,7 +61,7 @@ def finished_without_report(folder: Path) -> "TrainedAgent | None":
 
 
 def report_agent(trained: "TrainedAgent", graph: str | None, output: Output) -> int:
-    """Write the report of an agent's training, print what came of it and return 0.
+    """Write the report of an agent's training, print the outcome and return 0.
 
     Raises:
         KeyboardInterrupt: when Ctrl-C ended the training.
@@ -89,7 +89,7 @@ def report_agent(trained: "TrainedAgent", graph: str | None, output: Output) -> 
         ("trained", f"{summary.steps:,} steps in {summary.seconds:.1f} s"),
         (
             "speed",
-            f"{summary.steps_per_second:,} steps/s; {summary.curves_share:.1%} of the time for the curves",
+            f"{summary.steps_per_second:,} steps/s; {summary.curves_share:.1%} of the time spent on the curves",
         ),
         *(
             (

@@ -25,16 +25,16 @@ def tune_links(
 ) -> None:
     """Search settings with PyKEEN's hyper-parameter optimisation, on validation triples only.
 
-    The best ones are written as a TOML file for `train-complex --config` (or `train-links --config`). Test triples take
-    no part: a graph with a validation part keeps it; else one is drawn from the train recipes.
+    The best settings are written as a TOML file for `train-complex --config` (or `train-links --config`). Test triples
+    are never used: validation uses the graph's validation part or, if it has none, one drawn from the train recipes.
 
     Args:
         graph: graph folder, recipe book or known book's name.
         model: complex, or PyKEEN's name of another model.
-        trials: how many settings to try.
-        valid_ratio: share of the train pairs to validate on, where the graph has no validation part.
-        seed: of the search and of each training.
-        timeout: seconds after which no new trial begins.
+        trials: number of settings to try.
+        valid_ratio: share of the train pairs to validate on if the graph has no validation part.
+        seed: seed of the search and of each training.
+        timeout: seconds after which no new trial is started.
         device: torch device.
         out: TOML file to write.
         force: replace it if it exists.

@@ -1,9 +1,9 @@
 """The arrays that the batched engine computes with: NumPy's on the CPU, torch's on a device.
 
-The engine is written once, in the operators, the indexing and the functions that both share; here is what they spell
-differently. On the CPU its arrays are NumPy's, because a step is some thirty calls on short arrays and a call costs
-NumPy half of what it costs torch; an agent sees the same memory through ``torch.from_numpy``. On a CUDA device they are
-torch tensors that never leave it.
+The engine is written once, with the operators, indexing and functions that both libraries share; this module holds
+what they spell differently. On the CPU the engine uses NumPy, because a step is some thirty calls on short arrays and a
+call costs NumPy half of what it costs torch; an agent sees the same memory through ``torch.from_numpy``. On a CUDA
+device it uses torch tensors that never leave the device.
 """
 
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from wordcraft_kg.errors import ConfigError
 
 Array = NDArray[Any]
-"""A NumPy array, or on a device a torch tensor, which is used only in ways in which NumPy's arrays can be used too."""
+"""A NumPy array, or on a device a torch tensor, used only in ways that NumPy's arrays share."""
 Values = Array | float
 
 
@@ -34,20 +34,20 @@ class Arrays:
     """NumPy's arrays.
 
     Attributes:
-        xp: the functions that both kinds have.
-        on_device: whether they are a device's. Looking at a value there waits for all that is under way, so nothing may
-            depend on one: all rows are computed, and masks say which of them count.
+        xp: the functions that both libraries have.
+        on_device: whether the arrays are on a device. Reading a value there waits for all pending work, so no control
+            flow may depend on one: all rows are computed, and masks select those that count.
     """
 
     xp = cast(Functions, np)
     on_device = False
 
     def array(self, values: NDArray[Any]) -> Array:
-        """Bring NumPy values to this side."""
+        """Convert NumPy values."""
         return np.ascontiguousarray(values)
 
     def numpy(self, values: Array) -> NDArray[Any]:
-        """Return a copy of NumPy's kind."""
+        """Return a copy as a NumPy array."""
         return np.array(values)
 
     def full(self, shape: tuple[int, ...], value: int, dtype: str = "int64") -> Array:
@@ -67,66 +67,53 @@ class Arrays:
         return np.take_along_axis(values, columns, axis=1)
 
     def rows(self, mask: Array) -> Array:
-        """Return the rows to compute: those where the mask is True, on a device all."""
+        """Return the rows to compute: where the mask is True, or on a device all of them."""
         return mask.nonzero()[0]
 
 
 class TorchArrays(Arrays):
-    """A device's arrays; the device ``cpu`` does there what a device does, for tests."""
+    """A device's arrays; with the device ``cpu``, tests run on the CPU what a device runs."""
 
     on_device = True
 
     def __init__(self, device: str):
-        """Take a device of torch.
+        """Use a device of torch.
 
         Raises:
-            ConfigError: if it is not there.
+            ConfigError: if it is not available.
         """
         import torch
 
         if device.startswith("cuda") and not torch.cuda.is_available():
-            raise ConfigError(f"device '{device}': torch finds no CUDA device here; use cpu.")
+            raise ConfigError(f"`device` {device!r}: torch finds no CUDA device here; use cpu.")
         self.torch: Any = torch
         self.xp = cast(Functions, torch)
         self.device = device
 
-    def array(self, values: NDArray[Any]) -> Array:
-        """Bring NumPy values to this side."""
-        tensor: Array = self.torch.tensor(values, device=self.device)
-        return tensor
+    def array(self, values: NDArray[Any]) -> Array:  # noqa: D102 - as for NumPy, here and below
+        return self.torch.tensor(values, device=self.device)
 
-    def numpy(self, values: Any) -> NDArray[Any]:
-        """Return a copy of NumPy's kind."""
+    def numpy(self, values: Any) -> NDArray[Any]:  # noqa: D102
         return np.array(values.cpu().numpy())
 
-    def full(self, shape: tuple[int, ...], value: int, dtype: str = "int64") -> Array:
-        """Return an array of one value."""
-        tensor: Array = self.torch.full(shape, value, dtype=getattr(self.torch, dtype), device=self.device)
-        return tensor
+    def full(self, shape: tuple[int, ...], value: int, dtype: str = "int64") -> Array:  # noqa: D102
+        return self.torch.full(shape, value, dtype=getattr(self.torch, dtype), device=self.device)
 
-    def cast(self, values: Any, dtype: str) -> Array:
-        """Return values as another type."""
-        tensor: Array = values.to(getattr(self.torch, dtype))
-        return tensor
+    def cast(self, values: Any, dtype: str) -> Array:  # noqa: D102
+        return values.to(getattr(self.torch, dtype))
 
-    def sorted_rows(self, values: Array) -> Array:
-        """Return a matrix with each row sorted."""
-        tensor: Array = self.torch.sort(values, dim=1).values
-        return tensor
+    def sorted_rows(self, values: Array) -> Array:  # noqa: D102
+        return self.torch.sort(values, dim=1).values
 
-    def take_in_rows(self, values: Any, columns: Array) -> Array:
-        """Return the values of each row in the columns given for it."""
-        tensor: Array = values.gather(1, self.cast(columns, "int64"))
-        return tensor
+    def take_in_rows(self, values: Any, columns: Array) -> Array:  # noqa: D102
+        return values.gather(1, self.cast(columns, "int64"))
 
-    def rows(self, mask: Array) -> Array:
-        """Return all rows: asking which of them count would wait."""
-        tensor: Array = self.torch.arange(len(mask), device=self.device)
-        return tensor
+    def rows(self, mask: Array) -> Array:  # noqa: D102
+        return self.torch.arange(len(mask), device=self.device)
 
 
 def arrays_of(device: str) -> Arrays:
-    """Return the arrays of ``cpu``, of a device of torch such as ``cuda``, or with ``torch:cpu`` of torch on the CPU.
+    """Return the arrays for ``cpu`` (NumPy), a device of torch such as ``cuda``, or ``torch:cpu`` (torch on the CPU).
 
     Raises:
         ConfigError: if the device is not there.

@@ -1,7 +1,7 @@
 """Many crafting environments at once, as arrays: the semantics of :mod:`wordcraft_kg.envs.wordcraft`, in bulk.
 
-:mod:`~wordcraft_kg.envs.draws` says what an episode begins with, this file what a step does; both are written once for
-two kinds of arrays, see :mod:`~wordcraft_kg.envs.arrays`.
+:mod:`~wordcraft_kg.envs.draws` draws what episodes begin with, this module computes steps. Both are written once, for
+NumPy and torch alike: see :mod:`~wordcraft_kg.envs.arrays`.
 """
 
 from collections.abc import Mapping
@@ -22,21 +22,19 @@ IN_PROGRESS, GOAL, OUT_OF_ATTEMPTS = 0, 1, 2
 OUTCOMES = ("in_progress", "goal", "out_of_attempts")
 """Names of the outcome codes."""
 
-AHEAD, AHEAD_OF_MANY, MANY = 16, 8, 1_024
-"""Episodes that are drawn at a time for each environment; fewer where more than ``MANY`` run side by side."""
 DENSE_LIMIT = 4_096
-"""Entities up to which the pair of two entities is looked up in a square table, 4 bytes a cell; above it by search."""
+"""Most entities for which pairs are looked up in a square table, of 4 bytes a cell; larger graphs use a search."""
 
 
 @dataclass
 class Step:
-    """What a step of all environments gives, shape (N,) each.
+    """The outcome of a step in all environments, shape (N,) each.
 
     Attributes:
         reward: float32.
-        over: whether the episode ended with this step; where it did, the observation is of the next one.
-        outcome: int8, of the episode that the step belongs to: see :data:`OUTCOMES`.
-        by_plan: whether the goal was made by the last pair of a plan.
+        over: whether the episode ended with this step; if so, the observation is the first of the next episode.
+        outcome: int8, of the episode that the step belongs to; names in :data:`OUTCOMES`.
+        by_plan: whether the last pair of a plan made the goal.
         illegal: whether an empty slot was picked.
         task: index of the task that the step belongs to.
     """
@@ -51,15 +49,15 @@ class Step:
 
 @dataclass
 class State:
-    """Where N environments are; shape (N,), int64, unless it says otherwise.
+    """The state of N environments; shape (N,), int64, unless stated otherwise.
 
     Attributes:
         goal: id.
         task: index into the world's tasks.
-        selection: id of what is in hand.
+        selection: id of the entity in hand.
         attempts_left: 0 where the episode is over and no other has begun.
-        wide: shape (N, num_slots + 1), ids: the table, and one column more, where a result that is not new goes when
-            the table is full.
+        wide: shape (N, num_slots + 1), ids: the table, and a spare column that is written to when nothing new is made
+            and the table is full.
         count: entities on the table.
         episode: number of the next episode.
     """
@@ -72,18 +70,12 @@ class State:
     count: Array
     episode: Array
 
-    @classmethod
-    def blank(cls, arrays: Arrays, num_envs: int, num_slots: int, nothing: int) -> "State":
-        """Return the state before any episode."""
-        found = {entry.name: arrays.full((num_envs,), 0) for entry in fields(cls)}
-        return cls(**found | {"wide": arrays.full((num_envs, num_slots + 1), nothing)})
-
 
 class PairNumbers:
-    """The number of the pair of any two entities: in a square table if the graph is small enough, else by search."""
+    """The number of the pair of any two entities, from a square table if the graph is small enough, else by search."""
 
     def __init__(self, graph: RecipeGraph, arrays: Arrays):
-        """Number the pairs as the graph does; those that make nothing, and nothing itself, get ``num_pairs``."""
+        """Number the pairs as the graph does; pairs that make nothing, or contain nothing, get ``num_pairs``."""
         self.xp, self.size, self.no_pair = arrays.xp, graph.num_entities + 1, graph.num_pairs
         a, b, _ = graph.recipes[graph.pair_starts[:-1]].T
         self.is_dense = graph.num_entities <= DENSE_LIMIT
@@ -95,7 +87,7 @@ class PairNumbers:
             self._keys = arrays.array(np.append(a * self.size + b, np.iinfo("int64").max))
 
     def __call__(self, one: Array, other: Array) -> Array:
-        """Look pairs up; any integers, of equal shapes."""
+        """Return the numbers of pairs; ids of equal shapes."""
         if self.is_dense:
             return self._table[one * self.size + other]
         keys = self.xp.minimum(one, other) * self.size + self.xp.maximum(one, other)
@@ -104,30 +96,30 @@ class PairNumbers:
 
 
 class BatchEngine:
-    """N environments in step, with episodes that begin anew inside the step; the first have begun.
+    """N environments in step; when an episode ends, the next one begins in the same step.
 
     Attributes:
-        world: what they play in.
+        world: graph, tasks and settings.
         num_envs: N.
-        num_slots: of a table.
+        num_slots: size of a table.
         nothing: id of nothing.
-        arrays: the kind of all arrays that are taken and given.
+        arrays: the library and device of all arrays that are taken and returned.
         pairs: the number of the pair of two entities, ``num_pairs`` where they make nothing.
     """
 
     def __init__(self, world: World, num_envs: int, *, device: str = "cpu", seed: int = 0, first_env: int = 0):
-        """Begin an episode in each of N environments.
+        """Begin the first episode in each of N environments.
 
         Args:
             world: graph, tasks and settings.
-            num_envs: N, from 1.
-            device: ``cpu``, or a device of torch such as ``cuda``; ``torch:cpu`` runs what a device runs on the CPU.
+            num_envs: N, 1 or more.
+            device: ``cpu``, or a device of torch such as ``cuda``; ``torch:cpu`` runs on the CPU what a device runs.
             seed: see :meth:`reset`.
-            first_env: number of the first environment, which decides what the environments draw: engines for numbers
-                0 to 63 and 64 to 127 draw what one for all 128 draws.
+            first_env: number of the first environment. What an environment draws depends on its number: two engines for
+                numbers 0 to 63 and 64 to 127 draw what one engine for all 128 draws.
 
         Raises:
-            ConfigError: for no environments, a negative number, or a device that is not there.
+            ConfigError: for no environments, a negative number, or a device that is not available.
         """
         self.num_envs = whole("num_envs", num_envs, 1)
         self.first_env = whole("first_env", first_env, 0)
@@ -152,12 +144,12 @@ class BatchEngine:
 
     @property
     def selection(self) -> Array:
-        """Shape (N,), int64: id of what is in hand."""
+        """Shape (N,), int64: id of the entity in hand."""
         return self._state.selection
 
     @property
     def table(self) -> Array:
-        """Shape (N, num_slots), int64, ids; that of nothing where a slot is empty."""
+        """Shape (N, num_slots), int64, ids; empty slots hold the id of nothing."""
         return self._state.wide[:, : self.num_slots]
 
     @property
@@ -175,13 +167,13 @@ class BatchEngine:
         return self.table != self.nothing
 
     def random_actions(self, numbers: Array) -> Array:
-        """Return a random legal action of each environment from uniform numbers in [0, 1), shape (N,)."""
+        """Return a legal action for each environment, drawn with uniform numbers in [0, 1), shape (N,)."""
         return self.arrays.cast(numbers * self._state.count, "int64")
 
     # --- episodes ----------------------------------------------------------------------------------------------------
 
     def reset(self, seed: int | None = None) -> None:
-        """Begin an episode in every environment: number 0 of a seed's, or with None the next one.
+        """Begin an episode in every environment: the first one of a seed, or with None the next one.
 
         Raises:
             ConfigError: for a negative seed.
@@ -189,11 +181,11 @@ class BatchEngine:
         if seed is not None:
             self._env_keys = self._draws.env_keys(seed, self.first_env, self.num_envs)
             self._blank()
-        self._ahead.draw(self._rows, self._state.episode)
+        self._look_ahead()
         self._begin(self._rows)
 
     def pose(self, tasks: Array, episode: int = 0) -> None:
-        """Begin given tasks, one in each environment, for evaluation; :meth:`step` goes on with drawn ones.
+        """Begin a given task in each environment, for evaluation; :meth:`step` then continues with drawn tasks.
 
         The distractors depend on the seed, the environment's number, ``episode`` and the task only.
 
@@ -207,16 +199,14 @@ class BatchEngine:
         keys = self._draws.keys(self._env_keys, self._state.episode)
         self._place(self._rows, self._draws.tables(keys, tasks), tasks)
         self._state.episode += 1
-        self._draw_ahead_on_device()
+        self._look_ahead()
 
     def _blank(self) -> None:
-        self._state = State.blank(self.arrays, self.num_envs, self.num_slots, self.nothing)
-        self._ahead = Ahead(self._draws, self._env_keys, AHEAD if self.num_envs <= MANY else AHEAD_OF_MANY)
+        blank = {entry.name: self.arrays.full((self.num_envs,), 0) for entry in fields(State)}
+        self._state = State(**blank | {"wide": self.arrays.full((self.num_envs, self.num_slots + 1), self.nothing)})
 
-    def _draw_ahead_on_device(self) -> None:
-        # On the CPU the next episodes are drawn when they are needed; on a device nothing may depend on who needs one.
-        if self.arrays.on_device:
-            self._ahead.draw(self._rows, self._state.episode)
+    def _look_ahead(self) -> None:
+        self._ahead = Ahead(self._draws, self._env_keys, self._state.episode)
 
     def _begin(self, rows: Array) -> None:
         """Begin the next episode of some environments."""
@@ -235,13 +225,13 @@ class BatchEngine:
         now.count[rows] = (tables != self.nothing).sum(1)
 
     def _begin_where(self, over: Array) -> None:
-        """Begin the next episode where one is over."""
+        """Begin the next episode in environments where one is over."""
         if not self.arrays.on_device:
             rows = over.nonzero()[0]
             if len(rows):
                 self._begin(rows)
             return
-        # Without asking the device who: every environment is written, with what it had or with what is next.
+        # Without reading from the device: every environment is written, with its old state or its next episode.
         where, now = self.arrays.xp.where, self._state
         tables, task = self._ahead.peek()
         table = self.arrays.cast(tables, "int64")
@@ -255,32 +245,31 @@ class BatchEngine:
         now.episode = now.episode + over
         self._ahead.skip(over, now.episode)
 
-    # --- going on later ----------------------------------------------------------------------------------------------
+    # --- resuming ----------------------------------------------------------------------------------------------------
 
     def state(self) -> dict[str, NDArray[Any]]:
-        """Return where all environments are, for :meth:`restore`: NumPy arrays by name, copied."""
+        """Return the state of all environments, for :meth:`restore`: copied NumPy arrays by name."""
         return {entry.name: self.arrays.numpy(getattr(self._state, entry.name)) for entry in fields(State)}
 
     def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
-        """Go on from a :meth:`state` of an engine with the same world, environments and seed.
+        """Continue from the :meth:`state` of an engine with the same world, environments and seed.
 
         Raises:
-            ConfigError: if it is of another engine.
+            ConfigError: if the state is that of another engine.
         """
         names = [entry.name for entry in fields(State)]
         for name in names:
             expected = tuple(getattr(self._state, name).shape)
             if name not in state or tuple(state[name].shape) != expected:
-                raise ConfigError(f"this state is of another engine: '{name}' should have shape {expected}.")
-        self._blank()
-        # What was drawn ahead is drawn again: it depends on seed, environment and episode only.
+                raise ConfigError(f"this is the state of another engine: '{name}' should have shape {expected}.")
         self._state = State(**{name: self.arrays.array(np.array(state[name], dtype=np.int64)) for name in names})
-        self._draw_ahead_on_device()
+        # Episodes that were drawn ahead are drawn again: they depend on seed, environment and episode only.
+        self._look_ahead()
 
     # --- steps -------------------------------------------------------------------------------------------------------
 
     def step(self, actions: Array) -> Step:
-        """Pick a slot in every environment; where an episode ends, the next one begins.
+        """Pick a slot in every environment; when an episode ends, the next one begins.
 
         Args:
             actions: shape (N,), integers. On the CPU they are checked against the action space.
@@ -293,7 +282,7 @@ class BatchEngine:
         return done
 
     def step_once(self, actions: Array) -> Step:
-        """Like :meth:`step`, but environments whose episode ends stay there; their further steps do nothing."""
+        """Like :meth:`step`, but an environment whose episode has ended stays there; further steps do nothing in it."""
         if not self.arrays.on_device and not (self.attempts_left > 0).any():
             raise EpisodeError("all episodes are over; call pose() or reset().")
         done = self._step(actions)
@@ -311,7 +300,7 @@ class BatchEngine:
         if self.config.illegal_action == "raise" and bool(illegal.any()):
             self._refuse(actions, illegal)
         second = now.selection != nothing
-        # Nothing in hand, or nothing picked, makes nothing: the tables have a row for that.
+        # With nothing in hand, or nothing picked, nothing is made: the table of pairs has a row for that.
         pair = self.pairs(now.selection, picked)
         made_goal, by_plan, shaped = self._land(pair, running)
         ended = (second | empty) & running
@@ -323,11 +312,11 @@ class BatchEngine:
             wrong = second & ~empty & running & (pair == self.pairs.no_pair)
             reward = reward + shaped - self.config.rewards.wrong_pair_penalty * cast(wrong, "float32")
         outcome = cast(over, "int8") * OUT_OF_ATTEMPTS - cast(made_goal, "int8")
-        # The task is copied, for the next one is written into its array.
+        # The task is copied, because the next one is written into the same array.
         return Step(cast(reward, "float32"), over, outcome, by_plan, illegal, now.task + 0)
 
     def _land(self, pair: Array, running: Array) -> tuple[Array, Array, Array | None]:
-        """Put the results of pairs on the tables; return who made the goal, who by a plan, and the shaped reward."""
+        """Put results on the tables; return where the goal was made, where by a plan, and the shaped reward."""
         arrays, rewards, now = self.arrays, self.config.rewards, self._state
         makes = (pair != self.pairs.no_pair) & running
         made_goal, by_plan = (arrays.full((self.num_envs,), 0, "bool") for _ in range(2))
@@ -346,7 +335,7 @@ class BatchEngine:
             if is_shaped:
                 is_made = (made == result[:, None]).any(1) & (result != self.nothing)
                 first, relevant = first + (is_made & is_new), relevant | is_made
-            # Where nothing is new, "nothing" goes into the first free slot, where it is already.
+            # Where nothing is new, the id of nothing is written to the first free slot, which holds it already.
             count = now.count[rows]
             now.wide[rows, count] = arrays.xp.where(is_new, result, now.wide[rows, count])
             now.count[rows] = count + is_new
@@ -381,7 +370,7 @@ class BatchEngine:
 
 
 def _results(world: World) -> NDArray[np.int64]:
-    """Return the results of each pair, padded, and of no pair in a last row, shape (num_pairs + 1, max_results)."""
+    """Return the results of each pair, padded, and a last row for "no pair": shape (num_pairs + 1, max_results)."""
     graph = world.graph
     starts, sizes = graph.pair_starts[:-1], np.diff(graph.pair_starts)
     results = np.full((graph.num_pairs + 1, world.max_results), world.nothing)

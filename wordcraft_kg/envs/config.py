@@ -4,11 +4,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any, Literal, get_args
 
-from wordcraft_kg.errors import ConfigError, UnknownSettingError
+from wordcraft_kg.errors import UnknownSettingError
 from wordcraft_kg.graphs.splits import PARTS
 from wordcraft_kg.graphs.task_search import DRAWN_TASKS, MAX_DEPTH
 from wordcraft_kg.graphs.tasks import TaskPart, TaskWeighting
-from wordcraft_kg.settings import nearest, whole
+from wordcraft_kg.settings import nearest, one_of, require, whole
 
 MAX_ATTEMPTS = 1_000
 DistractorWeighting = Literal["use", "uniform"]
@@ -19,12 +19,12 @@ IllegalAction = Literal["waste", "raise"]
 
 @dataclass(frozen=True)
 class RewardConfig:
-    """Rewards besides the +1 for making the goal; penalties are magnitudes, so all of them are 0 or more.
+    """Rewards besides the +1 for making the goal; all are 0 or more, penalties too.
 
     Attributes:
-        wrong_pair_penalty: taken off for an attempt that makes nothing.
-        irrelevant_penalty: taken off for an attempt that makes something, but neither the goal nor an intermediate.
-        intermediate_reward: added for each intermediate of the task's plans when it first comes to the table.
+        wrong_pair_penalty: subtracted for an attempt that makes nothing.
+        irrelevant_penalty: subtracted for an attempt that makes something, but neither the goal nor an intermediate.
+        intermediate_reward: added when an intermediate of the task's plans is first made.
     """
 
     wrong_pair_penalty: float = 0.0
@@ -34,8 +34,8 @@ class RewardConfig:
     def __post_init__(self) -> None:
         for entry in fields(self):
             value = getattr(self, entry.name)
-            if not isinstance(value, int | float) or not 0 <= value < float("inf"):
-                raise ConfigError(f"{entry.name} {value!r}: expected a magnitude, 0 or more.")
+            holds = isinstance(value, int | float) and 0 <= value < float("inf")
+            require(self, entry.name, holds, "a finite number, 0 or more")
 
 
 REWARDS = {"sparse": RewardConfig(), "official": RewardConfig(0.1, 0.1, 1.0)}
@@ -44,22 +44,26 @@ REWARDS = {"sparse": RewardConfig(), "official": RewardConfig(0.1, 0.1, 1.0)}
 
 @dataclass(frozen=True)
 class WordCraftConfig:
-    """What a crafting environment poses, and how.
+    """Settings of a crafting environment.
 
     Attributes:
         part: tasks of ``train``, ``valid``, ``test`` or ``all``.
-        depth: attempts that a task takes at least, 1 to 5.
+        depth: fewest attempts that solve a task, 1 to 5.
         num_distractors: entities on the table that no plan needs.
-        max_attempts: attempts in an episode; None takes ``depth``.
+        max_attempts: attempts in an episode; None means ``depth``.
         reward: a preset's name (``sparse``, ``official``) or a :class:`RewardConfig`.
-        distractor_weighting: ``use`` draws an entity by 1 + the number of train recipes that use it, ``uniform`` all
-            alike; without replacement either way.
+        distractor_weighting: ``use`` draws an entity with weight 1 + the number of train recipes that use it,
+            ``uniform`` draws all alike; both without replacement.
         distractor_policy: ``any``, or ``no_shortcut``: no distractor opens another way to the goal.
-        task_weighting: ``task`` draws all tasks alike, ``goal`` first a goal and then one of its tasks.
-        ambiguity: ``all`` results of a pair, or only the ``last`` by label, as the paper's released code keeps one.
+        task_weighting: ``task`` draws all tasks alike, ``goal`` draws a goal, then one of its tasks.
+        ambiguity: ``all`` results of a pair, or only the ``last`` by label (the paper's released code keeps one).
         illegal_action: what picking an empty slot does: ``waste`` the attempt, or ``raise`` an error.
-        num_tasks: how many tasks to draw from depth 3 on.
-        task_seed: of that draw.
+        num_tasks: how many tasks to draw at depth 3 and above.
+        task_seed: seed of that draw.
+
+    Example:
+        >>> WordCraftConfig(depth=2, num_distractors=8).attempts
+        2
     """
 
     part: TaskPart = "train"
@@ -82,34 +86,30 @@ class WordCraftConfig:
         self._whole("num_distractors", 0, None)
         if self.max_attempts is not None:
             self._whole("max_attempts", 1, MAX_ATTEMPTS)
-            if self.max_attempts < self.depth:
-                raise ConfigError(
-                    f"max_attempts {self.max_attempts}: a task of depth {self.depth} takes {self.depth} attempts."
-                )
+            enough = self.max_attempts >= self.depth
+            require(self, "max_attempts", enough, f"{self.depth} or more, which a task of depth {self.depth} takes")
         self._whole("num_tasks", 1, None)
         self._whole("task_seed", 0, None)
-        self._one_of("part", ("all", *PARTS))
-        self._one_of("distractor_weighting", get_args(DistractorWeighting))
-        self._one_of("distractor_policy", get_args(DistractorPolicy))
-        self._one_of("task_weighting", get_args(TaskWeighting))
-        self._one_of("ambiguity", get_args(Ambiguity))
-        self._one_of("illegal_action", get_args(IllegalAction))
+        one_of("part", self.part, ("all", *PARTS))
+        one_of("distractor_weighting", self.distractor_weighting, get_args(DistractorWeighting))
+        one_of("distractor_policy", self.distractor_policy, get_args(DistractorPolicy))
+        one_of("task_weighting", self.task_weighting, get_args(TaskWeighting))
+        one_of("ambiguity", self.ambiguity, get_args(Ambiguity))
+        one_of("illegal_action", self.illegal_action, get_args(IllegalAction))
         rewards = self.reward
         if not isinstance(rewards, RewardConfig):
-            self._one_of("reward", tuple(REWARDS))
+            one_of("reward", rewards, tuple(REWARDS))
             rewards = REWARDS[rewards]
         attempts = self.max_attempts or self.depth
-        if self.distractor_policy == "no_shortcut" and attempts > MAX_DEPTH:
-            raise ConfigError(
-                f"max_attempts {attempts}: distractor_policy 'no_shortcut' searches all ways of that many attempts; "
-                f"expected at most {MAX_DEPTH}."
-            )
+        searchable = self.distractor_policy == "any" or attempts <= MAX_DEPTH
+        expected = f"at most {MAX_DEPTH} with `distractor_policy` 'no_shortcut', which searches all ways to the goal"
+        require(self, "max_attempts", searchable, expected)
         object.__setattr__(self, "rewards", rewards)
         object.__setattr__(self, "attempts", attempts)
 
     @classmethod
     def of(cls, settings: Mapping[str, Any]) -> "WordCraftConfig":
-        """Return the configuration of keyword arguments.
+        """Return the configuration that keyword arguments give.
 
         Raises:
             UnknownSettingError: for an unknown name, with the nearest known ones.
@@ -119,7 +119,7 @@ class WordCraftConfig:
         for name in settings:
             if name not in known:
                 raise UnknownSettingError(
-                    f"unexpected keyword argument '{name}'; there are {', '.join(known)}.{nearest(name, known)}"
+                    f"unexpected keyword argument '{name}'; expected one of {', '.join(known)}.{nearest(name, known)}"
                 )
         return cls(**settings)
 
@@ -134,9 +134,3 @@ class WordCraftConfig:
 
     def _whole(self, name: str, low: int, high: int | None) -> None:
         object.__setattr__(self, name, whole(name, getattr(self, name), low, high))
-
-    def _one_of(self, name: str, allowed: tuple[str, ...]) -> None:
-        value = getattr(self, name)
-        if value not in allowed:
-            hint = nearest(value, allowed) if isinstance(value, str) else ""
-            raise ConfigError(f"{name} {value!r}: expected one of {', '.join(allowed)}.{hint}")

@@ -1,7 +1,7 @@
-"""What episodes begin with, drawn for many of them at once: tasks, distractors, and their places on the table.
+"""Drawing the start of many episodes at once: tasks, distractors, and their places on the table.
 
-Random numbers are a function of (seed, environment, episode, draw), hashed, not a stream: so an environment sees the
-same episodes however many run beside it, in whatever process, on either kind of array, and episodes can be drawn ahead.
+Random numbers are not a stream but a hash of (seed, environment, episode, draw). So an environment sees the same
+episodes in any process, with NumPy or torch, however many others run beside it, and episodes can be drawn ahead.
 """
 
 import numpy as np
@@ -11,18 +11,20 @@ from wordcraft_kg.envs.guards import Guards
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.settings import whole
 
+AHEAD, AHEAD_OF_MANY, MANY = 16, 8, 1_024
+"""Episodes drawn at a time for each environment: ``AHEAD``, or ``AHEAD_OF_MANY`` for more than ``MANY`` of them."""
 CHUNK = 8_192
-"""Tables that are drawn in one piece on the CPU, so that their arrays stay in the processor's cache."""
+"""Tables drawn at a time on the CPU, so that their arrays stay in the processor's cache."""
 LAST_31_BITS = 0x7FFFFFFF
-# Keys that are multiples of these apart hash independently; both are odd, the first is 2**64 / golden ratio.
+# Keys that differ by multiples of these hash independently; both are odd, the first is 2**64 / golden ratio.
 _STRIDE = -7046029254386353131
 _EPISODE_STRIDE = -3335678366873096957
-# Which numbers of a key are for what: number 0 for the task, from 1 on for candidates, from here on for places.
+# What the numbers of a key are for: number 0 for the task, numbers from 1 for candidates, from _PLACES for places.
 _PLACES = 1 << 20
 
 
 def mixed(x: Array) -> Array:
-    """Hash 64-bit integers: the finaliser of SplitMix64 (Steele et al. 2014); products wrap around."""
+    """Hash 64-bit integers with the finaliser of SplitMix64 (Steele et al. 2014); products wrap around."""
     x = x ^ ((x >> 30) & 0x3FFFFFFFF)
     x *= -4658895280553007687
     x ^= (x >> 27) & 0x1FFFFFFFFF
@@ -32,28 +34,28 @@ def mixed(x: Array) -> Array:
 
 
 class Draws:
-    """Draws the episodes of a world. A *key* is the hash of (seed, environment, episode); R of them draw R tables.
+    """Draws the episodes of a world. A *key* is the hash of (seed, environment, episode); R keys draw R tables.
 
-    Ids are kept in 32 bits here, which halves what has to be moved, and tables as columns.
+    Ids have 32 bits here, which halves the memory that is moved, and tables are columns.
 
     Attributes:
-        width: most entities of a table, starting ingredients and distractors.
+        width: most entities on a table at the start: starting ingredients and distractors.
     """
 
     def __init__(self, world: World, arrays: Arrays):
-        """Prepare what drawing looks up."""
+        """Prepare the look-up tables."""
         self.world, self.arrays, tasks = world, arrays, world.tasks
         self.width = world.config.depth + 1 + world.config.num_distractors
         self._starts, self._goals, self._made = (
             arrays.array(ids.astype(np.int32)) for ids in (tasks.starts, tasks.goals, tasks.intermediates)
         )
-        # A distractor of weight w is w of the lots.
+        # A distractor of weight w has w lots.
         self._lots = arrays.array(np.repeat(np.arange(world.nothing, dtype=np.int32), world.distractor_weights))
         self._task_ends = arrays.array(np.cumsum(tasks.weights(world.config.task_weighting)))
         self._guards = Guards(world, arrays)
 
     def env_keys(self, seed: int, first: int, count: int) -> Array:
-        """Return what the keys of environments number ``first``, ``first + 1``, ... are made from, shape (count,).
+        """Return what the keys of environments ``first``, ``first + 1``, ... are made from, shape (count,).
 
         Raises:
             ConfigError: for a negative seed.
@@ -66,7 +68,7 @@ class Draws:
         return mixed(env_keys + episodes * _EPISODE_STRIDE)
 
     def _numbers(self, keys: Array, first: int, count: int) -> Array:
-        """Return 31-bit numbers, shape (count, R), from number ``first`` on; more of them begin with the same ones."""
+        """Return 31-bit numbers ``first``, ``first + 1``, ... of each key, shape (count, R); ``count`` changes none."""
         half = -(-count // 2)
         draws = self.arrays.array((np.arange(first, first + half) * _STRIDE)[:, None])
         hashed = mixed(keys[None, :] + draws)
@@ -84,7 +86,7 @@ class Draws:
         return self.arrays.xp.searchsorted(self._task_ends, share, side="right").clip(max=amount - 1)
 
     def tables(self, keys: Array, tasks: Array) -> Array:
-        """Draw the entities on the tables of tasks, shape (R, width): shuffled, the empty slots last."""
+        """Draw the tables of tasks, shape (R, width): ids, shuffled, empty slots last."""
         size = len(keys) if self.arrays.on_device else CHUNK
         pieces = [self._tables(keys[i : i + size], tasks[i : i + size]) for i in range(0, len(keys), size)]
         return self.arrays.xp.concatenate(pieces)
@@ -94,7 +96,7 @@ class Draws:
         rows = starts
         if self.world.config.num_distractors:
             rows = arrays.xp.concatenate([starts, self._distractors(keys, tasks, starts)])
-        # Sort by random numbers with the row's index in the last bits; what is nothing gets larger ones.
+        # Sort by random numbers that carry the row's index in their last bits; empty slots get larger ones.
         last = (1 << (len(rows) - 1).bit_length()) - 1
         index = arrays.array(np.arange(len(rows)))[:, None]
         places = self._numbers(keys, _PLACES, len(rows)) >> 1
@@ -105,19 +107,19 @@ class Draws:
     # --- distractors -------------------------------------------------------------------------------------------------
 
     def _distractors(self, keys: Array, tasks: Array, starts: Array) -> Array:
-        """Draw distractors by weight without replacement: candidates one after the other, skipping what may not be.
+        """Draw distractors by weight without replacement: go through candidates and skip those that are not allowed.
 
         Returns:
-            shape (num_distractors, R); the id of nothing where no entity is left that may be on the table.
+            shape (num_distractors, R); the id of nothing where no allowed entity is left.
         """
         config = self.world.config
         wanted = config.num_distractors
         taken = self.arrays.xp.concatenate([self._goals[tasks][None, :], starts, self._made[tasks].T])
         if self.arrays.on_device:
-            # One round of many candidates, because asking whether it was enough would wait for the device.
+            # One round of many candidates, because checking whether they were enough would wait for the device.
             drawn = self._pick(keys, tasks, taken, 8 * wanted + 16)
         else:
-            # Most tables take the first candidates as they come; the rest is looked at more closely.
+            # Most tables take the first candidates as they come; the others are drawn with more care.
             drawn = self._candidates(keys, wanted)
             again = self._clashes(drawn, tasks, taken).nonzero()[0]
             amount = wanted + 4
@@ -135,7 +137,7 @@ class Draws:
         return self._lots[(self._numbers(keys, 1, amount) * len(self._lots)) >> 31]
 
     def _clashes(self, candidates: Array, tasks: Array, taken: Array) -> Array:
-        """Return which tables cannot take their candidates unseen, shape (R,)."""
+        """Return which tables cannot take all their candidates as they come, shape (R,)."""
         clash = self._guards.at_risk(candidates, tasks)
         for i in range(len(candidates)):
             for entity in taken:
@@ -145,17 +147,17 @@ class Draws:
         return clash
 
     def _pick(self, keys: Array, tasks: Array, taken: Array, amount: int) -> Array:
-        """Take the first distractors among ``amount`` candidates that may be on the table, in their order."""
+        """Take the first allowed distractors among ``amount`` candidates, in their order."""
         arrays, wanted = self.arrays, self.world.config.num_distractors
         candidates = self._candidates(keys, amount)
         allowed = arrays.full(tuple(candidates.shape), 1, "bool")
         for entity in taken:
             allowed &= candidates != entity[None, :]
-        # An entity that came before is skipped, whether it was allowed or not: it would not be allowed now either.
+        # A repeated candidate is skipped, allowed or not the first time: it would not be allowed now either.
         for i in range(1, amount):
             allowed[i] &= ~(candidates[:i] == candidates[i][None, :]).any(0)
         if self._guards:
-            # Few tables can complete a guarded recipe at all; only those are followed candidate by candidate.
+            # Few tables can complete a guarded recipe at all; only those are checked candidate by candidate.
             rows = arrays.rows(self._guards.at_risk(candidates, tasks))
             if len(rows):
                 allowed[:, rows] = self._guards.refuse(candidates[:, rows], allowed[:, rows], tasks[rows])
@@ -168,7 +170,7 @@ class Draws:
         return drawn[:wanted]
 
     def _avoid_shortcuts(self, keys: Array, tasks: Array, taken: Array, drawn: Array) -> None:
-        """Draw again, one table after the other, where distractors open a shortcut of several attempts."""
+        """Draw again, one table at a time, where distractors open a shortcut of several attempts."""
         world = self.world
         for i in range(len(keys)):
             key, turn = keys[i : i + 1], 0
@@ -182,23 +184,28 @@ class Draws:
 class Ahead:
     """The next episodes of N environments, several drawn at a time.
 
+    On the CPU they are drawn when an environment needs one. On a device control flow may not depend on that: they are
+    drawn at once, and again for all as soon as one environment may have used up its own.
+
     Attributes:
-        size: episodes of each environment.
+        size: episodes drawn at a time for each environment.
     """
 
-    def __init__(self, draws: Draws, env_keys: Array, size: int):
-        """Begin with none."""
+    def __init__(self, draws: Draws, env_keys: Array, episodes: Array):
+        """Begin with the episodes of the given numbers, one for each environment, shape (N,)."""
         arrays, count = draws.arrays, len(env_keys)
-        self.draws, self.env_keys, self.size = draws, env_keys, size
-        self._tables = arrays.full((count, size, draws.width), 0, "int32")
-        self._tasks = arrays.full((count, size), 0, "int32")
-        self._next = arrays.full((count,), size)  # which of them; size where none is left
+        self.draws, self.env_keys, self.size = draws, env_keys, AHEAD if count <= MANY else AHEAD_OF_MANY
+        self._tables = arrays.full((count, self.size, draws.width), 0, "int32")
+        self._tasks = arrays.full((count, self.size), 0, "int32")
+        self._next = arrays.full((count,), self.size)  # index of the next one; size where none is left
         self._all = arrays.array(np.arange(count))
-        self._offsets = arrays.array(np.arange(size))[None, :]
-        self._used = 0  # most episodes that an environment can have used up since all of them drew
+        self._offsets = arrays.array(np.arange(self.size))[None, :]
+        self._used = 0  # most episodes that an environment can have used since all of them drew
+        if arrays.on_device:
+            self._draw(self._all, episodes)
 
-    def draw(self, rows: Array, episodes: Array) -> None:
-        """Draw for some environments the episodes from the given numbers on, shape (len(rows),)."""
+    def _draw(self, rows: Array, episodes: Array) -> None:
+        """Draw episodes of some environments, from the given numbers on."""
         draws, shape = self.draws, (len(rows), self.size)
         keys = draws.keys(self.env_keys[rows][:, None], episodes[:, None] + self._offsets).reshape(-1)
         tasks = draws.tasks(keys)
@@ -208,25 +215,25 @@ class Ahead:
         self._used = 0
 
     def peek(self) -> tuple[Array, Array]:
-        """Return the next table and task of every environment, which must be drawn: shapes (N, width) and (N,)."""
+        """Return the next table (N, width) and task (N,) of every environment, which must have been drawn."""
         return self._read(self._all)
 
     def take(self, rows: Array, episodes: Array) -> tuple[Array, Array]:
-        """Take the next table and task of some environments, drawn if need be from the given numbers on."""
+        """Take the next table and task of some environments; draw from the given numbers on where none is left."""
         spent = self._next[rows] == self.size
         if not self.draws.arrays.on_device and spent.any():
-            self.draw(rows[spent], episodes[spent])
+            self._draw(rows[spent], episodes[spent])
         found = self._read(rows)
         self._next[rows] += 1
         self._used += 1
         return found
 
     def skip(self, over: Array, episodes: Array) -> None:
-        """Count the episode that :meth:`peek` showed as taken where ``over``; draw for all before one runs out."""
+        """Count the episode shown by :meth:`peek` as taken where ``over``; draw for all before one runs out."""
         self._next = self._next + over
         self._used += 1
         if self._used == self.size:
-            self.draw(self._all, episodes)
+            self._draw(self._all, episodes)
 
     def _read(self, rows: Array) -> tuple[Array, Array]:
         which = self._next[rows]

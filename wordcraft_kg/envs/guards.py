@@ -14,10 +14,11 @@ class Guards:
     """The guarded recipes of a world's goals, as marks of their ingredients.
 
     The guarded recipes of a goal are numbered. The *marks* of an entity are an integer: bit k is set if the entity is
-    the first ingredient of the goal's recipe k, bit k + 15 if it is the second. Marks of several entities are or-ed;
-    then both bits of a recipe are set exactly if both ingredients are among them, and ``marks & (marks >> 15)`` has a
-    bit for each such recipe. So one look-up for each entity checks all recipes of a goal at once. Goals with more than
-    15 guarded recipes have further tables of marks. Rows are there for guarded goals; row 0, empty, is for the others.
+    the first ingredient of the goal's recipe k, bit k + 15 if it is the second. The marks of several entities are
+    combined with a bitwise or; both bits of a recipe are then set exactly if both ingredients are among them, and
+    ``marks & (marks >> 15)`` has a bit for each such recipe. So one look-up per entity checks all recipes of a goal at
+    once. Goals with more than 15 guarded recipes have further tables of marks. Each guarded goal has a row; all other
+    goals share row 0, which is empty.
 
     Tables of R environments are checked side by side: ``tasks`` has shape (R,), ``candidates`` (K, R).
     """
@@ -60,14 +61,14 @@ class Guards:
         return risk
 
     def refuse(self, candidates: Array, allowed: Array, tasks: Array) -> Array:
-        """Refuse candidates, in their order, that complete a recipe with what is there or can be made of the start.
+        """Refuse candidates, in their order, that complete a recipe with what is there or can be made from the start.
 
-        Where a goal has several tables of marks, a candidate that a later one refuses counts as there for those before,
-        so that a few are refused without need.
+        Where a goal has several tables of marks, a candidate that a later table refuses counts as present for the
+        earlier ones, which refuses a few candidates needlessly.
 
         Args:
             candidates: ids.
-            allowed: shape (K, R), bool: which of them are taken if they are not refused here; it is changed.
+            allowed: shape (K, R), bool: which of them are taken unless refused here; changed in place.
             tasks: the tables' tasks.
         """
         row, near = self._rows[tasks], self._near[tasks].T
@@ -81,7 +82,7 @@ class Guards:
 
 
 def _marks(table: Array, row: Array, entities: Array) -> Array:
-    """Return the marks of each column's entities, or-ed."""
+    """Return the marks of each column's entities, combined with a bitwise or."""
     marks = table[row + entities[0]]
     for entity in entities[1:]:
         marks |= table[row + entity]

@@ -1,7 +1,7 @@
-"""The open-ended world: start from the base entities and discover as much as you can in so many attempts."""
+"""The open-ended world: start from the base entities and discover as much as you can in a number of attempts."""
 
 from collections.abc import Iterable
-from typing import Any
+from typing import Any, get_args
 
 import gymnasium as gym
 import numpy as np
@@ -13,24 +13,25 @@ from wordcraft_kg.envs.world import GraphLike, open_world_graph
 from wordcraft_kg.errors import ActionError, ConfigError, EpisodeError, UnknownEntityError
 from wordcraft_kg.graphs.planner import layers
 from wordcraft_kg.graphs.recipe_graph import Entity, RecipeGraph
+from wordcraft_kg.settings import one_of, whole
 
 Observation = dict[str, Any]
 
 
 class Discovery:
-    """What is known in a run of open-ended play, and the rule by which more comes to be known.
+    """What is known in a run of open-ended play, and the rule by which more becomes known.
 
     Combining two known entities gives all results of the pair; nothing is used up.
 
     Attributes:
         base: ids known at the start, ascending.
         reachable: how many entities can ever be known.
-        known: ids known now, in the order of their discovery (the values mean nothing).
+        known: ids known now, in the order of their discovery; the keys of a dictionary without values.
         tried: pairs ``(a, b)`` with ``a <= b`` that were combined before.
     """
 
     def __init__(self, graph: RecipeGraph, base: Iterable[Entity] | None = None):
-        """Prepare a graph; ``base`` (ids or labels) takes the place of the graph's own base entities.
+        """Prepare a graph; ``base`` (ids or labels) replaces the graph's own base entities.
 
         Raises:
             ConfigError: if an entity of the base is unknown, or nothing can be made from the base.
@@ -40,12 +41,12 @@ class Discovery:
                 base = [base]
             ids = graph.base_ids.tolist() if base is None else {graph.id_of(entity) for entity in base}
         except UnknownEntityError as error:
-            raise ConfigError(f"base: {error}") from None
+            raise ConfigError(f"`base`: {error}") from None
         self.base: tuple[int, ...] = tuple(sorted(ids))
         self.reachable = int((layers(graph, self.base) >= 0).sum())
         if self.reachable == len(self.base):
             labels = ", ".join(graph.labels(self.base)) or "(empty)"
-            raise ConfigError(f"base {labels}: nothing new can be made from it in {graph.name}.")
+            raise ConfigError(f"`base` {labels}: nothing new can be made from it in {graph.name}.")
         self._outcomes = graph.outcomes
         self.restart()
 
@@ -60,7 +61,7 @@ class Discovery:
         return len(self.known) == self.reachable
 
     def combine(self, one: int, other: int) -> tuple[tuple[int, ...], bool]:
-        """Combine two known entities; return what that newly gave, and whether the pair had been tried before."""
+        """Combine two known entities; return the new results, and whether the pair had been tried before."""
         pair = (one, other) if one <= other else (other, one)
         repeated = pair in self.tried
         self.tried.add(pair)
@@ -73,14 +74,14 @@ class OpenEndedEnv(gym.Env[Observation, Any]):
     """Discover as much as you can from the base entities: the paper's outlook, ``WordCraft-OpenEnded-v0``.
 
     ## Description
-    The agent starts with the base entities and combines two known entities an attempt. All results of the pair become
-    known, for good; nothing is used up. There is no goal.
+    The agent starts with the base entities and combines two known entities in each attempt. All results of the pair
+    become known for good; nothing is used up. There is no goal.
 
     ## Action space
     ``MultiDiscrete([E, E])``: the ids of the two entities to combine, in any order; they may be equal. If one of them
     is not known yet, the attempt is lost: nothing is made and ``info["illegal_action"]`` is set; with
-    ``illegal_action="raise"`` it is an error. An action outside the space always is one. ``action_masks`` says which
-    entities are known, for each of the two.
+    ``illegal_action="raise"`` it is an error. An action outside the space always is an error. ``action_masks`` returns
+    which entities are known, once for each of the two.
 
     ## Observation space
     ``Dict`` of masks by entity id, fresh arrays each time.
@@ -134,14 +135,11 @@ class OpenEndedEnv(gym.Env[Observation, Any]):
             ConfigError: for a value out of range, or a base from which nothing can be made.
         """
         if render_mode not in (None, *self.metadata["render_modes"]):
-            raise ConfigError(f"render_mode {render_mode!r}: expected None or 'ansi'.")
-        if isinstance(max_attempts, bool) or not isinstance(max_attempts, int) or max_attempts < 1:
-            raise ConfigError(f"max_attempts {max_attempts!r}: expected a whole number, 1 or more.")
-        if illegal_action not in ("waste", "raise"):
-            raise ConfigError(f"illegal_action {illegal_action!r}: expected one of waste, raise.")
+            raise ConfigError(f"`render_mode` {render_mode!r}: expected None or 'ansi'.")
+        one_of("illegal_action", illegal_action, get_args(IllegalAction))
         self.render_mode = render_mode
         self.graph = graph if isinstance(graph, RecipeGraph) else open_world_graph(graph).graph
-        self.max_attempts = max_attempts
+        self.max_attempts = whole("max_attempts", max_attempts, 1)
         self.illegal_action = illegal_action
         self.discovery = Discovery(self.graph, base)
         size = self.graph.num_entities
@@ -150,7 +148,7 @@ class OpenEndedEnv(gym.Env[Observation, Any]):
             {
                 "known": spaces.MultiBinary(size),
                 "last_results": spaces.MultiBinary(size),
-                "attempts_left": spaces.Discrete(max_attempts + 1),
+                "attempts_left": spaces.Discrete(self.max_attempts + 1),
             }
         )
         self._outcome = "not_begun"
@@ -161,7 +159,7 @@ class OpenEndedEnv(gym.Env[Observation, Any]):
         """Begin an episode."""
         super().reset(seed=seed)
         if options:
-            raise ConfigError(f"no reset option '{min(options)}'; there are none.")
+            raise ConfigError(f"unknown reset option '{min(options)}'; this environment takes none.")
         self.discovery.restart()
         self._attempts_left = self.max_attempts
         self._outcome = "in_progress"

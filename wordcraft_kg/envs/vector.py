@@ -19,7 +19,7 @@ class WordCraftVectorEnv(VectorEnv[Arrays, Any, Any]):
     """N crafting environments at once: ``gym.make_vec("WordCraft-v0", vectorization_mode="vector_entry_point", ...)``.
 
     Observations are those of :class:`~wordcraft_kg.envs.wordcraft.WordCraftEnv` with a first axis of length N, fresh
-    arrays each time. Episodes begin anew in the same step (``AutoresetMode.SAME_STEP``): where ``terminated`` is True,
+    arrays each time. A new episode begins in the same step (``AutoresetMode.SAME_STEP``): where ``terminated`` is True,
     the observation is the first of the next episode. Reward, flags and infos belong to the step that ended.
 
     Infos are arrays of length N: ``outcome`` (names), ``by_plan``, ``illegal_action``, ``task``. There is no
@@ -38,10 +38,10 @@ class WordCraftVectorEnv(VectorEnv[Arrays, Any, Any]):
 
         Raises:
             ConfigError: for an unknown setting, or a value out of range.
-            TaskError: if the graph has no task like that.
+            TaskError: if the graph has no such task.
         """
         if render_mode is not None:
-            raise ConfigError(f"render_mode {render_mode!r}: many environments are not rendered; expected None.")
+            raise ConfigError(f"`render_mode` {render_mode!r}: expected None; many environments are not rendered.")
         self.render_mode = None
         self.world = world = World.of(graph, settings)
         self.config = world.config
@@ -57,16 +57,16 @@ class WordCraftVectorEnv(VectorEnv[Arrays, Any, Any]):
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Arrays, dict[str, Any]]:
-        """Begin all environments anew; one seed gives each a stream of its own, and none goes on with it.
+        """Begin all environments anew; one seed gives each a stream of its own, None continues the streams.
 
         Raises:
             ConfigError: for a list of seeds, or options.
         """
         if isinstance(seed, list | tuple | np.ndarray):
-            raise ConfigError("one seed is enough: each environment draws from a stream of its own. Pass an integer.")
+            raise ConfigError("`seed`: expected one integer, from which each environment gets a stream of its own.")
         if options:
             raise ConfigError(
-                f"no reset option '{min(options)}' for many environments; pose() of the engine sets tasks."
+                f"unknown reset option '{min(options)}': there are none; set tasks with the engine's pose()."
             )
         if seed is None and not self._has_begun:
             seed = int(np.random.SeedSequence().generate_state(1)[0])

@@ -19,11 +19,11 @@ from wordcraft_kg.graphs.tasks import Task
 from wordcraft_kg.settings import whole
 
 Observation = dict[str, Any]
-DRAWN_AT_ONCE = 1_024  # uniform numbers fetched from the generator in one call
+DRAWN_AT_ONCE = 1_024  # uniform numbers taken from the generator in one call
 
 
 def observation_space(num_entities: int, num_slots: int, attempts: int) -> spaces.Dict:
-    """Return the space of the observations: ids and masks; ``num_entities`` stands for nothing."""
+    """Return the space of the observations: ids and masks; ``num_entities`` is the id of nothing."""
     return spaces.Dict(
         {
             "goal": spaces.Discrete(num_entities),
@@ -37,14 +37,14 @@ def observation_space(num_entities: int, num_slots: int, attempts: int) -> space
 
 @dataclass
 class State:
-    """Where an episode is; ids throughout.
+    """The state of an episode, in ids.
 
     Attributes:
         task: index into the tasks, -1 before the first episode.
         goal: entity to make.
         table: entities in the slots, as many as there are.
         selection: entity in hand.
-        attempts_left: the running one included.
+        attempts_left: including the current one.
         outcome: ``not_begun``, ``in_progress``, ``goal`` or ``out_of_attempts``.
     """
 
@@ -61,22 +61,22 @@ class WordCraftEnv(gym.Env[Observation, Any]):
 
     ## Description
     An episode poses a goal and puts its starting ingredients on the table, shuffled among distractors. The agent picks
-    entities; two picks make an attempt. All results of the pair come to the table (each once), and nothing is used up.
-    The book of the graph is in force as a whole, whatever part the tasks are from.
+    entities; two picks make an attempt. All results of the pair are added to the table (each once), and nothing is used
+    up. All recipes of the graph apply, whatever part the tasks are from.
 
     ## Action space
     ``Discrete(num_slots)``: the slot to pick. The same slot may be picked twice. Picking an empty slot loses the
     attempt it belongs to: nothing is made, the hand is empty, ``info["illegal_action"]`` is set; with
-    ``illegal_action="raise"`` it is an error. A number outside the space always is one.
+    ``illegal_action="raise"`` it is an error. A number outside the space always is an error.
 
     ## Observation space
-    ``Dict`` of ids and masks, fresh arrays each time; ``num_entities`` stands for nothing.
+    ``Dict`` of ids and masks, fresh arrays each time; ``num_entities`` is the id of nothing.
 
     | key | shape | meaning |
     |---|---|---|
     | goal | () | entity to make |
     | table | (num_slots,) | entity in each slot |
-    | selection | () | entity in hand, the first pick of the running attempt |
+    | selection | () | entity in hand, the first pick of the current attempt |
     | attempts_left | () | attempts left, this one included |
     | action_mask | (num_slots,) | 1 where the slot holds an entity |
 
@@ -89,20 +89,20 @@ class WordCraftEnv(gym.Env[Observation, Any]):
     ## Starting state
     A task of the part, and distractors drawn without replacement. Goal, starting ingredients and intermediates of the
     task's plans are never distractors. In the train part no distractor completes a held-out recipe of the goal with
-    the starting ingredients or what can be made of them.
+    the starting ingredients or what can be made from them.
     ``reset(options={"task": 3})`` poses a given task of ``tasks``; ``"table"`` sets the entities of the first slots,
     by id or label.
 
     ## Episode end
     *Terminated* when the goal is made or no attempt is left: the budget is observed, so there is nothing to bootstrap.
-    ``info["outcome"]`` says which: ``in_progress``, ``goal`` or ``out_of_attempts``; ``info["by_plan"]`` whether the
-    pair that made the goal ends one of the task's plans, or is another way. Never truncated; wrap in
+    ``info["outcome"]`` is ``in_progress``, ``goal`` or ``out_of_attempts``; ``info["by_plan"]`` says whether the pair
+    that made the goal is the last of one of the task's plans. Never truncated; wrap in
     ``gymnasium.wrappers.TimeLimit`` for that.
 
     ## Arguments
     ``graph`` is a graph folder, a book's name or file, a RecipeGraph or an OpenedGraph; the others are those of
-    :class:`~wordcraft_kg.envs.config.WordCraftConfig`. Or ``graph`` is a :class:`~wordcraft_kg.envs.world.World`, which
-    has settings of its own and may be shared with other environments; then there are no others.
+    :class:`~wordcraft_kg.envs.config.WordCraftConfig`. If ``graph`` is a :class:`~wordcraft_kg.envs.world.World`, which
+    has settings of its own and may be shared with other environments, no other settings are allowed.
 
     ## Version history
     v0: first version. Its differences from the environment of Jiang et al. 2020 are listed in docs/environment.md.
@@ -117,11 +117,11 @@ class WordCraftEnv(gym.Env[Observation, Any]):
         """Open the graph and prepare its tasks.
 
         Raises:
-            ConfigError: for an unknown setting, a value out of range, or settings beside a world.
-            TaskError: if the graph has no task like that.
+            ConfigError: for an unknown setting, a value out of range, or settings next to a world.
+            TaskError: if the graph has no such task.
         """
         if render_mode not in (None, *self.metadata["render_modes"]):
-            raise ConfigError(f"render_mode {render_mode!r}: expected None or 'ansi'.")
+            raise ConfigError(f"`render_mode` {render_mode!r}: expected None or 'ansi'.")
         self.render_mode = render_mode
         self.world = World.of(graph, settings)
         self.config = self.world.config
@@ -158,7 +158,7 @@ class WordCraftEnv(gym.Env[Observation, Any]):
         options = options or {}
         unknown = set(options) - {"task", "table"}
         if unknown:
-            raise ConfigError(f"no reset option '{min(unknown)}'; there are task and table.")
+            raise ConfigError(f"unknown reset option '{min(unknown)}'; expected task or table.")
         index = self._draw_task() if "task" not in options else whole("task", options["task"], 0, len(self.tasks) - 1)
         if "table" in options:
             table = self._checked_table(options["table"])
@@ -205,7 +205,7 @@ class WordCraftEnv(gym.Env[Observation, Any]):
 
     @property
     def task(self) -> Task:
-        """The task of the running episode."""
+        """The task of the current episode."""
         return self.tasks[self.state.task]
 
     # --- rules -------------------------------------------------------------------------------------------------------
@@ -241,9 +241,11 @@ class WordCraftEnv(gym.Env[Observation, Any]):
         ids = [self.world.graph.id_of(entity) for entity in table]
         most = self.num_slots - self.world.max_results * self.config.attempts
         if not 1 <= len(ids) <= most:
-            raise ConfigError(f"a table of {len(ids)} entities: expected 1 to {most}, so that what is made has room.")
+            raise ConfigError(
+                f"`table` of {len(ids)} entities: expected 1 to {most}, which leaves room for what is made."
+            )
         if len(set(ids)) < len(ids):
-            raise ConfigError("a table that holds an entity twice: expected different ones.")
+            raise ConfigError("`table` holds an entity twice: expected different ones.")
         return ids
 
     # --- starting state ----------------------------------------------------------------------------------------------
@@ -274,7 +276,7 @@ class WordCraftEnv(gym.Env[Observation, Any]):
         return drawn
 
     def _draw_once(self, task: int) -> list[int]:
-        """Draw distractors one after the other by their weights, skipping what may not be on this table."""
+        """Draw distractors by their weights, skipping those that are not allowed on this table."""
         goal, start = self._goals[task][0], self._starts[task]
         guarded = self._guarded.get(goal, ())
         taken = {goal, self._nothing, *start, *self._made[task]}

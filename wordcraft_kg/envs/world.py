@@ -1,9 +1,9 @@
-"""What the readable and the batched environment have in common: tasks, outcomes of pairs, distractors, sizes."""
+"""What the readable and the batched environment share: tasks, outcomes of pairs, distractors, sizes."""
 
 from collections.abc import Callable, Hashable, Mapping
 from itertools import combinations_with_replacement
 from pathlib import Path
-from typing import Any, Generic, TypeVar, overload
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,7 @@ from wordcraft_kg.graphs.task_search import make_tasks
 from wordcraft_kg.graphs.tasks import TaskSet
 
 GraphLike = str | Path | RecipeGraph | OpenedGraph
-"""A graph folder, a book's file or name, a graph (split by recipe with the default settings), or an opened graph."""
+"""A graph folder, a book's file or name, a graph (split by recipe with the default settings) or an opened graph."""
 SHORTCUT_TRIES = 1_000
 _T = TypeVar("_T")
 
@@ -32,64 +32,54 @@ def open_world_graph(graph: GraphLike) -> OpenedGraph:
         return OpenedGraph(graph, default_split(graph), graph.name)
     if not isinstance(graph, str | Path):
         raise ConfigError(
-            f"graph {graph!r}: expected a graph folder, a book's file or name, a RecipeGraph or an OpenedGraph."
+            f"`graph` {graph!r}: expected a graph folder, a book's file or name, a RecipeGraph or an OpenedGraph."
         )
     return open_graph(graph)
 
 
-class _Derived(Generic[_T]):
-    """A property of a world that depends on some settings only; it is made once for all variants that agree in them."""
+def _derived_from(*settings: str) -> Callable[[Callable[["World"], _T]], _T]:
+    """Declare a property that depends on these settings only; it is made once for all variants that agree in them."""
 
-    def __init__(self, make: Callable[["World"], _T], settings: tuple[str, ...]):
-        self.make, self.settings = make, settings
-        self.name, self.__doc__ = make.__name__, make.__doc__
+    def declare(make: Callable[["World"], _T]) -> Any:
+        def get(world: "World") -> Any:
+            key = (make.__name__, *(getattr(world.config, name) for name in settings))
+            if key not in world._derived:
+                world._derived[key] = make(world)
+            return world._derived[key]
 
-    @overload
-    def __get__(self, world: None, owner: type["World"]) -> "_Derived[_T]": ...
-    @overload
-    def __get__(self, world: "World", owner: type["World"]) -> _T: ...
-    def __get__(self, world: "World | None", owner: type["World"]) -> "_Derived[_T] | _T":
-        if world is None:
-            return self
-        key = (self.name, *(getattr(world.config, name) for name in self.settings))
-        if key not in world._derived:
-            world._derived[key] = self.make(world)
-        found: _T = world._derived[key]
-        return found
+        return property(get, doc=make.__doc__)
 
-
-def _derived_from(*settings: str) -> Callable[[Callable[["World"], _T]], _Derived[_T]]:
-    return lambda make: _Derived(make, settings)
+    return declare
 
 
 _TASKS = ("part", "depth", "task_weighting", "num_tasks", "task_seed")
 
 
 class World:
-    """A graph, its split and the settings of an environment, and what follows from them; it never changes.
+    """A graph, its split and the settings of an environment, and what follows from them; immutable.
 
-    Everything that plays in one world, or in variants of it, shares what was made for it: engines, environments,
-    evaluators and reports take a world and build none.
-
-    >>> world = World("kitchen", WordCraftConfig(num_distractors=8))
-    >>> world.variant(part="test").graph is world.graph
-    True
+    Engines, environments, evaluators and reports take a world instead of building one, so all of them share its tasks
+    and look-up tables; variants of a world share what their settings do not change.
 
     Attributes:
-        graph: the recipe graph; its whole book is in force, whatever the part.
+        graph: the recipe graph; all its recipes apply, whatever the part.
         split: its split.
         config: the settings.
         nothing: id of nothing, the number of entities.
         max_results: most results of a pair.
         num_slots: size of the table, fixed: starting ingredients, distractors, room for all results of all attempts.
+
+    Example:
+        >>> world = World("kitchen", WordCraftConfig(num_distractors=8))
+        >>> world.variant(part="test").graph is world.graph
+        True
     """
 
     def __init__(self, graph: "GraphLike | World", config: WordCraftConfig):
         """Open the graph and make its tasks.
 
         Args:
-            graph: where the world is; or another world, with which this one shares what does not depend on the
-                settings in which they differ.
+            graph: the graph, or another world, with which this one shares what their settings do not change.
             config: the settings.
 
         Raises:
@@ -111,22 +101,22 @@ class World:
         reserved = 1 + config.depth + 1 + self.tasks.intermediates.shape[1]
         if config.num_distractors > self.nothing - reserved:
             raise ConfigError(
-                f"num_distractors {config.num_distractors}: {self.graph.name} has {self.nothing} entities, of which a "
-                f"task may need {reserved}; expected at most {max(self.nothing - reserved, 0)}."
+                f"`num_distractors` {config.num_distractors}: {self.graph.name} has {self.nothing} entities, of which "
+                f"a task may need {reserved}; expected at most {max(self.nothing - reserved, 0)}."
             )
 
     @classmethod
     def of(cls, graph: "GraphLike | World", settings: Mapping[str, Any]) -> "World":
-        """Return the world that an environment's arguments mean: the one given, or a new one.
+        """Return the world of an environment's arguments: the one given, or a new one.
 
         Raises:
-            ConfigError: for settings beside a world, which has its own; or as :class:`World` and its settings do.
+            ConfigError: for settings next to a world, which has its own; or as :class:`World` and its settings do.
         """
         if not isinstance(graph, World):
             return cls(graph, WordCraftConfig.of(settings))
         if settings:
             given = ", ".join(f"{name}={value!r}" for name, value in settings.items())
-            raise ConfigError(f"a world has its settings already; pass world.variant({given}), and no settings.")
+            raise ConfigError(f"a world has settings of its own; pass world.variant({given}) and no settings.")
         return graph
 
     def variant(self, **changes: Any) -> "World":
@@ -139,7 +129,7 @@ class World:
         return World(self, self.config.variant(**changes))
 
     def __deepcopy__(self, memo: dict[int, Any]) -> "World":
-        return self  # gymnasium copies the arguments of an environment whenever somebody asks for its spec
+        return self  # gymnasium copies the arguments of an environment whenever its spec is read
 
     @_derived_from()
     def search(self) -> PlanSearch:
@@ -194,9 +184,9 @@ class World:
 
     @_derived_from(*_TASKS, "attempts", "ambiguity", "distractor_policy")
     def makeable(self) -> Ids:
-        """What can be made of each task's start in all attempts but the last, shape (N, W), padded.
+        """What can be made from each task's start in all attempts but the last, shape (N, W), padded.
 
-        Only where recipes are guarded; a distractor must not complete one with any of it.
+        Computed only where recipes are guarded; a distractor must not complete one with any of these entities.
         """
         rows: list[list[int]] = []
         outcomes = self.outcomes
@@ -213,20 +203,20 @@ class World:
         return frozen(padded(rows, self.nothing))
 
     def has_shortcut(self, task: int, distractors: list[int]) -> bool:
-        """Return whether distractors open a way to the goal, within an episode's attempts, that would not be there."""
+        """Return whether distractors open a further way to the goal within an episode's attempts."""
         start = frozenset(entity for entity in self.tasks.starts[task].tolist() if entity < self.nothing)
         goal, attempts, search = int(self.tasks.goals[task]), self.config.attempts, self.search
         return search.ways(goal, start.union(distractors), attempts) != search.ways(goal, start, attempts)
 
     def check_tries(self, tries: int, task: int) -> None:
-        """Give up on a table without shortcuts after many tries.
+        """Give up drawing a table without shortcuts after many tries.
 
         Raises:
             ConfigError: naming the task.
         """
         if tries > SHORTCUT_TRIES:
             raise ConfigError(
-                f"found no {self.config.num_distractors} distractors without a shortcut to "
+                f"`num_distractors` {self.config.num_distractors}: found no distractors without a shortcut to "
                 f"'{self.graph.entities[self.tasks.goals[task]]}' in {SHORTCUT_TRIES} tries; "
-                "take fewer distractors, or distractor_policy 'any'."
+                "take fewer, or `distractor_policy` any."
             )

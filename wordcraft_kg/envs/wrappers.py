@@ -1,4 +1,4 @@
-"""Observations for others: entity vectors, knowledge-graph scores and words, added to ids and masks."""
+"""Other observations than ids and masks: entity vectors, knowledge-graph scores, and words."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, Protocol
@@ -17,23 +17,25 @@ ID_KEYS = ("goal", "selection", "table")
 
 
 class FeatureObservation(gym.ObservationWrapper[dict[str, Any], Any, dict[str, Any]]):
-    """Replaces the ids by entity vectors, for libraries that want boxes of floats; nothing is a vector of zeros.
+    """Replaces ids by entity vectors, for libraries that need boxes of floats; nothing is a vector of zeros.
 
-    ``goal`` and ``selection`` have shape (D,), ``table`` (num_slots, D), ``attempts_left`` is a float (1,); what else
-    there is stays.
+    ``goal`` and ``selection`` have shape (D,), ``table`` (num_slots, D), ``attempts_left`` is a float of shape (1,);
+    other keys are unchanged.
     """
 
     def __init__(self, env: gym.Env[Any, Any], vectors: NDArray[np.floating[Any]]):
         """Take vectors, shape (E, D), in the order of the graph's ids.
 
         Raises:
-            ConfigError: if there are not as many vectors as entities.
+            ConfigError: if the number of vectors is not that of the entities.
         """
         super().__init__(env)
         world = _world(env)
         vectors = np.asarray(vectors, dtype=np.float32)
         if vectors.ndim != 2 or len(vectors) != world.nothing:
-            raise ConfigError(f"vectors of shape {vectors.shape}: expected ({world.nothing}, D), one for each entity.")
+            raise ConfigError(
+                f"`vectors` of shape {vectors.shape}: expected ({world.nothing}, D), one for each entity."
+            )
         self.vectors = np.concatenate([vectors, np.zeros((1, vectors.shape[1]), dtype=np.float32)])
         width = vectors.shape[1]
         shapes = {"goal": (width,), "selection": (width,), "table": (world.num_slots, width), "attempts_left": (1,)}
@@ -55,7 +57,7 @@ class FeatureObservation(gym.ObservationWrapper[dict[str, Any], Any, dict[str, A
 
 
 class SlotSource(Protocol):
-    """What scores slots: a source of :mod:`wordcraft_kg.models.policies.sources`, or anything like it."""
+    """A source of :mod:`wordcraft_kg.models.policies.sources`, or anything else that scores slots."""
 
     @property
     def name(self) -> str:
@@ -96,10 +98,10 @@ class _Scores:
 
 
 class KGScoreObservation(gym.ObservationWrapper[dict[str, Any], Any, dict[str, Any]]):
-    """Adds what sources say of each slot, by their names, shape (num_slots,): the same values as a policy mixes.
+    """Adds the scores of sources by their names, each of shape (num_slots,): the values that a policy mixes.
 
-    With ``u`` and ``v``, ``u_i = L(e_i, combinesWith, e_held)`` says how well a slot goes with what is held, 0 while
-    nothing is, and ``v_i = L(e_i, componentOf, e_goal)`` how well with the goal; both are 0 for empty slots.
+    ``u_i = L(e_i, combinesWith, e_held)`` scores a slot with the entity in hand, and is 0 while the hand is empty;
+    ``v_i = L(e_i, componentOf, e_goal)`` scores it with the goal. Both are 0 for empty slots.
 
     Source: Jiang et al. 2020, section "Knowledge-guided policy".
     """
@@ -117,7 +119,7 @@ class KGScoreObservation(gym.ObservationWrapper[dict[str, Any], Any, dict[str, A
 
     def observation(self, observation: dict[str, Any]) -> dict[str, Any]:
         """Add the scores."""
-        return {**observation, **self._scores.of(observation, self.env.get_wrapper_attr("task_index"))}
+        return {**observation, **self._scores.of(observation, self.env.get_wrapper_attr("state").task)}
 
     def action_masks(self) -> NDArray[np.bool_]:
         """Return which slots hold an entity, for libraries that ask the outermost wrapper."""
@@ -159,7 +161,7 @@ class VectorKGScoreObservation(VectorWrapper):
 
 
 class TextObservation(gym.Wrapper[Any, Any, Any, Any]):
-    """Renders the state in words, and takes a word for an action: for language models and people."""
+    """Describes the state in words and takes a word as an action, for language models and people."""
 
     MAX_LENGTH = 100_000
 
@@ -182,10 +184,10 @@ class TextObservation(gym.Wrapper[Any, Any, Any, Any]):
         return self._text(observation), reward, terminated, truncated, info
 
     def parse(self, word: str) -> int:
-        """Return the slot of a word on the table, or of a slot's number; case and outer blanks do not matter.
+        """Return the slot of a word on the table, or of a slot's number; case and surrounding blanks are ignored.
 
         Raises:
-            ActionError: if it is not there, with the nearest words that are.
+            ActionError: if it is not on the table, with the nearest words that are.
         """
         wanted = word.strip().casefold()
         words = [self._names[entity].casefold() for entity in self._table]
@@ -193,7 +195,7 @@ class TextObservation(gym.Wrapper[Any, Any, Any, Any]):
             return words.index(wanted)
         if wanted.isdecimal():
             return int(wanted)
-        raise ActionError(f"'{word}' is not on the table; there are {', '.join(words)}.{nearest(wanted, words)}")
+        raise ActionError(f"'{word}' is not on the table; expected one of {', '.join(words)}.{nearest(wanted, words)}")
 
     def action_masks(self) -> NDArray[np.bool_]:
         """Return which slots hold an entity."""
@@ -214,7 +216,7 @@ class TextObservation(gym.Wrapper[Any, Any, Any, Any]):
 def _id_spaces(env: gym.Env[Any, Any]) -> dict[str, spaces.Space[Any]]:
     known = env.observation_space
     if not isinstance(known, spaces.Dict) or not isinstance(known.spaces.get("table"), spaces.MultiDiscrete):
-        raise ConfigError("this wrapper needs ids; put it around the environment before one that replaces them.")
+        raise ConfigError("this wrapper needs ids; apply it before a wrapper that replaces them.")
     return dict(known.spaces)
 
 

@@ -4,7 +4,7 @@ import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, Literal
 from urllib.parse import quote
 
 from wordcraft_kg.artefacts import staged_file, staged_folder, write_atomically
@@ -119,7 +119,6 @@ def _rdf(format: str) -> Callable[[OpenedGraph, Path], None]:
 
 
 def _parquet(opened: OpenedGraph, path: Path) -> None:
-    _needs("pyarrow", "parquet")
     triples_frame(opened.graph).to_parquet(path, engine="pyarrow", index=False)
 
 
@@ -141,8 +140,12 @@ EXPORTERS = {
     "gexf": Exporter("GEXF for Gephi, with a node for each recipe", _gexf),
     "nt": Exporter("RDF N-Triples (extra: rdf)", _rdf("nt")),
     "ttl": Exporter("RDF Turtle (extra: rdf)", _rdf("turtle")),
-    "parquet": Exporter("triples as a Parquet table (extra: parquet)", _parquet),
+    "parquet": Exporter("triples as a Parquet table", _parquet),
     "csv": Exporter("recipe book with its base, for build-graph", _book(".csv")),
     "json": Exporter("recipe book in our own JSON, for build-graph", _book(".json")),
 }
 """The formats by name."""
+if TYPE_CHECKING:
+    Format = str
+else:
+    Format = Literal[tuple(EXPORTERS)]

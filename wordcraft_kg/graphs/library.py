@@ -133,6 +133,10 @@ def open_book(name_or_path: str | Path, *, keep_self_results: bool = False) -> R
 
     Raises:
         RecipeFileError: if there is no such book, if it is not the published file, or if it cannot be read.
+
+    Example:
+        >>> len(open_book("kitchen").recipes)
+        326
     """
     located = locate_book(name_or_path)
     content = read_book(located.path, keep_self_results=keep_self_results, name=located.name)

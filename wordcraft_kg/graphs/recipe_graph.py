@@ -28,6 +28,11 @@ class RecipeGraph:
         entities: labels in id order.
         base_ids: shape (num_base,), int64, ascending: the entities that a world starts with.
         recipes: shape (num_recipes, 3), int64, rows ``(a, b, result)`` with ``a <= b``, sorted, unique.
+
+    Example:
+        >>> graph = RecipeGraph.from_book(open_book("kitchen"))
+        >>> graph.labels(graph.results("flour", "water"))
+        ('dough',)
     """
 
     def __init__(self, entities: Iterable[str], recipes: Ids, base_ids: Sequence[int] | Ids, name: str = "graph"):

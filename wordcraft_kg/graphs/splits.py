@@ -1,6 +1,7 @@
 """Splitting recipes into train, validation and test, and the full, partial and unseen triples that result.
 
-A new split is a function ``(graph, config, rng) -> Draw`` in :data:`SPLITS`.
+A new split is a module in ``split_kinds`` with a function ``(graph, config, rng) -> Draw``, and a line of
+:data:`SPLITS`.
 """
 
 import hashlib
@@ -9,7 +10,8 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 from functools import cached_property
-from typing import Any, Literal, get_args
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +27,18 @@ SPLIT_FORMAT = "wordcraft-kg split 1"
 TRAIN, VALID, TEST = 0, 1, 2
 PARTS = ("train", "valid", "test")
 Part = Literal["train", "valid", "test"]
-SplitKind = Literal["by-recipe", "by-recipe-plain", "by-goal", "by-goal-terminals", "none"]
+SPLITS = {
+    "by-recipe": ("pairs:by_recipe", "pairs are held out, every entity stays in train"),
+    "by-recipe-plain": ("pairs:by_recipe_plain", "pairs are held out, train may lack entities"),
+    "by-goal": ("goals:by_goal", "goals are held out"),
+    "by-goal-terminals": ("goals:by_goal_terminals", "goals that nothing needs stay in train"),
+    "none": ("no_split:none", "full graph only"),
+}
+"""Module and function of each split by name, and what it does, in words."""
+if TYPE_CHECKING:
+    SplitKind = str
+else:
+    SplitKind = Literal[tuple(SPLITS)]
 
 
 @dataclass(frozen=True)
@@ -41,6 +54,10 @@ class SplitConfig:
 
     Raises:
         ConfigError: for a setting outside its range.
+
+    Example:
+        >>> SplitConfig("by-goal", train_ratio=0.7, seed=1).valid_ratio
+        0.0
     """
 
     kind: SplitKind = "by-recipe"
@@ -168,8 +185,13 @@ def make_split(graph: RecipeGraph, config: SplitConfig) -> Split:
 
     Raises:
         SplitError: if a part is empty because the graph is too small for the ratios.
+
+    Example:
+        >>> split = make_split(open_graph("kitchen").graph, SplitConfig("by-goal"))
+        >>> len(split.recipes("train")), len(split.recipes("test"))
+        (271, 55)
     """
-    draw = SPLITS[config.kind](graph, config, np.random.default_rng(config.seed))
+    draw = _draw_of(config.kind)(graph, config, np.random.default_rng(config.seed))
     split = Split(graph, config, draw)
     if config.kind != "none":
         needed = ["train", "test", *(["valid"] if config.valid_ratio else [])]
@@ -180,6 +202,14 @@ def make_split(graph: RecipeGraph, config: SplitConfig) -> Split:
                 "choose another `train_ratio`, or `kind` none for the full graph only."
             )
     return split
+
+
+def _draw_of(kind: str) -> Callable[[RecipeGraph, SplitConfig, np.random.Generator], Draw]:
+    module, _, name = SPLITS[kind][0].partition(":")
+    found: Callable[[RecipeGraph, SplitConfig, np.random.Generator], Draw] = getattr(
+        import_module(f"wordcraft_kg.graphs.split_kinds.{module}"), name
+    )
+    return found
 
 
 def read_split(content: Any, graph: RecipeGraph, where: str = "split.json") -> Split:
@@ -212,7 +242,7 @@ def read_split(content: Any, graph: RecipeGraph, where: str = "split.json") -> S
         raise ArtefactError(f"{where} is damaged ({type(error).__name__}: {error}). Build the graph again.") from None
 
 
-def _part_of_units(num_units: int, config: SplitConfig, rng: np.random.Generator) -> NDArray[np.int8]:
+def part_of_units(num_units: int, config: SplitConfig, rng: np.random.Generator) -> NDArray[np.int8]:
     """Assign ``num_units`` pairs or goals to the parts at random, by rounded ratios."""
     order = rng.permutation(num_units)
     num_train = round(config.train_ratio * num_units)
@@ -221,74 +251,3 @@ def _part_of_units(num_units: int, config: SplitConfig, rng: np.random.Generator
     parts[order[:num_train]] = TRAIN
     parts[order[num_train : num_train + num_valid]] = VALID
     return parts
-
-
-def _by_recipe_plain(graph: RecipeGraph, config: SplitConfig, rng: np.random.Generator) -> Draw:
-    """Hold out whole pairs: all results of a pair stay on one side."""
-    return Draw(_part_of_units(graph.num_pairs, config, rng)[graph.pair_of_recipe])
-
-
-def _by_recipe(graph: RecipeGraph, config: SplitConfig, rng: np.random.Generator) -> Draw:
-    """Hold out pairs; then, for each entity that train lacks, move a random pair of it, until train covers them all.
-
-    Source: Jiang et al. 2020, section "Link Prediction Model": "a subgraph ... containing all nodes".
-    """
-    parts = _by_recipe_plain(graph, config, rng).parts.copy()
-    covered = np.zeros(graph.num_entities, dtype=bool)
-    covered[graph.recipes[parts == TRAIN]] = True
-    moved = 0
-    for entity in np.flatnonzero(~covered).tolist():
-        if covered[entity]:
-            continue
-        around = np.concatenate([graph.recipes_of(entity), graph.uses_of(entity)])
-        if not len(around):
-            continue  # in no recipe at all: nothing can cover it
-        pair = graph.pair_of_recipe[rng.choice(around)]
-        rows = slice(graph.pair_starts[pair], graph.pair_starts[pair + 1])
-        parts[rows] = TRAIN
-        covered[graph.recipes[rows]] = True
-        moved += rows.stop - rows.start
-    return Draw(parts, int(moved))
-
-
-def _by_goal(graph: RecipeGraph, config: SplitConfig, rng: np.random.Generator) -> Draw:
-    """Hold out goals: every recipe is in the part of its result."""
-    goals = np.unique(graph.recipes[:, 2])
-    part_of = np.full(graph.num_entities, TRAIN, dtype=np.int8)
-    part_of[goals] = _part_of_units(len(goals), config, rng)
-    return Draw(part_of[graph.recipes[:, 2]])
-
-
-def _by_goal_terminals(graph: RecipeGraph, config: SplitConfig, rng: np.random.Generator) -> Draw:
-    """Hold out goals that are ingredients of something; terminal entities stay in train.
-
-    The ratios count all goals, so the held-out parts are as large as those of by-goal.
-    """
-    goals = np.unique(graph.recipes[:, 2])
-    inner = goals[graph.use_counts[goals] > 0]
-    num_held_out = len(goals) - round(config.train_ratio * len(goals))
-    num_valid = round(config.valid_ratio * len(goals))
-    if num_held_out > len(inner):
-        raise SplitError(
-            f"{num_held_out} goals are to be held out but only {len(inner)} are not terminal; raise `train_ratio`."
-        )
-    held_out = rng.permutation(inner)[:num_held_out]
-    part_of = np.full(graph.num_entities, TRAIN, dtype=np.int8)
-    part_of[held_out[:num_valid]] = VALID
-    part_of[held_out[num_valid:]] = TEST
-    return Draw(part_of[graph.recipes[:, 2]])
-
-
-def _none(graph: RecipeGraph, config: SplitConfig, rng: np.random.Generator) -> Draw:
-    """Keep everything in train: for the full knowledge graph only."""
-    return Draw(np.full(graph.num_recipes, TRAIN, dtype=np.int8))
-
-
-SPLITS: dict[str, Callable[[RecipeGraph, SplitConfig, np.random.Generator], Draw]] = {
-    "by-recipe": _by_recipe,
-    "by-recipe-plain": _by_recipe_plain,
-    "by-goal": _by_goal,
-    "by-goal-terminals": _by_goal_terminals,
-    "none": _none,
-}
-"""The splits by name."""

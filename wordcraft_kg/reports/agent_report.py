@@ -15,11 +15,11 @@ from wordcraft_kg.reports.report import Report
 from wordcraft_kg.views.agents import NEVER, AgentEntry, AgentsView, Groups, Slice, view_agents
 
 MIN_SEEDS = 5
-"""With fewer the page warns that a difference may be luck."""
+"""With fewer seeds the page warns that a difference may be luck."""
 SLICES: dict[Slice, tuple[str, str]] = {
     "train_recipes": ("By train recipes of the goal", "train recipes that make the goal"),
     "layer": ("By crafting layer", "crafting rounds to the goal"),
-    "link_rank": ("By the rank of the recipe’s links", "worse rank of the two parts by v"),
+    "link_rank": ("By the rank of the recipe’s links", "rank of the worse part by v"),
 }
 """Heading and x-axis of each picture."""
 
@@ -32,7 +32,7 @@ def make_agent_report(
     draws: int = 5,
     episodes: int = 2,
 ) -> Report[AgentsView]:
-    """Judge agents on all tasks of a part; see :func:`~wordcraft_kg.views.agents.view_agents`."""
+    """Evaluate agents on all tasks of a part; see :func:`~wordcraft_kg.views.agents.view_agents`."""
     view = view_agents(groups, part=part, distractors=distractors, draws=draws, episodes=episodes)
     return Report(
         view,
@@ -57,12 +57,12 @@ def report_schema() -> dict[str, Any]:
 
 
 def column_labels(step: ExplainedStep) -> list[Label]:
-    """Return what the columns of a step's scores are called."""
+    """Return the labels of the columns of a step's scores."""
     return [label_of(name) for name in step.slots[0].sources]
 
 
 def slot_rows(step: ExplainedStep) -> list[tuple[ExplainedSlot, Markup]]:
-    """Return the slots by falling logit, each with a picture of what adds up to it, all on one scale."""
+    """Return the slots by descending logit, each with a picture of its contributions, all on one scale."""
     largest = max(abs(value) for slot in step.slots for value in slot.contributions.values())
     scale = largest * len(step.slots[0].sources)
     by_logit = sorted(step.slots, key=lambda slot: slot.logit, reverse=True)

@@ -3,10 +3,10 @@
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from wordcraft_kg.agents.discovery import HUMAN_CURVE, PLAYERS
+from wordcraft_kg.agents.discovery import DISCOVERERS, HUMAN_CURVE
 from wordcraft_kg.reports import charts
 from wordcraft_kg.reports.pages import render_page
-from wordcraft_kg.views.play import DiscoveryView
+from wordcraft_kg.views.discovery import DiscoveryView
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -18,7 +18,7 @@ def discovery_page(view: DiscoveryView, curves: "pd.DataFrame") -> str:
     """Return the page.
 
     Args:
-        view: of the discoveries.
+        view: the discoveries.
         curves: from :func:`wordcraft_kg.agents.discovery.discovery_curves`.
     """
     means = curves.groupby(["player", "attempt"], sort=False)["known"].mean()
@@ -36,4 +36,4 @@ def discovery_page(view: DiscoveryView, curves: "pd.DataFrame") -> str:
         "mean number of attempts so far that combined a pair tried before",
         legend_left=True,
     )
-    return render_page("discovery_report.html.j2", report=view, picture=picture, repeated=repeated, about=PLAYERS)
+    return render_page("discovery_report.html.j2", report=view, picture=picture, repeated=repeated, about=DISCOVERERS)

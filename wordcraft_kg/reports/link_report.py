@@ -31,16 +31,17 @@ def make_link_report(
     """Evaluate a scorer on the links of a graph.
 
     Args:
-        scorer: of this graph.
+        scorer: a scorer of this graph.
         opened: graph and split.
-        kg: what the scorer was trained on, ``partial`` or ``full``, see :func:`~wordcraft_kg.views.links.judge_links`.
-        name: what the report calls the scorer.
+        kg: knowledge graph that the scorer was trained on, ``partial`` or ``full``; see
+            :func:`~wordcraft_kg.views.links.judge_links`.
+        name: name of the scorer in the report.
         provenance: facts for the last section.
-        trace: a row an epoch.
-        seed: of the bootstrap and the map.
+        trace: a row for each epoch.
+        seed: seed of the bootstrap and the map.
 
     Raises:
-        SplitError: if fewer than 30 triples are left to judge it on.
+        SplitError: if fewer than 30 triples are left to evaluate it on.
     """
     judged = judge_links(scorer, opened, kg)
     view = view_links(judged, name=name, provenance=provenance, trace=trace, seed=seed)
@@ -100,13 +101,13 @@ def _pictures_of_all_entities(judged: JudgedLinks, seed: int) -> dict[str, Marku
         pictures[f"matrix_{name}"] = charts.matrix_image(
             judged.table[relation][shuffled], held_out[shuffled], f"Scores of {name} for all pairs of entities"
         )
-    if np.ptp(judged.profiles):  # a scorer that tells no entities apart has no map
+    if np.ptp(judged.profiles):  # a scorer that gives all entities the same scores has no map
         pictures["map"] = _map(judged, group_of, seed)
     return pictures
 
 
 def _map(judged: JudgedLinks, group_of: Ids, seed: int) -> Markup:
-    """t-SNE of the score profiles."""
+    """Return a t-SNE map of the score profiles."""
     from sklearn.decomposition import PCA
     from sklearn.manifold import TSNE
     from threadpoolctl import threadpool_limits
@@ -123,7 +124,7 @@ def _map(judged: JudgedLinks, group_of: Ids, seed: int) -> Markup:
 
 
 def _communities(graph: RecipeGraph, seed: int) -> Ids:
-    """Groups of entities that are crafted together (Louvain on the graph without directions), largest first."""
+    """Return each entity's group, of entities crafted together (Louvain on the undirected graph), largest first."""
     import networkx as nx
 
     plain = nx.Graph()

@@ -17,13 +17,13 @@ V = TypeVar("V", bound=Record)
 
 @dataclass(frozen=True)
 class Report(Generic[V]):
-    """What a report says.
+    """Content of a report.
 
     Attributes:
         view: its numbers.
-        template: of its page.
-        pictures: by name, as the template asks for them.
-        shown: what else the template shows.
+        template: template of its page.
+        pictures: pictures by the names that the template uses.
+        shown: other values that the template uses.
         tables: further tables by file name.
     """
 

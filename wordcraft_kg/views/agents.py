@@ -1,4 +1,4 @@
-"""Agents side by side, in numbers: one run, several seeds of it, or several agents with all their seeds."""
+"""The figures of agents: one run, several seeds of it, or several agents with all their seeds."""
 
 import re
 from collections.abc import Sequence
@@ -34,9 +34,9 @@ from wordcraft_kg.statistics import (
 from wordcraft_kg.views.bins import OPEN_END, binned
 
 RULES = ("depth", "max_attempts", "distractor_weighting", "distractor_policy", "ambiguity")
-"""Settings of the tasks in which agents that are compared must agree."""
+"""Settings of the tasks that must be equal in all agents that are compared."""
 DISTRACTORS = (1, 8)
-"""Numbers of distractors that every report has, besides those trained with."""
+"""Numbers of distractors in every report, besides those trained with."""
 TRAIN_RECIPES = ((0, 0), (1, 1), (2, 2), (3, 4), (5, 8), (9, OPEN_END))
 LAYERS = ((0, 3), (4, 6), (7, 9), (10, OPEN_END))
 NEVER = "never"
@@ -65,17 +65,17 @@ class SharedSplit(Record):
 
 
 class AgentSuccess(Record):
-    """How often an agent makes the goal with so many distractors.
+    """How often an agent makes the goal with a number of distractors.
 
     Attributes:
-        mean: over its runs.
+        mean: mean over its runs.
         iqm: mean of the middle half of the runs.
         seed_ci: 95 % interval of the mean over seeds; None for a single run.
         task_ci: 95 % interval over tasks.
         seeds: mean of each run.
-        by_plan: share of episodes won with the last pair of a plan.
+        by_plan: share of episodes in which the last pair of a plan made the goal.
         picks: mean number of picks in an episode.
-        difference: from the first agent, over the same tasks; None for the first one.
+        difference: difference to the first agent on the same tasks; None for the first agent.
         difference_ci: its 95 % interval over tasks.
         p_better: probability that a run of this agent is better than one of the first; None if both have one run.
         p_better_ci: its 95 % interval.
@@ -104,7 +104,7 @@ class SliceSuccess(Record):
 
 
 class CurvePoint(Record, array_like=True):
-    """Success after so many steps, and its interval over seeds."""
+    """Success after a number of steps, and its interval over seeds."""
 
     step: int
     success: float
@@ -113,7 +113,7 @@ class CurvePoint(Record, array_like=True):
 
 
 class LambdaCurve(Record):
-    """A source's mean λ in training, as (step, λ), for the first or the second pick."""
+    """A source's mean λ in training as (step, λ), for the first or the second pick."""
 
     source: str
     pick: Literal["first", "second"]
@@ -121,15 +121,16 @@ class LambdaCurve(Record):
 
 
 class AgentEntry(Record):
-    """All figures of one agent, that is, of runs that differ in the seed only.
+    """All figures of one agent, that is, of runs that differ only in the seed.
 
     Attributes:
-        settings: that differ from the defaults.
-        kg: what its scorer was trained on; None without a scorer.
-        trained_with: number of distractors.
-        success: by the number of distractors; so are ``outcomes``, the share of each ending.
-        slices: success in parts of the tasks, with the headline's number of distractors.
-        curves: success on tasks of a part in training.
+        settings: settings that differ from the defaults.
+        kg: knowledge graph that its scorer was trained on; None without a scorer.
+        trained_with: number of distractors in training.
+        success: success by the number of distractors.
+        outcomes: share of each ending, by the number of distractors.
+        slices: success on slices of the tasks, with the headline's number of distractors.
+        curves: success during training, by part of the tasks.
     """
 
     name: str
@@ -169,10 +170,10 @@ class AgentsView(Record):
 
     Attributes:
         distractors: numbers of distractors that were played with.
-        headline: the one of them that the report is about.
-        draws: of distractors for each task.
-        tasks: number of them.
-        agents: the first is the reference of comparisons.
+        headline: the number of distractors of the headline.
+        draws: draws of distractors for each task.
+        tasks: number of tasks.
+        agents: the agents; the first is the reference of comparisons.
     """
 
     format: Literal["wordcraft-kg agent report 1"]
@@ -190,7 +191,7 @@ class AgentsView(Record):
 
 
 class AgentSummary(Record):
-    """Success of an agent, and the runs that it comes from."""
+    """Success of an agent, and its runs."""
 
     runs: tuple[str, ...]
     seeds: tuple[int, ...]
@@ -212,12 +213,12 @@ Groups = dict[str, list[OpenedAgent]]
 
 
 def group_agents(agents: Sequence[OpenedAgent]) -> Groups:
-    """Return runs by agent: those that differ in nothing but the seed belong together.
+    """Return runs by agent: runs that differ only in the seed are one agent.
 
-    A group is named like its runs, without the seed at their end.
+    An agent is named after its runs, without the seed at the end of their names.
 
     Raises:
-        ConfigError: if a run is given twice, that is, two of a group have the same seed.
+        ConfigError: if a run is given twice, that is, two runs of an agent have the same seed.
     """
     by_settings: dict[Any, list[OpenedAgent]] = {}
     for agent in agents:
@@ -247,18 +248,18 @@ def view_agents(
     draws: int = 5,
     episodes: int = 2,
 ) -> AgentsView:
-    """Judge agents on all tasks of a part, greedily, with the same tables for all.
+    """Evaluate agents greedily on all tasks of a part, with the same tables for all agents.
 
     Args:
-        groups: runs by agent, see :func:`group_agents`; the first is the reference of comparisons.
-        part: tasks to play.
+        groups: runs by agent, see :func:`group_agents`; the first agent is the reference of comparisons.
+        part: part of the tasks.
         distractors: numbers of distractors. Default: 1, 8 and those trained with.
-        draws: of distractors for each task.
-        episodes: to explain for each agent.
+        draws: draws of distractors for each task.
+        episodes: number of episodes to explain for each agent.
 
     Raises:
         GraphMismatchError: if the runs are not all on one graph and split.
-        ConfigError: if they play by different rules, see :data:`RULES`, or none can play with such distractors.
+        ConfigError: if they play by different rules, see :data:`RULES`, or no agent can play with these distractors.
     """
     everyone = [agent for members in groups.values() for agent in members]
     first = everyone[0]
@@ -310,7 +311,7 @@ def summarise_agents(view: AgentsView, report: str) -> AgentsSummary:
 
 
 def _check_alike(agents: Sequence[OpenedAgent]) -> None:
-    """Refuse agents whose tasks are not the same."""
+    """Refuse agents with different tasks."""
     first = agents[0]
     for agent in agents[1:]:
         if agent.opened.split.hash != first.opened.split.hash:
@@ -328,45 +329,44 @@ def _check_alike(agents: Sequence[OpenedAgent]) -> None:
 
 
 def _distractors(agents: Sequence[OpenedAgent], wanted: Sequence[int] | None) -> list[int]:
-    """Return the numbers of distractors that some agent can play with."""
+    """Return the numbers of distractors that at least one agent can play with."""
     if wanted is None:
         wanted = sorted({*DISTRACTORS, *(agent.config.tasks.distractors for agent in agents)})
     played = [amount for amount in wanted if any(_can_play(agent, amount) for agent in agents)]
     if not played:
-        raise ConfigError(
-            f"an mlp plays with {agents[0].config.tasks.distractors} distractors only, which it was made for."
-        )
+        trained_with = agents[0].config.tasks.distractors
+        raise ConfigError(f"`distractors` {list(wanted)}: an mlp plays with as many as in training, {trained_with}.")
     return played
 
 
 def _can_play(agent: OpenedAgent, distractors: int) -> bool:
-    """Whether a policy takes tables of this size; an mlp is made for one."""
+    """Whether a policy takes tables of this size; an mlp takes one size only."""
     return agent.config.policy.policy != "mlp" or distractors == agent.config.tasks.distractors
 
 
 @dataclass
 class _Judge:
-    """Plays policies in one world, with one set of environments for each number of distractors."""
+    """Evaluates policies in one world, with one set of environments for each number of distractors."""
 
     world: World
     draws: int
     evaluators: dict[int, Evaluator] = field(default_factory=dict)
 
     def evaluator(self, distractors: int) -> Evaluator:
-        """Return the environments with so many distractors."""
+        """Return the evaluator for a number of distractors."""
         if distractors not in self.evaluators:
             world = self.world.variant(num_distractors=distractors)
             self.evaluators[distractors] = Evaluator(world, draws=self.draws)
         return self.evaluators[distractors]
 
     def runs(self, members: Sequence[OpenedAgent], distractors: int) -> list[Evaluation]:
-        """Judge all runs of an agent."""
+        """Evaluate all runs of an agent."""
         return [self.evaluator(distractors)(PolicyPlayer(agent.policy)) for agent in members]
 
     def slices(
         self, agent: OpenedAgent, found: dict[int, list[Evaluation]], distractors: int
     ) -> dict[Slice, tuple[SliceSuccess, ...]]:
-        """Return success in parts of the tasks; none if the agent cannot play with so many distractors."""
+        """Return success on slices of the tasks; none if the agent cannot play with this number of distractors."""
         if distractors not in found:
             return {}
         return _slices(agent, self.world.tasks, _every(found[distractors]))
@@ -424,7 +424,7 @@ def _success(found: Sequence[Evaluation], reference: Sequence[Evaluation] | None
     difference, low, high = paired_difference(_every(found), _every(reference))
     success = msgspec.structs.replace(success, difference=difference, difference_ci=(low, high))
     seeds = means, _means(reference)
-    if max(map(len, seeds)) == 1:  # of one run each it would be 0 or 1, and say nothing
+    if max(map(len, seeds)) == 1:  # with one run each it would be 0 or 1
         return success
     interval = probability_of_improvement_interval(*seeds)
     return msgspec.structs.replace(success, p_better=probability_of_improvement(*seeds), p_better_ci=interval)
@@ -469,7 +469,7 @@ def _shared_rows(members: list[OpenedAgent], key: str) -> list[tuple[int, list[f
 
 
 def _slices(agent: OpenedAgent, tasks: TaskSet, success: NDArray[np.bool_]) -> dict[Slice, tuple[SliceSuccess, ...]]:
-    """Success by how many train recipes make the goal, by its layer, and by how well the scorer ranks its links."""
+    """Success by the number of train recipes of the goal, by its layer, and by the scorer's ranks of its links."""
     graph, split = agent.opened.graph, agent.opened.split
     made = np.bincount(graph.recipes[split.is_in("train"), 2], minlength=graph.num_entities)[tasks.goals]
     layer = layers(graph)[tasks.goals]
@@ -492,7 +492,7 @@ def _slices(agent: OpenedAgent, tasks: TaskSet, success: NDArray[np.bool_]) -> d
 
 
 def _link_ranks(agent: OpenedAgent, tasks: TaskSet) -> Ids | None:
-    """Return for each task the worse rank of its two parts among all entities by v; the best over its plans."""
+    """Return for each task the rank by v of the worse ingredient among all entities, the best over its plans."""
     if ComponentOf.label.name not in agent.policy.sources:
         return None
     source = agent.policy.sources[ComponentOf.label.name]
@@ -508,7 +508,7 @@ def _link_ranks(agent: OpenedAgent, tasks: TaskSet) -> Ids | None:
 
 
 def _mean_rank(scores: NDArray[np.float32], score: np.float32) -> float:
-    """Return the rank of a score; equal ones share the mean of theirs."""
+    """Return the rank of a score; ties share their mean rank."""
     return float((scores > score).sum() + ((scores == score).sum() + 1) / 2)
 
 

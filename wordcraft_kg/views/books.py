@@ -1,4 +1,4 @@
-"""The recipe books that are known by name, and the check of one."""
+"""The recipe books known by name, and the check of a book."""
 
 from wordcraft_kg.errors import SplitError
 from wordcraft_kg.graphs.book_check import BookCheck, BookFigures, Finding, check_book, listed
@@ -9,7 +9,7 @@ from wordcraft_kg.records import Record
 
 
 class ListedBook(Record):
-    """A book's name, where it comes from, its file if there is one, and a note."""
+    """A book's name, its origin, its file if it has one, and a note."""
 
     name: str
     origin: str
@@ -18,7 +18,7 @@ class ListedBook(Record):
 
 
 class BookList(Record):
-    """All books known by name, and the folders where they are looked for."""
+    """All books known by name, and the folders that are searched for them."""
 
     books: tuple[ListedBook, ...]
     cache: str
@@ -26,12 +26,12 @@ class BookList(Record):
 
 
 class CheckedBook(Record):
-    """What the check of a book found.
+    """The result of checking a book.
 
     Attributes:
-        book: as it was asked for.
+        book: the book as it was named by the user.
         path: its file.
-        passed: whether there is no problem.
+        passed: whether there are no problems.
         figures: counts; empty if no recipe could be read.
         findings: problems first.
     """
@@ -59,12 +59,12 @@ def view_books() -> BookList:
 
 
 def view_check(book: str, base: list[str] | None, against: str | None) -> CheckedBook:
-    """Check a book, with what needs word vectors, and with what it shares with another one.
+    """Check a book; includes what needs word vectors, and what it shares with another book.
 
     Args:
         book: file, folder or known name.
         base: base entities; None takes the book's own, or infers them.
-        against: another book; None compares with none.
+        against: another book to compare with, or None.
     """
     located = locate_book(book)
     path = located.path / "graph.json" if (located.path / "graph.json").is_file() else located.path

@@ -1,4 +1,4 @@
-"""What an agent makes of all tasks of a part, and why it picked what it picked."""
+"""An agent's success on all tasks of a part, and why it picked what it picked."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,14 +12,14 @@ from wordcraft_kg.records import Record, Share
 
 
 class AgentEvaluation(Record):
-    """Success of a run's agent, or of another player of its tasks, by the number of distractors.
+    """Success of a run's agent, or of another player on its tasks, by the number of distractors.
 
     Attributes:
-        run: its folder.
-        agent: who played.
-        checkpoint: of the trained agent's weights; None for others.
-        scores: how the scorer's values were made, if it played alone; None for others.
-        success: by the number of distractors.
+        run: folder of the run.
+        agent: name of the player.
+        checkpoint: checkpoint of the trained agent's weights; None for other players.
+        scores: how the scorer's values were made, if it played alone; None for other players.
+        success: success by the number of distractors.
         outcomes: share of each ending, by the number of distractors.
     """
 
@@ -34,7 +34,7 @@ class AgentEvaluation(Record):
 
 
 class Explanation(Record):
-    """Episodes of a run's agent, with what was thought at each pick."""
+    """Episodes of a run's agent, with the logits of each pick."""
 
     run: str
     checkpoint: str
@@ -49,11 +49,11 @@ def view_evaluation(
 
     Args:
         run: folder of ``trained``.
-        trained: whose tasks are played.
-        agent: who plays them, see :func:`~wordcraft_kg.agents.evaluation.player_of`.
-        part: of the tasks.
+        trained: the agent whose tasks are played.
+        agent: name of the player, see :func:`~wordcraft_kg.agents.evaluation.player_of`.
+        part: part of the tasks.
         distractors: numbers of distractors.
-        draws: of distractors for each task.
+        draws: draws of distractors for each task.
     """
     player, tasks, policy = player_of(trained.policy, agent), trained.config.tasks, trained.config.policy
     world = World(trained.opened, tasks.environment(part, distractors[0]))

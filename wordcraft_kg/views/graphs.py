@@ -1,4 +1,4 @@
-"""A graph folder that was built, and one entity of a graph."""
+"""A newly built graph folder, and one entity of a graph."""
 
 from pathlib import Path
 
@@ -11,7 +11,7 @@ from wordcraft_kg.records import Count, Hash, Record
 
 
 class BuiltGraph(Record):
-    """What ``build-graph`` made: the main figures of the audit, and the folder."""
+    """The outcome of ``build-graph``: the main figures of the audit, and the folder."""
 
     entities: Count
     recipes: Count
@@ -28,7 +28,7 @@ class BuiltGraph(Record):
 
 
 class CheapestDerivation(Record):
-    """Recipes that lead from the base to an entity, and what they cost."""
+    """Recipes that lead from the base to an entity, and their cost."""
 
     cost: Count
     steps: tuple[Recipe, ...]
@@ -41,9 +41,9 @@ class EntityView(Record):
         entity: its label.
         base: whether it is a base entity.
         layer: round in which it can first be made; None if it cannot.
-        recipes: that make it.
-        uses: recipes that it is a part of.
-        derivation: None if it cannot be made.
+        recipes: recipes that make it.
+        uses: recipes that use it.
+        derivation: its cheapest derivation; None if it cannot be made.
     """
 
     entity: str
@@ -55,7 +55,7 @@ class EntityView(Record):
 
 
 def view_build(found: Audit, folder: Path) -> BuiltGraph:
-    """Return what was built, from its audit."""
+    """Return the main figures of a built graph from its audit."""
     return BuiltGraph(
         entities=found.entities,
         recipes=found.recipes,
@@ -73,10 +73,10 @@ def view_build(found: Audit, folder: Path) -> BuiltGraph:
 
 
 def view_entity(graph: RecipeGraph, label: str) -> EntityView:
-    """Return what a graph knows of an entity.
+    """Return the recipes, uses and cheapest derivation of an entity.
 
     Raises:
-        UnknownEntityError: if there is none of this label.
+        UnknownEntityError: if the graph has no entity of this label.
     """
     entity = graph.id_of(label)
     layer = int(layers(graph)[entity])

@@ -1,6 +1,6 @@
-"""A link predictor in numbers: how it ranks unseen triples, beside baselines, in slices, and what may be trusted.
+"""The figures of a link predictor: how it ranks unseen triples, with baselines, slices and checks.
 
-:func:`judge_links` ranks once; each part of the view (:func:`view_links`) and each picture of the report reads from it.
+:func:`judge_links` ranks once; the parts of the view (:func:`view_links`) and the pictures of the report use that.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -47,7 +47,7 @@ from wordcraft_kg.views.bins import OPEN_END, Bounds, binned
 
 LISTED = 8
 MAP_LIMIT = 3_000
-"""Entities. Above it what needs the scores of all pairs is left out: matrices, map, neighbours as a baseline, ..."""
+"""Most entities for which the scores of all pairs are used: matrices, map, neighbours as a baseline, ..."""
 SEEN = ((0, 0), (1, 5), (6, 15), (16, 40), (41, 100), (101, OPEN_END))
 LAYERS = ((0, 2), (3, 5), (6, 8), (9, 11), (12, OPEN_END))
 RANKS = ((1, 1), (2, 3), (4, 5), (6, 10), (11, 20), (21, 50), (51, 100), (101, 200), (201, OPEN_END))
@@ -58,7 +58,7 @@ Slices = dict[str, RankingMetrics]
 
 
 class JudgedModel(Record):
-    """Which model it is; one of the full graph has seen what it is asked for."""
+    """The model; one of the full graph has seen the triples that it is evaluated on."""
 
     name: str
     kg: KG
@@ -66,7 +66,7 @@ class JudgedModel(Record):
 
 
 class JudgedGraph(Record):
-    """Which graph it is, and its size."""
+    """The graph and its size."""
 
     name: str
     hash: Hash
@@ -76,7 +76,7 @@ class JudgedGraph(Record):
 
 
 class Check(Record):
-    """A condition without which the headline means nothing."""
+    """A condition for the headline to be valid."""
 
     id: Literal["graph", "coverage", "leak", "mirror"]
     name: str
@@ -85,7 +85,7 @@ class Check(Record):
 
 
 class Ties(Record):
-    """Metrics with ties broken for and against the model, and of unfiltered ranks, where all entities compete."""
+    """Metrics with ties broken for and against the model, and with unfiltered ranks, where all entities compete."""
 
     optimistic: RankingMetrics
     pessimistic: RankingMetrics
@@ -93,19 +93,19 @@ class Ties(Record):
 
 
 class SliceMetrics(RankingMetrics, kw_only=True):
-    """Metrics of a named part of the queries."""
+    """Metrics of a named slice of the queries."""
 
     slice: str
 
 
 class DrillDown(Record):
-    """Where it works and where it does not; parts without queries are left out.
+    """Where the model works and where it does not; slices without queries are left out.
 
     Attributes:
         seen_in_train: by the number of training triples of the entity asked for.
         layer: by the crafting rounds to the entity asked for.
-        self_combination: combinesWith, an entity with itself and with another.
-        near_synonyms: with and without test recipes that repeat a train recipe in other words.
+        self_combination: combinesWith of an entity with itself, and with another.
+        near_synonyms: test recipes that repeat a train recipe with a near-synonym, and the others.
     """
 
     seen_in_train: tuple[SliceMetrics, ...]
@@ -134,7 +134,7 @@ class RankedTriple(Record):
 
 
 class ScoredPair(Record):
-    """A triple that the graph does not have."""
+    """A triple that is not in the graph."""
 
     head: str
     relation: Relation
@@ -143,14 +143,14 @@ class ScoredPair(Record):
 
 
 class SelfEdges(Record):
-    """Share of the entities whose best combinesWith answer is the entity itself, and of those that really have it."""
+    """Share of entities whose best combinesWith answer is the entity itself, and of those that combine with it."""
 
     top_answer_is_itself: Share
     really_combines_with_itself: Share
 
 
 class Neighbours(Record):
-    """An entity and the nearest to it."""
+    """An entity and its nearest neighbours."""
 
     entity: str
     neighbours: tuple[str, ...]
@@ -160,20 +160,20 @@ class LinkView(Record):
     """The link-prediction report (``report.json``).
 
     Attributes:
-        queries: two for each of ``triples``.
-        leaked_left_out: triples of the test recipes that are not evaluated.
-        metrics: filtered, realistic ties.
-        with_leaked: metrics if those were evaluated too.
-        baselines: by name.
-        calibration: of the softmax over the candidates.
-        best: ranked queries.
-        worst: ranked queries.
-        perhaps_missing: the best-scored triples that the graph does not have; like the next two empty or None above
+        queries: number of queries, two for each of ``triples``.
+        leaked_left_out: number of triples of the test recipes that training contains; they are not evaluated.
+        metrics: filtered metrics with realistic ties.
+        with_leaked: metrics if the leaked triples were evaluated too.
+        baselines: metrics of baselines by name.
+        calibration: calibration of the softmax over the candidates.
+        best: the best ranked queries.
+        worst: the worst ranked queries.
+        perhaps_missing: the best-scored triples that are not in the graph. Like the next two, it is empty or None above
             :data:`MAP_LIMIT` entities.
-        self_edges: a known failure.
-        neighbours: of the ten most used entities.
-        kg_play: success of players that know the scorer and nothing else.
-        trace: a row an epoch of the training.
+        self_edges: how often the best answer is the entity itself, a known failure.
+        neighbours: nearest neighbours of the ten most used entities.
+        kg_play: success of players that use the scorer alone.
+        trace: a row for each epoch of the training.
         provenance: facts about the training.
     """
 
@@ -205,7 +205,7 @@ class LinkView(Record):
 
 
 class LinkSummary(Record):
-    """The headline of a report, by slice where it is a dictionary; None where a slice has no queries."""
+    """The headline of a report; dictionaries are by slice, with None for a slice without queries."""
 
     mrr: dict[str, Share | None]
     hits_at_1: dict[str, Share | None] = msgspec.field(name="hits@1")
@@ -225,14 +225,14 @@ class LinkSummary(Record):
 
 @dataclass(frozen=True)
 class JudgedLinks:
-    """A scorer's ranking of the triples that it is judged on, and what several parts of a view need of it.
+    """A scorer's ranking of the triples that it is evaluated on, and what several parts of a view need of it.
 
     Attributes:
-        scorer: that was judged.
+        scorer: the scorer.
         opened: graph and split.
-        kg: what the scorer was trained on.
-        queries: triples that it is judged on, shape (T, 3).
-        ranks: a row a query, see :func:`~wordcraft_kg.models.scorers.ranking.rank_triples`.
+        kg: knowledge graph that the scorer was trained on.
+        queries: triples that it is evaluated on, shape (T, 3).
+        ranks: a row for each query, see :func:`~wordcraft_kg.models.scorers.ranking.rank_triples`.
     """
 
     scorer: TripleScorer
@@ -270,7 +270,7 @@ class JudgedLinks:
     def profiles(self) -> NDArray[np.float64]:
         """Unit vectors of each entity's scores as head and as tail of both relations, shape (E, 4 E).
 
-        Each part is centred by row and by column, else all that it shows is which entities score high with everything.
+        Each part is centred by row and by column; otherwise it would mainly show which entities score high overall.
         """
         parts = []
         for scores in self.table.astype(np.float64):
@@ -286,19 +286,19 @@ class JudgedLinks:
 
 
 def judge_links(scorer: TripleScorer, opened: OpenedGraph, kg: KG = "partial") -> JudgedLinks:
-    """Rank the triples that a scorer is judged on.
+    """Rank the triples that a scorer is evaluated on.
 
-    A scorer of the partial graph is judged on the test triples that training does not contain; one of the full graph
-    has seen them, so it is judged on the graph's own triples and marked as remembering.
+    A scorer of the partial graph is evaluated on the test triples that training does not contain. One of the full graph
+    has seen these, so it is evaluated on the graph's own triples, which measures memory and is marked as such.
 
     Raises:
-        SplitError: if fewer than 30 triples are left to judge it on.
+        SplitError: if fewer than 30 triples are left to evaluate it on.
     """
     queries = opened.graph.triples if kg == "full" else opened.split.held_out("test")
     if len(queries) < MIN_TRIPLES:
         raise SplitError(
-            f"only {len(queries)} unseen test triples; {MIN_TRIPLES} are needed for a figure that means something. "
-            "Build the graph with a smaller --train-ratio, such as 0.7."
+            f"only {len(queries)} unseen test triples; a meaningful figure needs at least {MIN_TRIPLES}. "
+            "Build the graph with a smaller `train_ratio`, such as 0.7."
         )
     return JudgedLinks(scorer, opened, kg, queries, rank_triples(scorer, queries, opened.graph.triples))
 
@@ -315,10 +315,10 @@ def view_links(
 
     Args:
         judged: the ranking.
-        name: what the report calls the scorer.
+        name: name of the scorer in the report.
         provenance: facts for the last section.
-        trace: a row an epoch.
-        seed: of the bootstrap and the players.
+        trace: a row for each epoch.
+        seed: seed of the bootstrap and the players.
     """
     graph, ranks = judged.graph, judged.ranks
     split = split_summary(judged.opened.split)
@@ -380,7 +380,7 @@ def summarise_links(view: LinkView, report: str) -> LinkSummary:
 
 
 def _checks(judged: JudgedLinks) -> Iterator[Check]:
-    """A full-graph model is not asked about leaks."""
+    """Yield the checks; a model of the full graph is not checked for leaks."""
     graph, split = judged.graph, judged.opened.split
     yield Check(
         "graph", "the model was trained on the graph that is evaluated", judged.scorer.graph_hash == graph.hash, ""
@@ -414,7 +414,7 @@ def _headline(judged: JudgedLinks, seed: int) -> Slices:
 
 
 def _with_leaked(judged: JudgedLinks) -> RankingMetrics:
-    """The metrics of all triples of the test recipes, those that are in training too."""
+    """Return the metrics of all triples of the test recipes, including those in training."""
     if judged.is_full:
         return ranking_metrics(judged.ranks)
     everything = judged.opened.split.triples_of("test")
@@ -464,7 +464,7 @@ def _near_synonyms(judged: JudgedLinks) -> tuple[SliceMetrics, ...]:
     graph = judged.graph
     recipes = near_synonym_recipes(judged.opened.split, glove_features(graph.entities))
     repeats = np.tile(near_synonym_triples(graph, recipes, judged.queries), 2)
-    if not repeats.any():  # by goal no result is in both parts, and labels may have no word vectors: nothing to tell
+    if not repeats.any():  # split by goal, no result is in both parts; and labels may have no word vectors
         return ()
     return _slices(judged.ranks, (("a train recipe with a near-synonym", repeats), (NO_NEAR_SYNONYM, ~repeats)))
 
@@ -473,7 +473,7 @@ def _histogram(ranks: pd.DataFrame) -> Histogram:
     shares: dict[Relation, tuple[float, ...]] = {}
     for relation, name in enumerate(RELATIONS):
         rank = ranks.loc[ranks["relation"] == relation, "rank"].to_numpy(dtype=float)
-        # A realistic rank may end in .5; it counts for the bin it falls into when rounded up.
+        # A realistic rank may end in .5; it is rounded up to find its bin.
         masks = [mask for _, mask in binned(np.ceil(rank).astype(np.int64), RANKS)]
         shares[name] = tuple(float(np.mean(mask)) if len(rank) else 0.0 for mask in masks)
     return Histogram(tuple(name for name, _ in binned(np.empty(0, dtype=np.int64), RANKS)), shares)
@@ -486,7 +486,7 @@ def _listed(judged: JudgedLinks, *, ascending: bool) -> tuple[RankedTriple, ...]
 
 
 def _perhaps_missing(judged: JudgedLinks) -> tuple[ScoredPair, ...]:
-    """The best-scored triples that the graph does not have, self edges left out, half of them of each relation."""
+    """Return the best-scored triples that are not in the graph, without self edges, half of them of each relation."""
     graph, found = judged.graph, []
     for relation, name in enumerate(RELATIONS):
         scores = judged.table[relation].copy()
@@ -511,7 +511,7 @@ def _self_edges(judged: JudgedLinks) -> SelfEdges:
 
 
 def _neighbours(judged: JudgedLinks) -> tuple[Neighbours, ...]:
-    """Nearest neighbours of the ten most used entities."""
+    """Return the nearest neighbours of the ten most used entities."""
     graph, profiles = judged.graph, judged.profiles
     most_used = np.argsort(-graph.use_counts, kind="stable")[:10]
     similar = profiles[most_used] @ profiles.T
@@ -524,7 +524,7 @@ def _neighbours(judged: JudgedLinks) -> tuple[Neighbours, ...]:
 
 
 def _kg_play(judged: JudgedLinks, seed: int) -> tuple[PlayerSuccess, ...]:
-    """Success of players that know the scorer and nothing else, on the test tasks of depth 1, 1 and 8 distractors."""
+    """Return the success of players that use the scorer alone, on test tasks of depth 1 with 1 and 8 distractors."""
     try:
         players = {
             **scorer_players(judged.graph, judged.scorer, judged.trained_on),
@@ -533,7 +533,7 @@ def _kg_play(judged: JudgedLinks, seed: int) -> tuple[PlayerSuccess, ...]:
         }
         return play_all(World(judged.opened, WordCraftConfig(part="test")), players, (1, 8), seed=seed)
     except WordCraftKGError:
-        # No test task, too few entities for distractors, or a scorer that the checks refuse anyway.
+        # No test task, too few entities for distractors, or a scorer that fails the checks.
         return ()
 
 

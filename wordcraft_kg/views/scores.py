@@ -1,4 +1,4 @@
-"""What a scorer says of a triple, or of an open slot."""
+"""The score of a triple, or the best entities for an open slot."""
 
 from wordcraft_kg.models.scorers.scorer import Scorer
 from wordcraft_kg.records import Record
@@ -7,7 +7,7 @@ from wordcraft_kg.records import Record
 class ScoredTriple(Record):
     """A triple's score.
 
-    A raw score means little by itself: its place among all tails and all heads, unfiltered, says more.
+    A raw score means little by itself; its unfiltered rank among all tails and all heads says more.
     """
 
     head: str
@@ -26,7 +26,7 @@ class ScoredEntity(Record):
 
 
 class OpenSlot(Record):
-    """The best entities for an open slot, which is a question mark."""
+    """The best entities for an open slot, which is written as a question mark."""
 
     head: str
     relation: str

@@ -1,4 +1,4 @@
-"""The tasks of a graph, counted, and some of them as an agent would see them."""
+"""The number of a graph's tasks, and some of them as an agent sees them."""
 
 import numpy as np
 
@@ -22,10 +22,10 @@ class TaskListing(Record):
     """Tasks of a part.
 
     Attributes:
-        tasks: number of them.
-        complete: whether these are all that there are.
-        mixed: tasks that belong to no part.
-        shown: some of them.
+        tasks: number of tasks.
+        complete: whether these are all tasks there are.
+        mixed: number of tasks that belong to no part.
+        shown: some of the tasks.
     """
 
     graph: str
@@ -39,7 +39,7 @@ class TaskListing(Record):
 
 def view_tasks(env: WordCraftEnv, limit: int, seed: int) -> TaskListing:
     """Count an environment's tasks and show up to ``limit`` of them, in a random order."""
-    # One seed for the first episode only, as in training: with one for each, all tables would have like distractors.
+    # Only the first episode is seeded, as in training: if each were, all tables would have similar distractors.
     env.reset(seed=seed)
     order = np.random.default_rng(seed).permutation(len(env.tasks))[:limit].tolist()
     return TaskListing(

@@ -69,6 +69,10 @@ class ComplExConfig(TrainingConfig):
         learning_rate: learning rate of Adagrad; 0.2 chosen on validation parts, see docs/link-prediction.md.
         n3: weight of the N3 regulariser. Default: 0.1 on the partial graph (chosen on validation parts), 0 on the full.
         init_scale: standard deviation of the initial embeddings; 0.001 as in the paper's released code.
+
+    Example:
+        >>> ComplExConfig(kg="full").n3
+        0.0
     """
 
     command: ClassVar[str] = "train-complex"
@@ -99,6 +103,10 @@ class LinkModelConfig(TrainingConfig):
         loop: how triples become training examples: slcwa (sampled negatives) or symmetric (softmax over all heads and
             all tails, the paper's objective; slow for models whose scores need large tensors).
         negatives: negatives sampled per triple, with slcwa.
+
+    Example:
+        >>> LinkModelConfig(model="distmult", loop="symmetric").dim
+        128
     """
 
     command: ClassVar[str] = "train-links"
@@ -131,6 +139,10 @@ class LinksConfig:
     Attributes:
         graph: graph folder, recipe book's file or known book's name.
         settings: of the model and its training.
+
+    Example:
+        >>> LinksConfig("kitchen", ComplExConfig(dim=8)).command
+        'train-complex'
     """
 
     graph: str

@@ -53,7 +53,7 @@ class OpenedModel:
         }
 
 
-def open_model(folder: Path, graph: str | None = None) -> OpenedModel:
+def open_model(folder: str | Path, graph: str | None = None) -> OpenedModel:
     """Open a model folder.
 
     Args:
@@ -63,7 +63,13 @@ def open_model(folder: Path, graph: str | None = None) -> OpenedModel:
     Raises:
         ArtefactError: if the folder is unfinished or damaged, or its graph is not found.
         GraphMismatchError: if the graph or its split is not the one that the model was trained on.
+
+    Example:
+        >>> model = open_model("models/kitchen")
+        >>> model.kg, model.opened.graph.name
+        ('partial', 'kitchen')
     """
+    folder = Path(folder)
     run = read_finished_run(folder, "wordcraft-kg train-complex")
     scorer = load_scorer(folder)
     verified_bytes(folder, run, "config.toml")

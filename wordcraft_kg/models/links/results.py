@@ -87,7 +87,7 @@ Scores triples (head, relation, tail) with the relations `combinesWith` and `com
 `wordcraft-kg evaluate-links` reports, not the figure above. Scores are not calibrated probabilities.
 
 ```python
-from wordcraft_kg.models.scorers.folder import load_scorer
+from wordcraft_kg import load_scorer
 
 scorer = load_scorer("this folder")
 scorer.top(None, "componentOf", {opened.graph.entities[0]!r})

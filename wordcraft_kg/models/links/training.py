@@ -48,7 +48,7 @@ class TrainedLinks:
 
 
 def train_links(
-    config: LinksConfig, out: Path | None = None, *, force: bool = False, progress: Progress | None = None
+    config: LinksConfig, out: str | Path | None = None, *, force: bool = False, progress: Progress | None = None
 ) -> TrainedLinks:
     """Train a link predictor and write its model folder.
 
@@ -62,12 +62,17 @@ def train_links(
         OutputExistsError: if ``out`` exists and ``force`` is False.
         ConfigError: if the settings do not fit the graph or the machine.
         TrainingError: if the loss is no longer finite.
+
+    Example:
+        >>> trained = train_links(LinksConfig("kitchen", ComplExConfig(dim=8, epochs=2)), "models/kitchen")
+        >>> trained.folder.name
+        'kitchen'
     """
     opened = open_graph(config.graph)
-    out = config.default_folder(opened.graph.name) if out is None else Path(out)
-    check_run_output(out, force=force)
+    folder = config.default_folder(opened.graph.name) if out is None else Path(out)
+    check_run_output(folder, force=force)
     _check_fit(opened, config.settings)
-    with new_run(out, LINKS, force=force) as run:
+    with new_run(folder, LINKS, force=force) as run:
         run.begin(config, config.settings, inputs={"graph": opened.graph.hash, "split": opened.split.hash})
         return _train(run, opened, config, progress)
 

@@ -37,6 +37,10 @@ class PolicyConfig:
             scorer's training triples, or drop it; a dropped score becomes the mean of all pairs.
         value_readout: weights of the slots in the encodings of value and λ: softmax of α, or the raw logits α, as in
             the paper's released code.
+
+    Example:
+        >>> PolicyConfig(use="v").sources
+        ('v',)
     """
 
     policy: PolicyKind = "attention"

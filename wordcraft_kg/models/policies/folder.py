@@ -148,6 +148,11 @@ def load_policy(folder: str | Path) -> Policy:
 
     Raises:
         ArtefactError: if the run is unfinished, or a file in it is missing or damaged.
+
+    Example:
+        >>> policy = load_policy("runs/kitchen")
+        >>> policy.entities[0], [label.symbol for label in policy.labels]
+        ('animal', ['α', 'u', 'v'])
     """
     folder = Path(folder)
     run = read_finished_run(folder, "wordcraft-kg train-agent")

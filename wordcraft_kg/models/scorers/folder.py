@@ -49,6 +49,11 @@ def load_scorer(folder: str | Path, *, graph: RecipeGraph | None = None, device:
     Raises:
         ArtefactError: if the folder is unfinished or incomplete, or a file in it is damaged.
         GraphMismatchError: if it belongs to another graph.
+
+    Example:
+        >>> scorer = load_scorer("models/kitchen")
+        >>> scorer.score("water", "combinesWith", ["flour", "salt"]).shape
+        torch.Size([2])
     """
     folder = Path(folder)
     run = read_finished_run(folder, "wordcraft-kg train-complex")

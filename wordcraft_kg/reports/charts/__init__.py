@@ -1,7 +1,7 @@
-"""Small charts as inline SVG strings: they follow the page's light and dark colours and need no JavaScript.
+"""Small charts as inline SVG strings, which follow the page's light and dark colours and need no JavaScript.
 
-Colours are CSS classes (``series-0``, ``series-1``, ...) that the page's style sheet defines, and so are the dashes of
-:func:`curves` (``dash-0`` to ``dash-3``, ``dashed``).
+Colours (``series-0``, ``series-1``, ...) and the dashes of :func:`curves` (``dash-0`` to ``dash-3``, ``dashed``) are
+CSS classes that the page's style sheet defines.
 """
 
 from wordcraft_kg.reports.charts.pictures import contribution_bar, labelled_points, matrix_image

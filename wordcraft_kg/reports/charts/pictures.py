@@ -14,7 +14,7 @@ from markupsafe import Markup
 def labelled_points(
     points: np.ndarray, labels: Sequence[str], groups: Sequence[int], order: Sequence[int], description: str
 ) -> Markup:
-    """Draw a map of points coloured by group; all have tooltips, and labels are set in ``order`` where they fit."""
+    """Draw a map of points coloured by group; all have tooltips; labels are placed in ``order`` where they fit."""
     width, height = 940, 640
     low, high = points.min(axis=0), points.max(axis=0)
     scaled = (points - low) / np.where(high > low, high - low, 1) * [width - 110, height - 30] + [10, 15]
@@ -33,11 +33,11 @@ def labelled_points(
 
 
 def contribution_bar(contributions: Mapping[str, float], scale: float) -> Markup:
-    """Draw what adds up to a number: positive parts stacked to the right of the middle, negative ones to the left.
+    """Draw contributions to a sum: positive ones stacked to the right of the middle, negative ones to the left.
 
     Args:
-        contributions: parts by name, in the order of their colours.
-        scale: what half the width stands for.
+        contributions: values by name, in the order of their colours.
+        scale: value that half the width represents.
     """
     half, height = 70.0, 12
     ends = {True: half, False: half}
@@ -61,7 +61,7 @@ def matrix_image(values: np.ndarray, marked: np.ndarray, description: str, size:
     Args:
         values: shape (N, N), float.
         marked: shape (N, N), bool.
-        description: for readers who do not see it.
+        description: text for readers who cannot see it.
         size: largest side in pixels; larger matrices are averaged in blocks.
     """
     step = math.ceil(len(values) / size)

@@ -1,4 +1,4 @@
-"""Axes with linear scales and what is drawn between them, as SVG elements."""
+"""Axes with linear scales, and the SVG elements drawn between them."""
 
 from collections.abc import Callable, Sequence
 from html import escape
@@ -25,7 +25,7 @@ class Plot:
         top: int = TOP,
         right: int = RIGHT,
     ):
-        """Take the values at the ends of both axes, and a description for readers who do not see the chart."""
+        """Take the values at the ends of both axes, and a description for readers who cannot see the chart."""
         self.x_range, self.y_range, self.description = x_range, y_range, description
         self.top, self.right = top, right
         self.parts: list[str] = []
@@ -41,7 +41,7 @@ class Plot:
         return round(HEIGHT - BOTTOM - (value - low) / (high - low) * (HEIGHT - self.top - BOTTOM), 1)
 
     def y_ticks(self, values: Sequence[float], text: Callable[[float], str]) -> None:
-        """Draw grid lines at values and write these beside the y-axis."""
+        """Draw grid lines at values, labelled beside the y-axis."""
         for value in values:
             y = self.y(value)
             self.parts.append(f'<line x1="{LEFT}" x2="{WIDTH - self.right}" y1="{y}" y2="{y}" class="grid"/>')
@@ -71,7 +71,7 @@ class Plot:
         self.parts.append(f'<polyline points="{path}" class="{style}"{inside}')
 
     def band(self, bounds: Sequence[tuple[float, float, float]], style: str, single: str) -> None:
-        """Fill what lies between the bounds (x, low, high); at one x only, draw a whisker of the style ``single``."""
+        """Fill the area between bounds (x, low, high); for a single x, draw a whisker of the style ``single``."""
         if len(bounds) == 1:
             self.whisker(*bounds[0], single)
             return
@@ -101,7 +101,7 @@ class Plot:
         )
 
     def end_labels(self, ends: Sequence[tuple[float, float, str, str, str]]) -> None:
-        """Name the right ends (x, y, text, whole name, style) of curves, with a thin line to names that had to move."""
+        """Label the right ends (x, y, text, full name, style) of curves, with a thin line to labels that were moved."""
         places = spread([self.y(end[1]) for end in ends], LINE_HEIGHT, self.top, HEIGHT - BOTTOM)
         edge = WIDTH - self.right
         for (x_value, y_value, text, name, style), place in zip(ends, places, strict=True):
@@ -119,7 +119,7 @@ class Plot:
         )
 
     def titles(self, x_title: str, y_title: str) -> None:
-        """Write what the axes are."""
+        """Write the titles of the axes."""
         middle = (LEFT + WIDTH - self.right) / 2
         self.parts.append(f'<text x="{middle}" y="{HEIGHT - 6}" text-anchor="middle">{escape(x_title)}</text>')
         if y_title:

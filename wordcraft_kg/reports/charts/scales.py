@@ -1,10 +1,10 @@
-"""Numbers on axes and in tooltips, and room for texts."""
+"""Numbers on axes and in tooltips, and the placing of texts."""
 
 import math
 from collections.abc import Sequence
 
 Estimate = tuple[float, float | None, float | None]
-"""A value and the bounds of its interval, or None twice."""
+"""A value and the bounds of its interval, or None for both bounds."""
 
 
 def round_up(value: float) -> float:
@@ -16,19 +16,19 @@ def round_up(value: float) -> float:
 
 
 def even_ticks(low: float, high: float, count: int = 5) -> list[float]:
-    """Return numbers from ``low`` to ``high``, evenly spaced; one if the two are equal."""
+    """Return numbers from ``low`` to ``high``, evenly spaced; a single one if the two are equal."""
     return [low + (high - low) * i / (count - 1) for i in range(count)] if high > low else [low]
 
 
 def round_ticks(low: float, high: float, most: int = 5) -> list[float]:
     """Return multiples of 1, 2 or 5 times a power of ten from at most ``low`` to at least ``high``.
 
-    The values between the two make ``most`` steps at most.
+    From ``low`` to ``high`` there are at most ``most`` steps.
     """
     span = high - low or abs(high) or 1.0
     unit = 10 ** math.floor(math.log10(span / most))
     step = next(size * unit for size in (1, 2, 5, 10) if span / (size * unit) <= most * (1 + 1e-9))
-    # Rounding must not add a tick beyond a bound that is one itself.
+    # Rounding errors must not add a tick beyond a bound that is a tick itself.
     first, last = math.floor(low / step + 1e-9), math.ceil(high / step - 1e-9)
     return [i * step for i in range(first, max(last, first + 1) + 1)]
 
@@ -49,14 +49,14 @@ def estimate(value: Estimate, percent: bool) -> str:
 
 
 def shortened(text: str, letters: int) -> str:
-    """Cut a text to so many letters, the last an ellipsis."""
+    """Cut a text to a number of letters, the last one an ellipsis."""
     return text if len(text) <= letters else text[: max(letters - 1, 1)].rstrip() + "…"
 
 
 def spread(wanted: Sequence[float], gap: float, low: float, high: float) -> list[float]:
-    """Return places at least ``gap`` apart and within bounds, in the order of those wanted and as near as can be.
+    """Return places at least ``gap`` apart and within bounds, in the order of the wanted ones and as near as possible.
 
-    Least squares by pooling adjacent violators. Places that are too many for the bounds are nearer to each other.
+    Least squares by pooling adjacent violators. If there are too many places for the bounds, the gap shrinks.
 
     Source: Barlow et al. 1972, "Statistical inference under order restrictions", for the pooling.
     """
@@ -64,7 +64,7 @@ def spread(wanted: Sequence[float], gap: float, low: float, high: float) -> list
         return []
     gap = min(gap, (high - low) / max(len(wanted) - 1, 1))
     order = sorted(range(len(wanted)), key=wanted.__getitem__)
-    # Less its rank times the gap, a place may be no lower than the one before; pools of equal places: sum and number.
+    # After subtracting rank * gap, places must not decrease. Pools of equal places are kept as (sum, number).
     pools: list[tuple[float, int]] = []
     for rank, i in enumerate(order):
         total, size = wanted[i] - rank * gap, 1

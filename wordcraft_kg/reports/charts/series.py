@@ -10,13 +10,13 @@ from markupsafe import Markup
 from wordcraft_kg.reports.charts.plot import COLOURS, WIDTH, Plot
 from wordcraft_kg.reports.charts.scales import Estimate, amounts, estimate, even_ticks, round_ticks, round_up, shortened
 
-# A letter of the charts' 11 px text is about so wide; longer names of series are cut, and whole in the tooltip.
+# Width of a letter in the charts' 11 px text; names of series above the limit are cut, but complete in the tooltip.
 LETTER, LONGEST_NAME = 6.3, 26
 DASHES = 4
 HOVER_POINTS = 60
 
 CurvePoint = tuple[float, float, float | None, float | None]
-"""x, y, and the bounds of an interval of y, or None twice."""
+"""x, y, and the bounds of an interval of y, or None for both bounds."""
 
 
 def grouped_bars(
@@ -69,19 +69,19 @@ def curves(
     dashed: Collection[str] | None = None,
     colours: Mapping[str, int] | None = None,
 ) -> Markup:
-    """Draw curves with bands of uncertainty, each named at its right end; the x-axis holds 0.
+    """Draw curves with bands of uncertainty, each labelled at its right end; the x-axis includes 0.
 
-    Several seeds give a curve of their means and a band of their interval. A point with bounds whose neighbours have
-    none gets a whisker, and a curve of a single point a dot.
+    Several seeds are drawn as a curve of their means and a band of their interval. A point with bounds whose neighbours
+    have none gets a whisker, and a curve of a single point is a dot.
 
     Args:
         series: points by name, x ascending; a curve without points keeps its colour, but is not drawn.
-        x_title: under the x-axis, whose numbers are shortened (0.5M).
-        y_title: above the chart.
-        description: for readers who do not see it.
+        x_title: title under the x-axis, whose numbers are abbreviated (0.5M).
+        y_title: title above the chart.
+        description: text for readers who cannot see it.
         percent: y is a share, and its axis goes from 0 to 100 %; otherwise the axis is fitted to the data.
-        dashed: names of the curves to be dashed, all others being solid (say, train beside test); by default every
-            curve has a pattern of its own, so that they differ without colour too.
+        dashed: names of the curves to be dashed, such as those of train tasks; the others are solid. By default each
+            curve has its own pattern, so that curves differ without colour too.
         colours: numbers of colours by name, for curves that share one; by default a curve's place in ``series``.
     """
     names = {name: shortened(name, LONGEST_NAME) for name, points in series.items() if points}
@@ -110,7 +110,7 @@ def curves(
         points = series[name]
         style, radius = ("hit", 4.0) if len(points) > 1 else (f"dot series-{number[name]}", 3.6)
         every = math.ceil(len(points) / HOVER_POINTS)
-        # Counted from the end, which is the point of most interest.
+        # Counted from the end, because the last point matters most.
         for x, y, low, high in points[::-1][::every][::-1]:
             plot.circle(x, y, radius, style, f"{name}, {x:,.10g}: {estimate((y, low, high), percent)}")
     ends = [(name, *series[name][-1][:2]) for name in names]
@@ -131,11 +131,11 @@ def dots(
     Series differ in colour and in shape.
 
     Args:
-        labels: of the categories; cut where they would overlap.
-        series: by name a share and its interval for each category, or None where there is none.
-        x_title: under the x-axis.
-        y_title: above the chart.
-        description: for readers who do not see it.
+        labels: names of the categories; cut where they would overlap.
+        series: by name, a share and its interval for each category, or None.
+        x_title: title under the x-axis.
+        y_title: title above the chart.
+        description: text for readers who cannot see it.
     """
     names = {name: shortened(name, LONGEST_NAME) for name in series}
     room = round(30 + LETTER * max(map(len, names.values()), default=0))
@@ -175,7 +175,7 @@ def reliability(points: Sequence[tuple[float, float, int]], description: str) ->
 
 
 def _runs_with_bounds(points: Sequence[CurvePoint]) -> list[list[tuple[float, float, float]]]:
-    """Return the stretches of points that have bounds, as (x, low, high)."""
+    """Return the runs of consecutive points that have bounds, as (x, low, high)."""
     runs: list[list[tuple[float, float, float]]] = [[]]
     for x, _, low, high in points:
         if low is not None and high is not None:

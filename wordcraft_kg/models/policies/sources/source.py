@@ -128,6 +128,11 @@ def make_sources(names: Iterable[str], scorer: TripleScorer, view: ScoreView = S
 
     Raises:
         ConfigError: if their tables would not fit (before anything is computed), or the scorer cannot serve one.
+
+    Example:
+        >>> u, v = make_sources(["u", "v"], load_scorer("models/kitchen"))
+        >>> u.label.symbol, v.graph_hash == open_graph("kitchen").graph.hash
+        ('u', True)
     """
     kinds = [source_class(name) for name in names]
     size = len(scorer.entities)

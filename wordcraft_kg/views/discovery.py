@@ -1,4 +1,4 @@
-"""What scripted players come to: success on all tasks of a part, and discoveries in open-ended play."""
+"""What players discover in open-ended play."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -6,39 +6,28 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from wordcraft_kg.agents.discovery import HUMAN_CURVE, HUMAN_SOURCE, discovery_curves, make_players, summarise_curves
-from wordcraft_kg.agents.players import PlayerSuccess, knowledge_players, play_all, scorer_players
-from wordcraft_kg.envs.config import WordCraftConfig
+from wordcraft_kg.agents.discovery import (
+    HUMAN_CURVE,
+    HUMAN_SOURCE,
+    discovery_curves,
+    make_discoverers,
+    summarise_curves,
+)
 from wordcraft_kg.envs.open_ended import Discovery
-from wordcraft_kg.envs.world import World
-from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.graphs.tasks import TaskPart
-from wordcraft_kg.models.scorers.scorer import Scorer
 from wordcraft_kg.records import Count, Hash, Record, Share
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from wordcraft_kg.models.links.folder import OpenedModel
-
-
-class Baselines(Record):
-    """Success of scripted players, a row for each number of distractors and player."""
-
-    graph: str
-    part: TaskPart
-    depth: int
-    draws: int
-    seed: int
-    rows: tuple[PlayerSuccess, ...]
+    from wordcraft_kg.models.scorers.scorer import Scorer
 
 
 class Known(Record):
     """How many entities a player knows after some attempts.
 
     Attributes:
-        mean: over the runs.
+        mean: mean over the runs.
         low: lower end of its 95 % interval; None for a single run.
         high: upper end.
         repeated: share of the attempts so far that repeated a pair.
@@ -56,10 +45,10 @@ class DiscoveryView(Record, omit_defaults=True):
     Attributes:
         base: entities known at the start.
         reachable: entities that can be made from them.
-        marks: attempts after which the knowledge is read.
-        players: what each knows, by mark.
-        people: what people know, by attempts; in another game.
-        out: the page, if one was written.
+        marks: attempts after which the number of known entities is reported.
+        players: what each player knows, by mark.
+        people: entities that people know in another game, by attempts.
+        out: file of the page, if it was written.
     """
 
     graph: str
@@ -78,37 +67,6 @@ class DiscoveryView(Record, omit_defaults=True):
     out: str | None = None
 
 
-def view_baselines(
-    opened: OpenedGraph,
-    graph: str,
-    config: WordCraftConfig,
-    distractors: Sequence[int],
-    model: "tuple[str, OpenedModel] | None" = None,
-    *,
-    draws: int = 5,
-    seed: int = 0,
-) -> Baselines:
-    """Let the players of the reference table play, and those of a model if there is one.
-
-    Args:
-        opened: graph and split.
-        graph: what the graph was called.
-        config: part and depth of the tasks.
-        distractors: numbers of distractors.
-        model: a link predictor and its name.
-        draws: of distractors for each task.
-        seed: of the draws and of ties.
-    """
-    players = knowledge_players(opened.graph, opened.split.partial)
-    if model is not None:
-        name, trained = model
-        named = scorer_players(opened.graph, trained.scorer, opened.triples(trained.kg))
-        oracle = players.pop("recipe oracle")
-        players |= {f"{name}, {kind}": player for kind, player in named.items()} | {"recipe oracle": oracle}
-    rows = play_all(World(opened, config), players, distractors, draws=draws, seed=seed)
-    return Baselines(graph, config.part, config.depth, draws, seed, rows)
-
-
 def view_discovery(
     graph: RecipeGraph,
     players: Sequence[str],
@@ -117,22 +75,22 @@ def view_discovery(
     runs: int = 100,
     seed: int = 0,
     base: Sequence[str] | None = None,
-    scorer: tuple[str, Scorer] | None = None,
+    scorer: "tuple[str, Scorer] | None" = None,
 ) -> tuple[DiscoveryView, "pd.DataFrame"]:
-    """Let players discover entities; return the view and the curves that it sums up.
+    """Let players discover entities; return the view and the curves that it summarises.
 
     Args:
-        graph: to play on.
-        players: by name.
+        graph: the graph to play on.
+        players: names of the players.
         attempts: combinations that a player may try.
-        runs: times that each plays.
-        seed: root of all draws.
+        runs: how many times each player plays.
+        seed: root seed of all draws.
         base: entities known at the start; None takes the graph's.
-        scorer: that guides a player, and its name.
+        scorer: name of a scorer that guides a player, and the scorer.
     """
     start = Discovery(graph, base)
     loaded = None if scorer is None else scorer[1]
-    curves = discovery_curves(graph, make_players(players, graph, loaded), attempts, runs, seed, start.base)
+    curves = discovery_curves(graph, make_discoverers(players, graph, loaded), attempts, runs, seed, start.base)
     table = summarise_curves(curves)
     view = DiscoveryView(
         graph=graph.name,
@@ -153,7 +111,7 @@ def view_discovery(
 
 
 def written_to(view: DiscoveryView, out: Path) -> DiscoveryView:
-    """Return a view that names its page."""
+    """Return a view with the file of its page."""
     return msgspec.structs.replace(view, out=str(out))
 
 

@@ -1,0 +1,63 @@
+"""What `from wordcraft_kg import ...` gives: names, types, and an example of each that runs."""
+
+import doctest
+import inspect
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import wordcraft_kg
+
+IN_ORDER = (
+    "open_book",
+    "RecipeGraph",
+    "open_graph",
+    "SplitConfig",
+    "make_split",
+    "WordCraftConfig",
+    "World",
+    "ComplExConfig",
+    "LinkModelConfig",
+    "LinksConfig",
+    "train_links",
+    "open_model",
+    "load_scorer",
+    "make_sources",
+    "TaskConfig",
+    "PolicyConfig",
+    "ImpalaConfig",
+    "AgentConfig",
+    "train_agent",
+    "open_agent",
+    "load_policy",
+    "evaluate",
+)
+"""Each example may use what those before it have written."""
+
+
+def test_every_public_name_is_there_and_listed_once():
+    assert sorted(wordcraft_kg.__all__) == sorted(IN_ORDER)
+    assert set(dir(wordcraft_kg)) == {*IN_ORDER, "__version__"}
+    assert all(getattr(wordcraft_kg, name).__name__ == name for name in IN_ORDER)
+    with pytest.raises(AttributeError, match="no attribute 'nonsense'"):
+        _ = wordcraft_kg.nonsense
+
+
+def test_the_example_of_every_public_name_does_what_it_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.chdir(tmp_path)
+    names = {name: getattr(wordcraft_kg, name) for name in IN_ORDER}
+    runner = doctest.DocTestRunner(optionflags=doctest.ELLIPSIS)
+    for name, value in names.items():
+        text = inspect.getdoc(value) or ""
+        example = doctest.DocTestParser().get_doctest(text, dict(names), name, None, None)
+        assert example.examples, name
+        said: list[str] = []
+        assert runner.run(example, out=said.append).failed == 0, "".join(said)
+
+
+def test_importing_the_package_imports_neither_torch_nor_pykeen_nor_gymnasium():
+    code = "import sys, wordcraft_kg\nprint({'torch', 'pykeen', 'gymnasium', 'pandas'} & set(sys.modules))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "set()"

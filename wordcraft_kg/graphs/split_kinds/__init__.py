@@ -1,0 +1,1 @@
+"""Kinds of splits: functions ``(graph, config, rng) -> Draw`` that :data:`~wordcraft_kg.graphs.splits.SPLITS` names."""

@@ -344,13 +344,13 @@ def test_successes_are_a_table_of_0_and_1(table):
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"level": 0}, "level 0"),
-        ({"level": 1}, "level 1"),
-        ({"level": 95}, "level 95"),
-        ({"level": math.nan}, "level nan"),
-        ({"draws": 0}, "draws 0"),
-        ({"draws": 2.5}, "draws 2.5"),
-        ({"seed": -1}, "seed -1"),
+        ({"level": 0}, "`level` 0"),
+        ({"level": 1}, "`level` 1"),
+        ({"level": 95}, "`level` 95"),
+        ({"level": math.nan}, "`level` nan"),
+        ({"draws": 0}, "`draws` 0"),
+        ({"draws": 2.5}, "`draws` 2.5"),
+        ({"seed": -1}, "`seed` -1"),
     ],
 )
 @pytest.mark.parametrize("num_seeds", [1, 3])

@@ -1,4 +1,4 @@
-"""Files that are either whole or not there: atomic writes, staged folders and content hashes."""
+"""Files that are either complete or absent: atomic writes, staged folders and content hashes."""
 
 import hashlib
 import json
@@ -13,13 +13,13 @@ from typing import Any
 from wordcraft_kg.errors import ArtefactError, OutputExistsError
 
 OWN_FILES = ("graph.json", "run.json", "report.json", "dataset.yaml")
-"""A folder that holds one of these was written by this package, so that --force may replace it."""
+"""A folder that holds one of these was written by this package and may be replaced on request."""
 SMALL_FILE = 2**28
 """Bytes; more than any record, log of figures or list of settings that this package writes."""
 
 
 def with_a_name(path: Path) -> Path:
-    """Return a path whose last part is a name; ``.`` and ``..`` have none that a sibling could be named after."""
+    """Return a path that ends in a name; ``.`` and ``..`` are resolved, since no sibling can be named after them."""
     return path if path.name not in ("", "..") else path.resolve()
 
 
@@ -61,9 +61,9 @@ def read_json(path: Path) -> Any:
 
 
 def write_atomically(path: Path, content: str | bytes | Iterable[str], *, durable: bool = False) -> None:
-    """Write a file through a temporary sibling, so that a reader sees the old content or the new, never a part.
+    """Write a file through a temporary sibling: readers see either the old content or the new, never a part of it.
 
-    A ``durable`` file is on the disk before it gets its name, so that a power failure cannot leave it empty either.
+    A ``durable`` file is on the disk before it gets its name: even a power failure cannot leave it empty.
     """
     descriptor, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
     try:
@@ -91,21 +91,21 @@ def check_output(out: Path, *, force: bool) -> None:
             package did not write, is never replaced.
     """
     if out.is_file():
-        raise OutputExistsError(f"'{out}' is a file; a folder is to be written there. Choose another --out.")
+        raise OutputExistsError(f"'{out}' is a file, but the output is a folder. Choose another `out`.")
     if out.exists() and not force:
-        raise OutputExistsError(f"'{out}' exists. Choose another --out, or replace it with --force.")
+        raise OutputExistsError(f"'{out}' exists. Choose another `out`, or replace it with `force`.")
     if out.exists() and any(out.iterdir()) and not any((out / name).is_file() for name in OWN_FILES):
         raise OutputExistsError(
-            f"'{out}' holds something else than an output of wordcraft-kg (none of {', '.join(OWN_FILES)} is in it); "
-            "it is not replaced, even with --force. Choose another --out."
+            f"'{out}' does not look like an output of wordcraft-kg (it has none of {', '.join(OWN_FILES)}); "
+            "it is not replaced, even with `force`. Choose another `out`."
         )
 
 
 @contextmanager
 def staged_folder(out: Path, *, force: bool = False) -> Iterator[Path]:
-    """Yield an empty folder that becomes ``out`` when the block ends well, and vanishes when it does not.
+    """Yield an empty folder that becomes ``out`` if the block succeeds, and is removed if it fails.
 
-    An earlier ``out`` stays as it was until the very end, whatever happens in the block (Ctrl-C included).
+    An earlier ``out`` stays untouched until the very end, whatever happens in the block (Ctrl-C included).
     """
     check_output(out, force=force)
     with _parents_of(out):
@@ -120,15 +120,15 @@ def staged_folder(out: Path, *, force: bool = False) -> Iterator[Path]:
 
 @contextmanager
 def staged_file(out: Path, *, force: bool = False) -> Iterator[Path]:
-    """Yield a path in an empty folder whose file becomes ``out`` when the block ends well.
+    """Yield a path in an empty folder; the file written there becomes ``out`` if the block succeeds.
 
     Raises:
         OutputExistsError: if ``out`` is a folder, or exists and ``force`` is False.
     """
     if out.is_dir():
-        raise OutputExistsError(f"'{out}' is a folder; a file is to be written there. Choose another --out.")
+        raise OutputExistsError(f"'{out}' is a folder, but the output is a file. Choose another `out`.")
     if out.exists() and not force:
-        raise OutputExistsError(f"'{out}' exists. Choose another --out, or replace it with --force.")
+        raise OutputExistsError(f"'{out}' exists. Choose another `out`, or replace it with `force`.")
     with _parents_of(out):
         staging = Path(tempfile.mkdtemp(dir=out.parent, prefix=f".{out.name}."))
         try:
@@ -140,20 +140,20 @@ def staged_file(out: Path, *, force: bool = False) -> Iterator[Path]:
 
 @contextmanager
 def _parents_of(out: Path) -> Iterator[None]:
-    """Make the folders above ``out``, and take back those that were new if the block fails."""
+    """Make the folders above ``out``; if the block fails, remove the new ones."""
     missing = [parent for parent in out.parents if not parent.exists()]
     out.parent.mkdir(parents=True, exist_ok=True)
     try:
         yield
     except BaseException:
-        with suppress(OSError):  # somebody else has put something there: it stays, and the error is still ours
+        with suppress(OSError):  # another process has put something there: it stays
             for parent in missing:
                 parent.rmdir()
         raise
 
 
 def replace_folder(staging: Path, out: Path) -> None:
-    """Rename ``staging`` to ``out``; an ``out`` that exists is put aside first and comes back if that fails."""
+    """Rename ``staging`` to ``out``; an existing ``out`` is moved aside first and restored if that fails."""
     if not out.exists():
         os.rename(staging, out)
         return

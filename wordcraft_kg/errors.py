@@ -1,4 +1,4 @@
-"""What can go wrong for a user: one class a cause, each saying what was found, what was expected and what to do."""
+"""Errors that a user can cause: one class per cause; messages say what was found, what was expected, what to do."""
 
 
 class WordCraftKGError(Exception):
@@ -22,15 +22,15 @@ class SplitError(WordCraftKGError, ValueError):
 
 
 class TaskError(WordCraftKGError, ValueError):
-    """There is no such task, or no plan does what it should."""
+    """There is no such task, or a plan cannot be carried out."""
 
 
 class ConfigError(WordCraftKGError, ValueError):
-    """An option has a value outside its allowed range."""
+    """A setting has a value that is not allowed."""
 
 
 class UnknownSettingError(ConfigError, TypeError):
-    """A keyword argument that there is not; a TypeError, as Python's own, because other libraries probe for that."""
+    """An unknown keyword argument; a TypeError, like Python's own, because other libraries check for that."""
 
 
 class ActionError(WordCraftKGError, ValueError):
@@ -42,7 +42,7 @@ class EpisodeError(WordCraftKGError, RuntimeError):
 
 
 class ArtefactError(WordCraftKGError, ValueError):
-    """A folder or file written by this package is missing a part, damaged, or of another kind."""
+    """A folder or file written by this package is incomplete, damaged, or of the wrong kind."""
 
 
 class GraphMismatchError(ArtefactError):
@@ -50,15 +50,15 @@ class GraphMismatchError(ArtefactError):
 
 
 class TrainingError(WordCraftKGError, ArithmeticError):
-    """A training cannot go on, because its numbers are no longer finite."""
+    """A training cannot continue, because its numbers are no longer finite."""
 
 
 class OutputExistsError(WordCraftKGError, FileExistsError):
-    """The output is there already and overwriting was not asked for."""
+    """The output exists already and overwriting was not requested."""
 
 
 class FetchError(WordCraftKGError, OSError):
-    """A published book could not be downloaded, or is not the file that was pinned."""
+    """A published book could not be downloaded, or is not the pinned file."""
 
 
 class MissingExtraError(WordCraftKGError, ImportError):

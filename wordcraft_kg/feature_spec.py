@@ -1,22 +1,22 @@
-"""How entity features are asked for: by a name, or by the path of a file of vectors."""
+"""How entity features are specified: by name, or by the path of a file of vectors."""
 
 from dataclasses import dataclass
 
 VECTORS = ("glove", "one-hot", "random")
 LEARNED = "learned"
-"""Not vectors that are given, but some that the policy learns."""
+"""Vectors that the policy learns."""
 NAMES = (*VECTORS, LEARNED)
-"""Names take precedence over files: ``./glove`` is a file called glove."""
+"""Names take precedence over files: ``./glove`` is a file named glove."""
 SHUFFLED = "shuffled:"
 
 
 @dataclass(frozen=True)
 class FeatureSpec:
-    """A spec such as ``glove``, ``vectors.txt`` or ``shuffled:vectors.txt``, in its parts.
+    """The parts of a spec such as ``glove``, ``vectors.txt`` or ``shuffled:vectors.txt``.
 
     Attributes:
         source: a name of :data:`NAMES`, or a path.
-        prefix: ``shuffled:``, as often as it was written, or nothing.
+        prefix: ``shuffled:``, as many times as it was written; may be empty.
     """
 
     source: str
@@ -24,7 +24,7 @@ class FeatureSpec:
 
     @classmethod
     def parse(cls, text: str) -> "FeatureSpec":
-        """Split a spec; that there is such a file is not checked."""
+        """Split a spec into its parts; whether a file exists is not checked."""
         source = text
         while source.startswith(SHUFFLED):
             source = source.removeprefix(SHUFFLED)
@@ -32,7 +32,7 @@ class FeatureSpec:
 
     @property
     def is_path(self) -> bool:
-        """Whether a file is asked for."""
+        """Whether the source is a file."""
         return self.source not in NAMES
 
     def __str__(self) -> str:

@@ -38,7 +38,7 @@ class WordCraft(EagerDataset):
         opened = open_graph(graph)
         test, valid = (opened.split.held_out(part) for part in ("test", "valid"))
         if not len(test):
-            raise SplitError(f"'{graph}' has no unseen test triples; build it with a split, such as --split by-recipe.")
+            raise SplitError(f"'{graph}' has no unseen test triples; build it with another split, such as by-recipe.")
         super().__init__(
             training=triples_factory(opened.graph, opened.split.partial, create_inverse_triples=create_inverse_triples),
             testing=triples_factory(opened.graph, test),
@@ -49,8 +49,8 @@ class WordCraft(EagerDataset):
     def to_directory_binary(self, path: str | Path) -> None:
         """Write the dataset as PyKEEN does, but not into PyKEEN's own cache.
 
-        That cache goes by the arguments: a graph built again in the same folder, or a folder of the same name
-        elsewhere, would be answered with the triples of the first.
+        That cache is keyed by the arguments: a graph that was rebuilt in the same folder, or a folder of the same
+        name elsewhere, would get the triples of the first.
         """
         from pykeen.datasets.utils import PYKEEN_DATASETS as CACHE
 
@@ -58,5 +58,5 @@ class WordCraft(EagerDataset):
             super().to_directory_binary(path)
 
 
-# Also when this module is imported before PyKEEN's, where the entry point finds it half made.
+# For when this module is imported before PyKEEN's: the entry point then finds it only half imported.
 dataset_resolver.register(WordCraft, raise_on_conflict=False)

@@ -1,10 +1,10 @@
-"""Typed records: what is read from a file or shown to others is a value of a known type, checked once.
+"""Typed records: whatever is read from a file or shown to a user is a value of a known type, checked once.
 
-A record is a frozen :class:`Record`. Reading one is strict: an unknown key, a missing one or a value of another type is
-an error that names the file and the field. Its JSON Schema comes from the type, so that no schema is written by hand.
+A record is a frozen :class:`Record`. Reading one is strict: an unknown key, a missing one or a value of the wrong type
+is an error that names the file and the field. The JSON Schema is derived from the type; no schema is written by hand.
 
-msgspec does the work: it depends on nothing, imports in milliseconds, and takes the package's frozen dataclasses of
-settings as well.
+msgspec does the work: it has no dependencies, imports in milliseconds, and also handles the package's frozen
+dataclasses of settings.
 """
 
 import json
@@ -28,14 +28,14 @@ Hash = Annotated[str, msgspec.Meta(pattern="^[0-9a-f]{64}$")]
 
 @dataclass_transform(frozen_default=True, field_specifiers=(msgspec.field,))
 class Record(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Base of all records: frozen, without room for unknown keys."""
+    """Base of all records: frozen, and strict about unknown keys."""
 
 
 def parse_record(data: bytes, kind: type[T], path: Path | str) -> T:
     """Read a record from JSON bytes.
 
     Raises:
-        ArtefactError: naming ``path`` and the field, if the bytes are not JSON or not such a record.
+        ArtefactError: naming ``path`` and the field, if the bytes are not JSON or do not fit the record.
     """
     try:
         return msgspec.json.decode(data, type=kind)
@@ -47,16 +47,16 @@ def read_record(path: Path, kind: type[T]) -> T:
     """Read a record from a JSON file.
 
     Raises:
-        ArtefactError: if the file is missing, or damaged, see :func:`parse_record`.
+        ArtefactError: if the file is missing, or damaged (see :func:`parse_record`).
     """
     return parse_record(read_small_file(path), kind, path)
 
 
 def parse_lines(data: bytes, kind: type[T], path: Path | str) -> list[T]:
-    """Read a record from each line of JSON lines.
+    """Read one record from each of several lines of JSON.
 
     Raises:
-        ArtefactError: naming ``path``, line and field.
+        ArtefactError: naming ``path``, the line and the field.
     """
     lines = data.removesuffix(b"\n").split(b"\n") if data else []
     return [parse_record(line, kind, f"{path}, line {number},") for number, line in enumerate(lines, 1)]
@@ -66,7 +66,7 @@ def as_record(values: Any, kind: type[T], path: Path | str) -> T:
     """Turn plain values, such as those of a TOML table, into a record or a dataclass of settings.
 
     Raises:
-        ArtefactError: naming ``path`` and the field, if they are not such a record.
+        ArtefactError: naming ``path`` and the field, if they do not fit the record.
     """
     try:
         return msgspec.convert(values, kind)
@@ -83,14 +83,14 @@ def as_values(record: Any) -> Any:
     """Return a record as plain values: dictionaries, lists, strings and numbers, exactly as JSON has them.
 
     Raises:
-        TypeError: if something in it is no plain value, such as a NumPy number.
+        TypeError: if it holds something that is not a plain value, such as a NumPy number.
         ValueError: if a number is not finite.
     """
     return json.loads(json.dumps(msgspec.to_builtins(record), allow_nan=False))
 
 
 def checked_values(record: Record) -> Any:
-    """Return :func:`as_values` after making sure that each is of the field's type and within its bounds.
+    """Return :func:`as_values` after checking that each value has its field's type and is within its bounds.
 
     Raises:
         ValueError: naming the field that is not.

@@ -1,7 +1,7 @@
 """Checking settings: one idiom for all, with errors that name the setting.
 
 An error names a setting in backticks, as Python spells it: `learning_rate` -1: expected a number above 0. The command
-line shows it as the option that it is, ``--learning-rate``.
+line replaces that name by its option, ``--learning-rate``.
 """
 
 import difflib

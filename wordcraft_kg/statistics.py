@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from wordcraft_kg.errors import ConfigError
-from wordcraft_kg.settings import whole
+from wordcraft_kg.settings import refuse, whole
 
 Interval = tuple[float, float, float]
 """A value, its lower and its upper bound."""
@@ -21,9 +21,9 @@ CHUNK = 2**20
 def wilson_interval(successes: float, n: int, level: float = 0.95) -> tuple[float, float]:
     """Return the score interval of a success probability.
 
-    The probabilities p that a two-sided normal test does not refuse, ``|k/n - p| <= z * sqrt(p (1 - p) / n)``:
-    ``(k + z²/2 ± z * sqrt(k (n - k) / n + z²/4)) / (n + z²)``. It stays within 0 and 1, and has a width for k = 0 and
-    k = n too.
+    The probabilities p that a two-sided normal test does not reject, ``|k/n - p| <= z * sqrt(p (1 - p) / n)``:
+    ``(k + z²/2 ± z * sqrt(k (n - k) / n + z²/4)) / (n + z²)``. It stays within 0 and 1, and its width is not zero
+    even for k = 0 and k = n.
 
     Args:
         successes: k, from 0 to ``n``; not whole where it is a sum of rates.
@@ -55,12 +55,12 @@ def interquartile_mean(scores: ArrayLike, axis: tuple[int, ...] | None = None) -
     """Return the mean of the middle half of all scores, runs and tasks together.
 
     With the n scores in ascending order and ``g = floor(n / 4)``: ``IQM = sum(s_(g+1), ..., s_(n-g)) / (n - 2 g)``. For
-    n not divisible by 4 that keeps a little more than half (the 25 % trimmed mean; no score is counted in part), and
+    n not divisible by 4 that keeps a little more than half (the 25 % trimmed mean; no score is counted partially), and
     for n up to 3 it is the plain mean.
 
     Args:
         scores: of any shape, usually (S seeds, K tasks).
-        axis: axes to take it over, all of them by default.
+        axis: axes to average over, all of them by default.
 
     Raises:
         ConfigError: if there is no score, or one is not finite.
@@ -85,11 +85,11 @@ def stratified_bootstrap(
 
     A draw replaces each column by as many of its own scores, drawn with replacement and independently of the other
     columns: ``s*_ik = s_(r_ik)k`` with ``r_ik`` uniform over 1..S. The bounds are the ``(1 - level) / 2`` and
-    ``(1 + level) / 2`` quantiles of the statistic over the draws. A single stratum makes it the plain bootstrap.
+    ``(1 + level) / 2`` quantiles of the statistic over the draws. With a single stratum it is the plain bootstrap.
 
     The interval covers the variation from seed to seed, not that from task to task. With few seeds and one stratum it
-    is too narrow: the mean of 5 normal scores lies within its "95 %" in about 84 % of all cases. It has no width where
-    all seeds of a stratum agree.
+    is too narrow: the mean of 5 normal scores lies within its "95 %" in about 84 % of all cases. Its width is
+    zero where all seeds of a stratum agree.
 
     Args:
         scores: shape (S seeds, K strata), or (S,) for one stratum. Strata are kinds of tasks, such as depths.
@@ -100,11 +100,11 @@ def stratified_bootstrap(
         seed: of the resampling.
 
     Returns:
-        Lower and upper bound; None for one seed, from which nothing can be said about others.
+        Lower and upper bound; None for a single seed, which says nothing about others.
 
     Raises:
         ConfigError: if scores are missing, not finite or of another shape, a setting is out of range, or the
-            statistic does not give one number a draw.
+            statistic does not give one number per draw.
 
     Source: Agarwal et al. 2021, section 4.1.
     """
@@ -116,14 +116,14 @@ def probability_of_improvement(x: ArrayLike, y: ArrayLike) -> float:
     """Return how likely a run of x scores higher than a run of y, both drawn at random.
 
     ``P(X > Y) = 1/K sum_k 1/(S S') sum_i sum_j h(x_ik, y_jk)``, h = 1 where ``x_ik > y_jk``, 1/2 where they are equal,
-    otherwise 0. In one stratum it is the Mann-Whitney U statistic over S S'. It says nothing about by how much.
+    otherwise 0. In one stratum it is the Mann-Whitney U statistic over S S'. It does not say by how much.
 
     Args:
         x: shape (S seeds, K strata), or (S,) for one stratum.
         y: shape (S' seeds, K strata), or (S',).
 
     Raises:
-        ConfigError: if scores are missing, not finite or of another shape, or the strata are not as many.
+        ConfigError: if scores are missing, not finite or of another shape, or x and y differ in strata.
 
     Source: Agarwal et al. 2021, section 4.3; Mann and Whitney 1947.
     """
@@ -136,7 +136,7 @@ def probability_of_improvement_interval(
     """Return the stratified-bootstrap interval of :func:`probability_of_improvement`.
 
     Seeds of x and of y are resampled independently of each other, as in :func:`stratified_bootstrap`. The interval has
-    no width where every run of one beats every run of the other: no resample can then tell otherwise.
+    zero width where every run of one beats every run of the other, since every resample then agrees.
 
     Args:
         x: shape (S seeds, K strata), or (S,) for one stratum.
@@ -164,10 +164,10 @@ def task_bootstrap(
 
     Attempts at one task resemble each other, so whole tasks are resampled (cluster bootstrap): with the rate of a task
     ``m_i = sum_d s_id / D``, the interval holds the quantiles of ``1/N sum_i m_(r_i)``, r_i uniform over 1..N. How
-    often each distinct rate is drawn is multinomial, so a draw costs as much as there are distinct rates, not tasks.
+    often each distinct rate is drawn is multinomial, so a draw's cost grows with the distinct rates, not the tasks.
 
     Where all tasks have the same rate, 0 and 1 in particular, resampling shows no variation; the interval is then
-    Wilson's for N trials, which is as wide as N independent tasks with this mean can make it.
+    Wilson's for N trials, which is as wide as N independent tasks with this mean allow.
 
     Args:
         successes: shape (N tasks, D attempts), of 0 and 1.
@@ -236,7 +236,7 @@ def paired_difference(x: ArrayLike, y: ArrayLike, *, level: float = 0.95, draws:
 def _percentiles(
     samples: list[Scores], statistic: Callable[..., Any], cost: int, level: float, draws: int, seed: int
 ) -> tuple[float, float] | None:
-    """Return percentile bounds of a statistic of resampled samples, each (draws, S, K); ``cost`` = values a draw."""
+    """Return percentile bounds of a statistic of resampled samples, each (draws, S, K); ``cost``: values per draw."""
     _check_level(level)
     draws = whole("draws", draws, 1)
     rng = np.random.default_rng(whole("seed", seed, 0))
@@ -251,8 +251,8 @@ def _percentiles(
         result = np.asarray(statistic(*drawn))
         if result.shape != (count,):
             raise ConfigError(
-                f"the statistic gave shape {result.shape} for {count} draws: expected one number a draw, as np.mean "
-                "gives over the axes that it is passed."
+                f"the statistic gave shape {result.shape} for {count} draws: expected one number per draw, as np.mean "
+                "gives over the axes passed to it."
             )
         values[start : start + count] = result
     low, high = np.quantile(values, [(1 - level) / 2, (1 + level) / 2])
@@ -268,7 +268,7 @@ def _win_rate(x: Scores, y: Scores) -> Scores:
 
 def _check_level(level: float) -> None:
     if not 0 < level < 1:
-        raise ConfigError(f"level {level}: expected more than 0 and less than 1, such as 0.95.")
+        raise refuse("level", level, "more than 0 and less than 1, such as 0.95")
 
 
 def _finite(name: str, values: ArrayLike) -> Scores:
@@ -322,11 +322,11 @@ def interval(means: NDArray[np.float64], level: float = 0.95) -> tuple[float, fl
 def standardised(table: NDArray[np.floating]) -> NDArray[np.float64]:
     """Return scores of all pairs, shape (E, E), with mean 0 and standard deviation 1 over pairs of different entities.
 
-    An entity's score with itself is scaled too but has no say: self scores are often far off the others.
+    Scores of entities with themselves are scaled as well but do not count, because they are often far from the others.
     """
     scores = np.asarray(table, dtype=np.float64)
     different = scores[~np.eye(len(scores), dtype=bool)]
     deviation = different.std()
-    if deviation <= 1e-12 * np.abs(different).max(initial=0):  # equal but for rounding, which is not to be blown up
+    if deviation <= 1e-12 * np.abs(different).max(initial=0):  # equal up to rounding, which must not be amplified
         deviation = 1.0
     return np.asarray((scores - different.mean()) / deviation)

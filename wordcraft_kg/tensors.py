@@ -17,7 +17,7 @@ def read_tensors(path: Path, data: bytes) -> dict[str, torch.Tensor]:
     """Parse safetensors bytes.
 
     Raises:
-        ArtefactError: if they are not whole.
+        ArtefactError: if they are damaged.
     """
     try:
         return safetensors.torch.load(data)
@@ -26,7 +26,7 @@ def read_tensors(path: Path, data: bytes) -> dict[str, torch.Tensor]:
 
 
 def with_prefix(tensors: Mapping[str, Tensor], prefix: str) -> dict[str, Tensor]:
-    """Return the tensors whose names begin with ``prefix``, by what follows it."""
+    """Return the tensors whose names begin with ``prefix``, by the rest of their names."""
     return {name.removeprefix(prefix): tensor for name, tensor in tensors.items() if name.startswith(prefix)}
 
 
@@ -36,15 +36,13 @@ def as_tensor(values: Any) -> Tensor:
 
 
 def check_device(device: str) -> None:
-    """Make sure that torch can compute on a device.
+    """Check that torch can compute on a device.
 
     Raises:
         ConfigError: saying why not.
     """
-    import torch
-
     try:
         torch.zeros(1, device=device).item()
     except (RuntimeError, AssertionError) as error:
         reason = str(error).splitlines()[0]
-        raise ConfigError(f"--device {device} is not to be had here ({reason}). Use --device cpu.") from None
+        raise ConfigError(f"`device` {device!r}: not available here ({reason}). Use cpu.") from None

@@ -71,11 +71,8 @@ def test_everything_wrong_is_reported_in_one_run_with_its_lines(check):
     ]
     assert message(found, "duplicate") == "earth + water -> mud is listed 2 times"
     assert message(found, "spelling") == "'Mud' and 'mud' count as different entities; use one spelling"
-    assert message(found, "comma") == "the label 'salt, white' holds a comma, which other tools may split"
-    assert (
-        message(found, "cycle")
-        == "each recipe of these needs another of them, so nothing from the base starts: egg, hen"
-    )
+    assert message(found, "comma") == "the label 'salt, white' contains a comma, at which other tools may split it"
+    assert message(found, "cycle") == "every recipe of these needs another of them, so none can be made first: egg, hen"
 
 
 def test_a_clean_book_passes_and_notes_do_not_fail_it(check):

@@ -207,5 +207,5 @@ def test_another_file_in_its_place_is_refused_by_name_but_opens_by_path(home, mo
 
 
 def test_a_book_that_nobody_publishes_cannot_be_fetched(home):
-    with pytest.raises(FetchError, match=rf"'kitchen' is not a book to fetch; there are: {NAME}"):
+    with pytest.raises(FetchError, match=rf"no book 'kitchen' to fetch; expected one of {NAME}"):
         fetch_book("kitchen")

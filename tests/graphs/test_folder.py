@@ -81,7 +81,7 @@ def test_a_book_opens_with_the_split_asked_for(kitchen):
 def test_an_existing_folder_is_kept_unless_forced(folder, kitchen):
     before = (folder / "split.json").read_bytes()
     split = make_split(kitchen, SplitConfig("by-goal"))
-    with pytest.raises(OutputExistsError, match="--force"):
+    with pytest.raises(OutputExistsError, match="`force`"):
         write_graph_folder(folder, open_book("kitchen"), split)
     assert (folder / "split.json").read_bytes() == before
     (folder / "stray.txt").write_text("of an earlier version", encoding="utf-8")
@@ -110,7 +110,7 @@ def edit(path, old, new):
 def test_an_edited_label_is_noticed(folder):
     edit(folder / "graph.json", '"bread"', '"broad"')
     with pytest.raises(
-        ArtefactError, match=r"graph\.json is damaged or was edited: its content does not give its hash"
+        ArtefactError, match=r"graph\.json is damaged or was edited: its content does not match its hash"
     ):
         open_graph(folder)
 
@@ -123,7 +123,7 @@ def test_a_label_edited_in_one_recipe_only_is_noticed(folder):
 
 def test_an_edited_base_is_noticed(folder):
     edit(folder / "graph.json", '"base": ["animal", ', '"base": [')
-    with pytest.raises(ArtefactError, match="does not give its hash"):
+    with pytest.raises(ArtefactError, match="does not match its hash"):
         open_graph(folder)
 
 
@@ -171,7 +171,7 @@ def test_a_recipe_moved_to_another_part_of_the_split_is_noticed(folder):
     content["test"].append(content["train"].pop())
     (folder / "split.json").write_text(json.dumps(content), encoding="utf-8")
     with pytest.raises(
-        ArtefactError, match=r"split\.json is damaged or was edited: its content does not give its hash"
+        ArtefactError, match=r"split\.json is damaged or was edited: its content does not match its hash"
     ):
         open_graph(folder)
 
@@ -189,5 +189,5 @@ def test_a_recipe_in_two_parts_of_the_split_is_noticed(folder):
 )
 def test_edited_settings_of_a_split_are_noticed(folder, old, new):
     edit(folder / "split.json", old, new)
-    with pytest.raises(ArtefactError, match="its content does not give its hash"):
+    with pytest.raises(ArtefactError, match="its content does not match its hash"):
         open_graph(folder)

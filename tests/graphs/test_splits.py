@@ -10,7 +10,7 @@ import pytest
 from graph_strategies import configs, splittable_graphs
 from hypothesis import assume, given, settings
 
-from wordcraft_kg.errors import ArtefactError, GraphMismatchError, SplitError
+from wordcraft_kg.errors import ArtefactError, ConfigError, GraphMismatchError, SplitError
 from wordcraft_kg.graphs import SPLITS, RecipeGraph, Split, SplitConfig, make_split
 from wordcraft_kg.graphs.splits import PARTS, SplitKind, read_split
 
@@ -193,41 +193,41 @@ def test_every_kind_of_split_that_the_types_name_is_there():
 
 @pytest.mark.parametrize("ratio", [0.0, 1.0, -0.1, 1.5, math.nan, math.inf])
 def test_a_train_ratio_outside_its_range_is_refused(ratio):
-    with pytest.raises(SplitError, match=rf"train ratio {ratio}: expected more than 0 and less than 1"):
+    with pytest.raises(ConfigError, match=rf"`train_ratio` {ratio}: expected more than 0 and less than 1"):
         SplitConfig(train_ratio=ratio)
 
 
 @pytest.mark.parametrize("ratio", [-0.1, 0.2, 1.0, math.nan])
 def test_a_valid_ratio_that_leaves_no_test_part_is_refused(ratio):
-    with pytest.raises(SplitError, match=rf"valid ratio {ratio}: expected 0, or a share that leaves a test part"):
+    with pytest.raises(ConfigError, match=rf"`valid_ratio` {ratio}: expected 0, or a share that leaves a test part"):
         SplitConfig(train_ratio=0.8, valid_ratio=ratio)
 
 
 def test_ratios_of_more_than_one_together_are_refused():
-    with pytest.raises(SplitError, match=r"train ratio 0\.8 and valid ratio 0\.3 leave no test part"):
+    with pytest.raises(ConfigError, match=r"`valid_ratio` 0\.3: expected .* a share that leaves a test part"):
         SplitConfig(train_ratio=0.8, valid_ratio=0.3)
 
 
 def test_a_negative_seed_is_refused():
-    with pytest.raises(SplitError, match="seed -1: expected 0 or more"):
+    with pytest.raises(ConfigError, match="`seed` -1: expected a whole number, 0 or more"):
         SplitConfig(seed=-1)
 
 
 def test_an_unknown_split_is_refused_with_the_nearest_ones():
-    with pytest.raises(SplitError, match=r"no split 'by-goals'; there are by-recipe, .*Did you mean 'by-goal'"):
+    with pytest.raises(ConfigError, match=r"`kind` 'by-goals': expected one of by-recipe, .*Did you mean 'by-goal'"):
         SplitConfig("by-goals")
 
 
 @pytest.mark.parametrize("kind", ["by-recipe", "by-recipe-plain", "by-goal"])
 def test_a_graph_too_small_for_the_ratios_is_refused(kind):
     graph = RecipeGraph.from_recipes([("a", "b", "c")])
-    with pytest.raises(SplitError, match=rf"the test part of a {kind} split of 1 recipes is empty; .* --split none"):
+    with pytest.raises(SplitError, match=rf"the test part of a {kind} split of 1 recipes is empty; .*`kind` none"):
         make_split(graph, SplitConfig(kind))
 
 
 def test_more_held_out_goals_than_there_are_inner_ones_are_refused():
     graph = RecipeGraph.from_recipes([("a", "b", label) for label in "cdefg"])
-    with pytest.raises(SplitError, match="2 goals are to be held out but only 0 are not terminal; raise the train"):
+    with pytest.raises(SplitError, match="2 goals are to be held out but only 0 are not terminal; raise `train_ratio`"):
         make_split(graph, SplitConfig("by-goal-terminals", train_ratio=0.6))
 
 
@@ -242,12 +242,12 @@ def test_a_split_of_another_graph_is_refused(kitchen):
     ("change", "message"),
     [
         ({"format": "wordcraft-kg split 9"}, "has the format 'wordcraft-kg split 9'; expected 'wordcraft-kg split 1'"),
-        ({"train": []}, "its content does not give its hash"),
+        ({"train": []}, "its content does not match its hash"),
         ({"test": [["seed", "water", "gold"]]}, "is damaged .*gold"),
         ({"test": [["seed"]]}, "is damaged .*TypeError"),
-        ({"train_ratio": 7}, "is damaged .*train ratio 7"),
+        ({"train_ratio": 7}, "is damaged .*`train_ratio` 7"),
         ({"kind": "by-mood"}, "is damaged .*by-mood"),
-        ({"hash": "0"}, "its content does not give its hash"),
+        ({"hash": "0"}, "its content does not match its hash"),
     ],
     ids=["format", "part emptied", "unknown entity", "short row", "ratio", "kind", "hash"],
 )

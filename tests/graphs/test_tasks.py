@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import chisquare
 
-from wordcraft_kg.errors import TaskError, UnknownEntityError
+from wordcraft_kg.errors import ConfigError, TaskError, UnknownEntityError
 from wordcraft_kg.graphs import Recipe, RecipeGraph, Split, SplitConfig, make_split
 from wordcraft_kg.graphs.plan_search import PlanSearch
 from wordcraft_kg.graphs.splits import PARTS, Draw
@@ -396,17 +396,17 @@ def test_the_two_weightings_draw_differently():
 
 
 @pytest.mark.parametrize(
-    ("arguments", "says"),
+    ("arguments", "error", "says"),
     [
-        ({"depth": 0}, "depth 0: expected 1 to 5 attempts"),
-        ({"depth": 7}, "depth 7: expected 1 to 5 attempts"),
-        ({"part": "tests"}, "no part 'tests'; there are all, train, valid, test"),
-        ({"part": "test"}, "the part 'test' needs a split"),
-        ({"part": "train", "split": BRANCHED_SPLIT}, "the split belongs to another graph"),
+        ({"depth": 0}, ConfigError, "`depth` 0: expected a whole number, 1 to 5"),
+        ({"depth": 7}, ConfigError, "`depth` 7: expected a whole number, 1 to 5"),
+        ({"part": "tests"}, ConfigError, "`part` 'tests': expected one of all, train, valid, test"),
+        ({"part": "test"}, TaskError, "`part` 'test' needs a split"),
+        ({"part": "train", "split": BRANCHED_SPLIT}, TaskError, "the split belongs to another graph"),
     ],
 )
-def test_tasks_that_make_no_sense_are_refused(kitchen, arguments, says):
-    with pytest.raises(TaskError, match=says):
+def test_tasks_that_make_no_sense_are_refused(kitchen, arguments, error, says):
+    with pytest.raises(error, match=says):
         make_tasks(kitchen, **arguments)
 
 

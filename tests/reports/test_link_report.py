@@ -673,7 +673,7 @@ def test_making_a_report_leaves_the_global_generators_as_they_were(kitchen_model
 
 def test_a_report_is_not_overwritten_unless_forced(kitchen_report: LinkReport, full_report: LinkReport, tmp_path: Path):
     write_report(kitchen_report, tmp_path / "report")
-    with pytest.raises(OutputExistsError, match="--force"):
+    with pytest.raises(OutputExistsError, match="`force`"):
         write_report(full_report, tmp_path / "report")
     assert json.loads((tmp_path / "report" / "report.json").read_text())["model"]["name"] == "kitchen"
     write_report(full_report, tmp_path / "report", force=True)

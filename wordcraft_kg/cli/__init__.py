@@ -38,7 +38,7 @@ COMMANDS = {
 }
 """Commands by group."""
 
-OPTIONS = {"num_distractors": "distractors"}
+OPTIONS = {"num_distractors": "distractors", "kind": "split"}
 """Options by the settings that they set, where the two have different names."""
 
 START = """Start here:

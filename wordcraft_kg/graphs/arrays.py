@@ -1,20 +1,15 @@
 """Arrays of ids."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-
-if TYPE_CHECKING:
-    pass
-
 
 Ids = NDArray[np.int64]
 
 
 def frozen(array: Ids) -> Ids:
-    """Make an array read-only, so that what a graph or split hands out cannot change it."""
+    """Make an array read-only, so that nobody can change a graph or split through it."""
     array.flags.writeable = False
     return array
 

@@ -31,7 +31,7 @@ class AmbiguousPair(Record):
 
 
 class Ambiguity(Record):
-    """How many results the pairs have; the ``examples`` have most of them."""
+    """How many results pairs have; the ``examples`` are the pairs with the most."""
 
     pairs_by_number_of_results: dict[str, Count]
     pairs_with_several_results: Count
@@ -39,7 +39,7 @@ class Ambiguity(Record):
 
 
 class Reachability(Record):
-    """What can be made from the base, and after how many rounds."""
+    """What can be made from the base, and in how many rounds."""
 
     reachable: Count
     rounds: Count
@@ -61,12 +61,12 @@ class Degrees(Record):
 
     Attributes:
         craftable: entities with a recipe.
-        recipes_per_craftable: over those.
+        recipes_per_craftable: number of recipes of those.
         terminal: craftable entities that no recipe uses.
         idle: entities in no recipe.
         self_pairs: pairs of an entity with itself.
-        most_used: entities in most recipes, with their number.
-        most_recipes: entities made in most ways, with their number.
+        most_used: entities that the most recipes use, with their number.
+        most_recipes: entities that the most recipes make, with their number.
     """
 
     craftable: Count
@@ -79,7 +79,7 @@ class Degrees(Record):
 
 
 class AlikeLabels(Record):
-    """Groups of labels that differ only in case or outer and repeated blanks: most often a slip, never merged by us."""
+    """Groups of labels that differ only in case or in outer or repeated blanks: usually slips, but never merged."""
 
     alike: Count
     alike_labels: tuple[tuple[str, ...], ...]
@@ -90,8 +90,8 @@ class SplitSummary(Record):
 
     Attributes:
         evaluated_triples: triples of the test recipes that neither train nor validation recipes give.
-        leaked_triples: the others, which never count.
-        covered: every entity is in a train recipe.
+        leaked_triples: the other triples of the test recipes, which are never evaluated.
+        covered: whether every entity is in a train recipe.
         uncovered: entities that are in none.
         moved_for_coverage: recipes moved to train for that.
         pairs_on_both_sides: pairs with results in more than one part.
@@ -122,10 +122,10 @@ class Leakage(Record):
     Attributes:
         train: training triples.
         from_test_recipes: triples of the test recipes.
-        already_in_train: those of them that are in train, or in the validation part, and left out.
+        already_in_train: those of them that train or validation recipes give too, and that are left out.
         evaluated: the rest.
         mirror_in_train: evaluated triples whose mirror (tail, relation, head) is in train: for combinesWith it must be
-            0, else the answer is given away.
+            0, or the answer would be given away.
     """
 
     train: Count
@@ -136,11 +136,11 @@ class Leakage(Record):
 
 
 class Audit(Record, omit_defaults=True, kw_only=True):
-    """A graph and its split in numbers; every list of names is cut at :data:`SHOWN`, the count beside it is complete.
+    """A graph and its split in numbers; lists of names are cut at :data:`SHOWN`, the counts beside them are complete.
 
     Attributes:
-        dropped_self_results: rows of the book whose result is one of their own parts; None where no book was given.
-        merged_duplicates: rows of the book that it has twice; None where no book was given.
+        dropped_self_results: rows of the book whose result is one of their own ingredients; None if no book was given.
+        merged_duplicates: repeated rows of the book; None if no book was given.
     """
 
     dropped_self_results: Count | None = None

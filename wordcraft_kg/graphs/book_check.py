@@ -1,7 +1,7 @@
-"""Checking a recipe book while it is written: everything that is wrong or odd in one go, with lines.
+"""Checking a recipe book while it is being written: everything that is wrong or odd, all at once, with lines.
 
-Reading a book (:func:`~wordcraft_kg.graphs.recipes.read_book`) stops at the first thing that is wrong and accepts what
-is merely odd; this goes on, and never changes the file.
+Reading a book (:func:`~wordcraft_kg.graphs.recipes.read_book`) stops at the first error and accepts what is
+merely odd; a check continues to the end. It never changes the file.
 """
 
 import csv
@@ -31,9 +31,9 @@ from wordcraft_kg.records import Count, Record, Share
 from wordcraft_kg.settings import nearest
 
 LISTED = 15
-"""How many lines or names a finding lists."""
+"""How many lines or names a finding lists at most."""
 SIMILAR_FROM = 6
-"""Characters from which labels that differ by one letter are listed; shorter ones do so by chance (cat, bat)."""
+"""Length from which labels that differ by one letter are listed; shorter ones often do so by chance (cat, bat)."""
 
 
 class Finding(Record):
@@ -42,7 +42,7 @@ class Finding(Record):
     Attributes:
         kind: name of the rule, such as ``duplicate``.
         severity: a ``problem`` makes the check fail, a ``note`` does not.
-        lines: where, from 1; at most 15 of them, and none where the book as a whole is meant.
+        lines: line numbers, from 1; at most 15, and none for a finding about the whole book.
         message: what was found.
     """
 
@@ -53,18 +53,18 @@ class Finding(Record):
 
 
 class BookFigures(Record, omit_defaults=True):
-    """Counts of a book; those with a default are there if somebody added them.
+    """Counts of a book; those with a default are present only if they were added later.
 
     Attributes:
         reachable: entities that can be made from the base, or are in it.
-        max_layer: rounds until the last of them.
-        share_with_two_recipes: of the craftable entities, those with two or more.
+        max_layer: rounds until the last of them can be made.
+        share_with_two_recipes: of the craftable entities, the share with two or more recipes.
         terminal: craftable entities that no recipe uses.
-        most_used_share: of the recipes, those that use the most used entity.
+        most_used_share: of the recipes, the share that uses the most used entity.
         words_with_vector: of the words in labels, the share with a word vector.
-        near_synonym_share: of the test recipes of the default split, those that repeat a train recipe with a
-            near-synonym, that is, an ingredient of at least this cosine.
-        against: another book, which has ``shared_recipes`` of the recipes.
+        near_synonym_share: of the test recipes of the default split, the share that repeats a train recipe with one
+            ingredient replaced by a near-synonym, one of at least this cosine.
+        against: another book, which shares ``shared_recipes`` of the recipes.
     """
 
     entities: Count
@@ -97,7 +97,7 @@ class BookCheck:
     Attributes:
         findings: problems first, each group by line.
         figures: counts of the book; None if no recipe could be read.
-        graph: of the recipes that could be read; None if there is none.
+        graph: graph of the recipes that could be read; None if there is none.
     """
 
     findings: tuple[Finding, ...]
@@ -121,8 +121,8 @@ def check_book(path: Path, base: Iterable[str] | None = None, name: str | None =
     Problems are: bytes that are not UTF-8, a byte order mark, line ends other than LF, a label with a comma, rows that
     are not recipes, recipes listed twice or made from themselves, one label in two spellings, base entities that no
     recipe uses, entities that cannot be made from the base, and circles of entities that need each other. Notes are:
-    singular and plural of one word, long labels that differ by one letter, entities that stand in one recipe only, and
-    listed entities that stand in none.
+    singular and plural of one word, long labels that differ by one letter, entities that occur in one recipe only, and
+    listed entities that occur in none.
 
     Args:
         path: a ``.csv``, ``.tsv`` or ``.json`` book. Lines of recipes are known for tables only; of a JSON book that
@@ -143,7 +143,7 @@ def check_book(path: Path, base: Iterable[str] | None = None, name: str | None =
         book = _read_other(path, name, findings)
     if book is None or not book.recipes:
         if not any(finding.severity == "problem" for finding in findings):
-            findings.append(Finding("empty", "problem", (), "there is no recipe in it"))
+            findings.append(Finding("empty", "problem", (), "it has no recipe"))
         return BookCheck(_sorted(findings), None, None)
     wanted = book.base if base is None else tuple(base)
     known = None if wanted is None else [label for label in wanted if label in set(book.entities)]
@@ -241,7 +241,7 @@ def _rows(
             if is_header or sum(cell.strip() in CSV_HEADER for cell in line.split(delimiter)) > 1 or not line.strip():
                 continue
         elif is_header:
-            findings.append(Finding("header", "problem", (number,), "the header again, in the middle"))
+            findings.append(Finding("header", "problem", (number,), "the header is repeated in the middle"))
             continue
         if not line:
             continue
@@ -264,12 +264,12 @@ def _at(labels: Iterable[str], line_of: Mapping[str, int]) -> tuple[int, ...]:
 def _commas(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Finding]:
     for label in graph.entities:
         if "," in label:
-            message = f"the label '{label}' holds a comma, which other tools may split"
+            message = f"the label '{label}' contains a comma, at which other tools may split it"
             yield Finding("comma", "problem", _at([label], line_of), message)
 
 
 def _idle(graph: RecipeGraph, base: tuple[str, ...] | None) -> Iterator[Finding]:
-    """Entities that stand in no recipe: a problem in a base that was given, else a note."""
+    """Entities that occur in no recipe: a problem in an explicit base, else a note."""
     idle = graph.labels(np.flatnonzero(graph.recipe_counts + graph.use_counts == 0))
     unused = graph.labels(graph.base_ids[graph.use_counts[graph.base_ids] == 0]) if base is not None else ()
     if unused:
@@ -280,7 +280,7 @@ def _idle(graph: RecipeGraph, base: tuple[str, ...] | None) -> Iterator[Finding]
 
 
 def _spellings(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Finding]:
-    """Labels that are the same but for case, blanks, hyphens and how Unicode composes them."""
+    """Labels that differ only in case, blanks, hyphens or Unicode composition."""
     groups: dict[str, list[str]] = {}
     for label in graph.entities:
         key = unicodedata.normalize("NFKC", label).casefold()
@@ -316,7 +316,7 @@ def _unreachable(
             labels = graph.labels(sorted(circle))
             made = (recipe for recipe in lines_of if recipe.result in labels)
             lines = sorted(number for recipe in made for number in lines_of[recipe])
-            message = f"each recipe of these needs another of them, so nothing from the base starts: {listed(labels)}"
+            message = f"every recipe of these needs another of them, so none can be made first: {listed(labels)}"
             yield Finding("cycle", "problem", tuple(lines[:LISTED]), message)
 
 

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any, Literal
 from urllib.parse import quote
 
 from wordcraft_kg.artefacts import staged_file, staged_folder, write_atomically
-from wordcraft_kg.errors import ConfigError, MissingExtraError
+from wordcraft_kg.errors import MissingExtraError
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.frames import to_networkx, triples_frame
 from wordcraft_kg.graphs.recipes import RecipeBook, write_book
 from wordcraft_kg.graphs.triples import RELATIONS, triple_lines
-from wordcraft_kg.settings import nearest
+from wordcraft_kg.settings import one_of
 
 NAMESPACE = "urn:wordcraft-kg:"
 """IRI prefix of entities (``...entity:<label, percent-encoded>``) and relations (``...relation:<name>``)."""
@@ -21,7 +21,7 @@ NAMESPACE = "urn:wordcraft-kg:"
 
 @dataclass(frozen=True)
 class Exporter:
-    """A way to write a graph: what it is for, whether it writes a folder, and the function that writes it."""
+    """A format: what it is for, whether it is a folder, and the function that writes it."""
 
     about: str
     write: Callable[[OpenedGraph, Path], None]
@@ -29,16 +29,15 @@ class Exporter:
 
 
 def export_graph(opened: OpenedGraph, format: str, out: Path, *, force: bool = False) -> None:
-    """Write a graph in one of the formats of :data:`EXPORTERS`; the output appears whole or not at all.
+    """Write a graph in one of the formats of :data:`EXPORTERS`; the output appears complete or not at all.
 
     Raises:
         ConfigError: for an unknown format.
         MissingExtraError: if the format needs a package that is not installed.
         OutputExistsError: if ``out`` exists and ``force`` is False.
     """
-    exporter = EXPORTERS.get(format)
-    if exporter is None:
-        raise ConfigError(f"--format {format}: expected one of {', '.join(EXPORTERS)}.{nearest(format, EXPORTERS)}")
+    one_of("format", format, tuple(EXPORTERS))
+    exporter = EXPORTERS[format]
     staged = staged_folder if exporter.is_folder else staged_file
     with staged(out, force=force) as path:
         exporter.write(opened, path)
@@ -113,7 +112,7 @@ def _rdf(format: str) -> Callable[[OpenedGraph, Path], None]:
         for head, predicate, tail in opened.graph.triples.tolist():
             store.add((nodes[head], relation[RELATIONS[predicate]], nodes[tail]))
         text = store.serialize(format=format, encoding="utf-8")
-        # N-Triples come in the order of a hash table; sorted lines are the same graph and the same bytes every time.
+        # N-Triples come in the order of a hash table; sorting the lines gives the same bytes every time.
         path.write_bytes(b"".join(sorted(text.splitlines(keepends=True))) if format == "nt" else text)
 
     return write
@@ -137,8 +136,8 @@ def _needs(package: str, extra: str) -> Any:
 EXPORTERS = {
     "tsv": Exporter("triples of the full graph, head relation tail", _tsv),
     "libkge": Exporter("LibKGE dataset folder with train, valid and test", _libkge, is_folder=True),
-    "graphml": Exporter("GraphML, each recipe a node between ingredients and result", _graphml),
-    "gexf": Exporter("GEXF for Gephi, each recipe a node", _gexf),
+    "graphml": Exporter("GraphML, with a node for each recipe between its ingredients and its result", _graphml),
+    "gexf": Exporter("GEXF for Gephi, with a node for each recipe", _gexf),
     "nt": Exporter("RDF N-Triples (extra: rdf)", _rdf("nt")),
     "ttl": Exporter("RDF Turtle (extra: rdf)", _rdf("turtle")),
     "parquet": Exporter("triples as a Parquet table", _parquet),

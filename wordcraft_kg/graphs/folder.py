@@ -1,4 +1,4 @@
-"""Graph folders on disk: writing one whole, and opening a graph by folder, book file or book name."""
+"""Graph folders on disk: writing one, and opening a graph by folder, book file or book name."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -41,8 +41,8 @@ def write_graph_folder(out: Path, book: RecipeBook, split: Split, *, force: bool
     """Write a graph folder and return its audit.
 
     The folder holds ``graph.json``, ``split.json``, ``recipes.csv``, ``entities.tsv``, ``triples/full.tsv``,
-    ``partial.tsv`` and ``unseen.tsv``, and ``audit.json``. Its bytes depend on the book's content, name and the
-    split's settings only. It appears whole or not at all.
+    ``partial.tsv`` and ``unseen.tsv``, and ``audit.json``. Its bytes depend only on the book's content, its name
+    and the settings of the split. It appears complete or not at all.
 
     Raises:
         OutputExistsError: if ``out`` exists and ``force`` is False.
@@ -98,7 +98,7 @@ def open_graph(source: str | Path, config: SplitConfig | None = None) -> OpenedG
         graph = RecipeGraph.from_book(replace(book, name=recorded.get("name", book.name)))
         if recorded.get("hash") != graph.hash:
             raise ArtefactError(
-                f"{folder / 'graph.json'} is damaged or was edited: its content does not give its hash. "
+                f"{folder / 'graph.json'} is damaged or was edited: its content does not match its hash. "
                 "Build the graph again with `wordcraft-kg build-graph`."
             )
         split = read_split(read_json(folder / "split.json"), graph, str(folder / "split.json"))
@@ -109,7 +109,7 @@ def open_graph(source: str | Path, config: SplitConfig | None = None) -> OpenedG
 
 
 def default_split(graph: RecipeGraph) -> Split:
-    """Return the split of a graph that comes without one: by recipe, or none if it is too small for that."""
+    """Return the split of a graph that has none of its own: by recipe, or ``none`` if it is too small for that."""
     try:
         return make_split(graph, SplitConfig())
     except SplitError:

@@ -1,4 +1,4 @@
-"""A recipe graph as other libraries hold it: a networkx graph, or pandas frames of entities, recipes and triples."""
+"""A recipe graph for other libraries: as a networkx graph, or as pandas frames of entities, recipes and triples."""
 
 from typing import TYPE_CHECKING
 
@@ -20,9 +20,9 @@ def to_networkx(graph: RecipeGraph, *, recipe_nodes: bool = False) -> "nx.MultiD
     Args:
         graph: the recipe graph.
         recipe_nodes: False gives the typed multigraph, entities joined by edges whose key and ``relation`` is
-            ``combinesWith`` or ``componentOf``. True keeps which pair makes what: each recipe is a node
-            ``recipe <index>`` of ``kind="recipe"`` with edges ``ingredient -> recipe -> result`` (two parallel
-            ingredient edges for a self pair). Where a label starts like that, underscores precede the name.
+            ``combinesWith`` or ``componentOf``. True preserves which pair makes what: each recipe is a
+            node ``recipe <index>`` of ``kind="recipe"`` with edges ``ingredient -> recipe -> result`` (two parallel
+            ingredient edges for a self pair). If a label starts that way too, underscores are put before the name.
     """
     import networkx as nx
 

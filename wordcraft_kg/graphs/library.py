@@ -1,4 +1,4 @@
-"""Recipe books known by name: built in, in the user's cache or data folder, and those that can be fetched.
+"""Recipe books known by name: built in, in the user's cache or data folder, or available to fetch.
 
 A built-in book is a ``.csv`` file in the folder ``books``; a book to fetch is an entry of :data:`FETCHABLE`.
 """
@@ -26,13 +26,13 @@ _MAX_BYTES = 64 * 2**20
 
 @dataclass(frozen=True)
 class Fetchable:
-    """A book that its authors publish and that is not ours to bundle.
+    """A book that its authors publish but that we may not bundle.
 
     Attributes:
-        url: of one commit, so that it never changes.
-        sha256: of the file.
-        file_name: under which it is kept, and looked for in the data folder.
-        base: its world's base entities, which the file itself does not name.
+        url: URL at one commit, so that the file never changes.
+        sha256: SHA-256 of the file.
+        file_name: its name in the cache and in the data folder.
+        base: base entities of its world, which the file itself does not name.
         note: what a user should know about its licence.
     """
 
@@ -79,7 +79,7 @@ def data_folder() -> Path | None:
 
 
 def known_books() -> list[KnownBook]:
-    """Return the books known by name; of two with the same name the one that :func:`open_book` takes."""
+    """Return the books known by name; of two with the same name, the one that :func:`open_book` opens."""
     found: dict[str, KnownBook] = {}
     for origin, folder in (("built in", _BUILT_IN), ("cache", cache_folder()), ("data folder", data_folder())):
         for path in _books_in(folder):
@@ -92,7 +92,7 @@ def known_books() -> list[KnownBook]:
 
 @dataclass(frozen=True)
 class LocatedBook:
-    """A book's file, and what its place says beyond it: its name and base where it is known by name, else None."""
+    """A book's file; also its name and base if it is known by name, else None."""
 
     path: Path
     name: str | None = None
@@ -100,10 +100,10 @@ class LocatedBook:
 
 
 def locate_book(name_or_path: str | Path) -> LocatedBook:
-    """Find a recipe book given by path or by name; a file or graph folder of that path goes first.
+    """Find a recipe book given by path or by name; a file or graph folder of that path takes precedence.
 
     Raises:
-        RecipeFileError: if there is no such book, or a published one is not the file that was published.
+        RecipeFileError: if there is no such book, or a published one is not the published file.
     """
     path = Path(name_or_path)
     if path.is_file() or (path / "graph.json").is_file():
@@ -132,7 +132,7 @@ def open_book(name_or_path: str | Path, *, keep_self_results: bool = False) -> R
     """Read a recipe book given by path or by name, see :func:`locate_book`.
 
     Raises:
-        RecipeFileError: if there is no such book, if it is not the file it should be, or if it cannot be read.
+        RecipeFileError: if there is no such book, if it is not the published file, or if it cannot be read.
 
     Example:
         >>> len(open_book("kitchen").recipes)
@@ -148,12 +148,12 @@ def fetch_book(name: str) -> Path:
 
     Raises:
         FetchError: if the name is unknown, the download fails (the message says how to place the file by hand), or
-            what came is not the pinned file. Nothing is kept then.
+            what was downloaded is not the pinned file. Nothing is kept then.
     """
     book = FETCHABLE.get(name)
     if book is None:
         raise FetchError(
-            f"'{name}' is not a book to fetch; there are: {', '.join(FETCHABLE)}.{nearest(name, FETCHABLE)}"
+            f"no book '{name}' to fetch; expected one of {', '.join(FETCHABLE)}.{nearest(name, FETCHABLE)}"
         )
     target = cache_folder() / book.file_name
     if target.is_file() and sha256_of(target) == book.sha256:
@@ -168,7 +168,7 @@ def fetch_book(name: str) -> Path:
     found = hashlib.sha256(data).hexdigest()
     if found != book.sha256:
         raise FetchError(
-            f"what came for '{name}' has the SHA-256 {found[:12]}…, expected {book.sha256[:12]}…; not kept. {by_hand}"
+            f"the download of '{name}' has SHA-256 {found[:12]}…, expected {book.sha256[:12]}…; not kept. {by_hand}"
         )
     target.parent.mkdir(parents=True, exist_ok=True)
     write_atomically(target, data)

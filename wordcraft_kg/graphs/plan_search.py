@@ -1,4 +1,4 @@
-"""Which attempts make a goal from what is at hand: a search backwards from the goal, for all plans at once."""
+"""Which attempts make a goal from the entities at hand: a search backwards from the goal, for all plans at once."""
 
 import itertools
 from collections.abc import Iterable
@@ -16,9 +16,9 @@ class PlanSearch:
     order of execution: the rows of the recipes whose results are needed.
 
     Attributes:
-        graph: the recipes that may be used, all of them.
-        rows: its recipes; they and what follows are Python lists, because a search looks at few of them very often.
-        recipes_of: for each entity the recipes that make it and do not need it, as (pair, ingredient, ingredient).
+        graph: the graph; all its recipes may be used.
+        rows: its recipes, as Python lists, because a search looks at a few of them very often.
+        recipes_of: for each entity, the recipes that make it and do not need it, as (pair, ingredient, ingredient).
     """
 
     def __init__(self, graph: RecipeGraph):
@@ -32,12 +32,12 @@ class PlanSearch:
                 self.recipes_of[result].append((pair, a, b))
 
     def plans(self, goal: Entity, at_hand: Iterable[Entity], attempts: int) -> list[Rows]:
-        """Return all plans of the least number of attempts that make a goal, if that is at most ``attempts``.
+        """Return all plans that make a goal in as few attempts as possible, if ``attempts`` are enough.
 
         Args:
             goal: entity to make.
-            at_hand: entities there at the start.
-            attempts: how many may be used.
+            at_hand: entities at hand at the start.
+            attempts: number of attempts allowed.
 
         Returns:
             plans, sorted; empty if there is none, and one empty plan if the goal is at hand.
@@ -47,16 +47,16 @@ class PlanSearch:
         return self.ordered(self.shortest_ways(target, have, attempts), target, have)
 
     def shortest_ways(self, goal: int, have: frozenset[int], attempts: int) -> set[Way]:
-        """Return all ways of the least number of attempts, if that is at most ``attempts``."""
+        """Return all ways with as few attempts as possible, if ``attempts`` are enough."""
         found = (self.ways(goal, have, budget) for budget in range(attempts + 1))
         return next(filter(None, found), set())
 
     def ways(self, goal: int, have: frozenset[int], attempts: int) -> set[Way]:
-        """Return all ways of at most ``attempts`` attempts, none of which goes in circles."""
+        """Return all ways of at most ``attempts`` attempts without circles."""
         return self._ways(goal, attempts, have, frozenset())
 
     def _ways(self, entity: int, budget: int, have: frozenset[int], above: frozenset[int]) -> set[Way]:
-        """Return the ways to make ``entity`` for the sake of the entities ``above``, which may not be needed for it."""
+        """Return the ways to make ``entity``, which is needed for the entities ``above``, without needing those."""
         if entity in have:
             return {frozenset()}
         if budget == 0:
@@ -93,7 +93,7 @@ class PlanSearch:
             left.remove(pair)
             plan += [row for row in self.rows_of(pair) if self.rows[row][2] in needed - at_hand]
             at_hand |= self.results(pair)
-        # The goal comes last, also among the results of its own pair.
+        # The goal comes last, even among the results of its own pair.
         return tuple(sorted(plan, key=lambda row: self.rows[row][2] == goal))
 
     def rows_of(self, pair: int) -> range:
@@ -105,5 +105,5 @@ class PlanSearch:
         return self.rows[self._starts[pair]][:2]
 
     def results(self, pair: int) -> set[int]:
-        """Return all that a pair makes."""
+        """Return everything that a pair makes."""
         return {self.rows[row][2] for row in self.rows_of(pair)}

@@ -34,7 +34,7 @@ def layers(graph: RecipeGraph, start: Iterable[Entity] | None = None) -> Ids:
     while len(frontier):
         layer[frontier] = depth
         depth += 1
-        # Only recipes with an ingredient that is new can fire for the first time, so each is looked at twice at most.
+        # Only recipes with an ingredient that is new can fire for the first time, so each is checked at most twice.
         spans = [order[starts[i] : starts[i + 1]] for i in frontier.tolist()]
         recipes = np.concatenate(spans)
         made = result[recipes[(layer[a[recipes]] >= 0) & (layer[b[recipes]] >= 0)]]
@@ -56,8 +56,8 @@ class Derivation:
         goal: label of the entity.
         steps: recipes in an order in which they can be carried out, each once; the last makes the goal. Empty for a
             base entity.
-        cost: combinations needed if every use of an intermediate entity is made anew (the size of the derivation
-            tree). Entities are not used up, so carrying out ``steps`` takes ``len(steps) <= cost`` combinations.
+        cost: combinations needed if an intermediate entity is made again for every use (size of the derivation tree).
+            Entities are not used up, so carrying out ``steps`` takes ``len(steps) <= cost`` combinations.
     """
 
     goal: str

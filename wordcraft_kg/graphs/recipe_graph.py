@@ -4,21 +4,15 @@ import hashlib
 import json
 from collections.abc import Iterable, Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from wordcraft_kg.errors import GraphError, UnknownEntityError
-from wordcraft_kg.graphs.arrays import frozen
+from wordcraft_kg.graphs.arrays import Ids, frozen
 from wordcraft_kg.graphs.recipes import Recipe, RecipeBook, check_label
 from wordcraft_kg.graphs.triples import recipe_triples
 from wordcraft_kg.settings import nearest
 
-if TYPE_CHECKING:
-    pass
-
-Ids = NDArray[np.int64]
 Entity = int | str
 """An entity, by id or by label."""
 
@@ -27,7 +21,7 @@ class RecipeGraph:
     """An immutable graph of recipes, the one source of truth that triples, splits, tasks and scorers derive from.
 
     Entities have ids ``0 .. num_entities - 1`` in the order of their sorted labels, so two graphs with the same
-    content have the same ids. Equality and hash go by content: entities, base entities and recipes, not the name.
+    content have the same ids. Equality and hash depend on entities, base entities and recipes, not on the name.
 
     Attributes:
         name: what reports call the graph.
@@ -74,8 +68,8 @@ class RecipeGraph:
 
         Args:
             book: the validated recipes.
-            base: labels of the base entities; None takes the book's own, or else infers them as the entities that
-                no recipe makes.
+            base: labels of the base entities; None takes the book's own or, if it has none, the entities that no
+                recipe makes.
 
         Raises:
             UnknownEntityError: if a base label is not an entity of the book.
@@ -109,7 +103,7 @@ class RecipeGraph:
         rows = [[check_label(label, f"row {i}") for label in row] for i, row in enumerate(recipes)]
         return cls.from_book(RecipeBook.of(name, rows, keep_self_results=True), base)
 
-    # --- what there is -----------------------------------------------------------------------------------------------
+    # --- contents ----------------------------------------------------------------------------------------------------
 
     @property
     def num_entities(self) -> int:
@@ -179,7 +173,7 @@ class RecipeGraph:
     def recipe_labels(self, recipes: Ids | None = None) -> list[Recipe]:
         """Return recipes (all, or the given rows of ids) as sorted rows of labels."""
         rows = self.recipes if recipes is None else recipes
-        # By column: a million short lists would keep the garbage collector busy for longer than the work takes.
+        # By column: a million short lists would cost the garbage collector more time than the work itself.
         columns = ([self.entities[i] for i in column] for column in rows.T.tolist())
         return list(map(Recipe, *columns))
 
@@ -227,7 +221,7 @@ class RecipeGraph:
 
     @cached_property
     def outcomes(self) -> dict[tuple[int, int], tuple[int, ...]]:
-        """Results of each pair ``(a, b)`` with ``a <= b``, ascending, for callers that look up very often."""
+        """Results of each pair ``(a, b)`` with ``a <= b``, ascending, for callers with very many lookups."""
         found: dict[tuple[int, int], list[int]] = {}
         for a, b, result in self.recipes.tolist():
             found.setdefault((a, b), []).append(result)

@@ -20,9 +20,9 @@ from wordcraft_kg.errors import RecipeFileError
 CSV_HEADER = ("ingredient_a", "ingredient_b", "result")
 JSON_FORMAT = "wordcraft-kg recipe book 1"
 MAX_LABEL_LENGTH = 1_000
-"""Characters. Longer ones are taken for a file of another kind."""
+"""Characters; a longer label suggests that the file is of another kind."""
 MAX_LINE_LENGTH = 100_000
-"""Characters of one CSV or TSV record, so that a file without line ends fails early and says why."""
+"""Characters in a line of a CSV or TSV book: a file without line ends fails early, with the reason."""
 
 
 class Recipe(NamedTuple):
@@ -48,12 +48,12 @@ class RecipeBook:
     """A validated recipe book: recipes without duplicates, and the counts of what was left out.
 
     Attributes:
-        name: how reports call it; not part of its content.
+        name: what reports call it; not part of its content.
         recipes: sorted, without duplicates.
         base: the base entities the book declares, sorted, or None where it declares none.
-        idle: entities that the book lists although no kept recipe mentions them, sorted.
+        idle: entities that the book lists but no kept recipe mentions, sorted.
         dropped_self_results: rows left out because their result is one of their own ingredients.
-        merged_duplicates: rows left out because the same recipe stood there already.
+        merged_duplicates: rows left out because they repeat a recipe.
         sha256: hash of the file's bytes, or None for a book that was not read from a file.
     """
 
@@ -159,7 +159,7 @@ def recipe_table(recipes: Iterable[Recipe], delimiter: str = ",") -> Iterator[st
 
 
 def book_json(book: RecipeBook, **extra: Any) -> Iterator[str]:
-    """Yield our own JSON layout, a recipe a line so that it diffs well; ``extra`` keys come after the name."""
+    """Yield our own JSON layout, one recipe per line so that it diffs well; ``extra`` keys come after the name."""
     dump = json.JSONEncoder(ensure_ascii=False, allow_nan=False).encode
     yield f'{{\n"format": {dump(JSON_FORMAT)},\n"name": {dump(book.name)},\n'
     for key, value in extra.items():
@@ -175,8 +175,8 @@ def check_label(label: Any, where: str) -> str:
     """Return ``label`` if it can name an entity.
 
     Raises:
-        RecipeFileError: if it is not text, blank, too long, or holds a tab, a line break, another control character or
-            half of a character.
+        RecipeFileError: if it is not text, is blank or too long, or holds a tab, a line break, another control
+            character or half of a character.
     """
     if not isinstance(label, str):
         raise RecipeFileError(f"{where}: {label!r} is not a label; a label is text.")
@@ -193,7 +193,7 @@ def check_label(label: Any, where: str) -> str:
 
 
 def read_directive(line: str, where: str) -> tuple[str, list[str]] | None:
-    """Read ``# base: a, b`` or ``# entities: a, b``, which may stand above the header of a CSV or TSV book.
+    """Read ``# base: a, b`` or ``# entities: a, b``, which may precede the header of a CSV or TSV book.
 
     Args:
         line: a line that starts with ``#``.
@@ -216,7 +216,7 @@ def read_directive(line: str, where: str) -> tuple[str, list[str]] | None:
 
 
 def _csv_line(labels: Iterable[str], delimiter: str) -> str:
-    # Quoting only where it is needed; csv.writer is reached through a buffer because it writes to files only.
+    # Quotes only where they are needed; csv.writer needs a buffer because it only writes to files.
     cells = list(labels)
     if not any(delimiter in cell or '"' in cell or cell != cell.strip() or cell[0] == "#" for cell in cells):
         return delimiter.join(cells) + "\n"
@@ -229,7 +229,7 @@ def read_bytes(path: Path) -> bytes:
     """Return a book's bytes.
 
     Raises:
-        RecipeFileError: saying why there are none.
+        RecipeFileError: saying why they cannot be read.
     """
     if path.is_dir():
         raise RecipeFileError(f"{path} is a directory without a graph.json; give a recipe book (.csv, .tsv, .json).")
@@ -323,7 +323,7 @@ def _parse_json(path: Path, text: str) -> Parsed:
         if len(keys) < len(pairs):
             names = [key for key, _ in pairs]
             twice = next(key for key in names if names.count(key) > 1)
-            raise RecipeFileError(f"{path}: the key '{twice}' stands twice in one object.")
+            raise RecipeFileError(f"{path}: the key '{twice}' occurs twice in one object.")
         return keys
 
     try:

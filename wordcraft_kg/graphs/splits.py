@@ -1,4 +1,4 @@
-"""Splitting recipes into train, validation and test, and the full, partial and unseen triples that follow.
+"""Splitting recipes into train, validation and test, and the full, partial and unseen triples that result.
 
 A new split is a module in ``split_kinds`` with a function ``(graph, config, rng) -> Draw``, and a line of
 :data:`SPLITS`.
@@ -16,12 +16,12 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from wordcraft_kg.errors import ArtefactError, GraphMismatchError, SplitError
+from wordcraft_kg.errors import ArtefactError, ConfigError, GraphMismatchError, SplitError
 from wordcraft_kg.graphs.arrays import Ids, frozen
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.recipes import Recipe
 from wordcraft_kg.graphs.triples import is_in, recipe_triples
-from wordcraft_kg.settings import nearest
+from wordcraft_kg.settings import one_of, require, whole
 
 SPLIT_FORMAT = "wordcraft-kg split 1"
 TRAIN, VALID, TEST = 0, 1, 2
@@ -50,7 +50,10 @@ class SplitConfig:
         train_ratio: share kept for training, between 0 and 1, of the pairs (by-recipe, by-recipe-plain) or of the
             goals (by-goal, by-goal-terminals). 0.8 is the paper's.
         valid_ratio: share kept for validation, from 0; the rest, which must not be empty, is the test part.
-        seed: of the draw.
+        seed: seed of the random draw.
+
+    Raises:
+        ConfigError: for a setting outside its range.
 
     Example:
         >>> SplitConfig("by-goal", train_ratio=0.7, seed=1).valid_ratio
@@ -63,21 +66,17 @@ class SplitConfig:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        if self.kind not in SPLITS:
-            raise SplitError(f"no split '{self.kind}'; there are {', '.join(SPLITS)}.{nearest(self.kind, SPLITS)}")
-        if not 0 < self.train_ratio < 1:
-            raise SplitError(f"train ratio {self.train_ratio}: expected more than 0 and less than 1, such as 0.8.")
-        if not 0 <= self.valid_ratio < 1 or math.isclose(self.train_ratio + self.valid_ratio, 1):
-            raise SplitError(f"valid ratio {self.valid_ratio}: expected 0, or a share that leaves a test part.")
-        if self.train_ratio + self.valid_ratio > 1:
-            raise SplitError(f"train ratio {self.train_ratio} and valid ratio {self.valid_ratio} leave no test part.")
-        if self.seed < 0:
-            raise SplitError(f"seed {self.seed}: expected 0 or more.")
+        one_of("kind", self.kind, tuple(SPLITS))
+        require(self, "train_ratio", 0 < self.train_ratio < 1, "more than 0 and less than 1, such as 0.8")
+        total = self.train_ratio + self.valid_ratio
+        leaves_test = total < 1 and not math.isclose(total, 1)
+        require(self, "valid_ratio", self.valid_ratio >= 0 and leaves_test, "0, or a share that leaves a test part")
+        whole("seed", self.seed, 0)
 
 
 @dataclass(frozen=True)
 class Draw:
-    """What a split function decides: the part of each recipe, and how many it moved to cover all entities."""
+    """What a split function decides: the part of each recipe, and how many recipes it moved to cover all entities."""
 
     parts: NDArray[np.int8]
     moved_for_coverage: int = 0
@@ -97,7 +96,7 @@ class Split:
     """
 
     def __init__(self, graph: RecipeGraph, config: SplitConfig, draw: Draw):
-        """Bind a draw to its graph; :func:`make_split` and :func:`read_split` are the usual ways."""
+        """Bind a draw to its graph; most callers want :func:`make_split` or :func:`read_split`."""
         self.graph = graph
         self.config = config
         self.parts = draw.parts
@@ -134,7 +133,7 @@ class Split:
     def held_out(self, part: Literal["valid", "test"]) -> Ids:
         """Return the triples of a part that may be evaluated, shape (T, 3), sorted.
 
-        Those of the train recipes are left out; for the test part also those of the validation recipes, on which
+        Triples of the train recipes are left out. For the test part, so are those of the validation recipes, on which
         settings may have been chosen.
         """
         if part not in self._held_out:
@@ -163,7 +162,7 @@ class Split:
         return hashlib.sha256(head.encode() + self.parts.tobytes()).hexdigest()
 
     def to_json(self) -> Iterator[str]:
-        """Yield ``split.json``: settings, hashes, and each part's recipes as rows of labels, a recipe a line."""
+        """Yield ``split.json``: settings, hashes, and the recipes of each part as rows of labels, one per line."""
         head = {
             "format": SPLIT_FORMAT,
             "graph": self.graph.hash,
@@ -185,7 +184,7 @@ def make_split(graph: RecipeGraph, config: SplitConfig) -> Split:
     """Split a graph's recipes; the same graph and settings give the same split on any machine.
 
     Raises:
-        SplitError: if a part comes out empty because the graph is too small for the ratios.
+        SplitError: if a part is empty because the graph is too small for the ratios.
 
     Example:
         >>> split = make_split(open_graph("kitchen").graph, SplitConfig("by-goal"))
@@ -200,7 +199,7 @@ def make_split(graph: RecipeGraph, config: SplitConfig) -> Split:
         if empty:
             raise SplitError(
                 f"the {empty[0]} part of a {config.kind} split of {graph.num_recipes} recipes is empty; "
-                "choose another ratio, or --split none for the full graph only."
+                "choose another `train_ratio`, or `kind` none for the full graph only."
             )
     return split
 
@@ -236,15 +235,15 @@ def read_split(content: Any, graph: RecipeGraph, where: str = "split.json") -> S
         split = Split(graph, config, Draw(parts, content["moved_for_coverage"]))
         if split.hash != content["hash"] or sum(len(content[part]) for part in PARTS) != graph.num_recipes:
             raise ArtefactError(
-                f"{where} is damaged or was edited: its content does not give its hash. Build the graph again."
+                f"{where} is damaged or was edited: its content does not match its hash. Build the graph again."
             )
         return split
-    except (KeyError, TypeError, SplitError) as error:
+    except (KeyError, TypeError, ConfigError) as error:
         raise ArtefactError(f"{where} is damaged ({type(error).__name__}: {error}). Build the graph again.") from None
 
 
 def part_of_units(num_units: int, config: SplitConfig, rng: np.random.Generator) -> NDArray[np.int8]:
-    """Deal ``num_units`` pairs or goals to the parts at random, by rounded ratios."""
+    """Assign ``num_units`` pairs or goals to the parts at random, by rounded ratios."""
     order = rng.permutation(num_units)
     num_train = round(config.train_ratio * num_units)
     num_valid = round(config.valid_ratio * num_units)

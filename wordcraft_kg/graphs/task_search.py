@@ -1,4 +1,4 @@
-"""Which tasks a graph has: all of depth 1 and 2, and a drawn set of deeper ones, by the part that their plans use."""
+"""Finding the tasks of a graph: all of depth 1 and 2, and a random set of deeper ones, by the part of their plans."""
 
 from collections.abc import Iterator
 
@@ -10,17 +10,18 @@ from wordcraft_kg.graphs.plan_search import PlanSearch, Rows
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.splits import PARTS, Split
 from wordcraft_kg.graphs.tasks import TaskPart, TaskSet, TaskWeighting
+from wordcraft_kg.settings import one_of, whole
 
 MAX_DEPTH = 5
-"""Plans of more attempts are not searched: each attempt more makes the search six times longer."""
+"""Longer plans are not searched: each further attempt makes the search six times slower."""
 ENUMERATED_DEPTH = 2
-"""Up to this depth all tasks are known; deeper ones are drawn."""
+"""Up to this depth all tasks are enumerated; deeper ones are drawn at random."""
 DRAWN_TASKS = 1_000
 """How many tasks are drawn where they are not enumerated."""
-_TRIES = 2_000  # draws without a new task after which the rest is given up
+_TRIES = 2_000  # draws without a new task after which drawing stops
 
 Posed = tuple[int, Rows]
-"""What a task poses: its goal and its starting ingredients, ascending."""
+"""A task as it is posed: its goal and its starting ingredients, ascending."""
 Plans = tuple[Rows, ...]
 
 
@@ -35,17 +36,17 @@ def make_tasks(
     seed: int = 0,
     search: PlanSearch | None = None,
 ) -> TaskSet:
-    """Return the tasks of a depth: all of them at depth 1 and 2, and a drawn set of them beyond.
+    """Return the tasks of a depth: all of them at depth 1 and 2, a random set of them beyond.
 
     A task belongs to *train* if all its plans use train recipes only, to *test* if each of them uses a test recipe, to
     *valid* if each uses a validation recipe and none a test recipe. Any other belongs to no part and is counted.
 
-    A deeper task is drawn backwards: a recipe at random, for train tasks a train recipe, is the last step (with
-    ``weighting="goal"``, a goal and then one of its recipes); then, ``depth - 1`` times, a random leaf that has recipes
-    is replaced by the ingredients of a random one of them. What is not a task of this depth and part is drawn again,
-    what was drawn before is kept once. So a task t is the first one drawn with the probability
+    A deeper task is drawn backwards. A random recipe is the last step (for train tasks, a train recipe; with
+    ``weighting="goal"``, a random recipe of a random goal). Then, ``depth - 1`` times, a random leaf that has recipes
+    is replaced by the ingredients of one of them, at random. The draw is repeated if the result is not a task of this
+    depth and part, or was drawn before. The probability that task t is drawn first is
 
-    ``P(t) = sum over the ways to build t of q * prod_i 1 / (l_i * r_i)  /  the same sum over all tasks``
+    ``P(t) = W(t) / sum_t' W(t')``, ``W(t) = sum over the ways to build t of q * prod_i 1 / (l_i * r_i)``
 
     where q is the probability of the last step (1 / number of allowed recipes; or 1 / number of goals / number of the
     goal's recipes), l_i the number of leaves that have recipes at the i-th replacement, and r_i the number of recipes
@@ -54,22 +55,21 @@ def make_tasks(
     Args:
         graph: the graph; plans may use all its recipes.
         depth: attempts that a task takes, from 1.
-        split: whose parts count; needed for any part but ``all``.
+        split: split that defines the parts; needed for any part but ``all``.
         part: ``all``, ``train``, ``valid`` or ``test``.
-        weighting: of the last step's recipe where tasks are drawn.
-        limit: most tasks to draw.
-        seed: of the draw.
+        weighting: how the last step of a drawn task is chosen: among all recipes (task) or by goal first (goal).
+        limit: maximum number of tasks to draw.
+        seed: seed of the draw.
         search: the graph's plan search, if there is one already.
 
     Raises:
-        TaskError: if there is no such depth or part, or no such task.
+        ConfigError: for a depth or part outside its range.
+        TaskError: if there is no such task, or the split does not fit.
     """
-    if not 1 <= depth <= MAX_DEPTH:
-        raise TaskError(f"depth {depth}: expected 1 to {MAX_DEPTH} attempts.")
-    if part != "all" and part not in PARTS:
-        raise TaskError(f"no part '{part}'; there are all, {', '.join(PARTS)}.")
+    whole("depth", depth, 1, MAX_DEPTH)
+    one_of("part", part, ("all", *PARTS))
     if split is None and part != "all":
-        raise TaskError(f"the part '{part}' needs a split; give one, or take all tasks.")
+        raise TaskError(f"`part` {part!r} needs a split; give one, or take all tasks.")
     if split is not None and split.graph != graph:
         raise TaskError("the split belongs to another graph.")
     sieve = _Sieve(search or PlanSearch(graph), depth, split, part)
@@ -93,10 +93,10 @@ def make_tasks(
 
 
 class _Sieve:
-    """Lets through what is a task of one depth and part.
+    """Accepts what is a task of one depth and part.
 
     Attributes:
-        mixed: tasks of the depth that came up and belong to no part.
+        mixed: tasks of the depth that were met and belong to no part.
     """
 
     def __init__(self, search: PlanSearch, depth: int, split: Split | None, part: TaskPart):
@@ -155,7 +155,7 @@ class _Draw:
         self.last_steps = [(goal, pair) for goal, pairs in self.by_goal for pair in pairs]
 
     def __call__(self) -> Posed | None:
-        """Draw once; None where the draw leads nowhere."""
+        """Draw once; None if the draw leads to no plan."""
         goal, (a, b) = self._last_step()
         made, leaves = {goal}, {a, b}
         for _ in range(self.depth - 1):
@@ -167,7 +167,7 @@ class _Draw:
             made.add(leaf)
             leaves = (leaves | {a, b}) - made
             if made & {a, b}:
-                return None  # a circle, or something that is made already
+                return None  # a circle, or an entity that is made already
         return goal, tuple(sorted(leaves))
 
     def _last_step(self) -> tuple[int, tuple[int, int]]:
@@ -179,7 +179,7 @@ class _Draw:
 
 
 def _drawn(sieve: _Sieve, draw: _Draw, limit: int) -> dict[Posed, Plans]:
-    """Return different tasks in the order in which they were drawn."""
+    """Return distinct tasks in the order in which they were drawn."""
     tasks: dict[Posed, Plans] = {}
     tries = 0
     while draw.last_steps and len(tasks) < limit and tries < _TRIES:

@@ -2,7 +2,8 @@
 
 An *attempt* combines two entities at hand; all results of the pair are at hand from then on, and nothing is used up. A
 *plan* is a set of attempts that makes the goal. A task of depth n has a plan of n attempts whose leaves are exactly the
-starting ingredients, and no plan of fewer, whatever the book offers; :mod:`~wordcraft_kg.graphs.task_search` finds it.
+starting ingredients, and no plan of fewer attempts, even one that uses other recipes of the book;
+:mod:`~wordcraft_kg.graphs.task_search` finds such tasks.
 """
 
 from collections.abc import Iterable, Iterator
@@ -30,9 +31,9 @@ class Task:
     Attributes:
         goal: what is to be made.
         start: starting ingredients, sorted; never the goal.
-        depth: attempts that are necessary and sufficient.
+        depth: number of attempts that is necessary and sufficient.
         plans: all plans of ``depth`` attempts, each as recipes in an order in which they can be carried out. Two
-            recipes of one plan may belong to one attempt, where both results of its pair are needed.
+            recipes of one plan may belong to one attempt, if both results of its pair are needed.
     """
 
     goal: str
@@ -46,15 +47,15 @@ class TaskSet:
     """The tasks of one depth and part, as arrays that environments draw from; equal if their content is.
 
     Attributes:
-        graph: their graph.
-        depth: of all of them.
-        part: whose recipes the plans use, or ``all``.
+        graph: the graph that they belong to.
+        depth: depth of all of them.
+        part: part that they belong to, or ``all``.
         goals: shape (N,), entity ids.
         starts: shape (N, depth + 1), entity ids, ascending, padded with ``num_entities``.
-        plans: for each task its plans, each a tuple of recipe rows in the order of execution.
-        is_complete: whether these are all tasks there are; otherwise they were drawn.
-        mixed: tasks that belong to no part, because their plans use recipes of different ones (drawn sets: of those
-            that came up).
+        plans: the plans of each task, each a tuple of recipe rows in the order of execution.
+        is_complete: whether these are all the tasks of the depth and part; otherwise they were drawn at random.
+        mixed: number of tasks that belong to no part because their plans use recipes of different parts (for drawn
+            tasks: of those met while drawing).
     """
 
     graph: RecipeGraph
@@ -69,7 +70,7 @@ class TaskSet:
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, TaskSet):
             return NotImplemented
-        # Plans end in their goal, so they and the starts say everything; arrays as bytes, for == of arrays is no bool.
+        # Plans end in their goal, so plans and starts suffice; arrays as bytes, because == of arrays gives no bool.
         return self._content() == other._content()
 
     def __hash__(self) -> int:
@@ -92,7 +93,7 @@ class TaskSet:
 
     @cached_property
     def intermediates(self) -> Ids:
-        """What the plans make on the way, shape (N, at most ``depth - 1`` a plan), padded with ``num_entities``."""
+        """What the plans make on the way, shape (N, at most ``depth - 1`` per plan), padded with ``num_entities``."""
         made = self.graph.recipes[:, 2].tolist()
         rows = [sorted({made[row] for plan in plans for row in plan[:-1]}) for plans in self.plans]
         return frozen(padded(rows, self.graph.num_entities))
@@ -112,10 +113,10 @@ class TaskSet:
 
 
 def replay(graph: RecipeGraph, start: Iterable[Entity], plan: Iterable[Recipe]) -> frozenset[str]:
-    """Carry out a plan and return what is at hand then.
+    """Carry out a plan and return what is at hand afterwards.
 
     Raises:
-        TaskError: if a recipe needs what is not at hand, or the graph does not have it.
+        TaskError: if a recipe needs an entity that is not at hand, or is not in the graph.
     """
     at_hand = {graph.entities[graph.id_of(entity)] for entity in start}
     for recipe in plan:

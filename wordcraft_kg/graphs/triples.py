@@ -18,7 +18,7 @@ RELATIONS: tuple[Relation, Relation] = ("combinesWith", "componentOf")
 
 
 def recipe_triples(recipes: Ids) -> Ids:
-    """Return the triples of recipes: four a recipe, duplicates merged.
+    """Return the triples of recipes: four per recipe, with duplicates merged.
 
     ``{a, b} -> c`` gives (a, combinesWith, b), (b, combinesWith, a), (a, componentOf, c) and (b, componentOf, c).
 

@@ -1,10 +1,10 @@
-"""What scores links, and what decides.
+"""Models that score links, and models that decide.
 
-Three rooms: :mod:`~wordcraft_kg.models.scorers` say how plausible a triple is, :mod:`~wordcraft_kg.models.links` trains
-link predictors that become scorers, :mod:`~wordcraft_kg.models.policies` decides, with what scorers say mixed in. Links
-and policies know scorers, but not each other.
+Three packages: :mod:`~wordcraft_kg.models.scorers` say how plausible a triple is, :mod:`~wordcraft_kg.models.links`
+trains link predictors that become scorers, and :mod:`~wordcraft_kg.models.policies` decide, with the scores of scorers
+mixed in. Links and policies use scorers, but not each other.
 
-Importing this package imports neither torch nor PyKEEN. It makes our ComplEx known to PyKEEN all the same: from then on
+Importing this package imports neither torch nor PyKEEN, yet it makes our ComplEx known to PyKEEN: from then on
 ``pykeen.pipeline.pipeline(model="ComplExN3", training_loop="IndexedSymmetricLCWA", ...)`` works by name, because the
 registration runs when PyKEEN's own modules are imported, before or after this one.
 """

@@ -1,14 +1,14 @@
-"""One life cycle of runs: whatever trains, trains in a folder of this kind.
+"""The life cycle of runs: every training takes place in a folder of this kind.
 
-The folder is there from the start, and ``run.json`` in it says how the run stands: running, interrupted, failed or
-done. One process at a time works in it. The last two checkpoints are kept; if the last one is damaged, the one before
-is still there. A finished run has results instead of checkpoints, and ``run.json`` has their hashes.
+The folder exists from the start, and its ``run.json`` gives the status of the run: running, interrupted, failed or
+done. Only one process at a time works in it. The last two checkpoints are kept: if the last one is damaged, the one
+before it is used. A finished run has results instead of checkpoints, and ``run.json`` records their hashes.
 
 Read ``folder`` first (begin, resume, checkpoint, finish, fail, replace), then ``record`` (``run.json``),
-``config_file`` (``config.toml``), ``checkpoints``, ``inputs`` (the graph that a run was made with) and ``interruption``
-(Ctrl-C). Training a model is then, in essence::
+``config_file`` (``config.toml``), ``checkpoints``, ``inputs`` (the graph that a run was trained on) and
+``interruption`` (Ctrl-C). In essence, training a model then reads::
 
-    LINKS = RunKind(("train-complex", "train-links"), unit="epoch", progress=LinkProgress)
+    LINKS = RunKind(("train-complex", "train-links"), unit="epoch", progress=LinkProgress, judged_by="evaluate-links")
 
     with new_run(Path("models/mine"), LINKS) as run:
         run.begin(config, config.settings, inputs={"graph": graph.hash})

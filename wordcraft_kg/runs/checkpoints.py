@@ -1,4 +1,4 @@
-"""Checkpoints of a run: all that its training knows, in files that survive a power failure."""
+"""Checkpoints of a run: the whole state of its training, in files that survive a power failure."""
 
 import hashlib
 import logging
@@ -17,12 +17,12 @@ if TYPE_CHECKING:
     from torch import Tensor
 
 KEPT = 2
-"""Checkpoints: if the last one is damaged, the one before is still there."""
+"""How many checkpoints are kept: if the last one is damaged, the one before it is used."""
 P = TypeVar("P")
 
 
 class CheckpointRecord(Record, Generic[P], frozen=True, kw_only=True):
-    """What is noted beside a checkpoint's tensors: their SHA-256, and how far the training was."""
+    """The record beside a checkpoint's tensors: their SHA-256, and how far the training had come."""
 
     sha256: str
     progress: P
@@ -30,7 +30,7 @@ class CheckpointRecord(Record, Generic[P], frozen=True, kw_only=True):
 
 @dataclass(frozen=True)
 class Checkpoint(Generic[P]):
-    """A checkpoint that was read: its number (epoch or step), tensors by name, and how far the training was."""
+    """A checkpoint that was read: its number (epoch or step), tensors by name, and how far the training had come."""
 
     number: int
     tensors: dict[str, "Tensor"]
@@ -41,18 +41,18 @@ class Checkpoints(Generic[P]):
     """The last checkpoints of a run: ``checkpoints/epoch-N.safetensors``, each with its record beside it.
 
     Attributes:
-        folder: where they are.
-        last: number of the checkpoint last saved or loaded, None if there was none yet.
+        folder: the folder that holds them.
+        last: number of the checkpoint last saved or loaded, None if there is none yet.
     """
 
     def __init__(self, run_folder: Path, unit: str, progress: type[P]):
-        """Take the run's folder, what checkpoints are numbered by (epoch, step), and the type of their records."""
+        """Take the run's folder, the unit that numbers checkpoints (epoch, step), and the type of their progress."""
         self.run_folder, self.unit, self.progress = run_folder, unit, progress
         self.folder = run_folder / "checkpoints"
         self.last: int | None = None
 
     def records(self) -> dict[int, Path]:
-        """Return the records that are there by number, latest first."""
+        """Return the paths of the records by checkpoint number, latest first."""
         found = ((re.fullmatch(rf"{self.unit}-(\d+)", path.stem), path) for path in self.folder.glob("*.json"))
         return dict(sorted(((int(match[1]), path) for match, path in found if match), reverse=True))
 
@@ -68,7 +68,7 @@ class Checkpoints(Generic[P]):
         write_atomically(path.with_suffix(".json"), dump_json(as_values(record)), durable=True)
         self.last = number
         known = self.records()
-        # Those of a higher number were damaged: the run has gone on from an earlier one.
+        # Checkpoints with a higher number were damaged: the run was resumed from an earlier one.
         kept = [other for other in known if other <= number][:KEPT]
         for other, old in known.items():
             if other not in kept:
@@ -76,7 +76,7 @@ class Checkpoints(Generic[P]):
                 old.with_suffix(".safetensors").unlink(missing_ok=True)
 
     def load(self) -> Checkpoint[P]:
-        """Return the last whole checkpoint, with a warning for each damaged one after it.
+        """Return the last intact checkpoint, with a warning for each damaged one after it.
 
         Raises:
             ArtefactError: if there is none, or all are damaged.
@@ -89,15 +89,15 @@ class Checkpoints(Generic[P]):
                 damaged.append(error)
                 continue
             for problem in damaged:
-                logging.getLogger(__name__).warning("%s Going on from the checkpoint before, %s.", problem, path.stem)
+                logging.getLogger(__name__).warning("%s Resuming from the one before it, %s.", problem, path.stem)
             self.last = number
             return found
         if damaged:
-            raise ArtefactError(f"no checkpoint of '{self.run_folder}' is whole: {damaged[0]} Train again.")
-        raise ArtefactError(f"'{self.run_folder}' has no checkpoint yet. Wait, or train again with --force.")
+            raise ArtefactError(f"all checkpoints of '{self.run_folder}' are damaged: {damaged[0]} Train again.")
+        raise ArtefactError(f"'{self.run_folder}' has no checkpoint yet. Wait, or train again with `force`.")
 
     def drop(self) -> None:
-        """Remove all checkpoints; the results of a finished run take their place."""
+        """Remove all checkpoints; a finished run has results instead."""
         shutil.rmtree(self.folder, ignore_errors=True)
 
     def _read(self, number: int, path: Path) -> Checkpoint[P]:

@@ -1,4 +1,4 @@
-"""``config.toml``: all settings of a run in one table, named like the command that takes them back by ``--config``."""
+"""``config.toml``: all settings of a run in one table, named after the command that accepts it as ``--config``."""
 
 import json
 import os
@@ -19,12 +19,12 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class ConfigTable:
-    """What was read from a ``config.toml``, to be taken out part by part.
+    """The content of a ``config.toml``, from which settings are taken part by part.
 
     Attributes:
-        path: of the file.
-        command: the table's name.
-        settings: by option name; paths are as seen from the working folder.
+        path: path of the file.
+        command: name of the table.
+        settings: those not taken yet, by name; paths are relative to the working folder.
     """
 
     path: Path
@@ -32,28 +32,28 @@ class ConfigTable:
     settings: dict[str, Any]
 
     def take(self, kind: type[T]) -> T:
-        """Take out the settings of a dataclass or record; those that are not there are at their default.
+        """Take the settings of a dataclass or record; those that are absent keep their defaults.
 
         Raises:
-            ArtefactError: naming the setting that is of another type, out of range, or missing and has no default.
+            ArtefactError: naming the setting that has the wrong type, is out of range, or is missing without a default.
         """
         names = [field.name for field in fields(kind)] if is_dataclass(kind) else kind.__struct_fields__  # type: ignore[attr-defined]
         return as_record({name: self.settings.pop(name) for name in names if name in self.settings}, kind, self.path)
 
     def close(self) -> None:
-        """Make sure that nothing is left.
+        """Check that all settings were taken.
 
         Raises:
-            ArtefactError: naming a setting that nothing has taken.
+            ArtefactError: naming a setting that was not.
         """
         if self.settings:
-            raise ArtefactError(f"{self.path} is damaged: there is no option '{next(iter(self.settings))}'.")
+            raise ArtefactError(f"{self.path} is damaged: unknown setting '{next(iter(self.settings))}'.")
 
 
 def write_config(folder: Path, command: str, settings: Mapping[str, Any], name: str = CONFIG_FILE) -> None:
-    """Write settings by option name, None left out; paths become relative to the folder, so that both can be moved.
+    """Write settings by name, except those that are None; paths become relative to the folder, so both can be moved.
 
-    A file that holds the same already stays as it is.
+    A file that already has this content is left as it is.
     """
 
     def beside(path: str) -> str:
@@ -87,7 +87,7 @@ def read_config(folder: Path) -> ConfigTable:
 
 
 def moved(settings: Mapping[str, Any], change: Callable[[str], str]) -> dict[str, Any]:
-    """Return settings with the paths in them changed; which features are a path, :class:`FeatureSpec` says."""
+    """Return settings with the paths in them changed; :class:`FeatureSpec` decides whether features are a path."""
     found = dict(settings)
     for key in ("graph", "scorer", "features"):
         value = found.get(key)
@@ -101,5 +101,5 @@ def moved(settings: Mapping[str, Any], change: Callable[[str], str]) -> dict[str
 
 
 def toml_value(value: Any) -> str:
-    """Write a string or a number as TOML; the two formats agree on these when no character is escaped as a pair."""
+    """Write a string or a number as TOML, which agrees with JSON here unless characters are escaped as surrogates."""
     return json.dumps(value, ensure_ascii=False)

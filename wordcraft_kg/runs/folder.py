@@ -1,4 +1,4 @@
-"""The folder of a run while it is trained in: begin, resume, finish, fail, and what becomes of a folder it replaces."""
+"""The folder of a run during training: begin, resume, finish, fail, and what happens to a folder that it replaces."""
 
 import logging
 import os
@@ -21,7 +21,7 @@ from wordcraft_kg.runs.record import RUN_FILE, RunRecord, Status, end_run, read_
 
 P = TypeVar("P")
 Progress = Callable[[int, int, dict[str, float]], None]
-"""Called now and then with epochs or steps done, all of them, and the latest figures."""
+"""Called regularly with the number of epochs or steps done, their total, and the latest figures."""
 
 
 class RunConfig(Protocol):
@@ -29,7 +29,7 @@ class RunConfig(Protocol):
 
     @property
     def command(self) -> str:
-        """The command that trains so."""
+        """The command that trains with these settings."""
 
     def write(self, folder: Path) -> None:
         """Write ``config.toml``."""
@@ -51,9 +51,9 @@ class RunKind(Generic[P]):
     """What runs of one trainer have in common.
 
     Attributes:
-        commands: that train so; one of them is the ``kind`` of a run's record.
-        unit: what progress is counted in: epoch or step.
-        progress: type of what a checkpoint notes beside its tensors.
+        commands: the commands that start such a run; the ``kind`` of its record is one of them.
+        unit: unit of progress: epoch or step.
+        progress: type of the progress that a checkpoint records beside its tensors.
         judged_by: the command that evaluates a finished run.
     """
 
@@ -66,7 +66,7 @@ class RunKind(Generic[P]):
         """Read ``run.json`` of such a run.
 
         Raises:
-            ArtefactError: if it is missing, damaged, or of another kind.
+            ArtefactError: if it is missing, damaged, or belongs to a run of another kind.
         """
         if not folder.exists():
             raise ArtefactError(f"'{folder}' does not exist. Make it with `wordcraft-kg {self.commands[0]}`.")
@@ -85,14 +85,14 @@ class RunFolder(Generic[P]):
     """A run that this process trains; made by :func:`new_run` and :func:`resumed_run`.
 
     Attributes:
-        path: of the folder.
-        checkpoints: to save to and load from.
+        path: path of the folder.
+        checkpoints: the checkpoints of the run.
         interrupted: set by the first Ctrl-C.
-        is_live: whether it is on record as running, by this process.
+        is_live: whether this process has recorded it as running.
     """
 
     def __init__(self, path: Path, kind: RunKind[P], interrupted: threading.Event, record: RunRecord | None = None):
-        """Take a folder whose lock is held, and its record if it has one already."""
+        """Take a folder whose lock this process holds, and its record if there is one already."""
         self.path, self.kind, self.interrupted = path, kind, interrupted
         self.checkpoints = kind.checkpoints(path)
         self.is_live = False
@@ -115,15 +115,15 @@ class RunFolder(Generic[P]):
         tensorboard: bool = False,
         missing_words: Sequence[str] = (),
     ) -> None:
-        """Write ``config.toml`` and put the run on record.
+        """Write ``config.toml`` and record the run as running.
 
         Args:
             config: all settings.
-            trainer: the part of them that says where to compute.
-            inputs: hashes of what is trained on.
-            files: that are in the folder already and that training never changes.
-            kg: see :class:`~wordcraft_kg.runs.record.RunRecord`, as for the next two.
-            tensorboard: whether figures go there too.
+            trainer: seed, device and threads, which are among them.
+            inputs: hashes of the training data, by name.
+            files: files already in the folder that training never changes.
+            kg: see :class:`~wordcraft_kg.runs.record.RunRecord`, also for the next two.
+            tensorboard: whether figures also go to TensorBoard.
             missing_words: words without a vector.
         """
         config.write(self.path)
@@ -142,11 +142,11 @@ class RunFolder(Generic[P]):
         self.is_live = True
 
     def go_on(self, config: RunConfig) -> None:
-        """Put a resumed run on record, with settings that may have changed (more epochs, a graph that has moved)."""
+        """Record a run as resumed, with settings that may have changed (more epochs, a graph that has moved)."""
         began_with, found = self.record.versions.get("torch"), version("torch")
         if began_with != found:
             logging.getLogger(__name__).warning(
-                "the run began with torch %s and goes on with %s: the result may differ in the last bits.",
+                "the run began with torch %s and is resumed with %s: the result may differ in the last bits.",
                 began_with,
                 found,
             )
@@ -156,7 +156,7 @@ class RunFolder(Generic[P]):
 
     @contextmanager
     def restoring(self) -> Iterator[None]:
-        """Turn what goes wrong while a checkpoint is restored into an error about it.
+        """Turn any error that occurs while a checkpoint is restored into one that names the run.
 
         Raises:
             ArtefactError: if the checkpoint does not fit what it is restored into.
@@ -166,15 +166,15 @@ class RunFolder(Generic[P]):
         except (KeyError, RuntimeError, TypeError, ValueError, AttributeError, IndexError, OSError) as error:
             reason = (str(error) or "no reason given").splitlines()[0]
             raise ArtefactError(
-                f"the checkpoint in '{self.path}' does not fit the run ({type(error).__name__}: {reason}). Train anew."
+                f"the checkpoint in '{self.path}' does not fit the run ({type(error).__name__}: {reason}). Train again."
             ) from None
 
     def interrupt(self) -> None:
-        """Put on record that the run was stopped and can go on."""
+        """Record that the run was interrupted and can be resumed."""
         self._end("interrupted")
 
     def finish(self, outputs: Sequence[str], card: str) -> None:
-        """Write the model card and put the run on record as done; its checkpoints are no longer needed."""
+        """Write the model card, record the run as done, and remove its checkpoints."""
         write_atomically(self.path / "README.md", card)
         for name in outputs:
             with (self.path / name).open("rb+") as file:
@@ -183,7 +183,7 @@ class RunFolder(Generic[P]):
         self.checkpoints.drop()
 
     def fail(self, error: BaseException) -> BaseException:
-        """Put on record that an error ended the run; return the error that says what is left and how to go on."""
+        """Record that an error ended the run; return an error that says what was saved and how to resume."""
         with suppress(OSError):  # the disk may be full
             self._end("interrupted" if isinstance(error, KeyboardInterrupt) else "failed")
         unit, last = self.kind.unit, self.checkpoints.last
@@ -196,7 +196,7 @@ class RunFolder(Generic[P]):
             return TrainingError(f"{error} {kept}, in '{self.path}'.")
         if isinstance(error, OSError):
             return ArtefactError(
-                f"'{self.path}' cannot be written ({error.strerror or error}). {kept}; make room, then go on with: "
+                f"'{self.path}' cannot be written ({error.strerror or error}). {kept}; free some space, then resume: "
                 f"wordcraft-kg resume {self.path}"
             )
         return error
@@ -210,11 +210,11 @@ class RunFolder(Generic[P]):
 def new_run(out: Path, kind: RunKind[P], *, force: bool = False) -> Iterator[RunFolder[P]]:
     """Make the folder of a new run and keep other processes out of it.
 
-    A folder that is replaced is put aside, and comes back if the run leaves nothing to go on with.
+    A folder that is replaced is moved aside, and restored if the run ends with neither a checkpoint nor a result.
 
     Raises:
         OutputExistsError: if ``out`` exists and ``force`` is False.
-        ArtefactError: if another process trains there.
+        ArtefactError: if another process is training there.
     """
     out = with_a_name(out)
     check_run_output(out, force=force)
@@ -232,16 +232,16 @@ def new_run(out: Path, kind: RunKind[P], *, force: bool = False) -> Iterator[Run
 
 @contextmanager
 def resumed_run(folder: Path, kind: RunKind[P]) -> Iterator[RunFolder[P]]:
-    """Take up a run that is not done and keep other processes out of its folder.
+    """Open the folder of a run that is not done and keep other processes out of it.
 
     Raises:
-        ArtefactError: if it is done, of another kind, damaged, or another process trains there.
+        ArtefactError: if it is done, of another kind, or damaged, or if another process is training there.
     """
     folder = with_a_name(folder)
     record = kind.read_record(folder)
     if record.status == "done":
         raise ArtefactError(
-            f"'{folder}' is finished; there is nothing to resume. Judge it: wordcraft-kg {kind.judged_by} {folder}"
+            f"'{folder}' is finished; there is nothing to resume. Evaluate it: wordcraft-kg {kind.judged_by} {folder}"
         )
     with _locked(folder):
         try:
@@ -252,21 +252,21 @@ def resumed_run(folder: Path, kind: RunKind[P]) -> Iterator[RunFolder[P]]:
 
 
 def check_run_output(out: Path, *, force: bool) -> None:
-    """Refuse an output that exists; where an unfinished run is, say how to go on with it.
+    """Refuse an output that exists; for an unfinished run, say how to resume it.
 
     Raises:
         OutputExistsError: if it exists and ``force`` is False.
     """
     if not force and (out / RUN_FILE).is_file() and read_run(out).status != "done":
         raise OutputExistsError(
-            f"an unfinished run is in '{out}'. Go on: wordcraft-kg resume {out}, or start anew with --force."
+            f"'{out}' holds an unfinished run. Resume it with: wordcraft-kg resume {out}, or start again with `force`."
         )
     check_output(out, force=force)
 
 
 @contextmanager
 def _failing(run: RunFolder[P]) -> Iterator[RunFolder[P]]:
-    """Put the run on record as failed or interrupted if an error ends it."""
+    """Record the run as failed or interrupted if an error ends it."""
     try:
         yield run
     except BaseException as error:
@@ -280,7 +280,7 @@ def _failing(run: RunFolder[P]) -> Iterator[RunFolder[P]]:
 
 @contextmanager
 def _locked(folder: Path) -> Iterator[None]:
-    """Keep others from training in a folder for as long as this process does; the lock ends with the process.
+    """Keep other processes from training in a folder meanwhile; the lock ends at the latest with this process.
 
     Raises:
         ArtefactError: if another process does.
@@ -302,12 +302,12 @@ def _locked(folder: Path) -> Iterator[None]:
 
 
 def _aside(out: Path) -> Path:
-    """Where a folder is kept while the run that replaces it has nothing to go on with."""
+    """Return where a replaced folder is kept until the run that replaces it has a checkpoint."""
     return out.with_name(f".{out.name}.replaced-by-wordcraft-kg")
 
 
 def _put_aside(out: Path) -> None:
-    """Clear the way; if an earlier replacement was killed before its first checkpoint, what it replaced stays aside."""
+    """Move ``out`` aside; if it is a replacement that was killed before its first checkpoint, remove it instead."""
     if not out.exists():
         return
     if _aside(out).exists() and _is_dead(out):
@@ -318,7 +318,7 @@ def _put_aside(out: Path) -> None:
 
 
 def _settle(out: Path) -> None:
-    """Forget the folder that was replaced if its replacement can go on, else bring it back."""
+    """Remove the folder that was replaced if its replacement can be resumed or is done, else restore it."""
     if not _aside(out).exists():
         return
     if out.exists() and not _is_dead(out):
@@ -329,7 +329,7 @@ def _settle(out: Path) -> None:
 
 
 def _is_dead(folder: Path) -> bool:
-    """Whether a folder holds neither a result nor a checkpoint."""
+    """Return whether a folder holds neither a result nor a checkpoint."""
     with suppress(ArtefactError):
         if read_run(folder).status == "done":
             return False

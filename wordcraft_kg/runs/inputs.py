@@ -1,4 +1,4 @@
-"""The graph and split that a run was made with."""
+"""The graph and split that a run was trained on."""
 
 from pathlib import Path
 
@@ -8,11 +8,11 @@ from wordcraft_kg.runs.record import RunRecord
 
 
 def open_run_graph(folder: Path, run: RunRecord, source: str) -> OpenedGraph:
-    """Open a run's graph and make sure that it is the one.
+    """Open the graph of a run and check that it is the one that the run was trained on.
 
     Raises:
         ArtefactError: if it cannot be found.
-        GraphMismatchError: if it is another, or its split is.
+        GraphMismatchError: if the graph or its split is another one.
     """
     try:
         opened = open_graph(source)
@@ -20,13 +20,13 @@ def open_run_graph(folder: Path, run: RunRecord, source: str) -> OpenedGraph:
         raise
     except ValueError as error:
         raise ArtefactError(
-            f"the graph that '{folder}' was trained on was not found ({error}) Give it: --graph"
+            f"the graph that '{folder}' was trained on was not found ({error}) Give its path as `graph`."
         ) from None
     for what, found in (("graph", opened.graph.hash), ("split", opened.split.hash)):
         expected = run.inputs.get(what, "")
         if found != expected:
             raise GraphMismatchError(
                 f"'{folder}' was trained on {what} {expected[:12]} but '{opened.source}' has {found[:12]}. "
-                "Give the right one with --graph, or train again."
+                "Give the right one as `graph`, or train again."
             )
     return opened

@@ -10,7 +10,7 @@ from typing import Any
 
 @contextmanager
 def first_interrupt() -> Iterator[threading.Event]:
-    """Turn the first Ctrl-C into a request to stop when it suits; the second one acts at once."""
+    """Turn the first Ctrl-C into a request to stop at the next opportunity; the second one acts at once."""
     asked = threading.Event()
     if threading.current_thread() is not threading.main_thread():
         yield asked
@@ -29,5 +29,5 @@ def first_interrupt() -> Iterator[threading.Event]:
 
 
 def interruption_message(folder: Path, unit: str, number: int) -> str:
-    """Say what an interrupted run has kept and how to go on."""
-    return f"interrupted; {unit} {number:,} is saved. Go on with: wordcraft-kg resume {folder}"
+    """Say what an interrupted run has saved and how to resume it."""
+    return f"interrupted; {unit} {number:,} is saved. Resume with: wordcraft-kg resume {folder}"

@@ -1,4 +1,4 @@
-"""Run records: what was run, on what, with which versions, and what came of it (``run.json`` in every run's folder)."""
+"""Run records: what was run, on what, with which versions and which results (``run.json`` in every run's folder)."""
 
 import hashlib
 import platform
@@ -23,14 +23,14 @@ Status = Literal["running", "interrupted", "failed", "done"]
 
 
 class GitState(Record, frozen=True, kw_only=True):
-    """Commit of the checkout that a run was made from, and whether it had changes that are in no commit."""
+    """Commit of the checkout that a run was made from, and whether there were uncommitted changes."""
 
     commit: str
     dirty: bool
 
 
 class Resumption(Record, frozen=True, kw_only=True):
-    """When, how and with which versions a run went on."""
+    """When, how and with which versions a run was resumed."""
 
     started: str
     argv: tuple[str, ...]
@@ -39,21 +39,21 @@ class Resumption(Record, frozen=True, kw_only=True):
 
 
 class RunRecord(Record, frozen=True, kw_only=True, omit_defaults=True):
-    """The content of ``run.json``; a key whose value would be the default is left out.
+    """The content of ``run.json``; optional keys are left out where they hold the default.
 
     Attributes:
-        kind: the command that trains so, such as ``train-agent``.
+        kind: the command that trains such a run, for example ``train-agent``.
         argv: command line, with ``~`` for the home folder.
         started: ISO 8601, UTC.
-        ended: of the last process, None while it runs.
+        ended: when the last process ended, None while it runs.
         versions: by package.
-        git: None if the package is installed, not checked out.
+        git: None if the package is not run from a checkout.
         inputs: hashes by name: ``graph`` and ``split``, and the SHA-256 of files that training never changes.
         outputs: SHA-256 of the files that training wrote.
-        kg: of an agent's scorer: the graph that it was trained on.
-        tensorboard: whether an agent's figures go to TensorBoard too.
-        missing_words: words of an agent's entities without a vector.
-        resumed: how the run went on, if it did.
+        kg: which knowledge graph the scorer of an agent was trained on.
+        tensorboard: whether the figures of an agent also go to TensorBoard.
+        missing_words: words in entity labels for which an agent has no vector.
+        resumed: each resumption of the run.
     """
 
     format: Literal["wordcraft-kg run 1"]
@@ -89,7 +89,7 @@ def start_run(
 ) -> RunRecord:
     """Write ``run.json`` with the status ``running``.
 
-    No host or user name and no environment variable goes in; the home folder in arguments becomes ``~``.
+    It holds no host name, user name or environment variables; the home folder in arguments becomes ``~``.
     """
     run = RunRecord(
         format="wordcraft-kg run 1",
@@ -113,7 +113,7 @@ def start_run(
 
 
 def resume_run(folder: Path, run: RunRecord, inputs: Mapping[str, str] | None = None) -> RunRecord:
-    """Put a run back to ``running``, note how it went on, and replace hashes of inputs that have changed."""
+    """Set a run back to ``running``, record how it was resumed, and replace hashes of inputs that have changed."""
     again = Resumption(started=_now(), argv=_arguments(), versions=_versions(), git=_git_state())
     changes = {"inputs": {**run.inputs, **(inputs or {})}, "resumed": (*run.resumed, again)}
     return _write(folder, replace(run, status="running", ended=None, **changes))
@@ -148,15 +148,15 @@ def read_finished_run(folder: Path, command: str) -> RunRecord:
         raise ArtefactError(f"'{folder}' does not exist. Make it with `{command}`.")
     run = read_run(folder)
     if run.status != "done":
-        raise ArtefactError(f"'{folder}' is {run.status}, not done. Go on with: wordcraft-kg resume {folder}")
+        raise ArtefactError(f"'{folder}' is {run.status}, not done. Resume it with: wordcraft-kg resume {folder}")
     return run
 
 
 def verified_bytes(folder: Path, run: RunRecord, name: str) -> bytes:
-    """Return the bytes of a run's input or output file if they are those that are on record.
+    """Return the bytes of a run's input or output file after checking them against the recorded hash.
 
     Raises:
-        ArtefactError: if the file is missing or differs by a bit.
+        ArtefactError: if the file is missing or has changed.
     """
     path = folder / name
     if not path.is_file():
@@ -196,7 +196,7 @@ def _versions() -> dict[str, str]:
 
 
 def _git_state() -> GitState | None:
-    """Commit of the checkout that this package runs from, or None when it is installed."""
+    """Return the commit of the checkout that this package runs from, None if it does not run from one."""
     root = Path(__file__).parents[2]
     if not (root / ".git").exists():
         return None

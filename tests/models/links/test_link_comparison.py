@@ -127,5 +127,5 @@ def test_a_split_without_unseen_triples_is_refused(opened_kitchen: OpenedGraph):
 
 @pytest.mark.parametrize("resamples", [0, -5])
 def test_no_resamples_are_refused(frequency: OpenedModel, resamples: int):
-    with pytest.raises(ConfigError, match=f"--resamples {resamples}"):
+    with pytest.raises(ConfigError, match=f"`resamples` {resamples}"):
         compare(frequency, frequency, resamples=resamples)

@@ -383,7 +383,7 @@ def test_a_second_ctrl_c_acts_at_once_and_loses_no_checkpoint(opened_kitchen: Op
 def test_an_unfinished_run_is_not_overwritten_unless_forced(opened_kitchen: OpenedGraph, tmp_path: Path):
     folder = train(opened_kitchen, SHORT, tmp_path / "model", progress=interrupt_after(1)).folder
     before = contents(folder)
-    with pytest.raises(OutputExistsError, match=r"an unfinished run is in .*wordcraft-kg resume .*model"):
+    with pytest.raises(OutputExistsError, match=r"unfinished run.*wordcraft-kg resume .*model"):
         train(opened_kitchen, SHORT, tmp_path / "model")
     assert contents(folder) == before
 
@@ -398,7 +398,7 @@ def test_forced_training_starts_anew_over_an_unfinished_run(opened_kitchen: Open
 def test_a_finished_model_is_not_overwritten_unless_forced(opened_kitchen: OpenedGraph, tmp_path: Path):
     train(opened_kitchen, SHORT, tmp_path / "model")
     before = contents(tmp_path / "model")
-    with pytest.raises(OutputExistsError, match="--force"):
+    with pytest.raises(OutputExistsError, match="`force`"):
         train(opened_kitchen, replace(SHORT, seed=1), tmp_path / "model")
     assert contents(tmp_path / "model") == before
     train(opened_kitchen, replace(SHORT, seed=1), tmp_path / "model", force=True)
@@ -579,12 +579,12 @@ def refused(opened: OpenedGraph, config: LinkSettings, out: Path) -> str:
 def test_validation_without_a_validation_part_is_an_error_that_says_how_to_get_one(
     opened_kitchen: OpenedGraph, tmp_path: Path
 ):
-    assert "--valid-ratio" in refused(opened_kitchen, replace(SHORT, eval_every=1), tmp_path / "model")
+    assert "`valid_ratio`" in refused(opened_kitchen, replace(SHORT, eval_every=1), tmp_path / "model")
 
 
 @pytest.mark.parametrize("device", ["nonsense", "cpu:x", "", "meta"])
 def test_an_unknown_device_is_an_error(opened_kitchen: OpenedGraph, tmp_path: Path, device: str):
-    assert f"--device {device} " in refused(opened_kitchen, replace(SHORT, device=device), tmp_path / "model")
+    assert f"`device` {device!r}" in refused(opened_kitchen, replace(SHORT, device=device), tmp_path / "model")
 
 
 @pytest.mark.skipif(torch.cuda.is_available(), reason="this machine has a GPU")
@@ -635,25 +635,25 @@ def test_a_graph_without_a_split_has_no_partial_graph_to_train_on(tmp_path: Path
     graph = RecipeGraph.from_book(book)
     write_graph_folder(tmp_path / "graph", book, make_split(graph, SplitConfig(kind="none")))
     opened = open_graph(tmp_path / "graph")
-    with pytest.raises(ConfigError, match="Use --kg full, or build the graph with a split"):
+    with pytest.raises(ConfigError, match="`kg` full"):
         train(opened, SHORT, tmp_path / "model")
     trained = train(opened, replace(SHORT, kg="full"), tmp_path / "model")
     assert trained.metrics.triples == len(graph.triples)
 
 
 def test_the_full_graph_is_not_validated_on_triples_it_has_seen(validated_kitchen: OpenedGraph, tmp_path: Path):
-    with pytest.raises(ConfigError, match="holds the validation triples too"):
+    with pytest.raises(ConfigError, match="`eval_every` needs `kg` partial"):
         train(validated_kitchen, replace(SHORT, kg="full", eval_every=2), tmp_path / "model")
 
 
 def test_a_diverging_training_is_a_clear_error_and_leaves_nothing(opened_kitchen: OpenedGraph, tmp_path: Path):
-    with pytest.raises(TrainingError, match="lower --learning-rate"):
+    with pytest.raises(TrainingError, match="lower `learning_rate`"):
         train(opened_kitchen, replace(SHORT, learning_rate=1e30), tmp_path / "model")
     assert not list(tmp_path.iterdir())
 
 
 def test_a_misspelt_model_leaves_an_unfinished_run_alone(opened_kitchen: OpenedGraph, tmp_path: Path):
     stopped = train(opened_kitchen, SHORT, tmp_path / "model", progress=interrupt_after(2))
-    with pytest.raises(ConfigError, match="PyKEEN has no model"):
+    with pytest.raises(ConfigError, match="`model` 'nosuch'"):
         train(opened_kitchen, LinkModelConfig(model="nosuch"), tmp_path / "model", force=True)
     assert (stopped.folder / "checkpoints" / "epoch-3.json").exists()

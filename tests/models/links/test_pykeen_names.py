@@ -136,7 +136,7 @@ def test_the_dataset_of_a_graph_without_test_triples_is_refused(tmp_path: Path):
     book = open_book("kitchen")
     folder = tmp_path / "unsplit"
     write_graph_folder(folder, book, make_split(RecipeGraph.from_book(book), SplitConfig(kind="none")))
-    with pytest.raises(SplitError, match="--split"):
+    with pytest.raises(SplitError, match="another split"):
         dataset_resolver.make("wordcraft", {"graph": folder})
 
 

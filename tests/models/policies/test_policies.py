@@ -483,8 +483,8 @@ def test_free_coefficients_may_be_negative_and_softmax_ones_may_not():
     torch.testing.assert_close(softmaxed, torch.softmax(free, dim=1))
 
 
-def test_kg_only_without_a_scorer_is_an_error_that_names_both_options():
-    with pytest.raises(ConfigError, match=r"--kg-only.*--scorer"):
+def test_kg_only_without_a_scorer_is_an_error_that_names_both_settings():
+    with pytest.raises(ConfigError, match=r"`kg_only`.*`scorer`"):
         attention(kg_only=True)
 
 
@@ -522,23 +522,23 @@ def test_the_mlp_depends_on_the_order_of_the_slots():
         ("scale", None, None),
     ],
 )
-def test_an_unknown_choice_is_an_error_that_names_the_option_and_the_nearest_choice(setting, value, meant):
+def test_an_unknown_choice_is_an_error_that_names_the_setting_and_the_nearest_choice(setting, value, meant):
     hint = f".*Did you mean '{meant}'" if meant else ""
-    with pytest.raises(ConfigError, match=rf"--{setting.replace('_', '-')} '{value}': expected one of .*{hint}"):
+    with pytest.raises(ConfigError, match=rf"`{setting}` {value!r}: expected one of .*{hint}"):
         PolicyConfig(**{setting: value})
 
 
 @pytest.mark.parametrize("setting", ["key_size", "value_size", "hidden_size", "embedding_size"])
 @pytest.mark.parametrize("value", [0, -1, 2.5])
-def test_a_size_below_one_or_not_whole_is_an_error_that_names_the_option(setting: str, value: float):
-    with pytest.raises(ConfigError, match=f"--{setting.replace('_', '-')} {value}: expected a whole number, 1"):
+def test_a_size_below_one_or_not_whole_is_an_error_that_names_the_setting(setting: str, value: float):
+    with pytest.raises(ConfigError, match=f"`{setting}` {value}: expected a whole number, 1"):
         PolicyConfig(**{setting: value})
     assert getattr(PolicyConfig(**{setting: 1}), setting) == 1
 
 
 @pytest.mark.parametrize("use", ["", " ", "w", "u,", "u,w", "uv", "U", "u;v"])
-def test_scores_that_there_are_not_are_an_error_that_names_the_option(use: str):
-    with pytest.raises(ConfigError, match=re.escape(f"--use '{use}': expected") + ".*u, v"):
+def test_an_unknown_source_is_an_error_that_names_the_setting(use: str):
+    with pytest.raises(ConfigError, match=re.escape(f"`use` '{use}': expected") + ".*u, v"):
         PolicyConfig(use=use)
 
 

@@ -175,7 +175,7 @@ def test_pooling_and_missing_words_are_those_of_the_settings(home: Path):
     graph = RecipeGraph.from_recipes([("big pot", "pot", "big"), ("pot", "unheard", "big pot")])
     path = home / "v.txt"
     path.write_text("big 1 -4\npot 3 -8\n")
-    with pytest.raises(ConfigError, match=r"1 of 4 entities have no vector.*--allow-missing"):
+    with pytest.raises(ConfigError, match=r"1 of 4 entities have no vector.*`allow_missing`"):
         plain(str(path), graph=graph)
     for pooling, expected in (("mean", [2, -6]), ("max", [3, -4])):
         vectors = plain(str(path), graph=graph, pooling=pooling, allow_missing=True).vectors.vectors
@@ -185,7 +185,7 @@ def test_pooling_and_missing_words_are_those_of_the_settings(home: Path):
 
 @pytest.mark.parametrize("features", ["glowe", "no/such/file.txt", "shuffled:rundom"])
 def test_features_that_there_are_not_are_an_error(features: str):
-    with pytest.raises(ConfigError, match="neither a file nor one of glove, one-hot, random"):
+    with pytest.raises(ConfigError, match="expected a file, or one of glove, one-hot, random"):
         plain(features)
 
 
@@ -220,12 +220,12 @@ def test_a_scorer_of_another_graph_is_refused():
 
 
 def test_an_mlp_cannot_be_mixed_with_a_scorer():
-    with pytest.raises(ConfigError, match=r"--policy mlp.*--scorer"):
+    with pytest.raises(ConfigError, match=r"`policy` mlp.*`scorer`"):
         plain(policy="mlp", scorer=SCORER)
 
 
 def test_kg_only_needs_a_scorer():
-    with pytest.raises(ConfigError, match=r"--kg-only.*--scorer"):
+    with pytest.raises(ConfigError, match=r"`kg_only`.*`scorer`"):
         plain(kg_only=True)
 
 

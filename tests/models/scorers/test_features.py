@@ -105,7 +105,7 @@ def test_max_pooling_takes_the_larger_of_the_words_in_each_dimension():
 
 
 def test_another_pooling_is_refused():
-    assert refused("glove", pooling="maxx") == "pooling 'maxx': expected one of mean, max. Did you mean 'max'?"
+    assert refused("glove", pooling="maxx") == "`pooling` 'maxx': expected one of mean, max. Did you mean 'max'?"
 
 
 def test_one_hot_is_the_identity_and_says_so():
@@ -170,7 +170,7 @@ def test_shuffling_deals_the_same_rows_to_other_entities(spec):
 
 
 def test_a_negative_seed_is_refused():
-    assert refused("random", seed=-1) == "seed -1: expected 0 or more."
+    assert refused("random", seed=-1) == "`seed` -1: expected a whole number, 0 or more."
 
 
 @pytest.mark.parametrize(
@@ -184,14 +184,16 @@ def test_a_negative_seed_is_refused():
 )
 def test_an_unknown_name_is_refused_with_the_nearest_ones(spec, suggestion):
     message = refused(spec)
-    assert message.startswith(f"features '{spec.removeprefix('shuffled:')}': neither a file nor one of glove, one-hot,")
+    assert message.startswith(
+        f"`features` '{spec.removeprefix('shuffled:')}': expected a file, or one of glove, one-hot,"
+    )
     assert suggestion in message.split("Did you mean")[1]
 
 
 @pytest.mark.parametrize("spec", ["", "vectors/none.txt", "x" * 5000, "a\0b", "shuffled:", "."])
 def test_a_file_that_is_not_there_is_refused(spec, home, monkeypatch):
     monkeypatch.chdir(home)
-    assert "neither a file nor one of" in refused(spec)
+    assert "expected a file, or one of" in refused(spec)
 
 
 def test_a_name_goes_before_a_file_that_is_called_so(home, monkeypatch):
@@ -226,9 +228,9 @@ def test_more_than_a_tenth_without_a_vector_is_refused_unless_allowed():
     labels = ["sea"] * 18 + [f"zqx{i:02} water-zqx" if i % 2 else f"zqx{i:02}" for i in range(24)]
     message = refused("glove", labels)
     assert message == (
-        "features 'glove': 24 of 42 entities have no vector. Words without one: water-zqx, "
+        "`features` 'glove': 24 of 42 entities have no vector. Words without one: water-zqx, "
         + ", ".join(f"zqx{i:02}" for i in range(19))
-        + " and 5 more. At most 10% may be missing: give other vectors, or --allow-missing goes on with zeros."
+        + " and 5 more. At most 10% may be missing: give other vectors, or `allow_missing` to use zeros."
     )
     assert refused("shuffled:glove", labels) == message
     made = make_features("glove", labels, allow_missing=True)
@@ -240,7 +242,7 @@ def test_more_than_a_tenth_without_a_vector_is_refused_unless_allowed():
 def test_features_that_know_no_entity_are_refused_even_if_missing_ones_are_allowed(allow_missing):
     message = refused("glove", ["zqxjkv", "zqxjkw"], allow_missing=allow_missing)
     assert message == (
-        "features 'glove': 2 of 2 entities have no vector. Words without one: zqxjkv, zqxjkw. "
+        "`features` 'glove': 2 of 2 entities have no vector. Words without one: zqxjkv, zqxjkw. "
         "Give vectors of the labels' language."
     )
 
@@ -366,8 +368,8 @@ def test_shuffling_a_file_works_as_with_any_features(vectors_file):
         (b"sea 1 2\nother 0 -1 1 2\n", ", line 2: 4 columns after the word, expected 2"),
         (b"2 3\nsea 1 2\niron 1 2\n", ", line 2: 2 columns after the word, expected 3"),
         (b"2 0\nsea .1 .2\niron .1 .2\n", ", line 2: 2 columns after the word, expected 1"),
-        (b"sea\niron 1 2\n", ", line 1: no numbers at its end, expected a word and its vector."),
-        (b"sea 1 x\niron 1 2\n", ", line 1: no numbers at its end"),
+        (b"sea\niron 1 2\n", ", line 1: no numbers at the end; expected a word and its vector."),
+        (b"sea 1 x\niron 1 2\n", ", line 1: no numbers at the end"),
         (b"the 1 2\niron x 2\n", ", line 2: 'x' in the vector of 'iron' is not a number. Correct the line"),
         (b"the 1 2\niron 1,5 2\n", ", line 2: '1,5' in the vector of 'iron' is not a number."),
         (b"the 1 2\niron 1 \xff\n", ", line 2: '\ufffd' in the vector of 'iron' is not a number."),
@@ -419,7 +421,7 @@ def test_missing_words_of_a_file_are_counted_as_everywhere(vectors_file):
     path = vectors_file(GLOVE_TEXT)
     message = refused(path, ["sea", "iron"])
     assert message.startswith(
-        f"features '{path}': 1 of 2 entities have no vector. Words without one: iron. At most 10%"
+        f"`features` '{path}': 1 of 2 entities have no vector. Words without one: iron. At most 10%"
     )
     made = make_features(path, ["sea", "iron"], allow_missing=True)
     assert made.vectors.tolist() == [SEA, [0, 0, 0]]

@@ -215,7 +215,7 @@ def test_self_edges_are_kept_whatever_was_observed():
 
 
 def test_observed_self_edges_without_triples_are_an_error():
-    with pytest.raises(ConfigError, match="self_edges 'observed' needs the triples"):
+    with pytest.raises(ConfigError, match="`self_edges` 'observed' needs the triples"):
         scaled_scorer(SCORER, self_edges="observed")
 
 

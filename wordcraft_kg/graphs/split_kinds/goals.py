@@ -8,7 +8,7 @@ from wordcraft_kg.graphs.splits import TEST, TRAIN, VALID, Draw, SplitConfig, pa
 
 
 def by_goal(graph: RecipeGraph, config: SplitConfig, rng: np.random.Generator) -> Draw:
-    """Hold out goals: every recipe goes where its result goes."""
+    """Hold out goals: every recipe is in the part of its result."""
     goals = np.unique(graph.recipes[:, 2])
     part_of = np.full(graph.num_entities, TRAIN, dtype=np.int8)
     part_of[goals] = part_of_units(len(goals), config, rng)
@@ -26,7 +26,7 @@ def by_goal_terminals(graph: RecipeGraph, config: SplitConfig, rng: np.random.Ge
     num_valid = round(config.valid_ratio * len(goals))
     if num_held_out > len(inner):
         raise SplitError(
-            f"{num_held_out} goals are to be held out but only {len(inner)} are not terminal; raise the train ratio."
+            f"{num_held_out} goals are to be held out but only {len(inner)} are not terminal; raise `train_ratio`."
         )
     held_out = rng.permutation(inner)[:num_held_out]
     part_of = np.full(graph.num_entities, TRAIN, dtype=np.int8)

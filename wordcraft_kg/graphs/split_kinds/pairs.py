@@ -7,12 +7,12 @@ from wordcraft_kg.graphs.splits import TRAIN, Draw, SplitConfig, part_of_units
 
 
 def by_recipe_plain(graph: RecipeGraph, config: SplitConfig, rng: np.random.Generator) -> Draw:
-    """Hold out pairs, whole: all results of a pair stay on one side."""
+    """Hold out whole pairs: all results of a pair stay on one side."""
     return Draw(part_of_units(graph.num_pairs, config, rng)[graph.pair_of_recipe])
 
 
 def by_recipe(graph: RecipeGraph, config: SplitConfig, rng: np.random.Generator) -> Draw:
-    """Hold out pairs, then move a random pair of each entity that train lacks, so that train covers every entity.
+    """Hold out pairs; then, for each entity that train lacks, move a random pair of it, until train covers them all.
 
     Source: Jiang et al. 2020, section "Link Prediction Model": "a subgraph ... containing all nodes".
     """
@@ -25,7 +25,7 @@ def by_recipe(graph: RecipeGraph, config: SplitConfig, rng: np.random.Generator)
             continue
         around = np.concatenate([graph.recipes_of(entity), graph.uses_of(entity)])
         if not len(around):
-            continue  # mentioned by no recipe at all: nothing can cover it
+            continue  # in no recipe at all: nothing can cover it
         pair = graph.pair_of_recipe[rng.choice(around)]
         rows = slice(graph.pair_starts[pair], graph.pair_starts[pair + 1])
         parts[rows] = TRAIN

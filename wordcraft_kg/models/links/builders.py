@@ -1,4 +1,4 @@
-"""How each kind of link predictor is built for PyKEEN, and what of it the scorer keeps.
+"""How each kind of link predictor is built for PyKEEN, and which parts of it the scorer keeps.
 
 A new kind is a configuration in ``config.py`` and two functions here.
 """
@@ -15,14 +15,14 @@ from wordcraft_kg.models.links.complex import ComplExN3
 from wordcraft_kg.models.links.config import ComplExConfig, LinkModelConfig, LinkSettings
 from wordcraft_kg.models.links.symmetric_lcwa import IndexedSymmetricLCWATrainingLoop
 from wordcraft_kg.models.scorers.folder import ScorerKind
-from wordcraft_kg.settings import nearest
+from wordcraft_kg.settings import nearest, refuse
 
 
 def make_training_loop(config: LinkSettings, factory: TriplesFactory) -> TrainingLoop:
     """Build the PyKEEN model of a configuration and the loop that trains it.
 
     Raises:
-        ConfigError: if PyKEEN has no such model, or it cannot be set up with these options.
+        ConfigError: if PyKEEN has no such model, or it cannot be built with these settings.
     """
     return _complex_loop(config, factory) if isinstance(config, ComplExConfig) else _pykeen_loop(config, factory)
 
@@ -30,8 +30,8 @@ def make_training_loop(config: LinkSettings, factory: TriplesFactory) -> Trainin
 def scorer_tensors(config: LinkSettings, model: Model) -> tuple[ScorerKind, dict[str, torch.Tensor]]:
     """Return the kind of scorer that a trained model becomes, and the tensors that it needs.
 
-    ComplEx becomes its embeddings (``complex``); any other model a ``table`` of the scores of all triples, beside its
-    own parameters.
+    ComplEx becomes its embeddings (``complex``); any other model becomes a ``table`` of the scores of all triples,
+    beside its own parameters.
     """
     return ("complex", _embeddings(model)) if isinstance(config, ComplExConfig) else ("table", _all_scores(model))
 
@@ -72,7 +72,7 @@ def model_class(name: str) -> type[Model]:
         ConfigError: with the nearest names.
     """
     if name.lower() not in model_resolver.lookup_dict:
-        raise ConfigError(f"PyKEEN has no model '{name}'.{nearest(name.lower(), model_resolver.lookup_dict)}")
+        raise refuse("model", name, "a model of PyKEEN", nearest(name.lower(), model_resolver.lookup_dict))
     return model_resolver.lookup_dict[name.lower()]
 
 
@@ -87,12 +87,12 @@ def _pykeen_loop(config: LinkModelConfig, factory: TriplesFactory) -> TrainingLo
             random_seed=config.seed,
         ).to(config.device)
     except (TypeError, ValueError, NotImplementedError, AttributeError, AssertionError) as error:
-        # Models that need more than triples (literals, inverse triples) fail in any of these ways.
-        raise ConfigError(f"PyKEEN's '{config.model}' cannot be set up for a recipe graph: {error!r}") from None
+        # Models that need more than triples (literals, inverse triples) fail in one of these ways.
+        raise ConfigError(f"`model` {config.model!r}: PyKEEN cannot build it for a recipe graph ({error!r}).") from None
     return training_loop_resolver.lookup("symmetriclcwa" if is_softmax else "slcwa")(
         model=model,
         triples_factory=factory,
-        # Its search for the largest batch that fits is for GPUs; on a CPU it only trains two batches in vain.
+        # The search for the largest batch that fits is for GPUs; on a CPU it would only train two batches for nothing.
         automatic_memory_optimization=model.device.type == "cuda",
         optimizer="Adam",
         optimizer_kwargs={"lr": config.learning_rate},

@@ -3,7 +3,7 @@
 import msgspec
 import numpy as np
 
-from wordcraft_kg.errors import ConfigError, GraphMismatchError, SplitError
+from wordcraft_kg.errors import GraphMismatchError, SplitError
 from wordcraft_kg.models.links.folder import OpenedModel
 from wordcraft_kg.models.scorers.ranking import (
     MIN_TRIPLES,
@@ -13,6 +13,7 @@ from wordcraft_kg.models.scorers.ranking import (
     recipe_clusters,
 )
 from wordcraft_kg.records import Count, Record, Share
+from wordcraft_kg.settings import whole
 from wordcraft_kg.statistics import bootstrap, interval
 
 
@@ -27,10 +28,10 @@ class LinkComparison(Record):
     """Two models on the same queries.
 
     Attributes:
-        a: the first.
-        b: the second.
-        queries: number of them.
-        difference: of MRR, a - b.
+        a: the first model.
+        b: the second model.
+        queries: number of queries.
+        difference: difference of MRR, a - b.
         difference_ci: its 95 % interval.
         probability_a_better: share of resamples in which a is ahead; ties count half.
     """
@@ -46,17 +47,16 @@ class LinkComparison(Record):
 def compare(a: OpenedModel, b: OpenedModel, *, resamples: int = 1_000, seed: int = 0) -> LinkComparison:
     """Rank the unseen test triples with both models and bootstrap the difference of their reciprocal ranks.
 
-    Both are resampled together, a recipe pair at a time: the difference is judged on the same queries, which is much
-    sharper than comparing two separate intervals.
+    Both are resampled together, one recipe pair at a time: the difference is taken on the same queries, which is much
+    more precise than comparing two separate intervals.
 
     Raises:
+        ConfigError: if a setting is out of range.
         GraphMismatchError: if they were trained on different graphs or splits.
-        SplitError: if the split leaves no unseen triples.
+        SplitError: if the split leaves too few unseen triples.
     """
-    if resamples < 1:
-        raise ConfigError(f"--resamples {resamples}: expected 1 or more.")
-    if seed < 0:
-        raise ConfigError(f"--seed {seed}: expected 0 or more.")
+    whole("resamples", resamples, 1)
+    whole("seed", seed, 0)
     for what, left, right in (
         ("graphs", a.opened.graph.hash, b.opened.graph.hash),
         ("splits", a.opened.split.hash, b.opened.split.hash),
@@ -71,7 +71,7 @@ def compare(a: OpenedModel, b: OpenedModel, *, resamples: int = 1_000, seed: int
     if len(queries) < MIN_TRIPLES:
         raise SplitError(
             f"only {len(queries)} unseen test triples to compare on; {MIN_TRIPLES} are needed. Build the graph with a "
-            "split and a smaller --train-ratio, such as 0.7."
+            "split and a smaller `train_ratio`, such as 0.7."
         )
     ranks = [rank_triples(model.scorer, queries, graph.triples) for model in (a, b)]
     clusters = np.tile(recipe_clusters(graph, split.is_in("test"), queries), 2)

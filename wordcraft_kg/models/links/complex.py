@@ -1,7 +1,7 @@
-"""ComplEx as a PyKEEN model, with the paper's regulariser, scoring all candidates by one matrix product.
+"""ComplEx as a PyKEEN model, with the paper's regulariser, which scores all candidates in one matrix product.
 
 PyKEEN's interaction contracts head, relation and tail from left to right, which builds a (batch, entities, dim) tensor
-when heads are scored. Here the two known factors are multiplied first, whichever side is open.
+when heads are scored. Here the two known factors are multiplied first, whichever slot is open.
 """
 
 from collections.abc import Mapping
@@ -18,7 +18,7 @@ from wordcraft_kg.models.scorers.embeddings import real_dot
 
 
 class MatmulComplExInteraction(ComplExInteraction):
-    """ComplEx interaction that recognises one-against-all shapes and scores them as one real matrix product."""
+    """ComplEx interaction that recognises one-against-all shapes and scores them in one real matrix product."""
 
     def forward(self, h: torch.Tensor, r: torch.Tensor, t: torch.Tensor) -> torch.Tensor:
         """Score triples, ``Re<h, r, conj(t)>``.
@@ -38,7 +38,7 @@ class MatmulComplExInteraction(ComplExInteraction):
             return real_dot((r.conj() * t).squeeze(dim=1), h.squeeze(dim=0))
         if _is_all(r) and _is_one(h) and _is_one(t):
             return real_dot((h.conj() * t).squeeze(dim=1), r.squeeze(dim=0))
-        # Two factors first here too: the plain formula, without PyKEEN's search for an einsum path.
+        # Again two factors first: the plain formula, without PyKEEN's search for an einsum path.
         return torch.real(h * r * t.conj()).sum(dim=-1)
 
 
@@ -56,7 +56,7 @@ class ComplExN3(ERModel):
     A PyKEEN model like any other: ``pipeline`` and ``hpo_pipeline`` take it as ``model="ComplExN3"``. Train it with
     ``training_loop="IndexedSymmetricLCWA"``, which regularises each looked-up factor once. PyKEEN's stock
     ``SymmetricLCWA`` looks the batch and all entities up twice and regularises both, so about half of
-    ``regularizer_kwargs["weight"]`` does the same there.
+    ``regularizer_kwargs["weight"]`` has the same effect there.
 
     Source: Trouillon et al. 2016 (model), Lacroix et al. 2018 (objective), Jiang et al. 2020 (dimension).
     """
@@ -83,8 +83,8 @@ class ComplExN3(ERModel):
             embedding_dim: number of complex dimensions.
             init_scale: standard deviation of the real and imaginary parts at the start; with PyKEEN's standard normal
                 the model does not learn.
-            regularizer: of each embedding that a batch looks up; None for none.
-            regularizer_kwargs: its settings; those given replace the defaults key by key, so a weight alone does.
+            regularizer: regulariser of each embedding that a batch looks up; None for none.
+            regularizer_kwargs: its settings, which override the defaults key by key, so a weight alone is enough.
             kwargs: passed to :class:`pykeen.models.ERModel`.
         """
         settings = {**self.regularizer_default_kwargs, **(regularizer_kwargs or {})}

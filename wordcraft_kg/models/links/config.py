@@ -1,33 +1,36 @@
-"""Settings of link predictors: every option, default, unit and allowed range; imports neither torch nor PyKEEN."""
+"""Settings of link predictors: every setting, default, unit and allowed range; imports neither torch nor PyKEEN."""
 
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar, Literal
+from typing import ClassVar, Literal, get_args
 
 from wordcraft_kg.errors import ArtefactError, ConfigError
 from wordcraft_kg.graphs.folder import KG
 from wordcraft_kg.records import Record
 from wordcraft_kg.runs.config_file import read_config, write_config
+from wordcraft_kg.settings import one_of, positive, require, whole
 
 PAPER_DIM = 128
+MAX_SEED = 2**32 - 1
+"""PyKEEN takes no larger one."""
 N3_PARTIAL = 0.1
 """Chosen on validation parts, see docs/link-prediction.md."""
 
 
 @dataclass(frozen=True)
 class TrainingConfig:
-    """What every link predictor's training has.
+    """Settings of every link predictor's training.
 
     Attributes:
         kg: triples to train on: partial (those of the train recipes) or full (all of them, test recipes included).
         epochs: passes over the triples.
-        batch_size: triples a step.
+        batch_size: triples per step.
         eval_every: epochs between rankings of the validation triples; 0 never ranks them.
-        patience: rankings without a better validation MRR before training stops and returns to the best epoch; 0
-            never stops early.
+        patience: rankings without a better validation MRR after which training stops and returns to the best epoch;
+            0 never stops early.
         checkpoint_every: epochs between checkpoints.
-        seed: root seed of initialisation and batches.
+        seed: root seed of the initial parameters and the batches.
         device: torch device to train on, such as cpu or cuda.
         threads: CPU threads; 1 is rarely slower for models this small, and much faster on a busy machine.
     """
@@ -45,19 +48,16 @@ class TrainingConfig:
     threads: int = 1
 
     def __post_init__(self) -> None:
-        if self.kg not in ("partial", "full"):
-            raise ConfigError(f"--kg {self.kg}: expected partial or full.")
+        one_of("kg", self.kg, get_args(KG))
         for name in ("epochs", "batch_size", "checkpoint_every", "threads"):
-            require(self, name, getattr(self, name) >= 1, "1 or more")
-        for name in ("eval_every", "patience", "seed"):
-            require(self, name, getattr(self, name) >= 0, "0 or more")
-        require(self, "seed", self.seed < 2**32, "less than 2^32, as PyKEEN needs")
+            whole(name, getattr(self, name), 1)
+        for name in ("eval_every", "patience"):
+            whole(name, getattr(self, name), 0)
+        whole("seed", self.seed, 0, MAX_SEED)
         if self.kg == "full" and self.eval_every:
-            raise ConfigError(
-                "--eval-every: the full graph holds the validation triples too; validate with --kg partial."
-            )
+            raise ConfigError("`eval_every` needs `kg` partial: the full graph contains the validation triples.")
         if self.patience and not self.eval_every:
-            raise ConfigError("--patience counts rankings of the validation triples; give --eval-every too, such as 5.")
+            raise ConfigError("`patience` counts rankings of the validation triples; give `eval_every` too, such as 5.")
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class ComplExConfig(TrainingConfig):
 
     Attributes:
         dim: complex dimensions; 128 is the paper's.
-        learning_rate: of Adagrad; 0.2 chosen on validation parts, see docs/link-prediction.md.
+        learning_rate: learning rate of Adagrad; 0.2 chosen on validation parts, see docs/link-prediction.md.
         n3: weight of the N3 regulariser. Default: 0.1 on the partial graph (chosen on validation parts), 0 on the full.
         init_scale: standard deviation of the initial embeddings; 0.001 as in the paper's released code.
 
@@ -84,13 +84,12 @@ class ComplExConfig(TrainingConfig):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        require(self, "dim", self.dim >= 1, "1 or more")
+        whole("dim", self.dim, 1)
         for name in ("learning_rate", "init_scale"):
-            value = getattr(self, name)
-            require(self, name, math.isfinite(value) and value > 0, "a number above 0")
+            positive(name, getattr(self, name))
         if self.n3 is None:
             object.__setattr__(self, "n3", N3_PARTIAL if self.kg == "partial" else 0.0)
-        require(self, "n3", self.n3 is not None and math.isfinite(self.n3) and self.n3 >= 0, "0 or more")
+        require(self, "n3", self.n3 is not None and math.isfinite(self.n3) and self.n3 >= 0, "a number, 0 or more")
 
 
 @dataclass(frozen=True)
@@ -100,10 +99,10 @@ class LinkModelConfig(TrainingConfig):
     Attributes:
         model: PyKEEN's name, such as rotate, transe, distmult, tucker.
         dim: embedding dimensions.
-        learning_rate: of Adam.
+        learning_rate: learning rate of Adam.
         loop: how triples become training examples: slcwa (sampled negatives) or symmetric (softmax over all heads and
             all tails, the paper's objective; slow for models whose scores need large tensors).
-        negatives: sampled per triple, with slcwa.
+        negatives: negatives sampled per triple, with slcwa.
 
     Example:
         >>> LinkModelConfig(model="distmult", loop="symmetric").dim
@@ -120,33 +119,22 @@ class LinkModelConfig(TrainingConfig):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.loop not in ("slcwa", "symmetric"):
-            raise ConfigError(f"--loop {self.loop}: expected slcwa or symmetric.")
+        one_of("loop", self.loop, ("slcwa", "symmetric"))
         for name in ("dim", "negatives"):
-            require(self, name, getattr(self, name) >= 1, "1 or more")
-        require(self, "learning_rate", math.isfinite(self.learning_rate) and self.learning_rate > 0, "a number above 0")
+            whole(name, getattr(self, name), 1)
+        positive("learning_rate", self.learning_rate)
 
 
 LinkSettings = ComplExConfig | LinkModelConfig
 CONFIGS: dict[str, type[ComplExConfig] | type[LinkModelConfig]] = {
     config.command: config for config in (ComplExConfig, LinkModelConfig)
 }
-"""Settings by the command that takes them."""
-
-
-def require(config: Any, name: str, holds: bool, expected: str) -> None:
-    """Check one setting.
-
-    Raises:
-        ConfigError: naming the option, its value and what was expected.
-    """
-    if not holds:
-        raise ConfigError(f"--{name.replace('_', '-')} {getattr(config, name)}: expected {expected}.")
+"""Settings by the command that accepts them."""
 
 
 @dataclass(frozen=True)
 class LinksConfig:
-    """All that makes a link predictor, as ``config.toml`` keeps it.
+    """All settings of a link predictor, as ``config.toml`` holds them.
 
     Attributes:
         graph: graph folder, recipe book's file or known book's name.
@@ -162,16 +150,16 @@ class LinksConfig:
 
     @property
     def command(self) -> str:
-        """The command that trains so."""
+        """The command that trains with these settings."""
         return self.settings.command
 
     def default_folder(self, graph_name: str) -> Path:
-        """Return where the model goes if nobody says."""
+        """Return where the model goes by default."""
         kind = f"{self.settings.model.lower()}-" if isinstance(self.settings, LinkModelConfig) else ""
         return Path("models") / f"{graph_name}-{kind}{self.settings.kg}"
 
     def write(self, folder: Path) -> None:
-        """Write ``config.toml``; the graph's path becomes relative to the folder, so that both can be moved."""
+        """Write ``config.toml``; the graph's path becomes relative to the folder, so both can be moved."""
         write_config(folder, self.command, {"graph": self.graph, **vars(self.settings)})
 
     @classmethod

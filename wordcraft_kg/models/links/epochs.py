@@ -1,4 +1,4 @@
-"""What happens after each epoch of a training: validation, a line of the trace, a checkpoint, the next epoch's seed."""
+"""What happens after each epoch of training: validation, a line of the trace, a checkpoint, the next epoch's seed."""
 
 import time
 from collections.abc import Sequence
@@ -20,21 +20,22 @@ from wordcraft_kg.models.scorers.folder import make_scorer
 from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples
 from wordcraft_kg.runs.checkpoints import Checkpoint
 from wordcraft_kg.runs.folder import Progress, RunFolder
+from wordcraft_kg.tensors import with_prefix
 
 
 class Epochs(TrainingCallback):
     """The epochs of a run so far.
 
-    Epoch ``n`` draws its randomness from (seed, n) alone, so a checkpoint needs no generator states.
+    Epoch ``n`` draws its randomness from (seed, n) alone, so a checkpoint needs no generator state.
 
     Attributes:
-        so_far: trace, seconds, and which epoch was the best.
+        so_far: trace, seconds, and the best epoch.
     """
 
     def __init__(
         self, run: RunFolder[LinkProgress], opened: OpenedGraph, settings: LinkSettings, progress: Progress | None
     ):
-        """Begin with none; :meth:`restore` goes back to a checkpoint."""
+        """Begin without any; :meth:`restore` returns to a checkpoint."""
         super().__init__()
         self.run, self.opened, self.settings, self.report = run, opened, settings, progress
         self.so_far = LinkProgress(seconds=0.0, best_mrr=None, best_epoch=None, has_stopped=False, trace=())
@@ -43,7 +44,7 @@ class Epochs(TrainingCallback):
         self._clock = time.perf_counter()
 
     def post_epoch(self, epoch: int, epoch_loss: float, **kwargs: Any) -> None:
-        """Do what is due after an epoch, and stop the training if it was the last one."""
+        """Do what is due after an epoch, and stop training if it was the last one."""
         settings = self.settings
         is_ranked = self._valid is not None and (epoch % settings.eval_every == 0 or epoch == settings.epochs)
         row = TraceRow(epoch=epoch, loss=epoch_loss, valid_mrr=self._validate() if is_ranked else None, seconds=0.0)
@@ -62,29 +63,29 @@ class Epochs(TrainingCallback):
         seed_everything(settings.seed, epoch + 1)
 
     def restore(self, loop: TrainingLoop, checkpoint: Checkpoint[LinkProgress]) -> None:
-        """Go back to a checkpoint of the same model and settings.
+        """Return to a checkpoint of the same model and settings.
 
         Raises:
             ValueError, KeyError, RuntimeError: if its tensors or its trace are not those of the model and its epochs.
         """
         if [row.epoch for row in checkpoint.progress.trace] != list(range(1, checkpoint.number + 1)):
             raise ValueError("its trace is not that of its epochs")
-        loop.model.load_state_dict(_with_prefix(checkpoint.tensors, "model."))
-        self._best = _with_prefix(checkpoint.tensors, "best.")
+        loop.model.load_state_dict(with_prefix(checkpoint.tensors, "model."))
+        self._best = with_prefix(checkpoint.tensors, "best.")
         state = _optimizer_state(checkpoint.tensors, loop.optimizer.param_groups[0]["params"])
-        # The settings of the optimiser are those that it was just made with.
+        # The optimiser keeps the settings that it was just made with.
         loop.optimizer.load_state_dict({**loop.optimizer.state_dict(), "state": state})
         loop._epoch = checkpoint.number
         loop.losses_per_epochs = [row.loss for row in checkpoint.progress.trace]
         self.so_far = checkpoint.progress
 
     def restore_best(self, loop: TrainingLoop) -> None:
-        """Return to the best epoch, if patience was asked for."""
+        """Return to the best epoch, if patience is set."""
         if self.settings.patience and self._best:
             loop.model.load_state_dict(self._best)
 
     def _note(self, row: TraceRow, seconds: float) -> None:
-        """Add an epoch; stop early if the best ranking was too many rankings ago."""
+        """Add an epoch; stop early if the best ranking was too long ago."""
         before = self.so_far
         now = replace(before, seconds=before.seconds + seconds, trace=(*before.trace, row))
         if row.valid_mrr is not None:
@@ -118,14 +119,10 @@ def copied(tensors: dict[str, Tensor]) -> dict[str, Tensor]:
     return {name: tensor.detach().cpu().clone().contiguous() for name, tensor in tensors.items()}
 
 
-def _with_prefix(tensors: dict[str, Tensor], prefix: str) -> dict[str, Tensor]:
-    return {name.removeprefix(prefix): value for name, value in tensors.items() if name.startswith(prefix)}
-
-
 def _optimizer_state(tensors: dict[str, Tensor], parameters: Sequence[Tensor]) -> dict[int, dict[str, Tensor]]:
-    """Sort the optimiser's tensors by parameter; it would notice one that is missing in the next epoch only."""
+    """Sort and check the optimiser's tensors by parameter: it would notice a missing one only in the next epoch."""
     state: dict[int, dict[str, Tensor]] = {index: {} for index in range(len(parameters))}
-    for name, value in _with_prefix(tensors, "optimizer.").items():
+    for name, value in with_prefix(tensors, "optimizer.").items():
         index, _, key = name.partition(".")
         if value.shape not in ((), parameters[int(index)].shape):
             raise ValueError(f"{name} of the optimiser has shape {tuple(value.shape)}")

@@ -18,12 +18,12 @@ class OpenedModel:
     """A trained link predictor with everything that its evaluation needs.
 
     Attributes:
-        scorer: loaded from the folder.
+        scorer: the scorer of the folder.
         opened: the graph and split that it was trained on, checked by hash.
-        settings: that it was trained with.
+        settings: the settings that it was trained with.
         run: its ``run.json``.
-        metrics: what its training came to.
-        trace: a row an epoch.
+        metrics: figures of its training.
+        trace: one row per epoch.
     """
 
     scorer: Scorer
@@ -57,11 +57,11 @@ def open_model(folder: str | Path, graph: str | None = None) -> OpenedModel:
     """Open a model folder.
 
     Args:
-        folder: written by ``train-complex`` or ``train-links``.
+        folder: folder written by ``train-complex`` or ``train-links``.
         graph: where its graph is now, if it has moved.
 
     Raises:
-        ArtefactError: if the folder is unfinished or damaged, or the graph is not where it was.
+        ArtefactError: if the folder is unfinished or damaged, or its graph is not found.
         GraphMismatchError: if the graph or its split is not the one that the model was trained on.
 
     Example:

@@ -1,7 +1,6 @@
 """Between recipe graphs and PyKEEN: triples factories, and the guard around its global seeding.
 
-PyKEEN appears here, in ``complex.py``, ``symmetric_lcwa.py`` and ``builders.py`` (what it trains), in ``training.py``,
-``epochs.py``, ``results.py``, ``tuning.py`` (which call it), and in ``wordcraft_kg/pykeen_dataset.py``; nowhere else.
+PyKEEN is used in this package (``models/links``) and in ``wordcraft_kg/pykeen_dataset.py``, and nowhere else.
 """
 
 import gc
@@ -39,10 +38,10 @@ def seed_everything(seed: int, epoch: int = 0) -> None:
 
 @contextmanager
 def pykeen_guard(seed: int, threads: int) -> Iterator[None]:
-    """Seed the global generators, as PyKEEN needs, and put everything back afterwards, on errors too.
+    """Seed the global generators, as PyKEEN needs, and restore everything afterwards, even after an error.
 
-    Within the block torch uses ``threads`` CPU threads, and the objects alive at its start are exempt from garbage
-    collection: PyKEEN collects after each epoch, which would cost 0.2 s there for what its imports left behind.
+    Within the block torch uses ``threads`` CPU threads, and objects alive at its start are exempt from garbage
+    collection: PyKEEN collects after each epoch, which would take 0.2 s for the objects that its imports made.
     """
     states = random.getstate(), np.random.get_state(), torch.get_rng_state()  # noqa: NPY002
     cuda_states = torch.cuda.get_rng_state_all() if torch.cuda.is_available() else []
@@ -80,7 +79,7 @@ def seeded_pipelines(seed: int) -> Iterator[None]:
 
 @contextmanager
 def quiet_pykeen() -> Iterator[None]:
-    """Keep what PyKEEN and its helpers say about their own options out of our log."""
+    """Keep messages of PyKEEN and its helpers about their own options out of our log."""
     loggers = [logging.getLogger(name) for name in ("pykeen", "torch_max_mem")]
     levels = [logger.level for logger in loggers]
     for logger in loggers:

@@ -1,17 +1,17 @@
-"""What a model folder keeps beside the weights."""
+"""Records that a model folder holds beside the weights."""
 
 from wordcraft_kg.graphs.folder import KG
 from wordcraft_kg.records import Record
 
 
 class TraceRow(Record, frozen=True, kw_only=True, omit_defaults=True):
-    """A line of ``trace.jsonl``: what an epoch came to.
+    """A line of ``trace.jsonl``: the figures of an epoch.
 
     Attributes:
         epoch: from 1.
-        loss: mean over its batches.
-        valid_mrr: of the validation triples, if they were ranked after it.
-        seconds: that it took, with the ranking.
+        loss: mean loss over its batches.
+        valid_mrr: MRR of the validation triples, if they were ranked after it.
+        seconds: time that it took, including the ranking.
     """
 
     epoch: int
@@ -21,20 +21,21 @@ class TraceRow(Record, frozen=True, kw_only=True, omit_defaults=True):
 
 
 class LinkMetrics(Record, frozen=True, kw_only=True):
-    """``metrics.json``: what a training came to.
+    """``metrics.json``: the figures of a training.
 
     Attributes:
-        kg: trained on: partial or full.
-        triples: trained on.
-        epochs: done.
-        best_epoch: by validation MRR, None if nothing was validated.
-        seconds: of all epochs.
+        kg: knowledge graph that it was trained on: partial or full.
+        triples: number of training triples.
+        epochs: number of epochs done.
+        best_epoch: best epoch by validation MRR, None if nothing was validated.
+        seconds: time of all epochs.
         seconds_per_epoch: their mean.
-        parameters: of the model.
-        loss: of the last epoch.
-        valid_mrr: of the best epoch.
-        train_mrr: filtered by the training triples themselves: how well the model remembers, not how well it predicts.
-        train_mrr_triples: that it was taken over.
+        parameters: number of parameters of the model.
+        loss: loss of the last epoch.
+        valid_mrr: validation MRR of the best epoch.
+        train_mrr: MRR of the training triples, filtered by themselves: how well the model remembers, not how well it
+            predicts.
+        train_mrr_triples: number of triples that ``train_mrr`` is taken over.
     """
 
     kg: KG
@@ -51,7 +52,7 @@ class LinkMetrics(Record, frozen=True, kw_only=True):
 
 
 class LinkProgress(Record, frozen=True, kw_only=True):
-    """What a checkpoint of a link predictor's training notes beside its tensors."""
+    """Progress of a link predictor's training, as a checkpoint records it beside its tensors."""
 
     seconds: float
     best_mrr: float | None

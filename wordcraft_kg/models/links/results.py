@@ -20,13 +20,13 @@ from wordcraft_kg.records import as_lines, as_values
 
 OUTPUTS = ("model.safetensors", "vocabulary.json", "config.toml", "metrics.json", "trace.jsonl")
 RANKED_IN_TRAIN = 20_000
-"""Training triples that are ranked at the end of a training, at most."""
+"""Maximum number of training triples that are ranked at the end of a training."""
 
 
 def write_results(
     folder: Path, model: Model, opened: OpenedGraph, settings: LinkSettings, progress: LinkProgress
 ) -> LinkMetrics:
-    """Write what a scorer is loaded from, the metrics and the trace; return the metrics."""
+    """Write the files that a scorer is loaded from, the metrics and the trace; return the metrics."""
     model.eval()
     kind, tensors = scorer_tensors(settings, model)
     graph, triples = opened.graph, opened.triples(settings.kg)
@@ -70,7 +70,7 @@ def model_card(opened: OpenedGraph, settings: LinkSettings, metrics: LinkMetrics
     """Return the ``README.md`` of a model folder."""
     name = "ComplEx" if isinstance(settings, ComplExConfig) else settings.model
     seen = (
-        "It was trained on all triples, those of the test recipes included: its scores say what it remembers."
+        "It was trained on all triples, including those of the test recipes: its scores show what it remembers."
         if settings.kg == "full"
         else "It was trained on the triples of the train recipes only."
     )
@@ -83,11 +83,11 @@ Scores triples (head, relation, tail) with the relations `combinesWith` and `com
 - {metrics.epochs} epochs, {metrics.parameters:,} parameters, MRR on its own training triples \
 {metrics.train_mrr:.3f}
 
-`config.toml` reproduces it; `run.json` says with which versions it was made. Its quality on unseen triples is what
+`config.toml` reproduces it; `run.json` names the versions that made it. Its quality on unseen triples is what
 `wordcraft-kg evaluate-links` reports, not the figure above. Scores are not calibrated probabilities.
 
 ```python
-from wordcraft_kg.models import load_scorer
+from wordcraft_kg import load_scorer
 
 scorer = load_scorer("this folder")
 scorer.top(None, "componentOf", {opened.graph.entities[0]!r})

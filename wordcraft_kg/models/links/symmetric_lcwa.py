@@ -1,12 +1,12 @@
 """The paper's training objective as a PyKEEN training loop: softmax over all heads plus softmax over all tails.
 
 PyKEEN's ``SymmetricLCWATrainingLoop`` computes the same loss, but looks everything up twice, regularises the candidates
-as well as the batch, and builds dense one-hot targets. This one reads the entity table once a batch and uses the target
-indices themselves.
+as well as the batch, and builds dense one-hot targets. This one reads the entity table once per batch and uses the
+target indices themselves.
 
-PyKEEN's minor version is pinned because of what is used of its private side: two methods overridden and
-``_plain_forward`` here, ``_epoch`` and ``_should_stop`` in ``link_training.py``, and the pipeline's seed in
-``pykeen_bridge.py``.
+PyKEEN's minor version is pinned because we use some of its private parts: two methods overridden and
+``_plain_forward`` here, ``_epoch`` and ``_should_stop`` in ``epochs.py`` and ``training.py``, and the pipeline's seed
+in ``pykeen_bridge.py``.
 """
 
 from typing import Any
@@ -35,7 +35,7 @@ class IndexedSymmetricLCWATrainingLoop(SymmetricLCWATrainingLoop):
         """Check that the model suits this loop, then set it up as PyKEEN does.
 
         Raises:
-            ConfigError: for another loss than cross entropy, or a model that is not built from single embeddings.
+            ConfigError: for a loss other than cross entropy, or a model that is not built from single embeddings.
         """
         if not isinstance(model.loss, CrossEntropyLoss):
             raise ConfigError(
@@ -53,7 +53,7 @@ class IndexedSymmetricLCWATrainingLoop(SymmetricLCWATrainingLoop):
     def _create_training_data_loader(
         self, triples_factory: CoreTriplesFactory, sampler: str | None, **kwargs: Any
     ) -> DataLoader:
-        # A sampler of whole batches: one indexing operation a batch instead of one a triple.
+        # A sampler of whole batches: one indexing operation per batch instead of one per triple.
         data = TensorDataset(triples_factory.mapped_triples)
         batches = BatchSampler(RandomSampler(data), kwargs["batch_size"], kwargs["drop_last"])
         return DataLoader(data, sampler=batches, batch_size=None, pin_memory=self.model.device.type == "cuda")
@@ -69,7 +69,7 @@ class IndexedSymmetricLCWATrainingLoop(SymmetricLCWATrainingLoop):
         heads, relations, tails = batch[0][start:stop].to(self.model.device).unbind(dim=1)
         (entity,) = self.model.entity_representations
         (relation,) = self.model.relation_representations
-        # The public call regularises what it looks up; the candidates must not be, hence the private one for them.
+        # The public call regularises what it looks up; the candidates must not be regularised, hence the private call.
         h, r, t = (x.unsqueeze(dim=1) for x in (entity(heads), relation(relations), entity(tails)))
         everything = entity._plain_forward().unsqueeze(dim=0)
         return (

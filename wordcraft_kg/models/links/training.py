@@ -1,6 +1,6 @@
 """Training a link predictor on the full or the partial knowledge graph, into a model folder that serves as a scorer.
 
-On a CPU, with the same torch and the same number of threads, a resumed run ends with the bits of an undisturbed one.
+On a CPU, with the same torch and number of threads, a resumed run ends bit for bit like an uninterrupted one.
 """
 
 from dataclasses import dataclass, replace
@@ -29,12 +29,12 @@ LINKS = RunKind(tuple(CONFIGS), unit="epoch", progress=LinkProgress, judged_by="
 
 @dataclass(frozen=True)
 class TrainedLinks:
-    """What a training run came to.
+    """The outcome of a training run.
 
     Attributes:
-        folder: of the model.
-        epoch: the last epoch that was trained; a checkpoint has it if the run was interrupted.
-        metrics: content of ``metrics.json``; None for an interrupted run, which :func:`resume_links` goes on with.
+        folder: folder of the model.
+        epoch: the last epoch that was trained; a checkpoint holds it if the run was interrupted.
+        metrics: content of ``metrics.json``; None for an interrupted run, which :func:`resume_links` can resume.
     """
 
     folder: Path
@@ -55,7 +55,7 @@ def train_links(
     Args:
         config: graph, and the settings of the model and its training.
         out: the folder to write. Default: ``models/<graph's name>-<kg>``, or ``-<model>-<kg>`` for other models.
-        force: replace a folder that is there.
+        force: replace the folder if it exists.
         progress: called after each epoch.
 
     Raises:
@@ -80,16 +80,16 @@ def train_links(
 def resume_links(
     folder: Path, *, graph: str | None = None, epochs: int | None = None, progress: Progress | None = None
 ) -> TrainedLinks:
-    """Go on with an interrupted training run from its last checkpoint.
+    """Resume an interrupted training run from its last checkpoint.
 
     Args:
-        folder: of the model.
+        folder: folder of the model.
         graph: where the graph is now, if it has moved.
-        epochs: train up to this many epochs instead of the number first asked for.
+        epochs: train up to this many epochs instead of the original number.
         progress: called after each epoch.
 
     Raises:
-        ArtefactError: if there is nothing to resume, it is damaged, or it is under way elsewhere.
+        ArtefactError: if there is nothing to resume, it is damaged, or another process is training it.
         GraphMismatchError: if the graph or its split is not the one that the run began with.
     """
     with resumed_run(Path(folder), LINKS) as run:
@@ -108,18 +108,18 @@ def _check_fit(opened: OpenedGraph, settings: LinkSettings) -> None:
         model_class(settings.model)
         if len(RELATIONS) * opened.graph.num_entities**2 * 4 > TABLE_LIMIT:
             raise ConfigError(
-                f"'{settings.model}' is served from a table of all scores, too large for {opened.graph.num_entities:,} "
-                "entities. Use train-complex."
+                f"`model` {settings.model!r} needs a table of all scores, which is too large for "
+                f"{opened.graph.num_entities:,} entities. Train ComplEx instead: wordcraft-kg train-complex"
             )
     if settings.kg == "partial" and opened.split.config.kind == "none":
         raise ConfigError(
-            "the split of this graph holds nothing out, so there is no partial graph to train on. Use --kg full, or "
-            "build the graph with a split, such as --split by-recipe."
+            "the split of this graph holds nothing out, so there is no partial graph to train on. Use `kg` full, or "
+            "build the graph with another split, such as by-recipe."
         )
     if settings.eval_every and not len(opened.split.held_out("valid")):
         raise ConfigError(
-            "--eval-every needs validation triples and this split has none. Build the graph with a validation part, "
-            "such as --train-ratio 0.8 --valid-ratio 0.1."
+            "`eval_every` needs validation triples and this split has none. Build the graph with a validation part, "
+            "such as `train_ratio` 0.8 and `valid_ratio` 0.1."
         )
     check_device(settings.device)
 
@@ -132,7 +132,7 @@ def _train(
     *,
     is_resumed: bool = False,
 ) -> TrainedLinks:
-    """Train from the start or, resumed, from the last checkpoint to the end, or to the first Ctrl-C."""
+    """Train from the start or, if resumed, from the last checkpoint, until the end or the first Ctrl-C."""
     settings = config.settings
     factory = triples_factory(opened.graph, opened.triples(settings.kg))
     with pykeen_guard(settings.seed, settings.threads), quiet_pykeen():
@@ -144,7 +144,7 @@ def _train(
                 epochs.restore(loop, checkpoint)
             if settings.epochs < loop._epoch:
                 raise ConfigError(
-                    f"--epochs {settings.epochs}: the run has done {loop._epoch} already; give {loop._epoch} or more."
+                    f"`epochs` {settings.epochs}: the run has done {loop._epoch} already; give {loop._epoch} or more."
                 )
             run.go_on(config)
         if loop._epoch < settings.epochs and not epochs.so_far.has_stopped:
@@ -162,7 +162,7 @@ def _train(
                 )
             except NonFiniteLossError:
                 raise TrainingError(
-                    "the loss is no longer a finite number. Train with a lower --learning-rate."
+                    "the loss is no longer a finite number. Train with a lower `learning_rate`."
                 ) from None
         if loop._epoch < settings.epochs and not epochs.so_far.has_stopped:
             run.interrupt()

@@ -1,4 +1,4 @@
-"""Choosing settings by PyKEEN's hyper-parameter optimisation, on validation triples; test triples take no part."""
+"""Choosing settings by PyKEEN's hyper-parameter optimisation, on validation triples; test triples are never used."""
 
 from pathlib import Path
 from typing import Any
@@ -14,11 +14,12 @@ from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.triples import is_in, recipe_triples
 from wordcraft_kg.models.links.builders import model_class
 from wordcraft_kg.models.links.complex import ComplExN3
-from wordcraft_kg.models.links.config import CONFIGS, ComplExConfig, LinkModelConfig
+from wordcraft_kg.models.links.config import CONFIGS, MAX_SEED, ComplExConfig, LinkModelConfig
 from wordcraft_kg.models.links.pykeen_bridge import pykeen_guard, quiet_pykeen, seeded_pipelines, triples_factory
 from wordcraft_kg.models.scorers.ranking import MIN_TRIPLES
 from wordcraft_kg.records import Count, Record, Share
 from wordcraft_kg.runs.config_file import toml_value
+from wordcraft_kg.settings import refuse, whole
 from wordcraft_kg.tensors import check_device
 
 _EPOCHS = {"type": "int", "low": 20, "high": 100, "q": 20}
@@ -29,11 +30,11 @@ class Tuned(Record):
     """The best settings of a search.
 
     Attributes:
-        model: that was tuned.
-        command: which trains it with the settings.
-        trials: how many were tried.
-        valid_mrr: on the validation triples.
-        settings: the best, by name.
+        model: the model that was tuned.
+        command: the command that trains it with the settings.
+        trials: number of settings tried.
+        valid_mrr: best MRR of the validation triples.
+        settings: the best settings, by name.
         out: the TOML file that holds them.
     """
 
@@ -60,28 +61,26 @@ def tune(
     """Search settings of a model on the partial graph and write the best as a TOML file.
 
     Args:
-        opened: graph and split; where the split has no validation part, one is drawn from its train pairs.
+        opened: graph and split; if the split has no validation part, one is drawn from its train pairs.
         model: ``complex``, or PyKEEN's name of another model.
         out: the TOML file.
         trials: how many settings to try.
         valid_ratio: share of the train pairs to draw for validation.
-        seed: of the search, the drawing and each training.
+        seed: seed of the search, of the draw and of each training.
         timeout: seconds after which no new trial begins.
         device: torch device.
-        quiet: no line on stderr after each trial.
+        quiet: print no line on stderr after each trial.
 
     Raises:
         ConfigError: if an argument is out of range or PyKEEN has no such model.
         SplitError: if too few triples are left to validate on.
     """
-    if trials < 1:
-        raise ConfigError(f"--trials {trials}: expected 1 or more.")
+    whole("trials", trials, 1)
     if not 0 < valid_ratio < 1:
-        raise ConfigError(f"--valid-ratio {valid_ratio}: expected more than 0 and less than 1.")
-    if timeout is not None and timeout < 1:
-        raise ConfigError(f"--timeout {timeout}: expected 1 second or more.")
-    if not 0 <= seed < 2**32:
-        raise ConfigError(f"--seed {seed}: expected 0 or more, and less than 2^32.")
+        raise refuse("valid_ratio", valid_ratio, "more than 0 and less than 1")
+    if timeout is not None:
+        whole("timeout", timeout, 1)
+    whole("seed", seed, 0, MAX_SEED)
     check_device(device)
     train, valid = _validation_split(opened, valid_ratio, seed)
     search = _complex_search() if model.lower() == "complex" else _pykeen_search(model)
@@ -104,7 +103,7 @@ def tune(
             )
         best = result.study.best_trial
     except (TypeError, ValueError, NotImplementedError, AttributeError, AssertionError) as error:
-        raise ConfigError(f"no trial of '{model}' came to an end ({error!r}).") from None
+        raise ConfigError(f"no trial of `model` {model!r} succeeded ({error!r}).") from None
     names = {
         "model.embedding_dim": "dim",
         "regularizer.weight": "n3",
@@ -138,7 +137,7 @@ def tune(
 
 
 def _validation_split(opened: OpenedGraph, ratio: float, seed: int) -> tuple[Ids, Ids]:
-    """Return the triples to train and to validate on; pairs are held out whole, as in the split by recipe."""
+    """Return the triples to train and to validate on; whole pairs are held out, as in the split by recipe."""
     graph, split = opened.graph, opened.split
     valid = split.held_out("valid")
     train = split.partial
@@ -152,7 +151,7 @@ def _validation_split(opened: OpenedGraph, ratio: float, seed: int) -> tuple[Ids
         valid = valid[~is_in(valid, train, graph.num_entities)]
     if len(valid) < MIN_TRIPLES:
         raise SplitError(
-            f"only {len(valid)} triples to validate on; {MIN_TRIPLES} are needed. Choose a larger --valid-ratio."
+            f"only {len(valid)} triples to validate on; {MIN_TRIPLES} are needed. Choose a larger `valid_ratio`."
         )
     return train, valid
 
@@ -177,7 +176,7 @@ def _pykeen_search(model: str) -> dict[str, Any]:
     kind = model_class(model)
     return {
         "model": kind,
-        # Settings that train-links does not have stay at the model's defaults.
+        # Settings that train-links does not offer keep the model's defaults.
         "regularizer_kwargs": {"weight": 1.0, **(kind.regularizer_default_kwargs or {})}
         if kind.regularizer_default
         else None,

@@ -17,7 +17,7 @@ class AttentionPolicy(Policy):
     """Self-attention actor-critic, alone or guided by sources.
 
     ``α_i = Q([x_g; x_s]) · K(x_i) / √d``, ``V = MLP(wᵀ x)`` with ``w = softmax(α)`` over the slots (or the raw α),
-    and with sources ``β = λα·α + Σ_s λ_s·source_s``, ``λ = MLP(wᵀ x)`` with weights of its own. An MLP here is the
+    and with sources ``β = λα·α + Σ_s λ_s·source_s``, ``λ = MLP(wᵀ x)`` with its own weights. An MLP here is the
     linear map W of the paper, a rectifier and a linear map; W, with a bias, is applied to the sum.
 
     Permuting the slots permutes the logits and leaves the value as it is.
@@ -26,17 +26,17 @@ class AttentionPolicy(Policy):
     """
 
     def __init__(self, config: PolicyConfig, vectors: EntityVectors, sources: Iterable[Source] = ()):
-        """Take entity vectors, and sources of knowledge if there are any."""
+        """Take entity vectors and any sources of knowledge."""
         super().__init__(config, vectors, sources)
         if config.kg_only and not self.sources:
-            raise ConfigError("--kg-only mixes a scorer's scores and nothing else; give a --scorer too.")
+            raise ConfigError("`kg_only` mixes a scorer's scores and nothing else; give a `scorer` too.")
         self.attention = TableAttention(vectors.dim, config.key_size)
         self.value = _head(vectors.dim, config.value_size, 1)
         if self.sources:
             self.mixture = _head(vectors.dim, config.value_size, len(self.labels))
             last = self.mixture[2]
             assert isinstance(last, nn.Linear)
-            if config.mixing == "free":  # all sources begin with about the same weight
+            if config.mixing == "free":  # all sources start with about the same weight
                 nn.init.ones_(last.bias)
 
     def weights(self) -> Weights:  # noqa: D102 - inherited

@@ -1,4 +1,4 @@
-"""Attention of the goal and the selection over the table, and the entity vectors that it works on.
+"""Attention of the goal and the selection over the table, and the entity vectors that it uses.
 
 Rows of a batch have few slots, so the shapes of products matter more than their size: vectors are fetched by
 ``index_select``, a row's slots are the columns of one small product, and softmax runs along the first axis.
@@ -15,7 +15,7 @@ FOLD_LIMIT = 300
 
 
 class EntityVectors(nn.Module):
-    """The vectors x of entities: constant, learned or one-hot; that of ``nothing``, the id after the last, is zero.
+    """The vectors x of entities: constant, learned or one-hot; that of nothing, the id after the last, is zero.
 
     One-hot vectors are never written out, since a product with one is a row of the weights.
 
@@ -28,7 +28,7 @@ class EntityVectors(nn.Module):
     vectors: Tensor
 
     def __init__(self, num_entities: int, vectors: Tensor | None = None, *, learned_dim: int = 0):
-        """Take constant vectors, shape (E, F); without them, learn vectors of ``learned_dim``, or take one-hot ones."""
+        """Take constant vectors, shape (E, F); without them, learn vectors of ``learned_dim`` or use one-hot ones."""
         super().__init__()
         self.num_entities = num_entities
         self.is_one_hot = vectors is None and not learned_dim
@@ -41,7 +41,7 @@ class EntityVectors(nn.Module):
         self.dim = num_entities if self.is_one_hot else self.vectors.shape[1]
 
     def weights(self) -> dict[str, Tensor]:
-        """Return ``vectors``, those of all entities and of nothing, shape (E + 1, F); no such key for one-hot ones."""
+        """Return ``vectors`` of all entities and of nothing, shape (E + 1, F); without that key if they are one-hot."""
         return {} if self.is_one_hot else {"vectors": nn.functional.pad(self.vectors, (0, 0, 0, 1))}
 
 
@@ -59,8 +59,8 @@ class TableAttention(nn.Module):
     """Scaled dot-product attention of goal and selection over the slots, and sums over slots.
 
     ``α_i = Q([x_g; x_s]) · K(x_i) / √d``. Since ``q · K x = (Kᵀ q) · x``, and since vectors do not depend on the
-    sample, keys are folded into the query: no slot's key is ever computed. K has no bias, which would add the same to
-    every slot.
+    sample, keys are folded into the query: no slot's key is ever computed. K has no bias, since it would add the
+    same to every slot.
 
     Source: Jiang et al. 2020, section "Self-attention Actor-Critic Network". The second selection is always empty when
     an action is chosen, and is left out of the query.
@@ -73,7 +73,7 @@ class TableAttention(nn.Module):
         self.key = nn.Linear(dim, key_size, bias=False)
 
     def weights(self) -> dict[str, Tensor]:
-        """Return ``query``, ``query.bias`` and, where it was not folded into them, ``key``."""
+        """Return ``query``, ``query.bias`` and, unless it is folded into them, ``key``."""
         key = self.key.weight / math.sqrt(self.key.out_features)
         if self.key.in_features <= FOLD_LIMIT:
             return {"query": self.query.weight.T @ key, "query.bias": self.query.bias @ key}
@@ -84,7 +84,7 @@ class TableAttention(nn.Module):
         """Return ``Kᵀ q / √d``, whose product with a slot's vector is its α: shape (B, F).
 
         Args:
-            weights: those of the attention and of the entities' vectors.
+            weights: weights of the attention and of the entities' vectors.
             goal: shape (B,).
             selection: shape (B,).
         """

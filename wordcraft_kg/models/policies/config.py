@@ -1,13 +1,12 @@
-"""Settings of policies: every option, default and allowed value; imports no torch."""
+"""Settings of policies: every setting, default and allowed value; imports no torch."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Literal, get_args
 
-from wordcraft_kg.errors import ConfigError
 from wordcraft_kg.models.policies.sources import SOURCES
 from wordcraft_kg.models.scorers.config import Scale, SelfEdges
 from wordcraft_kg.models.scorers.features import Pooling
-from wordcraft_kg.settings import nearest
+from wordcraft_kg.settings import nearest, one_of, refuse, whole
 
 PolicyKind = Literal["attention", "mlp"]
 Mixing = Literal["softmax", "free"]
@@ -16,26 +15,26 @@ ValueReadout = Literal["softmax", "logits"]
 
 @dataclass(frozen=True)
 class PolicyConfig:
-    """What decides, and what it knows.
+    """Settings of a policy and of the knowledge that it uses.
 
     Attributes:
         policy: attention (self-attention over the table, the paper's) or mlp (one hidden layer on everything on the
             table in its order, the paper's baseline; for one size of table only).
         features: entity vectors: glove, one-hot, random, learned, shuffled:<any but learned>, or a file of vectors.
         pooling: how a label of several words gets its vector: mean or max over the words.
-        allow_missing: go on with zeros for entities without a vector, however many they are.
+        allow_missing: use zeros for entities without a vector, however many there are.
         key_size: dimensions of queries and keys; 300 is the paper's.
-        value_size: dimensions of the value's and the mixture's encodings; 300 is the paper's.
-        hidden_size: of the mlp; 300 is the paper's.
-        embedding_size: dimensions of learned features; as many as GloVe's by default.
+        value_size: dimensions of the encodings for the value and for λ; 300 is the paper's.
+        hidden_size: hidden units of the mlp; 300 is the paper's.
+        embedding_size: dimensions of learned features; by default as many as GloVe has.
         use: sources of knowledge to mix in, comma-separated: u (the scorer's combinesWith with the held entity), v (its
             componentOf with the goal).
-        kg_only: mix the scores only, without the attention's own logits.
+        kg_only: mix only the sources' scores, without the attention's own logits.
         mixing: range of λ: free, or softmax (positive, sum 1) as in the paper's released code. This and the next three
             were chosen on validation tasks, see docs/agents.md.
         scale: brings scores to one scale before mixing: standardise, ranks, log-softmax or none.
-        self_edges: an entity's combinesWith score with itself: keep it (the paper), only those observed in the
-            scorer's training triples, or drop it; what is dropped becomes the mean of all pairs.
+        self_edges: an entity's combinesWith score with itself: keep it (the paper), keep only those observed in the
+            scorer's training triples, or drop it; a dropped score becomes the mean of all pairs.
         value_readout: weights of the slots in the encodings of value and λ: softmax of α, or the raw logits α, as in
             the paper's released code.
 
@@ -69,16 +68,9 @@ class PolicyConfig:
             "value_readout": ValueReadout,
         }
         for name, kinds in choices.items():
-            value, allowed = getattr(self, name), get_args(kinds)
-            if value not in allowed:
-                option = name.replace("_", "-")
-                raise ConfigError(
-                    f"--{option} '{value}': expected one of {', '.join(allowed)}.{nearest(str(value), allowed)}"
-                )
-        for entry in fields(self):
-            value = getattr(self, entry.name)
-            if entry.name.endswith("_size") and (not isinstance(value, int) or value < 1):
-                raise ConfigError(f"--{entry.name.replace('_', '-')} {value}: expected a whole number, 1 or more.")
+            one_of(name, getattr(self, name), get_args(kinds))
+        for name in ("key_size", "value_size", "hidden_size", "embedding_size"):
+            whole(name, getattr(self, name), 1)
         _ = self.sources
 
     @property
@@ -88,7 +80,5 @@ class PolicyConfig:
         unknown = [source for source in asked if source not in SOURCES]
         if unknown:
             hint = nearest(unknown[0], SOURCES)
-            raise ConfigError(
-                f"--use '{self.use}': expected one or more of {', '.join(SOURCES)}, comma-separated.{hint}"
-            )
+            raise refuse("use", self.use, f"one or more of {', '.join(SOURCES)}, comma-separated", hint)
         return tuple(source for source in SOURCES if source in asked)

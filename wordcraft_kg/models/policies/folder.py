@@ -1,4 +1,4 @@
-"""Making policies for a graph, and keeping them in a folder that needs nothing else to be used again."""
+"""Making policies for a graph, and writing them into a folder that is all that is needed to use them again."""
 
 from collections.abc import Mapping
 from dataclasses import asdict
@@ -40,12 +40,12 @@ def make_policy(
     """Return an untrained policy for a graph, and its features if they are not learned.
 
     Args:
-        config: its settings.
-        graph: whose entities it decides among.
-        num_slots: of the tables; only an mlp depends on it.
-        scorer: what its sources ask, see :func:`~wordcraft_kg.models.policies.sources.source.make_sources`.
+        config: settings of the policy.
+        graph: graph among whose entities it decides.
+        num_slots: number of slots of the tables; only an mlp depends on it.
+        scorer: scorer that its sources read, see :func:`~wordcraft_kg.models.policies.sources.source.make_sources`.
         observed: triples that the scorer was trained on, for ``self_edges`` ``observed``.
-        seed: of the parameters and of random features; no global generator is left changed.
+        seed: seed of the parameters and of random features; no global generator is left changed.
 
     Raises:
         ConfigError: if the settings do not fit each other or the graph.
@@ -59,12 +59,12 @@ def make_policy(
     sources: list[Source] = []
     if scorer is not None:
         if config.policy == "mlp":
-            raise ConfigError("--policy mlp has no logits to mix a scorer's with; leave out --scorer.")
+            raise ConfigError("`policy` mlp cannot mix a scorer's scores with its logits; leave out `scorer`.")
         check_scorer(scorer, graph)
         view = ScoreView(config.scale, config.self_edges, observed)
         sources = make_sources(config.sources, scorer, view)
     with torch.random.fork_rng(devices=[]):
-        torch.default_generator.manual_seed(seed)  # torch.manual_seed would seed those of all devices too
+        torch.default_generator.manual_seed(seed)  # torch.manual_seed would seed all devices too
         vectors = None
         if features is not None and not features.is_one_hot:
             vectors = torch.tensor(features.vectors)
@@ -81,7 +81,7 @@ def make_policy(
 
 
 def write_constants(folder: Path, policy: Policy) -> None:
-    """Write what training never changes: ``policy.json`` and ``constants.safetensors`` (features, scores)."""
+    """Write the parts that training never changes: ``policy.json`` and ``constants.safetensors`` (features, scores)."""
     description = {
         "format": POLICY_FORMAT,
         "graph": policy.graph_hash,
@@ -99,13 +99,13 @@ def write_constants(folder: Path, policy: Policy) -> None:
 
 
 def write_parameters(folder: Path, policy: Policy) -> None:
-    """Write what training changed: ``policy.safetensors``."""
+    """Write the parts that training changed: ``policy.safetensors``."""
     parameters = {name: tensor.detach().cpu().clone().contiguous() for name, tensor in policy.named_parameters()}
     write_atomically(folder / "policy.safetensors", safetensors.torch.save(parameters))
 
 
 def read_policy(folder: Path, constants: bytes, parameters: Mapping[str, Tensor]) -> Policy:
-    """Put a policy together from its folder's files.
+    """Rebuild a policy from the files of its folder.
 
     Raises:
         ArtefactError: if they do not fit each other.
@@ -119,7 +119,7 @@ def read_policy(folder: Path, constants: bytes, parameters: Mapping[str, Tensor]
         size, dim = len(description["entities"]), description["dim"]
         is_learned = config.features == LEARNED
         policy: Policy
-        with torch.random.fork_rng(devices=[]):  # modules draw the parameters that are to be replaced
+        with torch.random.fork_rng(devices=[]):  # modules draw parameters, which are then replaced
             vectors = EntityVectors(
                 size, torch.zeros(size, dim) if dim and not is_learned else None, learned_dim=dim if is_learned else 0
             )
@@ -144,7 +144,7 @@ def read_policy(folder: Path, constants: bytes, parameters: Mapping[str, Tensor]
 def load_policy(folder: str | Path) -> Policy:
     """Load the policy of a finished run; its ``entities`` are the labels of its ids.
 
-    The folder is all it needs: neither the graph nor the scorer nor the feature file has to be there.
+    Only the folder is needed: not the graph, the scorer or the file of features.
 
     Raises:
         ArtefactError: if the run is unfinished, or a file in it is missing or damaged.

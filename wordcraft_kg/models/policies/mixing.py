@@ -1,4 +1,4 @@
-"""The formula by which the logits of several sources become those of a policy."""
+"""The formula that turns the logits of several sources into those of a policy."""
 
 import torch
 from torch import Tensor
@@ -10,8 +10,8 @@ def mix_logits(logits: Tensor, lambdas: Tensor, slot_mask: Tensor) -> Tensor:
     ``β_i = Σ_s λ_s · source_s,i``; empty slots become -inf *after* mixing, so no choice of λ can revive them.
 
     Args:
-        logits: shape (B, S, A). A channel for each active source, the attention's α first where it is active.
-        lambdas: shape (B, S). A source that is switched off has no place in it, and takes no weight.
+        logits: shape (B, S, A). One channel for each active source; the attention's α first if it is active.
+        lambdas: shape (B, S). A source that is switched off has no entry.
         slot_mask: shape (B, A), bool. True where the slot holds an entity.
 
     Returns:

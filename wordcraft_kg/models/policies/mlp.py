@@ -12,7 +12,7 @@ from wordcraft_kg.models.policies.policy import Policy, PolicyOutput, Weights
 class MLPPolicy(Policy):
     """The paper's simple baseline: one hidden layer on the vectors of goal, selection and all slots in their order.
 
-    It is made for tables of one size, and permuting the slots changes what it does.
+    It works for tables of one size only, and permuting the slots changes its output.
 
     Source: Jiang et al. 2020, appendix "Extended Discussion".
     """
@@ -42,7 +42,7 @@ class MLPPolicy(Policy):
         if table.shape[1] != self.num_slots:
             raise ConfigError(
                 f"tables of {table.shape[1]} slots: this mlp was made for {self.num_slots}. Only the attention policy "
-                "takes tables of any size; play with the number of distractors that it was trained with."
+                "takes tables of any size; use the `num_distractors` that it was trained with."
             )
         weights = weights or self.weights()
         hidden, vectors = weights["hidden"], weights.get("vectors")

@@ -12,17 +12,17 @@ from wordcraft_kg.models.policies.sources import ALPHA, Label
 from wordcraft_kg.models.policies.sources.source import Source
 
 Weights = dict[str, Tensor]
-"""What depends on the parameters alone, by name."""
+"""Tensors that depend on the parameters alone, by name."""
 
 
 class PolicyOutput(NamedTuple):
-    """What a policy says about a batch of states.
+    """The output of a policy for a batch of states.
 
     Attributes:
         logits: β, shape (B, A): unnormalised log-probabilities, -inf where a slot is empty.
         value: V, shape (B,): expected discounted return.
-        sources: what β is mixed from, shape (B, S, A): α where it takes part, then each source; None without a mixture.
-        lambdas: λ of each source, shape (B, S); None without a mixture.
+        sources: the terms of the mixture β, shape (B, S, A): α if it is mixed in, then each source; None without one.
+        lambdas: λ of each term, shape (B, S); None without a mixture.
     """
 
     logits: Tensor
@@ -32,21 +32,23 @@ class PolicyOutput(NamedTuple):
 
 
 class Policy(nn.Module):
-    """What all policies have in common.
+    """Base of all policies.
 
     A policy takes ids as the environments give them: entities 0 to E - 1, and E for nothing. It can be used without
-    our trainer; ``policy(goal, selection, table)`` is all there is to it.
+    our trainer: just call ``policy(goal, selection, table)``.
 
     Attributes:
         config: its settings.
         num_entities: E.
-        sources: what knows something about slots, by name; see :mod:`wordcraft_kg.models.policies.sources`.
-        labels: of what is mixed, in order: ``alpha`` where the attention takes part, then the sources; empty without.
-        entities: labels in id order, and ``graph_hash`` the graph's hash; set where policies are made and loaded.
+        sources: sources of knowledge by name; see :mod:`wordcraft_kg.models.policies.sources`.
+        labels: labels of the terms of the mixture, in order: ``alpha`` if it is mixed in, then the sources; empty
+            without a mixture.
+        entities: labels in id order; like ``graph_hash``, the hash of the graph, set when a policy is made or loaded.
+        graph_hash: see ``entities``.
     """
 
     def __init__(self, config: PolicyConfig, vectors: EntityVectors, sources: Iterable[Source] = ()):
-        """Keep the settings, the entities' vectors and the sources."""
+        """Store the settings, the entities' vectors and the sources."""
         super().__init__()
         self.entities: tuple[str, ...] = ()
         self.graph_hash = ""
@@ -60,11 +62,11 @@ class Policy(nn.Module):
 
     @property
     def reads_task(self) -> bool:
-        """Whether a source's scores depend on the task, so that it should be passed on."""
+        """Whether the scores of a source depend on the task, which should then be passed."""
         return any(source.reads_task for source in self.sources.values())
 
     def weights(self) -> Weights:
-        """Return what depends on the parameters alone, to be computed once for many calls."""
+        """Return the tensors that depend on the parameters alone, to compute them once for many calls."""
         raise NotImplementedError
 
     def forward(
@@ -80,9 +82,9 @@ class Policy(nn.Module):
         Args:
             goal: shape (B,), int64: the entity to make.
             selection: shape (B,), int64: the entity held, E for nothing.
-            table: shape (B, A), int64: the entities on the table, E for an empty slot. At least one is there.
-            weights: what :meth:`weights` returned; None computes it.
-            task: shape (B,), int64: number of the task among the train tasks; None if they are not or it is not known.
+            table: shape (B, A), int64: the entities on the table, E for an empty slot. No row is empty.
+            weights: result of :meth:`weights`; None computes it.
+            task: shape (B,), int64: number of the task among the train tasks; None for other tasks or if unknown.
         """
         raise NotImplementedError
 

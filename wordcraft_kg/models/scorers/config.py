@@ -1,4 +1,4 @@
-"""Settings of scores: how they are brought to a scale; imports no torch."""
+"""Settings of scores: their common scale; imports no torch."""
 
 from typing import Literal
 

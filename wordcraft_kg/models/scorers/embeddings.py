@@ -11,7 +11,7 @@ from wordcraft_kg.models.scorers.tables import TableScorer
 
 
 class ComplExScorer(Scorer):
-    """Computes ComplEx scores from the embeddings, for graphs whose score table would be too large.
+    """Computes ComplEx scores from the embeddings on demand.
 
     Source: Trouillon et al. 2016; Jiang et al. 2020, Eq. 1.
     """
@@ -24,7 +24,7 @@ class ComplExScorer(Scorer):
         self.relation = torch.complex(tensors["relation_real"], tensors["relation_imag"])
 
     def _score(self, heads: torch.Tensor, relations: torch.Tensor, tails: torch.Tensor) -> torch.Tensor:
-        # All tails of some heads, or all heads of some tails, are one product of matrices.
+        # All tails of some heads, or all heads of some tails, take one matrix product.
         by_row = relations.ndim == 0 or (relations.ndim == 2 and relations.shape[1] == 1)
         if by_row and tails.ndim == 2 and tails.shape[0] == 1 and heads.ndim == 2 and heads.shape[1] == 1:
             return real_dot(self.entity[heads[:, 0]] * self.relation[relations.reshape(-1)], self.entity[tails[0]])

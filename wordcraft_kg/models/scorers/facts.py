@@ -1,4 +1,4 @@
-"""Scorers that learn nothing: what a knowledge graph knows, and how often an entity occurs in it."""
+"""Scorers that learn nothing: the facts of a knowledge graph, and how often an entity occurs in it."""
 
 from typing import Any
 
@@ -11,7 +11,7 @@ from wordcraft_kg.models.scorers.scorer import Scorer
 
 
 class SymbolicScorer(Scorer):
-    """Scores 1 for the triples of a set and 0 for all others: a knowledge graph that knows its facts and no more."""
+    """Scores 1 for the triples of a set and 0 for all others: a knowledge graph without any generalisation."""
 
     def __init__(self, graph: RecipeGraph, triples: np.ndarray, **kwargs: Any):
         """Keep the triples, shape (T, 3), ids of ``graph``."""
@@ -33,7 +33,7 @@ class SymbolicScorer(Scorer):
 
 
 class FrequencyScorer(Scorer):
-    """Scores a triple by how often its head and its tail stand there in known triples of the relation.
+    """Scores a triple by how often its head is a head and its tail a tail in known triples of the relation.
 
     With one slot open, this ranks the candidates by their training frequency in that slot: the baseline that a link
     predictor has to beat.

@@ -1,4 +1,4 @@
-"""Entity features: a vector for each entity, from word vectors, one-hot, or at random."""
+"""Entity features: a vector for each entity, from word vectors, one-hot or random."""
 
 import codecs
 import gzip
@@ -23,14 +23,14 @@ from wordcraft_kg.artefacts import sha256_of, write_atomically
 from wordcraft_kg.errors import ConfigError
 from wordcraft_kg.feature_spec import SHUFFLED, VECTORS, FeatureSpec
 from wordcraft_kg.graphs.library import cache_folder
-from wordcraft_kg.settings import nearest
+from wordcraft_kg.settings import nearest, one_of, refuse, whole
 
 GLOVE_DIMENSIONS = 50
 RANDOM_DIMENSIONS = 300
 RANDOM_STD = 0.4
 """With :data:`RANDOM_DIMENSIONS` the setting of the paper's released code."""
 MAX_MISSING_SHARE = 0.1
-"""Share of entities without a vector up to which :func:`make_features` goes on with zeros unasked."""
+"""Share of entities without a vector up to which :func:`make_features` uses zeros without being told to."""
 ONE_HOT_LIMIT = 2**28
 """Bytes; 8,192 entities."""
 Pooling = Literal["mean", "max"]
@@ -92,39 +92,37 @@ def make_features(
     - ``glove``: the built-in vectors, see :func:`glove_features`;
     - ``one-hot``: row i is the i-th unit vector, D = E;
     - ``random``: Laplace noise of mean 0 and standard deviation .4, D = 300; row i depends on the seed and i only;
-    - ``shuffled:<any spec>``: its rows, dealt out to the entities at random: the control for whether meaning matters;
-    - the path of a text file, packed by gzip or not, with a line ``word v1 ... vD`` for each word, as GloVe's, and
-      perhaps a first line ``count D``, as word2vec's (so a first line of two whole numbers is always taken for one);
-    - the path of an ``.npy`` file, floats of shape (N, D), with its N labels, one a line, beside it in
+    - ``shuffled:<any spec>``: its rows, assigned to the entities at random: the control for whether meaning matters;
+    - the path of a text file, gzipped or not, with a line ``word v1 ... vD`` for each word, like GloVe's, and perhaps a
+      first line ``count D``, like word2vec's (so a first line of two whole numbers is always taken as this header);
+    - the path of an ``.npy`` file, floats of shape (N, D), with its N labels, one per line, beside it in
       ``<same stem>.labels.txt`` or else ``<same stem>.txt``.
 
-    A name goes before a file that is called so; write ``./glove`` for the latter.
+    A name takes precedence over a file of the same name; write ``./glove`` for the file.
 
-    In a file a label is looked up whole first: as it is, in lower case, then both with ``_`` for spaces. A label that
-    is not there is pooled from its words, each as it is or in lower case, as far as they have a vector. Of a word that
-    occurs twice the first vector counts. In a text file a word may hold spaces; a whole number right before the vector
-    counts as part of it (``route 66``). Only the numbers of words that are looked up are read, and what a text file
-    had is kept in the user's cache, by its content, so that it is parsed once.
+    In a file, a label is first looked up as a whole: as it is, in lower case, then both with ``_`` for spaces. If it is
+    absent, its vector is pooled from those of its words, each looked up as it is or in lower case. If a word occurs
+    twice, its first vector counts. In a text file a word may contain spaces; a whole number right before the vector
+    belongs to the word (``route 66``). Only the vectors of words that are looked up are read, and those of a text file
+    are kept in the user's cache, by content, so that the file is parsed only once.
 
     Args:
-        spec: which features.
-        labels: of the E entities, in id order.
+        spec: the features, as above.
+        labels: labels of the E entities, in id order.
         pooling: mean, or element-wise maximum, over the words of a label.
-        allow_missing: go on with zeros even if more than a tenth of the entities have no vector.
-        seed: of ``random`` and ``shuffled:``, 0 or more.
+        allow_missing: use zeros even if more than a tenth of the entities have no vector.
+        seed: seed of ``random`` and ``shuffled:``, 0 or more.
 
     Raises:
-        ConfigError: if an argument is outside its range; if there is neither such a name nor such a file; if a file is
-            damaged, which names the line; if one-hot vectors would take more than 256 MiB; if no entity has a vector,
+        ConfigError: if an argument is outside its range; if ``spec`` is neither a name nor a file; if a file is
+            damaged (naming the line); if one-hot vectors would take more than 256 MiB; if no entity has a vector,
             or more than a tenth have none and ``allow_missing`` is False.
 
     Source: Jiang et al. 2020; standard deviation and size of ``random``, ``shuffled`` and the maximum follow the
     paper's released code.
     """
-    if pooling not in _POOLINGS:
-        raise ConfigError(f"pooling '{pooling}': expected one of {', '.join(_POOLINGS)}.{nearest(pooling, _POOLINGS)}")
-    if seed < 0:
-        raise ConfigError(f"seed {seed}: expected 0 or more.")
+    one_of("pooling", pooling, tuple(_POOLINGS))
+    whole("seed", seed, 0)
     asked = FeatureSpec.parse(spec)
     if asked.prefix:
         features = make_features(asked.source, labels, pooling=pooling, allow_missing=allow_missing, seed=seed)
@@ -141,10 +139,8 @@ def make_features(
         features = _from_file(Path(spec), labels, pooling)
     else:
         names = (*VECTORS, *(SHUFFLED + name for name in VECTORS))
-        raise ConfigError(
-            f"features '{spec}': neither a file nor one of {', '.join(VECTORS)}, which may have '{SHUFFLED}' before "
-            f"them.{nearest(spec, names)}"
-        )
+        expected = f"a file, or one of {', '.join(VECTORS)}, optionally after '{SHUFFLED}'"
+        raise refuse("features", spec, expected, nearest(spec, names))
     _check_known(features, spec, allow_missing)
     return features
 
@@ -176,7 +172,7 @@ def _random(size: int, seed: int) -> EntityFeatures:
 
 
 def _shuffled(features: EntityFeatures, seed: int) -> EntityFeatures:
-    # Another stream than that of random vectors, whose order would otherwise come from the bits they were drawn with.
+    # Not the stream of random vectors: their order would then depend on the bits that they were drawn from.
     order = np.random.default_rng([seed, 1]).permutation(len(features.known))
     source = f"{features.source}, shuffled with seed {seed}"
     vectors, known = features.vectors[order], features.known[order]
@@ -184,7 +180,7 @@ def _shuffled(features: EntityFeatures, seed: int) -> EntityFeatures:
 
 
 def _check_known(features: EntityFeatures, spec: str, allow_missing: bool) -> None:
-    """Refuse features that say nothing of too many entities."""
+    """Refuse features that lack a vector for too many entities."""
     size = len(features.known)
     missing = size - int(features.known.sum())
     if not missing or (missing < size and (allow_missing or missing <= MAX_MISSING_SHARE * size)):
@@ -192,13 +188,12 @@ def _check_known(features: EntityFeatures, spec: str, allow_missing: bool) -> No
     words = ", ".join(features.missing_words[:_LISTED])
     more = len(features.missing_words) - _LISTED
     raise ConfigError(
-        f"features '{spec}': {missing:,} of {size:,} entities have no vector. Words without one: {words}"
+        f"`features` '{spec}': {missing:,} of {size:,} entities have no vector. Words without one: {words}"
         + (f" and {more:,} more. " if more > 0 else ". ")
         + (
             "Give vectors of the labels' language."
             if missing == size
-            else f"At most {MAX_MISSING_SHARE:.0%} may be missing: give other vectors, or "
-            "--allow-missing goes on with zeros."
+            else f"At most {MAX_MISSING_SHARE:.0%} may be missing: give other vectors, or `allow_missing` to use zeros."
         )
     )
 
@@ -208,7 +203,7 @@ def _check_known(features: EntityFeatures, spec: str, allow_missing: bool) -> No
 
 @dataclass(frozen=True)
 class _WordVectors:
-    """Those of the wanted words that a source has, and the vector of each, shape (N, D), float32."""
+    """The wanted words that a source has, and the vector of each, shape (N, D), float32."""
 
     words: tuple[str, ...]
     vectors: NDArray[np.float32]
@@ -219,7 +214,7 @@ def _words(labels: Sequence[str]) -> list[str]:
 
 
 def _spellings(text: str) -> tuple[str, ...]:
-    """Return what a label or word is looked up as, in this order."""
+    """Return the spellings under which a label or word is looked up, in order."""
     joined = "_".join(text.split())
     return text, text.lower(), joined, joined.lower()
 
@@ -266,7 +261,7 @@ def _glove_folder() -> Path:
 
 def _glove_rows(words: list[str]) -> NDArray[np.int64]:
     """Return the row of each word in GloVe's matrix, -1 where it has none."""
-    # Arrow looks up a few words among 400,000 without making 400,000 Python strings.
+    # Arrow finds a few words among 400,000 without making 400,000 Python strings.
     import pyarrow as pa
     import pyarrow.compute as pc
     from pyarrow import parquet
@@ -290,7 +285,7 @@ def _from_file(path: Path, labels: Sequence[str], pooling: Pooling) -> EntityFea
 
 
 def _read_text(path: Path, wanted: Set[str]) -> _WordVectors:
-    """Return what the cache has for these words and a file of this content, else parse the file and cache it.
+    """Return the cached vectors of these words in a file of this content, else parse the file and cache them.
 
     A cache entry is the SHA-256 of the rest, then safetensors: which of the sorted words were found, and their vectors.
     """
@@ -306,7 +301,7 @@ def _read_text(path: Path, wanted: Set[str]) -> _WordVectors:
             return _WordVectors(tuple(compress(words, kept["is_found"])), kept["vectors"])
     found = _parse(path, wanted)
     has = set(found.words)
-    is_found = np.array([word in has for word in words], dtype=bool)  # np.isin takes "a" and "a\0" for the same
+    is_found = np.array([word in has for word in words], dtype=bool)  # np.isin takes "a" and "a\0" as equal
     data = safetensors.numpy.save({"is_found": is_found, "vectors": found.vectors})
     with suppress(OSError):
         entry.parent.mkdir(parents=True, exist_ok=True)
@@ -315,7 +310,7 @@ def _read_text(path: Path, wanted: Set[str]) -> _WordVectors:
 
 
 def _parse(path: Path, wanted: Set[str]) -> _WordVectors:
-    """Read the vectors of the wanted words line by line; lines of other words are checked for their length only."""
+    """Read the vectors of the wanted words line by line; other lines are only checked for their length."""
     found: dict[str, tuple[int, list[float]]] = {}
     announced = None
     count = dimensions = 0
@@ -328,7 +323,7 @@ def _parse(path: Path, wanted: Set[str]) -> _WordVectors:
                 continue
             dimensions = len(list(takewhile(_is_number, reversed(line.split()[1:]))))
             if not dimensions:
-                raise ConfigError(f"{path}, line {number}: no numbers at its end, expected a word and its vector.")
+                raise ConfigError(f"{path}, line {number}: no numbers at the end; expected a word and its vector.")
         count += 1
         text, *values = line.rsplit(None, dimensions)
         before = text.split()[1:]
@@ -393,9 +388,9 @@ def _read_array(path: Path, wanted: Set[str]) -> _WordVectors:
 
 
 def _lines(path: Path) -> Iterator[tuple[int, bytes]]:
-    """Yield the lines of a file, packed by gzip or not, with their numbers from 1, stripped of white space."""
+    """Yield the lines of a file, gzipped or not, with their numbers from 1, stripped of white space."""
     with path.open("rb") as raw:
-        is_packed = raw.peek(2)[:2] == _GZIP_MAGIC  # no UTF-8 text starts so
+        is_packed = raw.peek(2)[:2] == _GZIP_MAGIC  # no UTF-8 text starts like this
         file = io.BufferedReader(gzip.GzipFile(fileobj=raw)) if is_packed else raw
         for number, line in enumerate(file, 1):
             yield number, (line.removeprefix(codecs.BOM_UTF8) if number == 1 else line).strip()

@@ -18,17 +18,17 @@ from wordcraft_kg.runs.record import read_finished_run, verified_bytes
 from wordcraft_kg.tensors import read_tensors
 
 ScorerKind = Literal["complex", "table"]
-"""What a scorer is made of: embeddings, or the scores themselves."""
+"""What a scorer is stored as: embeddings, or the scores themselves."""
 
 
 class Vocabulary(Record, frozen=True, kw_only=True):
-    """``vocabulary.json``: what the rows of the tensors stand for.
+    """``vocabulary.json``: the meaning of the rows of the tensors.
 
     Attributes:
-        scorer: its kind.
+        scorer: kind of the scorer.
         graph: hash of the graph that the ids belong to.
-        entities: labels in id order.
-        relations: likewise.
+        entities: labels of entities in id order.
+        relations: labels of relations in id order.
     """
 
     format: Literal["wordcraft-kg vocabulary 1"]
@@ -42,12 +42,12 @@ def load_scorer(folder: str | Path, *, graph: RecipeGraph | None = None, device:
     """Load the scorer of a model folder.
 
     Args:
-        folder: written by ``train-complex`` or ``train-links``.
+        folder: folder written by ``train-complex`` or ``train-links``.
         graph: if given, the scorer must belong to it.
-        device: where to score.
+        device: torch device to score on.
 
     Raises:
-        ArtefactError: if the folder is unfinished or incomplete, or a file in it was damaged.
+        ArtefactError: if the folder is unfinished or incomplete, or a file in it is damaged.
         GraphMismatchError: if it belongs to another graph.
 
     Example:
@@ -91,10 +91,10 @@ def make_scorer(
     """Make a scorer from the tensors of a trained model: a table where it fits :data:`TABLE_LIMIT`.
 
     Args:
-        kind: as in ``vocabulary.json``.
-        tensors: what that kind needs.
+        kind: kind, as in ``vocabulary.json``.
+        tensors: tensors that this kind needs.
         entities: labels in id order.
-        graph_hash: of the graph that the ids belong to.
+        graph_hash: hash of the graph that the ids belong to.
         settings: ``device`` and ``name``.
 
     Raises:

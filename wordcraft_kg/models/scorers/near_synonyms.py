@@ -13,19 +13,19 @@ from wordcraft_kg.graphs.triples import is_in, recipe_triples
 from wordcraft_kg.models.scorers.features import EntityFeatures
 
 NEAR_SYNONYM = 0.7
-"""Cosine from which two ingredients count as near-synonyms, for 50-d GloVe. It is generous: lake and river, bread and
-cake are above it, but so are pairs that merely go together, such as day and night or chicken and egg."""
+"""Cosine from which two ingredients count as near-synonyms, for 50-d GloVe. It is generous: lake and river or bread and
+cake are above it, but so are merely related pairs, such as day and night or chicken and egg."""
 
 
 def near_synonym_recipes(split: Split, features: EntityFeatures, threshold: float = NEAR_SYNONYM) -> NDArray[np.bool_]:
-    """Return which test recipes differ from a train recipe in one ingredient only, and that by a near-synonym.
+    """Return which test recipes differ from a train recipe only in one ingredient, a near-synonym.
 
     Test recipe {a, b} -> c counts if a train recipe {a', b} -> c exists with cos(a, a') >= ``threshold``.
 
     Args:
-        split: whose test and train recipes are compared.
-        features: of the graph's entities, in id order.
-        threshold: cosine.
+        split: split whose test and train recipes are compared.
+        features: features of the graph's entities, in id order.
+        threshold: cosine from which ingredients are near-synonyms.
 
     Returns:
         shape (num_recipes,), bool, in the graph's order; False outside the test part.
@@ -46,6 +46,6 @@ def near_synonym_recipes(split: Split, features: EntityFeatures, threshold: floa
 def near_synonym_triples(graph: RecipeGraph, recipes: NDArray[np.bool_], triples: Ids) -> NDArray[np.bool_]:
     """Return which triples come from one of the near-synonym recipes, shape (T,).
 
-    A triple that other test recipes give too counts all the same, so that what is left has no such help at all.
+    A triple counts even if other test recipes give it too, so that the remaining triples have no such help at all.
     """
     return is_in(triples, recipe_triples(graph.recipes[recipes]), graph.num_entities)

@@ -1,4 +1,4 @@
-"""A scorer that learns nothing but looks at neighbours."""
+"""A scorer that learns nothing and compares neighbours instead."""
 
 from typing import Any
 
@@ -11,14 +11,14 @@ from wordcraft_kg.models.scorers.tables import TableScorer
 
 
 class NeighbourScorer(TableScorer):
-    """Scores a triple by how strongly entities like its head are linked to its tail, its head to those like that.
+    """Scores a triple by how strongly entities like its head are linked to its tail, and its head to ones like it.
 
     Nothing is learned. With ``A_r`` the known links of relation r, ``score_r = S A_r + A_r S``, where ``S`` is the
     cosine of the rows of ``[A_combinesWith, A_componentOf, A_componentOf transposed]``: entities are alike as far as
-    they share neighbours. A neighbour that n entities have weighs 1 / n, and no entity is like itself. The weight was
-    chosen among powers of n on validation parts: ``benchmarks/link_quality.py neighbours``.
+    they share neighbours. A neighbour shared by n entities weighs 1 / n, and an entity's similarity to itself is 0. The
+    weight was chosen among powers of n on validation parts: ``benchmarks/link_quality.py neighbours``.
 
-    Everything is dense, (E, 3 E), so this is for graphs of some thousand entities.
+    Everything is dense, (E, 3 E), so this suits graphs of up to a few thousand entities.
 
     Source: neighbourhood-based link prediction (Adamic and Adar 2003; Sarwar et al. 2001), here on two relations.
     """

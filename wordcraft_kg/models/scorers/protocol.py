@@ -1,4 +1,4 @@
-"""What environments, policies and reports may ask of a scorer, whatever is behind it."""
+"""The interface through which environments, policies and reports use any scorer."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
@@ -21,7 +21,7 @@ class TripleScorer(Protocol):
     """Scores triples of one recipe graph; a higher score means more plausible, on a scale of the scorer's own.
 
     Attributes:
-        graph_hash: content hash of the graph whose ids it understands.
+        graph_hash: content hash of the graph whose ids it uses.
         entities: labels in id order.
     """
 

@@ -17,21 +17,23 @@ from wordcraft_kg.records import Count, Record, Share
 from wordcraft_kg.statistics import bootstrap, interval
 
 MIN_TRIPLES = 30
-"""Fewer held-out triples than this give no figure that means something."""
+"""Fewer held-out triples than this give no meaningful figure."""
 BATCH = 1_024
 """Queries scored at once: (BATCH, E) floats."""
 
 
 class RankingMetrics(Record, omit_defaults=True):
-    """What ranked queries come to; of no queries, ``queries`` is all there is.
+    """Metrics of ranked queries; without queries, only ``queries`` is set.
 
     Attributes:
-        queries: number of them.
+        queries: number of queries.
         mrr: mean reciprocal rank.
-        hits_at_1: share of ranks up to 1; so for 3 and 10.
-        mean_rank: from 1.
+        hits_at_1: share of ranks up to 1.
+        hits_at_3: share of ranks up to 3.
+        hits_at_10: share of ranks up to 10.
+        mean_rank: mean rank, from 1.
         amri: adjusted mean rank index, 0 for a random order and 1 for a perfect one (Berrendorf et al. 2020).
-        mrr_ci: 95 % interval of ``mrr``, if it was asked for.
+        mrr_ci: 95 % interval of ``mrr``, if it was computed.
     """
 
     queries: Count
@@ -45,7 +47,7 @@ class RankingMetrics(Record, omit_defaults=True):
 
 
 class CalibrationBin(Record):
-    """Queries of like confidence: their mean confidence, and how often the best candidate is the true entity."""
+    """Queries of similar confidence: their mean confidence, and how often the best candidate is the true entity."""
 
     confidence: Share
     accuracy: Share
@@ -62,11 +64,11 @@ class Calibration(Record):
 def rank_triples(scorer: TripleScorer, triples: Ids, known: Ids) -> pd.DataFrame:
     """Rank the true head and the true tail of each triple among all entities.
 
-    Filtered: the other entities that ``known`` has in that slot are left out. Ties are ranked realistically (the mean
-    of the best and the worst rank), so a constant scorer gets the rank that chance would give.
+    Filtered: other entities that ``known`` has in that slot do not compete. Ties are ranked realistically (the mean of
+    the best and the worst rank), so a constant scorer gets the rank that chance would give.
 
     Args:
-        scorer: of the graph that the ids belong to.
+        scorer: scorer of the graph that the ids belong to.
         triples: shape (T, 3), the queries.
         known: shape (K, 3), all true triples, train and held out.
 
@@ -110,7 +112,7 @@ def _rank_batch(scorer: TripleScorer, batch: Ids, side: str, rows: Ids, columns:
     index = torch.arange(len(batch))
     true = scores[index, target][:, None]
     raw = (scores > true).sum(1) + (1 + (scores == true).sum(1)) / 2
-    # The true entity leaves the field too: what remains competes with it.
+    # The true entity is set aside too: the remaining ones compete with it.
     scores[torch.from_numpy(rows), torch.from_numpy(columns)] = -torch.inf
     scores[index, target] = -torch.inf
     better, equal = (scores > true).sum(1), (scores == true).sum(1)
@@ -165,7 +167,7 @@ def ranking_metrics(ranks: pd.DataFrame, column: str = "rank") -> RankingMetrics
 
 
 def random_metrics(ranks: pd.DataFrame) -> RankingMetrics:
-    """Return the metrics that a random order is expected to get on the same queries (computed, not drawn)."""
+    """Return the expected metrics of a random order on the same queries (computed, not sampled)."""
     n = ranks["candidates"].to_numpy(dtype=float)
     if not len(n):
         return RankingMetrics(0)

@@ -11,7 +11,7 @@ from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
 from wordcraft_kg.models.scorers.config import Scale, SelfEdges
 from wordcraft_kg.models.scorers.protocol import TripleScorer
 from wordcraft_kg.models.scorers.tables import TableScorer
-from wordcraft_kg.settings import nearest
+from wordcraft_kg.settings import one_of
 from wordcraft_kg.statistics import standardised
 
 
@@ -26,20 +26,19 @@ def scaled_table(
     """Return a scorer's scores of all pairs in one relation, on a common scale: shape (E, E), row = head.
 
     Args:
-        scorer: any.
+        scorer: any scorer.
         relation: id of the relation.
-        scale: ``standardise`` all pairs; ``ranks`` of the scores among all pairs, or ``log-softmax`` over the heads of
-            each tail, standardised then; ``none`` leaves scores as they are.
+        scale: ``standardise`` the scores of all pairs; ``ranks`` standardises their ranks among all pairs, and
+            ``log-softmax`` their log-softmax over the heads of each tail; ``none`` leaves scores as they are.
         self_edges: what happens to an entity's score with itself: ``keep`` it; ``observed`` keeps those among
-            ``observed``; ``drop`` keeps none. A score that is dropped becomes the mean of all others.
+            ``observed``; ``drop`` keeps none. A dropped score becomes the mean of all pairs of different entities.
         observed: triples that the scorer was trained on, shape (T, 3).
 
     Raises:
-        ConfigError: for another scale or kind of self edges, or for ``observed`` without triples.
+        ConfigError: for an unknown scale or kind of self edges, or for ``observed`` without triples.
     """
-    for name, value, allowed in (("scale", scale, get_args(Scale)), ("self_edges", self_edges, get_args(SelfEdges))):
-        if value not in allowed:
-            raise ConfigError(f"{name} '{value}': expected one of {', '.join(allowed)}.{nearest(value, allowed)}")
+    one_of("scale", scale, get_args(Scale))
+    one_of("self_edges", self_edges, get_args(SelfEdges))
     scores = scorer.table(relation).detach().cpu().numpy().astype(np.float64)
     if scale == "ranks":
         _, place, counts = np.unique(scores, return_inverse=True, return_counts=True)
@@ -62,7 +61,7 @@ def _dropped_self_edges(size: int, relation: int, self_edges: SelfEdges, observe
     if self_edges == "observed":
         if observed is None:
             raise ConfigError(
-                "self_edges 'observed' needs the triples that the scorer was trained on: give observed= (for the "
+                "`self_edges` 'observed' needs the triples that the scorer was trained on: give `observed` (for the "
                 "partial graph, split.partial), or choose keep or drop."
             )
         loops = (observed[:, 1] == relation) & (observed[:, 0] == observed[:, 2])
@@ -77,12 +76,12 @@ def scaled_scorer(
     self_edges: SelfEdges = "keep",
     observed: Ids | None = None,
 ) -> TableScorer:
-    """Return a scorer's tables on a common scale, each relation on its own, as a scorer; see :func:`scaled_table`.
+    """Return a scorer's tables on a common scale, each relation separately, as a scorer; see :func:`scaled_table`.
 
     Self edges are those of combinesWith.
 
     Raises:
-        ConfigError: for another scale or kind of self edges, or for ``observed`` without triples.
+        ConfigError: for an unknown scale or kind of self edges, or for ``observed`` without triples.
     """
     tables = [
         scaled_table(scorer, COMBINES_WITH, scale, self_edges=self_edges, observed=observed),

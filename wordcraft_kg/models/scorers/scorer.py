@@ -1,4 +1,4 @@
-"""Scorers: what a trained link predictor, a set of facts or plain counting says about a triple.
+"""The base of scorers: whatever scores triples, be it a trained link predictor, a set of facts or plain counting.
 
 All follow :class:`~wordcraft_kg.models.scorers.protocol.TripleScorer`. A new scorer is a subclass of :class:`Scorer`
 with one method, ``_score``.
@@ -29,7 +29,7 @@ class Scorer(ABC):
     """
 
     def __init__(self, entities: Sequence[str], graph_hash: str, device: str | torch.device = "cpu", name: str = ""):
-        """Keep the vocabulary; subclasses keep what they score with."""
+        """Store the vocabulary; subclasses store what they score with."""
         self.entities = tuple(entities)
         self.graph_hash = graph_hash
         self.device = torch.device(device)
@@ -86,12 +86,12 @@ class Scorer(ABC):
         """Return relations as a tensor of ids on the scorer's device.
 
         Raises:
-            UnknownEntityError: naming the relations there are.
+            UnknownEntityError: naming the known relations.
         """
         if isinstance(relations, str):
             if relations not in RELATIONS:
                 hint = nearest(relations, RELATIONS)
-                raise UnknownEntityError(f"no relation '{relations}'; there are {', '.join(RELATIONS)}.{hint}")
+                raise UnknownEntityError(f"no relation '{relations}'; expected one of {', '.join(RELATIONS)}.{hint}")
             relations = RELATIONS.index(relations)
         ids = torch.as_tensor(relations, dtype=torch.int64, device=self.device)
         _check_range(ids, len(RELATIONS), "relation")
@@ -100,7 +100,7 @@ class Scorer(ABC):
     def top(
         self, head: EntityIds | None, relation: RelationIds, tail: EntityIds | None, limit: int | None = 10
     ) -> list[tuple[str, float]]:
-        """Return the best entities for the one open slot (None), best first, with their scores; None returns all."""
+        """Return entities for the one open slot (None), best first, with their scores; all if ``limit`` is None."""
         if (head is None) == (tail is None):
             raise ValueError("exactly one of head and tail must be None.")
         everything = torch.arange(len(self.entities), device=self.device)

@@ -1,4 +1,4 @@
-"""Scorers that look up what was scored once."""
+"""Scorers that look up scores that were computed once."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -9,7 +9,7 @@ from wordcraft_kg.models.scorers.scorer import Scorer
 
 
 class TableScorer(Scorer):
-    """Looks scores up in a table of all triples, shape (R, E, E): any link predictor, once it has scored them."""
+    """Looks scores up in a table of all triples, shape (R, E, E): any link predictor, once it has scored everything."""
 
     def __init__(self, scores: torch.Tensor, entities: Sequence[str], graph_hash: str, **kwargs: Any):
         """Keep ``scores``, shape (R, E, E), float, indexed by relation, head, tail."""

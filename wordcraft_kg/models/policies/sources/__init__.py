@@ -1,6 +1,6 @@
-"""Sources: the one way by which knowledge meets a decision.
+"""Sources: the one way in which knowledge enters a decision.
 
-A source says how much speaks for picking each slot of a table: ``source(goal, selection, table) -> (B, A)``. A policy
+A source scores how good it is to pick each slot of a table: ``source(goal, selection, table) -> (B, A)``. A policy
 mixes the sources that it is made with, wrappers put their scores into observations, scripted players follow them, and
 explanations and reports name their columns after them. The policy's own attention logits are called :data:`ALPHA`.
 
@@ -27,12 +27,12 @@ SOURCES = {
 
 @dataclass(frozen=True)
 class Label:
-    """What a source is called.
+    """The names of a source.
 
     Attributes:
-        name: in settings and records.
-        symbol: in formulas.
-        about: what the scores say, for the head of a column; ``{held}`` stands for the entity in hand.
+        name: its name in settings and records.
+        symbol: its symbol in formulas.
+        about: meaning of the scores, for the head of a column; ``{held}`` stands for the entity held.
     """
 
     name: str
@@ -41,7 +41,7 @@ class Label:
 
     @property
     def needs_held(self) -> bool:
-        """Whether the scores mean something only while something is held."""
+        """Whether the scores are meaningful only while an entity is held."""
         return "{held}" in self.about
 
     @property
@@ -50,7 +50,7 @@ class Label:
         return f"λ{self.symbol}"
 
     def title(self, held: str | None) -> str:
-        """Return the head of a column of its scores, while an entity or nothing is held."""
+        """Return the head of a column of its scores, given the entity held, None for nothing."""
         return f"{self.symbol} {self.about.format(held=held or '∅')}".rstrip()
 
 
@@ -66,5 +66,5 @@ def source_class(name: str) -> "type[Source]":
 
 
 def label_of(name: str) -> Label:
-    """Return what a source is called, by its name; ``alpha`` has a label too."""
+    """Return the label of a source by its name; ``alpha`` has one too."""
     return ALPHA if name == ALPHA.name else source_class(name).label

@@ -1,4 +1,4 @@
-"""u: how well a slot goes with what is held."""
+"""u: how well a slot combines with the entity held."""
 
 from torch import Tensor
 

@@ -1,4 +1,4 @@
-"""v: how well a slot goes into the goal."""
+"""v: how well a slot serves as an ingredient of the goal."""
 
 from torch import Tensor
 

@@ -1,4 +1,4 @@
-"""What all sources have in common, and those that look their scores up in a table of pairs."""
+"""The base of all sources, and of those that look their scores up in a table of pairs."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
@@ -18,7 +18,7 @@ from wordcraft_kg.models.scorers.tables import TABLE_LIMIT
 
 @dataclass(frozen=True)
 class ScoreView:
-    """How a source looks at a scorer; the default takes the scores as they are.
+    """How a source reads a scorer; the default takes the scores as they are.
 
     Attributes:
         scale: see :func:`~wordcraft_kg.models.scorers.scales.scaled_table`.
@@ -34,14 +34,14 @@ class ScoreView:
 class Source(nn.Module, ABC):
     """Scores of slots that receive no gradient.
 
-    What a source has computed from a scorer lies in its buffers, which are saved with a policy and are all that is
-    needed to use it again.
+    Everything that a source has computed from a scorer is in its buffers, which are saved with a policy and are all
+    that is needed to use the source again.
 
     Attributes:
-        label: what it is called; ``name`` is the label's.
-        reads_task: whether scores depend on the task; only then is it asked for.
+        label: its name and symbol.
+        reads_task: whether scores depend on the task; only then is the task passed.
         num_entities: E, which is also the id of nothing.
-        graph_hash: of the graph whose ids it understands; empty if it was restored with a policy, which knows.
+        graph_hash: hash of the graph whose ids it uses; empty if it was restored with a policy, which has the hash.
     """
 
     label: ClassVar[Label]
@@ -64,17 +64,17 @@ class Source(nn.Module, ABC):
         """Return the source of a scorer.
 
         Raises:
-            ConfigError: if this scorer cannot say what the source needs.
+            ConfigError: if this scorer cannot give what the source needs.
         """
 
     @classmethod
     def restored(cls, num_entities: int, constants: Mapping[str, Tensor]) -> "Source":
-        """Return a source whose buffers have the sizes of saved ones, which are then loaded into it."""
+        """Return a source whose buffers have the sizes of the saved ones, so that these can be loaded."""
         return cls(num_entities)
 
     @classmethod
     def num_bytes(cls, num_entities: int) -> int:
-        """Return the size of the constants, as far as it can be told before they are computed."""
+        """Return the size of the constants, as far as it is known before they are computed."""
         return 0
 
     @abstractmethod
@@ -85,7 +85,7 @@ class Source(nn.Module, ABC):
             goal: shape (B,), int64: the entity to make.
             selection: shape (B,), int64: the entity held, E for nothing.
             table: shape (B, A), int64: the entities on the table, E for an empty slot.
-            task: shape (B,), int64: number of the task among the train tasks. None if these are not train tasks, or
+            task: shape (B,), int64: number of the task among the train tasks. None for other tasks, or if
                 :attr:`reads_task` is False.
 
         Returns:
@@ -94,7 +94,7 @@ class Source(nn.Module, ABC):
 
 
 class TableSource(Source):
-    """Looks scores up by a key, the goal or what is held, and the slot's entity.
+    """Looks scores up by a key (the goal or the entity held) and the slot's entity.
 
     Attributes:
         scores: buffer, shape (E + 1, E + 1): by key, by the slot's entity; 0 for nothing.
@@ -127,7 +127,7 @@ def make_sources(names: Iterable[str], scorer: TripleScorer, view: ScoreView = S
     """Return sources of a scorer by name.
 
     Raises:
-        ConfigError: if their tables would not fit, before anything is computed, or the scorer cannot serve one.
+        ConfigError: if their tables would not fit (before anything is computed), or the scorer cannot serve one.
 
     Example:
         >>> u, v = make_sources(["u", "v"], load_scorer("models/kitchen"))
@@ -139,8 +139,8 @@ def make_sources(names: Iterable[str], scorer: TripleScorer, view: ScoreView = S
     needed = sum(kind.num_bytes(size) for kind in kinds)
     if needed > TABLE_LIMIT:
         raise ConfigError(
-            f"the scores of all pairs of {size:,} entities take {needed / 2**20:,.0f} MiB; sources look scores up in "
-            f"tables of at most {TABLE_LIMIT / 2**20:.0f} MiB."
+            f"the scores of all pairs of {size:,} entities take {needed / 2**20:,.0f} MiB; expected at most "
+            f"{TABLE_LIMIT / 2**20:.0f} MiB, because sources look them up in tables."
         )
     sources = [kind.of_scorer(scorer, view) for kind in kinds]
     for source in sources:

@@ -123,10 +123,10 @@ def test_the_differing_settings_are_those_that_were_changed(opened: OpenedGraph,
 
 def test_a_policy_is_loaded_from_its_folder_alone(opened: OpenedGraph, tmp_path: Path) -> None:
     trained = train_agent(config_of(), tmp_path / "run")
-    (trained.folder / "run.json").rename(tmp_path / "run.json")
-    (tmp_path / "run.json").rename(trained.folder / "run.json")
-    policy = load_policy(trained.folder)
     agent = open_agent(trained.folder)
+    alone = trained.folder.rename(tmp_path / "elsewhere")
+    (alone / "config.toml").unlink()  # the graph and the scorer are named there only
+    policy = load_policy(alone)
     state = torch.tensor([3]), torch.tensor([80]), torch.tensor([[1, 2, 80]])
     torch.testing.assert_close(policy(*state), agent.policy(*state), rtol=0, atol=0)
     assert policy(*state).logits[0, 2] == -torch.inf

@@ -196,17 +196,17 @@ def test_a_bad_json_book_is_refused_naming_the_key(refused, book, content, says)
 @pytest.mark.parametrize(
     ("name", "head", "tail", "says"),
     [
-        ("book.csv", TABLE, "\n", "book.csv, line 2: a line of 200,000,001 characters; the limit is 100,000"),
+        ("book.csv", TABLE, "\n", "book.csv, line 2: a line of 20,000,001 characters; the limit is 100,000"),
         ("book.csv", "", "", "book.csv, line 1: the header is 'aaaa"),
-        ("book.json", '{"entities": ["', '"], "recipes": []}', "entities[0]: a label of 200,000,000 characters"),
+        ("book.json", '{"entities": ["', '"], "recipes": []}', "entities[0]: a label of 20,000,000 characters"),
     ],
     ids=["csv", "csv without a header", "json"],
 )
-def test_a_line_of_two_hundred_megabytes_is_refused_in_a_short_message(run, out, home, name, head, tail, says):
+def test_a_line_of_twenty_megabytes_is_refused_in_a_short_message(run, out, home, name, head, tail, says):
     path = home / name
     try:
         with path.open("w", encoding="utf-8") as file:
-            file.writelines([head, *["a" * 1_000_000] * 200, tail])
+            file.writelines([head, *["a" * 1_000_000] * 20, tail])
         before = contents(out)
         outcome = run("build-graph", path, "--out", out / "earlier", "--force")
     finally:

@@ -191,7 +191,7 @@ def test_an_unknown_format_is_refused_with_the_nearest_one(kitchen, tmp_path):
 
 @pytest.mark.parametrize(
     ("format", "package", "extra"),
-    [("nt", "rdflib", "rdf"), ("ttl", "rdflib", "rdf"), ("parquet", "pyarrow", "parquet")],
+    [("nt", "rdflib", "rdf"), ("ttl", "rdflib", "rdf")],
 )
 def test_a_missing_package_is_refused_with_the_extra_that_brings_it(
     kitchen, tmp_path, monkeypatch, format, package, extra

@@ -11,7 +11,7 @@ from wordcraft_kg.graphs.tasks import TaskPart
 from wordcraft_kg.settings import whole
 
 if TYPE_CHECKING:
-    from wordcraft_kg.views.play import Baselines
+    from wordcraft_kg.views.baselines import Baselines
 
 EXAMPLES = (
     "wordcraft-kg baselines graphs/everyday --distractors 1,2,8",
@@ -42,7 +42,7 @@ def baselines(
         seed: seed of the draws and of ties.
     """
     from wordcraft_kg.graphs.folder import open_graph
-    from wordcraft_kg.views.play import view_baselines
+    from wordcraft_kg.views.baselines import view_baselines
 
     amounts = whole_numbers("distractors", distractors or ["1,2,8"])
     config = WordCraftConfig(part=part, depth=depth, num_distractors=amounts[0])

@@ -9,7 +9,7 @@ from wordcraft_kg.cli.console import Flag, Output, split_labels
 from wordcraft_kg.errors import ConfigError, OutputExistsError
 
 if TYPE_CHECKING:
-    from wordcraft_kg.views.play import DiscoveryView, Known
+    from wordcraft_kg.views.discovery import DiscoveryView, Known
 
 EXAMPLES = (
     "wordcraft-kg discover everyday --players random,greedy --runs 20",
@@ -50,7 +50,7 @@ def discover(
         raise OutputExistsError(f"'{out}' exists. Choose another --out, or replace it with --force.")
     from wordcraft_kg.agents.discovery import DISCOVERERS
     from wordcraft_kg.graphs.folder import open_graph
-    from wordcraft_kg.views.play import view_discovery, written_to
+    from wordcraft_kg.views.discovery import view_discovery, written_to
 
     played = open_graph(graph).graph
     chosen = list(dict.fromkeys(split_labels(players))) if players else list(DISCOVERERS)[: None if scorer else -1]

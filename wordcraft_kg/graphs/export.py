@@ -120,7 +120,6 @@ def _rdf(format: str) -> Callable[[OpenedGraph, Path], None]:
 
 
 def _parquet(opened: OpenedGraph, path: Path) -> None:
-    _needs("pyarrow", "parquet")
     triples_frame(opened.graph).to_parquet(path, engine="pyarrow", index=False)
 
 
@@ -142,7 +141,7 @@ EXPORTERS = {
     "gexf": Exporter("GEXF for Gephi, each recipe a node", _gexf),
     "nt": Exporter("RDF N-Triples (extra: rdf)", _rdf("nt")),
     "ttl": Exporter("RDF Turtle (extra: rdf)", _rdf("turtle")),
-    "parquet": Exporter("triples as a Parquet table (extra: parquet)", _parquet),
+    "parquet": Exporter("triples as a Parquet table", _parquet),
     "csv": Exporter("recipe book with its base, for build-graph", _book(".csv")),
     "json": Exporter("recipe book in our own JSON, for build-graph", _book(".json")),
 }

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 from wordcraft_kg.agents.discovery import DISCOVERERS, HUMAN_CURVE
 from wordcraft_kg.reports import charts
 from wordcraft_kg.reports.pages import render_page
-from wordcraft_kg.views.play import DiscoveryView
+from wordcraft_kg.views.discovery import DiscoveryView
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -1,11 +1,12 @@
 """Training link predictors, by PyKEEN, into model folders that serve as scorers.
 
-Read ``config`` first (every setting), then ``training`` (the run folder's life) and ``builders`` (how each kind
-becomes a PyKEEN model, and what of it the scorer keeps). ``complex`` and ``symmetric_lcwa`` are the paper's model and
-objective, ``pykeen_bridge`` guards PyKEEN's global generators, ``tuning`` searches settings, ``folder`` opens a
-finished model with all that its evaluation needs, and ``comparison`` sets two of them against each other::
+Read ``config`` first (every setting), then ``training``, ``epochs`` (what happens after each: validation, trace,
+checkpoint), ``results`` and ``builders`` (how each kind becomes a PyKEEN model, and what of it the scorer keeps).
+``complex`` and ``symmetric_lcwa`` are the paper's model and objective, ``pykeen_bridge`` guards PyKEEN's global
+generators, ``tuning`` searches settings, ``folder`` opens a finished model with all that its evaluation needs,
+``records`` says what is in its files, and ``comparison`` sets two of them against each other::
 
-    trained = train_links(open_graph("everyday"), ComplExConfig(epochs=20), Path("models/mine"))
+    trained = train_links(LinksConfig("everyday", ComplExConfig(epochs=20)), Path("models/mine"))
     model = open_model(trained.folder)
     rank_triples(model.scorer, model.opened.split.held_out("test"), model.opened.graph.triples)
 """

@@ -1,6 +1,6 @@
 """How each kind of link predictor is built for PyKEEN, and what of it the scorer keeps.
 
-A new kind is a configuration in ``link_config.py`` and two functions here.
+A new kind is a configuration in ``config.py`` and two functions here.
 """
 
 import torch

@@ -1,6 +1,7 @@
 """What happens after each epoch of a training: validation, a line of the trace, a checkpoint, the next epoch's seed."""
 
 import time
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -64,17 +65,13 @@ class Epochs(TrainingCallback):
         """Go back to a checkpoint of the same model and settings.
 
         Raises:
-            ValueError: if a tensor or an epoch of the trace is missing.
-            RuntimeError: if a tensor has another shape.
+            ValueError, KeyError, RuntimeError: if its tensors or its trace are not those of the model and its epochs.
         """
         if [row.epoch for row in checkpoint.progress.trace] != list(range(1, checkpoint.number + 1)):
             raise ValueError("its trace is not that of its epochs")
         loop.model.load_state_dict(_with_prefix(checkpoint.tensors, "model."))
         self._best = _with_prefix(checkpoint.tensors, "best.")
-        state: dict[int, dict[str, Tensor]] = {}
-        for name, value in _with_prefix(checkpoint.tensors, "optimizer.").items():
-            index, _, key = name.partition(".")
-            state.setdefault(int(index), {})[key] = value
+        state = _optimizer_state(checkpoint.tensors, loop.optimizer.param_groups[0]["params"])
         # The settings of the optimiser are those that it was just made with.
         loop.optimizer.load_state_dict({**loop.optimizer.state_dict(), "state": state})
         loop._epoch = checkpoint.number
@@ -123,3 +120,16 @@ def copied(tensors: dict[str, Tensor]) -> dict[str, Tensor]:
 
 def _with_prefix(tensors: dict[str, Tensor], prefix: str) -> dict[str, Tensor]:
     return {name.removeprefix(prefix): value for name, value in tensors.items() if name.startswith(prefix)}
+
+
+def _optimizer_state(tensors: dict[str, Tensor], parameters: Sequence[Tensor]) -> dict[int, dict[str, Tensor]]:
+    """Sort the optimiser's tensors by parameter; it would notice one that is missing in the next epoch only."""
+    state: dict[int, dict[str, Tensor]] = {index: {} for index in range(len(parameters))}
+    for name, value in _with_prefix(tensors, "optimizer.").items():
+        index, _, key = name.partition(".")
+        if value.shape not in ((), parameters[int(index)].shape):
+            raise ValueError(f"{name} of the optimiser has shape {tuple(value.shape)}")
+        state[int(index)][key] = value
+    if any(values.keys() != state[0].keys() for values in state.values()):
+        raise ValueError("a part of the optimiser's state is missing")
+    return state

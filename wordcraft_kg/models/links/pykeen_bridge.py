@@ -1,7 +1,7 @@
 """Between recipe graphs and PyKEEN: triples factories, and the guard around its global seeding.
 
-PyKEEN appears here, in ``complex.py``, ``symmetric_lcwa.py`` and ``families.py`` (what it trains), in
-``link_training.py`` and ``link_tuning.py`` (which call it), and in ``wordcraft_kg/pykeen_dataset.py``; nowhere else.
+PyKEEN appears here, in ``complex.py``, ``symmetric_lcwa.py`` and ``builders.py`` (what it trains), in ``training.py``,
+``epochs.py``, ``results.py``, ``tuning.py`` (which call it), and in ``wordcraft_kg/pykeen_dataset.py``; nowhere else.
 """
 
 import gc

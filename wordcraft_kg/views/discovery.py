@@ -1,4 +1,4 @@
-"""The results of scripted players: success on all tasks of a part, and discoveries in open-ended play."""
+"""What players discover in open-ended play."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -13,31 +13,14 @@ from wordcraft_kg.agents.discovery import (
     make_discoverers,
     summarise_curves,
 )
-from wordcraft_kg.agents.players import PlayerSuccess, knowledge_players, play_all, scorer_players
-from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.open_ended import Discovery
-from wordcraft_kg.envs.world import World
-from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.graphs.tasks import TaskPart
-from wordcraft_kg.models.scorers.scorer import Scorer
 from wordcraft_kg.records import Count, Hash, Record, Share
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from wordcraft_kg.models.links.folder import OpenedModel
-
-
-class Baselines(Record):
-    """Success of scripted players, a row for each number of distractors and player."""
-
-    graph: str
-    part: TaskPart
-    depth: int
-    draws: int
-    seed: int
-    rows: tuple[PlayerSuccess, ...]
+    from wordcraft_kg.models.scorers.scorer import Scorer
 
 
 class Known(Record):
@@ -84,37 +67,6 @@ class DiscoveryView(Record, omit_defaults=True):
     out: str | None = None
 
 
-def view_baselines(
-    opened: OpenedGraph,
-    graph: str,
-    config: WordCraftConfig,
-    distractors: Sequence[int],
-    model: "tuple[str, OpenedModel] | None" = None,
-    *,
-    draws: int = 5,
-    seed: int = 0,
-) -> Baselines:
-    """Let the players of the reference table play, and those of a model if one is given.
-
-    Args:
-        opened: graph and split.
-        graph: the graph as it was named by the user.
-        config: part and depth of the tasks.
-        distractors: numbers of distractors.
-        model: name of a link predictor, and the predictor.
-        draws: draws of distractors for each task.
-        seed: seed of the draws and of ties.
-    """
-    players = knowledge_players(opened.graph, opened.split.partial)
-    if model is not None:
-        name, trained = model
-        named = scorer_players(opened.graph, trained.scorer, opened.triples(trained.kg))
-        oracle = players.pop("recipe oracle")
-        players |= {f"{name}, {kind}": player for kind, player in named.items()} | {"recipe oracle": oracle}
-    rows = play_all(World(opened, config), players, distractors, draws=draws, seed=seed)
-    return Baselines(graph, config.part, config.depth, draws, seed, rows)
-
-
 def view_discovery(
     graph: RecipeGraph,
     players: Sequence[str],
@@ -123,7 +75,7 @@ def view_discovery(
     runs: int = 100,
     seed: int = 0,
     base: Sequence[str] | None = None,
-    scorer: tuple[str, Scorer] | None = None,
+    scorer: "tuple[str, Scorer] | None" = None,
 ) -> tuple[DiscoveryView, "pd.DataFrame"]:
     """Let players discover entities; return the view and the curves that it summarises.
 

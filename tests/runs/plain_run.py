@@ -1,0 +1,36 @@
+"""The least that can be trained in a run folder. As a script: begin to replace a run, and die before a checkpoint."""
+
+import os
+import signal
+import sys
+from pathlib import Path
+
+from wordcraft_kg.runs.folder import RunKind, new_run
+
+PLAIN = RunKind(("train-agent",), unit="step", progress=dict[str, int], judged_by="evaluate-agent")
+
+
+class Settings:
+    """What is needed of a run's and a trainer's configuration."""
+
+    command = "train-agent"
+    seed, device, threads = 0, "cpu", 1
+
+    def write(self, folder: Path) -> None:
+        (folder / "config.toml").write_text("")
+
+
+def train(out: Path, result: str, *, force: bool = False) -> None:
+    """A training whose result is a word; it fails without one, before its first checkpoint."""
+    with new_run(out, PLAIN, force=force) as run:
+        run.begin(Settings(), Settings(), inputs={})
+        if not result:
+            raise RuntimeError("no more")
+        (run.path / "result").write_text(result)
+        run.finish(("result",), card="")
+
+
+if __name__ == "__main__":
+    with new_run(Path(sys.argv[1]), PLAIN, force=True) as run:
+        run.begin(Settings(), Settings(), inputs={})
+        os.kill(os.getpid(), signal.SIGKILL)

@@ -1,0 +1,132 @@
+"""``config.toml``: what is written is read back, paths move with the folder, and damage is named."""
+
+from pathlib import Path
+
+import pytest
+
+from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
+from wordcraft_kg.errors import ArtefactError, ConfigError
+from wordcraft_kg.feature_spec import FeatureSpec
+from wordcraft_kg.models.links.config import ComplExConfig, LinkModelConfig, LinksConfig
+from wordcraft_kg.models.policies.config import PolicyConfig
+from wordcraft_kg.runs.config_file import read_config, write_config
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A run's folder, ``runs/mine`` of the working folder."""
+    monkeypatch.chdir(tmp_path)
+    path = Path("runs/mine")
+    path.mkdir(parents=True)
+    return path
+
+
+def written(features: str, folder: Path) -> str:
+    AgentConfig("kitchen", policy=PolicyConfig(features=features)).write(folder)
+    return str(read_config(folder).settings["features"])
+
+
+@pytest.mark.parametrize("name", ["glove", "one-hot", "random", "learned", "shuffled:glove", "shuffled:learned"])
+def test_a_name_of_features_stays_though_a_file_is_called_so(folder: Path, name: str) -> None:
+    Path(name.removeprefix("shuffled:")).write_text("a file of mine")
+    assert written(name, folder) == name
+    assert f'features = "{name}"\n' in (folder / "config.toml").read_text()
+
+
+@pytest.mark.parametrize("spec", ["vectors.txt", "shuffled:vectors.txt", "./glove"])
+def test_a_file_of_features_is_found_from_the_run_s_folder(folder: Path, spec: str) -> None:
+    path = spec.removeprefix("shuffled:")
+    Path(path).write_text("water 1.0\n")
+    assert written(spec, folder) == spec.replace("./", "") or written(spec, folder) == spec
+    assert f"../../{Path(path).name}" in (folder / "config.toml").read_text()
+
+
+@pytest.mark.parametrize(
+    ("text", "source", "is_path"),
+    [
+        ("glove", "glove", False),
+        ("learned", "learned", False),
+        ("shuffled:shuffled:random", "random", False),
+        ("./glove", "./glove", True),
+        ("shuffled:vec.txt", "vec.txt", True),
+        ("shuffled:", "", True),
+    ],
+)
+def test_a_spec_of_features_is_a_name_or_a_path(text: str, source: str, is_path: bool) -> None:
+    spec = FeatureSpec.parse(text)
+    assert (spec.source, spec.is_path, str(spec)) == (source, is_path, text)
+
+
+@pytest.mark.parametrize(
+    "config",
+    [
+        LinksConfig("kitchen"),
+        LinksConfig("kitchen", ComplExConfig(n3=1e-17, init_scale=0.1 + 0.2, learning_rate=1 / 3)),
+        LinksConfig('a graph with "quotes" and ⚗', LinkModelConfig(model="tucker", loop="symmetric")),
+        AgentConfig("kitchen"),
+        AgentConfig(
+            "kitchen", "models/x", TaskConfig(max_attempts=3), PolicyConfig(kg_only=True), ImpalaConfig(seed=7)
+        ),
+    ],
+    ids=lambda config: type(config).__name__,
+)
+def test_what_is_written_is_read_back(folder: Path, config: LinksConfig | AgentConfig) -> None:
+    config.write(folder)
+    assert type(config).read(folder) == config
+
+
+def test_a_file_that_says_the_same_is_left_alone(folder: Path) -> None:
+    write_config(folder, "train-complex", {"graph": "kitchen"})
+    before = (folder / "config.toml").stat().st_ino
+    write_config(folder, "train-complex", {"graph": "kitchen"})
+    assert (folder / "config.toml").stat().st_ino == before
+    write_config(folder, "train-complex", {"graph": "everyday"})
+    assert "everyday" in (folder / "config.toml").read_text()
+
+
+@pytest.mark.parametrize(
+    ("line", "problem"),
+    [
+        ('seed = "7"', "seed"),
+        ("steps = 1979-05-27", "steps"),
+        ("threads = 1.5", "threads"),
+        ("kg_only = 1", "kg_only"),
+        ("discount = nan", "discount"),
+        ("distractors = -1", "distractors"),
+        ("graph = 3", "graph"),
+        ("unheard = 1", "unheard"),
+        ('kg_only = true\nmixing = "free"', "kg-only"),
+    ],
+)
+def test_a_setting_of_another_type_or_out_of_range_is_named(folder: Path, line: str, problem: str) -> None:
+    graph = "" if line.startswith("graph") else 'graph = "kitchen"\n'
+    (folder / "config.toml").write_text(f"[train-agent]\n{graph}{line}\n")
+    with pytest.raises(ArtefactError, match=rf"config\.toml is damaged.*{problem}"):
+        AgentConfig.read(folder)
+
+
+# --- a configuration is the whole run, and checks itself ------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "policy",
+    [PolicyConfig(use="u"), PolicyConfig(kg_only=True), PolicyConfig(scale="none"), PolicyConfig(self_edges="keep")],
+    ids=str,
+)
+def test_settings_of_a_scorer_need_a_scorer(policy: PolicyConfig) -> None:
+    with pytest.raises(ConfigError, match="give a --scorer too"):
+        AgentConfig("kitchen", policy=policy)
+    assert AgentConfig("kitchen", "models/x", policy=policy).policy == policy
+
+
+def test_the_full_graph_is_not_validated_on_what_it_holds() -> None:
+    with pytest.raises(ConfigError, match="holds the validation triples too"):
+        ComplExConfig(kg="full", eval_every=5)
+
+
+def test_runs_and_models_have_folders_of_their_own_names() -> None:
+    assert LinksConfig("g").default_folder("everyday") == Path("models/everyday-partial")
+    rotate = LinksConfig("g", LinkModelConfig(model="RotatE", kg="full"))
+    assert rotate.default_folder("everyday") == Path("models/everyday-rotate-full")
+    assert AgentConfig("g").default_folder("everyday") == Path("runs/everyday-no-kg")
+    assert AgentConfig("g", "models/cx").default_folder("everyday") == Path("runs/everyday-cx")

@@ -1,0 +1,195 @@
+"""Whatever happens to a file of a model or run folder, the commands that read it answer with an error, not a traceback.
+
+Each file is cut, emptied, has a byte flipped, is replaced by a device that never ends, loses each of its keys, and gets
+values of other types. Hashes are mended, as somebody who does it on purpose would.
+"""
+
+import json
+import shutil
+import signal
+import traceback
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import safetensors.torch
+import torch
+
+from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
+from wordcraft_kg.artefacts import sha256_of
+from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
+
+Run = Callable[..., Any]
+SCORE = ("score", "{folder}", "flour", "combinesWith", "water")
+COMPARE = ("compare-links", "{folder}", "{folder}", "--resamples", "2")
+REPORT = ("evaluate-links", "{folder}", "--out", "{out}")
+RESUME = ("resume", "{folder}")
+EVALUATE = ("evaluate-agent", "{folder}", "--draws", "1")
+JUDGE = ("compare-agents", "{folder}", "--draws", "1", "--distractors", "1", "--episodes", "0", "--out", "{out}")
+READERS: dict[tuple[str, str], tuple[tuple[str, ...], ...]] = {
+    ("model", "run.json"): (COMPARE, RESUME),
+    ("model", "config.toml"): (COMPARE,),
+    ("model", "vocabulary.json"): (SCORE,),
+    ("model", "metrics.json"): (REPORT,),
+    ("model", "trace.jsonl"): (REPORT,),
+    ("model", "model.safetensors"): (SCORE,),
+    ("model-interrupted", "run.json"): (SCORE, RESUME),
+    ("model-interrupted", "config.toml"): (RESUME,),
+    ("model-interrupted", "checkpoints/*.json"): (RESUME,),
+    ("model-interrupted", "checkpoints/*.safetensors"): (RESUME,),
+    ("agent", "run.json"): (EVALUATE, RESUME),
+    ("agent", "config.toml"): (EVALUATE,),
+    ("agent", "policy.json"): (EVALUATE,),
+    ("agent", "metrics.jsonl"): (JUDGE,),
+    ("agent", "evaluation.json"): (JUDGE,),
+    ("agent", "policy.safetensors"): (EVALUATE,),
+    ("agent", "constants.safetensors"): (EVALUATE,),
+    ("agent-interrupted", "run.json"): (EVALUATE,),
+    ("agent-interrupted", "config.toml"): (RESUME,),
+    ("agent-interrupted", "policy.json"): (RESUME,),
+    ("agent-interrupted", "metrics.jsonl"): (EVALUATE,),
+    ("agent-interrupted", "checkpoints/*.json"): (EVALUATE, RESUME),
+    ("agent-interrupted", "checkpoints/*.safetensors"): (EVALUATE, RESUME),
+}
+"""By kind of folder and file: the commands that read it."""
+OTHERS = ("text", -1, None, [], {"a": 1}, 1e300, True)
+"""Values that a key is given; most are of another type than the key's own."""
+TOML_OTHERS = ('"text"', "-1", "nan", "1979-05-27", "[]", "true", "1e300")
+
+
+@pytest.fixture(scope="module")
+def home(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A graph, and on it a model and a guided agent, both finished and both interrupted."""
+    from wordcraft_kg.agents.training import train_agent
+    from wordcraft_kg.cli import main
+    from wordcraft_kg.models.links.training import train_links
+
+    home = tmp_path_factory.mktemp("home")
+    assert main(["build-graph", "kitchen", "--train-ratio", "0.6", "--out", str(home / "graph")]) == 0
+    links = LinksConfig(str(home / "graph"), ComplExConfig(dim=4, epochs=3, checkpoint_every=1))
+    trainer = ImpalaConfig(steps=320, batch_size=16, log_every=64, eval_every=160, checkpoint_every=64)
+    agent = AgentConfig(links.graph, str(home / "model"), TaskConfig(distractors=1), trainer=trainer)
+
+    def press(done: int, *_: object) -> None:
+        if done in (1, 64):
+            signal.raise_signal(signal.SIGINT)
+
+    train_links(links, home / "model")
+    assert train_links(links, home / "model-interrupted", progress=press).interrupted
+    train_agent(agent, home / "agent")
+    (home / "agent" / "report").mkdir()
+    assert train_agent(agent, home / "agent-interrupted", progress=press).interrupted
+    return home
+
+
+def of_values(content: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
+    """The same object without each of its keys, and with other values; in objects within it too."""
+    for key, value in content.items():
+        yield f"without {key}", {name: other for name, other in content.items() if name != key}
+        for other in OTHERS:
+            yield f"{key} = {other!r}", {**content, key: other}
+        if isinstance(value, dict):
+            for what, inner in of_values(value):
+                yield f"{key}: {what}", {**content, key: inner}
+    yield "unknown key", {**content, "unheard": 1}
+
+
+def of_bytes(data: bytes) -> Iterator[tuple[str, bytes]]:
+    yield "cut", data[: len(data) // 2]
+    yield "empty", b""
+    for place in (0, len(data) // 3, len(data) - 2):
+        yield f"byte {place} flipped", data[:place] + bytes([data[place] ^ 0x84]) + data[place + 1 :]
+
+
+def of_tensors(data: bytes) -> Iterator[tuple[str, bytes]]:
+    tensors = safetensors.torch.load(data)
+    for name, tensor in tensors.items():
+        yield f"without {name}", safetensors.torch.save({key: value for key, value in tensors.items() if key != name})
+        for what, other in (("shorter", tensor.flatten()[:-1]), ("bool", torch.ones(2, 2, dtype=torch.bool))):
+            yield f"{name} {what}", safetensors.torch.save({**tensors, name: other.clone()})
+
+
+def mutations(path: Path) -> Iterator[tuple[str, bytes]]:
+    data = path.read_bytes()
+    yield from of_bytes(data)
+    if path.suffix == ".safetensors":
+        yield from of_tensors(data)
+    elif path.suffix == ".toml":
+        lines = data.decode().splitlines()
+        for i, line in enumerate(lines):
+            yield f"without {line}", "\n".join(lines[:i] + lines[i + 1 :]).encode()
+            if key := line.partition(" = ")[0].strip() * (" = " in line):
+                for other in TOML_OTHERS:
+                    yield f"{key} = {other}", "\n".join([*lines[:i], f"{key} = {other}", *lines[i + 1 :]]).encode()
+    else:
+        first, newline, rest = data.partition(b"\n") if path.suffix == ".jsonl" else (data, b"", b"")
+        for what, content in of_values(json.loads(first)):
+            yield what, json.dumps(content).encode() + newline + rest
+        yield "another kind of JSON", b"[1, 2]" + newline + rest
+        yield "a number without end", data.replace(b"1", b"1e999", 1)
+
+
+def mended(folder: Path, name: str) -> None:
+    """Record the hash that a file has now, wherever it is on record."""
+    path = folder / name
+    record = path.with_suffix(".json")
+    if path.parent.name == "checkpoints" and path.suffix == ".safetensors":
+        record.write_text(json.dumps({**json.loads(record.read_text()), "sha256": sha256_of(path)}))
+    elif name != "run.json":
+        run = json.loads((folder / "run.json").read_text())
+        for hashes in (run["inputs"], run["outputs"]):
+            if name in hashes:
+                hashes[name] = sha256_of(path)
+        (folder / "run.json").write_text(json.dumps(run))
+
+
+def answers(run: Run, folder: Path, readers: tuple[tuple[str, ...], ...], what: str) -> list[str]:
+    """Run commands on copies of a folder; return the tracebacks."""
+    found = []
+    for command in readers:
+        copy, out = folder.with_name("copy"), folder.with_name("out")
+        shutil.rmtree(copy, ignore_errors=True)
+        shutil.rmtree(out, ignore_errors=True)
+        shutil.copytree(folder, copy, symlinks=True)
+        try:
+            outcome = run(*(argument.format(folder=copy, out=out) for argument in command), "--quiet")
+        except Exception:
+            found.append(f"{what}: {command[0]}: {traceback.format_exc(limit=-3)}")
+        else:
+            if outcome.code not in (0, 1) or "Traceback" in outcome.err:
+                found.append(f"{what}: {command[0]}: exit code {outcome.code}, {outcome.err}")
+    return found
+
+
+def copied(home: Path, kind: str) -> Path:
+    folder = home / "spoilt"
+    shutil.rmtree(folder, ignore_errors=True)
+    return Path(shutil.copytree(home / kind, folder))
+
+
+CASES = pytest.mark.parametrize(("kind", "name"), READERS, ids=[" ".join(case) for case in READERS])
+PARTS = [pytest.param(0, id="some"), *(pytest.param(i, marks=pytest.mark.slow, id=f"others {i}") for i in range(1, 5))]
+
+
+@CASES
+@pytest.mark.parametrize("part", PARTS)
+def test_no_damage_to_a_file_is_a_traceback(run: Run, home: Path, kind: str, name: str, part: int) -> None:
+    found = []
+    original = max((home / kind).glob(name))
+    for what, data in list(mutations(original))[part :: len(PARTS)]:
+        folder = copied(home, kind)
+        path = folder / original.relative_to(home / kind)
+        path.write_bytes(data)
+        mended(folder, str(path.relative_to(folder)))
+        found += answers(run, folder, READERS[kind, name], what)
+    assert found == []
+
+
+@CASES
+def test_a_device_in_the_place_of_a_file_is_not_read(run: Run, home: Path, kind: str, name: str) -> None:
+    folder = copied(home, kind)
+    for path in folder.glob(name):
+        path.unlink()
+        path.symlink_to("/dev/zero")
+    assert answers(run, folder, READERS[kind, name], "/dev/zero") == []

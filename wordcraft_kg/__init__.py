@@ -1,8 +1,8 @@
 """Knowledge graphs of crafting worlds, and agents that use them.
 
 What most users need can be imported from here, and each of these names has an example. ``open_...`` opens something on
-disk with everything that belongs to it, ``load_...`` loads one thing that computes, ``train_...`` takes a configuration and
-a folder::
+disk with everything that belongs to it, ``load_...`` loads one thing that computes, ``train_...`` takes a configuration
+and a folder::
 
     opened = open_graph("everyday")
     train_links(LinksConfig("everyday"), "models/everyday")

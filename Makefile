@@ -14,7 +14,7 @@ help:
 	@echo "make install  set up .venv only"
 	@echo "make slow     the tests that take minutes"
 	@echo "make lint     ruff, mypy, and the directions of imports"
-	@echo "make docs     write docs/commands.md from the commands' help"
+	@echo "make docs     write docs/commands.md from the help of the commands"
 	@echo "make clean    remove what was built; .venv stays"
 
 install: .venv/installed

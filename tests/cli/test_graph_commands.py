@@ -244,12 +244,12 @@ def test_an_unknown_base_entity_is_refused_with_the_nearest_ones(refused):
 
 @pytest.mark.parametrize("base", ["", ",", " , "])
 def test_an_empty_base_is_refused(refused, base):
-    refused("kitchen", "--base", base, says=["ConfigError: the list of base entities is empty; name at least one"])
+    refused("kitchen", "--base", base, says=["ConfigError: --base: the list is empty"])
 
 
 def test_a_bad_base_file_is_refused(refused, home, book):
     refused("kitchen", "--base-file", book("base.txt", b"\xe9\n"), says=["base.txt is not UTF-8 text"])
-    refused("kitchen", "--base-file", book("none.txt", "\n"), says=["the list of base entities is empty"])
+    refused("kitchen", "--base-file", book("none.txt", "\n"), says=["--base: the list is empty"])
     refused("kitchen", "--base-file", home / "nowhere.txt", says=["nowhere.txt", "No such file"])
 
 

@@ -148,8 +148,8 @@ def test_input_that_is_not_text_is_bad_input():
     [
         (("--seed", "-1"), "seed -1"),
         (("--episodes", "-1"), "--episodes -1"),
-        (("--depth", "3", "--attempts", "2"), "max_attempts 2"),
-        (("--distractors", "79"), "num_distractors 79"),
+        (("--depth", "3", "--attempts", "2"), "--attempts 2: expected a whole number, 3 to"),
+        (("--distractors", "79"), "--distractors 79"),
         (("--out", "x.jsonl"), "--protocol paper"),
         (("--protocol", "paper"), "--out"),
         (("--protocol", "paper", "--out", "x.jsonl", "--depth", "2"), "fixes depth"),

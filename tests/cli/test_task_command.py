@@ -31,7 +31,7 @@ def test_tasks_are_printed_with_their_table_and_plans(run, home):
     assert sorted(table.removeprefix("  table").strip().split(", ")) == ["barley", "water", "yeast"]
     assert [line for line in lines if line != table] == [
         "graph  brewery",
-        "tasks  1 of depth 2, all there are",
+        "tasks  1 of depth 2, which is all",
         "",
         "beer",
         "  start        barley, water, yeast",
@@ -44,7 +44,7 @@ def test_text_counts_the_tasks_of_a_part_and_those_of_none(run, home):
     made = WordCraftEnv("kitchen", part="test", depth=2).tasks
     outcome = run("tasks", "kitchen", "--depth", 2, "--distractors", 4, "--part", "test", "--limit", 3)
     lines = outcome.out.splitlines()
-    assert lines[1] == f"tasks  {len(made)} of depth 2 in the test part, all there are"
+    assert lines[1] == f"tasks  {len(made)} of depth 2 in the test part, which is all"
     assert lines[2].startswith(f"mixed  {made.mixed} belong to no part")
     assert lines.count("") == 3
     assert run("tasks", "kitchen", "--limit", 0).out.splitlines()[-1].startswith("none shown of ")
@@ -53,7 +53,7 @@ def test_text_counts_the_tasks_of_a_part_and_those_of_none(run, home):
 def test_text_says_where_tasks_are_drawn(run, home):
     outcome = run("tasks", "kitchen", "--depth", 3, "--part", "test", "--limit", 1)
     assert "tasks  1,000 of depth 3 in the test part, drawn; there may be more" in outcome.out
-    assert "of those that came up belong to no part" in outcome.out
+    assert "of those drawn belong to no part" in outcome.out
 
 
 @pytest.mark.parametrize(("part", "depth"), [("all", 1), ("train", 2), ("test", 2), ("test", 3)])

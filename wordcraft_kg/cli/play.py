@@ -61,11 +61,14 @@ def play(
 
     terminal = Terminal(sys.stderr if output.json else sys.stdout)
     if protocol is None:
+        from wordcraft_kg.envs.config import MAX_ATTEMPTS
         from wordcraft_kg.envs.wordcraft import WordCraftEnv
 
         if out is not None:
             raise ConfigError(f"--out {out}: only a protocol's answers are saved; add --protocol paper.")
         whole("episodes", episodes, 0)
+        if attempts is not None:
+            whole("attempts", attempts, depth, MAX_ATTEMPTS)
         num_distractors = 4 if distractors is None else distractors
         env = WordCraftEnv(graph, part=part, depth=depth, num_distractors=num_distractors, max_attempts=attempts)
         values = _play_freely(terminal, env, seed, episodes)

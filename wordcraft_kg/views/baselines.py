@@ -1,4 +1,4 @@
-"""What scripted players come to on all tasks of a part."""
+"""The success of scripted players on all tasks of a part."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -35,16 +35,16 @@ def view_baselines(
     draws: int = 5,
     seed: int = 0,
 ) -> Baselines:
-    """Let the players of the reference table play, and those of a model if there is one.
+    """Let the players of the reference table play, and those of a model if one is given.
 
     Args:
         opened: graph and split.
-        graph: what the graph was called.
+        graph: the graph as it was named by the user.
         config: part and depth of the tasks.
         distractors: numbers of distractors.
-        model: a link predictor and its name.
-        draws: of distractors for each task.
-        seed: of the draws and of ties.
+        model: name of a link predictor, and the predictor.
+        draws: draws of distractors for each task.
+        seed: seed of the draws and of ties.
     """
     players = knowledge_players(opened.graph, opened.split.partial)
     if model is not None:

@@ -12,7 +12,7 @@ Way = frozenset[int]
 class PlanSearch:
     """The plans of one graph.
 
-    A *way* is a set of attempts, each the number of a pair, that makes a goal in some order. A *plan* is a way in the
+    A *way* is a set of attempts, given as numbers of pairs, that makes a goal in some order. A *plan* is a way in the
     order of execution: the rows of the recipes whose results are needed.
 
     Attributes:

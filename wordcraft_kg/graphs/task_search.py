@@ -93,7 +93,7 @@ def make_tasks(
 
 
 class _Sieve:
-    """Accepts what is a task of one depth and part.
+    """Accepts only the tasks of one depth and part.
 
     Attributes:
         mixed: tasks of the depth that were met and belong to no part.

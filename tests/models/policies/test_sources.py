@@ -24,7 +24,7 @@ from wordcraft_kg.errors import ConfigError
 from wordcraft_kg.graphs import RecipeGraph
 from wordcraft_kg.graphs.folder import open_graph
 from wordcraft_kg.graphs.triples import RELATIONS
-from wordcraft_kg.models.links.config import ComplExConfig
+from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
 from wordcraft_kg.models.links.training import train_links
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.folder import load_policy
@@ -267,9 +267,9 @@ def third(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_third_source_trains_saves_plays_and_explains_by_its_one_line(third, tmp_path: Path):
     opened = open_graph("kitchen")
     folder = tmp_path / "model"
-    train_links(opened, ComplExConfig(dim=4, epochs=1), folder)
+    train_links(LinksConfig("kitchen", ComplExConfig(dim=4, epochs=1)), folder)
     config = AgentConfig("kitchen", str(folder), TaskConfig(), PolicyConfig(use="w,u"), ImpalaConfig(steps=2_000))
-    trained = train_agent(opened, config, tmp_path / "run")
+    trained = train_agent(config, tmp_path / "run")
     policy = load_policy(trained.folder)
     assert [label.name for label in policy.labels] == ["alpha", "u", "w"]
     lines = [json.loads(line) for line in (trained.folder / "metrics.jsonl").read_text().splitlines()]

@@ -27,8 +27,8 @@ class TrainingConfig:
         epochs: passes over the triples.
         batch_size: triples per step.
         eval_every: epochs between rankings of the validation triples; 0 never ranks them.
-        patience: rankings without a better validation MRR after which training stops and returns to the best epoch;
-            0 never stops early.
+        patience: rankings without a better validation MRR before training stops and returns to the best epoch; 0
+            never stops early.
         checkpoint_every: epochs between checkpoints.
         seed: root seed of the initial parameters and the batches.
         device: torch device to train on, such as cpu or cuda.

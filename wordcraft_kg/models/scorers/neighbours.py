@@ -14,9 +14,9 @@ class NeighbourScorer(TableScorer):
     """Scores a triple by how strongly entities like its head are linked to its tail, and its head to ones like it.
 
     Nothing is learned. With ``A_r`` the known links of relation r, ``score_r = S A_r + A_r S``, where ``S`` is the
-    cosine of the rows of ``[A_combinesWith, A_componentOf, A_componentOf transposed]``: entities are alike as far as
-    they share neighbours. A neighbour shared by n entities weighs 1 / n, and an entity's similarity to itself is 0. The
-    weight was chosen among powers of n on validation parts: ``benchmarks/link_quality.py neighbours``.
+    cosine of the rows of ``[A_combinesWith, A_componentOf, A_componentOf transposed]``: entities are similar to the
+    extent that they share neighbours. A neighbour shared by n entities weighs 1 / n, and an entity's similarity to
+    itself is 0. The weight was chosen among powers of n on validation parts: ``benchmarks/link_quality.py neighbours``.
 
     Everything is dense, (E, 3 E), so this suits graphs of up to a few thousand entities.
 

@@ -208,7 +208,7 @@ def test_a_run_s_own_settings_reproduce_it(run: Run, world: Path, tmp_path: Path
         (("--seed", 2**64), "--seed 18446744073709551616"),
         (("--learning-rate", "1e300"), "--learning-rate 1e+300"),
         (("--features", "glov"), "Did you mean 'glove'"),
-        (("--device", "cuda:77"), "Use --device cpu"),
+        (("--device", "cuda:77"), "Use cpu"),
         (("--device", "abacus"), "expected cpu or cuda"),
         (("--scorer", "nowhere"), "does not exist"),
         (("--depth", 9), "expected a whole number, 1 to 5"),

@@ -95,7 +95,7 @@ def test_a_file_that_says_the_same_is_left_alone(folder: Path) -> None:
         ("distractors = -1", "distractors"),
         ("graph = 3", "graph"),
         ("unheard = 1", "unheard"),
-        ('kg_only = true\nmixing = "free"', "kg-only"),
+        ('kg_only = true\nmixing = "free"', "kg_only"),
     ],
 )
 def test_a_setting_of_another_type_or_out_of_range_is_named(folder: Path, line: str, problem: str) -> None:
@@ -114,13 +114,13 @@ def test_a_setting_of_another_type_or_out_of_range_is_named(folder: Path, line: 
     ids=str,
 )
 def test_settings_of_a_scorer_need_a_scorer(policy: PolicyConfig) -> None:
-    with pytest.raises(ConfigError, match="give a --scorer too"):
+    with pytest.raises(ConfigError, match="give a `scorer` too"):
         AgentConfig("kitchen", policy=policy)
     assert AgentConfig("kitchen", "models/x", policy=policy).policy == policy
 
 
 def test_the_full_graph_is_not_validated_on_what_it_holds() -> None:
-    with pytest.raises(ConfigError, match="holds the validation triples too"):
+    with pytest.raises(ConfigError, match="contains the validation triples"):
         ComplExConfig(kg="full", eval_every=5)
 
 

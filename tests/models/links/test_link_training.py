@@ -103,7 +103,7 @@ def test_another_seed_gives_another_model(opened_kitchen: OpenedGraph, tmp_path:
 def test_a_seed_too_large_for_numpy_trains_or_is_a_clear_error(opened_kitchen: OpenedGraph, tmp_path: Path):
     settings = {"dim": 4, "epochs": 1, "seed": 2**32}
     done = attempt(lambda: train(opened_kitchen, ComplExConfig(**settings), tmp_path / "model"))
-    assert "--seed" in done if isinstance(done, str) else done.metrics.epochs == 1
+    assert "`seed`" in done if isinstance(done, str) else done.metrics.epochs == 1
 
 
 def test_the_global_generators_do_not_influence_a_training(opened_kitchen: OpenedGraph, tmp_path: Path):
@@ -260,7 +260,7 @@ def test_the_full_graph_trains_on_all_triples(opened_kitchen: OpenedGraph, tmp_p
     trained = train(opened_kitchen, ComplExConfig(kg="full", dim=8, epochs=2), tmp_path / "model")
     assert trained.metrics.triples == len(opened_kitchen.graph.triples) > len(opened_kitchen.split.partial)
     assert open_model(trained.folder).kg == "full"
-    assert "test recipes included" in (trained.folder / "README.md").read_text()
+    assert "test recipes" in (trained.folder / "README.md").read_text()
 
 
 def test_the_full_graph_is_remembered(opened_kitchen: OpenedGraph, tmp_path: Path):
@@ -342,7 +342,7 @@ def test_a_resumed_run_never_claims_fewer_epochs_than_it_was_trained_for(opened_
     stopped = train(opened_kitchen, SHORT, tmp_path / "model", progress=interrupt_after(3))
     done = attempt(lambda: resume_links(stopped.folder, epochs=2))
     if isinstance(done, str):
-        assert "--epochs" in done
+        assert "`epochs`" in done
     else:
         assert LinksConfig.read(done.folder).settings.epochs == done.metrics.epochs
 
@@ -590,8 +590,8 @@ def test_an_unknown_device_is_an_error(opened_kitchen: OpenedGraph, tmp_path: Pa
 @pytest.mark.skipif(torch.cuda.is_available(), reason="this machine has a GPU")
 def test_a_gpu_that_is_not_there_is_an_error_that_offers_the_cpu(opened_kitchen: OpenedGraph, tmp_path: Path):
     message = refused(opened_kitchen, replace(SHORT, device="cuda"), tmp_path / "model")
-    assert message.startswith("--device cuda ")
-    assert "--device cpu" in message
+    assert message.startswith("`device` 'cuda'")
+    assert "Use cpu" in message
 
 
 def test_an_unknown_model_is_an_error_that_suggests_a_known_one(opened_kitchen: OpenedGraph, tmp_path: Path):

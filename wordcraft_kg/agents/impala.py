@@ -224,12 +224,11 @@ class Impala:
         with torch.no_grad():
             for name, parameter in self.policy.named_parameters():
                 parameter.copy_(state[f"policy.{name}"])
-        averages = ("square_avg", *(("momentum_buffer",) if self.config.momentum else ()))
-        if int(state["update"]):  # before the first update the optimiser has no state
-            of_optimizer = {
-                name: torch.empty_like(self._flat.data).copy_(state[f"optimizer.{name}"]) for name in averages
-            }
-            self.optimizer.state[self._flat] = {"step": state["optimizer.step"].clone(), **of_optimizer}
+        self.optimizer.state[self._flat] = {}
+        if int(state["update"]):  # before the first update the optimiser has none
+            averages = ("square_avg", *(("momentum_buffer",) if self.config.momentum else ()))
+            of_flat = {name: torch.empty_like(self._flat.data).copy_(state[f"optimizer.{name}"]) for name in averages}
+            self.optimizer.state[self._flat] = {"step": state["optimizer.step"].clone(), **of_flat}
         self.engine.restore({name: state[f"engine.{name}"].numpy() for name in self.engine.state()})
         self._snapshots.clear()
         snapshots: dict[int, Weights] = {}

@@ -52,7 +52,7 @@ class TrainedAgent:
 
 def train_agent(
     config: AgentConfig,
-    out: Path | None = None,
+    out: str | Path | None = None,
     *,
     force: bool = False,
     tensorboard: bool = False,
@@ -107,7 +107,7 @@ def train_agent(
         return _Training(run, opened, config, policy, engine, sink, progress).go()
 
 
-def resume_agent(folder: Path, *, graph: str | None = None, progress: Progress | None = None) -> TrainedAgent:
+def resume_agent(folder: str | Path, *, graph: str | None = None, progress: Progress | None = None) -> TrainedAgent:
     """Go on with an interrupted run from its last checkpoint.
 
     Args:

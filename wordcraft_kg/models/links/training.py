@@ -48,7 +48,7 @@ class TrainedLinks:
 
 
 def train_links(
-    config: LinksConfig, out: Path | None = None, *, force: bool = False, progress: Progress | None = None
+    config: LinksConfig, out: str | Path | None = None, *, force: bool = False, progress: Progress | None = None
 ) -> TrainedLinks:
     """Train a link predictor and write its model folder.
 
@@ -73,7 +73,7 @@ def train_links(
 
 
 def resume_links(
-    folder: Path, *, graph: str | None = None, epochs: int | None = None, progress: Progress | None = None
+    folder: str | Path, *, graph: str | None = None, epochs: int | None = None, progress: Progress | None = None
 ) -> TrainedLinks:
     """Go on with an interrupted training run from its last checkpoint.
 

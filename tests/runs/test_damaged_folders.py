@@ -46,7 +46,8 @@ READERS: dict[tuple[str, str], tuple[tuple[str, ...], ...]] = {
     ("agent", "policy.safetensors"): (EVALUATE,),
     ("agent", "constants.safetensors"): (EVALUATE,),
     ("agent-interrupted", "run.json"): (EVALUATE,),
-    ("agent-interrupted", "config.toml"): (RESUME,),
+    # Not resumed: without a number of steps it would train for 3,000,000.
+    ("agent-interrupted", "config.toml"): (EVALUATE,),
     ("agent-interrupted", "policy.json"): (RESUME,),
     ("agent-interrupted", "metrics.jsonl"): (EVALUATE,),
     ("agent-interrupted", "checkpoints/*.json"): (EVALUATE, RESUME),

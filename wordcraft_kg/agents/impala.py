@@ -224,11 +224,7 @@ class Impala:
         with torch.no_grad():
             for name, parameter in self.policy.named_parameters():
                 parameter.copy_(state[f"policy.{name}"])
-        self.optimizer.state[self._flat] = {}
-        if int(state["update"]):  # before the first update the optimiser has none
-            averages = ("square_avg", *(("momentum_buffer",) if self.config.momentum else ()))
-            of_flat = {name: torch.empty_like(self._flat.data).copy_(state[f"optimizer.{name}"]) for name in averages}
-            self.optimizer.state[self._flat] = {"step": state["optimizer.step"].clone(), **of_flat}
+        self.optimizer.state[self._flat] = self._restored_optimizer(state)
         self.engine.restore({name: state[f"engine.{name}"].numpy() for name in self.engine.state()})
         self._snapshots.clear()
         snapshots: dict[int, Weights] = {}
@@ -323,6 +319,19 @@ class Impala:
         values, gradients = self._flat.data.split(sizes), self._flat.grad.split(sizes)
         for parameter, value, gradient in zip(self._parameters, values, gradients, strict=True):
             parameter.data, parameter.grad = value.view_as(parameter), gradient.view_as(parameter)
+
+    def _restored_optimizer(self, state: Mapping[str, Tensor]) -> dict[str, Tensor]:
+        """Return the optimiser's part of a state; it would notice what is wrong with it in the next update only."""
+        expected = {"step": (), "square_avg": self._flat.shape} if state["update"] else {}
+        if expected and self.config.momentum:
+            expected["momentum_buffer"] = self._flat.shape
+        found = {name.removeprefix("optimizer."): name for name in state if name.startswith("optimizer.")}
+        if found.keys() != expected.keys():
+            raise KeyError(f"the optimiser needs {', '.join(expected) or 'nothing'}; it has {', '.join(found)}")
+        for key, name in found.items():
+            if state[name].shape != expected[key] or not state[name].is_floating_point():
+                raise RuntimeError(f"{name} is of shape {tuple(state[name].shape)} and type {state[name].dtype}")
+        return {key: state[name].to("cpu" if key == "step" else self.device, copy=True) for key, name in found.items()}
 
     def _optimizer_state(self) -> dict[str, Any]:
         return dict(self.optimizer.state[self._flat])

@@ -115,7 +115,7 @@ def train_agent(
         return _Training(run, opened, config, policy, engine, sink, progress).go()
 
 
-def resume_agent(folder: Path, *, graph: str | None = None, progress: Progress | None = None) -> TrainedAgent:
+def resume_agent(folder: str | Path, *, graph: str | None = None, progress: Progress | None = None) -> TrainedAgent:
     """Resume an interrupted run from its last checkpoint.
 
     Args:

@@ -17,7 +17,7 @@ from wordcraft_kg.graphs.folder import KG
 from wordcraft_kg.runs.checkpoints import Checkpoints
 from wordcraft_kg.runs.config_file import CONFIG_FILE
 from wordcraft_kg.runs.interruption import first_interrupt, interruption_message
-from wordcraft_kg.runs.record import RUN_FILE, RunRecord, Status, end_run, read_run, resume_run, start_run
+from wordcraft_kg.runs.record import RunRecord, Status, end_run, read_run, resume_run, start_run
 
 P = TypeVar("P")
 Progress = Callable[[int, int, dict[str, float]], None]
@@ -222,6 +222,12 @@ def new_run(out: Path, kind: RunKind[P], *, force: bool = False) -> Iterator[Run
         _put_aside(out)
         try:
             out.mkdir(parents=True)
+        except FileExistsError:  # it was not there a moment ago
+            raise _in_use(out) from None
+        except OSError:
+            _settle(out)
+            raise
+        try:
             with _locked(out), first_interrupt() as interrupted, _failing(RunFolder(out, kind, interrupted)) as run:
                 yield run
         finally:
@@ -238,12 +244,14 @@ def resumed_run(folder: Path, kind: RunKind[P]) -> Iterator[RunFolder[P]]:
         ArtefactError: if it is done, of another kind, or damaged, or if another process is training there.
     """
     folder = with_a_name(folder)
-    record = kind.read_record(folder)
-    if record.status == "done":
-        raise ArtefactError(
-            f"'{folder}' is finished; there is nothing to resume. Evaluate it: wordcraft-kg {kind.judged_by} {folder}"
-        )
+    kind.read_record(folder)
     with _locked(folder):
+        record = kind.read_record(folder)  # nobody else writes it now
+        if record.status == "done":
+            raise ArtefactError(
+                f"'{folder}' is finished; there is nothing to resume. "
+                f"Evaluate it: wordcraft-kg {kind.judged_by} {folder}"
+            )
         try:
             with first_interrupt() as interrupted, _failing(RunFolder(folder, kind, interrupted, record)) as run:
                 yield run
@@ -257,10 +265,12 @@ def check_run_output(out: Path, *, force: bool) -> None:
     Raises:
         OutputExistsError: if it exists and ``force`` is False.
     """
-    if not force and (out / RUN_FILE).is_file() and read_run(out).status != "done":
-        raise OutputExistsError(
-            f"'{out}' holds an unfinished run. Resume it with: wordcraft-kg resume {out}, or start again with `force`."
-        )
+    with suppress(ArtefactError):  # no run is there, or the run.json of something else
+        if not force and read_run(out).status != "done":
+            raise OutputExistsError(
+                f"'{out}' holds an unfinished run. Resume it with: wordcraft-kg resume {out}, "
+                "or start again with `force`."
+            )
     check_output(out, force=force)
 
 
@@ -295,10 +305,14 @@ def _locked(folder: Path) -> Iterator[None]:
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            raise ArtefactError(f"'{folder}' is being trained by another process; wait for it, or stop it.") from None
+            raise _in_use(folder) from None
         yield
     finally:
         os.close(handle)
+
+
+def _in_use(folder: Path) -> ArtefactError:
+    return ArtefactError(f"'{folder}' is being trained by another process; wait for it, or stop it.")
 
 
 def _aside(out: Path) -> Path:

@@ -78,7 +78,7 @@ def train_links(
 
 
 def resume_links(
-    folder: Path, *, graph: str | None = None, epochs: int | None = None, progress: Progress | None = None
+    folder: str | Path, *, graph: str | None = None, epochs: int | None = None, progress: Progress | None = None
 ) -> TrainedLinks:
     """Resume an interrupted training run from its last checkpoint.
 

@@ -5,12 +5,14 @@ line replaces that name by its option, ``--learning-rate``.
 """
 
 import difflib
-import math
 import operator
 from collections.abc import Iterable, Sequence
 from typing import Any
 
 from wordcraft_kg.errors import ConfigError
+
+LARGEST = 3e38
+"""What torch multiplies with is of 32 bits."""
 
 
 def refuse(name: str, value: Any, expected: str, hint: str = "") -> ConfigError:
@@ -46,12 +48,12 @@ def whole(name: str, value: Any, low: int, high: int | None = None) -> int:
 
 
 def positive(name: str, value: Any) -> float:
-    """Return a finite number above 0.
+    """Return a number above 0 that a 32-bit float can hold.
 
     Raises:
         ConfigError: if it is not one.
     """
-    if isinstance(value, bool) or not isinstance(value, int | float) or not (math.isfinite(value) and value > 0):
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < LARGEST:
         raise refuse(name, value, "a number above 0")
     return float(value)
 

@@ -1,6 +1,5 @@
 """Settings of link predictors: every setting, default, unit and allowed range; imports neither torch nor PyKEEN."""
 
-import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar, Literal, get_args
@@ -9,7 +8,7 @@ from wordcraft_kg.errors import ArtefactError, ConfigError
 from wordcraft_kg.graphs.folder import KG
 from wordcraft_kg.records import Record
 from wordcraft_kg.runs.config_file import read_config, write_config
-from wordcraft_kg.settings import one_of, positive, require, whole
+from wordcraft_kg.settings import LARGEST, one_of, positive, require, whole
 
 PAPER_DIM = 128
 MAX_SEED = 2**32 - 1
@@ -89,7 +88,7 @@ class ComplExConfig(TrainingConfig):
             positive(name, getattr(self, name))
         if self.n3 is None:
             object.__setattr__(self, "n3", N3_PARTIAL if self.kg == "partial" else 0.0)
-        require(self, "n3", self.n3 is not None and math.isfinite(self.n3) and self.n3 >= 0, "a number, 0 or more")
+        require(self, "n3", self.n3 is not None and 0 <= self.n3 < LARGEST, "a number, 0 or more")
 
 
 @dataclass(frozen=True)

@@ -30,6 +30,11 @@ def with_prefix(tensors: Mapping[str, Tensor], prefix: str) -> dict[str, Tensor]
     return {name.removeprefix(prefix): tensor for name, tensor in tensors.items() if name.startswith(prefix)}
 
 
+def copied(tensors: Mapping[str, Tensor]) -> dict[str, Tensor]:
+    """Return copies on the CPU that own their memory, as safetensors wants them."""
+    return {name: tensor.detach().cpu().clone().contiguous() for name, tensor in tensors.items()}
+
+
 def as_tensor(values: Any) -> Tensor:
     """Return an engine's array as a tensor: the same memory on the CPU, the tensor itself on a device."""
     return torch.from_numpy(values) if isinstance(values, np.ndarray) else values

@@ -13,7 +13,7 @@ from wordcraft_kg.runs.checkpoints import Checkpoint
 from wordcraft_kg.runs.folder import RunKind
 from wordcraft_kg.runs.inputs import open_run_graph
 from wordcraft_kg.runs.record import RunRecord, verified_bytes
-from wordcraft_kg.tensors import read_tensors
+from wordcraft_kg.tensors import read_tensors, with_prefix
 
 AGENTS = RunKind((AgentConfig.command,), unit="step", progress=AgentProgress, judged_by="evaluate-agent")
 INPUTS = ("policy.json", "constants.safetensors")
@@ -88,11 +88,8 @@ def policy_at(folder: Path, run: RunRecord, checkpoint: Checkpoint[AgentProgress
     Raises:
         ArtefactError: if the folder's files do not fit each other.
     """
-    prefix = "policy."
-    parameters = {
-        name.removeprefix(prefix): value for name, value in checkpoint.tensors.items() if name.startswith(prefix)
-    }
-    return read_policy(folder, verified_bytes(folder, run, "constants.safetensors"), parameters)
+    constants = verified_bytes(folder, run, "constants.safetensors")
+    return read_policy(folder, constants, with_prefix(checkpoint.tensors, "policy."))
 
 
 def read_run_config(folder: Path, run: RunRecord) -> AgentConfig:

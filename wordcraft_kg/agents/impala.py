@@ -20,7 +20,7 @@ from wordcraft_kg.agents.vtrace import v_trace
 from wordcraft_kg.envs.batch import GOAL, BatchEngine
 from wordcraft_kg.errors import ConfigError, TrainingError
 from wordcraft_kg.models.policies.policy import Policy, Weights, log_policy
-from wordcraft_kg.tensors import as_tensor
+from wordcraft_kg.tensors import as_tensor, copied
 
 
 class Figures(NamedTuple):
@@ -212,7 +212,7 @@ class Impala:
             tensors |= {f"snapshot.{i}.{name}": tensor for name, tensor in snapshot.items()}
         tensors |= {"sums": self._sums, "generator": self._generator.get_state()}
         tensors["update"] = torch.tensor(self.update_number)
-        return {name: tensor.detach().cpu().clone().contiguous() for name, tensor in tensors.items()}
+        return copied(tensors)
 
     def restore(self, state: Mapping[str, Tensor]) -> None:
         """Continue from a :meth:`state` of the same policy, tasks and settings.

@@ -20,7 +20,7 @@ from wordcraft_kg.models.scorers.folder import make_scorer
 from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples
 from wordcraft_kg.runs.checkpoints import Checkpoint
 from wordcraft_kg.runs.folder import Progress, RunFolder
-from wordcraft_kg.tensors import with_prefix
+from wordcraft_kg.tensors import copied, with_prefix
 
 
 class Epochs(TrainingCallback):
@@ -112,11 +112,6 @@ class Epochs(TrainingCallback):
         for index, values in self.optimizer.state_dict()["state"].items():
             tensors |= {f"optimizer.{index}.{key}": torch.as_tensor(value) for key, value in values.items()}
         return copied(tensors)
-
-
-def copied(tensors: dict[str, Tensor]) -> dict[str, Tensor]:
-    """Return copies on the CPU that own their memory, as safetensors wants them."""
-    return {name: tensor.detach().cpu().clone().contiguous() for name, tensor in tensors.items()}
 
 
 def _optimizer_state(tensors: dict[str, Tensor], parameters: Sequence[Tensor]) -> dict[int, dict[str, Tensor]]:

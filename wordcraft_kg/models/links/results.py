@@ -12,11 +12,11 @@ from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.triples import RELATIONS
 from wordcraft_kg.models.links.builders import scorer_tensors
 from wordcraft_kg.models.links.config import ComplExConfig, LinkSettings
-from wordcraft_kg.models.links.epochs import copied
 from wordcraft_kg.models.links.records import LinkMetrics, LinkProgress
 from wordcraft_kg.models.scorers.folder import Vocabulary, make_scorer
 from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples
 from wordcraft_kg.records import as_lines, as_values
+from wordcraft_kg.tensors import copied
 
 OUTPUTS = ("model.safetensors", "vocabulary.json", "config.toml", "metrics.json", "trace.jsonl")
 RANKED_IN_TRAIN = 20_000

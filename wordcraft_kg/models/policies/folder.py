@@ -23,7 +23,7 @@ from wordcraft_kg.models.policies.sources.source import ScoreView, Source, make_
 from wordcraft_kg.models.scorers.features import EntityFeatures, make_features
 from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
 from wordcraft_kg.runs.record import read_finished_run, verified_bytes
-from wordcraft_kg.tensors import read_tensors, with_prefix
+from wordcraft_kg.tensors import copied, read_tensors, with_prefix
 
 POLICY_FORMAT = "wordcraft-kg policy 1"
 
@@ -100,7 +100,7 @@ def write_constants(folder: Path, policy: Policy) -> None:
 
 def write_parameters(folder: Path, policy: Policy) -> None:
     """Write the parts that training changed: ``policy.safetensors``."""
-    parameters = {name: tensor.detach().cpu().clone().contiguous() for name, tensor in policy.named_parameters()}
+    parameters = copied(dict(policy.named_parameters()))
     write_atomically(folder / "policy.safetensors", safetensors.torch.save(parameters))
 
 

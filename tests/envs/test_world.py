@@ -144,3 +144,11 @@ def test_a_world_survives_pickling(opened):
     again = pickle.loads(pickle.dumps(world))
     assert content(again) == content(world)
     assert again.variant(num_distractors=3).tasks is again.tasks
+
+
+def test_entities_that_a_task_does_not_need_can_all_be_distractors():
+    graph = RecipeGraph.from_recipes([("a", "b", "c"), ("c", "a", "d")])
+    world = World(graph, WordCraftConfig(part="all", depth=2, num_distractors=0))
+    assert sorted(world.tasks.starts[0].tolist())[:2] == [graph.id_of("a"), graph.id_of("b")]
+    with pytest.raises(ConfigError, match="graph has 4 entities, of which a task needs up to 4; expected at most 0"):
+        world.variant(num_distractors=1)

@@ -98,11 +98,13 @@ class World:
         self.nothing = self.graph.num_entities
         self.max_results = 1 if config.ambiguity == "last" else int(np.diff(self.graph.pair_starts).max())
         self.num_slots = config.depth + 1 + config.num_distractors + self.max_results * config.attempts
-        reserved = 1 + config.depth + 1 + self.tasks.intermediates.shape[1]
+        # What no distractor may be: the goal, the starting ingredients and what the task's plans make of them.
+        needed = np.concatenate([self.tasks.starts, self.tasks.intermediates], axis=1) != self.nothing
+        reserved = 1 + int(needed.sum(axis=1).max())
         if config.num_distractors > self.nothing - reserved:
             raise ConfigError(
                 f"`num_distractors` {config.num_distractors}: {self.graph.name} has {self.nothing} entities, of which "
-                f"a task may need {reserved}; expected at most {max(self.nothing - reserved, 0)}."
+                f"a task needs up to {reserved}; expected at most {self.nothing - reserved}."
             )
 
     @classmethod

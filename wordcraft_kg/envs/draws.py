@@ -96,13 +96,13 @@ class Draws:
         rows = starts
         if self.world.config.num_distractors:
             rows = arrays.xp.concatenate([starts, self._distractors(keys, tasks, starts)])
-        # Sort by random numbers that carry the row's index in their last bits; empty slots get larger ones.
+        # Sort by random numbers, and by row where two are equal; empty slots get larger ones. Each carries the entity.
         last = (1 << (len(rows) - 1).bit_length()) - 1
         index = arrays.array(np.arange(len(rows)))[:, None]
         places = self._numbers(keys, _PLACES, len(rows)) >> 1
-        order = arrays.xp.where(rows == self.world.nothing, LAST_31_BITS, places)
-        order = arrays.cast((order & ~last) + index, "int32").T
-        return arrays.take_in_rows(rows.T, arrays.sorted_rows(order) & last)
+        places = arrays.xp.where(rows == self.world.nothing, LAST_31_BITS, places)
+        packed = (((places & ~last) + index) << 32) + rows
+        return arrays.cast(arrays.sorted_rows(packed.T) & LAST_31_BITS, "int32")
 
     # --- distractors -------------------------------------------------------------------------------------------------
 

@@ -1,94 +1,113 @@
 """Recipes that no distractor may complete, checked for many tables at once."""
 
+from typing import cast
+
 import numpy as np
 
-from wordcraft_kg.envs.arrays import Array, Arrays
+from wordcraft_kg.envs.arrays import Array, Arrays, Functions
 from wordcraft_kg.envs.world import World
 
-BITS = 15
-"""Recipes of a goal in one table of marks: two bits each in 31."""
-_FIRST = (1 << BITS) - 1
+BITS = 31
+"""Recipes of a goal in one table of marks: two bits each in 62."""
+FILTER_BITS = 15
+"""Recipes that the filter tells apart: two bits each in 30."""
+ROOM = 32
+"""Places in the filter for each ingredient; more find fewer tables at risk that are not, fewer fit a smaller cache."""
 
 
 class Guards:
     """The guarded recipes of a world's goals, as marks of their ingredients.
 
     The guarded recipes of a goal are numbered. The *marks* of an entity are an integer: bit k is set if the entity is
-    the first ingredient of the goal's recipe k, bit k + 15 if it is the second. The marks of several entities are
-    combined with a bitwise or; both bits of a recipe are then set exactly if both ingredients are among them, and
-    ``marks & (marks >> 15)`` has a bit for each such recipe. So one look-up per entity checks all recipes of a goal at
-    once. Goals with more than 15 guarded recipes have further tables of marks. Each guarded goal has a row; all other
-    goals share row 0, which is empty.
+    the first ingredient of the goal's recipe k, bit k + 31 if it is the second. The marks of several entities are
+    combined with a bitwise or. So one look-up per entity checks up to 31 recipes of a goal at once; goals with more of
+    them have further tables of marks. Only ingredients of guarded recipes have marks, found by binary search, so memory
+    grows with the recipes.
+
+    Most tables are far from completing anything. A *filter* finds those that may, in a table of marks so small that it
+    stays in the processor's cache: ingredients share its places, recipes its 15 bits, so it never misses one.
 
     Tables of R environments are checked side by side: ``tasks`` has shape (R,), ``candidates`` (K, R).
     """
 
     def __init__(self, world: World, arrays: Arrays):
-        """Mark the ingredients of the guarded recipes."""
+        """Mark the ingredients of the guarded recipes, and what is near each task: its start and what that can make."""
         self.arrays = arrays
         recipes = world.graph.recipes[world.guarded_recipes]
-        goals, counts = np.unique(recipes[:, 2], return_counts=True)
-        tables = -(-int(counts.max()) // BITS) if len(goals) else 0
+        recipes = recipes[np.argsort(recipes[:, 2], kind="stable")]
+        goals, first, counts = np.unique(recipes[:, 2], return_index=True, return_counts=True)
+        number = np.arange(len(recipes)) - np.repeat(first, counts)
+        # An entity of a goal has the key row + entity. Odd strides spread the keys' last bits, which index the filter.
+        stride = (world.nothing + 1) | 1
         row_of = np.zeros(world.nothing + 1, dtype=np.int64)
-        row_of[goals] = np.arange(1, len(goals) + 1)
-        marks = np.zeros((tables, len(goals) + 1, world.nothing + 1), dtype=np.int32)
-        numbered = np.zeros(len(goals) + 1, dtype=np.int64)
-        for a, b, goal in recipes.tolist():
-            row = row_of[goal]
-            table, bit = divmod(int(numbered[row]), BITS)
-            numbered[row] += 1
-            marks[table, row, a] |= 1 << bit
-            marks[table, row, b] |= 1 << (bit + BITS)
-        self._tables = [arrays.array(table.reshape(-1)) for table in marks]
-        self._rows = arrays.array(row_of[world.tasks.goals] * (world.nothing + 1))
-        near = np.concatenate([world.tasks.starts, world.makeable], axis=1)
-        self._near = arrays.array(near.astype(np.int32))
+        row_of[goals] = np.arange(1, len(goals) + 1) * stride
+        pairs = row_of[recipes[:, 2:]] + recipes[:, :2]
+        keys, place = np.unique(pairs, return_inverse=True)
+        place = place.reshape(-1, 2)
+        tables = int(number.max()) // BITS + 1 if len(number) else 0
+        marks = np.zeros((tables, len(keys) + 1), dtype=np.int64)  # the last are those of an entity without any
+        self._mask = (1 << (ROOM * len(keys)).bit_length()) - 1
+        folded = np.zeros(self._mask + 1, dtype=np.int32)
+        for side in range(2):
+            bit = np.int64(1) << (number % BITS + side * BITS)
+            np.bitwise_or.at(marks, (number // BITS, place[:, side]), bit)
+            # Most goals have a recipe or two: counted from the goal's id, goals that share places rarely share bits.
+            bit = np.int64(1) << ((number + recipes[:, 2]) % FILTER_BITS + side * FILTER_BITS)
+            np.bitwise_or.at(folded, pairs[:, side] & self._mask, bit.astype(np.int32))
+        keys = np.append(keys, np.iinfo(np.int64).max)
+        self._keys = arrays.array(keys)
+        self._tables = [arrays.array(table) for table in marks]
+        self._filter = arrays.array(folded)
+        rows = row_of[world.tasks.goals]
+        self._rows = arrays.array(rows)
+        if tables:
+            near = np.concatenate([world.tasks.starts, world.makeable], axis=1)
+            near_keys = (rows[:, None] + near).T  # nothing is no ingredient, but may share a place in the filter
+            self._near_folded = arrays.array(np.bitwise_or.reduce(folded[near_keys & self._mask]))
+            found = _find(cast(Functions, np), keys, near_keys)
+            self._near = [arrays.array(np.bitwise_or.reduce(table[found])) for table in marks]
 
     def __bool__(self) -> bool:
         """Whether any recipe is guarded."""
         return bool(self._tables)
 
     def at_risk(self, candidates: Array, tasks: Array) -> Array:
-        """Return which tables could complete a guarded recipe if all their candidates were on them, shape (R,)."""
-        risk = self.arrays.full((candidates.shape[1],), 0, "bool")
-        row, near = self._rows[tasks], self._near[tasks].T
-        for table in self._tables:
-            marks = _marks(table, row, candidates)
-            takes_part = marks != 0
-            for entity in near:
-                marks |= table[row + entity]
-            risk |= takes_part & (_complete(marks) != 0)
-        return risk
+        """Return which tables may complete a guarded recipe if all their candidates were on them, shape (R,)."""
+        if not self:
+            return self.arrays.full((candidates.shape[1],), 0, "bool")
+        marks = self._filter[(self._rows[tasks] + candidates) & self._mask]
+        theirs = marks[0]
+        for more in marks[1:]:
+            theirs = theirs | more
+        return _completed(theirs, self._near_folded[tasks], FILTER_BITS) != 0
 
     def refuse(self, candidates: Array, allowed: Array, tasks: Array) -> Array:
         """Refuse candidates, in their order, that complete a recipe with what is there or can be made from the start.
-
-        Where a goal has several tables of marks, a candidate that a later table refuses counts as present for the
-        earlier ones, which refuses a few candidates needlessly.
 
         Args:
             candidates: ids.
             allowed: shape (K, R), bool: which of them are taken unless refused here; changed in place.
             tasks: the tables' tasks.
         """
-        row, near = self._rows[tasks], self._near[tasks].T
-        for table in self._tables:
-            there = _marks(table, row, near)
-            for i in range(len(candidates)):
-                more = there | table[row + candidates[i]]
-                allowed[i] &= (_complete(more) & ~_complete(there)) == 0
-                there = self.arrays.xp.where(allowed[i], more, there)
+        keys = self._rows[tasks] + candidates
+        found = _find(self.arrays.xp, self._keys, keys)
+        theirs, there = [table[found] for table in self._tables], [near[tasks] for near in self._near]
+        for i in range(len(candidates)):
+            for marks, present in zip(theirs, there, strict=True):
+                allowed[i] &= _completed(marks[i], present, BITS) == 0
+            there = [
+                present | self.arrays.xp.where(allowed[i], marks[i], 0)
+                for marks, present in zip(theirs, there, strict=True)
+            ]
         return allowed
 
 
-def _marks(table: Array, row: Array, entities: Array) -> Array:
-    """Return the marks of each column's entities, combined with a bitwise or."""
-    marks = table[row + entities[0]]
-    for entity in entities[1:]:
-        marks |= table[row + entity]
-    return marks
+def _find(xp: Functions, keys: Array, wanted: Array) -> Array:
+    """Return where keys are among sorted ones; the index of the last, a sentinel, for those that are not."""
+    found = xp.searchsorted(keys, wanted)
+    return xp.where(keys[found] == wanted, found, len(keys) - 1)
 
 
-def _complete(marks: Array) -> Array:
-    """Return a bit for each recipe of which both ingredients are marked."""
-    return marks & (marks >> BITS) & _FIRST
+def _completed(marks: Array, present: Array, bits: int) -> Array:
+    """Return a bit for each recipe that entities of some marks complete, with each other or with what is present."""
+    return ((marks & ((marks | present) >> bits)) | ((marks >> bits) & present)) & ((1 << bits) - 1)

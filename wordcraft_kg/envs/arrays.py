@@ -24,7 +24,6 @@ class Functions(Protocol):
 
     def where(self, mask: Array, one: Values, other: Values, /) -> Array: ...  # noqa: D102
     def concatenate(self, parts: Sequence[Array], axis: int = 0, /) -> Array: ...  # noqa: D102
-    def cumsum(self, values: Array, axis: int, /) -> Array: ...  # noqa: D102
     def searchsorted(self, values: Array, wanted: Array, *, side: str = "left") -> Array: ...  # noqa: D102
     def minimum(self, one: Array, other: Array, /) -> Array: ...  # noqa: D102
     def maximum(self, one: Array, other: Array, /) -> Array: ...  # noqa: D102
@@ -54,13 +53,23 @@ class Arrays:
         """Return an array of one value."""
         return np.full(shape, value, dtype=dtype)
 
+    def empty(self, shape: tuple[int, ...]) -> Array:
+        """Return an int64 array to be filled."""
+        return np.empty(shape, dtype=np.int64)
+
     def cast(self, values: Array, dtype: str) -> Array:
         """Return values as another type."""
         return values.astype(dtype)
 
     def sorted_rows(self, values: Array) -> Array:
         """Return a matrix with each row sorted."""
-        return np.sort(np.ascontiguousarray(values), axis=1)  # three times as fast as sorting a transposed view
+        rows = np.array(values, order="C")  # three times as fast as sorting a transposed view
+        rows.sort(axis=1)
+        return rows
+
+    def take_rows(self, values: Array, rows: Array) -> Array:
+        """Return some rows."""
+        return values.take(rows, axis=0)  # several times as fast as an index
 
     def rows(self, mask: Array) -> Array:
         """Return the rows to compute: where the mask is True, or on a device all of them."""
@@ -95,11 +104,17 @@ class TorchArrays(Arrays):
     def full(self, shape: tuple[int, ...], value: int, dtype: str = "int64") -> Array:  # noqa: D102
         return self.torch.full(shape, value, dtype=getattr(self.torch, dtype), device=self.device)
 
+    def empty(self, shape: tuple[int, ...]) -> Array:  # noqa: D102
+        return self.torch.empty(shape, dtype=self.torch.int64, device=self.device)
+
     def cast(self, values: Any, dtype: str) -> Array:  # noqa: D102
         return values.to(getattr(self.torch, dtype))
 
     def sorted_rows(self, values: Array) -> Array:  # noqa: D102
         return self.torch.sort(values, dim=1).values
+
+    def take_rows(self, values: Array, rows: Array) -> Array:  # noqa: D102
+        return values[rows]
 
     def rows(self, mask: Array) -> Array:  # noqa: D102
         return self.torch.arange(len(mask), device=self.device)

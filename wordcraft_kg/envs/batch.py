@@ -89,7 +89,7 @@ class PairNumbers:
     def __call__(self, one: Array, other: Array) -> Array:
         """Return the numbers of pairs; ids of equal shapes."""
         if self.is_dense:
-            return self._table[one * self.size + other]
+            return self._table.take(one * self.size + other)
         keys = self.xp.minimum(one, other) * self.size + self.xp.maximum(one, other)
         found = self.xp.searchsorted(self._keys, keys)
         return self.xp.where(self._keys[found] == keys, found, self.no_pair)
@@ -133,6 +133,7 @@ class BatchEngine:
             (world.tasks.goals, world.tasks.intermediates, world.tasks.final_pairs, _results(world)),
         )
         self._rows = self.arrays.array(np.arange(self.num_envs))
+        self._offsets = self._rows * (self.num_slots + 1)  # of the environments' tables in `State.wide`
         self.reset(seed)
 
     # --- what is seen ------------------------------------------------------------------------------------------------
@@ -216,13 +217,21 @@ class BatchEngine:
 
     def _place(self, rows: Array, tables: Array, tasks: Array) -> None:
         now, width = self._state, tables.shape[1]
-        now.wide[rows, :width] = self.arrays.cast(tables, "int64")
-        now.wide[rows, width:] = self.nothing
-        now.task[rows] = tasks
-        now.goal[rows] = self._goals[tasks]
-        now.selection[rows] = self.nothing
-        now.attempts_left[rows] = self.config.attempts
-        now.count[rows] = (tables != self.nothing).sum(1)
+        where = slice(None) if len(rows) == self.num_envs else rows  # several times as fast
+        now.wide[where, :width] = self.arrays.cast(tables, "int64")
+        now.wide[where, width:] = self.nothing
+        now.task[where] = tasks
+        now.goal[where] = self._goals[tasks]
+        now.selection[where] = self.nothing
+        now.attempts_left[where] = self.config.attempts
+        now.count[where] = self._sizes(tables)
+
+    def _sizes(self, tables: Array) -> Array:
+        """Count the entities on tables, of which most are full at depth 1."""
+        sizes = self.arrays.full((len(tables),), tables.shape[1])
+        rows = self.arrays.rows(tables[:, -1] == self.nothing)
+        sizes[rows] = (tables[rows] != self.nothing).sum(1)
+        return sizes
 
     def _begin_where(self, over: Array) -> None:
         """Begin the next episode in environments where one is over."""
@@ -241,7 +250,7 @@ class BatchEngine:
         now.goal = where(over, self._goals[task], now.goal)
         now.selection = where(over, self.nothing, now.selection)
         now.attempts_left = where(over, self.config.attempts, now.attempts_left)
-        now.count = where(over, (table != self.nothing).sum(1), now.count)
+        now.count = where(over, self._sizes(table), now.count)
         now.episode = now.episode + over
         self._ahead.skip(over, now.episode)
 
@@ -294,7 +303,7 @@ class BatchEngine:
         if not self.arrays.on_device:
             actions = self._checked(actions)
         running = now.attempts_left > 0
-        picked = now.wide[self._rows, actions]
+        picked = now.wide.take(self._offsets + actions)
         empty = picked == nothing
         illegal = empty & running
         if self.config.illegal_action == "raise" and bool(illegal.any()):
@@ -329,16 +338,17 @@ class BatchEngine:
         hit = (results == goal[:, None]).any(1) & makes
         made = self._made[task]
         first, relevant = arrays.full((len(rows),), 0), hit
+        tables, count = now.wide[rows], now.count[rows]
         for i in range(results.shape[1]):
             result = results[:, i]
-            is_new = makes & (result != self.nothing) & ~(now.wide[rows] == result[:, None]).any(1)
+            is_new = makes & (result != self.nothing) & ~(tables == result[:, None]).any(1)
             if is_shaped:
                 is_made = (made == result[:, None]).any(1) & (result != self.nothing)
                 first, relevant = first + (is_made & is_new), relevant | is_made
             # Where nothing is new, the id of nothing is written to the first free slot, which holds it already.
-            count = now.count[rows]
             now.wide[rows, count] = arrays.xp.where(is_new, result, now.wide[rows, count])
-            now.count[rows] = count + is_new
+            count = count + is_new
+        now.count[rows] = count
         made_goal[rows] = hit
         by_plan[rows] = hit & (self._finals[task] == pair[rows][:, None]).any(1)
         if shaped is not None:

@@ -72,7 +72,7 @@ class Draws:
         half = -(-count // 2)
         draws = self.arrays.array((np.arange(first, first + half) * _STRIDE)[:, None])
         hashed = mixed(keys[None, :] + draws)
-        numbers = self.arrays.full((2 * half, len(keys)), 0)
+        numbers = self.arrays.empty((2 * half, len(keys)))
         numbers[::2] = (hashed >> 33) & LAST_31_BITS
         numbers[1::2] = hashed & LAST_31_BITS
         return numbers[:count]
@@ -96,13 +96,16 @@ class Draws:
         rows = starts
         if self.world.config.num_distractors:
             rows = arrays.xp.concatenate([starts, self._distractors(keys, tasks, starts)])
-        # Sort by random numbers, and by row where two are equal; empty slots get larger ones. Each carries the entity.
-        last = (1 << (len(rows) - 1).bit_length()) - 1
-        index = arrays.array(np.arange(len(rows)))[:, None]
         places = self._numbers(keys, _PLACES, len(rows)) >> 1
-        places = arrays.xp.where(rows == self.world.nothing, LAST_31_BITS, places)
-        packed = (((places & ~last) + index) << 32) + rows
-        return arrays.cast(arrays.sorted_rows(packed.T) & LAST_31_BITS, "int32")
+        return self._in_order(arrays.xp.where(rows == self.world.nothing, LAST_31_BITS, places), rows)
+
+    def _in_order(self, order: Array, ids: Array) -> Array:
+        """Return the ids of each column by ascending ``order``, 31-bit numbers: shape (R, K) for (K, R)."""
+        # One number holds the order, in its last bits the row, so that none are equal, and the id that is asked for.
+        last = (1 << (len(ids) - 1).bit_length()) - 1
+        index = self.arrays.array(np.arange(len(ids)))[:, None]
+        packed = (((order & ~last) + index) << 32) + ids
+        return self.arrays.cast(self.arrays.sorted_rows(packed.T) & LAST_31_BITS, "int32")
 
     # --- distractors -------------------------------------------------------------------------------------------------
 
@@ -161,13 +164,8 @@ class Draws:
             rows = arrays.rows(self._guards.at_risk(candidates, tasks))
             if len(rows):
                 allowed[:, rows] = self._guards.refuse(candidates[:, rows], allowed[:, rows], tasks[rows])
-        place = arrays.xp.cumsum(arrays.cast(allowed, "int64"), 0) - 1
-        place = arrays.xp.where(allowed & (place < wanted), place, wanted)
-        drawn = arrays.full((wanted + 1, len(keys)), self.world.nothing, "int32")
-        columns = arrays.array(np.arange(len(keys)))
-        for i in range(amount):
-            drawn[place[i], columns] = candidates[i]
-        return drawn[:wanted]
+        order = arrays.xp.where(allowed, 0, LAST_31_BITS)
+        return self._in_order(order, arrays.xp.where(allowed, candidates, self.world.nothing))[:, :wanted].T
 
     def _avoid_shortcuts(self, keys: Array, tasks: Array, taken: Array, drawn: Array) -> None:
         """Draw again, one table at a time, where distractors open a shortcut of several attempts."""
@@ -236,5 +234,6 @@ class Ahead:
             self._draw(self._all, episodes)
 
     def _read(self, rows: Array) -> tuple[Array, Array]:
-        which = self._next[rows]
-        return self._tables[rows, which], self.draws.arrays.cast(self._tasks[rows, which], "int64")
+        which, take = rows * self.size + self._next[rows], self.draws.arrays.take_rows
+        tasks = take(self._tasks.reshape(-1), which)
+        return take(self._tables.reshape(-1, self.draws.width), which), self.draws.arrays.cast(tasks, "int64")

@@ -31,7 +31,7 @@ demo: install
 	$(BIN)/wordcraft-kg train-complex $(DEMO)/graphs/everyday --kg full --out $(DEMO)/models/everyday-full --force
 	$(BIN)/wordcraft-kg evaluate-links $(DEMO)/models/everyday-partial
 	$(BIN)/wordcraft-kg evaluate-links $(DEMO)/models/everyday-full
-	$(BIN)/wordcraft-kg score $(DEMO)/models/everyday-partial "?" componentOf bread --top 5
+	$(BIN)/wordcraft-kg score $(DEMO)/models/everyday-partial _ componentOf bread --top 5
 	$(BIN)/wordcraft-kg train-agent $(DEMO)/graphs/everyday $(AGENT) --out $(DEMO)/runs/no-kg --force
 	$(BIN)/wordcraft-kg train-agent $(DEMO)/graphs/everyday $(AGENT) --scorer $(DEMO)/models/everyday-partial \
 		--out $(DEMO)/runs/partial --force

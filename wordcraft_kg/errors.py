@@ -9,6 +9,10 @@ class RecipeFileError(WordCraftKGError, ValueError):
     """A recipe book cannot be read; the message names the line or the key."""
 
 
+class QueryFileError(WordCraftKGError, ValueError):
+    """A file of triples to score cannot be read; the message names the line."""
+
+
 class GraphError(WordCraftKGError, ValueError):
     """A recipe graph cannot be built from what was given."""
 

@@ -111,7 +111,7 @@ def test_an_option_that_does_not_exist_does_not_parse(run: Run):
         ("train-complex",),
         ("train-complex", "kitchen", "--epochs", "many"),
         ("train-complex", "kitchen", "--kg", "half"),
-        ("score", "model"),
+        ("score",),
         ("compare-links", "one"),
         ("no-such-command",),
     ],
@@ -451,21 +451,187 @@ def test_score_prints_one_object_with_the_score_of_a_triple(run: Run, trained: P
 
 
 @pytest.mark.parametrize(
-    "arguments", [("?", "componentOf", "bread"), ("flour", "componentOf", "?"), ("flour", "componentOf")]
+    "arguments",
+    [
+        ("_", "componentOf", "bread"),
+        ("?", "componentOf", "bread"),
+        ("flour", "componentOf", "_"),
+        ("flour", "componentOf", "?"),
+        ("flour", "componentOf"),
+    ],
 )
 def test_score_lists_the_best_entities_of_an_open_slot(run: Run, trained: Path, arguments: tuple[str, ...]):
     from wordcraft_kg.models.scorers.folder import load_scorer
 
     values = one_object(run("score", trained / "one", *arguments, "--top", "3", "--json"))
-    head, relation, tail = (*arguments, "?")[:3]
-    expected = load_scorer(trained / "one").top(
-        None if head == "?" else head, relation, None if tail == "?" else tail, limit=3
-    )
+    head, relation, tail = ("" if slot in ("_", "?") else slot for slot in (*arguments, "")[:3])
+    expected = load_scorer(trained / "one").top(head or None, relation, tail or None, limit=3)
+    assert (values["head"], values["tail"]) == (head or None, tail or None)
     assert [(row["entity"], row["score"]) for row in values["top"]] == expected
     text = run("score", trained / "one", *arguments, "--top", "3").out.splitlines()
-    assert [line.split(maxsplit=1)[1] for line in text] == [
-        f"{name} componentOf bread" if head == "?" else f"flour componentOf {name}" for name, _ in expected
+    assert [line.split(maxsplit=2)[2] for line in text] == [
+        f"{head or name} componentOf {tail or name}" for name, _ in expected
     ]
+
+
+def parts_of(trained: Path) -> dict[tuple[str, str, str], str]:
+    """The triples of the graph by label, each with the part whose recipes give it, train before test."""
+    opened = open_graph(trained / "graph")
+    found = {}
+    for part in ("test", "train"):
+        for head, relation, tail in opened.split.triples_of(part).tolist():
+            found[opened.graph.entities[head], RELATIONS[relation], opened.graph.entities[tail]] = part
+    return found
+
+
+def test_score_says_which_recipes_give_each_triple(run: Run, trained: Path):
+    known = parts_of(trained)
+    found = one_object(run("score", trained / "one", "_", "componentOf", "bread", "--top", "80", "--json"))
+    parts = [row["known"] for row in found["top"]]
+    assert parts == [known.get((row["entity"], "componentOf", "bread"), "new") for row in found["top"]]
+    assert set(parts) == {"train", "test", "new"}
+    assert found["trained_on"] == "partial"
+    lines = run("score", trained / "one", "_", "componentOf", "bread", "--top", "80").out.splitlines()
+    assert [line.split()[1] for line in lines] == parts
+    for triple, part in list(known.items())[::97]:
+        assert one_object(run("score", trained / "one", *triple, "--json"))["known"] == part
+
+
+def test_validation_triples_are_known_as_such(run: Run, tmp_path: Path):
+    build(tmp_path / "graph", train_ratio=0.8, valid_ratio=0.1)
+    run("train-complex", tmp_path / "graph", *TINY, "--out", tmp_path / "model")
+    opened = open_graph(tmp_path / "graph")
+    head, relation, tail = opened.split.held_out("valid")[0]
+    triple = (opened.graph.entities[head], RELATIONS[relation], opened.graph.entities[tail])
+    assert one_object(run("score", tmp_path / "model", *triple, "--json"))["known"] == "valid"
+
+
+def test_new_only_lists_the_best_that_the_book_does_not_have(run: Run, trained: Path):
+    query = ("score", trained / "one", "_", "componentOf", "bread")
+    everything = one_object(run(*query, "--top", "80", "--json"))["top"]
+    new = one_object(run(*query, "--top", "7", "--new-only", "--json"))["top"]
+    assert new == [row for row in everything if row["known"] == "new"][:7]
+    message = refused(run("score", trained / "one", "flour", "combinesWith", "water", "--new-only"), "ConfigError")
+    assert "--new-only" in message
+
+
+def test_score_says_that_a_model_of_the_full_graph_has_seen_the_test_triples(run: Run, trained: Path):
+    note = "trained on the full graph: it has seen test triples too"
+    triple = next(triple for triple, part in parts_of(trained).items() if part == "test")
+    assert note in run("score", trained / "full", *triple).out
+    assert note not in run("score", trained / "one", *triple).out
+    assert note in run("score", trained / "full", "_", "componentOf", "bread", "--top", "80").out
+    assert note not in run("score", trained / "full", "_", "componentOf", "bread", "--top", "80", "--new-only").out
+
+
+def test_without_its_graph_a_model_still_scores_but_not_new_only(
+    run: Run, workshop: Path, caplog: pytest.LogCaptureFixture
+):
+    (workshop / "graph").rename(workshop / "moved")
+    query = ("score", workshop / "one", "_", "componentOf", "bread")
+    with_graph = one_object(run(*query, "--graph", workshop / "moved", "--json"))["top"]
+    assert not caplog.records
+    without = one_object(run(*query, "--json"))
+    assert [row["entity"] for row in without["top"]] == [row["entity"] for row in with_graph]
+    assert {row["known"] for row in without["top"]} == {None}
+    assert without["trained_on"] is None
+    assert "not shown which triples are known" in caplog.text
+    assert "--graph" in caplog.text
+    assert "--graph" in refused(run(*query, "--new-only"), "ArtefactError")
+    assert "GraphMismatchError" in run(*query, "--graph", "everyday").err
+
+
+def test_an_entity_called_like_an_open_slot_goes_before_it(run: Run, tmp_path: Path):
+    book = tmp_path / "book.csv"
+    rows = [f"{a},{b},{c}" for a, b, c in open_book("kitchen").recipes]
+    book.write_text("ingredient_a,ingredient_b,result\n_,water,bread\n" + "\n".join(rows))
+    run("train-complex", book, *TINY, "--out", tmp_path / "model")
+    values = one_object(run("score", tmp_path / "model", "_", "combinesWith", "water", "--json"))
+    assert (values["head"], values["known"]) == ("_", "train")
+    assert one_object(run("score", tmp_path / "model", "?", "combinesWith", "water", "--json"))["head"] is None
+    assert one_object(run("score", tmp_path / "model", "water", "combinesWith", "--json"))["tail"] is None
+
+
+# --- files of queries ------------------------------------------------------------------------------------------------
+
+QUERIES = "head,relation,tail\nflour,combinesWith,water\n\n_,componentOf,bread\nflour,componentOf,\n"
+
+
+def test_a_file_of_queries_gives_what_single_ones_give(run: Run, trained: Path, tmp_path: Path):
+    (tmp_path / "pairs.csv").write_text(QUERIES)
+    found = one_object(run("score", trained / "one", "--in", tmp_path / "pairs.csv", "--top", "3", "--json"))
+    assert (found["queries"], found["found"], len(found["rows"])) == (3, 7, 7)
+    triple, *listed = found["rows"]
+    single = one_object(run("score", trained / "one", "flour", "combinesWith", "water", "--json"))
+    assert (triple["line"], triple["rank"], triple["known"]) == (2, None, single["known"])
+    assert triple["score"] == pytest.approx(single["score"])
+    for line, query, rows in (
+        (4, ("_", "componentOf", "bread"), listed[:3]),
+        (5, ("flour", "componentOf"), listed[3:]),
+    ):
+        best = one_object(run("score", trained / "one", *query, "--top", "3", "--json"))["top"]
+        assert [(row["line"], row["rank"]) for row in rows] == [(line, 1), (line, 2), (line, 3)]
+        open_slot = "head" if query[0] == "_" else "tail"
+        assert [(row[open_slot], row["score"], row["known"]) for row in rows] == [
+            (row["entity"], row["score"], row["known"]) for row in best
+        ]
+
+
+@pytest.mark.parametrize("ending", ["csv", "tsv"])
+def test_the_scores_of_a_file_go_to_a_file(run: Run, trained: Path, tmp_path: Path, ending: str):
+    (tmp_path / "pairs.csv").write_text(QUERIES)
+    out = tmp_path / "new" / f"scores.{ending}"
+    command = ("score", trained / "one", "--in", tmp_path / "pairs.csv", "--top", "3", "--out", out)
+    assert one_object(run(*command, "--json"))["out"] == str(out)
+    rows = one_object(run(*command[:6], "--json"))["rows"]
+    header, *lines = [line.split("," if ending == "csv" else "\t") for line in out.read_text().splitlines()]
+    assert header == ["line", "head", "relation", "tail", "score", "rank", "known"]
+    assert [line[1:4] for line in lines] == [[row["head"], row["relation"], row["tail"]] for row in rows]
+    assert [np.float32(line[4]) for line in lines] == [np.float32(row["score"]) for row in rows]
+    assert [line[5] for line in lines] == ["" if row["rank"] is None else str(row["rank"]) for row in rows]
+    before = out.read_bytes()
+    assert "--force" in refused(run(*command), "OutputExistsError")
+    assert out.read_bytes() == before
+    assert run(*command, "--force").code == 0
+
+
+def test_new_only_leaves_known_triples_out_of_a_file_too(run: Run, trained: Path, tmp_path: Path):
+    triples = trained / "graph" / "triples" / "full.tsv"
+    assert one_object(run("score", trained / "one", "--in", triples, "--new-only", "--json")).get("rows", []) == []
+    rows = one_object(run("score", trained / "one", "--in", triples, "--json"))["rows"]
+    assert [row["known"] for row in rows] == [
+        parts_of(trained)[row["head"], row["relation"], row["tail"]] for row in rows
+    ]
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("flour,combinesWith,water\nflour,combinesWith,watr\n", "line 2: no entity 'watr'. Did you mean 'water'"),
+        ("flour,combineWith,water\n", "line 1: no relation 'combineWith'"),
+        ("head,relation,tail\n_,componentOf,?\n", "line 2: both slots are open"),
+        ("\n\nflour,water\n", "line 3: 'flour,water' has 2 columns; expected head, relation, tail"),
+        ('flour,combinesWith,"wa\n', "line 1: "),
+        ("head,relation,tail\n", "has no query"),
+        ("", "has no query"),
+        ("\xff", "not UTF-8"),
+    ],
+)
+def test_a_wrong_file_of_queries_is_refused_with_the_line_and_writes_nothing(
+    run: Run, trained: Path, tmp_path: Path, content: str, message: str
+):
+    (tmp_path / "pairs.csv").write_text(content, encoding="latin-1")
+    command = ("score", trained / "one", "--in", tmp_path / "pairs.csv", "--out", tmp_path / "scores.csv")
+    assert message in refused(run(*command), "QueryFileError")
+    assert [path.name for path in tmp_path.iterdir()] == ["pairs.csv"]
+
+
+@pytest.mark.parametrize(
+    "arguments", [(), ("flour",), ("flour", "combinesWith", "--in", "x.csv"), ("flour", "combinesWith", "--out", "x")]
+)
+def test_score_wants_a_query_or_a_file_of_them(run: Run, trained: Path, arguments: tuple[str, ...]):
+    assert "--in" in refused(run("score", trained / "one", *arguments), "ConfigError")
+    assert "is not a file" in refused(run("score", trained / "one", "--in", trained), "QueryFileError")
 
 
 def test_score_lists_ten_entities_unless_told_otherwise(run: Run, trained: Path):

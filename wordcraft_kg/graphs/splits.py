@@ -142,6 +142,19 @@ class Split:
             self._held_out[part] = frozen(triples[~is_in(triples, seen, self.graph.num_entities)])
         return self._held_out[part]
 
+    def part_of(self, triples: Ids) -> NDArray[np.int8]:
+        """Return the part whose recipes give each triple, shape (T,): 0 train, 1 validation, 2 test, -1 none of them.
+
+        A triple that several parts give belongs to the first of them: a leaked one to train.
+
+        Args:
+            triples: shape (T, 3), ids.
+        """
+        found = np.full(len(triples), -1, dtype=np.int8)
+        for part in reversed(get_args(Part)):
+            found[is_in(triples, self.triples_of(part), self.graph.num_entities)] = PARTS.index(part)
+        return found
+
     @cached_property
     def uncovered(self) -> Ids:
         """Ids of the entities that occur in no train recipe."""

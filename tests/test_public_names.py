@@ -23,6 +23,8 @@ IN_ORDER = (
     "LinksConfig",
     "train_links",
     "open_model",
+    "save_scorer",
+    "from_pykeen",
     "load_scorer",
     "make_sources",
     "TaskConfig",

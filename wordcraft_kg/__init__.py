@@ -31,6 +31,8 @@ if TYPE_CHECKING:
     from wordcraft_kg.graphs.splits import SplitConfig, make_split
     from wordcraft_kg.models.links.config import ComplExConfig, LinkModelConfig, LinksConfig
     from wordcraft_kg.models.links.folder import open_model
+    from wordcraft_kg.models.links.pykeen_import import from_pykeen
+    from wordcraft_kg.models.links.saving import save_scorer
     from wordcraft_kg.models.links.training import train_links
     from wordcraft_kg.models.policies.config import PolicyConfig
     from wordcraft_kg.models.policies.folder import load_policy
@@ -52,6 +54,7 @@ _MODULES = {
     "WordCraftConfig": "envs.config",
     "World": "envs.world",
     "evaluate": "agents.evaluation",
+    "from_pykeen": "models.links.pykeen_import",
     "load_policy": "models.policies.folder",
     "load_scorer": "models.scorers.folder",
     "make_sources": "models.policies.sources.source",
@@ -60,6 +63,7 @@ _MODULES = {
     "open_book": "graphs.library",
     "open_graph": "graphs.folder",
     "open_model": "models.links.folder",
+    "save_scorer": "models.links.saving",
     "train_agent": "agents.training",
     "train_links": "models.links.training",
 }
@@ -77,6 +81,7 @@ __all__ = [
     "WordCraftConfig",
     "World",
     "evaluate",
+    "from_pykeen",
     "load_policy",
     "load_scorer",
     "make_sources",
@@ -85,6 +90,7 @@ __all__ = [
     "open_book",
     "open_graph",
     "open_model",
+    "save_scorer",
     "train_agent",
     "train_links",
 ]

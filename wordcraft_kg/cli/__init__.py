@@ -30,6 +30,7 @@ COMMANDS = {
         "train-complex",
         "train-links",
         "tune-links",
+        "import-pykeen",
         "evaluate-links",
         "compare-links",
         "score",

@@ -13,6 +13,7 @@ from wordcraft_kg.errors import ConfigError
 from wordcraft_kg.graphs.triples import RELATIONS
 from wordcraft_kg.models.links.complex import ComplExN3
 from wordcraft_kg.models.links.config import ComplExConfig, LinkModelConfig, LinkSettings
+from wordcraft_kg.models.links.pykeen_bridge import all_scores
 from wordcraft_kg.models.links.symmetric_lcwa import IndexedSymmetricLCWATrainingLoop
 from wordcraft_kg.models.scorers.folder import ScorerKind
 from wordcraft_kg.settings import nearest, refuse
@@ -100,13 +101,6 @@ def _pykeen_loop(config: LinkModelConfig, factory: TriplesFactory) -> TrainingLo
     )
 
 
-@torch.no_grad()
 def _all_scores(model: Model) -> dict[str, torch.Tensor]:
-    everything = torch.arange(model.num_entities, device=model.device)
-    # 64 heads at a time: some interactions build a (heads, entities, dim) tensor.
-    rows = [
-        [model.score_t(torch.stack([heads, torch.full_like(heads, relation)], dim=1)) for heads in everything.split(64)]
-        for relation in range(len(RELATIONS))
-    ]
-    scores = torch.stack([torch.cat(blocks) for blocks in rows]).cpu()
+    scores = all_scores(model, torch.arange(model.num_entities), range(len(RELATIONS)))
     return {"scores": scores} | {f"pykeen.{name}": value.cpu() for name, value in model.state_dict().items()}

@@ -180,3 +180,41 @@ class LinksConfig:
 
 class _Inputs(Record, frozen=True):
     graph: str
+
+
+@dataclass(frozen=True)
+class SavedConfig:
+    """What is known of a scorer that was not trained here, as ``config.toml`` holds it.
+
+    Attributes:
+        graph: graph folder, recipe book's file or known book's name.
+        kg: what it has seen, in the words of whoever saved it: partial (train recipes only) or full.
+        origin: what it is, in a line for reports.
+    """
+
+    command: ClassVar[str] = "save-scorer"
+
+    graph: str
+    kg: KG
+    origin: str
+
+    def __post_init__(self) -> None:
+        one_of("kg", self.kg, get_args(KG))
+
+    def write(self, folder: Path) -> None:
+        """Write ``config.toml``; the graph's path becomes relative to the folder, so both can be moved."""
+        write_config(folder, self.command, vars(self))
+
+    @classmethod
+    def read(cls, folder: Path) -> "SavedConfig":
+        """Read ``config.toml``.
+
+        Raises:
+            ArtefactError: if it is missing or damaged.
+        """
+        table = read_config(folder)
+        if table.command != cls.command:
+            raise ArtefactError(f"{table.path} is damaged: expected [{cls.command}], found [{table.command}].")
+        config = table.take(cls)
+        table.close()
+        return config

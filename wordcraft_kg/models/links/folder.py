@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from wordcraft_kg.graphs.folder import KG, OpenedGraph
-from wordcraft_kg.models.links.config import LinksConfig, LinkSettings
+from wordcraft_kg.models.links.config import LinksConfig, LinkSettings, SavedConfig
 from wordcraft_kg.models.links.records import LinkMetrics, TraceRow
 from wordcraft_kg.models.scorers.folder import load_scorer
 from wordcraft_kg.models.scorers.scorer import Scorer
@@ -15,22 +15,22 @@ from wordcraft_kg.runs.record import RunRecord, read_finished_run, verified_byte
 
 @dataclass(frozen=True)
 class OpenedModel:
-    """A trained link predictor with everything that its evaluation needs.
+    """A link predictor with everything that its evaluation needs.
 
     Attributes:
         scorer: the scorer of the folder.
         opened: the graph and split that it was trained on, checked by hash.
-        settings: the settings that it was trained with.
+        settings: the settings that it was trained with, or what is known of a scorer that was not trained here.
         run: its ``run.json``.
-        metrics: figures of its training.
-        trace: one row per epoch.
+        metrics: figures of its training; None if it was not trained here.
+        trace: one row per epoch; empty if it was not trained here.
     """
 
     scorer: Scorer
     opened: OpenedGraph
-    settings: LinkSettings
+    settings: LinkSettings | SavedConfig
     run: RunRecord
-    metrics: LinkMetrics
+    metrics: LinkMetrics | None
     trace: list[TraceRow]
 
     @property
@@ -42,12 +42,18 @@ class OpenedModel:
     def provenance(self) -> dict[str, str]:
         """Facts for a report."""
         metrics = self.metrics
+        if isinstance(self.settings, SavedConfig):
+            facts = {"trained by": "someone else, and saved as a model folder", "what it is": self.settings.origin}
+        elif metrics is not None:
+            facts = {
+                "trained by": " ".join(self.run.argv),
+                "training": f"{metrics.epochs} epochs, {metrics.seconds:.1f} s, {metrics.parameters:,} parameters",
+                "on its own training triples": f"MRR {metrics.train_mrr:.3f}",
+                "settings": ", ".join(f"{name} {value}" for name, value in vars(self.settings).items()),
+            }
         return {
-            "trained by": " ".join(self.run.argv),
+            **facts,
             "finished": self.run.ended or "",
-            "training": f"{metrics.epochs} epochs, {metrics.seconds:.1f} s, {metrics.parameters:,} parameters",
-            "on its own training triples": f"MRR {metrics.train_mrr:.3f}",
-            "settings": ", ".join(f"{name} {value}" for name, value in vars(self.settings).items()),
             "versions": ", ".join(f"{name} {number}" for name, number in self.run.versions.items()),
             "weights": self.run.outputs["model.safetensors"],
         }
@@ -57,7 +63,7 @@ def open_model(folder: str | Path, graph: str | None = None) -> OpenedModel:
     """Open a model folder.
 
     Args:
-        folder: folder written by ``train-complex`` or ``train-links``.
+        folder: folder written by ``train-complex``, ``train-links`` or ``save_scorer``.
         graph: where its graph is now, if it has moved.
 
     Raises:
@@ -73,6 +79,9 @@ def open_model(folder: str | Path, graph: str | None = None) -> OpenedModel:
     run = read_finished_run(folder, "wordcraft-kg train-complex")
     scorer = load_scorer(folder)
     verified_bytes(folder, run, "config.toml")
+    if run.kind == SavedConfig.command:
+        saved = SavedConfig.read(folder)
+        return OpenedModel(scorer, open_run_graph(folder, run, graph or saved.graph), saved, run, None, [])
     config = LinksConfig.read(folder)
     opened = open_run_graph(folder, run, graph or config.graph)
     metrics = parse_record(verified_bytes(folder, run, "metrics.json"), LinkMetrics, folder / "metrics.json")

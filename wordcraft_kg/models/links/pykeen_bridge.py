@@ -6,11 +6,12 @@ PyKEEN is used in this package (``models/links``) and in ``wordcraft_kg/pykeen_d
 import gc
 import logging
 import random
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
 import numpy as np
 import torch
+from pykeen.models import Model
 from pykeen.triples import TriplesFactory
 
 from wordcraft_kg.graphs.arrays import Ids
@@ -26,6 +27,29 @@ def triples_factory(graph: RecipeGraph, triples: Ids, *, create_inverse_triples:
         relation_to_id={label: i for i, label in enumerate(RELATIONS)},
         create_inverse_triples=create_inverse_triples,
     )
+
+
+@torch.no_grad()
+def all_scores(model: Model, entities: torch.Tensor, relations: Sequence[int]) -> torch.Tensor:
+    """Return a model's scores of all triples, shape (R, E, E), by relation, head and tail.
+
+    Args:
+        model: a PyKEEN model, which is left in evaluation mode.
+        entities: its ids of the entities, in the order of the result, shape (E,).
+        relations: its ids of the relations, in the order of the result.
+    """
+    entities = entities.to(model.device)
+    # 64 heads at a time: some interactions build a (heads, entities, dim) tensor.
+    rows = [
+        torch.cat(
+            [
+                model.predict_t(torch.stack([heads, torch.full_like(heads, relation)], dim=1))[:, entities]
+                for heads in entities.split(64)
+            ]
+        )
+        for relation in relations
+    ]
+    return torch.stack(rows).cpu()
 
 
 def seed_everything(seed: int, epoch: int = 0) -> None:

@@ -38,6 +38,11 @@ class ComplExScorer(Scorer):
         left = torch.view_as_real(self.entity * self.relation[self.relation_ids(relation)]).flatten(1)
         return left @ torch.view_as_real(self.entity).flatten(1).T
 
+    def embeddings(self) -> dict[str, torch.Tensor]:
+        """Return the real and imaginary parts that it can be made from again."""
+        parts = {"entity": self.entity, "relation": self.relation}
+        return {f"{name}_{part}": getattr(parts[name], part) for name in parts for part in ("real", "imag")}
+
     def to_table(self) -> TableScorer:
         """Score everything once."""
         scores = torch.stack([self.table(relation) for relation in range(len(RELATIONS))])

@@ -1,0 +1,92 @@
+"""A scorer that was not trained here, and a model of PyKEEN's, in all commands that take a model folder."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pykeen.pipeline import pipeline
+
+from wordcraft_kg.graphs.folder import open_graph
+from wordcraft_kg.models.links.saving import save_scorer
+from wordcraft_kg.models.scorers.neighbours import NeighbourScorer
+
+Run = Callable[..., Any]
+SMALL = ("--steps", 1_600, "--batch-size", 16, "--eval-every", 800, "--checkpoint-every", 800, "--quiet")
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder in which PyKEEN's pipeline has saved its result."""
+    folder = tmp_path_factory.mktemp("pykeen") / "result"
+    pipeline(
+        dataset="wordcraft",
+        dataset_kwargs={"graph": "kitchen"},
+        model="DistMult",
+        model_kwargs={"embedding_dim": 4},
+        epochs=1,
+        random_seed=0,
+        training_kwargs={"use_tqdm": False},
+        evaluation_kwargs={"use_tqdm": False},
+    ).save_to_directory(folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def models(result: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with `mine`, a saved scorer, and `theirs`, an imported model."""
+    from wordcraft_kg.cli import main
+
+    home = tmp_path_factory.mktemp("models")
+    opened = open_graph("kitchen")
+    mine = NeighbourScorer(opened.graph, opened.split.partial)
+    save_scorer(home / "mine", mine, opened, kg="partial", origin="neighbours")
+    command = ("import-pykeen", result, "--graph", "kitchen", "--out", home / "theirs", "--trust-pickle")
+    assert main([str(argument) for argument in command]) == 0
+    return home
+
+
+def test_import_pykeen_says_what_the_model_has_seen(run: Run, result: Path, tmp_path: Path) -> None:
+    done = run("import-pykeen", result, "--graph", "kitchen", "--out", tmp_path / "m", "--trust-pickle", "--json")
+    expected = {"out": str(tmp_path / "m"), "model": "DistMult", "triples": 790, "held_out": 0, "kg": "partial"}
+    assert json.loads(done.out) == expected
+
+
+def test_import_pykeen_asks_for_trust_and_writes_nothing_without(run: Run, result: Path, tmp_path: Path) -> None:
+    done = run("import-pykeen", result, "--graph", "kitchen", "--out", tmp_path / "m")
+    assert (done.code, done.out) == (1, "")
+    assert "add --trust-pickle" in done.err
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("name", ["mine", "theirs"])
+def test_links_commands_take_it(name: str, run: Run, models: Path, tmp_path: Path) -> None:
+    scored = json.loads(run("score", models / name, "water", "combinesWith", "flour", "--json").out)
+    assert scored["rank_as_tail"] >= 1
+    judged = json.loads(run("evaluate-links", models / name, "--out", tmp_path / "report", "--json").out)
+    assert 0 < judged["mrr"]["all"] < 1
+    assert judged["checks_passed"]
+    assert not judged["has_seen_the_test_recipes"]
+    page = (tmp_path / "report" / "index.html").read_text()
+    assert "someone else, and saved as a model folder" in page
+    compared = json.loads(run("compare-links", models / "mine", models / "theirs", "--json").out)
+    assert compared["difference"] > 0  # an epoch teaches DistMult nothing
+    assert run("baselines", "kitchen", "--scorer", models / name, "--draws", 1, "--distractors", 1).code == 0
+
+
+def test_an_agent_can_be_guided_by_it_explained_and_compared(run: Run, models: Path, tmp_path: Path) -> None:
+    for seed in (0, 1):
+        options = ("--scorer", models / "mine", "--seed", seed, "--out", tmp_path / f"run-{seed}")
+        assert run("train-agent", "kitchen", *SMALL, *options).code == 0
+    explained = run("explain", tmp_path / "run-0", "--episodes", 1)
+    assert (explained.code, "u" in explained.out) == (0, True)
+    compared = run("compare-agents", tmp_path / "run-0", tmp_path / "run-1", "--out", tmp_path / "report", "--json")
+    assert compared.code == 0
+    assert (tmp_path / "report" / "index.html").is_file()
+
+
+def test_it_cannot_be_resumed(run: Run, models: Path) -> None:
+    done = run("resume", models / "mine")
+    assert (done.code, done.out) == (1, "")
+    assert "was written by save-scorer" in done.err

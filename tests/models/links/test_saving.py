@@ -1,0 +1,140 @@
+"""Saving a scorer of one's own as a model folder that all readers of model folders take."""
+
+import re
+from pathlib import Path
+
+import pytest
+import torch
+from link_helpers import contents, random_graph
+
+from wordcraft_kg.errors import ArtefactError, ConfigError, GraphMismatchError, OutputExistsError
+from wordcraft_kg.graphs.folder import OpenedGraph
+from wordcraft_kg.models.links.folder import open_model
+from wordcraft_kg.models.links.saving import save_scorer
+from wordcraft_kg.models.scorers.embeddings import ComplExScorer
+from wordcraft_kg.models.scorers.facts import FrequencyScorer, SymbolicScorer
+from wordcraft_kg.models.scorers.folder import load_scorer
+from wordcraft_kg.models.scorers.scorer import Scorer
+from wordcraft_kg.models.scorers.tables import TableScorer
+from wordcraft_kg.reports.link_report import make_link_report
+
+
+class Lengths(Scorer):
+    """Scores a triple by the lengths of its labels."""
+
+    def _score(self, heads: torch.Tensor, relations: torch.Tensor, tails: torch.Tensor) -> torch.Tensor:
+        lengths = torch.tensor([float(len(label)) for label in self.entities])
+        return lengths[heads] - 2 * lengths[tails] + relations
+
+
+@pytest.fixture
+def mine(opened_kitchen: OpenedGraph) -> Lengths:
+    return Lengths(opened_kitchen.graph.entities, opened_kitchen.graph.hash)
+
+
+def complex_scorer(opened: OpenedGraph) -> ComplExScorer:
+    draw = torch.Generator().manual_seed(0)
+    rows = {"entity": opened.graph.num_entities, "relation": 2}
+    parts = {
+        f"{name}_{part}": torch.randn(size, 3, generator=draw)
+        for name, size in rows.items()
+        for part in ("real", "imag")
+    }
+    return ComplExScorer(parts, opened.graph.entities, opened.graph.hash)
+
+
+def test_a_saved_scorer_scores_as_before(mine: Lengths, opened_kitchen: OpenedGraph, tmp_path: Path):
+    loaded = load_scorer(save_scorer(tmp_path / "mine", mine, opened_kitchen, kg="partial"))
+    for relation in ("combinesWith", "componentOf"):
+        torch.testing.assert_close(loaded.table(relation), mine.table(relation), rtol=0, atol=0)
+    assert loaded.entities == opened_kitchen.graph.entities
+
+
+def test_embeddings_are_saved_as_embeddings(opened_kitchen: OpenedGraph, tmp_path: Path):
+    mine = complex_scorer(opened_kitchen)
+    folder = save_scorer(tmp_path / "mine", mine, opened_kitchen, kg="partial")
+    size = opened_kitchen.graph.num_entities
+    assert (folder / "model.safetensors").stat().st_size < size**2 * 4
+    torch.testing.assert_close(load_scorer(folder).table("componentOf"), mine.table("componentOf"))
+
+
+@pytest.mark.parametrize("kg", ["partial", "full"])
+def test_an_opened_folder_says_what_the_scorer_has_seen_and_that_it_was_not_trained_here(
+    kg: str, mine: Lengths, opened_kitchen: OpenedGraph, tmp_path: Path
+):
+    folder = save_scorer(tmp_path / "mine", mine, opened_kitchen, kg=kg, origin="lengths of labels")
+    model = open_model(folder)
+    assert (model.kg, model.metrics, model.trace) == (kg, None, [])
+    assert model.opened.split.hash == opened_kitchen.split.hash
+    assert model.provenance["what it is"] == "lengths of labels"
+    assert "someone else" in model.provenance["trained by"]
+    card = (folder / "README.md").read_text()
+    assert "not trained by wordcraft-kg" in card
+    assert ("what it remembers" in card) == (kg == "full")
+    assert card.startswith("---\nlibrary_name: wordcraft-kg\n")
+
+
+def test_a_report_of_a_saved_scorer_has_the_figures_of_the_scorer_itself(opened_kitchen: OpenedGraph, tmp_path: Path):
+    mine = FrequencyScorer(opened_kitchen.graph, opened_kitchen.split.partial)
+    model = open_model(save_scorer(tmp_path / "mine", mine, opened_kitchen, kg="partial"))
+    saved = make_link_report(model.scorer, model.opened, kg=model.kg, provenance=model.provenance).view
+    direct = make_link_report(mine, opened_kitchen).view
+    assert saved.metrics == direct.metrics
+    assert saved.metrics["all"].mrr == saved.baselines["frequency"]["all"].mrr
+
+
+def test_all_that_a_folder_holds_is_hashed(mine: Lengths, opened_kitchen: OpenedGraph, tmp_path: Path):
+    folder = save_scorer(tmp_path / "mine", mine, opened_kitchen, kg="partial")
+    for name in ("model.safetensors", "vocabulary.json", "config.toml"):
+        whole = (folder / name).read_bytes()
+        (folder / name).write_bytes(whole.replace(b"a", b"b", 1))
+        with pytest.raises(ArtefactError, match=re.escape(name)):
+            open_model(folder)
+        (folder / name).write_bytes(whole)
+    assert open_model(folder).kg == "partial"
+
+
+def test_a_scorer_of_another_graph_is_refused(opened_kitchen: OpenedGraph, tmp_path: Path):
+    other = random_graph()
+    with pytest.raises(GraphMismatchError, match="was trained on graph"):
+        save_scorer(tmp_path / "x", SymbolicScorer(other, other.triples), opened_kitchen, kg="partial")
+    entities = opened_kitchen.graph.entities[::-1]
+    with pytest.raises(GraphMismatchError, match="`entities`"):
+        save_scorer(tmp_path / "x", Lengths(entities, opened_kitchen.graph.hash), opened_kitchen, kg="partial")
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("bad", [float("nan"), float("inf")])
+def test_scores_that_are_not_finite_are_refused(bad: float, opened_kitchen: OpenedGraph, tmp_path: Path):
+    graph = opened_kitchen.graph
+    scores = torch.zeros(2, graph.num_entities, graph.num_entities)
+    scores[1, 2, 3] = bad
+    with pytest.raises(ConfigError, match="not finite"):
+        save_scorer(tmp_path / "x", TableScorer(scores, graph.entities, graph.hash), opened_kitchen, kg="full")
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_it_has_seen_has_to_be_one_of_two(mine: Lengths, opened_kitchen: OpenedGraph, tmp_path: Path):
+    with pytest.raises(ConfigError, match="`kg` 'some': expected one of partial, full"):
+        save_scorer(tmp_path / "x", mine, opened_kitchen, kg="some")
+
+
+def test_a_folder_that_exists_is_replaced_only_by_force(mine: Lengths, opened_kitchen: OpenedGraph, tmp_path: Path):
+    folder = save_scorer(tmp_path / "mine", mine, opened_kitchen, kg="partial")
+    before = contents(folder)
+    with pytest.raises(OutputExistsError):
+        save_scorer(folder, mine, opened_kitchen, kg="full")
+    assert contents(folder) == before
+    save_scorer(folder, mine, opened_kitchen, kg="full", force=True)
+    assert open_model(folder).kg == "full"
+    assert [path.name for path in tmp_path.iterdir()] == ["mine"]
+
+
+def test_a_table_that_is_too_large_is_refused_before_it_is_computed(
+    mine: Lengths, opened_kitchen: OpenedGraph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr("wordcraft_kg.models.links.saving.TABLE_LIMIT", 1_000)
+    monkeypatch.setattr(Lengths, "table", None)
+    with pytest.raises(ConfigError, match="80 entities"):
+        save_scorer(tmp_path / "x", mine, opened_kitchen, kg="partial")
+    save_scorer(tmp_path / "complex", complex_scorer(opened_kitchen), opened_kitchen, kg="partial")

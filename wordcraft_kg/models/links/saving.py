@@ -1,0 +1,137 @@
+"""Writing any scorer as a model folder, so that it goes wherever one that was trained here does."""
+
+from pathlib import Path
+
+import safetensors.torch
+import torch
+from torch import Tensor
+
+from wordcraft_kg.artefacts import dump_json, staged_folder, with_a_name, write_atomically
+from wordcraft_kg.errors import ConfigError, GraphMismatchError
+from wordcraft_kg.graphs.folder import KG, OpenedGraph
+from wordcraft_kg.graphs.triples import RELATIONS
+from wordcraft_kg.models.links.config import SavedConfig
+from wordcraft_kg.models.scorers.embeddings import ComplExScorer
+from wordcraft_kg.models.scorers.folder import ScorerKind, Vocabulary
+from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
+from wordcraft_kg.models.scorers.tables import TABLE_LIMIT
+from wordcraft_kg.records import as_values
+from wordcraft_kg.runs.cards import front_matter
+from wordcraft_kg.runs.config_file import CONFIG_FILE
+from wordcraft_kg.runs.record import end_run, start_run
+from wordcraft_kg.tensors import copied
+
+OUTPUTS = ("model.safetensors", "vocabulary.json", CONFIG_FILE)
+
+
+def save_scorer(
+    folder: str | Path,
+    scorer: TripleScorer,
+    opened: OpenedGraph,
+    *,
+    kg: KG,
+    origin: str = "",
+    force: bool = False,
+) -> Path:
+    """Write a scorer of your own as a model folder, which every command then takes like one that was trained here.
+
+    The folder holds the scores of all triples, or the embeddings of a
+    :class:`~wordcraft_kg.models.scorers.embeddings.ComplExScorer`, and says that it was not trained here.
+
+    Args:
+        folder: folder to write.
+        scorer: scores triples of the graph.
+        opened: the graph, and the split that the scorer is judged by.
+        kg: what the scorer has seen: ``partial`` if nothing but the train recipes; ``full`` if any other recipe of the
+            graph, so that its figures are marked as memory. Nobody else can know it.
+        origin: what the scorer is, in a line for reports. Default: its name.
+        force: replace the folder if it exists.
+
+    Raises:
+        OutputExistsError: if ``folder`` exists and ``force`` is False.
+        GraphMismatchError: if the scorer belongs to another graph.
+        ConfigError: if a score is not a finite number, or the graph is too large for a table of all scores.
+
+    Example:
+        >>> from wordcraft_kg.models.scorers.facts import FrequencyScorer
+        >>> opened = open_graph("kitchen")
+        >>> mine = FrequencyScorer(opened.graph, opened.split.partial)
+        >>> folder = save_scorer("models/frequency", mine, opened, kg="partial", origin="counts of the train recipes")
+        >>> open_model(folder).kg
+        'partial'
+    """
+    config = SavedConfig(opened.source, kg, origin or getattr(scorer, "name", type(scorer).__name__))
+    check_scorer(scorer, opened.graph)
+    if tuple(scorer.entities) != opened.graph.entities:
+        raise GraphMismatchError(
+            f"the scorer's `entities` are not those of '{opened.graph.name}', although it names its hash. Give it the "
+            "labels of the graph, in the order of its ids."
+        )
+    kind, tensors = _tensors_of(scorer)
+    vocabulary = Vocabulary(
+        format="wordcraft-kg vocabulary 1",
+        scorer=kind,
+        graph=opened.graph.hash,
+        entities=opened.graph.entities,
+        relations=RELATIONS,
+    )
+    out = with_a_name(Path(folder))
+    with staged_folder(out, force=force) as staging:
+        config.write(staging)
+        write_atomically(staging / "model.safetensors", safetensors.torch.save(copied(tensors)))
+        write_atomically(staging / "vocabulary.json", dump_json(as_values(vocabulary)))
+        write_atomically(staging / "README.md", _model_card(config, opened))
+        inputs = {"graph": opened.graph.hash, "split": opened.split.hash}
+        end_run(staging, start_run(staging, config.command, inputs=inputs), "done", OUTPUTS)
+    return out
+
+
+def _tensors_of(scorer: TripleScorer) -> tuple[ScorerKind, dict[str, Tensor]]:
+    kind: ScorerKind = "table"
+    if isinstance(scorer, ComplExScorer):
+        kind, tensors = "complex", scorer.embeddings()
+    else:
+        size = len(scorer.entities)
+        if len(RELATIONS) * size**2 * 4 > TABLE_LIMIT:
+            raise ConfigError(
+                f"the scores of all triples of {size:,} entities take {len(RELATIONS) * size**2 * 4 / 2**20:,.0f} MiB; "
+                f"expected at most {TABLE_LIMIT / 2**20:.0f} MiB. Only a ComplExScorer can be saved without them."
+            )
+        tables = [scorer.table(relation).to("cpu", torch.float32) for relation in range(len(RELATIONS))]
+        for relation, table in zip(RELATIONS, tables, strict=True):
+            if table.shape != (size, size):
+                raise ConfigError(
+                    f"the scorer's table of {relation} has shape {tuple(table.shape)}; expected {(size, size)}, by "
+                    "head and tail."
+                )
+        tensors = {"scores": torch.stack(tables)}
+    if not all(torch.isfinite(tensor).all() for tensor in tensors.values()):
+        raise ConfigError("the scorer gives scores that are not finite numbers. Nothing was written.")
+    return kind, tensors
+
+
+def _model_card(config: SavedConfig, opened: OpenedGraph) -> str:
+    seen = (
+        "It is recorded as having seen more than the train recipes: its scores show what it remembers."
+        if config.kg == "full"
+        else "It is recorded as having seen the train recipes only."
+    )
+    return f"""{front_matter("knowledge-graph", "link-prediction")}
+# A scorer for {opened.graph.name}
+
+{config.origin}
+
+It was not trained by wordcraft-kg but saved with it, so nothing here can reproduce it. {seen}
+
+- graph `{opened.graph.hash[:12]}`: {opened.graph.num_entities:,} entities; split `{opened.split.config.kind}`, seed \
+{opened.split.config.seed}
+
+Its quality on unseen triples is what `wordcraft-kg evaluate-links` reports. Scores are not calibrated probabilities.
+
+```python
+from wordcraft_kg import load_scorer
+
+scorer = load_scorer("this folder")
+scorer.top(None, "componentOf", {opened.graph.entities[0]!r})
+```
+"""

@@ -34,6 +34,7 @@ IN_ORDER = (
     "train_agent",
     "open_agent",
     "load_policy",
+    "save_policy",
     "evaluate",
 )
 """Each example may use what those before it have written."""

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from wordcraft_kg.models.links.saving import save_scorer
     from wordcraft_kg.models.links.training import train_links
     from wordcraft_kg.models.policies.config import PolicyConfig
-    from wordcraft_kg.models.policies.folder import load_policy
+    from wordcraft_kg.models.policies.folder import load_policy, save_policy
     from wordcraft_kg.models.policies.sources.source import make_sources
     from wordcraft_kg.models.scorers.folder import load_scorer
 
@@ -63,6 +63,7 @@ _MODULES = {
     "open_book": "graphs.library",
     "open_graph": "graphs.folder",
     "open_model": "models.links.folder",
+    "save_policy": "models.policies.folder",
     "save_scorer": "models.links.saving",
     "train_agent": "agents.training",
     "train_links": "models.links.training",
@@ -90,6 +91,7 @@ __all__ = [
     "open_book",
     "open_graph",
     "open_model",
+    "save_policy",
     "save_scorer",
     "train_agent",
     "train_links",

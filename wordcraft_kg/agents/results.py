@@ -11,9 +11,10 @@ from wordcraft_kg.artefacts import dump_json, write_atomically
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.folder import KG, OpenedGraph
 from wordcraft_kg.graphs.tasks import TaskPart
-from wordcraft_kg.models.policies.folder import write_parameters
+from wordcraft_kg.models.policies.folder import usage, write_parameters
 from wordcraft_kg.models.policies.policy import Policy
 from wordcraft_kg.records import as_values
+from wordcraft_kg.runs.cards import front_matter
 
 OUTPUTS = ("policy.safetensors", "policy.json", "constants.safetensors", "evaluation.json", "metrics.jsonl")
 
@@ -65,7 +66,8 @@ def model_card(opened: OpenedGraph, config: AgentConfig, kg: KG | None, summary:
         f"{found.tasks:,} tasks with {found.draws} draws of distractors each"
         for part, found in summary.success.items()
     )
-    return f"""# {kind} for {opened.graph.name}, {guide}
+    return f"""{front_matter("reinforcement-learning", "knowledge-graph")}
+# {kind} for {opened.graph.name}, {guide}
 
 Plays crafting tasks of depth {tasks.depth} with {tasks.distractors} distractors on graph `{opened.graph.hash[:12]}`.
 {warning}
@@ -76,10 +78,5 @@ Success of the greedy policy on the tasks of each part (95 % interval over tasks
 Trained for {summary.steps:,} steps in {summary.seconds:.0f} s, seed {config.trainer.seed}, \
 {summary.parameters:,} parameters. `config.toml` reproduces it; `run.json` lists the versions it was made with.
 
-```python
-from wordcraft_kg.models.policies.folder import load_policy
-
-policy = load_policy("this folder")
-output = policy(goal, selection, table)  # ids; {opened.graph.num_entities} is the id of nothing
-```
+{usage(opened.graph.entities)}
 """

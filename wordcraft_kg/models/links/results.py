@@ -16,6 +16,7 @@ from wordcraft_kg.models.links.records import LinkMetrics, LinkProgress
 from wordcraft_kg.models.scorers.folder import Vocabulary, make_scorer
 from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples
 from wordcraft_kg.records import as_lines, as_values
+from wordcraft_kg.runs.cards import front_matter
 from wordcraft_kg.tensors import copied
 
 OUTPUTS = ("model.safetensors", "vocabulary.json", "config.toml", "metrics.json", "trace.jsonl")
@@ -74,7 +75,8 @@ def model_card(opened: OpenedGraph, settings: LinkSettings, metrics: LinkMetrics
         if settings.kg == "full"
         else "It was trained on the triples of the train recipes only."
     )
-    return f"""# {name} on the {settings.kg} knowledge graph of {opened.graph.name}
+    return f"""{front_matter("knowledge-graph", "link-prediction")}
+# {name} on the {settings.kg} knowledge graph of {opened.graph.name}
 
 Scores triples (head, relation, tail) with the relations `combinesWith` and `componentOf`. {seen}
 

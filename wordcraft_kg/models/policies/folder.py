@@ -8,7 +8,7 @@ import safetensors.torch
 import torch
 from torch import Tensor
 
-from wordcraft_kg.artefacts import dump_json, read_json, write_atomically
+from wordcraft_kg.artefacts import dump_json, read_json, staged_folder, with_a_name, write_atomically
 from wordcraft_kg.errors import ArtefactError, ConfigError
 from wordcraft_kg.feature_spec import LEARNED
 from wordcraft_kg.graphs.arrays import Ids
@@ -22,10 +22,12 @@ from wordcraft_kg.models.policies.sources import source_class
 from wordcraft_kg.models.policies.sources.source import ScoreView, Source, make_sources
 from wordcraft_kg.models.scorers.features import EntityFeatures, make_features
 from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
-from wordcraft_kg.runs.record import read_finished_run, verified_bytes
+from wordcraft_kg.runs.cards import front_matter
+from wordcraft_kg.runs.record import end_run, read_finished_run, start_run, verified_bytes
 from wordcraft_kg.tensors import copied, read_tensors, with_prefix
 
 POLICY_FORMAT = "wordcraft-kg policy 1"
+POLICY_FILES = ("policy.json", "constants.safetensors", "policy.safetensors")
 
 
 def make_policy(
@@ -141,8 +143,63 @@ def read_policy(folder: Path, constants: bytes, parameters: Mapping[str, Tensor]
     return policy.eval()
 
 
+def save_policy(folder: str | Path, policy: Policy, *, force: bool = False) -> Path:
+    """Write a policy, such as one that you have trained further, into a folder from which :func:`load_policy` loads it.
+
+    Args:
+        folder: folder to write.
+        policy: made by :func:`make_policy` or loaded; only then it has the labels of its ids.
+        force: replace the folder if it exists.
+
+    Raises:
+        OutputExistsError: if ``folder`` exists and ``force`` is False.
+        ConfigError: if the policy has no labels, or a parameter is not a finite number.
+
+    Example:
+        >>> policy = load_policy("runs/kitchen")
+        >>> load_policy(save_policy("policies/mine", policy)).act("bread", ["flour", "water"]) == policy.act(
+        ...     "bread", ["flour", "water"]
+        ... )
+        True
+    """
+    if not policy.entities:
+        raise ConfigError("the policy has no `entities`: make it with make_policy, or load it.")
+    if not all(torch.isfinite(parameter).all() for parameter in policy.parameters()):
+        raise ConfigError("the policy has parameters that are not finite numbers. Nothing was written.")
+    out = with_a_name(Path(folder))
+    with staged_folder(out, force=force) as staging:
+        write_constants(staging, policy)
+        write_parameters(staging, policy)
+        write_atomically(staging / "README.md", _card(policy))
+        run = start_run(staging, "save-policy", inputs={"graph": policy.graph_hash})
+        end_run(staging, run, "done", POLICY_FILES)
+    return out
+
+
+def _card(policy: Policy) -> str:
+    return f"""{front_matter("reinforcement-learning", "knowledge-graph")}
+# A policy for crafting tasks
+
+Decides among the {policy.num_entities:,} entities of graph `{policy.graph_hash[:12]}`. It was saved with wordcraft-kg
+from a program, so nothing here says how it was trained or can reproduce that.
+
+{usage(policy.entities)}
+"""
+
+
+def usage(entities: tuple[str, ...]) -> str:
+    """Return how to use the policy of a folder, for its model card."""
+    goal, one, other = (entities * 3)[:3]
+    return f"""```python
+from wordcraft_kg import load_policy
+
+policy = load_policy("this folder")
+policy.act(goal={goal!r}, table=[{one!r}, {other!r}])  # what to pick first
+```"""
+
+
 def load_policy(folder: str | Path) -> Policy:
-    """Load the policy of a finished run; its ``entities`` are the labels of its ids.
+    """Load the policy of a finished run, or one that was saved; its ``entities`` are the labels of its ids.
 
     Only the folder is needed: not the graph, the scorer or the file of features.
 
@@ -153,6 +210,8 @@ def load_policy(folder: str | Path) -> Policy:
         >>> policy = load_policy("runs/kitchen")
         >>> policy.entities[0], [label.symbol for label in policy.labels]
         ('animal', ['α', 'u', 'v'])
+        >>> policy.act(goal="bread", table=["flour", "water"]).entity in ("flour", "water")
+        True
     """
     folder = Path(folder)
     run = read_finished_run(folder, "wordcraft-kg train-agent")

@@ -1,15 +1,18 @@
 """Policies as plain torch modules: ids of goal, selection and table in, logits of the slots and a value out."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple, cast
 
 import torch
 from torch import Tensor, nn
 
+from wordcraft_kg.errors import UnknownEntityError
+from wordcraft_kg.graphs.recipe_graph import Entity
 from wordcraft_kg.models.policies.attention import EntityVectors
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.sources import ALPHA, Label
 from wordcraft_kg.models.policies.sources.source import Source
+from wordcraft_kg.settings import nearest, refuse
 
 Weights = dict[str, Tensor]
 """Tensors that depend on the parameters alone, by name."""
@@ -31,11 +34,25 @@ class PolicyOutput(NamedTuple):
     lambdas: Tensor | None = None
 
 
+class Pick(NamedTuple):
+    """A decision.
+
+    Attributes:
+        slot: the slot that is picked.
+        entity: label of what lies there.
+        probability: that the policy gives it, among all slots.
+    """
+
+    slot: int
+    entity: str
+    probability: float
+
+
 class Policy(nn.Module):
     """Base of all policies.
 
     A policy takes ids as the environments give them: entities 0 to E - 1, and E for nothing. It can be used without
-    our trainer: just call ``policy(goal, selection, table)``.
+    our trainer: call ``policy(goal, selection, table)`` with a batch of ids, or :meth:`act` with one state's labels.
 
     Attributes:
         config: its settings.
@@ -87,6 +104,53 @@ class Policy(nn.Module):
             task: shape (B,), int64: number of the task among the train tasks; None for other tasks or if unknown.
         """
         raise NotImplementedError
+
+    @torch.no_grad()
+    def act(
+        self,
+        goal: Entity,
+        table: Sequence[Entity | None],
+        selection: Entity | None = None,
+        *,
+        generator: torch.Generator | None = None,
+    ) -> Pick:
+        """Decide in one state.
+
+        Args:
+            goal: entity to make, by label or id, like the others.
+            table: entities on the table; None for an empty slot.
+            selection: the entity held, None for nothing.
+            generator: draws the slot by its probability, on the CPU. Default: the most probable slot, of equal ones the
+                first.
+
+        Raises:
+            UnknownEntityError: with the nearest labels.
+            ConfigError: if there is nothing on the table.
+        """
+        if all(entity is None for entity in table):
+            raise refuse("table", list(table), "one entity or more")
+        device = next(self.parameters()).device
+        ids = [self.id_of(entity) for entity in (goal, selection, *table)]
+        logits = self(*(torch.tensor(part, device=device) for part in (ids[:1], ids[1:2], [ids[2:]]))).logits
+        probabilities = torch.softmax(logits[0], dim=0).cpu()
+        slot = int(probabilities.argmax() if generator is None else probabilities.multinomial(1, generator=generator))
+        return Pick(slot, self.entities[ids[2 + slot]], float(probabilities[slot]))
+
+    def id_of(self, entity: Entity | None) -> int:
+        """Return the id of an entity given by label or id; E for None, which is nothing.
+
+        Raises:
+            UnknownEntityError: with the nearest labels, or the range of ids.
+        """
+        if entity is None:
+            return self.num_entities
+        if isinstance(entity, str):
+            if entity not in self.entities:
+                raise UnknownEntityError(f"the policy knows no '{entity}'.{nearest(entity, self.entities)}")
+            return self.entities.index(entity)
+        if not 0 <= entity < self.num_entities:
+            raise UnknownEntityError(f"the policy knows no id {entity}; ids are 0 .. {self.num_entities - 1}.")
+        return int(entity)
 
 
 def log_policy(logits: Tensor) -> Tensor:

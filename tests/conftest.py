@@ -13,6 +13,7 @@ import torch
 from hypothesis import settings
 
 from wordcraft_kg.cli import main
+from wordcraft_kg.cli.failures import Failure
 from wordcraft_kg.graphs import RecipeGraph, open_book
 from wordcraft_kg.graphs.library import DATA_VARIABLE
 
@@ -25,11 +26,12 @@ OFFICIAL_FILE = "alchemy2.json"
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a command left behind: exit code, stdout and stderr."""
+    """What a command left behind: exit code, stdout, stderr, and the kind of its failure if there was one."""
 
     code: int
     out: str
     err: str
+    kind: str
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -48,9 +50,13 @@ def one_torch_thread() -> None:
 def run(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Callable[..., Outcome]:
     """Run a command of the command line in this process."""
     monkeypatch.setenv("COLUMNS", "1000")
+    failures: list[Failure] = []
+    show = Failure.show
+    monkeypatch.setattr(Failure, "show", lambda failure, output: failures.append(failure) or show(failure, output))
 
     def run(*arguments: object) -> Outcome:
         capsys.readouterr()
+        failures.clear()
         collection = gc.get_threshold()
         try:
             code = main([str(argument) for argument in arguments])
@@ -58,7 +64,7 @@ def run(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> 
             logging.captureWarnings(False)
             gc.set_threshold(*collection)
         captured = capsys.readouterr()
-        return Outcome(code, captured.out, captured.err)
+        return Outcome(code, captured.out, captured.err, failures[0].kind if failures else "")
 
     return run
 

@@ -127,4 +127,4 @@ def test_bad_input_is_refused_without_a_traceback_and_nothing_is_written(run, tm
 def test_a_scorer_of_another_graph_is_refused(run, model):
     outcome = run("discover", "everyday", "--scorer", model, *QUICK)
     assert outcome.code == 1
-    assert "GraphMismatchError" in outcome.err
+    assert outcome.kind == "GraphMismatchError"

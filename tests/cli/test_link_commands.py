@@ -18,7 +18,7 @@ import pytest
 import torch
 
 from wordcraft_kg.cli import COMMANDS, main, make_app
-from wordcraft_kg.cli.console import Progress
+from wordcraft_kg.cli.progress import Progress
 from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_book
 from wordcraft_kg.graphs.folder import open_graph, write_graph_folder
 from wordcraft_kg.graphs.splits import Split
@@ -63,9 +63,10 @@ def one_object(outcome: Any) -> dict[str, Any]:
 
 
 def refused(outcome: Any, kind: str) -> str:
-    """The message of a command that was refused: one line that begins with the kind of error, and no result."""
+    """The message of a command that was refused: one line, of this kind of error, and no result."""
     assert (outcome.code, outcome.out) == (1, "")
-    assert outcome.err.startswith(f"{kind}: ")
+    assert outcome.kind == kind
+    assert outcome.err.startswith("error: ")
     assert "Traceback" not in outcome.err
     return outcome.err
 

@@ -46,9 +46,10 @@ def without_seconds(path: Path) -> list[dict[str, Any]]:
 
 
 def refused(outcome: Any, kind: str) -> str:
-    """The message of a command that was refused: one line that begins with the kind of error, and no game."""
+    """The message of a command that was refused: one line, of this kind of error, and no game."""
     assert (outcome.code, outcome.out) == (1, "")
-    assert outcome.err.startswith(f"{kind}: ")
+    assert outcome.kind == kind
+    assert outcome.err.startswith("error: ")
     assert "Traceback" not in outcome.err
     return outcome.err
 

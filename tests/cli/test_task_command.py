@@ -125,9 +125,8 @@ def test_a_graph_folder_brings_its_own_split(shown, home, kitchen):
         (["kitchen", "--seed", -1], "--seed -1: expected a whole number, 0 or more"),
     ],
 )
-@pytest.mark.parametrize("json_option", [[], ["--json"]], ids=["text", "json"])
-def test_what_cannot_be_shown_is_refused_with_a_reason(run, home, arguments, says, json_option):
-    outcome = run("tasks", *arguments, *json_option)
+def test_what_cannot_be_shown_is_refused_with_a_reason(run, home, arguments, says):
+    outcome = run("tasks", *arguments)
     assert (outcome.code, outcome.out) == (1, "")
     assert says in outcome.err
     assert "Traceback" not in outcome.err

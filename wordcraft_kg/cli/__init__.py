@@ -5,21 +5,22 @@ imports go inside the function, so that help stays fast.
 """
 
 import gc
-import logging
 import os
-import re
 import sys
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
-from cyclopts import App, Group
+from cyclopts import App, CycloptsError, Group
 from cyclopts.config import Dict
 
 from wordcraft_kg import __version__
-from wordcraft_kg.errors import ConfigError, WordCraftKGError
+from wordcraft_kg.cli.console import Output
+from wordcraft_kg.cli.failures import Manual, failure_of, misuse
+from wordcraft_kg.errors import ConfigError
 from wordcraft_kg.settings import nearest
 
 COMMANDS = {
@@ -38,9 +39,8 @@ COMMANDS = {
     "Agents": ["train-agent", "resume", "evaluate-agent", "explain", "compare-agents"],
 }
 """Commands by group."""
-
-OPTIONS = {"num_distractors": "distractors", "kind": "split"}
-"""Options by the settings that they set, where the two have different names."""
+ALL = [name for names in COMMANDS.values() for name in names]
+PROGRAM = "wordcraft-kg"
 
 START = """Start here:
 
@@ -54,10 +54,11 @@ Options can also be set in a TOML file, --config FILE, in a table named after th
 def make_app() -> App:
     """Build the application with all its commands."""
     app = App(
-        name="wordcraft-kg",
+        name=PROGRAM,
         help="Recipe graphs of crafting worlds, link prediction on them, and honest reports.",
         help_epilogue=START,
         version=__version__,
+        version_flags=("--version", "-V"),
         help_format="plaintext",
         result_action="return_value",
         suppress_keyboard_interrupt=False,
@@ -65,45 +66,58 @@ def make_app() -> App:
     for rank, (title, commands) in enumerate(COMMANDS.items()):
         group = Group(title, sort_key=rank)
         for name in commands:
-            module = import_module(f"{__name__}.{name.replace('-', '_')}")
-            examples = "Examples:\n\n" + "\n".join(f"  {line}" for line in module.EXAMPLES)
-            app.command(getattr(module, name.replace("-", "_")), name=name, group=group, help_epilogue=examples)
+            manual = manual_of(name)
+            app.command(
+                manual.function,
+                name=name,
+                group=group,
+                usage=f"Usage: {manual.usage}",
+                help_epilogue="Examples:\n\n" + "\n".join(f"  {line}" for line in manual.examples),
+                synonym=tuple(name.split("-")),  # "train" is no command, but three commands train something
+            )
     return app
+
+
+def manual_of(name: str) -> Manual:
+    """Return how a command is used."""
+    module: ModuleType = import_module(f"{__name__}.{name.replace('-', '_')}")
+    function: Callable[..., Any] = getattr(module, name.replace("-", "_"))
+    return Manual(f"{PROGRAM} {name}", function, module.EXAMPLES)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command and return its exit code: 0 done, 1 bad input or a failed check, 2 misuse, 130 interrupted."""
-    logging.basicConfig(level=logging.WARNING, format="%(levelname)s: %(message)s", stream=sys.stderr)
-    logging.captureWarnings(True)
     # A large book makes millions of small objects that all stay: collecting garbage would take longer than making them.
     gc.set_threshold(200_000, 20, 100)
     tokens = list(sys.argv[1:] if arguments is None else arguments)
+    if tokens[:1] == ["help"]:
+        tokens = [*tokens[1:2], "--help"]
+    name = next((token for token in tokens if token in ALL), None)
+    manual = manual_of(name) if name else None
+    output = Output(json="--json" in tokens)  # until the options are known
     try:
         app = make_app()
         path = _config_path(tokens)
         if path:
             app.config = [Dict(_read_toml(path, tokens), source=path)]
-        return int(app(tokens) or 0)
+        command, bound, _ = app.parse_args(tokens, print_error=False, exit_on_error=False)
+        given = bound.arguments.get("output")
+        output = given if isinstance(given, Output) else output
+        with output.session():
+            return int(command(*bound.args, **bound.kwargs) or 0)
     except SystemExit as stop:
         return stop.code if isinstance(stop.code, int) else 1
-    except KeyboardInterrupt as interruption:
-        return _fail(str(interruption) or "interrupted; nothing was written", 130)
-    except WordCraftKGError as error:
-        return _fail(f"{type(error).__name__}: {with_options(str(error))}", 1)
-    except ModuleNotFoundError as error:
-        package = (error.name or "").partition(".")[0]
-        if package in ("", "wordcraft_kg"):
-            raise  # a bug of this package
-        return _fail(f"this command needs {package}, which is not installed. Install it: pip install wordcraft-kg", 1)
+    except CycloptsError as error:
+        return misuse(error, manual).show(output)
     except BrokenPipeError:
         # The reader of the output has gone, as with `| head`: not an error, but Python must not flush into it at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
-    except OSError as error:
-        where = f"'{error.filename}': " if error.filename else ""
-        return _fail(f"{type(error).__name__}: {where}{error.strerror or error}. Nothing was changed.", 1)
-    except MemoryError:
-        return _fail("MemoryError: this machine does not have enough memory for this. Nothing was changed.", 1)
+    except (Exception, KeyboardInterrupt) as error:
+        failure = failure_of(error, manual)
+        if failure is None:
+            raise
+        return failure.show(output)
 
 
 def _config_path(tokens: Sequence[str]) -> str | None:
@@ -122,11 +136,10 @@ def _read_toml(path: str, tokens: Sequence[str]) -> dict[str, Any]:
         raise ConfigError(f"--config {path}: no such file.") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ConfigError(f"--config {path}: not a TOML file ({error}).") from None
-    known = [name for names in COMMANDS.values() for name in names]
     for key, value in content.items():
-        if key not in known or not isinstance(value, dict):
-            raise ConfigError(f"--config {path}: '{key}' is not a table named after a command.{nearest(key, known)}")
-    command = next((token for token in tokens if token in known), None)
+        if key not in ALL or not isinstance(value, dict):
+            raise ConfigError(f"--config {path}: '{key}' is not a table named after a command.{nearest(key, ALL)}")
+    command = next((token for token in tokens if token in ALL), None)
     if command and command not in content:
         raise ConfigError(f"--config {path}: no table [{command}]; found {', '.join(content) or 'nothing'}.")
     # A run's own config.toml gives paths relative to itself.
@@ -137,18 +150,3 @@ def _read_toml(path: str, tokens: Sequence[str]) -> dict[str, Any]:
         return there if os.path.exists(there) and not os.path.exists(value) else value
 
     return {name: moved(options, beside) for name, options in content.items()}
-
-
-def with_options(message: str) -> str:
-    """Return a library's error with its settings, which are in backticks, replaced by the command line's options."""
-
-    def option(match: re.Match[str]) -> str:
-        name = OPTIONS.get(match[1], match[1])
-        return f"--{name.replace('_', '-')}"
-
-    return re.sub(r"`([a-z]\w*)`", option, message)
-
-
-def _fail(message: str, code: int) -> int:
-    print(message, file=sys.stderr)
-    return code

@@ -1,16 +1,19 @@
-"""What commands share: common options, results as text or JSON, and progress."""
+"""What commands share: common options, and results as text or JSON."""
 
 import json
+import logging
 import sys
-import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
+from wordcraft_kg.cli.progress import Progress, Stages
 from wordcraft_kg.errors import ConfigError
+from wordcraft_kg.progress import listening
 
 if TYPE_CHECKING:
     from wordcraft_kg.records import Record
@@ -22,13 +25,15 @@ class Output:
     """Options of every command.
 
     Attributes:
-        json: print one JSON object on stdout instead of text.
+        json: print one JSON object on stdout instead of text; if the command fails, {"error": {"kind", "message"}}.
         quiet: no progress on stderr.
+        verbose: log on stderr how long each stage takes, and show where an error comes from.
         config: TOML file with options in a table named after the command; the command line takes precedence.
     """
 
     json: Annotated[bool, Parameter(negative="", show_default=False)] = False
-    quiet: Annotated[bool, Parameter(negative="", show_default=False)] = False
+    quiet: Annotated[bool, Parameter(name=["--quiet", "-q"], negative="", show_default=False)] = False
+    verbose: Annotated[bool, Parameter(name=["--verbose", "-v"], negative="", show_default=False)] = False
     config: Path | None = None
 
     def result(self, view: "Record | dict[str, Any]", text: Iterable[str]) -> None:
@@ -41,9 +46,28 @@ class Output:
             for line in text:
                 print(line)
 
-    def progress(self, what: str, unit: str = "epoch") -> "Progress":
+    def progress(self, what: str, unit: str = "epoch") -> Progress:
         """Return a progress reporter for the epochs, or other units, of a training."""
         return Progress(what, unit=unit, hidden=self.quiet)
+
+    @contextmanager
+    def session(self) -> Iterator[None]:
+        """Show warnings and the stages of the work on stderr while a command runs; no bar is left behind."""
+        logging.basicConfig(level=logging.WARNING, format="%(levelname)s: %(message)s", handlers=[_Stderr()])
+        logging.captureWarnings(True)
+        logging.getLogger("wordcraft_kg").setLevel(logging.INFO if self.verbose else logging.NOTSET)
+        with listening(None if self.quiet else Stages()):
+            try:
+                yield
+            finally:
+                Progress.close_shown()
+
+
+class _Stderr(logging.Handler):
+    """Writes to stderr as it is at that moment: a bar on the terminal moves down for it."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        print(self.format(record), file=sys.stderr)
 
 
 Flag = Annotated[bool, Parameter(negative="", show_default=False)]
@@ -68,49 +92,6 @@ def whole_numbers(option: str, values: Sequence[str]) -> list[int]:
     if not numbers:
         raise ConfigError(f"--{option} '{','.join(values)}': expected whole numbers, such as 1,2,8.")
     return numbers
-
-
-class Progress:
-    """A bar on a terminal, or else a plain line every few seconds; always on stderr."""
-
-    INTERVAL = 5.0  # seconds between plain lines
-
-    def __init__(self, what: str, *, unit: str = "epoch", hidden: bool = False):
-        """Take the name of what is counted; ``hidden`` reports nothing."""
-        self.what = what
-        self.unit = unit
-        self.hidden = hidden
-        self._bar: Any = None
-        self._last = time.monotonic()
-
-    def __call__(self, done: int, total: int, figures: dict[str, float]) -> None:
-        """Report that ``done`` of ``total`` are done, with the latest figures."""
-        if self.hidden:
-            return
-        shown = {
-            name: f"{value:,.0f}" if abs(value) >= 1e4 else f"{value:.4g}"
-            for name, value in figures.items()
-            if name not in ("epoch", "seconds")
-        }
-        if sys.stderr.isatty():
-            from tqdm import tqdm
-
-            if self._bar is None:
-                begun = done - 1 if self.unit == "epoch" else 0
-                self._bar = tqdm(total=total, initial=begun, desc=self.what, unit=self.unit, ncols=80, file=sys.stderr)
-            self._bar.set_postfix(shown, refresh=False)
-            self._bar.update(done - self._bar.n)
-            if done == total:
-                self.close()
-        elif time.monotonic() - self._last >= self.INTERVAL or done == total:
-            self._last = time.monotonic()
-            detail = " ".join(f"{name} {value}" for name, value in shown.items())
-            print(f"{self.what}: {self.unit} {done:,} of {total:,}, {detail}", file=sys.stderr, flush=True)
-
-    def close(self) -> None:
-        """Close the bar, even if it is not full."""
-        if self._bar is not None:
-            self._bar.close()
 
 
 def aligned(rows: Iterable[tuple[str, str]]) -> list[str]:

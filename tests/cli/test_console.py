@@ -1,0 +1,118 @@
+"""The command line as a whole: how it answers misuse and failure, what it shows meanwhile, completion."""
+
+import json
+
+import pytest
+
+from wordcraft_kg.cli import COMMANDS
+from wordcraft_kg.cli.failures import with_options
+
+# --- misuse and failure ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("arguments", "lines"),
+    [
+        (
+            ["evaluate-links"],
+            [
+                "error: MODEL is missing.",
+                "usage:   wordcraft-kg evaluate-links MODEL [OPTIONS]",
+                "example: wordcraft-kg evaluate-links models/everyday",
+            ],
+        ),
+        (
+            ["export", "kitchen"],
+            [
+                "error: --format is missing.",
+                "usage:   wordcraft-kg export GRAPH --format FORMAT --out OUT [OPTIONS]",
+                "example: wordcraft-kg export everyday --format graphml --out everyday.graphml",
+            ],
+        ),
+        (
+            ["build-graph", "kitchen", "--train-ratio"],
+            [
+                "error: --train-ratio needs a value.",
+                "usage:   wordcraft-kg build-graph [BOOK] [OPTIONS]",
+                "example: wordcraft-kg build-graph everyday --out graphs/everyday",
+            ],
+        ),
+        (
+            ["train", "kitchen"],
+            [
+                'error: Unknown command "train". Did you mean "train-complex", "train-links", or "train-agent"?',
+                "`wordcraft-kg --help` lists all commands.",
+            ],
+        ),
+    ],
+    ids=["argument", "option", "value", "command"],
+)
+def test_misuse_is_said_plainly_with_usage_and_an_example(run, arguments, lines):
+    outcome = run(*arguments)
+    assert (outcome.code, outcome.out) == (2, "")
+    assert outcome.err.splitlines() == lines
+
+
+def test_an_argument_too_many_is_named(run):
+    assert run("describe", "kitchen", "everyday").err.startswith("error: unexpected argument 'everyday'.\n")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "kind"),
+    [
+        (["describe", "nowhere", "--json"], 1, "RecipeFileError"),
+        (["describe", "--json"], 2, "MissingArgumentError"),
+        (["describe", "kitchen", "--entity", "bred", "--json", "--quiet"], 1, "UnknownEntityError"),
+    ],
+)
+def test_a_failure_with_json_is_one_object_on_stdout_that_names_its_kind(run, home, arguments, code, kind):
+    outcome = run(*arguments)
+    assert outcome.code == code
+    assert outcome.out.count("\n") == 1
+    error = json.loads(outcome.out)["error"]
+    assert error["kind"] == kind
+    assert f"error: {error['message']}" in outcome.err
+    assert kind not in outcome.err
+
+
+def test_verbose_shows_where_an_error_comes_from(run, home):
+    assert "Traceback" not in run("describe", "nowhere").err
+    verbose = run("describe", "nowhere", "-v").err
+    assert "Traceback" in verbose
+    assert verbose.splitlines()[-1].startswith("error: 'nowhere' is neither")
+
+
+def test_an_error_is_red_on_a_terminal_only_and_not_with_no_color(run, home, monkeypatch):
+    for name in ("NO_COLOR", "FORCE_COLOR", "TTY_COMPATIBLE"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("TERM", "xterm")
+    plain = run("describe", "nowhere").err
+    assert "\x1b" not in plain
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    assert run("describe", "nowhere").err.startswith("\x1b[1;31merror: \x1b[0m")
+    monkeypatch.setenv("NO_COLOR", "1")
+    assert "31m" not in run("describe", "nowhere").err
+
+
+def test_settings_in_errors_are_named_as_the_command_takes_them():
+    message = "Give the right one as `graph`, or other `num_distractors`."
+    assert with_options(message) == "Give the right one as --graph, or other --distractors."
+    assert with_options(message, {"graph": "GRAPH"}) == "Give the right one as GRAPH, or other --distractors."
+
+
+# --- help ------------------------------------------------------------------------------------------------------------
+
+
+def test_help_is_a_command_too(run):
+    assert run("help").out == run("--help").out
+    assert run("help", "describe").out == run("describe", "--help").out
+    assert run("-V").out == run("--version").out
+    assert run("help", "nonsense").code == 2
+
+
+@pytest.mark.parametrize("name", [name for names in COMMANDS.values() for name in names])
+def test_the_usage_names_what_a_command_needs(run, name):
+    usage = run(name, "--help").out.splitlines()[0]
+    assert usage.startswith(f"Usage: wordcraft-kg {name}")
+    assert usage.endswith("[OPTIONS]")
+    assert "ARGS" not in usage

@@ -28,6 +28,15 @@ def synthetic_rows(entities: int, recipes: int, base: int, seed: int) -> np.ndar
     return rows[np.sort(np.concatenate([first_of_each, sample]))]
 
 
+def write_book(out: Path, entities: int, recipes: int, base: int = 10, seed: int = 0) -> None:
+    """Write a synthetic book as CSV."""
+    rows = synthetic_rows(entities, recipes, base, seed)
+    names = [f"entity {i}" for i in range(entities)]
+    with out.open("w", encoding="utf-8") as file:
+        file.write(f"# base: {', '.join(names[:base])}\ningredient_a,ingredient_b,result\n")
+        file.writelines(f"{names[a]},{names[b]},{names[c]}\n" for a, b, c in rows.tolist())
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--entities", type=int, default=100_000)
@@ -36,11 +45,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=Path, required=True)
     arguments = parser.parse_args()
-    rows = synthetic_rows(arguments.entities, arguments.recipes, arguments.base, arguments.seed)
-    names = [f"entity {i}" for i in range(arguments.entities)]
-    with arguments.out.open("w", encoding="utf-8") as file:
-        file.write(f"# base: {', '.join(names[: arguments.base])}\ningredient_a,ingredient_b,result\n")
-        file.writelines(f"{names[a]},{names[b]},{names[c]}\n" for a, b, c in rows.tolist())
+    write_book(arguments.out, arguments.entities, arguments.recipes, arguments.base, arguments.seed)
 
 
 if __name__ == "__main__":

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import torch
 
+from wordcraft_kg.agents.evaluation import Evaluator
 from wordcraft_kg.agents.players import (
     fact_sources,
     knowledge_player,
@@ -19,8 +20,10 @@ from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.errors import GraphMismatchError
 from wordcraft_kg.graphs import open_graph
+from wordcraft_kg.models.policies.sources.source import make_sources
 from wordcraft_kg.models.scorers.facts import FrequencyScorer, SymbolicScorer
 from wordcraft_kg.models.scorers.tables import TableScorer
+from wordcraft_kg.statistics import task_bootstrap, wilson_interval
 
 
 @pytest.fixture(scope="module")
@@ -102,6 +105,40 @@ def test_a_scorer_of_facts_plays_like_the_facts(opened):
     scored = scorer_players(graph, SymbolicScorer(graph, graph.triples), graph.triples)["v"]
     table = play_all(World(opened, WordCraftConfig(part="test")), {"facts": facts, "scorer": scored}, (4,), draws=20)
     assert success(table, "facts", 4) == pytest.approx(success(table, "scorer", 4), abs=1e-9)
+
+
+@pytest.mark.parametrize("known", [0, 1, 400, 10_000])
+def test_facts_score_slots_like_tables_of_all_pairs_do(opened, known):
+    graph, rng = opened.graph, np.random.default_rng(known)
+    triples = rng.permutation(graph.triples)[:known]
+    # Ids up to that of nothing, which no fact is about.
+    goal, selection, *table = torch.tensor(rng.integers(0, graph.num_entities + 1, (7, 5_000)))
+    slots = torch.stack(table, dim=1)
+    dense = make_sources(("u", "v"), SymbolicScorer(graph, triples))
+    for expected, found in zip(dense, fact_sources(graph, triples).values(), strict=True):
+        torch.testing.assert_close(found(goal, selection, slots, None), expected(goal, selection, slots))
+
+
+def test_intervals_are_those_over_tasks_because_the_draws_of_a_task_resemble_each_other(opened):
+    def picky(engine, rng):
+        return np.where(engine.task % 2, recipe_oracle(engine, rng), 0)
+
+    world = World(opened, WordCraftConfig(part="test"))
+    (row,) = play_all(world, {"picky": picky}, (1,), draws=5)
+    evaluation = Evaluator(world.variant(num_distractors=1), draws=5)(picky)
+    assert row.success == evaluation.success.mean()
+    assert (row.low, row.high) == pytest.approx(task_bootstrap(evaluation.success))
+    of_episodes = wilson_interval(evaluation.success.sum(), row.episodes)
+    assert row.high - row.low > 1.5 * (of_episodes[1] - of_episodes[0])
+
+
+def test_progress_counts_the_rows(opened):
+    calls = []
+    world = World(opened, WordCraftConfig(part="test"))
+    players = {"random": random_entity, "recipe oracle": recipe_oracle}
+    play_all(world, players, (1, 2), draws=1, progress=lambda *call: calls.append(call))
+    assert [(done, total) for done, total, _ in calls] == [(1, 4), (2, 4), (3, 4), (4, 4)]
+    assert calls[-1][2] == {"success": 1.0}
 
 
 def test_a_foreign_scorer_is_refused(opened):

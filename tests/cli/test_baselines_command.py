@@ -11,12 +11,16 @@ def test_baselines_prints_a_table_of_players_and_distractors(run):
     assert "4 distractors" in lines[0]
     oracle = next(line for line in lines if line.startswith("recipe oracle"))
     assert oracle.count("1.000 [") == 2
-    assert "95 % Wilson intervals" in lines[-1]
+    assert lines[-1] == (
+        "63 test tasks of depth 1, each with 2 draws of distractors; intervals: 95 %, bootstrap over tasks"
+    )
 
 
 def test_baselines_prints_one_json_object(run):
     result = json.loads(run("baselines", "kitchen", "--distractors", "2", "--depth", "2", "--draws", "1", "--json").out)
     assert (result["part"], result["depth"], result["draws"]) == ("test", 2, 1)
+    assert {row["episodes"] for row in result["rows"]} == {result["tasks"]}
+    assert result["intervals"] == "95 %, bootstrap over tasks"
     assert {row["distractors"] for row in result["rows"]} == {2}
     assert all(0 <= row["low"] <= row["success"] <= row["high"] <= 1 for row in result["rows"])
     again = json.loads(run("baselines", "kitchen", "--distractors", "2", "--depth", "2", "--draws", "1", "--json").out)

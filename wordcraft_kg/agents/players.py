@@ -7,22 +7,27 @@ from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from torch import Tensor
 
-from wordcraft_kg.agents.states import states_of
+from wordcraft_kg.agents.states import States, states_of
 from wordcraft_kg.envs.batch import GOAL, BatchEngine
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.graphs.triples import COMBINES_WITH
-from wordcraft_kg.models.policies.sources.source import ScoreView, Source, make_sources
+from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
+from wordcraft_kg.models.policies.sources.source import ScoreView, make_sources
 from wordcraft_kg.models.scorers.facts import SymbolicScorer
 from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
 from wordcraft_kg.models.scorers.scales import SelfEdges
 from wordcraft_kg.records import Count, Record, Share
 from wordcraft_kg.settings import whole
-from wordcraft_kg.statistics import wilson_interval
+from wordcraft_kg.statistics import task_bootstrap
 
 Player = Callable[[BatchEngine, np.random.Generator], Ids]
+SlotScores = Callable[[Tensor, Tensor, Tensor, Tensor | None], Tensor]
+"""Scores of slots by goal, selection, table and task, such as a source's."""
+ROWS = 4_096
+"""States whose pairs of slots are scored at a time: there are A² of them in a state of A slots."""
 
 
 def random_entity(engine: BatchEngine, rng: np.random.Generator) -> Ids:
@@ -51,7 +56,7 @@ def recipe_oracle(engine: BatchEngine, rng: np.random.Generator) -> Ids:
     return slots
 
 
-def knowledge_player(sources: Sequence[Source]) -> Player:
+def knowledge_player(sources: Sequence[SlotScores]) -> Player:
     """Return a player that picks the highest sum of its sources' scores, ties at random; the paper's has u and v."""
 
     def pick(engine: BatchEngine, rng: np.random.Generator) -> Ids:
@@ -64,7 +69,7 @@ def knowledge_player(sources: Sequence[Source]) -> Player:
     return pick
 
 
-def pair_player(of_pairs: Source, of_parts: Source) -> Player:
+def pair_player(of_pairs: SlotScores, of_parts: SlotScores) -> Player:
     """Return a player that picks the pair with the highest ``u + v_a + v_b``, if possible of two different entities.
 
     Args:
@@ -73,26 +78,48 @@ def pair_player(of_pairs: Source, of_parts: Source) -> Player:
     """
 
     def pick(engine: BatchEngine, rng: np.random.Generator) -> Ids:
-        goal, selection, table, task = states_of(engine)
-        there = engine.action_masks()
-        parts = of_parts(goal, selection, table, task).numpy().astype(np.float64)
-        # By slot and slot in hand: the scores of all slots with each of them in hand in turn.
-        pairs = np.stack([of_pairs(goal, held, table, task).numpy() for held in table.unbind(1)], axis=2)
-        pairs = pairs + parts[:, :, None] + parts[:, None, :]
-        pairs = np.where(there[:, :, None] & there[:, None, :], pairs, -np.inf)
-        pairs -= 1e-6 * np.eye(table.shape[1])
-        held = (engine.table == engine.selection[:, None]).argmax(1)
-        is_second = engine.selection != engine.nothing
-        second = pairs[np.arange(len(pairs)), :, held]
-        return _best(np.where(is_second[:, None], second, pairs.max(axis=1)), rng)
+        states = states_of(engine)
+        pieces = (states.rows(first, first + ROWS) for first in range(0, engine.num_envs, ROWS))
+        return _best(
+            np.concatenate([_in_best_pair(piece, of_pairs, of_parts, engine.nothing) for piece in pieces]), rng
+        )
 
     return pick
 
 
-def fact_sources(graph: RecipeGraph, triples: Ids) -> dict[str, Source]:
-    """Return u and v of a set of triples by name: 1 where there is a link, 0 elsewhere."""
-    names = ("u", "v")
-    return dict(zip(names, make_sources(names, SymbolicScorer(graph, triples)), strict=True))
+def _in_best_pair(states: States, of_pairs: SlotScores, of_parts: SlotScores, nothing: int) -> NDArray[np.float64]:
+    """Return the score of each slot's best pair, or with an entity in hand of its pair with that, shape (B, A)."""
+    goal, selection, table, task = states
+    there = (table != nothing).numpy()
+    parts = of_parts(goal, selection, table, task).numpy().astype(np.float64)
+    # By slot and slot in hand: the scores of all slots with each of them in hand in turn.
+    pairs = np.stack([of_pairs(goal, held, table, task).numpy() for held in table.unbind(1)], axis=2)
+    pairs = pairs + parts[:, :, None] + parts[:, None, :]
+    pairs = np.where(there[:, :, None] & there[:, None, :], pairs, -np.inf)
+    pairs -= 1e-6 * np.eye(table.shape[1])
+    held = (table == selection[:, None]).int().argmax(1).numpy()
+    is_second = (selection != nothing).numpy()
+    return np.where(is_second[:, None], pairs[np.arange(len(pairs)), :, held], pairs.max(axis=1))
+
+
+def fact_sources(graph: RecipeGraph, triples: Ids) -> dict[str, SlotScores]:
+    """Return u and v of a set of triples by name: 1 where there is a link, 0 elsewhere.
+
+    Links are looked up one by one: a table of all pairs would not fit for graphs of tens of thousands of entities.
+    """
+    facts, nothing = SymbolicScorer(graph, triples), graph.num_entities
+
+    def linked(relation: int, key: Tensor, table: Tensor) -> Tensor:
+        is_there = (table != nothing) & (key != nothing)[:, None]
+        return facts.score(table.clamp(max=nothing - 1), relation, key.clamp(max=nothing - 1)[:, None]) * is_there
+
+    def u(goal: Tensor, selection: Tensor, table: Tensor, task: Tensor | None = None) -> Tensor:
+        return linked(COMBINES_WITH, selection, table)
+
+    def v(goal: Tensor, selection: Tensor, table: Tensor, task: Tensor | None = None) -> Tensor:
+        return linked(COMPONENT_OF, goal, table)
+
+    return {"u": u, "v": v}
 
 
 def knowledge_players(graph: RecipeGraph, partial: Ids) -> dict[str, Player]:
@@ -142,7 +169,8 @@ class PlayerSuccess(Record):
         distractors: number of distractors.
         episodes: number of episodes played.
         success: share of episodes that made the goal.
-        low: lower end of its 95 % Wilson interval.
+        low: lower end of its 95 % interval over tasks, see :func:`~wordcraft_kg.statistics.task_bootstrap`: the
+            episodes of a task differ in their distractors only, so they are no independent trials.
         high: upper end.
         by_plan: share of episodes in which the last pair of a plan made the goal.
     """
@@ -163,6 +191,7 @@ def play_all(
     *,
     draws: int = 5,
     seed: int = 0,
+    progress: Callable[[int, int, dict[str, float]], None] | None = None,
 ) -> tuple[PlayerSuccess, ...]:
     """Let players play every task of a part, each with several draws of distractors.
 
@@ -174,37 +203,40 @@ def play_all(
         distractors: numbers of distractors.
         draws: draws of distractors for each task; all players see the same ones.
         seed: seed of distractors and players.
+        progress: called with the number of rows done, the number of all rows, and the last player's success.
 
     Returns:
         a record for each number of distractors and player.
     """
-    rows = []
+    rows: list[PlayerSuccess] = []
     whole("seed", seed, 0)
-    for amount in dict.fromkeys(distractors):
+    amounts = list(dict.fromkeys(distractors))
+    for amount in amounts:
         tasks = np.arange(len(world.tasks))
         engine = BatchEngine(world.variant(num_distractors=amount), len(tasks), seed=seed)
         for name, player in players.items():
-            won = by_plan = 0
+            success, by_plan = (np.zeros((len(tasks), draws), dtype=bool) for _ in range(2))
             rng = np.random.default_rng([seed, amount])
             for draw in range(draws):
                 engine.pose(tasks, draw)
                 while (engine.attempts_left > 0).any():
                     step = engine.step_once(player(engine, rng))
-                    won += int(np.sum(step.outcome == GOAL))
-                    by_plan += int(np.sum(step.by_plan))
-            episodes = len(tasks) * draws
-            low, high = wilson_interval(won, episodes)
+                    success[:, draw] |= step.outcome == GOAL
+                    by_plan[:, draw] |= step.by_plan
+            low, high = task_bootstrap(success)
             rows.append(
                 PlayerSuccess(
                     player=name,
                     distractors=amount,
-                    episodes=episodes,
-                    success=won / episodes,
+                    episodes=success.size,
+                    success=float(success.mean()),
                     low=low,
                     high=high,
-                    by_plan=by_plan / episodes,
+                    by_plan=float(by_plan.mean()),
                 )
             )
+            if progress:
+                progress(len(rows), len(amounts) * len(players), {"success": rows[-1].success})
     return tuple(rows)
 
 

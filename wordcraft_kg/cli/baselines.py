@@ -53,7 +53,8 @@ def baselines(
         from wordcraft_kg.models.links.folder import open_model
 
         model = scorer.name, open_model(scorer, graph)
-    view = view_baselines(opened, graph, config, amounts, model, draws=draws, seed=seed)
+    progress = output.progress("baselines", unit="row")
+    view = view_baselines(opened, graph, config, amounts, model, draws=draws, seed=seed, progress=progress)
     output.result(view, _text(view))
 
 
@@ -69,6 +70,10 @@ def _text(view: "Baselines") -> list[str]:
         lines.append(
             f"{name:<{width}}" + "".join(f"  {cell.success:.3f} [{cell.low:.3f}, {cell.high:.3f}]" for cell in cells)
         )
-    episodes = ", ".join(f"{of[names[0], amount].episodes:,}" for amount in amounts)
-    lines.append(f"{view.part} tasks of depth {view.depth}; {episodes} episodes each; 95 % Wilson intervals")
+    episodes = f"{view.tasks:,} {view.part} tasks of depth {view.depth}, {_draws(view.draws)}"
+    lines.append(f"{episodes}; intervals: {view.intervals}")
     return lines
+
+
+def _draws(number: int) -> str:
+    return f"each with {number:,} draws of distractors" if number != 1 else "each with one draw of distractors"

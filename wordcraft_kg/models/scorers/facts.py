@@ -16,13 +16,16 @@ class SymbolicScorer(Scorer):
     def __init__(self, graph: RecipeGraph, triples: np.ndarray, **kwargs: Any):
         """Keep the triples, shape (T, 3), ids of ``graph``."""
         super().__init__(graph.entities, graph.hash, **kwargs)
-        self._keys = torch.unique(self._key(*torch.tensor(triples, dtype=torch.int64, device=self.device).T))
+        keys = torch.unique(self._key(*torch.tensor(triples, dtype=torch.int64, device=self.device).T))
+        # The last key is larger than that of any triple, so that a search always ends at one.
+        self._keys = torch.cat([keys, keys.new_full((1,), torch.iinfo(torch.int64).max)])
 
     def _key(self, heads: torch.Tensor, relations: torch.Tensor, tails: torch.Tensor) -> torch.Tensor:
         return (relations * len(self.entities) + heads) * len(self.entities) + tails
 
     def _score(self, heads: torch.Tensor, relations: torch.Tensor, tails: torch.Tensor) -> torch.Tensor:
-        return torch.isin(self._key(heads, relations, tails), self._keys).float()
+        keys = self._key(heads, relations, tails)
+        return (self._keys[torch.searchsorted(self._keys, keys)] == keys).float()
 
     def table(self, relation: int | str) -> torch.Tensor:  # noqa: D102 - inherited
         size = len(self.entities)

@@ -1,0 +1,84 @@
+"""Run the commands that need no training on large synthetic books, and print the time and memory that each takes.
+
+python benchmarks/large_books.py --entities 30000 --recipes 250000
+
+A command runs in a process of its own. ``user`` is its processor time, which other programs on the machine hardly
+change, ``wall`` the time from start to end, ``peak`` the most memory that it held.
+"""
+
+import argparse
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+from synthetic_book import write_book
+
+COMMANDS = {
+    "check-book": ("check-book", "{book}"),
+    "build-graph": ("build-graph", "{book}", "--out", "{folder}", "--force"),
+    "describe": ("describe", "{folder}"),
+    "describe --entity": ("describe", "{folder}", "--entity", "{entity}"),
+    "tasks": ("tasks", "{folder}"),
+    "tasks --depth 2": ("tasks", "{folder}", "--depth", "2"),
+    "tasks --depth 3": ("tasks", "{folder}", "--depth", "3"),
+    "play": ("play", "{folder}", "--episodes", "1"),
+    "baselines": ("baselines", "{folder}"),
+    "discover": ("discover", "{folder}", "--runs", "5"),
+    "export tsv": ("export", "{folder}", "--format", "tsv", "--out", "{out}", "--force"),
+    "export graphml": ("export", "{folder}", "--format", "graphml", "--out", "{out}", "--force"),
+    "export ttl": ("export", "{folder}", "--format", "ttl", "--out", "{out}", "--force"),
+    "export parquet": ("export", "{folder}", "--format", "parquet", "--out", "{out}", "--force"),
+}
+"""What is run by name; the words in braces are filled in."""
+
+
+def measure(command: Sequence[str]) -> tuple[float, float, float, int]:
+    """Run a command; return seconds of wall and processor time, the peak of its memory in GiB, and its exit code."""
+    began = time.monotonic()
+    running = subprocess.Popen(
+        [sys.executable, "-m", "wordcraft_kg", *command],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert running.stderr is not None
+    last = running.stderr.read().strip().splitlines()[-1:]
+    _, status, used = os.wait4(running.pid, 0)
+    running.returncode = code = os.waitstatus_to_exitcode(status)
+    if code:
+        print(*last, file=sys.stderr)
+    return time.monotonic() - began, used.ru_utime, used.ru_maxrss / 2**20, code
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--entities", type=int, default=30_000)
+    parser.add_argument("--recipes", type=int, default=250_000)
+    parser.add_argument("--only", nargs="*", choices=COMMANDS, default=list(COMMANDS))
+    arguments = parser.parse_args()
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place)
+        book = folder / "book.csv"
+        write_book(book, arguments.entities, arguments.recipes)
+        filled = {
+            "book": str(book),
+            "folder": str(folder / "graph"),
+            "out": str(folder / "export"),
+            "entity": f"entity {arguments.entities - 1}",
+        }
+        needs_graph = [name for name in COMMANDS if name in arguments.only or name == "build-graph"]
+        print(f"{arguments.entities:,} entities, {arguments.recipes:,} recipes\n")
+        print("| command | wall, s | user, s | peak, GiB |\n|---|---|---|---|")
+        for name in needs_graph:
+            wall, user, peak, code = measure([part.format(**filled) for part in COMMANDS[name]])
+            failed = f" (exit code {code})" if code else ""
+            print(f"| `{name}`{failed} | {wall:.1f} | {user:.1f} | {peak:.2f} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -6,6 +6,7 @@ A player is a function ``(engine, rng) -> slots`` that picks for all environment
 from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
@@ -44,14 +45,14 @@ def random_distinct(engine: BatchEngine, rng: np.random.Generator) -> Ids:
 
 def recipe_oracle(engine: BatchEngine, rng: np.random.Generator) -> Ids:
     """Follow a plan of the task."""
-    recipes = engine.world.graph.recipes
+    tasks, recipes = engine.world.tasks, engine.world.search.rows
     slots = np.zeros(engine.num_envs, dtype=np.int64)
     for i in range(engine.num_envs):
         if not engine.attempts_left[i]:
             continue
         table = engine.table[i].tolist()
-        plan = recipes[list(engine.world.tasks.plans[engine.task[i]][0])].tolist()
-        a, b, _ = next((row for row in plan if row[2] not in table), plan[-1])
+        plan = [recipes[row] for row in tasks.plans[engine.task[i]][0]]
+        a, b, _ = next((recipe for recipe in plan if recipe[2] not in table), plan[-1])
         slots[i] = table.index(b if engine.selection[i] == a else a)
     return slots
 
@@ -78,28 +79,32 @@ def pair_player(of_pairs: SlotScores, of_parts: SlotScores) -> Player:
     """
 
     def pick(engine: BatchEngine, rng: np.random.Generator) -> Ids:
-        states = states_of(engine)
-        pieces = (states.rows(first, first + ROWS) for first in range(0, engine.num_envs, ROWS))
-        return _best(
-            np.concatenate([_in_best_pair(piece, of_pairs, of_parts, engine.nothing) for piece in pieces]), rng
-        )
+        goal, selection, table, task = states_of(engine)
+        scores = _with_another(of_pairs(goal, selection, table, task), table, selection)
+        scores += of_parts(goal, selection, table, task)
+        for rows in torch.nonzero(selection == engine.nothing).flatten().split(ROWS):
+            states = States(goal[rows], selection[rows], table[rows], None if task is None else task[rows])
+            scores[rows] = _of_best_pair(states, of_pairs, of_parts, engine.nothing)
+        return _best(np.where(engine.action_masks(), scores.numpy(), -np.inf), rng)
 
     return pick
 
 
-def _in_best_pair(states: States, of_pairs: SlotScores, of_parts: SlotScores, nothing: int) -> NDArray[np.float64]:
-    """Return the score of each slot's best pair, or with an entity in hand of its pair with that, shape (B, A)."""
-    goal, selection, table, task = states
-    there = (table != nothing).numpy()
-    parts = of_parts(goal, selection, table, task).numpy().astype(np.float64)
-    # By slot and slot in hand: the scores of all slots with each of them in hand in turn.
-    pairs = np.stack([of_pairs(goal, held, table, task).numpy() for held in table.unbind(1)], axis=2)
-    pairs = pairs + parts[:, :, None] + parts[:, None, :]
-    pairs = np.where(there[:, :, None] & there[:, None, :], pairs, -np.inf)
-    pairs -= 1e-6 * np.eye(table.shape[1])
-    held = (table == selection[:, None]).int().argmax(1).numpy()
-    is_second = (selection != nothing).numpy()
-    return np.where(is_second[:, None], pairs[np.arange(len(pairs)), :, held], pairs.max(axis=1))
+def _of_best_pair(states: States, of_pairs: SlotScores, of_parts: SlotScores, nothing: int) -> Tensor:
+    """Return the score of each slot's best pair with any entity on the table, shape (B, A)."""
+    goal, _, table, task = states
+    parts = of_parts(*states)
+    best = torch.full(table.shape, -torch.inf, dtype=torch.float64)
+    for slot in torch.nonzero((table != nothing).any(0)).flatten().tolist():
+        held = table[:, slot]
+        pairs = _with_another(of_pairs(goal, held, table, task), table, held) + parts + parts[:, slot, None]
+        best = torch.where((held != nothing)[:, None], torch.maximum(best, pairs), best)
+    return best
+
+
+def _with_another(scores: Tensor, table: Tensor, held: Tensor) -> Tensor:
+    """Return scores in which a pair of one entity with itself comes after others of the same score."""
+    return scores.double() - 1e-6 * (table == held[:, None])
 
 
 def fact_sources(graph: RecipeGraph, triples: Ids) -> dict[str, SlotScores]:
@@ -110,8 +115,11 @@ def fact_sources(graph: RecipeGraph, triples: Ids) -> dict[str, SlotScores]:
     facts, nothing = SymbolicScorer(graph, triples), graph.num_entities
 
     def linked(relation: int, key: Tensor, table: Tensor) -> Tensor:
-        is_there = (table != nothing) & (key != nothing)[:, None]
-        return facts.score(table.clamp(max=nothing - 1), relation, key.clamp(max=nothing - 1)[:, None]) * is_there
+        scores = torch.zeros(table.shape)
+        keys = key[:, None].expand_as(table)
+        known = (table != nothing) & (keys != nothing)
+        scores[known] = facts.score(table[known], relation, keys[known])
+        return scores
 
     def u(goal: Tensor, selection: Tensor, table: Tensor, task: Tensor | None = None) -> Tensor:
         return linked(COMBINES_WITH, selection, table)

@@ -3,7 +3,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 DEMO := demo
 # A third of the paper's steps: the curves are nearly flat by then.
-AGENT := --distractors 8 --steps 1000000
+AGENT := --steps 1000000
 
 .DEFAULT_GOAL := help
 .PHONY: help install demo test slow lint format docs clean

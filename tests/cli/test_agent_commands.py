@@ -224,6 +224,29 @@ def test_bad_input_is_a_clear_error_and_leaves_nothing(
     assert not (tmp_path / "run").exists()
 
 
+def test_agents_train_with_8_distractors_unless_told_otherwise(run: Run, world: Path, tmp_path: Path) -> None:
+    done = run("train-agent", world / "graph", "--steps", 96, "--batch-size", 8, "--out", tmp_path / "run", "--json")
+    assert json.loads(done.out)["distractors"] == 8
+    shown = json.loads(run("tasks", "kitchen", "--json").out)["shown"]
+    assert {len(task["distractors"]) for task in shown} == {8}
+
+
+def test_a_book_too_small_for_8_distractors_says_what_to_give_and_then_trains(run: Run, tmp_path: Path) -> None:
+    book = tmp_path / "small.csv"
+    pairs = [(a, b) for a in "abcd" for b in "abcd" if a < b]
+    rows = [f"{a},{b},{'uvwx'[i % 4]}" for i, (a, b) in enumerate(pairs)]
+    book.write_text("\n".join(["ingredient_a,ingredient_b,result", *rows]) + "\n")
+    train = ("train-agent", book, *SMALL, "--features", "one-hot", "--out", tmp_path / "run")
+    refused = run(*train)
+    assert refused.code == 1
+    assert "expected at most 5." in refused.err
+    assert not (tmp_path / "run").exists()
+    done = run(*train, "--distractors", 5)
+    assert done.code == 0, done.err
+    compared = run("compare-agents", tmp_path / "run", "--out", tmp_path / "report", "--json")
+    assert json.loads(compared.out)["agents"]["run"]["success"].keys() == {"1", "5"}
+
+
 def test_a_scorer_of_another_graph_is_refused(run: Run, world: Path, tmp_path: Path) -> None:
     options = (*SMALL, "--scorer", world / "scorer", "--out", tmp_path / "run")
     refused = run("train-agent", "paper-examples", *options)

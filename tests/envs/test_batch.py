@@ -498,7 +498,7 @@ def test_actions_outside_the_space_are_refused_and_change_nothing(kitchen_opened
 
 
 def test_an_empty_slot_raises_where_asked(kitchen_opened):
-    engine = BatchEngine(World(kitchen_opened, WordCraftConfig(illegal_action="raise")), 2)
+    engine = BatchEngine(World(kitchen_opened, WordCraftConfig(num_distractors=1, illegal_action="raise")), 2)
     with pytest.raises(
         ActionError, match=r"action 4 of environment 1: the slot is empty; slots 0 to [12] hold entities"
     ):

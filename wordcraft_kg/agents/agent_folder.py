@@ -58,7 +58,7 @@ def open_agent(folder: str | Path, graph: str | None = None) -> OpenedAgent:
 
     Example:
         >>> open_agent("runs/kitchen").config.tasks.distractors
-        1
+        8
     """
     folder = Path(folder)
     run = AGENTS.read_record(folder)

@@ -10,8 +10,8 @@ from wordcraft_kg.cli.console import Flag, Output
 from wordcraft_kg.models.policies.config import PolicyConfig
 
 EXAMPLES = (
-    "wordcraft-kg train-agent everyday --distractors 8 --out runs/no-kg",
-    "wordcraft-kg train-agent graphs/everyday --distractors 8 --scorer models/everyday-partial --out runs/partial",
+    "wordcraft-kg train-agent everyday --out runs/no-kg",
+    "wordcraft-kg train-agent graphs/everyday --scorer models/everyday-partial --out runs/partial",
 )
 
 

@@ -49,7 +49,7 @@ class WordCraftConfig:
     Attributes:
         part: tasks of ``train``, ``valid``, ``test`` or ``all``.
         depth: fewest attempts that solve a task, 1 to 5.
-        num_distractors: entities on the table that no plan needs.
+        num_distractors: entities on the table that no plan needs; the paper plays with 1, 2 and 8.
         max_attempts: attempts in an episode; None means ``depth``.
         reward: a preset's name (``sparse``, ``official``) or a :class:`RewardConfig`.
         distractor_weighting: ``use`` draws an entity with weight 1 + the number of train recipes that use it,
@@ -68,7 +68,7 @@ class WordCraftConfig:
 
     part: TaskPart = "train"
     depth: int = 1
-    num_distractors: int = 1
+    num_distractors: int = 8
     max_attempts: int | None = None
     reward: str | RewardConfig = "sparse"
     distractor_weighting: DistractorWeighting = "use"

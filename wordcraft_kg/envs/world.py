@@ -67,6 +67,7 @@ class World:
         config: the settings.
         nothing: id of nothing, the number of entities.
         max_results: most results of a pair.
+        max_distractors: most distractors that every task's table has room for in this graph.
         num_slots: size of the table, fixed: starting ingredients, distractors, room for all results of all attempts.
 
     Example:
@@ -101,10 +102,11 @@ class World:
         # What no distractor may be: the goal, the starting ingredients and what the task's plans make of them.
         needed = np.concatenate([self.tasks.starts, self.tasks.intermediates], axis=1) != self.nothing
         reserved = 1 + int(needed.sum(axis=1).max())
-        if config.num_distractors > self.nothing - reserved:
+        self.max_distractors = self.nothing - reserved
+        if config.num_distractors > self.max_distractors:
             raise ConfigError(
                 f"`num_distractors` {config.num_distractors}: {self.graph.name} has {self.nothing} entities, of which "
-                f"a task needs up to {reserved}; expected at most {self.nothing - reserved}."
+                f"a task needs up to {reserved}; expected at most {self.max_distractors}."
             )
 
     @classmethod

@@ -264,11 +264,12 @@ def view_agents(
     everyone = [agent for members in groups.values() for agent in members]
     first = everyone[0]
     _check_alike(everyone)
-    played = _distractors(everyone, distractors)
     headline = first.config.tasks.distractors
+    world = World(first.opened, first.config.tasks.environment(part, headline))
+    played = _distractors(everyone, distractors, world.max_distractors)
     if headline not in played:
         headline = played[-1]
-    world = World(first.opened, first.config.tasks.environment(part, headline))
+        world = world.variant(num_distractors=headline)
     judge = _Judge(world, draws)
     found = {
         name: {amount: judge.runs(members, amount) for amount in played if _can_play(members[0], amount)}
@@ -328,10 +329,11 @@ def _check_alike(agents: Sequence[OpenedAgent]) -> None:
                 )
 
 
-def _distractors(agents: Sequence[OpenedAgent], wanted: Sequence[int] | None) -> list[int]:
-    """Return the numbers of distractors that at least one agent can play with."""
+def _distractors(agents: Sequence[OpenedAgent], wanted: Sequence[int] | None, most: int) -> list[int]:
+    """Return the numbers of distractors that at least one agent can play with; by default, ``most`` at most."""
     if wanted is None:
-        wanted = sorted({*DISTRACTORS, *(agent.config.tasks.distractors for agent in agents)})
+        usual = (amount for amount in DISTRACTORS if amount <= most)
+        wanted = sorted({*usual, *(agent.config.tasks.distractors for agent in agents)})
     played = [amount for amount in wanted if any(_can_play(agent, amount) for agent in agents)]
     if not played:
         trained_with = agents[0].config.tasks.distractors

@@ -55,7 +55,7 @@ def score(
         force: replace that file if it exists.
         graph: where the graph is now, if it has moved since the training.
     """
-    from wordcraft_kg.cli import with_options
+    from wordcraft_kg.cli.failures import with_options
     from wordcraft_kg.models.scorers.queries import Query, read_queries
     from wordcraft_kg.views.scores import ScoringModel
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from wordcraft_kg.errors import ConfigError
+from wordcraft_kg.progress import steps
 from wordcraft_kg.settings import refuse, whole
 
 Interval = tuple[float, float, float]
@@ -307,7 +308,7 @@ def bootstrap(
     sizes = np.bincount(index).astype(float)
     rng = np.random.default_rng(seed)
     means = np.empty(resamples)
-    for i in range(resamples):
+    for i in steps("resampling", range(resamples)):
         drawn = np.bincount(rng.integers(len(names), size=len(names)), minlength=len(names))
         means[i] = (drawn @ sums) / (drawn @ sizes)
     return means

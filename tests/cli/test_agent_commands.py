@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from wordcraft_kg.agents.impala import Impala
+from wordcraft_kg.cli.progress import Progress, Stages
 
 Run = Callable[..., Any]
 SMALL = ("--steps", 1_600, "--batch-size", 16, "--eval-every", 800, "--checkpoint-every", 800, "--quiet")
@@ -278,6 +279,25 @@ def test_bad_input_to_the_other_commands_is_a_clear_error(
     assert refused.code == 1
     assert message in refused.err
     assert "Traceback" not in refused.err
+
+
+@pytest.mark.parametrize(
+    ("command", "stage"),
+    [
+        (("evaluate-agent", "{world}/plain-0", "--draws", 3), "playing: 2 of 3"),
+        (("explain", "{world}/plain-0", "--episodes", 2), "explaining: 1 of 2"),
+        (("compare-agents", "{world}/plain-0", "--out", "{out}"), "evaluating agents: 1 of 3"),
+    ],
+)
+def test_judging_agents_names_its_stages(
+    run: Run, world: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: tuple[object, ...], stage: str
+) -> None:
+    monkeypatch.setattr(Progress, "INTERVAL", 0.0)
+    monkeypatch.setattr(Stages, "INTERVAL", 0.0)
+    parts = (str(part).replace("{world}", str(world)).replace("{out}", str(tmp_path / "out")) for part in command)
+    outcome = run(*parts)
+    assert outcome.code == 0
+    assert stage in outcome.err.splitlines()
 
 
 @pytest.mark.parametrize("name", ["policy.safetensors", "constants.safetensors", "evaluation.json"])

@@ -18,7 +18,7 @@ import pytest
 import torch
 
 from wordcraft_kg.cli import COMMANDS, main, make_app
-from wordcraft_kg.cli.progress import Progress
+from wordcraft_kg.cli.progress import Progress, Stages
 from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_book
 from wordcraft_kg.graphs.folder import open_graph, write_graph_folder
 from wordcraft_kg.graphs.splits import Split
@@ -69,6 +69,31 @@ def refused(outcome: Any, kind: str) -> str:
     assert outcome.err.startswith("error: ")
     assert "Traceback" not in outcome.err
     return outcome.err
+
+
+# --- progress ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("command", "stages"),
+    [
+        (
+            ["evaluate-links", "{0}/one", "--out", "{1}/report"],
+            ["ranking heads", "drawing the map", "writing the report"],
+        ),
+        (["compare-links", "{0}/one", "{0}/two"], ["ranking tails", "resampling: 999 of 1,000"]),
+    ],
+    ids=lambda value: value[0],
+)
+def test_judging_models_names_its_stages(
+    run: Run, trained: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: list[str], stages: list[str]
+):
+    monkeypatch.setattr(Progress, "INTERVAL", 0.0)
+    monkeypatch.setattr(Stages, "INTERVAL", 0.0)
+    outcome = run(*(part.format(trained, tmp_path) for part in command))
+    assert outcome.code == 0
+    for stage in stages:
+        assert f"\n{stage}" in f"\n{outcome.err}"
 
 
 # --- help ------------------------------------------------------------------------------------------------------------

@@ -12,6 +12,7 @@ from wordcraft_kg.errors import ConfigError
 from wordcraft_kg.graphs.recipe_graph import Entity, RecipeGraph
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
 from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
+from wordcraft_kg.progress import steps
 from wordcraft_kg.settings import one_of, whole
 from wordcraft_kg.statistics import standardised
 
@@ -289,8 +290,8 @@ def discovery_curves(
     game = Discovery(graph, base)
     shape = (len(players), runs, attempts + 1)
     known, repeated = np.zeros(shape, dtype=np.int64), np.zeros(shape, dtype=bool)
-    for number, player in enumerate(players.values()):
-        for run in range(runs):
+    for number, (name, player) in enumerate(players.items()):
+        for run in steps(f"playing {name}", range(runs)):
             game.restart()
             player.begin(game.base, np.random.default_rng([seed, run]))
             known[number, run] = len(game.base)

@@ -14,6 +14,7 @@ from wordcraft_kg.envs.world import GraphLike, World
 from wordcraft_kg.errors import ConfigError
 from wordcraft_kg.graphs.arrays import Ids, padded
 from wordcraft_kg.models.policies.policy import Policy
+from wordcraft_kg.progress import steps
 from wordcraft_kg.records import Count, Record, Share
 from wordcraft_kg.statistics import task_bootstrap
 
@@ -154,7 +155,7 @@ class Evaluator:
         success, by_plan = np.zeros(shape, dtype=bool), np.zeros(shape, dtype=bool)
         picks, endings = np.zeros(shape, dtype=np.int64), np.zeros(shape, dtype=np.int8)
         engine, rows = self.engine, np.arange(len(self.tasks))
-        for draw in range(self.draws):
+        for draw in steps("playing", range(self.draws)):
             engine.pose(self.tasks, draw)
             rng = np.random.default_rng([EVALUATION_SEED, draw])
             while (running := engine.attempts_left > 0).any():

@@ -15,6 +15,7 @@ from wordcraft_kg.errors import TaskError, UnknownEntityError
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.models.policies.policy import Policy
 from wordcraft_kg.models.policies.sources import ALPHA
+from wordcraft_kg.progress import steps
 from wordcraft_kg.records import Record, Share
 from wordcraft_kg.settings import nearest
 
@@ -83,7 +84,7 @@ def explain_episodes(
     # The distractors depend on the environment's number: environment i plays task i, as in the evaluation.
     engine = BatchEngine(world, len(world.tasks), seed=EVALUATION_SEED)
     found = []
-    for task, draw in zip(tasks.tolist(), draws.tolist(), strict=True):
+    for task, draw in steps("explaining", list(zip(tasks.tolist(), draws.tolist(), strict=True))):
         engine.pose(np.arange(engine.num_envs), draw)
         found.append(_explain(exact, PolicyPlayer(policy), engine, task))
     return tuple(found)

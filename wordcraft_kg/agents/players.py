@@ -20,6 +20,7 @@ from wordcraft_kg.models.policies.sources.source import ScoreView, make_sources
 from wordcraft_kg.models.scorers.facts import SymbolicScorer
 from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
 from wordcraft_kg.models.scorers.scales import SelfEdges
+from wordcraft_kg.progress import steps
 from wordcraft_kg.records import Count, Record, Share
 from wordcraft_kg.settings import whole
 from wordcraft_kg.statistics import task_bootstrap
@@ -222,7 +223,7 @@ def play_all(
     for amount in amounts:
         tasks = np.arange(len(world.tasks))
         engine = BatchEngine(world.variant(num_distractors=amount), len(tasks), seed=seed)
-        for name, player in players.items():
+        for name, player in steps(f"playing with {amount} distractor{'s' * (amount != 1)}", players.items()):
             success, by_plan = (np.zeros((len(tasks), draws), dtype=bool) for _ in range(2))
             rng = np.random.default_rng([seed, amount])
             for draw in range(draws):

@@ -38,6 +38,7 @@ class Output:
 
     def result(self, view: "Record | dict[str, Any]", text: Iterable[str]) -> None:
         """Print the result of a command, as one JSON object or as lines of text."""
+        Progress.close_current()  # a training may end before its last epoch
         if self.json:
             from wordcraft_kg.records import as_values
 
@@ -53,21 +54,18 @@ class Output:
     @contextmanager
     def session(self) -> Iterator[None]:
         """Show warnings and the stages of the work on stderr while a command runs; no bar is left behind."""
-        logging.basicConfig(level=logging.WARNING, format="%(levelname)s: %(message)s", handlers=[_Stderr()])
+        logging.basicConfig(level=logging.WARNING, format="%(message)s", handlers=[_Stderr()])
         logging.captureWarnings(True)
         logging.getLogger("wordcraft_kg").setLevel(logging.INFO if self.verbose else logging.NOTSET)
-        with listening(None if self.quiet else Stages()):
-            try:
-                yield
-            finally:
-                Progress.close_shown()
+        with listening(None if self.quiet else Stages()), Progress.session():
+            yield
 
 
 class _Stderr(logging.Handler):
     """Writes to stderr as it is at that moment: a bar on the terminal moves down for it."""
 
     def emit(self, record: logging.LogRecord) -> None:
-        print(self.format(record), file=sys.stderr)
+        print(f"{record.levelname.lower()}: {self.format(record)}", file=sys.stderr)
 
 
 Flag = Annotated[bool, Parameter(negative="", show_default=False)]

@@ -3,7 +3,8 @@
 import logging
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, ClassVar
 
 if TYPE_CHECKING:
@@ -14,30 +15,31 @@ MIN_BAR = 16
 
 
 class Progress:
-    """The progress of one training or stage; of several at the same time, a terminal shows the one that began first."""
+    """The progress of a training or a stage; of several that are nested, only the outermost is shown.
+
+    Attributes:
+        what: name of what is counted.
+        unit: unit of its steps, such as epoch.
+        hidden: whether nothing is shown.
+        is_stage: whether the bar is removed at the end, and a short stage is not worth a line.
+    """
 
     INTERVAL = 5.0  # seconds between plain lines
-    _shown: ClassVar["Progress | None"] = None
+    _current: ClassVar["Progress | None"] = None
+    _said: ClassVar[float] = 0.0  # time of the last plain line
 
     def __init__(self, what: str, *, unit: str = "", hidden: bool = False, is_stage: bool = False):
-        """Take the name of what is counted, and its unit.
-
-        Args:
-            what: name.
-            unit: unit, such as epoch.
-            hidden: report nothing.
-            is_stage: whether the bar goes when it is full, and a short stage is not worth a line.
-        """
+        """Begin with nothing shown."""
         self.what, self.unit, self.hidden, self.is_stage = what, unit, hidden, is_stage
         self._bar: Any = None
-        self._last = time.monotonic()
 
     def __call__(self, done: int, total: int, figures: Mapping[str, float]) -> None:
         """Report that ``done`` of ``total`` are done, with the latest figures."""
-        if self.hidden:
+        if self.hidden or Progress._current not in (None, self):
             return
+        Progress._current = self
         shown = [
-            f"{name} {value:,.0f}" if abs(value) >= 1e4 else f"{name} {value:.4g}"
+            f"{name.replace('_', ' ')} {f'{value:,.0f}' if abs(value) >= 1e4 else f'{value:.4g}'}"
             for name, value in figures.items()
             if name not in ("epoch", "seconds")
         ]
@@ -46,67 +48,99 @@ class Progress:
         console = Console(stderr=True)
         if console.is_interactive:
             self._draw(console, done, total, shown)
-        elif time.monotonic() - self._last >= self.INTERVAL or (done == total and not self.is_stage):
-            self._last = time.monotonic()
-            place = " ".join(filter(None, [self.unit, f"{done:,} of {total:,}"]))
-            print(", ".join(filter(None, [f"{self.what}: {place}", " ".join(shown)])), file=sys.stderr, flush=True)
+        else:
+            self._say(done, total, shown)
+        if done == total:
+            self.close()
+
+    def _say(self, done: int, total: int, figures: list[str]) -> None:
+        now = time.monotonic()
+        is_last_line = done == total and not self.is_stage
+        if not is_last_line and (done == total or now - Progress._said < self.INTERVAL):
+            return
+        Progress._said = now
+        place = f"{self.unit} {done:,} of {total:,}".lstrip() if total > 1 else "..."
+        print(", ".join(filter(None, [f"{self.what}: {place}", " ".join(figures)])), file=sys.stderr, flush=True)
 
     def _draw(self, console: "Console", done: int, total: int, figures: list[str]) -> None:
         from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
         from rich.progress import Progress as Bar
 
-        if Progress._shown not in (None, self):
-            return
-        count = f"{_short(done)}/{_short(total)}"
+        count = f"{_short(done)}/{_short(total)}" if total > 1 else ""
+        others = len(f"{self.what}  {count} 0:00:00 left ") + MIN_BAR
+        while figures and others + len("  ".join(figures)) > console.width:
+            figures.pop()
+        fields = {"completed": done, "count": count, "figures": "  ".join(["left" if count else "", *figures])}
         if self._bar is None:
             columns = (
                 TextColumn("{task.description}"),
                 BarColumn(bar_width=None),
                 TextColumn("{task.fields[count]}"),
-                TimeRemainingColumn(elapsed_when_finished=True),
+                TimeRemainingColumn(),
                 TextColumn("{task.fields[figures]}"),
             )
-            self._bar = Bar(*columns, console=console, transient=self.is_stage, expand=True, refresh_per_second=4)
-            self._bar.add_task(self.what, total=total, completed=done, count=count, figures="")
+            self._bar = Bar(
+                *columns,
+                console=console,
+                expand=True,
+                redirect_stdout=False,
+                refresh_per_second=4,
+                transient=self.is_stage,
+            )
+            # Nobody knows how far a single step has come: the bar shows only that something is being done.
+            self._bar.add_task(self.what, total=total if total > 1 else None, **fields)
             self._bar.start()
-            Progress._shown = self
-        others = len(self.what) + MIN_BAR + len(count) + len(" 0:00:00 ") + 3
-        while figures and others + len("  ".join(figures)) > console.width:
-            figures.pop()
-        self._bar.update(self._bar.task_ids[0], completed=done, count=count, figures="  ".join(figures))
-        if done == total:
-            self.close()
+        self._bar.update(self._bar.task_ids[0], **fields)
 
     def close(self) -> None:
         """Close the bar, even if it is not full."""
         if self._bar is not None:
             self._bar.stop()
             self._bar = None
-        if Progress._shown is self:
-            Progress._shown = None
+        if Progress._current is self:
+            Progress._current = None
 
     @classmethod
-    def close_shown(cls) -> None:
+    @contextmanager
+    def session(cls) -> Iterator[None]:
+        """Leave no bar behind, however the block ends."""
+        cls._said = time.monotonic()
+        try:
+            yield
+        finally:
+            cls.close_current()
+
+    @classmethod
+    def close_current(cls) -> None:
         """Close the bar that is on the terminal, if there is one."""
-        if cls._shown is not None:
-            cls._shown.close()
+        if cls._current is not None:
+            cls._current.close()
 
 
 class Stages:
-    """Shows one stage of a command's work after the other; see :mod:`wordcraft_kg.progress`."""
+    """Shows one stage of a command's work after the other; a listener of :mod:`wordcraft_kg.progress`."""
+
+    INTERVAL = 0.1  # seconds between two steps that are shown
 
     def __init__(self) -> None:
         """Begin without a stage."""
-        self._now = Progress("", is_stage=True)
-        self._began = 0.0
+        self._now: Progress | None = None
+        self._began = self._shown = 0.0
 
     def __call__(self, stage: str, done: int, total: int) -> None:
-        """Show how far a stage has come."""
-        if self._now.what != stage or done == 0:
-            self._now.what, self._began = stage, time.monotonic()
+        """Show how far a stage has come; those within another one are left out."""
+        now = time.monotonic()
+        if self._now is None:
+            if done == total:  # the command has ended already, by an error
+                return
+            self._now, self._began = Progress(stage, is_stage=True), now
+        elif self._now.what != stage or (0 < done < total and now - self._shown < self.INTERVAL):
+            return
+        self._shown = now
         self._now(done, total, {})
         if done == total:
-            logging.getLogger(__name__).info("%s: %.1f s", stage, time.monotonic() - self._began)
+            self._now = None
+            logging.getLogger(__name__).info("%s: %.1f s", stage, now - self._began)
 
 
 def _short(number: int) -> str:

@@ -9,6 +9,7 @@ from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.recipes import RecipeBook
 from wordcraft_kg.graphs.splits import Split
 from wordcraft_kg.graphs.triples import RELATIONS, Relation, is_in
+from wordcraft_kg.progress import stage
 from wordcraft_kg.records import Count, Hash, Record
 
 SHOWN = 20
@@ -159,6 +160,7 @@ class Audit(Record, omit_defaults=True, kw_only=True):
     leakage: dict[Relation, Leakage]
 
 
+@stage("auditing the graph")
 def audit(graph: RecipeGraph, split: Split, book: RecipeBook | None = None) -> Audit:
     """Return the audit of a graph and its split, and of the book that they were built from."""
     layer = layers(graph)

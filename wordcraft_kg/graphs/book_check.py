@@ -27,6 +27,7 @@ from wordcraft_kg.graphs.recipes import (
     read_bytes,
     read_directive,
 )
+from wordcraft_kg.progress import stage
 from wordcraft_kg.records import Count, Record, Share
 from wordcraft_kg.settings import nearest
 
@@ -115,6 +116,7 @@ class BookCheck:
         return replace(self, findings=_sorted([*self.findings, *findings]), figures=more)
 
 
+@stage("checking the book")
 def check_book(path: Path, base: Iterable[str] | None = None, name: str | None = None) -> BookCheck:
     """Check a recipe book.
 

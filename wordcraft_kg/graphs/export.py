@@ -13,6 +13,7 @@ from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.frames import to_networkx, triples_frame
 from wordcraft_kg.graphs.recipes import RecipeBook, write_book
 from wordcraft_kg.graphs.triples import RELATIONS, triple_lines
+from wordcraft_kg.progress import stage
 from wordcraft_kg.settings import one_of
 
 NAMESPACE = "urn:wordcraft-kg:"
@@ -28,6 +29,7 @@ class Exporter:
     is_folder: bool = False
 
 
+@stage("writing the export")
 def export_graph(opened: OpenedGraph, format: str, out: Path, *, force: bool = False) -> None:
     """Write a graph in one of the formats of :data:`EXPORTERS`; the output appears complete or not at all.
 

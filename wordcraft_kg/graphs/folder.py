@@ -14,6 +14,7 @@ from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.recipes import RecipeBook, book_json, read_book, recipe_table
 from wordcraft_kg.graphs.splits import Split, SplitConfig, make_split, read_split
 from wordcraft_kg.graphs.triples import triple_lines
+from wordcraft_kg.progress import stage
 from wordcraft_kg.records import as_values
 
 KG = Literal["partial", "full"]
@@ -37,6 +38,7 @@ class OpenedGraph:
         return self.graph.triples if kg == "full" else self.split.partial
 
 
+@stage("writing the graph folder")
 def write_graph_folder(out: Path, book: RecipeBook, split: Split, *, force: bool = False) -> Audit:
     """Write a graph folder and return its audit.
 

@@ -14,6 +14,7 @@ from pathlib import Path
 from wordcraft_kg.artefacts import sha256_of, write_atomically
 from wordcraft_kg.errors import FetchError, RecipeFileError
 from wordcraft_kg.graphs.recipes import RecipeBook, read_book
+from wordcraft_kg.progress import stage
 from wordcraft_kg.settings import nearest
 
 DATA_VARIABLE = "WORDCRAFT_KG_DATA"
@@ -143,6 +144,7 @@ def open_book(name_or_path: str | Path, *, keep_self_results: bool = False) -> R
     return replace(content, base=located.base) if content.base is None else content
 
 
+@stage("downloading")
 def fetch_book(name: str) -> Path:
     """Download a published book into the cache, once, and return its path.
 

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 
 from wordcraft_kg.artefacts import write_atomically
 from wordcraft_kg.errors import RecipeFileError
+from wordcraft_kg.progress import stage
 
 CSV_HEADER = ("ingredient_a", "ingredient_b", "result")
 JSON_FORMAT = "wordcraft-kg recipe book 1"
@@ -100,6 +101,7 @@ class RecipeBook:
         return tuple(sorted({label for recipe in self.recipes for label in recipe}.union(self.idle)))
 
 
+@stage("reading the book")
 def read_book(path: str | Path, *, keep_self_results: bool = False, name: str | None = None) -> RecipeBook:
     """Read and validate a recipe book from a file, or from the ``graph.json`` of a graph folder.
 

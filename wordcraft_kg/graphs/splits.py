@@ -21,6 +21,7 @@ from wordcraft_kg.graphs.arrays import Ids, frozen
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.recipes import Recipe
 from wordcraft_kg.graphs.triples import is_in, recipe_triples
+from wordcraft_kg.progress import stage
 from wordcraft_kg.settings import one_of, require, whole
 
 SPLIT_FORMAT = "wordcraft-kg split 1"
@@ -193,6 +194,7 @@ class Split:
         yield "}\n"
 
 
+@stage("splitting the recipes")
 def make_split(graph: RecipeGraph, config: SplitConfig) -> Split:
     """Split a graph's recipes; the same graph and settings give the same split on any machine.
 

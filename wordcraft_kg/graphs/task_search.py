@@ -10,6 +10,7 @@ from wordcraft_kg.graphs.plan_search import PlanSearch, Rows
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.splits import PARTS, Split
 from wordcraft_kg.graphs.tasks import TaskPart, TaskSet, TaskWeighting
+from wordcraft_kg.progress import stage
 from wordcraft_kg.settings import one_of, whole
 
 MAX_DEPTH = 5
@@ -25,6 +26,7 @@ Posed = tuple[int, Rows]
 Plans = tuple[Rows, ...]
 
 
+@stage("finding tasks")
 def make_tasks(
     graph: RecipeGraph,
     depth: int = 1,

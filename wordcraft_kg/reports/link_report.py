@@ -12,6 +12,7 @@ from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.triples import RELATIONS
 from wordcraft_kg.models.links.records import TraceRow
 from wordcraft_kg.models.scorers.protocol import TripleScorer
+from wordcraft_kg.progress import stage
 from wordcraft_kg.records import schema_of
 from wordcraft_kg.reports import charts
 from wordcraft_kg.reports.report import Report
@@ -106,6 +107,7 @@ def _pictures_of_all_entities(judged: JudgedLinks, seed: int) -> dict[str, Marku
     return pictures
 
 
+@stage("drawing the map")
 def _map(judged: JudgedLinks, group_of: Ids, seed: int) -> Markup:
     """Return a t-SNE map of the score profiles."""
     from sklearn.decomposition import PCA

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from wordcraft_kg.artefacts import dump_json, staged_folder, write_atomically
+from wordcraft_kg.progress import stage
 from wordcraft_kg.records import Record, checked_values
 from wordcraft_kg.reports.pages import render_page
 
@@ -39,6 +40,7 @@ def render(report: Report[Any]) -> str:
     return render_page(report.template, report=report.view, pictures=report.pictures, **report.shown)
 
 
+@stage("writing the report")
 def write_report(report: Report[Any], out: Path, *, force: bool = False) -> None:
     """Write ``index.html``, ``report.json`` and the tables into a folder.
 

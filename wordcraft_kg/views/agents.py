@@ -22,6 +22,7 @@ from wordcraft_kg.graphs.planner import layers
 from wordcraft_kg.graphs.tasks import TaskPart, TaskSet
 from wordcraft_kg.models.policies.sources import ALPHA, SOURCES
 from wordcraft_kg.models.policies.sources.component_of import ComponentOf
+from wordcraft_kg.progress import steps
 from wordcraft_kg.records import Count, Hash, Record, Share
 from wordcraft_kg.statistics import (
     interquartile_mean,
@@ -271,10 +272,10 @@ def view_agents(
         headline = played[-1]
         world = world.variant(num_distractors=headline)
     judge = _Judge(world, draws)
-    found = {
-        name: {amount: judge.runs(members, amount) for amount in played if _can_play(members[0], amount)}
-        for name, members in groups.items()
-    }
+    plays = [(name, amount) for name, members in groups.items() for amount in played if _can_play(members[0], amount)]
+    found: dict[str, dict[int, list[Evaluation]]] = {name: {} for name in groups}
+    for name, amount in steps("evaluating agents", plays):
+        found[name][amount] = judge.runs(groups[name], amount)
     reference = next(iter(groups))
     entries = []
     for name, members in groups.items():

@@ -11,12 +11,14 @@ from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.splits import Split
 from wordcraft_kg.graphs.triples import is_in, recipe_triples
 from wordcraft_kg.models.scorers.features import EntityFeatures
+from wordcraft_kg.progress import stage
 
 NEAR_SYNONYM = 0.7
 """Cosine from which two ingredients count as near-synonyms, for 50-d GloVe. It is generous: lake and river or bread and
 cake are above it, but so are merely related pairs, such as day and night or chicken and egg."""
 
 
+@stage("looking for near-synonyms")
 def near_synonym_recipes(split: Split, features: EntityFeatures, threshold: float = NEAR_SYNONYM) -> NDArray[np.bool_]:
     """Return which test recipes differ from a train recipe only in one ingredient, a near-synonym.
 

@@ -13,6 +13,7 @@ from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.triples import RELATIONS, triple_keys
 from wordcraft_kg.models.scorers.protocol import TripleScorer
+from wordcraft_kg.progress import steps
 from wordcraft_kg.records import Count, Record, Share
 from wordcraft_kg.statistics import bootstrap, interval
 
@@ -88,7 +89,7 @@ def rank_triples(scorer: TripleScorer, triples: Ids, known: Ids) -> pd.DataFrame
         known_keys = known[:, 1] * num_entities + known[:, fixed]
         order = np.argsort(known_keys, kind="stable")
         known_keys, answers = known_keys[order], known[order, target]
-        for start in range(0, len(triples), BATCH):
+        for start in steps(f"ranking {side}s", range(0, len(triples), BATCH)):
             batch = triples[start : start + BATCH]
             keys = batch[:, 1] * num_entities + batch[:, fixed]
             left, right = np.searchsorted(known_keys, keys, "left"), np.searchsorted(known_keys, keys, "right")

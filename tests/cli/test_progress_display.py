@@ -1,0 +1,141 @@
+"""What is shown while a command works: bars on a terminal, plain lines elsewhere, nothing with --quiet."""
+
+import json
+import re
+import signal
+
+import pytest
+
+from wordcraft_kg.cli.console import Output
+from wordcraft_kg.cli.progress import MIN_BAR, Progress, Stages
+from wordcraft_kg.progress import listening, steps
+
+FIGURES = {"success": 0.9407, "test_success": 0.3175, "steps_per_second": 12_439.0}
+
+
+@pytest.fixture
+def terminal(monkeypatch):
+    """Make stderr look like a terminal of some columns; return how to read what was drawn, without colours."""
+    for name in ("NO_COLOR", "FORCE_COLOR"):
+        monkeypatch.delenv(name, raising=False)
+    for name, value in (("TERM", "xterm"), ("TTY_COMPATIBLE", "1"), ("TTY_INTERACTIVE", "1")):
+        monkeypatch.setenv(name, value)
+
+    def frames(text):
+        return [line for line in re.split(r"[\r\n]+", re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", text)) if line.strip()]
+
+    return frames
+
+
+@pytest.fixture
+def at_once(monkeypatch):
+    """Show every step, however soon it comes after the last one."""
+    monkeypatch.setattr(Progress, "INTERVAL", 0.0)
+    monkeypatch.setattr(Stages, "INTERVAL", 0.0)
+
+
+@pytest.mark.parametrize(("width", "num_figures"), [(80, 1), (120, 3), (200, 3)])
+def test_a_training_bar_has_room_and_its_figures_are_whole(terminal, capsys, monkeypatch, width, num_figures):
+    monkeypatch.setenv("COLUMNS", str(width))
+    with Progress.session():
+        progress = Progress("agent", unit="step")
+        for done in (9_984, 1_500_000, 3_000_000):
+            progress(done, 3_000_000, FIGURES)
+    last = terminal(capsys.readouterr().err)[-1]
+    assert len(last.rstrip()) <= width
+    assert len(re.findall("[━╸╺]", last)) >= MIN_BAR
+    assert "3.00M/3.00M" in last
+    shown = ["success 0.9407", "test success 0.3175", "steps per second 12,439"][:num_figures]
+    assert last.rstrip().endswith("left  " + "  ".join(shown))
+
+
+def test_of_nested_stages_the_outer_one_is_shown(capsys, at_once):
+    with Progress.session(), listening(Stages()):
+        for _ in steps("outer", range(2)):
+            list(steps("inner", range(3)))
+        list(steps("next", range(2)))
+    assert capsys.readouterr().err.splitlines() == ["outer: 0 of 2", "outer: 1 of 2", "next: 0 of 2", "next: 1 of 2"]
+
+
+def test_stages_of_a_training_are_not_shown_beside_it(capsys, at_once):
+    with Progress.session(), listening(Stages()):
+        progress = Progress("agent", unit="step")
+        progress(1, 2, {})
+        list(steps("playing", range(5)))
+        progress(2, 2, {"loss": 0.5})
+        list(steps("playing", range(2)))
+    lines = ["agent: step 1 of 2", "agent: step 2 of 2, loss 0.5", "playing: 0 of 2", "playing: 1 of 2"]
+    assert capsys.readouterr().err.splitlines() == lines
+
+
+def test_a_stage_shorter_than_the_interval_is_not_worth_a_line(capsys):
+    with Progress.session(), listening(Stages()):
+        list(steps("playing", range(50)))
+    assert capsys.readouterr().err == ""
+
+
+def test_no_bar_is_left_when_a_stage_is_given_up(terminal, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+
+    def interrupted():
+        with Output().session():
+            for number in steps("playing", range(5)):
+                if number:
+                    raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    shown = capsys.readouterr().err
+    assert terminal(shown)[-1].startswith("playing")
+    assert shown.endswith("\x1b[2K")  # the line of the bar is empty
+    assert "\x1b[?25h" in shown  # the cursor is back
+
+
+def test_ctrl_c_is_answered_below_the_bar(run, home, terminal, monkeypatch):
+    show = Progress.__call__
+
+    def press(self, done, total, figures):
+        show(self, done, total, figures)
+        if self.unit == "epoch" and done == 2:
+            signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr(Progress, "__call__", press)
+    outcome = run("train-complex", "kitchen", "--dim", "8", "--epochs", "6", "--out", home / "model")
+    assert outcome.code == 130
+    bar, message = terminal(outcome.err)[-2:]
+    assert bar.startswith("partial graph")
+    assert message.startswith("interrupted; epoch")
+    assert outcome.err.rindex("\x1b[?25h") < outcome.err.index("interrupted")
+
+
+@pytest.mark.parametrize(
+    ("command", "stages"),
+    [
+        (["build-graph", "kitchen", "--out", "{home}/graph"], ["reading the book", "writing the graph folder"]),
+        (["describe", "kitchen"], ["auditing the graph"]),
+        (["export", "kitchen", "--format", "tsv", "--out", "{home}/out.tsv"], ["writing the export"]),
+        (["check-book", "kitchen"], ["checking the book"]),
+        (["tasks", "kitchen", "--depth", "2"], ["finding tasks"]),
+        (["discover", "kitchen", "--runs", "2", "--attempts", "5"], ["playing random: 1 of 2", "playing greedy"]),
+        (["baselines", "kitchen", "--draws", "1"], ["playing with 8 distractors: 9 of 10"]),
+    ],
+    ids=lambda value: value[0],
+)
+def test_commands_name_their_stages_on_stderr_and_are_silent_with_quiet(run, home, at_once, command, stages):
+    command = [part.replace("{home}", str(home)) for part in command]
+    force = ["--force"] if "--out" in command else []
+    outcome = run(*command, "--json")
+    assert outcome.code == 0
+    assert outcome.out.count("\n") == 1
+    json.loads(outcome.out)
+    for stage in stages:
+        assert f"\n{stage}" in f"\n{outcome.err}"
+    assert run(*command, *force, "--quiet").err == ""
+
+
+def test_verbose_logs_how_long_stages_took(run, home, caplog):
+    run("describe", "kitchen", "--verbose")
+    assert any(re.fullmatch(r"auditing the graph: \d+\.\d s", message) for message in caplog.messages)
+    caplog.clear()
+    run("describe", "kitchen")
+    assert caplog.messages == []

@@ -18,7 +18,7 @@ import pandas as pd
 import pytest
 import torch
 
-from wordcraft_kg.errors import OutputExistsError, SplitError
+from wordcraft_kg.errors import ConfigError, OutputExistsError, SplitError
 from wordcraft_kg.graphs import SplitConfig, make_split
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.splits import Split
@@ -34,7 +34,7 @@ from wordcraft_kg.models.scorers.tables import TableScorer
 from wordcraft_kg.records import as_values
 from wordcraft_kg.reports.link_report import make_link_report, report_schema
 from wordcraft_kg.reports.report import Report, render, write_report
-from wordcraft_kg.views.links import LinkView, summarise_links
+from wordcraft_kg.views.links import LinkView, judge_links, summarise_links
 
 LinkReport = Report[LinkView]
 Values = dict[str, Any]
@@ -563,6 +563,50 @@ def test_a_large_graph_has_a_report_without_the_map(kitchen_model: OpenedModel, 
     assert set(report.view.baselines) == {"frequency", "random"}
     jsonschema.validate(values_of(report), report_schema())
     assert Page(render(report)).faults == []
+
+
+def test_a_large_graph_has_a_report_that_says_what_it_leaves_out(
+    kitchen_model: OpenedModel, kitchen_report: LinkReport, monkeypatch: pytest.MonkeyPatch
+):
+    assert "this report has no neighbour baseline" not in " ".join(render(kitchen_report).split())
+    monkeypatch.setattr("wordcraft_kg.views.links.MAP_LIMIT", kitchen_model.opened.graph.num_entities - 1)
+    report = make_link_report(kitchen_model.scorer, kitchen_model.opened)
+    assert report.view.without_pairs
+    assert "this report has no neighbour baseline" in " ".join(render(report).split())
+
+
+# --- a sample of the queries -----------------------------------------------------------------------------------------
+
+
+def test_of_more_queries_than_asked_for_a_uniform_sample_is_ranked_and_said_so(kitchen_model: OpenedModel):
+    held_out = kitchen_model.opened.split.held_out("test")
+    report = make_link_report(kitchen_model.scorer, kitchen_model.opened, max_queries=80)
+    assert (report.view.queries, report.view.triples, report.view.sampled_from) == (80, 40, len(held_out))
+    assert {table["all"].queries for table in report.view.baselines.values()} == {80}
+    assert len(report.tables["ranks.csv"]) == 80
+    assert f"a uniform sample of 40 of {len(held_out)}" in render(report)
+    low, high = report.view.metrics["all"].mrr_ci
+    assert low < report.view.metrics["all"].mrr < high
+    leaked = len(kitchen_model.opened.split.triples_of("test")) - len(held_out)
+    assert report.view.with_leaked.queries == 80 + 2 * round(leaked * 40 / len(held_out))
+    again = make_link_report(kitchen_model.scorer, kitchen_model.opened, max_queries=80)
+    pd.testing.assert_frame_equal(again.tables["ranks.csv"], report.tables["ranks.csv"])
+
+
+def test_samples_get_on_average_what_all_queries_get(kitchen_model: OpenedModel, values: Values):
+    samples = [
+        ranking_metrics(judge_links(kitchen_model.scorer, kitchen_model.opened, max_queries=80, seed=seed).ranks).mrr
+        for seed in range(100)
+    ]
+    error = float(np.std(samples)) / 10
+    assert 0 < error < 0.02
+    assert np.mean(samples) == pytest.approx(values["metrics"]["all"]["mrr"], abs=4 * error)
+
+
+@pytest.mark.parametrize("max_queries", [-1, 59])
+def test_a_sample_too_small_for_a_figure_is_refused(kitchen_model: OpenedModel, max_queries: int):
+    with pytest.raises(ConfigError, match="`max_queries`"):
+        make_link_report(kitchen_model.scorer, kitchen_model.opened, max_queries=max_queries)
 
 
 def test_labels_are_escaped_wherever_they_are_shown(awkward_graph: OpenedGraph, tmp_path: Path):

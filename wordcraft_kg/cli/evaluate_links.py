@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from wordcraft_kg.cli.console import Flag, Output, aligned
+from wordcraft_kg.models.scorers.config import MAX_QUERIES
 
 if TYPE_CHECKING:
     from wordcraft_kg.models.scorers.ranking import RankingMetrics
@@ -20,6 +21,7 @@ def evaluate_links(
     model: Path,
     *,
     graph: str | None = None,
+    max_queries: int = MAX_QUERIES,
     out: Path | None = None,
     force: Flag = False,
     output: Output = Output(),
@@ -29,6 +31,7 @@ def evaluate_links(
     Args:
         model: model folder.
         graph: where the graph is now, if it has moved since the training.
+        max_queries: most queries to rank, two for each triple; of more, a uniform sample is ranked. 0 ranks all.
         out: folder to write. Default: report/ in the model folder.
         force: replace the report if it exists.
     """
@@ -50,6 +53,7 @@ def evaluate_links(
         name=model.name,
         provenance=trained.provenance,
         trace=trained.trace,
+        max_queries=max_queries,
     )
     write_report(report, folder, force=force)
     output.result(summarise_links(report.view, str(folder / "index.html")), _text(report.view, folder))
@@ -63,10 +67,13 @@ def evaluate_links(
 def _text(view: "LinkView", folder: Path) -> list[str]:
     rows = [(name, _figures(view.metrics[name])) for name in ("all", "combinesWith", "componentOf")]
     rows += [(name, _figures(table["all"])) for name, table in view.baselines.items()]
+    ranked = f"{view.triples:,}"
+    if view.sampled_from is not None:
+        ranked = f"a uniform sample of {view.triples:,} of {view.sampled_from:,}"
     if view.model.has_seen_the_test_recipes:
-        first = f"{view.triples:,} triples of the graph, all seen in training: memory, not prediction"
+        first = f"{ranked} triples of the graph, all seen in training: memory, not prediction"
     else:
-        first = f"{view.triples:,} unseen triples; {view.leaked_left_out:,} leaked ones left out"
+        first = f"{ranked} unseen triples; {view.leaked_left_out:,} leaked ones left out"
         others = [row for row in view.drill_down.near_synonyms if row.slice == "no such train recipe"]
         rows += [
             ("no near-synonym", f"{_figures(row)}  (recipes that no train recipe nearly repeats)") for row in others

@@ -11,6 +11,7 @@ from wordcraft_kg.graphs.folder import KG, OpenedGraph
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.triples import RELATIONS
 from wordcraft_kg.models.links.records import TraceRow
+from wordcraft_kg.models.scorers.config import MAX_QUERIES
 from wordcraft_kg.models.scorers.protocol import TripleScorer
 from wordcraft_kg.progress import stage
 from wordcraft_kg.records import schema_of
@@ -27,6 +28,7 @@ def make_link_report(
     name: str = "scorer",
     provenance: Mapping[str, str] | None = None,
     trace: Sequence[TraceRow] = (),
+    max_queries: int = MAX_QUERIES,
     seed: int = 0,
 ) -> Report[LinkView]:
     """Evaluate a scorer on the links of a graph.
@@ -39,12 +41,13 @@ def make_link_report(
         name: name of the scorer in the report.
         provenance: facts for the last section.
         trace: a row for each epoch.
-        seed: seed of the bootstrap and the map.
+        max_queries: most queries to rank; 0 ranks all. See :func:`~wordcraft_kg.views.links.judge_links`.
+        seed: seed of the sample of queries, the bootstrap and the map.
 
     Raises:
         SplitError: if fewer than 30 triples are left to evaluate it on.
     """
-    judged = judge_links(scorer, opened, kg)
+    judged = judge_links(scorer, opened, kg, max_queries=max_queries, seed=seed)
     view = view_links(judged, name=name, provenance=provenance, trace=trace, seed=seed)
     return Report(
         view,

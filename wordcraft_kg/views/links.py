@@ -25,6 +25,7 @@ from wordcraft_kg.graphs.planner import layers
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.triples import COMBINES_WITH, RELATIONS, Relation, is_in
 from wordcraft_kg.models.links.records import TraceRow
+from wordcraft_kg.models.scorers.config import MAX_QUERIES
 from wordcraft_kg.models.scorers.facts import FrequencyScorer
 from wordcraft_kg.models.scorers.features import glove_features
 from wordcraft_kg.models.scorers.near_synonyms import NEAR_SYNONYM, near_synonym_recipes, near_synonym_triples
@@ -39,10 +40,12 @@ from wordcraft_kg.models.scorers.ranking import (
     rank_triples,
     ranking_metrics,
     recipe_clusters,
+    sampled,
     slice_masks,
     with_interval,
 )
 from wordcraft_kg.records import Count, Hash, Record, Share
+from wordcraft_kg.settings import refuse, whole
 from wordcraft_kg.views.bins import OPEN_END, Bounds, binned
 
 LISTED = 8
@@ -161,6 +164,9 @@ class LinkView(Record):
 
     Attributes:
         queries: number of queries, two for each of ``triples``.
+        triples: number of triples ranked.
+        sampled_from: number of triples of which they are a uniform sample; None if all are ranked.
+        without_pairs: whether the graph has too many entities for the parts that need the scores of all pairs.
         leaked_left_out: number of triples of the test recipes that training contains; they are not evaluated.
         metrics: filtered metrics with realistic ties.
         with_leaked: metrics if the leaked triples were evaluated too.
@@ -183,6 +189,8 @@ class LinkView(Record):
     split: SplitSummary
     queries: Count
     triples: Count
+    sampled_from: Count | None
+    without_pairs: bool
     leaked_left_out: Count
     leakage: dict[Relation, Leakage]
     checks: Annotated[tuple[Check, ...], msgspec.Meta(min_length=2)]
@@ -214,6 +222,7 @@ class LinkSummary(Record):
     mrr_ci: dict[str, tuple[Share, Share] | None]
     queries: Count
     triples: Count
+    sampled_from: Count | None
     leaked_left_out: Count
     mrr_with_leaked: Share | None
     mrr_without_near_synonyms: Share | None
@@ -231,13 +240,15 @@ class JudgedLinks:
         scorer: the scorer.
         opened: graph and split.
         kg: knowledge graph that the scorer was trained on.
-        queries: triples that it is evaluated on, shape (T, 3).
+        population: number of triples that it could be evaluated on.
+        queries: triples that it is evaluated on, shape (T, 3): all of them, or a uniform sample.
         ranks: a row for each query, see :func:`~wordcraft_kg.models.scorers.ranking.rank_triples`.
     """
 
     scorer: TripleScorer
     opened: OpenedGraph
     kg: KG
+    population: int
     queries: Ids
     ranks: pd.DataFrame
 
@@ -285,22 +296,42 @@ class JudgedLinks:
         return _labelled(self.graph, self.ranks)
 
 
-def judge_links(scorer: TripleScorer, opened: OpenedGraph, kg: KG = "partial") -> JudgedLinks:
+def judge_links(
+    scorer: TripleScorer,
+    opened: OpenedGraph,
+    kg: KG = "partial",
+    *,
+    max_queries: int = MAX_QUERIES,
+    seed: int = 0,
+) -> JudgedLinks:
     """Rank the triples that a scorer is evaluated on.
 
     A scorer of the partial graph is evaluated on the test triples that training does not contain. One of the full graph
     has seen these, so it is evaluated on the graph's own triples, which measures memory and is marked as such.
 
+    Args:
+        scorer: a scorer of the graph.
+        opened: graph and split.
+        kg: knowledge graph that the scorer was trained on.
+        max_queries: most queries to rank, two for each triple; of more, a uniform sample of the triples is ranked. 0
+            ranks all.
+        seed: seed of that sample.
+
     Raises:
+        ConfigError: if ``max_queries`` is too small for a meaningful figure.
         SplitError: if fewer than 30 triples are left to evaluate it on.
     """
-    queries = opened.graph.triples if kg == "full" else opened.split.held_out("test")
+    if whole("max_queries", max_queries, 0) and max_queries < 2 * MIN_TRIPLES:
+        raise refuse("max_queries", max_queries, f"0 for all, or {2 * MIN_TRIPLES} or more")
+    everything = opened.graph.triples if kg == "full" else opened.split.held_out("test")
+    queries = sampled(everything, max_queries // 2, seed) if max_queries else everything
     if len(queries) < MIN_TRIPLES:
         raise SplitError(
             f"only {len(queries)} unseen test triples; a meaningful figure needs at least {MIN_TRIPLES}. "
             "Build the graph with a smaller `train_ratio`, such as 0.7."
         )
-    return JudgedLinks(scorer, opened, kg, queries, rank_triples(scorer, queries, opened.graph.triples))
+    ranks = rank_triples(scorer, queries, opened.graph.triples)
+    return JudgedLinks(scorer, opened, kg, len(everything), queries, ranks)
 
 
 def view_links(
@@ -329,6 +360,8 @@ def view_links(
         split=split,
         queries=len(ranks),
         triples=len(judged.queries),
+        sampled_from=judged.population if judged.population > len(judged.queries) else None,
+        without_pairs=not judged.has_table,
         leaked_left_out=0 if judged.is_full else split.leaked_triples,
         leakage=leakage(judged.opened.split),
         checks=tuple(_checks(judged)),
@@ -369,6 +402,7 @@ def summarise_links(view: LinkView, report: str) -> LinkSummary:
         mrr_ci={name: row.mrr_ci for name, row in metrics.items()},
         queries=view.queries,
         triples=view.triples,
+        sampled_from=view.sampled_from,
         leaked_left_out=view.leaked_left_out,
         mrr_with_leaked=view.with_leaked.mrr,
         mrr_without_near_synonyms=others[0] if others else None,
@@ -414,11 +448,16 @@ def _headline(judged: JudgedLinks, seed: int) -> Slices:
 
 
 def _with_leaked(judged: JudgedLinks) -> RankingMetrics:
-    """Return the metrics of all triples of the test recipes, including those in training."""
+    """Return the metrics of all triples of the test recipes, including those in training; of as many as are ranked."""
     if judged.is_full:
         return ranking_metrics(judged.ranks)
-    everything = judged.opened.split.triples_of("test")
-    return ranking_metrics(rank_triples(judged.scorer, everything, judged.graph.triples))
+    split, size = judged.opened.split, judged.graph.num_entities
+    everything = split.triples_of("test")
+    leaked = everything[~is_in(everything, split.held_out("test"), size)]
+    # The same share of them as of the others, so that both together are a uniform sample too.
+    leaked = sampled(leaked, round(len(leaked) * len(judged.queries) / judged.population))
+    ranks = rank_triples(judged.scorer, leaked, judged.graph.triples)
+    return ranking_metrics(pd.concat([judged.ranks, ranks], ignore_index=True) if len(ranks) else judged.ranks)
 
 
 def _baselines(judged: JudgedLinks) -> dict[str, Slices]:

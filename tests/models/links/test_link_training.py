@@ -181,12 +181,12 @@ def test_the_config_file_read_back_gives_an_equal_configuration(
 ):
     folder = train(validated_kitchen, config, tmp_path / "model").folder
     again = LinksConfig.read(folder)
-    assert again.settings == config
+    assert again.settings == config.for_size(validated_kitchen.graph.num_entities)
     assert open_graph(again.graph).split.hash == validated_kitchen.split.hash
 
 
 def test_the_config_file_keeps_every_digit_of_a_number(opened_kitchen: OpenedGraph, tmp_path: Path):
-    config = ComplExConfig(dim=4, epochs=1, n3=1e-17, init_scale=0.1 + 0.2, learning_rate=1 / 3)
+    config = ComplExConfig(dim=4, epochs=1, n3=1e-17, init_scale=0.1 + 0.2, learning_rate=1 / 3, negatives=0)
     folder = train(opened_kitchen, config, tmp_path / "model").folder
     assert LinksConfig.read(folder) == LinksConfig("kitchen", config)
 

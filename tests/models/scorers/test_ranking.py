@@ -17,7 +17,7 @@ from pykeen.training import SLCWATrainingLoop
 
 from wordcraft_kg.errors import ArtefactError
 from wordcraft_kg.graphs.folder import OpenedGraph
-from wordcraft_kg.graphs.triples import COMBINES_WITH, RELATIONS
+from wordcraft_kg.graphs.triples import COMBINES_WITH, RELATIONS, is_in, triple_keys
 from wordcraft_kg.models.links.builders import scorer_tensors
 from wordcraft_kg.models.links.complex import ComplExN3
 from wordcraft_kg.models.links.config import ComplExConfig
@@ -25,6 +25,7 @@ from wordcraft_kg.models.links.pykeen_bridge import pykeen_guard, triples_factor
 from wordcraft_kg.models.links.symmetric_lcwa import IndexedSymmetricLCWATrainingLoop
 from wordcraft_kg.models.scorers import ranking as link_prediction
 from wordcraft_kg.models.scorers.embeddings import ComplExScorer
+from wordcraft_kg.models.scorers.facts import FrequencyScorer
 from wordcraft_kg.models.scorers.folder import make_scorer
 from wordcraft_kg.models.scorers.ranking import (
     CalibrationBin,
@@ -34,6 +35,7 @@ from wordcraft_kg.models.scorers.ranking import (
     rank_triples,
     ranking_metrics,
     recipe_clusters,
+    sampled,
     slice_masks,
     with_interval,
 )
@@ -84,6 +86,52 @@ def test_ranks_do_not_depend_on_the_batches(case):
         whole = rank_triples(table_scorer(table), queries, known)
         patch.setattr(link_prediction, "BATCH", 2)
         pd.testing.assert_frame_equal(rank_triples(table_scorer(table), queries, known), whole)
+
+
+@pytest.mark.parametrize("cells", [1, 11, 40])
+def test_of_many_entities_fewer_queries_are_scored_at_once(
+    opened_kitchen: OpenedGraph, monkeypatch: pytest.MonkeyPatch, cells: int
+):
+    graph = opened_kitchen.graph
+    scorer = FrequencyScorer(graph, opened_kitchen.split.partial)
+    queries = opened_kitchen.split.held_out("test")
+    expected = rank_triples(scorer, queries, graph.triples)
+    blocks: list[int] = []
+
+    def score(heads, relations, tails, whole=scorer.score):
+        found = whole(heads, relations, tails)
+        blocks.append(len(found))
+        return found
+
+    monkeypatch.setattr(scorer, "score", score)
+    monkeypatch.setattr(link_prediction, "CELLS", cells * graph.num_entities)
+    pd.testing.assert_frame_equal(rank_triples(scorer, queries, graph.triples), expected)
+    assert max(blocks) == cells
+
+
+def test_a_long_ranking_reports_each_block_and_a_short_one_nothing(
+    opened_kitchen: OpenedGraph, monkeypatch: pytest.MonkeyPatch
+):
+    graph, told = opened_kitchen.graph, []
+    arguments = FrequencyScorer(graph, graph.triples), graph.triples[:50], graph.triples
+    rank_triples(*arguments, lambda done, total, _: told.append((done, total)))
+    assert told == []
+    monkeypatch.setattr(link_prediction, "PATIENCE", -1)
+    monkeypatch.setattr(link_prediction, "BATCH", 40)
+    rank_triples(*arguments, lambda done, total, _: told.append((done, total)))
+    assert told == [(40, 100), (50, 100), (90, 100), (100, 100)]
+
+
+def test_a_sample_is_of_the_size_asked_for_in_order_and_of_its_seed(opened_kitchen: OpenedGraph):
+    triples = opened_kitchen.graph.triples
+    one, again, other = (sampled(triples, 40, seed) for seed in (0, 0, 1))
+    assert len(one) == 40
+    assert np.array_equal(one, again)
+    assert not np.array_equal(one, other)
+    keys = triple_keys(one, opened_kitchen.graph.num_entities)
+    assert (np.diff(keys) > 0).all()
+    assert is_in(one, triples, opened_kitchen.graph.num_entities).all()
+    assert sampled(triples, len(triples)) is triples
 
 
 def test_ranks_by_hand_follow_the_definitions_of_ties_and_filters():

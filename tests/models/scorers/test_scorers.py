@@ -471,3 +471,11 @@ def test_loading_changes_nothing_in_the_folder(complex_folder: Path):
     before = contents(complex_folder)
     load_scorer(complex_folder)
     assert contents(complex_folder) == before
+
+
+def test_a_table_of_any_strides_scores_like_a_plain_one():
+    scores = torch.randn(len(RELATIONS), SIZE, SIZE).transpose(1, 2)
+    assert not scores.is_contiguous()
+    scorer = TableScorer(scores, GRAPH.entities, GRAPH.hash)
+    assert scorer.score(1, COMPONENT_OF, 2) == scores[COMPONENT_OF, 1, 2]
+    assert torch.equal(scorer.table(COMBINES_WITH), scores[COMBINES_WITH])

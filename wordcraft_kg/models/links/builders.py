@@ -3,6 +3,8 @@
 A new kind is a configuration in ``config.py`` and two functions here.
 """
 
+from typing import Any
+
 import torch
 from pykeen.losses import loss_resolver
 from pykeen.models import Model, model_resolver
@@ -14,6 +16,7 @@ from wordcraft_kg.graphs.triples import RELATIONS
 from wordcraft_kg.models.links.complex import ComplExN3
 from wordcraft_kg.models.links.config import ComplExConfig, LinkModelConfig, LinkSettings
 from wordcraft_kg.models.links.pykeen_bridge import all_scores
+from wordcraft_kg.models.links.sampled_softmax import SampledSymmetricLCWATrainingLoop
 from wordcraft_kg.models.links.symmetric_lcwa import IndexedSymmetricLCWATrainingLoop
 from wordcraft_kg.models.scorers.folder import ScorerKind
 from wordcraft_kg.settings import nearest, refuse
@@ -46,13 +49,16 @@ def _complex_loop(config: ComplExConfig, factory: TriplesFactory) -> TrainingLoo
         regularizer_kwargs={"weight": config.n3} if config.n3 else None,
         random_seed=config.seed,
     ).to(config.device)
-    return IndexedSymmetricLCWATrainingLoop(
-        model,
-        triples_factory=factory,
-        automatic_memory_optimization=False,
-        optimizer="Adagrad",
-        optimizer_kwargs={"lr": config.learning_rate},
-    )
+    settings: dict[str, Any] = {
+        "triples_factory": factory,
+        "automatic_memory_optimization": False,
+        "optimizer": "Adagrad",
+        "optimizer_kwargs": {"lr": config.learning_rate},
+    }
+    negatives = config.for_size(factory.num_entities).negatives
+    if negatives:
+        return SampledSymmetricLCWATrainingLoop(model, num_sampled=negatives, **settings)
+    return IndexedSymmetricLCWATrainingLoop(model, **settings)
 
 
 def _embeddings(model: Model) -> dict[str, torch.Tensor]:

@@ -1,8 +1,8 @@
 """Settings of link predictors: every setting, default, unit and allowed range; imports neither torch nor PyKEEN."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import ClassVar, Literal, get_args
+from typing import ClassVar, Literal, Self, get_args
 
 from wordcraft_kg.errors import ArtefactError, ConfigError
 from wordcraft_kg.graphs.folder import KG
@@ -15,6 +15,10 @@ MAX_SEED = 2**32 - 1
 """PyKEEN takes no larger one."""
 N3_PARTIAL = 0.1
 """Chosen on validation parts, see docs/link-prediction.md."""
+FULL_SOFTMAX = 10_000
+"""Most entities for which ComplEx's softmax is over all of them by default."""
+NEGATIVES = 1_024
+"""Entities that are sampled for each batch above that number."""
 
 
 @dataclass(frozen=True)
@@ -58,6 +62,10 @@ class TrainingConfig:
         if self.patience and not self.eval_every:
             raise ConfigError("`patience` counts rankings of the validation triples; give `eval_every` too, such as 5.")
 
+    def for_size(self, num_entities: int) -> Self:
+        """Return these settings for a graph of E entities: what depends on its size is decided."""
+        return self
+
 
 @dataclass(frozen=True)
 class ComplExConfig(TrainingConfig):
@@ -68,6 +76,8 @@ class ComplExConfig(TrainingConfig):
         learning_rate: learning rate of Adagrad; 0.2 chosen on validation parts, see docs/link-prediction.md.
         n3: weight of the N3 regulariser. Default: 0.1 on the partial graph (chosen on validation parts), 0 on the full.
         init_scale: standard deviation of the initial embeddings; 0.001 as in the paper's released code.
+        negatives: entities sampled for each batch to stand for all others in the softmax; 0 takes all of them. Default:
+            0 up to 10,000 entities, 1,024 above, where all would take too long.
 
     Example:
         >>> ComplExConfig(kg="full").n3
@@ -80,6 +90,7 @@ class ComplExConfig(TrainingConfig):
     learning_rate: float = 0.2
     n3: float | None = None
     init_scale: float = 1e-3
+    negatives: int | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -89,6 +100,12 @@ class ComplExConfig(TrainingConfig):
         if self.n3 is None:
             object.__setattr__(self, "n3", N3_PARTIAL if self.kg == "partial" else 0.0)
         require(self, "n3", self.n3 is not None and 0 <= self.n3 < LARGEST, "a number, 0 or more")
+        if self.negatives is not None:
+            whole("negatives", self.negatives, 0)
+
+    def for_size(self, num_entities: int) -> Self:  # noqa: D102 - inherited
+        automatic = NEGATIVES if num_entities > FULL_SOFTMAX else 0
+        return self if self.negatives is not None else replace(self, negatives=automatic)
 
 
 @dataclass(frozen=True)

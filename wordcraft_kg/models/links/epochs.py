@@ -17,10 +17,15 @@ from wordcraft_kg.models.links.config import LinkSettings
 from wordcraft_kg.models.links.pykeen_bridge import seed_everything
 from wordcraft_kg.models.links.records import LinkProgress, TraceRow
 from wordcraft_kg.models.scorers.folder import make_scorer
-from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples
+from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples, sampled
 from wordcraft_kg.runs.checkpoints import Checkpoint
 from wordcraft_kg.runs.folder import Progress, RunFolder
 from wordcraft_kg.tensors import copied, with_prefix
+
+RANKED = 20_000
+"""Most validation triples that are ranked after an epoch."""
+QUIET = 10.0
+"""Seconds of an epoch after which, and then between which, its progress is reported."""
 
 
 class Epochs(TrainingCallback):
@@ -39,9 +44,23 @@ class Epochs(TrainingCallback):
         super().__init__()
         self.run, self.opened, self.settings, self.report = run, opened, settings, progress
         self.so_far = LinkProgress(seconds=0.0, best_mrr=None, best_epoch=None, has_stopped=False, trace=())
-        self._valid = opened.split.held_out("valid") if settings.eval_every else None
+        self._valid = sampled(opened.split.held_out("valid"), RANKED) if settings.eval_every else None
+        self._batches = -(-len(opened.triples(settings.kg)) // settings.batch_size)
+        self._batch = 0
         self._best: dict[str, Tensor] = {}
-        self._clock = time.perf_counter()
+        self._clock = self._reported = time.perf_counter()
+
+    def post_batch(self, epoch: int, batch: Any, **kwargs: Any) -> None:
+        """Say how far a long epoch is, and what it and all of them will take."""
+        self._batch += 1
+        now = time.perf_counter()
+        if self.report and now - self._reported >= QUIET and self._batch < self._batches:
+            self._reported = now
+            done = self._batch / self._batches
+            minutes = (now - self._clock) / done / 60
+            hours = minutes * (self.settings.epochs - epoch + 1 - done) / 60
+            figures = {f"of epoch {epoch}": done, "minutes an epoch": minutes, "hours left": hours}
+            self.report(epoch - 1, self.settings.epochs, figures)
 
     def post_epoch(self, epoch: int, epoch_loss: float, **kwargs: Any) -> None:
         """Do what is due after an epoch, and stop training if it was the last one."""
@@ -55,6 +74,7 @@ class Epochs(TrainingCallback):
         is_last = self.so_far.has_stopped or self.run.interrupted.is_set() or epoch == settings.epochs
         if is_last or epoch % settings.checkpoint_every == 0:
             self.run.checkpoints.save(epoch, self._tensors(), self.so_far)
+        self._batch, self._reported = 0, now
         if self.report:
             figures = {"epoch": epoch, "loss": epoch_loss, "valid_mrr": row.valid_mrr, "seconds": row.seconds}
             self.report(epoch, settings.epochs, {name: value for name, value in figures.items() if value is not None})

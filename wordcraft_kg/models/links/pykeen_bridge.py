@@ -103,13 +103,14 @@ def seeded_pipelines(seed: int) -> Iterator[None]:
 
 @contextmanager
 def quiet_pykeen() -> Iterator[None]:
-    """Keep messages of PyKEEN and its helpers about their own options out of our log."""
+    """Keep messages of PyKEEN, its helpers and torch's sparse optimisers about their own options out of our log."""
     loggers = [logging.getLogger(name) for name in ("pykeen", "torch_max_mem")]
     levels = [logger.level for logger in loggers]
     for logger in loggers:
         logger.setLevel(logging.ERROR)
     try:
-        yield
+        with torch.sparse.check_sparse_tensor_invariants(enable=False):
+            yield
     finally:
         for logger, level in zip(loggers, levels, strict=True):
             logger.setLevel(level)

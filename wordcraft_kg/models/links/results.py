@@ -2,19 +2,17 @@
 
 from pathlib import Path
 
-import numpy as np
 import safetensors.torch
 from pykeen.models import Model
 
 from wordcraft_kg.artefacts import dump_json, write_atomically
-from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.triples import RELATIONS
 from wordcraft_kg.models.links.builders import scorer_tensors
 from wordcraft_kg.models.links.config import ComplExConfig, LinkSettings
 from wordcraft_kg.models.links.records import LinkMetrics, LinkProgress
 from wordcraft_kg.models.scorers.folder import Vocabulary, make_scorer
-from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples
+from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples, sampled
 from wordcraft_kg.records import as_lines, as_values
 from wordcraft_kg.runs.cards import front_matter
 from wordcraft_kg.tensors import copied
@@ -39,7 +37,7 @@ def write_results(
         relations=RELATIONS,
     )
     # On large graphs a fixed sample is enough.
-    sample = _sample(triples, RANKED_IN_TRAIN)
+    sample = sampled(triples, RANKED_IN_TRAIN)
     ranks = rank_triples(make_scorer(kind, tensors, graph.entities, graph.hash), sample, triples)
     metrics = LinkMetrics(
         kg=settings.kg,
@@ -61,10 +59,10 @@ def write_results(
     return metrics
 
 
-def _sample(triples: Ids, size: int) -> Ids:
-    if len(triples) <= size:
-        return triples
-    return triples[np.sort(np.random.default_rng(0).permutation(len(triples))[:size])]
+def _objective(settings: LinkSettings) -> str:
+    if not isinstance(settings, ComplExConfig) or not settings.negatives:
+        return ""
+    return f"\n- objective: softmax over {settings.negatives:,} entities sampled for each batch, not over all of them"
 
 
 def model_card(opened: OpenedGraph, settings: LinkSettings, metrics: LinkMetrics) -> str:
@@ -83,7 +81,7 @@ Scores triples (head, relation, tail) with the relations `combinesWith` and `com
 - graph `{opened.graph.hash[:12]}`: {opened.graph.num_entities:,} entities; split `{opened.split.config.kind}`, seed \
 {opened.split.config.seed}; {metrics.triples:,} training triples
 - {metrics.epochs} epochs, {metrics.parameters:,} parameters, MRR on its own training triples \
-{metrics.train_mrr:.3f}
+{metrics.train_mrr:.3f}{_objective(settings)}
 
 `config.toml` reproduces it; `run.json` names the versions that made it. Its quality on unseen triples is what
 `wordcraft-kg evaluate-links` reports, not the figure above. Scores are not calibrated probabilities.

@@ -66,17 +66,25 @@ class IndexedSymmetricLCWATrainingLoop(SymmetricLCWATrainingLoop):
         label_smoothing: float = 0.0,
         slice_size: int | None = None,
     ) -> torch.Tensor:
-        heads, relations, tails = batch[0][start:stop].to(self.model.device).unbind(dim=1)
+        triples = batch[0][start:stop].to(self.model.device)
+        heads, relations, tails = triples.unbind(dim=1)
         (entity,) = self.model.entity_representations
         (relation,) = self.model.relation_representations
-        # The public call regularises what it looks up; the candidates must not be regularised, hence the private call.
         h, r, t = (x.unsqueeze(dim=1) for x in (entity(heads), relation(relations), entity(tails)))
+        loss = self._cross_entropies(h, r, t, triples, label_smoothing)
+        return loss + self.model.collect_regularization_term()
+
+    def _cross_entropies(
+        self, h: torch.Tensor, r: torch.Tensor, t: torch.Tensor, triples: torch.Tensor, label_smoothing: float
+    ) -> torch.Tensor:
+        """Return the sum of both sides' cross entropies, of factors of shape (B, 1, d) and the triples (B, 3)."""
+        (entity,) = self.model.entity_representations
+        # The public call regularises what it looks up; the candidates must not be regularised, hence the private call.
         everything = entity._plain_forward().unsqueeze(dim=0)
-        return (
-            cross_entropy(self.model.interaction(h, r, everything), tails, label_smoothing=label_smoothing)
-            + cross_entropy(self.model.interaction(everything, r, t), heads, label_smoothing=label_smoothing)
-            + self.model.collect_regularization_term()
-        )
+        heads, _, tails = triples.unbind(dim=1)
+        return cross_entropy(
+            self.model.interaction(h, r, everything), tails, label_smoothing=label_smoothing
+        ) + cross_entropy(self.model.interaction(everything, r, t), heads, label_smoothing=label_smoothing)
 
 
 training_loop_resolver.register(IndexedSymmetricLCWATrainingLoop, raise_on_conflict=False)

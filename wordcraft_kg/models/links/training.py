@@ -3,6 +3,7 @@
 On a CPU, with the same torch and number of threads, a resumed run ends bit for bit like an uninterrupted one.
 """
 
+import logging
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from wordcraft_kg.errors import ConfigError, TrainingError
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
 from wordcraft_kg.graphs.triples import RELATIONS
 from wordcraft_kg.models.links.builders import make_training_loop, model_class
-from wordcraft_kg.models.links.config import CONFIGS, LinkModelConfig, LinksConfig, LinkSettings
+from wordcraft_kg.models.links.config import CONFIGS, ComplExConfig, LinkModelConfig, LinksConfig, LinkSettings
 from wordcraft_kg.models.links.epochs import Epochs
 from wordcraft_kg.models.links.pykeen_bridge import pykeen_guard, quiet_pykeen, seed_everything, triples_factory
 from wordcraft_kg.models.links.records import LinkMetrics, LinkProgress
@@ -69,6 +70,7 @@ def train_links(
         'kitchen'
     """
     opened = open_graph(config.graph)
+    config = _for_size(config, opened.graph.num_entities)
     folder = config.default_folder(opened.graph.name) if out is None else Path(out)
     check_run_output(folder, force=force)
     _check_fit(opened, config.settings)
@@ -101,6 +103,19 @@ def resume_links(
             config = replace(config, settings=replace(config.settings, epochs=epochs))
         check_device(config.settings.device)
         return _train(run, opened, config, progress, is_resumed=True)
+
+
+def _for_size(config: LinksConfig, num_entities: int) -> LinksConfig:
+    """Decide what depends on the size of the graph, and say so if the objective does."""
+    settings = config.settings.for_size(num_entities)
+    if isinstance(settings, ComplExConfig) and settings != config.settings and settings.negatives:
+        logging.getLogger(__name__).warning(
+            "%s entities: the softmax is over %s sampled for each batch, because all of them would take too long "
+            "(negatives = 0 takes all).",
+            f"{num_entities:,}",
+            f"{settings.negatives:,}",
+        )
+    return replace(config, settings=settings)
 
 
 def _check_fit(opened: OpenedGraph, settings: LinkSettings) -> None:

@@ -1,4 +1,4 @@
-"""Settings of scores: their common scale; imports no torch."""
+"""Settings of scores: their common scale, and how many queries judge them; imports no torch."""
 
 from typing import Literal
 
@@ -6,3 +6,5 @@ Scale = Literal["standardise", "ranks", "log-softmax", "none"]
 """See :func:`~wordcraft_kg.models.scorers.scales.scaled_scorer`."""
 SelfEdges = Literal["keep", "observed", "drop"]
 """What happens to an entity's combinesWith score with itself."""
+MAX_QUERIES = 40_000
+"""Queries that are ranked by default; of more, a uniform sample is."""

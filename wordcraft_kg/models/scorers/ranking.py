@@ -20,7 +20,9 @@ from wordcraft_kg.statistics import bootstrap, interval
 MIN_TRIPLES = 30
 """Fewer held-out triples than this give no meaningful figure."""
 BATCH = 1_024
-"""Queries scored at once: (BATCH, E) floats."""
+"""Most queries scored at once: (BATCH, E) floats."""
+CELLS = 2**23
+"""Most scores held at once, up to 8 bytes each with a few copies: of more than 8,192 entities, fewer queries."""
 
 
 class RankingMetrics(Record, omit_defaults=True):
@@ -62,6 +64,13 @@ class Calibration(Record):
     bins: tuple[CalibrationBin, ...]
 
 
+def sampled(triples: Ids, size: int, seed: int = 0) -> Ids:
+    """Return a uniform sample of triples, without replacement and in their order; all if there are at most ``size``."""
+    if len(triples) <= size:
+        return triples
+    return triples[np.sort(np.random.default_rng(seed).permutation(len(triples))[:size])]
+
+
 def rank_triples(scorer: TripleScorer, triples: Ids, known: Ids) -> pd.DataFrame:
     """Rank the true head and the true tail of each triple among all entities.
 
@@ -83,14 +92,15 @@ def rank_triples(scorer: TripleScorer, triples: Ids, known: Ids) -> pd.DataFrame
         ArtefactError: if a score is not a finite number.
     """
     num_entities = len(scorer.entities)
-    parts = []
+    parts: list[pd.DataFrame] = []
+    block = min(BATCH, max(1, CELLS // num_entities))
     for side, fixed, target in (("tail", 0, 2), ("head", 2, 0)):
         # Known answers of each query (relation, fixed entity), as a sorted list with binary search.
         known_keys = known[:, 1] * num_entities + known[:, fixed]
         order = np.argsort(known_keys, kind="stable")
         known_keys, answers = known_keys[order], known[order, target]
-        for start in steps(f"ranking {side}s", range(0, len(triples), BATCH)):
-            batch = triples[start : start + BATCH]
+        for start in steps(f"ranking {side}s", range(0, len(triples), block)):
+            batch = triples[start : start + block]
             keys = batch[:, 1] * num_entities + batch[:, fixed]
             left, right = np.searchsorted(known_keys, keys, "left"), np.searchsorted(known_keys, keys, "right")
             rows = np.repeat(np.arange(len(batch)), right - left)

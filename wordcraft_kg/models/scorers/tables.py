@@ -14,7 +14,7 @@ class TableScorer(Scorer):
     def __init__(self, scores: torch.Tensor, entities: Sequence[str], graph_hash: str, **kwargs: Any):
         """Keep ``scores``, shape (R, E, E), float, indexed by relation, head, tail."""
         super().__init__(entities, graph_hash, **kwargs)
-        self.scores = scores.to(self.device, torch.float32)
+        self.scores = scores.to(self.device, torch.float32).contiguous()
 
     def _score(self, heads: torch.Tensor, relations: torch.Tensor, tails: torch.Tensor) -> torch.Tensor:
         size = len(self.entities)

@@ -1,0 +1,187 @@
+"""The sampled softmax: equal to the full one where everything is sampled, and to it on average elsewhere."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from link_helpers import contents, interrupt_after, random_graph, train
+from link_oracles import equation_2, n3
+from torch.nn.functional import cross_entropy
+
+from wordcraft_kg.errors import ConfigError
+from wordcraft_kg.graphs.folder import OpenedGraph
+from wordcraft_kg.models.links import config as link_config
+from wordcraft_kg.models.links.builders import make_training_loop
+from wordcraft_kg.models.links.complex import ComplExN3
+from wordcraft_kg.models.links.config import FULL_SOFTMAX, NEGATIVES, ComplExConfig, LinksConfig
+from wordcraft_kg.models.links.pykeen_bridge import pykeen_guard, triples_factory
+from wordcraft_kg.models.links.sampled_softmax import SampledSymmetricLCWATrainingLoop, sampled_cross_entropy
+from wordcraft_kg.models.links.symmetric_lcwa import IndexedSymmetricLCWATrainingLoop
+from wordcraft_kg.models.links.training import resume_links
+
+SIZE, QUERIES = 9, 5
+
+
+@pytest.fixture
+def scores() -> torch.Tensor:
+    return torch.randn(QUERIES, SIZE, dtype=torch.float64, generator=torch.Generator().manual_seed(0)) * 2
+
+
+@pytest.fixture
+def factory():
+    graph = random_graph(num_entities=7, num_recipes=9)
+    return triples_factory(graph, graph.triples)
+
+
+def sampled_loss(scores: torch.Tensor, targets: torch.Tensor, drawn: torch.Tensor, expected: torch.Tensor):
+    true = scores[torch.arange(len(scores)), targets]
+    return sampled_cross_entropy(true, scores[:, drawn], expected.log(), drawn == targets[:, None])
+
+
+def slow_sampled_loss(scores, targets, drawn, expected) -> float:
+    """The formula of the docstring, by loops."""
+    total = 0.0
+    for row, target in zip(scores.tolist(), targets.tolist(), strict=True):
+        others = sum(
+            math.exp(row[j]) / m for j, m in zip(drawn.tolist(), expected.tolist(), strict=True) if j != target
+        )
+        total += math.log(math.exp(row[target]) + others) - row[target]
+    return total / len(targets)
+
+
+def test_with_every_entity_sampled_and_expected_once_it_is_the_softmax_over_all(scores):
+    targets = torch.tensor([0, 3, 3, 8, 5])
+    scores.requires_grad_()
+    found = sampled_loss(scores, targets, torch.randperm(SIZE), torch.ones(SIZE, dtype=torch.float64))
+    expected = cross_entropy(scores, targets)
+    torch.testing.assert_close(found, expected)
+    for ours, reference in zip(*(torch.autograd.grad(loss, scores) for loss in (found, expected)), strict=True):
+        torch.testing.assert_close(ours, reference)
+
+
+def test_the_loss_follows_its_formula_with_repeated_and_true_entities_in_the_sample(scores):
+    targets, drawn = torch.tensor([0, 3, 3, 8, 5]), torch.tensor([3, 3, 1, 8])
+    expected = torch.tensor([0.5, 0.5, 2.0, 0.1], dtype=torch.float64)
+    found = sampled_loss(scores, targets, drawn, expected).item()
+    assert found == pytest.approx(slow_sampled_loss(scores, targets, drawn, expected))
+    without_correction = sampled_loss(scores, targets, drawn, torch.ones(4, dtype=torch.float64)).item()
+    assert abs(found - without_correction) > 0.1
+
+
+def test_the_sum_over_the_sample_is_on_average_the_sum_over_all_other_entities(scores):
+    generator = torch.Generator().manual_seed(1)
+    probabilities = torch.rand(SIZE, dtype=torch.float64, generator=generator)
+    probabilities /= probabilities.sum()
+    size, rounds = 4, 4_000
+    row, target = scores[0], 2
+    sums = []
+    for _ in range(rounds):
+        drawn = torch.multinomial(probabilities, size, replacement=True, generator=generator)
+        terms = torch.exp(row[drawn]) / (size * probabilities[drawn])
+        sums.append(terms[drawn != target].sum().item())
+        loss = sampled_loss(row[None], torch.tensor([target]), drawn, size * probabilities[drawn])
+        assert loss.item() == pytest.approx(math.log(1 + sums[-1] / math.exp(row[target])))
+    others = torch.exp(row).sum() - torch.exp(row[target])
+    assert np.mean(sums) == pytest.approx(others.item(), abs=4 * float(np.std(sums)) / rounds**0.5)
+
+
+@pytest.fixture
+def loop(factory) -> SampledSymmetricLCWATrainingLoop:
+    model = ComplExN3(triples_factory=factory, embedding_dim=3, init_scale=0.7, random_seed=3)
+    model.train()
+    return SampledSymmetricLCWATrainingLoop(model, factory, num_sampled=4_000)
+
+
+def test_a_batch_costs_about_what_it_costs_with_all_entities_regulariser_included(loop, factory):
+    """With 4,000 draws of 7 entities the sums over the sample are those over all, within a few per cent."""
+    triples = factory.mapped_triples
+    torch.manual_seed(0)
+    found = loop._process_batch((triples,), 0, len(triples)).item()
+    (entity,), (relation,) = loop.model.entity_representations, loop.model.relation_representations
+    e, r = (part._plain_forward().detach().numpy() for part in (entity, relation))
+    regularisation = 0.1 * n3(e, r, triples.tolist())
+    assert regularisation > 0.05
+    assert found == pytest.approx(equation_2(e, r, triples.tolist()) + regularisation, rel=0.02)
+
+
+def test_half_of_the_sample_is_uniform_and_half_follows_the_frequencies(loop, factory):
+    ends = factory.mapped_triples[:, [0, 2]].flatten().tolist()
+    expected = [0.5 / 7 + 0.5 * ends.count(entity) / len(ends) for entity in range(7)]
+    np.testing.assert_allclose(loop.probabilities.numpy(), expected, rtol=1e-6)
+
+
+def test_label_smoothing_is_refused(loop, factory):
+    with pytest.raises(ConfigError, match="label smoothing"):
+        loop._process_batch((factory.mapped_triples,), 0, 5, label_smoothing=0.1)
+
+
+def test_a_sparse_gradient_moves_the_same_rows_as_a_dense_one_and_no_others(factory):
+    after = []
+    triples = factory.mapped_triples[:2]
+    for is_sparse in (True, False):
+        config = ComplExConfig(dim=3, negatives=2, init_scale=0.5)
+        with pykeen_guard(0, threads=1):
+            loop = make_training_loop(config, factory)
+            (entity,) = loop.model.entity_representations
+            entity._embeddings.sparse = is_sparse
+            before = entity._embeddings.weight.detach().clone()
+            loop.model.train()
+            for seed in range(3):
+                torch.manual_seed(seed)
+                loop.optimizer.zero_grad()
+                loop._process_batch((triples,), 0, 2).backward()
+                assert entity._embeddings.weight.grad.is_sparse == is_sparse
+                loop.optimizer.step()
+            after.append(entity._embeddings.weight.detach() - before)
+    torch.testing.assert_close(*after)
+    assert after[0].any(dim=1).sum() < len(before)
+
+
+@pytest.mark.parametrize(
+    ("size", "asked", "expected"),
+    [(FULL_SOFTMAX, None, 0), (FULL_SOFTMAX + 1, None, NEGATIVES), (FULL_SOFTMAX + 1, 0, 0), (5, 3, 3)],
+)
+def test_the_softmax_is_sampled_above_a_size_unless_told_otherwise(size, asked, expected):
+    config = ComplExConfig(negatives=asked)
+    assert config.for_size(size).negatives == expected
+    assert config.for_size(size).for_size(1).negatives == expected
+
+
+@pytest.mark.parametrize("negatives", [-1, 1.5, True])
+def test_an_impossible_sample_is_refused(negatives):
+    with pytest.raises(ConfigError, match="`negatives`"):
+        ComplExConfig(negatives=negatives)
+
+
+def test_a_sampled_objective_that_was_chosen_for_the_size_is_said_and_recorded(
+    opened_kitchen: OpenedGraph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+):
+    monkeypatch.setattr(link_config, "FULL_SOFTMAX", opened_kitchen.graph.num_entities - 1)
+    trained = train(opened_kitchen, ComplExConfig(dim=4, epochs=1), tmp_path / "model")
+    assert "1,024 sampled for each batch" in caplog.text
+    settings = LinksConfig.read(trained.folder).settings
+    assert isinstance(settings, ComplExConfig)
+    assert settings.negatives == NEGATIVES
+    assert "1,024 entities sampled" in (trained.folder / "README.md").read_text()
+
+
+def test_with_all_entities_nothing_is_said(opened_kitchen: OpenedGraph, tmp_path: Path, caplog):
+    trained = train(opened_kitchen, ComplExConfig(dim=4, epochs=1), tmp_path / "model")
+    assert caplog.text == ""
+    assert "sampled" not in (trained.folder / "README.md").read_text()
+    with pykeen_guard(0, threads=1):
+        loop = make_training_loop(
+            ComplExConfig(dim=4), triples_factory(opened_kitchen.graph, opened_kitchen.split.partial)
+        )
+    assert type(loop) is IndexedSymmetricLCWATrainingLoop
+
+
+def test_a_resumed_training_ends_bit_for_bit_like_one_without_interruption(opened_kitchen: OpenedGraph, tmp_path: Path):
+    config = ComplExConfig(dim=4, epochs=5, negatives=16, batch_size=100)
+    whole = train(opened_kitchen, config, tmp_path / "whole")
+    cut = train(opened_kitchen, config, tmp_path / "cut", progress=interrupt_after(2))
+    assert cut.interrupted
+    resumed = resume_links(cut.folder)
+    assert contents(resumed.folder)["model.safetensors"] == contents(whole.folder)["model.safetensors"]

@@ -13,6 +13,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 import torch
@@ -23,6 +24,7 @@ from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_book
 from wordcraft_kg.graphs.folder import open_graph, write_graph_folder
 from wordcraft_kg.graphs.splits import Split
 from wordcraft_kg.graphs.triples import RELATIONS
+from wordcraft_kg.models.scorers.ranking import RankingMetrics
 
 Run = Callable[..., Any]
 TINY = ("--dim", "8", "--epochs", "4")
@@ -388,6 +390,65 @@ def test_the_text_of_evaluate_links_names_the_leaks_the_baselines_and_the_report
     assert outcome.code == 0
     for expected in ("leaked ones left out", "frequency", "random", "inflated", str(workshop / "one" / "report")):
         assert expected in outcome.out
+
+
+def line_of(outcome: Any, name: str) -> str:
+    """The line of a command's text that begins with a name, "" if there is none."""
+    return next((line for line in outcome.out.splitlines() if line.startswith(name)), "")
+
+
+def with_figures(monkeypatch: pytest.MonkeyPatch, **changes: Any) -> None:
+    """Let `evaluate-links` see figures other than its own."""
+    from wordcraft_kg.views import links
+
+    original = links.view_links
+    monkeypatch.setattr(
+        "wordcraft_kg.reports.link_report.view_links",
+        lambda *args, **kwargs: msgspec.structs.replace(original(*args, **kwargs), **changes),
+    )
+
+
+def test_leaked_triples_that_lower_the_figure_are_not_called_inflation(
+    run: Run, workshop: Path, monkeypatch: pytest.MonkeyPatch
+):
+    with_figures(monkeypatch, with_leaked=RankingMetrics(60, mrr=0.0, hits_at_1=0.0, hits_at_3=0.0, hits_at_10=0.0))
+    line = line_of(run("evaluate-links", workshop / "one"), "with leaked")
+    assert "MRR 0.000, no better" in line
+    assert "inflated" not in line
+
+
+def test_without_leaked_triples_nothing_is_said_about_them(run: Run, workshop: Path, monkeypatch: pytest.MonkeyPatch):
+    with_figures(monkeypatch, leaked_left_out=0)
+    outcome = run("evaluate-links", workshop / "one")
+    assert "0 leaked ones left out" in outcome.out
+    assert not line_of(outcome, "with leaked")
+
+
+def test_a_full_graph_that_is_too_small_is_not_told_to_hold_out_more(run: Run, tmp_path: Path):
+    (tmp_path / "tiny.csv").write_text("ingredient_a,ingredient_b,result\nwater,earth,mud\nmud,fire,brick\n")
+    assert run("train-complex", tmp_path / "tiny.csv", "--kg", "full", *TINY, "--out", tmp_path / "full").code == 0
+    message = refused(run("evaluate-links", tmp_path / "full"), "SplitError")
+    assert "only 8 triples in the whole graph" in message
+    assert "--train-ratio" not in message
+
+
+@pytest.mark.parametrize(
+    ("command", "said", "unsaid"),
+    [
+        (("train-complex",), "--dim", "--loop"),
+        (("train-links", "--model", "distmult"), "--loop symmetric", "--n3"),
+        (("train-links", "--model", "distmult", "--loop", "symmetric"), "--epochs", "--loop"),
+    ],
+)
+def test_a_model_that_hardly_fits_is_told_options_that_its_command_has(
+    run: Run, tmp_path: Path, caplog: pytest.LogCaptureFixture, command: tuple[str, ...], said: str, unsaid: str
+):
+    name, *options = command
+    least = ("--dim", "1", "--epochs", "1", "--learning-rate", "1e-6", "--quiet")
+    assert run(name, "kitchen", *options, *least, "--out", tmp_path / "model").code == 0
+    (warning,) = (message for message in caplog.messages if "hardly fits" in message)
+    assert said in warning
+    assert unsaid not in warning
 
 
 def test_a_model_of_the_full_graph_is_evaluated_as_memory(run: Run, workshop: Path):

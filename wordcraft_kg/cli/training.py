@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from wordcraft_kg.cli.console import Output, aligned
 from wordcraft_kg.graphs.tasks import TaskPart
-from wordcraft_kg.models.links.config import LinksConfig
+from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
 from wordcraft_kg.records import as_values
 from wordcraft_kg.runs.interruption import interruption_message
 
@@ -39,12 +39,20 @@ def report(trained: "TrainedLinks", output: Output) -> int:
         rows.append(("valid MRR", f"{metrics.valid_mrr:.3f} at best, in epoch {metrics.best_epoch}"))
     if metrics.train_mrr < 0.1:
         logging.getLogger(__name__).warning(
-            "the model hardly fits its own training triples; try more epochs, another rate, or --loop symmetric."
+            "the model hardly fits its own training triples; try %s.", _how_to_fit(LinksConfig.read(trained.folder))
         )
     output.result(
         values, [*aligned(rows), f"wrote {trained.folder}/   next: wordcraft-kg evaluate-links {trained.folder}"]
     )
     return 0
+
+
+def _how_to_fit(config: LinksConfig) -> str:
+    """Say which options of its command make a model remember more."""
+    settings = config.settings
+    if isinstance(settings, ComplExConfig):
+        return "more --epochs, a larger --dim, or a smaller --n3"
+    return "more --epochs, another --learning-rate" + (", or --loop symmetric" if settings.loop == "slcwa" else "")
 
 
 def finished_without_report(folder: Path) -> "TrainedAgent | None":

@@ -326,12 +326,17 @@ def judge_links(
     everything = opened.graph.triples if kg == "full" else opened.split.held_out("test")
     queries = sampled(everything, max_queries // 2, seed) if max_queries else everything
     if len(queries) < MIN_TRIPLES:
-        raise SplitError(
-            f"only {len(queries)} unseen test triples; a meaningful figure needs at least {MIN_TRIPLES}. "
-            "Build the graph with a smaller `train_ratio`, such as 0.7."
-        )
+        raise SplitError(_too_few(len(queries), opened, kg))
     ranks = rank_triples(scorer, queries, opened.graph.triples)
     return JudgedLinks(scorer, opened, kg, len(everything), queries, ranks)
+
+
+def _too_few(found: int, opened: OpenedGraph, kg: KG) -> str:
+    needed = f"a meaningful figure needs at least {MIN_TRIPLES}."
+    if kg == "full":
+        return f"only {found} triples in the whole graph; {needed} Use a recipe book with more recipes."
+    ratio = "such as 0.7" if opened.split.config.train_ratio > 0.7 else "or use a recipe book with more recipes"
+    return f"only {found} unseen test triples; {needed} Build the graph with a smaller `train_ratio`, {ratio}."
 
 
 def view_links(

@@ -35,6 +35,8 @@ def report(trained: "TrainedLinks", output: Output) -> int:
         ("parameters", f"{metrics.parameters:,}"),
         ("train MRR", f"{metrics.train_mrr:.3f} on its own training triples (memory)"),
     ]
+    if metrics.choice:
+        rows.append(("chosen", str(metrics.choice)))
     if metrics.valid_mrr is not None:
         rows.append(("valid MRR", f"{metrics.valid_mrr:.3f} at best, in epoch {metrics.best_epoch}"))
     if metrics.train_mrr < 0.1:

@@ -12,9 +12,11 @@ from pykeen.training import TrainingLoop, training_loop_resolver
 from pykeen.triples import TriplesFactory
 
 from wordcraft_kg.errors import ConfigError
+from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.triples import RELATIONS
 from wordcraft_kg.models.links.complex import ComplExN3
 from wordcraft_kg.models.links.config import ComplExConfig, LinkModelConfig, LinkSettings
+from wordcraft_kg.models.links.popularity import with_popularity
 from wordcraft_kg.models.links.pykeen_bridge import all_scores
 from wordcraft_kg.models.links.sampled_softmax import SampledSymmetricLCWATrainingLoop
 from wordcraft_kg.models.links.symmetric_lcwa import IndexedSymmetricLCWATrainingLoop
@@ -31,16 +33,19 @@ def make_training_loop(config: LinkSettings, factory: TriplesFactory) -> Trainin
     return _complex_loop(config, factory) if isinstance(config, ComplExConfig) else _pykeen_loop(config, factory)
 
 
-def scorer_tensors(config: LinkSettings, model: Model) -> tuple[ScorerKind, dict[str, torch.Tensor]]:
-    """Return the kind of scorer that a trained model becomes, and the tensors that it needs.
+def scorer_tensors(config: LinkSettings, model: Model, triples: Ids) -> tuple[ScorerKind, dict[str, torch.Tensor]]:
+    """Return the kind of scorer that a model becomes that was trained on ``triples``, and the tensors that it needs.
 
-    ComplEx becomes its embeddings (``complex``); any other model becomes a ``table`` of the scores of all triples,
-    beside its own parameters.
+    ComplEx becomes its embeddings (``complex``), popularity included; any other model becomes a ``table`` of the scores
+    of all triples, beside its own parameters.
     """
-    return ("complex", _embeddings(model)) if isinstance(config, ComplExConfig) else ("table", _all_scores(model))
+    if isinstance(config, ComplExConfig):
+        return "complex", with_popularity(_embeddings(model), triples, config.popularity or 0.0)
+    return "table", _all_scores(model)
 
 
 def _complex_loop(config: ComplExConfig, factory: TriplesFactory) -> TrainingLoop:
+    config = config.fixed()
     model = ComplExN3(
         triples_factory=factory,
         embedding_dim=config.dim,

@@ -14,7 +14,7 @@ PAPER_DIM = 128
 MAX_SEED = 2**32 - 1
 """PyKEEN takes no larger one."""
 N3_PARTIAL = 0.1
-"""Chosen on validation parts, see docs/link-prediction.md."""
+"""For all but small books; chosen on validation parts, see docs/link-prediction.md."""
 FULL_SOFTMAX = 10_000
 """Most entities for which ComplEx's softmax is over all of them by default."""
 NEGATIVES = 1_024
@@ -74,7 +74,10 @@ class ComplExConfig(TrainingConfig):
     Attributes:
         dim: complex dimensions; 128 is the paper's.
         learning_rate: learning rate of Adagrad; 0.2 chosen on validation parts, see docs/link-prediction.md.
-        n3: weight of the N3 regulariser. Default: 0.1 on the partial graph (chosen on validation parts), 0 on the full.
+        n3: weight of the N3 regulariser. Default: 0 on the full graph; on the partial graph of a small book (2,000
+            train recipes at most) chosen together with `popularity`; above that 0.1.
+        popularity: how much of log(1 + number of training triples) of head and tail is added to the scores. Default:
+            chosen on a small book unless `n3` is given, else 0.
         init_scale: standard deviation of the initial embeddings; 0.001 as in the paper's released code.
         negatives: entities sampled for each batch to stand for all others in the softmax; 0 takes all of them. Default:
             0 up to 10,000 entities, 1,024 above, where all would take too long.
@@ -89,6 +92,7 @@ class ComplExConfig(TrainingConfig):
     dim: int = PAPER_DIM
     learning_rate: float = 0.2
     n3: float | None = None
+    popularity: float | None = None
     init_scale: float = 1e-3
     negatives: int | None = None
 
@@ -97,11 +101,23 @@ class ComplExConfig(TrainingConfig):
         whole("dim", self.dim, 1)
         for name in ("learning_rate", "init_scale"):
             positive(name, getattr(self, name))
-        if self.n3 is None:
-            object.__setattr__(self, "n3", N3_PARTIAL if self.kg == "partial" else 0.0)
-        require(self, "n3", self.n3 is not None and 0 <= self.n3 < LARGEST, "a number, 0 or more")
+        if self.n3 is None and self.kg == "full":
+            object.__setattr__(self, "n3", 0.0)
+        for name in ("n3", "popularity"):
+            value = getattr(self, name)
+            require(self, name, value is None or 0 <= value < LARGEST, "a number, 0 or more")
         if self.negatives is not None:
             whole("negatives", self.negatives, 0)
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the regularisation is left to be chosen."""
+        return self.n3 is None and self.popularity is None
+
+    def fixed(self) -> Self:
+        """Return the settings with the fixed defaults in place of weights that are not given."""
+        n3 = N3_PARTIAL if self.n3 is None else self.n3
+        return replace(self, n3=n3, popularity=self.popularity or 0.0)
 
     def for_size(self, num_entities: int) -> Self:  # noqa: D102 - inherited
         automatic = NEGATIVES if num_entities > FULL_SOFTMAX else 0

@@ -121,7 +121,11 @@ class Epochs(TrainingCallback):
         """Return the filtered MRR of the validation triples."""
         self.model.eval()
         graph = self.opened.graph
-        scorer = make_scorer(*scorer_tensors(self.settings, self.model), graph.entities, graph.hash)
+        scorer = make_scorer(
+            *scorer_tensors(self.settings, self.model, self.opened.triples(self.settings.kg)),
+            graph.entities,
+            graph.hash,
+        )
         ranks = rank_triples(scorer, self._valid, graph.triples)  # type: ignore[arg-type]
         self.model.train()
         return mean_reciprocal_rank(ranks)

@@ -50,6 +50,7 @@ class OpenedModel:
                 "training": f"{metrics.epochs} epochs, {metrics.seconds:.1f} s, {metrics.parameters:,} parameters",
                 "on its own training triples": f"MRR {metrics.train_mrr:.3f}",
                 "settings": ", ".join(f"{name} {value}" for name, value in vars(self.settings).items()),
+                **({"regularisation chosen": str(metrics.choice)} if metrics.choice else {}),
             }
         return {
             **facts,

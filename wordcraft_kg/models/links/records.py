@@ -1,7 +1,7 @@
 """Records that a model folder holds beside the weights."""
 
 from wordcraft_kg.graphs.folder import KG
-from wordcraft_kg.records import Record
+from wordcraft_kg.records import Count, Record, Share
 
 
 class TraceRow(Record, frozen=True, kw_only=True, omit_defaults=True):
@@ -20,7 +20,48 @@ class TraceRow(Record, frozen=True, kw_only=True, omit_defaults=True):
     seconds: float
 
 
-class LinkMetrics(Record, frozen=True, kw_only=True):
+class Candidate(Record, frozen=True, kw_only=True):
+    """A regularisation, and the MRR of held-out train recipes with it."""
+
+    n3: float
+    popularity: float
+    mrr: Share
+
+
+class Choice(Record, frozen=True, kw_only=True):
+    """``choice.json``: how the regularisation of a small book was chosen, on train recipes that were held out.
+
+    Attributes:
+        n3: the chosen weight of the N3 regulariser.
+        popularity: the chosen weight of the counts.
+        mrr: MRR of the held-out triples with them.
+        frequency_mrr: MRR of the same triples by counting alone.
+        candidates: everything that was tried.
+        folds: number of times that a part of the train recipes was held out.
+        epochs: epochs of each training.
+        queries: number of held-out queries, over all folds.
+    """
+
+    n3: float
+    popularity: float
+    mrr: Share
+    frequency_mrr: Share
+    candidates: tuple[Candidate, ...]
+    folds: Count
+    epochs: Count
+    queries: Count
+
+    def __str__(self) -> str:
+        """Say what was chosen and why, in a line."""
+        without = max(candidate.mrr for candidate in self.candidates if not candidate.popularity)
+        return (
+            f"n3 {self.n3:g}, popularity {self.popularity:g}: MRR {self.mrr:.3f} on {self.queries:,} queries of train "
+            f"recipes held out {self.folds} times (counting alone {self.frequency_mrr:.3f}, without popularity "
+            f"{without:.3f})"
+        )
+
+
+class LinkMetrics(Record, frozen=True, kw_only=True, omit_defaults=True):
     """``metrics.json``: the figures of a training.
 
     Attributes:
@@ -36,6 +77,7 @@ class LinkMetrics(Record, frozen=True, kw_only=True):
         train_mrr: MRR of the training triples, filtered by themselves: how well the model remembers, not how well it
             predicts.
         train_mrr_triples: number of triples that ``train_mrr`` is taken over.
+        choice: how the regularisation was chosen, None if it was given or fixed.
     """
 
     kg: KG
@@ -49,6 +91,7 @@ class LinkMetrics(Record, frozen=True, kw_only=True):
     valid_mrr: float | None
     train_mrr: float
     train_mrr_triples: int
+    choice: Choice | None = None
 
 
 class LinkProgress(Record, frozen=True, kw_only=True):

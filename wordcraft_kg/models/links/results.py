@@ -10,7 +10,7 @@ from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.triples import RELATIONS
 from wordcraft_kg.models.links.builders import scorer_tensors
 from wordcraft_kg.models.links.config import ComplExConfig, LinkSettings
-from wordcraft_kg.models.links.records import LinkMetrics, LinkProgress
+from wordcraft_kg.models.links.records import Choice, LinkMetrics, LinkProgress
 from wordcraft_kg.models.scorers.folder import Vocabulary, make_scorer
 from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples, sampled
 from wordcraft_kg.records import as_lines, as_values
@@ -23,12 +23,17 @@ RANKED_IN_TRAIN = 20_000
 
 
 def write_results(
-    folder: Path, model: Model, opened: OpenedGraph, settings: LinkSettings, progress: LinkProgress
+    folder: Path,
+    model: Model,
+    opened: OpenedGraph,
+    settings: LinkSettings,
+    progress: LinkProgress,
+    choice: Choice | None = None,
 ) -> LinkMetrics:
     """Write the files that a scorer is loaded from, the metrics and the trace; return the metrics."""
     model.eval()
-    kind, tensors = scorer_tensors(settings, model)
     graph, triples = opened.graph, opened.triples(settings.kg)
+    kind, tensors = scorer_tensors(settings, model, triples)
     vocabulary = Vocabulary(
         format="wordcraft-kg vocabulary 1",
         scorer=kind,
@@ -51,6 +56,7 @@ def write_results(
         valid_mrr=progress.best_mrr,
         train_mrr=mean_reciprocal_rank(ranks),
         train_mrr_triples=len(sample),
+        choice=choice,
     )
     write_atomically(folder / "model.safetensors", safetensors.torch.save(copied(tensors)))
     write_atomically(folder / "vocabulary.json", dump_json(as_values(vocabulary)))
@@ -73,6 +79,7 @@ def model_card(opened: OpenedGraph, settings: LinkSettings, metrics: LinkMetrics
         if settings.kg == "full"
         else "It was trained on the triples of the train recipes only."
     )
+    chosen = f"\n- regularisation chosen: {metrics.choice}" if metrics.choice else ""
     return f"""{front_matter("knowledge-graph", "link-prediction")}
 # {name} on the {settings.kg} knowledge graph of {opened.graph.name}
 
@@ -81,7 +88,7 @@ Scores triples (head, relation, tail) with the relations `combinesWith` and `com
 - graph `{opened.graph.hash[:12]}`: {opened.graph.num_entities:,} entities; split `{opened.split.config.kind}`, seed \
 {opened.split.config.seed}; {metrics.triples:,} training triples
 - {metrics.epochs} epochs, {metrics.parameters:,} parameters, MRR on its own training triples \
-{metrics.train_mrr:.3f}{_objective(settings)}
+{metrics.train_mrr:.3f}{chosen}{_objective(settings)}
 
 `config.toml` reproduces it; `run.json` names the versions that made it. Its quality on unseen triples is what
 `wordcraft-kg evaluate-links` reports, not the figure above. Scores are not calibrated probabilities.

@@ -7,24 +7,26 @@ import logging
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import torch
-from pykeen.training import NonFiniteLossError
-
-from wordcraft_kg.errors import ConfigError, TrainingError
+from wordcraft_kg.artefacts import dump_json, write_atomically
+from wordcraft_kg.errors import ConfigError
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
 from wordcraft_kg.graphs.triples import RELATIONS
 from wordcraft_kg.models.links.builders import make_training_loop, model_class
 from wordcraft_kg.models.links.config import CONFIGS, ComplExConfig, LinkModelConfig, LinksConfig, LinkSettings
 from wordcraft_kg.models.links.epochs import Epochs
+from wordcraft_kg.models.links.fitting import train_epochs
 from wordcraft_kg.models.links.pykeen_bridge import pykeen_guard, quiet_pykeen, seed_everything, triples_factory
-from wordcraft_kg.models.links.records import LinkMetrics, LinkProgress
+from wordcraft_kg.models.links.records import Choice, LinkMetrics, LinkProgress
+from wordcraft_kg.models.links.regularisation import choose
 from wordcraft_kg.models.links.results import OUTPUTS, model_card, write_results
 from wordcraft_kg.models.scorers.tables import TABLE_LIMIT
+from wordcraft_kg.records import as_values, parse_record
 from wordcraft_kg.runs.folder import Progress, RunFolder, RunKind, check_run_output, new_run, resumed_run
 from wordcraft_kg.runs.inputs import open_run_graph
 from wordcraft_kg.runs.record import verified_bytes
 from wordcraft_kg.tensors import check_device
 
+CHOICE = "choice.json"
 LINKS = RunKind(tuple(CONFIGS), unit="epoch", progress=LinkProgress, judged_by="evaluate-links")
 
 
@@ -75,7 +77,10 @@ def train_links(
     check_run_output(folder, force=force)
     _check_fit(opened, config.settings)
     with new_run(folder, LINKS, force=force) as run:
-        run.begin(config, config.settings, inputs={"graph": opened.graph.hash, "split": opened.split.hash})
+        config = _with_choice(run, opened, config, progress)
+        files = [CHOICE] if (run.path / CHOICE).exists() else []
+        inputs = {"graph": opened.graph.hash, "split": opened.split.hash}
+        run.begin(config, config.settings, inputs=inputs, files=files)
         return _train(run, opened, config, progress)
 
 
@@ -118,6 +123,33 @@ def _for_size(config: LinksConfig, num_entities: int) -> LinksConfig:
     return replace(config, settings=settings)
 
 
+def _with_choice(
+    run: RunFolder[LinkProgress], opened: OpenedGraph, config: LinksConfig, progress: Progress | None
+) -> LinksConfig:
+    """Decide what regularisation is left open, before the run begins; on a small book, write ``choice.json``."""
+    settings = config.settings
+    if not isinstance(settings, ComplExConfig):
+        return config
+
+    def after_epoch(done: int, total: int) -> None:
+        if run.interrupted.is_set():
+            raise KeyboardInterrupt
+        if progress:
+            progress(0, settings.epochs, {"choosing n3": done / total})
+
+    choice = choose(opened, settings, after_epoch)
+    if choice:
+        write_atomically(run.path / CHOICE, dump_json(as_values(choice)), durable=True)
+        settings = replace(settings, n3=choice.n3, popularity=choice.popularity)
+    return replace(config, settings=settings.fixed())
+
+
+def _read_choice(run: RunFolder[LinkProgress]) -> Choice | None:
+    if CHOICE not in run.record.inputs:
+        return None
+    return parse_record(verified_bytes(run.path, run.record, CHOICE), Choice, run.path / CHOICE)
+
+
 def _check_fit(opened: OpenedGraph, settings: LinkSettings) -> None:
     if isinstance(settings, LinkModelConfig):
         model_class(settings.model)
@@ -148,7 +180,7 @@ def _train(
     is_resumed: bool = False,
 ) -> TrainedLinks:
     """Train from the start or, if resumed, from the last checkpoint, until the end or the first Ctrl-C."""
-    settings = config.settings
+    settings, choice = config.settings, _read_choice(run)
     factory = triples_factory(opened.graph, opened.triples(settings.kg))
     with pykeen_guard(settings.seed, settings.threads), quiet_pykeen():
         loop = make_training_loop(settings, factory)
@@ -164,25 +196,11 @@ def _train(
             run.go_on(config)
         if loop._epoch < settings.epochs and not epochs.so_far.has_stopped:
             seed_everything(settings.seed, loop._epoch + 1)
-            try:
-                loop.train(
-                    factory,
-                    num_epochs=settings.epochs,
-                    batch_size=settings.batch_size,
-                    continue_training=is_resumed,
-                    use_tqdm=False,
-                    use_tqdm_batch=False,
-                    pin_memory=torch.device(settings.device).type == "cuda",
-                    callbacks=epochs,
-                )
-            except NonFiniteLossError:
-                raise TrainingError(
-                    "the loss is no longer a finite number. Train with a lower `learning_rate`."
-                ) from None
+            train_epochs(loop, factory, settings, epochs, is_resumed=is_resumed)
         if loop._epoch < settings.epochs and not epochs.so_far.has_stopped:
             run.interrupt()
             return TrainedLinks(run.path, loop._epoch, None)
         epochs.restore_best(loop)
-        metrics = write_results(run.path, loop.model, opened, settings, epochs.so_far)
+        metrics = write_results(run.path, loop.model, opened, settings, epochs.so_far, choice)
     run.finish(OUTPUTS, model_card(opened, settings, metrics))
     return TrainedLinks(run.path, metrics.epochs, metrics)

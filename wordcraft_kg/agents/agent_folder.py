@@ -13,6 +13,7 @@ from wordcraft_kg.runs.checkpoints import Checkpoint
 from wordcraft_kg.runs.folder import RunKind
 from wordcraft_kg.runs.inputs import open_run_graph
 from wordcraft_kg.runs.record import RunRecord, verified_bytes
+from wordcraft_kg.runs.seeds import run_name
 from wordcraft_kg.tensors import read_tensors, with_prefix
 
 AGENTS = RunKind((AgentConfig.command,), unit="step", progress=AgentProgress, judged_by="evaluate-agent")
@@ -25,7 +26,7 @@ class OpenedAgent:
     """An agent with everything that its evaluation needs.
 
     Attributes:
-        name: name of its folder.
+        name: name of its folder, see :func:`~wordcraft_kg.runs.seeds.run_name`.
         policy: has the weights of ``checkpoint``.
         checkpoint: ``final``, or ``step N`` for a run that is not done.
         config: its settings.
@@ -79,7 +80,7 @@ def open_agent(folder: str | Path, graph: str | None = None) -> OpenedAgent:
         lines = read_small_file(path)
         lines = lines[: lines.rfind(b"\n") + 1]  # the last one may be half written
     metrics = read_metrics(lines, path)
-    return OpenedAgent(folder.resolve().name, policy, checkpoint, config, opened, run, metrics, evaluation)
+    return OpenedAgent(run_name(folder), policy, checkpoint, config, opened, run, metrics, evaluation)
 
 
 def policy_at(folder: Path, run: RunRecord, checkpoint: Checkpoint[AgentProgress]) -> Policy:

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 EXAMPLES = (
     "wordcraft-kg compare-agents runs/no-kg runs/partial",
     "wordcraft-kg compare-agents runs/no-kg-0 runs/no-kg-1 runs/partial-0 runs/partial-1 --out reports/agents",
+    "wordcraft-kg compare-agents runs/no-kg-seeds runs/partial-seeds --distractors 1,2,8",
 )
 
 
@@ -33,7 +34,8 @@ def compare_agents(
     """Evaluate agents on the same tables and write a report; runs that differ only in the seed count as one agent.
 
     Args:
-        runs: run folders on one graph and split; the first agent is the reference.
+        runs: run folders on one graph and split, or folders of seeds (train-agent --seeds); the first agent is the
+            reference.
         part: tasks to play: train, valid, test or all.
         distractors: comma-separated numbers of distractors. Default: 1, 8 and those trained with.
         draws: draws of distractors for each task.
@@ -47,6 +49,7 @@ def compare_agents(
     from wordcraft_kg.errors import ConfigError
     from wordcraft_kg.reports.agent_report import make_agent_report
     from wordcraft_kg.reports.report import write_report
+    from wordcraft_kg.runs.seeds import run_folders
     from wordcraft_kg.views.agents import group_agents, summarise_agents
 
     if not runs:
@@ -54,7 +57,7 @@ def compare_agents(
     whole("draws", draws, 1)
     whole("episodes", episodes, 0)
     amounts = whole_numbers("distractors", distractors) if distractors else None
-    groups = group_agents([open_agent(run, graph) for run in runs])
+    groups = group_agents([open_agent(folder, graph) for run in runs for folder in run_folders(run)])
     folder = out or Path("reports") / "-and-".join(groups)
     check_output(folder, force=force)
     report = make_agent_report(groups, part=part, distractors=amounts, draws=draws, episodes=episodes)

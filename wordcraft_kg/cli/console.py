@@ -2,6 +2,7 @@
 
 import json
 import logging
+import re
 import sys
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -90,6 +91,26 @@ def whole_numbers(option: str, values: Sequence[str]) -> list[int]:
     if not numbers:
         raise ConfigError(f"--{option} '{','.join(values)}': expected whole numbers, such as 1,2,8.")
     return numbers
+
+
+MOST_SEEDS = 1_000
+
+
+def read_seeds(text: str) -> list[int]:
+    """Return the seeds that a list of numbers and ranges names, each once: 0-2,7 is 0, 1, 2 and 7.
+
+    Raises:
+        ConfigError: if it is not such a list, or of more than :data:`MOST_SEEDS`.
+    """
+    seeds: dict[int, None] = {}
+    for part in text.split(","):
+        match = re.fullmatch(r"\s*(\d{1,19})(?:-(\d{1,19}))?\s*", part)
+        first, last = (int(match[1]), int(match[2] or match[1])) if match else (1, 0)
+        chosen = range(first, last + 1) if last < first + MOST_SEEDS else range(0)
+        seeds |= dict.fromkeys(chosen)
+        if not chosen or len(seeds) > MOST_SEEDS:
+            raise ConfigError(f"--seeds '{text}': expected at most {MOST_SEEDS:,} seeds, such as 0-4 or 0,3,7.")
+    return list(seeds)
 
 
 def aligned(rows: Iterable[tuple[str, str]]) -> list[str]:

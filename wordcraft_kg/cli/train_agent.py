@@ -12,6 +12,7 @@ from wordcraft_kg.models.policies.config import PolicyConfig
 EXAMPLES = (
     "wordcraft-kg train-agent everyday --out runs/no-kg",
     "wordcraft-kg train-agent graphs/everyday --scorer models/everyday-partial --out runs/partial",
+    "wordcraft-kg train-agent everyday --seeds 0-4 --out runs/no-kg-seeds",
 )
 
 
@@ -22,6 +23,7 @@ def train_agent(
     tasks: Annotated[TaskConfig, Parameter(name="*", group="Tasks")] = TaskConfig(),
     policy: Annotated[PolicyConfig, Parameter(name="*", group="Policy")] = PolicyConfig(),
     trainer: Annotated[ImpalaConfig, Parameter(name="*", group="Training")] = ImpalaConfig(),
+    seeds: str | None = None,
     out: Path | None = None,
     force: Flag = False,
     tensorboard: Flag = False,
@@ -35,15 +37,16 @@ def train_agent(
         tasks: what the agent is trained on.
         policy: how it decides.
         trainer: how it learns.
+        seeds: seeds to train one after the other, such as 0-4 or 0,3,7, each in a folder seed-N of its own. Seeds that
+            are done are kept, so the same command goes on after Ctrl-C.
         out: run folder to write. Default: runs/<graph's name>-<scorer's folder or no-kg>.
         force: replace the folder if it exists.
         tensorboard: also write TensorBoard's event files (needs the extra tensorboard).
     """
     from wordcraft_kg.agents.config import AgentConfig
-    from wordcraft_kg.agents.training import train_agent
-    from wordcraft_kg.cli.training import report_agent
+    from wordcraft_kg.cli.training import train_agent_seeds, train_one_agent
 
     config = AgentConfig(graph, None if scorer is None else str(scorer), tasks, policy, trainer)
-    progress = output.progress("agent", unit="step")
-    trained = train_agent(config, out, force=force, tensorboard=tensorboard, progress=progress)
-    return report_agent(trained, graph, output)
+    if seeds is not None:
+        return train_agent_seeds(config, seeds, out, force, tensorboard, output)
+    return train_one_agent(config, out, force, tensorboard, output)

@@ -12,6 +12,7 @@ from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
 EXAMPLES = (
     "wordcraft-kg train-complex everyday --out models/everyday",
     "wordcraft-kg train-complex everyday --kg full --seed 1 --out models/everyday-full",
+    "wordcraft-kg train-complex everyday --seeds 0-4 --out models/everyday-seeds",
 )
 
 
@@ -19,6 +20,7 @@ def train_complex(
     graph: str,
     *,
     settings: Annotated[ComplExConfig, Parameter(name="*")] = ComplExConfig(),
+    seeds: str | None = None,
     out: Path | None = None,
     force: Flag = False,
     output: Output = Output(),
@@ -28,7 +30,9 @@ def train_complex(
     Args:
         graph: graph folder, recipe book or known book's name.
         settings: settings of the model and its training.
+        seeds: seeds to train one after the other, such as 0-4 or 0,3,7, each in a folder seed-N of its own. Seeds that
+            are done are kept, so the same command goes on after Ctrl-C.
         out: model folder to write. Default: models/<graph's name>-<kg>.
         force: replace the folder if it exists.
     """
-    return train(LinksConfig(graph, settings), out, force, output)
+    return train(LinksConfig(graph, settings), seeds, out, force, output)

@@ -12,6 +12,7 @@ from wordcraft_kg.models.links.config import LinkModelConfig, LinksConfig
 EXAMPLES = (
     "wordcraft-kg train-links everyday --model rotate --out models/everyday-rotate",
     "wordcraft-kg train-links everyday --model distmult --loop symmetric --out models/everyday-distmult",
+    "wordcraft-kg train-links everyday --model rotate --seeds 0,1 --out models/rotate-seeds",
 )
 
 
@@ -19,6 +20,7 @@ def train_links(
     graph: str,
     *,
     settings: Annotated[LinkModelConfig, Parameter(name="*")] = LinkModelConfig(),
+    seeds: str | None = None,
     out: Path | None = None,
     force: Flag = False,
     output: Output = Output(),
@@ -28,7 +30,9 @@ def train_links(
     Args:
         graph: graph folder, recipe book or known book's name.
         settings: settings of the model and its training.
+        seeds: seeds to train one after the other, such as 0-4 or 0,3,7, each in a folder seed-N of its own. Seeds that
+            are done are kept, so the same command goes on after Ctrl-C.
         out: model folder to write. Default: models/<graph's name>-<model>-<kg>.
         force: replace the folder if it exists.
     """
-    return train(LinksConfig(graph, settings), out, force, output)
+    return train(LinksConfig(graph, settings), seeds, out, force, output)

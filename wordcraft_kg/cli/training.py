@@ -1,24 +1,36 @@
-"""What the training commands share: training, reporting, and how to continue after Ctrl-C."""
+"""What the training commands share: training one seed or several, reporting, and how to continue after Ctrl-C."""
 
 import logging
+from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypeVar
 
-from wordcraft_kg.cli.console import Output, aligned
+from wordcraft_kg.cli.console import Output, aligned, read_seeds
+from wordcraft_kg.errors import ConfigError
 from wordcraft_kg.graphs.tasks import TaskPart
 from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
 from wordcraft_kg.records import as_values
 from wordcraft_kg.runs.interruption import interruption_message
 
 if TYPE_CHECKING:
+    from wordcraft_kg.agents.config import AgentConfig
     from wordcraft_kg.agents.training import TrainedAgent
     from wordcraft_kg.models.links.training import TrainedLinks
 
+T = TypeVar("T", "TrainedAgent", "TrainedLinks")
+Values = dict[str, Any]
 
-def train(config: LinksConfig, out: Path | None, force: bool, output: Output) -> int:
-    """Train a link predictor, print the outcome and return the exit code."""
+
+# --- link predictors -------------------------------------------------------------------------------------------------
+
+
+def train(config: LinksConfig, seeds: str | None, out: Path | None, force: bool, output: Output) -> int:
+    """Train a link predictor with one seed or several, print the outcome and return the exit code."""
     from wordcraft_kg.models.links.training import train_links
 
+    if seeds is not None:
+        return _train_links_seeds(config, seeds, out, force, output)
     progress = output.progress(f"{config.settings.kg} graph")
     return report(train_links(config, out, force=force, progress=progress), output)
 
@@ -28,7 +40,6 @@ def report(trained: "TrainedLinks", output: Output) -> int:
     metrics = trained.metrics
     if metrics is None:
         raise KeyboardInterrupt(interruption_message(trained.folder, "epoch", trained.epoch))
-    values = {"out": str(trained.folder), **as_values(metrics)}
     rows = [
         ("trained", f"{metrics.epochs} epochs on {metrics.triples:,} triples ({metrics.kg} graph)"),
         ("time", f"{metrics.seconds:.1f} s, {metrics.seconds_per_epoch:.3f} s per epoch"),
@@ -44,7 +55,8 @@ def report(trained: "TrainedLinks", output: Output) -> int:
             "the model hardly fits its own training triples; try %s.", _how_to_fit(LinksConfig.read(trained.folder))
         )
     output.result(
-        values, [*aligned(rows), f"wrote {trained.folder}/   next: wordcraft-kg evaluate-links {trained.folder}"]
+        _link_values(trained),
+        [*aligned(rows), f"wrote {trained.folder}/   next: wordcraft-kg evaluate-links {trained.folder}"],
     )
     return 0
 
@@ -57,17 +69,82 @@ def _how_to_fit(config: LinksConfig) -> str:
     return "more --epochs, another --learning-rate" + (", or --loop symmetric" if settings.loop == "slcwa" else "")
 
 
-def finished_without_report(folder: Path) -> "TrainedAgent | None":
-    """Return the outcome of a finished run if its report is missing, else None."""
+def _link_values(trained: "TrainedLinks") -> Values:
+    return {"out": str(trained.folder), **as_values(trained.metrics)}
+
+
+def _train_links_seeds(config: LinksConfig, seeds: str, out: Path | None, force: bool, output: Output) -> int:
+    from wordcraft_kg.graphs.folder import open_graph
+    from wordcraft_kg.models.links.records import LinkMetrics
+    from wordcraft_kg.models.links.training import LINKS, TrainedLinks, resume_links, train_links
+    from wordcraft_kg.records import parse_record
+    from wordcraft_kg.runs.record import RunRecord, verified_bytes
+    from wordcraft_kg.runs.seeds import SeededTraining, train_seeds
+
+    def settings(folder: Path, run: RunRecord) -> LinksConfig:
+        verified_bytes(folder, run, "config.toml")
+        return LinksConfig.read(folder)
+
+    def finished(folder: Path, run: RunRecord) -> TrainedLinks:
+        metrics = parse_record(verified_bytes(folder, run, "metrics.json"), LinkMetrics, folder / "metrics.json")
+        return TrainedLinks(folder, metrics.epochs, metrics)
+
+    configs = {
+        seed: replace(config, settings=replace(config.settings, seed=seed))
+        for seed in _seeds(seeds, config.settings.seed)
+    }
+    opened = open_graph(config.graph)
+    parent = config.default_folder(opened.graph.name) if out is None else out
+    training: SeededTraining[LinksConfig, TrainedLinks] = SeededTraining(
+        LINKS,
+        {"graph": opened.graph.hash, "split": opened.split.hash},
+        lambda one, folder, force: train_links(one, folder, force=force, progress=output.progress(folder.name)),
+        lambda folder: resume_links(folder, graph=config.graph, progress=output.progress(folder.name)),
+        finished,
+        settings,
+        # What is None was left to the training to decide, which wrote its decision into config.toml.
+        lambda one: {name: value for name, value in vars(one.settings).items() if value is not None},
+    )
+    trained = _until_interrupted(train_seeds(parent, configs, training, force=force), len(configs), force)
+    values = {str(seed): _link_values(outcome) for seed, outcome in trained.items()}
+    rows = [
+        (f"seed {seed}", f"train MRR {outcome.metrics.train_mrr:.3f} (memory), {outcome.metrics.epochs} epochs")
+        for seed, outcome in trained.items()
+        if outcome.metrics is not None
+    ]
+    following = f"wordcraft-kg compare-links {parent} ANOTHER"
+    output.result({"out": str(parent), "seeds": values}, [*aligned(rows), f"wrote {parent}/   next: {following}"])
+    return 0
+
+
+# --- agents ----------------------------------------------------------------------------------------------------------
+
+
+def finished_agent(folder: Path) -> "TrainedAgent":
+    """Return the outcome of a finished run."""
     from wordcraft_kg.agents.agent_folder import AGENTS
     from wordcraft_kg.agents.records import read_summary
     from wordcraft_kg.agents.training import TrainedAgent
 
-    run = AGENTS.read_record(folder)
-    if run.status != "done" or (folder / "report").exists():
-        return None
-    summary = read_summary(folder, run)
+    summary = read_summary(folder, AGENTS.read_record(folder))
     return TrainedAgent(folder, summary.steps, summary)
+
+
+def finished_without_report(folder: Path) -> "TrainedAgent | None":
+    """Return the outcome of a finished run if its report is missing, else None."""
+    from wordcraft_kg.agents.agent_folder import AGENTS
+
+    is_done = AGENTS.read_record(folder).status == "done"
+    return finished_agent(folder) if is_done and not (folder / "report").exists() else None
+
+
+def train_one_agent(config: "AgentConfig", out: Path | None, force: bool, tensorboard: bool, output: Output) -> int:
+    """Train an agent, write its report, print the outcome and return the exit code."""
+    from wordcraft_kg.agents.training import train_agent
+
+    progress = output.progress("agent", unit="step")
+    trained = train_agent(config, out, force=force, tensorboard=tensorboard, progress=progress)
+    return report_agent(trained, config.graph, output)
 
 
 def report_agent(trained: "TrainedAgent", graph: str | None, output: Output) -> int:
@@ -76,25 +153,10 @@ def report_agent(trained: "TrainedAgent", graph: str | None, output: Output) -> 
     Raises:
         KeyboardInterrupt: when Ctrl-C ended the training.
     """
-    from wordcraft_kg.agents.agent_folder import open_agent
-    from wordcraft_kg.reports.agent_report import make_agent_report
-    from wordcraft_kg.reports.report import write_report
-    from wordcraft_kg.views.agents import group_agents
-
     summary, folder = trained.summary, trained.folder
     if summary is None:
         raise KeyboardInterrupt(interruption_message(folder, "step", trained.step))
-    success = summary.success
-    part: TaskPart = "test" if "test" in success else "train"
-    report = make_agent_report(group_agents([open_agent(folder, graph)]), part=part)
-    write_report(report, folder / "report", force=True)
-    values = {
-        "out": str(folder),
-        "report": str(folder / "report" / "index.html"),
-        **as_values(summary),
-        "success": {name: found.mean for name, found in success.items()},
-    }
-    values["success_ci"] = {name: [found.ci_low, found.ci_high] for name, found in success.items()}
+    _write_agent_report(trained, graph)
     rows = [
         ("trained", f"{summary.steps:,} steps in {summary.seconds:.1f} s"),
         (
@@ -107,8 +169,111 @@ def report_agent(trained: "TrainedAgent", graph: str | None, output: Output) -> 
                 f"success {found.mean:.3f} [{found.ci_low:.3f}, {found.ci_high:.3f}] greedy, "
                 f"{found.tasks:,} tasks with {found.draws} draws of {summary.distractors} distractors",
             )
-            for name, found in success.items()
+            for name, found in summary.success.items()
         ),
     ]
-    output.result(values, [*aligned(rows), f"wrote {folder}/   open {folder / 'report' / 'index.html'}"])
+    page = folder / "report" / "index.html"
+    output.result(_agent_values(trained), [*aligned(rows), f"wrote {folder}/   open {page}"])
     return 0
+
+
+def _write_agent_report(trained: "TrainedAgent", graph: str | None) -> None:
+    from wordcraft_kg.agents.agent_folder import open_agent
+    from wordcraft_kg.reports.agent_report import make_agent_report
+    from wordcraft_kg.reports.report import write_report
+    from wordcraft_kg.views.agents import group_agents
+
+    assert trained.summary is not None
+    part: TaskPart = "test" if "test" in trained.summary.success else "train"
+    report = make_agent_report(group_agents([open_agent(trained.folder, graph)]), part=part)
+    write_report(report, trained.folder / "report", force=True)
+
+
+def _agent_values(trained: "TrainedAgent") -> Values:
+    assert trained.summary is not None
+    success = trained.summary.success
+    return {
+        "out": str(trained.folder),
+        "report": str(trained.folder / "report" / "index.html"),
+        **as_values(trained.summary),
+        "success": {name: found.mean for name, found in success.items()},
+        "success_ci": {name: [found.ci_low, found.ci_high] for name, found in success.items()},
+    }
+
+
+def train_agent_seeds(
+    config: "AgentConfig", seeds: str, out: Path | None, force: bool, tensorboard: bool, output: Output
+) -> int:
+    """Train an agent with several seeds, write their reports, print the outcome and return the exit code."""
+    from wordcraft_kg.agents.agent_folder import AGENTS, read_run_config
+    from wordcraft_kg.agents.config import AgentConfig
+    from wordcraft_kg.agents.training import TrainedAgent, resume_agent, train_agent
+    from wordcraft_kg.graphs.folder import open_graph
+    from wordcraft_kg.runs.record import read_finished_run
+    from wordcraft_kg.runs.seeds import SeededTraining, train_seeds
+
+    def reported(trained: TrainedAgent) -> TrainedAgent:
+        if trained.summary is not None and not (trained.folder / "report").exists():
+            _write_agent_report(trained, config.graph)
+        return trained
+
+    configs = {
+        seed: replace(config, trainer=replace(config.trainer, seed=seed)) for seed in _seeds(seeds, config.trainer.seed)
+    }
+    opened = open_graph(config.graph)
+    parent = config.default_folder(opened.graph.name) if out is None else out
+    scorer = None
+    if config.scorer is not None:
+        scorer = read_finished_run(Path(config.scorer), "wordcraft-kg train-complex").outputs["model.safetensors"]
+    training: SeededTraining[AgentConfig, TrainedAgent] = SeededTraining(
+        AGENTS,
+        {"graph": opened.graph.hash, "split": opened.split.hash, "scorer": scorer},
+        lambda one, folder, force: train_agent(
+            one, folder, force=force, tensorboard=tensorboard, progress=output.progress(folder.name, unit="step")
+        ),
+        lambda folder: resume_agent(folder, graph=config.graph, progress=output.progress(folder.name, unit="step")),
+        lambda folder, _: finished_agent(folder),
+        read_run_config,
+        lambda one: one.values(),
+    )
+    outcomes = ((seed, reported(one)) for seed, one in train_seeds(parent, configs, training, force=force))
+    trained = _until_interrupted(outcomes, len(configs), force)
+    values = {str(seed): _agent_values(outcome) for seed, outcome in trained.items()}
+    part = "test" if all("test" in one["success"] for one in values.values()) else "train"
+    found = {seed: one["success"][part] for seed, one in values.items()}
+    rows = [(f"seed {seed}", f"success {success:.3f} on {part} tasks") for seed, success in found.items()]
+    spread = f"from {min(found.values()):.3f} to {max(found.values()):.3f}"
+    rows.append(("mean", f"success {sum(found.values()) / len(found):.3f}, {spread}"))
+    output.result(
+        {"out": str(parent), "seeds": values},
+        [*aligned(rows), f"wrote {parent}/   next: wordcraft-kg compare-agents {parent}"],
+    )
+    return 0
+
+
+# --- several seeds ---------------------------------------------------------------------------------------------------
+
+
+def _seeds(seeds: str, seed: int) -> list[int]:
+    if seed:
+        raise ConfigError(f"--seed {seed} and --seeds {seeds}: give one of them.")
+    return read_seeds(seeds)
+
+
+def _until_interrupted(outcomes: Iterator[tuple[int, T]], number: int, force: bool) -> dict[int, T]:
+    """Train the seeds and return their outcomes.
+
+    Raises:
+        KeyboardInterrupt: saying how to go on, if Ctrl-C ended one of them.
+    """
+    trained: dict[int, T] = {}
+    try:
+        for seed, outcome in outcomes:
+            if outcome.interrupted:
+                raise KeyboardInterrupt
+            trained[seed] = outcome
+    except KeyboardInterrupt:
+        again = "the same command without --force" if force else "the same command"
+        message = f"interrupted; {len(trained)} of {number} seeds are done, {again} goes on with the others"
+        raise KeyboardInterrupt(message) from None
+    return trained

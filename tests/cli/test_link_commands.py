@@ -759,22 +759,59 @@ def test_score_wants_to_list_at_least_one(run: Run, trained: Path, top: str):
 
 def test_compare_links_prints_one_object_with_the_paired_difference(run: Run, trained: Path):
     values = one_object(run("compare-links", trained / "one", trained / "two", "--json"))
-    assert {"a", "b", "queries", "difference", "difference_ci", "probability_a_better"} <= set(values)
-    assert (values["a"]["name"], values["b"]["name"]) == ("one", "two")
-    assert values["difference"] == pytest.approx(values["a"]["mrr"] - values["b"]["mrr"])
-    assert values["difference_ci"][0] <= values["difference"] <= values["difference_ci"][1]
+    assert {"graph", "split", "queries", "triples", "models", "best"} <= set(values)
+    one, two = values["models"]
+    assert (one["name"], two["name"]) == ("one", "two")
+    assert two["difference"] == pytest.approx(two["mrr"] - one["mrr"])
+    assert two["difference_ci"][0] <= two["difference"] <= two["difference_ci"][1]
+    assert "difference" not in one
 
 
-def test_compare_links_agrees_with_the_reports_of_both(run: Run, workshop: Path):
-    values = one_object(run("compare-links", workshop / "one", workshop / "two", "--json"))
-    for side, name in (("a", "one"), ("b", "two")):
-        assert values[side]["mrr"] == one_object(run("evaluate-links", workshop / name, "--json"))["mrr"]["all"]
+def test_compare_links_agrees_with_the_reports_of_all(run: Run, workshop: Path):
+    names = ("one", "two")
+    values = one_object(run("compare-links", *(workshop / name for name in names), "--json"))
+    for name, found in zip(names, values["models"], strict=True):
+        report = one_object(run("evaluate-links", workshop / name, "--json"))
+        for metric in ("mrr", "hits@1", "hits@3", "hits@10"):
+            assert found[metric] == report[metric]["all"]
 
 
 def test_a_model_does_not_differ_from_itself(run: Run, trained: Path):
-    values = one_object(run("compare-links", trained / "one", trained / "one", "--json"))
-    assert (values["difference"], values["difference_ci"], values["probability_a_better"]) == (0, [0, 0], 0.5)
+    values = one_object(run("compare-links", trained / "one", trained / "one", "--json"))["models"][1]
+    assert (values["difference"], values["difference_ci"], values["probability_better"]) == (0, [0, 0], 0.5)
     assert "no difference is shown" in run("compare-links", trained / "one", trained / "one").out
+
+
+def test_models_of_one_name_are_told_apart_by_their_paths(run: Run, workshop: Path):
+    shutil.copytree(workshop / "two", workshop / "copies" / "one")
+    paths = [workshop / "one", workshop / "copies" / "one"]
+    values = one_object(run("compare-links", *paths, "--graph", workshop / "graph", "--json"))
+    assert [found["name"] for found in values["models"]] == [str(path) for path in paths]
+
+
+def test_several_models_are_compared_with_the_first_on_a_page(run: Run, trained: Path, tmp_path: Path):
+    page = tmp_path / "new" / "comparison.html"
+    command = ("compare-links", *(trained / name for name in ("one", "two", "full")), "--out", page)
+    text = run(*command).out.splitlines()
+    assert [line.split()[0] for line in text[1:4]] == ["one", "two", "full"]
+    assert "widened for 3 pairs of models (Bonferroni)" in text[-2]
+    assert text[-1] == f"wrote {page}"
+    assert "3 link predictors on the same queries" in page.read_text()
+    before = page.read_bytes()
+    assert "--force" in refused(run(*command), "OutputExistsError")
+    assert page.read_bytes() == before
+    assert one_object(run(*command, "--force", "--json"))["out"] == str(page)
+    assert page.read_bytes() == before
+
+
+def test_a_folder_of_seeds_is_compared_as_one_model(run: Run, workshop: Path):
+    seeds = ("--seeds", "4,5", "--out", workshop / "seeds")
+    run("train-complex", workshop / "graph", *TINY, "--quiet", *seeds)
+    command = ("compare-links", workshop / "one", workshop / "seeds")
+    found = one_object(run(*command, "--json"))["models"][1]
+    assert (found["name"], found["seeds"]) == ("seeds", [4, 5])
+    assert found["mrr"] == pytest.approx(np.mean(found["mrr_of_seeds"]))
+    assert "2 seeds" in run(*command).out
 
 
 def test_models_of_different_splits_are_not_compared(run: Run, workshop: Path):

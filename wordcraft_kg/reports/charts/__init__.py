@@ -4,6 +4,7 @@ Colours (``series-0``, ``series-1``, ...) and the dashes of :func:`curves` (``da
 CSS classes that the page's style sheet defines.
 """
 
+from wordcraft_kg.reports.charts.intervals import intervals
 from wordcraft_kg.reports.charts.pictures import contribution_bar, labelled_points, matrix_image
 from wordcraft_kg.reports.charts.series import curves, dots, grouped_bars, lines, reliability
 
@@ -12,6 +13,7 @@ __all__ = [
     "curves",
     "dots",
     "grouped_bars",
+    "intervals",
     "labelled_points",
     "lines",
     "matrix_image",

@@ -13,11 +13,7 @@ def comparison_page(view: LinkComparison) -> str:
         "MRR of each model with its interval",
     )
     differences = charts.intervals(
-        [
-            (model.name, (model.difference, *model.difference_ci))
-            for model in view.models
-            if model.difference is not None and model.difference_ci is not None
-        ],
+        [(model.name, (model.difference or 0.0, *(model.difference_ci or (None, None)))) for model in view.models],
         f"difference of MRR to {view.models[0].name}, paired",
         f"Difference of each model's MRR to that of {view.models[0].name} with its interval",
         reference=0.0,

@@ -335,7 +335,7 @@ def test_a_missing_tensorboard_is_a_clear_error_and_leaves_no_folder(
 ) -> None:
     monkeypatch.setitem(sys.modules, "torch.utils.tensorboard", None)
     with pytest.raises(MissingExtraError, match="tensorboard"):
-        train_agent(config_of(), tmp_path / "run", tensorboard=True)
+        train_agent(config_of(), tmp_path / "run", trackers=["tensorboard"])
     assert not (tmp_path / "run").exists()
 
 
@@ -372,7 +372,7 @@ def test_tensorboard_gets_the_figures_of_the_metrics_and_goes_on_with_a_resumed_
     monkeypatch.setitem(sys.modules, "torch.utils.tensorboard", SimpleNamespace(SummaryWriter=Writer))
     with monkeypatch.context() as patch:
         interrupt_at(patch, 50)
-        train_agent(config_of(), tmp_path / "run", tensorboard=True)
+        train_agent(config_of(), tmp_path / "run", trackers=["tensorboard"])
     resume_agent(tmp_path / "run")
     assert begun == [None, -1, 800, -1]
     for row in metrics_of(tmp_path / "run"):

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer
-from wordcraft_kg.agents.tensorboard import Board
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.errors import TaskError
 from wordcraft_kg.graphs.tasks import TaskPart
 from wordcraft_kg.models.policies.policy import Policy
+from wordcraft_kg.runs.trackers import Log
 
 JUDGED: tuple[TaskPart, ...] = ("train", "test")
 """Parts whose tasks a trained agent is evaluated on."""
@@ -22,18 +22,18 @@ CURVE_TASKS = 4_000
 
 
 class MetricsFile:
-    """Appends to ``metrics.jsonl``, and to TensorBoard if wanted.
+    """Appends to ``metrics.jsonl``, and passes the figures on to the run's trackers.
 
     Attributes:
         path: path of the file.
         eval_seconds: seconds spent on the learning curves.
     """
 
-    def __init__(self, folder: Path, world: World, board: Board | None):
+    def __init__(self, folder: Path, world: World, log: Log):
         """Prepare the environments of the learning curves."""
         self.path = folder / "metrics.jsonl"
         self.eval_seconds = 0.0
-        self._board = board
+        self._log = log
         self._evaluators = evaluators(world, curve=True)
 
     def size(self) -> int:
@@ -67,8 +67,7 @@ class MetricsFile:
         """Write a line."""
         with self.path.open("ab") as file:
             file.write((json.dumps(row, allow_nan=False) + "\n").encode())
-        if self._board is not None:
-            self._board.add(row["step"], {name: value for name, value in row.items() if name != "step"})
+        self._log(row["step"], {name: value for name, value in row.items() if name != "step"})
 
 
 def evaluators(world: World, *, curve: bool = False) -> dict[TaskPart, Evaluator]:

@@ -5,7 +5,7 @@ interruption.
 """
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -19,7 +19,6 @@ from wordcraft_kg.agents.evaluation import PolicyPlayer
 from wordcraft_kg.agents.impala import Impala, check_compiler
 from wordcraft_kg.agents.records import AgentProgress, AgentSummary
 from wordcraft_kg.agents.results import OUTPUTS, model_card, write_results
-from wordcraft_kg.agents.tensorboard import Board, board
 from wordcraft_kg.envs.batch import BatchEngine
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
@@ -29,6 +28,8 @@ from wordcraft_kg.models.policies.policy import Policy
 from wordcraft_kg.runs.checkpoints import Checkpoint
 from wordcraft_kg.runs.folder import Progress, RunFolder, check_run_output, new_run, resumed_run
 from wordcraft_kg.runs.inputs import open_run_graph
+from wordcraft_kg.runs.progress import shown
+from wordcraft_kg.runs.trackers import Log, Tracker, checked_trackers, names_of, tracking
 from wordcraft_kg.tensors import check_device
 
 
@@ -57,8 +58,8 @@ def train_agent(
     out: str | Path | None = None,
     *,
     force: bool = False,
-    tensorboard: bool = False,
-    progress: Progress | None = None,
+    trackers: Iterable[Tracker | str] = (),
+    progress: Progress | bool | None = None,
 ) -> TrainedAgent:
     """Train an agent and write its run folder.
 
@@ -66,12 +67,14 @@ def train_agent(
         config: all settings.
         out: the folder to write. Default: ``runs/<graph's name>-<scorer's folder or no-kg>``.
         force: replace an existing folder.
-        tensorboard: write TensorBoard's event files too.
-        progress: called after each line of metrics.
+        trackers: where the lines of metrics go too: tensorboard, wandb, mlflow, or a
+            :class:`~wordcraft_kg.runs.trackers.Tracker` of your own.
+        progress: called after each line of metrics; True shows a bar.
 
     Raises:
         OutputExistsError: if ``out`` exists and ``force`` is False.
         ConfigError: if the settings do not fit the graph or the machine.
+        MissingExtraError: if a tracker's library is not installed.
         GraphMismatchError: if the scorer belongs to another graph or split.
         TrainingError: if the loss is no longer finite.
 
@@ -84,6 +87,7 @@ def train_agent(
     opened = open_graph(config.graph)
     folder = config.default_folder(opened.graph.name) if out is None else Path(out)
     check_run_output(folder, force=force)
+    trackers = checked_trackers(trackers)
     trainer = config.trainer
     check_device(trainer.device)
     if trainer.compile:
@@ -101,7 +105,7 @@ def train_agent(
     )
     if features is not None:
         inputs["features"] = features.sha256
-    with board(folder, tensorboard) as sink, new_run(folder, AGENTS, force=force) as run:
+    with shown(progress, "agent", AGENTS.unit) as report, new_run(folder, AGENTS, force=force) as run:
         write_constants(run.path, policy)
         run.begin(
             config,
@@ -109,25 +113,33 @@ def train_agent(
             inputs=inputs,
             files=INPUTS,
             kg=kg,
-            tensorboard=tensorboard,
+            trackers=names_of(trackers),
             missing_words=features.missing_words if features is not None else (),
         )
-        return _Training(run, opened, config, policy, engine, sink, progress).go()
+        with tracking(run, trackers, config.values()) as log:
+            return _Training(run, opened, config, policy, engine, log, report).go()
 
 
-def resume_agent(folder: str | Path, *, graph: str | None = None, progress: Progress | None = None) -> TrainedAgent:
+def resume_agent(
+    folder: str | Path,
+    *,
+    graph: str | None = None,
+    trackers: Iterable[Tracker] = (),
+    progress: Progress | bool | None = None,
+) -> TrainedAgent:
     """Resume an interrupted run from its last checkpoint.
 
     Args:
         folder: folder of the run.
         graph: where the graph is now, if it has moved.
-        progress: called after each line of metrics.
+        trackers: trackers of your own, besides those that the run was begun with by name.
+        progress: called after each line of metrics; True shows a bar.
 
     Raises:
         ArtefactError: if the run is done, damaged, or running in another process.
         GraphMismatchError: if the graph or its split is not the one that the run began with.
     """
-    with resumed_run(Path(folder), AGENTS) as run:
+    with shown(progress, "agent", AGENTS.unit) as report, resumed_run(Path(folder), AGENTS) as run:
         config = read_run_config(run.path, run.record)
         config = replace(config, graph=graph or config.graph)
         opened = open_run_graph(run.path, run.record, config.graph)
@@ -135,8 +147,9 @@ def resume_agent(folder: str | Path, *, graph: str | None = None, progress: Prog
         engine = _engine(opened, config)
         checkpoint = run.checkpoints.load()
         policy = policy_at(run.path, run.record, checkpoint)
-        with board(run.path, run.record.tensorboard, checkpoint.number) as sink:
-            training = _Training(run, opened, config, policy, engine, sink, progress)
+        all_trackers = checked_trackers([*run.record.trackers, *trackers])
+        with tracking(run, all_trackers, config.values(), checkpoint.number) as log:
+            training = _Training(run, opened, config, policy, engine, log, report)
             with run.restoring():
                 training.restore(checkpoint)
             run.go_on(config)
@@ -159,13 +172,13 @@ class _Training:
         config: AgentConfig,
         policy: Policy,
         engine: BatchEngine,
-        sink: Board | None,
+        log: Log,
         progress: Progress | None,
     ):
         self._elapsed, self._begun = 0.0, time.perf_counter()
         self.run, self.opened, self.config, self.policy, self.progress = run, opened, config, policy, progress
         self.impala = Impala(policy, engine, config.trainer)
-        self.metrics = MetricsFile(run.path, engine.world, sink)
+        self.metrics = MetricsFile(run.path, engine.world, log)
         self.seconds = 0.0
         self._logged = (0, 0.0)
 

@@ -13,7 +13,7 @@ from cyclopts import CycloptsError, MissingArgumentError, UnknownCommandError, U
 from wordcraft_kg.cli.console import Output
 from wordcraft_kg.errors import WordCraftKGError
 
-OPTIONS = {"num_distractors": "distractors", "kind": "split"}
+OPTIONS = {"num_distractors": "distractors", "kind": "split", "trackers": "track"}
 """Options by the settings that they set, where the two have different names."""
 INTERRUPTED = 130
 

@@ -6,7 +6,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from wordcraft_kg.agents.config import ImpalaConfig, TaskConfig
-from wordcraft_kg.cli.console import Flag, Output
+from wordcraft_kg.cli.console import Flag, Output, split_labels
 from wordcraft_kg.models.policies.config import PolicyConfig
 
 EXAMPLES = (
@@ -26,7 +26,7 @@ def train_agent(
     seeds: str | None = None,
     out: Path | None = None,
     force: Flag = False,
-    tensorboard: Flag = False,
+    track: list[str] | None = None,
     output: Output = Output(),
 ) -> int:
     """Train an agent with IMPALA on a graph's crafting tasks, alone or guided by a scorer.
@@ -41,12 +41,14 @@ def train_agent(
             are done are kept, so the same command goes on after Ctrl-C.
         out: run folder to write. Default: runs/<graph's name>-<scorer's folder or no-kg>.
         force: replace the folder if it exists.
-        tensorboard: also write TensorBoard's event files (needs the extra tensorboard).
+        track: where the metrics go too, comma-separated: tensorboard, wandb (offline), mlflow (a local file); each
+            needs the extra of its name.
     """
     from wordcraft_kg.agents.config import AgentConfig
     from wordcraft_kg.cli.training import train_agent_seeds, train_one_agent
 
     config = AgentConfig(graph, None if scorer is None else str(scorer), tasks, policy, trainer)
+    trackers = split_labels(track or ())
     if seeds is not None:
-        return train_agent_seeds(config, seeds, out, force, tensorboard, output)
-    return train_one_agent(config, out, force, tensorboard, output)
+        return train_agent_seeds(config, seeds, out, force, trackers, output)
+    return train_one_agent(config, out, force, trackers, output)

@@ -5,7 +5,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from wordcraft_kg.cli.console import Flag, Output
+from wordcraft_kg.cli.console import Flag, Output, split_labels
 from wordcraft_kg.cli.training import train
 from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
 
@@ -23,6 +23,7 @@ def train_complex(
     seeds: str | None = None,
     out: Path | None = None,
     force: Flag = False,
+    track: list[str] | None = None,
     output: Output = Output(),
 ) -> int:
     """Train ComplEx with the paper's objective on the partial or the full knowledge graph.
@@ -34,5 +35,7 @@ def train_complex(
             are done are kept, so the same command goes on after Ctrl-C.
         out: model folder to write. Default: models/<graph's name>-<kg>.
         force: replace the folder if it exists.
+        track: where the figures of each epoch go too, comma-separated: tensorboard, wandb (offline), mlflow (a local
+            file); each needs the extra of its name.
     """
-    return train(LinksConfig(graph, settings), seeds, out, force, output)
+    return train(LinksConfig(graph, settings), seeds, out, force, split_labels(track or ()), output)

@@ -1,7 +1,7 @@
 """What the training commands share: training one seed or several, reporting, and how to continue after Ctrl-C."""
 
 import logging
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -25,14 +25,16 @@ Values = dict[str, Any]
 # --- link predictors -------------------------------------------------------------------------------------------------
 
 
-def train(config: LinksConfig, seeds: str | None, out: Path | None, force: bool, output: Output) -> int:
+def train(
+    config: LinksConfig, seeds: str | None, out: Path | None, force: bool, trackers: Sequence[str], output: Output
+) -> int:
     """Train a link predictor with one seed or several, print the outcome and return the exit code."""
     from wordcraft_kg.models.links.training import train_links
 
     if seeds is not None:
-        return _train_links_seeds(config, seeds, out, force, output)
+        return _train_links_seeds(config, seeds, out, force, trackers, output)
     progress = output.progress(f"{config.settings.kg} graph")
-    return report(train_links(config, out, force=force, progress=progress), output)
+    return report(train_links(config, out, force=force, trackers=trackers, progress=progress), output)
 
 
 def report(trained: "TrainedLinks", output: Output) -> int:
@@ -73,7 +75,9 @@ def _link_values(trained: "TrainedLinks") -> Values:
     return {"out": str(trained.folder), **as_values(trained.metrics)}
 
 
-def _train_links_seeds(config: LinksConfig, seeds: str, out: Path | None, force: bool, output: Output) -> int:
+def _train_links_seeds(
+    config: LinksConfig, seeds: str, out: Path | None, force: bool, trackers: Sequence[str], output: Output
+) -> int:
     from wordcraft_kg.graphs.folder import open_graph
     from wordcraft_kg.models.links.records import LinkMetrics
     from wordcraft_kg.models.links.training import LINKS, TrainedLinks, resume_links, train_links
@@ -98,7 +102,9 @@ def _train_links_seeds(config: LinksConfig, seeds: str, out: Path | None, force:
     training: SeededTraining[LinksConfig, TrainedLinks] = SeededTraining(
         LINKS,
         {"graph": opened.graph.hash, "split": opened.split.hash},
-        lambda one, folder, force: train_links(one, folder, force=force, progress=output.progress(folder.name)),
+        lambda one, folder, force: train_links(
+            one, folder, force=force, trackers=trackers, progress=output.progress(folder.name)
+        ),
         lambda folder: resume_links(folder, graph=config.graph, progress=output.progress(folder.name)),
         finished,
         settings,
@@ -138,12 +144,14 @@ def finished_without_report(folder: Path) -> "TrainedAgent | None":
     return finished_agent(folder) if is_done and not (folder / "report").exists() else None
 
 
-def train_one_agent(config: "AgentConfig", out: Path | None, force: bool, tensorboard: bool, output: Output) -> int:
+def train_one_agent(
+    config: "AgentConfig", out: Path | None, force: bool, trackers: Sequence[str], output: Output
+) -> int:
     """Train an agent, write its report, print the outcome and return the exit code."""
     from wordcraft_kg.agents.training import train_agent
 
     progress = output.progress("agent", unit="step")
-    trained = train_agent(config, out, force=force, tensorboard=tensorboard, progress=progress)
+    trained = train_agent(config, out, force=force, trackers=trackers, progress=progress)
     return report_agent(trained, config.graph, output)
 
 
@@ -202,7 +210,7 @@ def _agent_values(trained: "TrainedAgent") -> Values:
 
 
 def train_agent_seeds(
-    config: "AgentConfig", seeds: str, out: Path | None, force: bool, tensorboard: bool, output: Output
+    config: "AgentConfig", seeds: str, out: Path | None, force: bool, trackers: Sequence[str], output: Output
 ) -> int:
     """Train an agent with several seeds, write their reports, print the outcome and return the exit code."""
     from wordcraft_kg.agents.agent_folder import AGENTS, read_run_config
@@ -229,7 +237,7 @@ def train_agent_seeds(
         AGENTS,
         {"graph": opened.graph.hash, "split": opened.split.hash, "scorer": scorer},
         lambda one, folder, force: train_agent(
-            one, folder, force=force, tensorboard=tensorboard, progress=output.progress(folder.name, unit="step")
+            one, folder, force=force, trackers=trackers, progress=output.progress(folder.name, unit="step")
         ),
         lambda folder: resume_agent(folder, graph=config.graph, progress=output.progress(folder.name, unit="step")),
         lambda folder, _: finished_agent(folder),

@@ -112,7 +112,7 @@ class RunFolder(Generic[P]):
         inputs: Mapping[str, str],
         files: Sequence[str] = (),
         kg: KG | None = None,
-        tensorboard: bool = False,
+        trackers: Sequence[str] = (),
         missing_words: Sequence[str] = (),
     ) -> None:
         """Write ``config.toml`` and record the run as running.
@@ -123,7 +123,7 @@ class RunFolder(Generic[P]):
             inputs: hashes of the training data, by name.
             files: files already in the folder that training never changes.
             kg: see :class:`~wordcraft_kg.runs.record.RunRecord`, also for the next two.
-            tensorboard: whether figures also go to TensorBoard.
+            trackers: names of the trackers to which figures go too.
             missing_words: words without a vector.
         """
         config.write(self.path)
@@ -136,7 +136,7 @@ class RunFolder(Generic[P]):
             threads=trainer.threads,
             inputs={**inputs, **hashes},
             kg=kg,
-            tensorboard=tensorboard,
+            trackers=trackers,
             missing_words=missing_words,
         )
         self.is_live = True

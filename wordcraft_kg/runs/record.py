@@ -51,7 +51,7 @@ class RunRecord(Record, frozen=True, kw_only=True, omit_defaults=True):
         inputs: hashes by name: ``graph`` and ``split``, and the SHA-256 of files that training never changes.
         outputs: SHA-256 of the files that training wrote.
         kg: which knowledge graph the scorer of an agent was trained on.
-        tensorboard: whether the figures of an agent also go to TensorBoard.
+        trackers: names of the trackers to which the figures go too.
         missing_words: words in entity labels for which an agent has no vector.
         resumed: each resumption of the run.
     """
@@ -69,7 +69,7 @@ class RunRecord(Record, frozen=True, kw_only=True, omit_defaults=True):
     device: str
     threads: int
     kg: KG | None = None
-    tensorboard: bool = False
+    trackers: tuple[str, ...] = ()
     missing_words: tuple[str, ...] = ()
     outputs: dict[str, str]
     resumed: tuple[Resumption, ...] = ()
@@ -84,7 +84,7 @@ def start_run(
     threads: int = 1,
     inputs: Mapping[str, str] | None = None,
     kg: KG | None = None,
-    tensorboard: bool = False,
+    trackers: Sequence[str] = (),
     missing_words: Sequence[str] = (),
 ) -> RunRecord:
     """Write ``run.json`` with the status ``running``.
@@ -105,7 +105,7 @@ def start_run(
         device=device,
         threads=threads,
         kg=kg,
-        tensorboard=tensorboard,
+        trackers=tuple(trackers),
         missing_words=tuple(missing_words),
         outputs={},
     )

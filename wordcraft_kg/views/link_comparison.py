@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wordcraft_kg.errors import ConfigError, GraphMismatchError, SplitError
+from wordcraft_kg.models.links.config import ComplExConfig, LinkSettings, SavedConfig
 from wordcraft_kg.models.links.folder import OpenedModel
 from wordcraft_kg.models.scorers.ranking import (
     MIN_TRIPLES,
@@ -172,10 +173,18 @@ def _check_alike(reference: OpenedModel, contender: Contender) -> None:
                     f"'{reference.scorer.name}' and '{run.scorer.name}' were trained on different {what} "
                     f"({left[:12]}, {right[:12]}); their figures cannot be compared. Train all on one graph folder."
                 )
-        if replace(run.settings, seed=0) != replace(contender.runs[0].settings, seed=0):
+        if _asked_for(run) != _asked_for(contender.runs[0]):
             raise ConfigError(
                 f"the seeds of '{contender.name}' were trained with different settings; give their folders one by one."
             )
+
+
+def _asked_for(run: OpenedModel) -> LinkSettings | SavedConfig:
+    """Return a run's settings but for the seed, and for what each seed chose for itself."""
+    settings = run.settings
+    if isinstance(settings, ComplExConfig) and run.metrics is not None and run.metrics.choice is not None:
+        settings = replace(settings, n3=None, popularity=None)
+    return settings if isinstance(settings, SavedConfig) else replace(settings, seed=0)
 
 
 def _ranked(contender: Contender) -> tuple[ComparedModel, NDArray[np.float64]]:
@@ -198,7 +207,7 @@ def _ranked(contender: Contender) -> tuple[ComparedModel, NDArray[np.float64]]:
         amri=mean("amri"),
         name=contender.name,
         has_seen_the_test_recipes=contender.runs[0].kg == "full",
-        seeds=tuple(run.settings.seed for run in contender.runs),
+        seeds=tuple(run.settings.seed for run in contender.runs if not isinstance(run.settings, SavedConfig)),
         mrr_of_seeds=tuple(one.mrr or 0.0 for one in metrics),
     )
     return model, np.mean([1 / one["rank"].to_numpy(dtype=float) for one in ranks], axis=0)

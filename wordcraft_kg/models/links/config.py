@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import ClassVar, Literal, Self, get_args
+from typing import Any, ClassVar, Literal, Self, get_args
 
 from wordcraft_kg.errors import ArtefactError, ConfigError
 from wordcraft_kg.graphs.folder import KG
@@ -190,9 +190,13 @@ class LinksConfig:
         kind = f"{self.settings.model.lower()}-" if isinstance(self.settings, LinkModelConfig) else ""
         return Path("models") / f"{graph_name}-{kind}{self.settings.kg}"
 
+    def values(self) -> dict[str, Any]:
+        """Return the settings by option name."""
+        return {"graph": self.graph, **vars(self.settings)}
+
     def write(self, folder: Path) -> None:
         """Write ``config.toml``; the graph's path becomes relative to the folder, so both can be moved."""
-        write_config(folder, self.command, {"graph": self.graph, **vars(self.settings)})
+        write_config(folder, self.command, self.values())
 
     @classmethod
     def read(cls, folder: Path) -> "LinksConfig":

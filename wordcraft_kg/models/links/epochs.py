@@ -20,6 +20,7 @@ from wordcraft_kg.models.scorers.folder import make_scorer
 from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples, sampled
 from wordcraft_kg.runs.checkpoints import Checkpoint
 from wordcraft_kg.runs.folder import Progress, RunFolder
+from wordcraft_kg.runs.trackers import Log
 from wordcraft_kg.tensors import copied, with_prefix
 
 RANKED = 20_000
@@ -38,11 +39,16 @@ class Epochs(TrainingCallback):
     """
 
     def __init__(
-        self, run: RunFolder[LinkProgress], opened: OpenedGraph, settings: LinkSettings, progress: Progress | None
+        self,
+        run: RunFolder[LinkProgress],
+        opened: OpenedGraph,
+        settings: LinkSettings,
+        progress: Progress | None,
+        log: Log,
     ):
         """Begin without any; :meth:`restore` returns to a checkpoint."""
         super().__init__()
-        self.run, self.opened, self.settings, self.report = run, opened, settings, progress
+        self.run, self.opened, self.settings, self.report, self.log = run, opened, settings, progress, log
         self.so_far = LinkProgress(seconds=0.0, best_mrr=None, best_epoch=None, has_stopped=False, trace=())
         self._valid = sampled(opened.split.held_out("valid"), RANKED) if settings.eval_every else None
         self._batches = -(-len(opened.triples(settings.kg)) // settings.batch_size)
@@ -75,6 +81,9 @@ class Epochs(TrainingCallback):
         if is_last or epoch % settings.checkpoint_every == 0:
             self.run.checkpoints.save(epoch, self._tensors(), self.so_far)
         self._batch, self._reported = 0, now
+        begun = time.perf_counter()
+        self.log(epoch, {"loss": epoch_loss, "valid_mrr": row.valid_mrr, "seconds": row.seconds})
+        self._clock += time.perf_counter() - begun  # a tracker's time is not the epoch's
         if self.report:
             figures = {"epoch": epoch, "loss": epoch_loss, "valid_mrr": row.valid_mrr, "seconds": row.seconds}
             self.report(epoch, settings.epochs, {name: value for name, value in figures.items() if value is not None})

@@ -4,6 +4,7 @@ On a CPU, with the same torch and number of threads, a resumed run ends bit for 
 """
 
 import logging
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -21,9 +22,12 @@ from wordcraft_kg.models.links.regularisation import choose
 from wordcraft_kg.models.links.results import OUTPUTS, model_card, write_results
 from wordcraft_kg.models.scorers.tables import TABLE_LIMIT
 from wordcraft_kg.records import as_values, parse_record
+from wordcraft_kg.runs.checkpoints import Checkpoint
 from wordcraft_kg.runs.folder import Progress, RunFolder, RunKind, check_run_output, new_run, resumed_run
 from wordcraft_kg.runs.inputs import open_run_graph
+from wordcraft_kg.runs.progress import shown
 from wordcraft_kg.runs.record import verified_bytes
+from wordcraft_kg.runs.trackers import Log, Tracker, checked_trackers, names_of, tracking
 from wordcraft_kg.tensors import check_device
 
 CHOICE = "choice.json"
@@ -51,7 +55,12 @@ class TrainedLinks:
 
 
 def train_links(
-    config: LinksConfig, out: str | Path | None = None, *, force: bool = False, progress: Progress | None = None
+    config: LinksConfig,
+    out: str | Path | None = None,
+    *,
+    force: bool = False,
+    trackers: Iterable[Tracker | str] = (),
+    progress: Progress | bool | None = None,
 ) -> TrainedLinks:
     """Train a link predictor and write its model folder.
 
@@ -59,11 +68,14 @@ def train_links(
         config: graph, and the settings of the model and its training.
         out: the folder to write. Default: ``models/<graph's name>-<kg>``, or ``-<model>-<kg>`` for other models.
         force: replace the folder if it exists.
-        progress: called after each epoch.
+        trackers: where the figures of each epoch go too: tensorboard, wandb, mlflow, or a
+            :class:`~wordcraft_kg.runs.trackers.Tracker` of your own.
+        progress: called after each epoch; True shows a bar.
 
     Raises:
         OutputExistsError: if ``out`` exists and ``force`` is False.
         ConfigError: if the settings do not fit the graph or the machine.
+        MissingExtraError: if a tracker's library is not installed.
         TrainingError: if the loss is no longer finite.
 
     Example:
@@ -75,17 +87,24 @@ def train_links(
     config = _for_size(config, opened.graph.num_entities)
     folder = config.default_folder(opened.graph.name) if out is None else Path(out)
     check_run_output(folder, force=force)
+    trackers = checked_trackers(trackers)
     _check_fit(opened, config.settings)
-    with new_run(folder, LINKS, force=force) as run:
-        config = _with_choice(run, opened, config, progress)
+    with shown(progress, "links", LINKS.unit) as report, new_run(folder, LINKS, force=force) as run:
+        config = _with_choice(run, opened, config, report)
         files = [CHOICE] if (run.path / CHOICE).exists() else []
         inputs = {"graph": opened.graph.hash, "split": opened.split.hash}
-        run.begin(config, config.settings, inputs=inputs, files=files)
-        return _train(run, opened, config, progress)
+        run.begin(config, config.settings, inputs=inputs, files=files, trackers=names_of(trackers))
+        with tracking(run, trackers, config.values()) as log:
+            return _train(run, opened, config, report, log)
 
 
 def resume_links(
-    folder: str | Path, *, graph: str | None = None, epochs: int | None = None, progress: Progress | None = None
+    folder: str | Path,
+    *,
+    graph: str | None = None,
+    epochs: int | None = None,
+    trackers: Iterable[Tracker] = (),
+    progress: Progress | bool | None = None,
 ) -> TrainedLinks:
     """Resume an interrupted training run from its last checkpoint.
 
@@ -93,13 +112,14 @@ def resume_links(
         folder: folder of the model.
         graph: where the graph is now, if it has moved.
         epochs: train up to this many epochs instead of the original number.
-        progress: called after each epoch.
+        trackers: trackers of your own, besides those that the run was begun with by name.
+        progress: called after each epoch; True shows a bar.
 
     Raises:
         ArtefactError: if there is nothing to resume, it is damaged, or another process is training it.
         GraphMismatchError: if the graph or its split is not the one that the run began with.
     """
-    with resumed_run(Path(folder), LINKS) as run:
+    with shown(progress, "links", LINKS.unit) as report, resumed_run(Path(folder), LINKS) as run:
         verified_bytes(run.path, run.record, "config.toml")
         config = LinksConfig.read(run.path)
         config = replace(config, graph=graph or config.graph)
@@ -107,7 +127,10 @@ def resume_links(
         if epochs is not None:
             config = replace(config, settings=replace(config.settings, epochs=epochs))
         check_device(config.settings.device)
-        return _train(run, opened, config, progress, is_resumed=True)
+        checkpoint = run.checkpoints.load()
+        all_trackers = checked_trackers([*run.record.trackers, *trackers])
+        with tracking(run, all_trackers, config.values(), checkpoint.number) as log:
+            return _train(run, opened, config, report, log, checkpoint)
 
 
 def _for_size(config: LinksConfig, num_entities: int) -> LinksConfig:
@@ -176,17 +199,16 @@ def _train(
     opened: OpenedGraph,
     config: LinksConfig,
     progress: Progress | None,
-    *,
-    is_resumed: bool = False,
+    log: Log,
+    checkpoint: Checkpoint[LinkProgress] | None = None,
 ) -> TrainedLinks:
-    """Train from the start or, if resumed, from the last checkpoint, until the end or the first Ctrl-C."""
+    """Train from the start, or from a checkpoint, until the end or the first Ctrl-C."""
     settings, choice = config.settings, _read_choice(run)
     factory = triples_factory(opened.graph, opened.triples(settings.kg))
     with pykeen_guard(settings.seed, settings.threads), quiet_pykeen():
         loop = make_training_loop(settings, factory)
-        epochs = Epochs(run, opened, settings, progress)
-        if is_resumed:
-            checkpoint = run.checkpoints.load()
+        epochs = Epochs(run, opened, settings, progress, log)
+        if checkpoint is not None:
             with run.restoring():
                 epochs.restore(loop, checkpoint)
             if settings.epochs < loop._epoch:
@@ -196,7 +218,7 @@ def _train(
             run.go_on(config)
         if loop._epoch < settings.epochs and not epochs.so_far.has_stopped:
             seed_everything(settings.seed, loop._epoch + 1)
-            train_epochs(loop, factory, settings, epochs, is_resumed=is_resumed)
+            train_epochs(loop, factory, settings, epochs, is_resumed=checkpoint is not None)
         if loop._epoch < settings.epochs and not epochs.so_far.has_stopped:
             run.interrupt()
             return TrainedLinks(run.path, loop._epoch, None)

@@ -1,0 +1,228 @@
+"""Where the figures of a training also go, and what shows how far it is."""
+
+import json
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig
+from wordcraft_kg.agents.training import resume_agent, train_agent
+from wordcraft_kg.errors import ConfigError, MissingExtraError
+from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
+from wordcraft_kg.models.links.training import resume_links, train_links
+from wordcraft_kg.runs.record import read_run
+from wordcraft_kg.runs.trackers import TRACKERS, checked_trackers
+
+LINKS = LinksConfig("kitchen", ComplExConfig(dim=4, epochs=3, checkpoint_every=1))
+AGENT = AgentConfig(
+    "kitchen", trainer=ImpalaConfig(steps=1_600, batch_size=16, log_every=400, eval_every=800, checkpoint_every=400)
+)
+
+
+class Notes:
+    """Writes down all that it is told."""
+
+    def __init__(self) -> None:
+        self.rows: list[tuple[int, dict[str, float]]] = []
+        self.ended: list[str] = []
+
+    def log(self, step: int, values: Mapping[str, float]) -> None:
+        assert not self.ended
+        self.rows.append((step, dict(values)))
+
+    def close(self, status: str) -> None:
+        self.ended.append(status)
+
+
+def lines(path: Path) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in path.read_text().splitlines()]
+
+
+def stop_at(number: int):
+    """A progress callback that presses Ctrl-C."""
+    import signal
+
+    def progress(done: int, total: int, figures: dict[str, float]) -> None:
+        if done == number:
+            signal.raise_signal(signal.SIGINT)
+
+    return progress
+
+
+def test_a_tracker_of_ones_own_gets_each_line_of_an_agents_metrics(tmp_path: Path):
+    notes = Notes()
+    train_agent(AGENT, tmp_path / "run", trackers=[notes])
+    expected = lines(tmp_path / "run/metrics.jsonl")
+    assert [step for step, _ in notes.rows] == [row["step"] for row in expected]
+    for (_, values), row in zip(notes.rows, expected, strict=True):
+        assert values == {name: value for name, value in row.items() if name != "step" and value is not None}
+    assert notes.ended == ["done"]
+    assert {"success", "test_success", "train_success"} <= notes.rows[-1][1].keys()
+
+
+def test_a_tracker_of_ones_own_gets_each_epoch_of_a_link_predictor(tmp_path: Path, kitchen_with_valid: Path):
+    notes = Notes()
+    settings = ComplExConfig(dim=4, epochs=3, eval_every=2)
+    train_links(LinksConfig(str(kitchen_with_valid), settings), tmp_path / "model", trackers=[notes])
+    rows = [{"epoch": step, **values} for step, values in notes.rows]
+    assert rows == lines(tmp_path / "model/trace.jsonl")
+    assert ["valid_mrr" in row for row in rows] == [False, True, True]
+    assert notes.ended == ["done"]
+
+
+@pytest.fixture(scope="module")
+def kitchen_with_valid(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_book
+    from wordcraft_kg.graphs.folder import write_graph_folder
+
+    folder = tmp_path_factory.mktemp("graphs") / "kitchen"
+    book = open_book("kitchen")
+    split = make_split(RecipeGraph.from_book(book), SplitConfig(train_ratio=0.7, valid_ratio=0.15))
+    write_graph_folder(folder, book, split)
+    return folder
+
+
+@pytest.mark.parametrize("kind", ["links", "agent"])
+def test_a_resumed_run_goes_on_where_the_interrupted_one_ended(kind: str, tmp_path: Path):
+    one, other, whole = Notes(), Notes(), Notes()
+    if kind == "links":
+        assert train_links(LINKS, tmp_path / "run", trackers=[one], progress=stop_at(1)).interrupted
+        resume_links(tmp_path / "run", trackers=[other])
+        train_links(LINKS, tmp_path / "whole", trackers=[whole])
+    else:
+        assert train_agent(AGENT, tmp_path / "run", trackers=[one], progress=stop_at(800)).interrupted
+        resume_agent(tmp_path / "run", trackers=[other])
+        train_agent(AGENT, tmp_path / "whole", trackers=[whole])
+    assert (one.ended, other.ended) == (["interrupted"], ["done"])
+    timed = ("seconds", "steps_per_second")
+    both, once = (
+        [(step, {name: value for name, value in values.items() if name not in timed}) for step, values in rows]
+        for rows in (one.rows + other.rows, whole.rows)
+    )
+    assert both == once
+
+
+def test_a_tracker_learns_that_a_run_has_failed(tmp_path: Path):
+    class Broken(Notes):
+        def log(self, step: int, values: Mapping[str, float]) -> None:
+            raise RuntimeError("no such luck")
+
+    before, broken = Notes(), Broken()
+    with pytest.raises(RuntimeError, match="no such luck"):
+        train_links(LINKS, tmp_path / "model", trackers=[before, broken])
+    assert (before.ended, broken.ended, len(before.rows)) == (["failed"], ["failed"], 1)
+    assert read_run(tmp_path / "model").status == "failed"
+    assert not resume_links(tmp_path / "model").interrupted  # the epoch is safe
+
+
+def test_trackers_do_not_change_what_is_trained(tmp_path: Path):
+    for name, trackers in (("with", [Notes()]), ("without", [])):
+        train_links(LINKS, tmp_path / name, trackers=trackers)
+    one, other = (read_run(tmp_path / name).outputs["model.safetensors"] for name in ("with", "without"))
+    assert one == other
+
+
+def test_an_unknown_tracker_is_an_error_with_the_nearest_names(tmp_path: Path):
+    with pytest.raises(ConfigError, match=r"`trackers` 'tensorbord'.*Did you mean 'tensorboard'"):
+        train_links(LINKS, tmp_path / "model", trackers=["tensorbord"])
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("name", TRACKERS)
+@pytest.mark.parametrize("train", [train_links, train_agent])
+def test_a_missing_library_is_an_error_that_names_the_extra_and_leaves_nothing(
+    train: Any, name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setitem(sys.modules, TRACKERS[name].library, None)
+    monkeypatch.setenv("MLFLOW_DISABLE_TELEMETRY", "true")
+    with pytest.raises(MissingExtraError, match=rf"wordcraft-kg\[{name}\]"):
+        train(LINKS if train is train_links else AGENT, tmp_path / "run", trackers=[name])
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_tracker_that_is_named_twice_is_opened_once():
+    notes = Notes()
+    assert checked_trackers([notes, notes]) == [notes]
+
+
+def test_wandb_gets_settings_and_figures_offline_and_nothing_of_the_machine(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    begun: list[dict[str, Any]] = []
+    rows: list[tuple[int, dict[str, float]]] = []
+    ended: list[int] = []
+
+    def init(**options: Any) -> SimpleNamespace:
+        begun.append(options)
+        return SimpleNamespace(
+            log=lambda values, step: rows.append((step, values)), finish=lambda exit_code: ended.append(exit_code)
+        )
+
+    stand_in = SimpleNamespace(Settings=lambda **settings: settings, init=init)
+    monkeypatch.setitem(sys.modules, "wandb", stand_in)
+    notes = Notes()
+    train_links(LINKS, tmp_path / "model", trackers=["wandb", notes])
+    assert read_run(tmp_path / "model").trackers == ("wandb",)
+    assert rows == notes.rows
+    assert ended == [0]
+    (options,) = begun
+    assert options["config"] == LINKS.values()
+    settings = options["settings"]
+    assert (settings["mode"], settings["root_dir"]) == ("offline", str(tmp_path / "model"))
+    assert (settings["host"], settings["username"], settings["x_disable_meta"]) == ("", "", True)
+
+
+def test_mlflow_gets_settings_and_figures_in_a_store_beside_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    said: list[tuple[Any, ...]] = []
+
+    class Client:
+        def __init__(self, tracking_uri: str):
+            said.append(("open", tracking_uri))
+
+        def get_experiment_by_name(self, name: str) -> None:
+            return None
+
+        def create_experiment(self, name: str, artifacts: str) -> str:
+            return "1"
+
+        def create_run(self, experiment: str, run_name: str) -> SimpleNamespace:
+            said.append(("run", experiment, run_name))
+            return SimpleNamespace(info=SimpleNamespace(run_id="r"))
+
+        def log_param(self, run: str, name: str, value: Any) -> None:
+            said.append(("param", name, value))
+
+        def log_metric(self, run: str, name: str, value: float, step: int) -> None:
+            said.append(("metric", step, name, value))
+
+        def set_terminated(self, run: str, status: str) -> None:
+            said.append(("end", run, status))
+
+    monkeypatch.setitem(sys.modules, "mlflow", SimpleNamespace(MlflowClient=Client))
+    monkeypatch.setenv("MLFLOW_DISABLE_TELEMETRY", "true")
+    notes = Notes()
+    trained = train_links(LINKS, tmp_path / "model", trackers=["mlflow", notes], progress=stop_at(1))
+    assert trained.interrupted
+    resume_links(tmp_path / "model", trackers=[again := Notes()])
+    assert said[:2] == [("open", f"sqlite:///{tmp_path / 'mlflow.db'}"), ("run", "1", "model")]
+    assert {(name, value) for kind, name, *rest in said if kind == "param" for value in rest} >= {("dim", 4)}
+    assert [row[1:] for row in said if row[0] == "metric"] == [
+        (step, name, value) for step, values in notes.rows + again.rows for name, value in values.items()
+    ]
+    assert [row for row in said if row[0] == "end"] == [("end", "r", "KILLED"), ("end", "r", "FINISHED")]
+
+
+@pytest.mark.parametrize(("wish", "is_shown"), [(True, True), (False, False), (None, False)])
+def test_a_bar_is_shown_on_stderr_only_if_it_is_wished_for(
+    wish: bool | None, is_shown: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    train_links(LINKS, tmp_path / "model", progress=wish)
+    train_agent(AGENT, tmp_path / "run", progress=wish)
+    shown = capsys.readouterr()
+    assert shown.out == ""
+    assert ("links" in shown.err and "3/3" in shown.err and "1.60k/1.60k" in shown.err) == is_shown
+    assert bool(shown.err) == is_shown

@@ -3,7 +3,10 @@
 import subprocess
 import sys
 
+import gymnasium as gym
 import pytest
+
+import wordcraft_kg  # noqa: F401 - registers the environments
 
 
 @pytest.mark.parametrize("first", ["import gymnasium, wordcraft_kg", "import wordcraft_kg, gymnasium"])
@@ -26,3 +29,15 @@ def test_the_environments_need_no_torch():
         "print(sorted({'torch', 'pykeen'} & set(sys.modules)))"
     )
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"
+
+
+@pytest.mark.parametrize("make", [gym.make, gym.make_vec])
+def test_everyday_is_played_if_no_graph_is_named(make):
+    options = {"num_envs": 2, "vectorization_mode": "vector_entry_point"} if make is gym.make_vec else {}
+    env = make("WordCraft-v0", **options).unwrapped
+    assert env.world.graph.name == "everyday"
+    assert make("WordCraft-v0", graph="kitchen", **options).unwrapped.world.graph.name == "kitchen"
+
+
+def test_open_ended_play_is_in_everyday_if_no_graph_is_named():
+    assert gym.make("WordCraft-OpenEnded-v0").unwrapped.graph.name == "everyday"

@@ -9,6 +9,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from wordcraft_kg.envs.config import IllegalAction
+from wordcraft_kg.envs.rendering import MODES, Picture, Renderer, Scene, Tile
 from wordcraft_kg.envs.world import GraphLike, open_world_graph
 from wordcraft_kg.errors import ActionError, ConfigError, EpisodeError, UnknownEntityError
 from wordcraft_kg.graphs.planner import layers
@@ -16,6 +17,8 @@ from wordcraft_kg.graphs.recipe_graph import Entity, RecipeGraph
 from wordcraft_kg.settings import one_of, whole
 
 Observation = dict[str, Any]
+SHOWN = 48
+"""The latest known entities in a picture."""
 
 
 class Discovery:
@@ -116,7 +119,7 @@ class OpenEndedEnv(gym.Env[Observation, Any]):
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012 - as gymnasium declares it
-        "render_modes": ["ansi"],
+        "render_modes": list(MODES),
         "render_fps": 4,
     }
 
@@ -134,8 +137,7 @@ class OpenEndedEnv(gym.Env[Observation, Any]):
         Raises:
             ConfigError: for a value out of range, or a base from which nothing can be made.
         """
-        if render_mode not in (None, *self.metadata["render_modes"]):
-            raise ConfigError(f"`render_mode` {render_mode!r}: expected None or 'ansi'.")
+        self._renderer = Renderer(render_mode, self.metadata["render_fps"])
         one_of("illegal_action", illegal_action, get_args(IllegalAction))
         self.render_mode = render_mode
         self.graph = graph if isinstance(graph, RecipeGraph) else open_world_graph(graph).graph
@@ -164,7 +166,7 @@ class OpenEndedEnv(gym.Env[Observation, Any]):
         self._attempts_left = self.max_attempts
         self._outcome = "in_progress"
         self._last = "nothing tried yet"
-        return self._observation(()), self._info((), repeated=False, illegal=False)
+        return self._seen(()), self._info((), repeated=False, illegal=False)
 
     def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Combine two entities."""
@@ -189,17 +191,24 @@ class OpenEndedEnv(gym.Env[Observation, Any]):
             self._outcome = "out_of_attempts"
         over = self._outcome != "in_progress"
         info = self._info(new, repeated=repeated, illegal=bool(unknown))
-        return self._observation(new), float(len(new)), over, False, info
+        return self._seen(new), float(len(new)), over, False, info
 
     def action_masks(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Return which entities are known, shape (E,), once for each of the two choices."""
         known = self._mask(self.discovery.known).astype(bool)
         return known, known.copy()
 
-    def render(self) -> str | None:
-        """Return the state in words, for ``render_mode="ansi"``."""
-        if self.render_mode is None:
-            return None
+    def render(self) -> str | Picture | None:
+        """Return the state in words or as a picture; in the mode ``human`` a window shows each state by itself."""
+        if self._outcome == "not_begun" and self.render_mode is not None:
+            raise EpisodeError("call reset() before render().")
+        return self._renderer(self._words, self._scene)
+
+    def close(self) -> None:
+        """Close the window."""
+        self._renderer.close()
+
+    def _words(self) -> str:
         known = self.discovery.known
         return (
             f"known: {len(known)} of {self.discovery.reachable}   attempts left: {self._attempts_left}   "
@@ -221,6 +230,25 @@ class OpenEndedEnv(gym.Env[Observation, Any]):
         mask = np.zeros(self.graph.num_entities, dtype=np.int8)
         mask[list(entities)] = 1
         return mask
+
+    def _scene(self) -> Scene:
+        known, latest = self.graph.labels(self.discovery.known), set(self._new)
+        of_latest = [entity in latest for entity in self.discovery.known][-SHOWN:]
+        tiles = [
+            Tile(label, "new" if is_new else "plain") for label, is_new in zip(known[-SHOWN:], of_latest, strict=True)
+        ]
+        facts = (
+            ("known", f"{len(known)} of {self.discovery.reachable}"),
+            ("attempts left", str(self._attempts_left)),
+            ("last attempt", self._last),
+        )
+        return Scene(facts, tiles + [Tile("", "empty")] * (SHOWN - len(tiles)))
+
+    def _seen(self, new: tuple[int, ...]) -> Observation:
+        self._new = new
+        if self.render_mode == "human":
+            self.render()
+        return self._observation(new)
 
     def _observation(self, new: tuple[int, ...]) -> Observation:
         return {

@@ -12,6 +12,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from wordcraft_kg.envs.rendering import MODES, Mark, Picture, Renderer, Scene, Tile
 from wordcraft_kg.envs.world import GraphLike, World
 from wordcraft_kg.errors import ActionError, ConfigError, EpisodeError
 from wordcraft_kg.graphs.recipe_graph import Entity
@@ -109,7 +110,7 @@ class WordCraftEnv(gym.Env[Observation, Any]):
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012 - as gymnasium declares it
-        "render_modes": ["ansi"],
+        "render_modes": list(MODES),
         "render_fps": 4,
     }
 
@@ -120,8 +121,7 @@ class WordCraftEnv(gym.Env[Observation, Any]):
             ConfigError: for an unknown setting, a value out of range, or settings next to a world.
             TaskError: if the graph has no such task.
         """
-        if render_mode not in (None, *self.metadata["render_modes"]):
-            raise ConfigError(f"`render_mode` {render_mode!r}: expected None or 'ansi'.")
+        self._renderer = Renderer(render_mode, self.metadata["render_fps"])
         self.render_mode = render_mode
         self.world = World.of(graph, settings)
         self.config = self.world.config
@@ -166,7 +166,7 @@ class WordCraftEnv(gym.Env[Observation, Any]):
             table = [*self._starts[index], *self._draw_distractors(index)]
             self._shuffle(table)
         self.state = State(index, self._goals[index][0], table, self._nothing, self.config.attempts, "in_progress")
-        return self._observation(), self._info(illegal=False, by_plan=False)
+        return self._seen(), self._info(illegal=False, by_plan=False)
 
     def step(self, action: int) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Pick the entity in a slot."""
@@ -188,20 +188,21 @@ class WordCraftEnv(gym.Env[Observation, Any]):
         if state.outcome == "in_progress" and state.attempts_left == 0:
             state.outcome = "out_of_attempts"
         over = state.outcome != "in_progress"
-        return self._observation(), reward, over, False, self._info(illegal=illegal, by_plan=by_plan)
+        return self._seen(), reward, over, False, self._info(illegal=illegal, by_plan=by_plan)
 
     def action_masks(self) -> NDArray[np.bool_]:
         """Return which slots hold an entity, shape (num_slots,)."""
         return np.arange(self.num_slots) < len(self.state.table)
 
-    def render(self) -> str | None:
-        """Return the state in words, for ``render_mode="ansi"``."""
-        if self.render_mode is None:
-            return None
-        names, state = self.world.graph.entities, self.state
-        hand = names[state.selection] if state.selection != self._nothing else "nothing"
-        table = "  ".join(f"{slot}:{names[entity]}" for slot, entity in enumerate(state.table))
-        return f"goal: {names[state.goal]}   hand: {hand}   attempts left: {state.attempts_left}\ntable: {table}"
+    def render(self) -> str | Picture | None:
+        """Return the state in words or as a picture; in the mode ``human`` a window shows each state by itself."""
+        if self.state.outcome == "not_begun" and self.render_mode is not None:
+            raise EpisodeError("call reset() before render().")
+        return self._renderer(self._words, self._scene)
+
+    def close(self) -> None:
+        """Close the window."""
+        self._renderer.close()
 
     @property
     def task(self) -> Task:
@@ -303,6 +304,30 @@ class WordCraftEnv(gym.Env[Observation, Any]):
         return pairs
 
     # --- what is seen ------------------------------------------------------------------------------------------------
+
+    def _words(self) -> str:
+        names, state = self.world.graph.entities, self.state
+        hand = names[state.selection] if state.selection != self._nothing else "nothing"
+        table = "  ".join(f"{slot}:{names[entity]}" for slot, entity in enumerate(state.table))
+        return f"goal: {names[state.goal]}   hand: {hand}   attempts left: {state.attempts_left}\ntable: {table}"
+
+    def _scene(self) -> Scene:
+        names, state = self.world.graph.entities, self.state
+        held = names[state.selection] if state.selection != self._nothing else None
+        marks: dict[int, Mark] = {state.selection: "held", state.goal: "goal"}
+        tiles = [Tile(names[entity], marks.get(entity, "plain"), slot) for slot, entity in enumerate(state.table)]
+        facts = (
+            ("goal", Tile(names[state.goal], "goal")),
+            ("in hand", Tile(held or "nothing", "held" if held else "empty")),
+            ("attempts left", str(state.attempts_left)),
+            ("", {"goal": "made", "out_of_attempts": "not made"}.get(state.outcome, "")),
+        )
+        return Scene(facts, tiles + [Tile("", "empty", slot) for slot in range(len(tiles), self.num_slots)])
+
+    def _seen(self) -> Observation:
+        if self.render_mode == "human":
+            self.render()
+        return self._observation()
 
     def _observation(self) -> Observation:
         state, count = self.state, len(self.state.table)

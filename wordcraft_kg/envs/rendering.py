@@ -1,0 +1,182 @@
+"""Pictures of the crafting environments, for ``render_mode`` ``rgb_array`` and ``human``, drawn with pygame.
+
+An environment describes what is to be seen as a :class:`Scene`, and :class:`Renderer` draws it. pygame is what
+gymnasium's own environments use; it comes with the extra ``render`` and is imported when the first picture is drawn.
+"""
+
+import os
+from collections.abc import Callable, Sequence
+from importlib import import_module
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wordcraft_kg.errors import ConfigError, MissingExtraError
+
+MODES = ("ansi", "rgb_array", "human")
+Mark = Literal["plain", "goal", "held", "new", "empty"]
+Picture = NDArray[np.uint8]
+
+COLUMNS = 6
+TILE = (148, 52)
+GAP = 10
+MARGIN = 22
+HEAD = 92
+"""Height in pixels of what stands above the table."""
+SHARPNESS = 2
+"""Pictures are drawn larger by this factor and then scaled down, which smooths all edges."""
+
+BACKGROUND, INK, FAINT = (250, 249, 246), (38, 40, 46), (134, 136, 142)
+# Fill and border of tiles: blue and orange stay apart for people who see red and green alike.
+COLOURS: dict[Mark, tuple[tuple[int, int, int], tuple[int, int, int]]] = {
+    "plain": ((255, 255, 255), (208, 207, 202)),
+    "goal": ((255, 236, 204), (222, 139, 18)),
+    "held": ((216, 233, 250), (30, 105, 179)),
+    "new": ((255, 255, 255), (222, 139, 18)),
+    "empty": ((243, 242, 238), (229, 228, 223)),
+}
+
+
+class Tile(NamedTuple):
+    """A slot of the table."""
+
+    label: str
+    mark: Mark = "plain"
+    number: int | None = None
+
+
+class Scene(NamedTuple):
+    """What is to be seen: facts in a row, each a heading with a tile or a text, and the table below.
+
+    Attributes:
+        facts: headings with what they are about.
+        tiles: the table, in rows of :data:`COLUMNS`; as many as in every other scene of the environment.
+    """
+
+    facts: Sequence[tuple[str, Tile | str]]
+    tiles: Sequence[Tile]
+
+
+class Renderer:
+    """Renders an environment in one mode."""
+
+    def __init__(self, mode: str | None, fps: int):
+        """Take a mode, None for none, and how many pictures a window shows in a second.
+
+        Raises:
+            ConfigError: if there is no such mode.
+            MissingExtraError: if it needs pygame, which is not installed.
+        """
+        if mode not in (None, *MODES):
+            raise ConfigError(f"`render_mode` {mode!r}: expected None, {', '.join(map(repr, MODES))}.")
+        self.mode, self._fps = mode, fps
+        self._window: Any = None
+        if mode in ("rgb_array", "human"):
+            _pygame()
+
+    def __call__(self, words: Callable[[], str], scene: Callable[[], Scene]) -> str | Picture | None:
+        """Return the state in words or as a picture, or show it in a window, as the mode says."""
+        if self.mode == "ansi":
+            return words()
+        if self.mode == "rgb_array":
+            return picture(scene())
+        if self.mode == "human":
+            self._show(picture(scene()))
+        return None
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        if self._window is not None:
+            self._window = None
+            _pygame().display.quit()
+
+    def _show(self, shown: Picture) -> None:
+        pygame = _pygame()
+        if self._window is None:
+            try:
+                pygame.display.init()
+                self._window = pygame.display.set_mode(shown.shape[1::-1])
+            except pygame.error as error:
+                raise ConfigError(f"`render_mode` 'human': no window can be opened ({error}). Use rgb_array.") from None
+            pygame.display.set_caption("WordCraft")
+            self._clock = pygame.time.Clock()
+        self._window.blit(pygame.surfarray.make_surface(shown.swapaxes(0, 1)), (0, 0))
+        pygame.event.pump()
+        pygame.display.flip()
+        self._clock.tick(self._fps)
+
+
+def picture(scene: Scene) -> Picture:
+    """Draw a scene: shape (height, width, 3), uint8."""
+    pygame = _pygame()
+    rows = -(-len(scene.tiles) // COLUMNS)
+    width = 2 * MARGIN + COLUMNS * (TILE[0] + GAP) - GAP
+    height = 2 * MARGIN + HEAD + rows * (TILE[1] + GAP) - GAP
+    canvas = pygame.Surface((width * SHARPNESS, height * SHARPNESS), 0, 32)
+    canvas.fill(BACKGROUND)
+    for column, (heading, fact) in enumerate(scene.facts):
+        left = MARGIN + column * (TILE[0] + GAP)
+        _write(canvas, heading, 15, FAINT, (left + 2, MARGIN), TILE[0])
+        if isinstance(fact, Tile):
+            _draw_tile(canvas, fact, left, MARGIN + 22)
+        else:
+            is_last = column == len(scene.facts) - 1
+            _write(canvas, fact, 24, INK, (left + 2, MARGIN + 40), width - left - MARGIN if is_last else TILE[0])
+    for place, tile in enumerate(scene.tiles):
+        row, column = divmod(place, COLUMNS)
+        _draw_tile(canvas, tile, MARGIN + column * (TILE[0] + GAP), MARGIN + HEAD + row * (TILE[1] + GAP))
+    small = pygame.transform.smoothscale(canvas, (width, height))
+    return np.ascontiguousarray(pygame.surfarray.array3d(small).swapaxes(0, 1))
+
+
+def _draw_tile(canvas: Any, tile: Tile, left: int, top: int) -> None:
+    pygame = _pygame()
+    fill, border = COLOURS[tile.mark]
+    box = pygame.Rect(left * SHARPNESS, top * SHARPNESS, TILE[0] * SHARPNESS, TILE[1] * SHARPNESS)
+    pygame.draw.rect(canvas, fill, box, border_radius=9 * SHARPNESS)
+    thick = 1 if tile.mark in ("plain", "empty") else 2
+    pygame.draw.rect(canvas, border, box, width=thick * SHARPNESS, border_radius=9 * SHARPNESS)
+    if tile.number is not None:
+        _write(canvas, str(tile.number), 13, FAINT, (left + 8, top + 6), 40)
+    _write(canvas, tile.label, 21, INK, (left + TILE[0] / 2, top + TILE[1] / 2), TILE[0] - 24, is_centred=True)
+
+
+def _write(
+    canvas: Any,
+    text: str,
+    size: int,
+    colour: tuple[int, int, int],
+    at: tuple[float, float],
+    width: float,
+    *,
+    is_centred: bool = False,
+) -> None:
+    """Write a line to the right of a point, or centred on it, as small as ``width`` needs, or else cut."""
+    drawn = _font(size).render(text, True, colour)
+    room = int(width * SHARPNESS)
+    if drawn.get_width() > room:
+        drawn = _font(max(11, size * room // drawn.get_width())).render(text, True, colour)
+        drawn = drawn.subsurface((0, 0, min(drawn.get_width(), room), drawn.get_height()))
+    x, y = at[0] * SHARPNESS, at[1] * SHARPNESS
+    if is_centred:
+        x, y = x - drawn.get_width() / 2, y - drawn.get_height() / 2
+    canvas.blit(drawn, (x, y))
+
+
+def _font(size: int) -> Any:
+    """Return the font that comes with pygame, which has Latin, Greek and Cyrillic letters."""
+    font = _pygame().font
+    if not font.get_init():
+        font.init()
+    return font.Font(None, size * SHARPNESS)
+
+
+def _pygame() -> Any:
+    os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")  # else importing it prints a greeting
+    try:
+        return import_module("pygame")
+    except ImportError:
+        raise MissingExtraError(
+            "`render_mode` 'rgb_array' and 'human' need pygame. Install it: pip install 'wordcraft-kg[render]'"
+        ) from None

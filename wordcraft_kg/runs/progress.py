@@ -5,6 +5,8 @@ from contextlib import contextmanager
 
 from wordcraft_kg.runs.folder import Progress
 
+TOLD_BY_THE_BAR = ("epoch", "seconds", "steps_per_second")
+
 
 @contextmanager
 def shown(progress: Progress | bool | None, what: str, unit: str) -> Iterator[Progress | None]:
@@ -27,7 +29,8 @@ def shown(progress: Progress | bool | None, what: str, unit: str) -> Iterator[Pr
 
         def show(done: int, total: int, figures: dict[str, float]) -> None:
             bar.total = total
-            bar.set_postfix({name: f"{value:.4g}" for name, value in figures.items() if name != unit}, refresh=False)
+            told = {name: f"{value:.4g}" for name, value in figures.items() if name not in TOLD_BY_THE_BAR}
+            bar.set_postfix(told, refresh=False)
             bar.update(done - bar.n)
 
         yield show

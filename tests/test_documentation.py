@@ -1,0 +1,72 @@
+"""The Python of README and guides, as printed, and the examples."""
+
+import re
+import runpy
+import shutil
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PAGES = ["README.md", *(f"docs/{name}.md" for name in ("agents", "environment", "link-prediction"))]
+EXAMPLES = sorted(path.stem for path in (ROOT / "examples").glob("*.py"))
+LONG = ("first_steps", "stable_baselines")
+SMALL = ("--steps", "256", "--eval-every", "0", "--quiet")
+
+
+def blocks(page: str) -> list[str]:
+    return re.findall(r"```python\n(.*?)```", (ROOT / page).read_text(), re.DOTALL)
+
+
+@pytest.fixture(scope="module")
+def world(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder as it is after the commands of README and guides, but with small trainings."""
+    from wordcraft_kg.cli import main
+
+    home = tmp_path_factory.mktemp("world")
+    commands = (
+        f"build-graph {ROOT / 'examples/my-book.csv'} --out {home}/graphs/mine",
+        f"train-complex {home}/graphs/mine --dim 4 --epochs 1 --out {home}/models/mine --quiet",
+        f"train-agent {home}/graphs/mine --scorer {home}/models/mine --out {home}/runs/guided",
+        f"build-graph kitchen --out {home}/graphs/everyday",
+        f"train-complex {home}/graphs/everyday --dim 4 --epochs 1 --out {home}/models/everyday-partial --quiet",
+        f"train-agent {home}/graphs/everyday --scorer {home}/models/everyday-partial --out {home}/runs/partial",
+    )
+    for command in commands:
+        small = SMALL if command.startswith("train-agent") else ()
+        assert main([*command.split(), *small]) == 0
+    return home
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_the_python_of_a_page_runs_as_printed(page: str, world: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    if page == "docs/agents.md":
+        pytest.importorskip("sb3_contrib", reason="needs the extra interop")
+    shutil.copytree(world, tmp_path / "world")
+    monkeypatch.chdir(tmp_path / "world")
+    found = blocks(page)
+    assert found
+    names: dict[str, object] = {"__name__": "page"}
+    for block in found:
+        if "pipeline(" not in block:  # minutes; PyKEEN's pipeline has tests of its own
+            exec(compile(block, page, "exec"), names)
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.slow) if name in LONG else name for name in EXAMPLES]
+)
+def test_an_example_runs(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    if name == "stable_baselines":
+        pytest.importorskip("sb3_contrib", reason="needs the extra interop")
+    monkeypatch.chdir(tmp_path)
+    runpy.run_path(str(ROOT / "examples" / f"{name}.py"), run_name="__main__")
+    assert capsys.readouterr().out
+
+
+def test_the_readme_names_the_size_of_the_example_book():
+    from wordcraft_kg import open_book
+
+    book = open_book(ROOT / "examples/my-book.csv")
+    assert f"{len(book.recipes)} recipes of a farm" in (ROOT / "README.md").read_text()

@@ -5,9 +5,9 @@ Run it in an empty folder: it writes models/transe, in a few seconds.
 
 import torch
 from pykeen.pipeline import pipeline
+from wordcraft_kg.models.links.comparison import compare
 
 from wordcraft_kg import from_pykeen, open_graph, open_model, save_scorer
-from wordcraft_kg.models.links.comparison import compare
 from wordcraft_kg.models.scorers.facts import FrequencyScorer
 
 

@@ -104,10 +104,10 @@ BAD_TABLES = {
     ),
     "empty label": (
         "book.csv",
-        TABLE + "a,,c\n",
+        TABLE + "a,b,\n",
         ["book.csv, line 2: the label '' is blank; every entity needs a name"],
     ),
-    "blank label": ("book.csv", TABLE + "a,b,c\na,  ,c\n", ["book.csv, line 3: the label '  ' is blank"]),
+    "blank label": ("book.csv", TABLE + 'a,b,c\na,"  ",c\n', ["book.csv, line 3: the label '  ' is blank"]),
     "tab in a label": (
         "book.csv",
         TABLE + "a,b\tb,c\n",
@@ -151,7 +151,7 @@ BAD_JSON = {
     ),
     "one ingredient": (
         '{"entities": ["a", "b"], "recipes": [["a", "b"]]}',
-        ["book.json: recipes[0] is ['a', 'b']; expected [ingredient, ingredient, result]"],
+        ["book.json: recipes[0] is ['a', 'b']: 'a' is the only ingredient; a recipe needs two"],
     ),
     "three ingredients": ('{"entities": ["a"], "recipes": [["a", "a", "a", "a"]]}', ["book.json: recipes[0] is ['a',"]),
     "number for a label": ('{"entities": ["a", 7], "recipes": []}', ["entities[1]: 7 is not a label; a label is text"]),
@@ -169,7 +169,7 @@ BAD_JSON = {
     ),
     "official, one ingredient": (
         '{"entities": {"a": {"recipes": []}, "dew": {"recipes": [["a", "a"], ["a"]]}}}',
-        ["book.json: entities['dew'].recipes[1] is ['a']; a recipe needs two ingredients"],
+        ["book.json: entities['dew'].recipes[1] is ['a']: 'a' is the only ingredient; a recipe needs two"],
     ),
     "official, three ingredients": (
         '{"entities": {"a": {"recipes": []}, "dew": {"recipes": [["a", "a", "a"]]}}}',
@@ -723,3 +723,62 @@ def test_check_book_refuses_what_is_not_a_book(run, home, arguments, says):
     outcome = run("check-book", *arguments)
     assert (outcome.code, outcome.out) == (1, "")
     assert says in outcome.err
+
+
+def test_check_book_shows_the_first_findings_of_each_kind_and_counts_the_others(run, book):
+    rows = "".join(f"thing{i:03},thing{i:03},things{i:03}\n" * 2 for i in range(30))
+    path = book("long.csv", TABLE + rows)
+
+    def of(kind, text):
+        return sum(f"problem [{kind}] line" in line for line in text.splitlines())
+
+    short, shorter, long = (run("check-book", path, *more).out for more in ([], ["--limit", "2"], ["--all"]))
+    assert [of("duplicate", text) for text in (short, shorter, long)] == [10, 2, 30]
+    assert "problem [duplicate] and 20 more; --all shows them" in short
+    assert "problem [duplicate] and 28 more; --all shows them" in shorter
+    assert "more; --all" not in long
+    assert short.splitlines()[-1] == long.splitlines()[-1]
+    assert len(json.loads(run("check-book", path, "--json").out)["findings"]) > 30
+    assert "--limit -1: expected a whole number, 0 or more" in run("check-book", path, "--limit", "-1").err
+
+
+def test_counts_of_one_are_in_the_singular(run, book, out):
+    path = book("one.csv", TABLE + "a,b,c\nA,b,c\nb,a,c\nc,c,d\nc,c,e\n")
+    built = run("build-graph", path, "--out", out / "one", "--split", "none").out
+    assert "1 duplicate merged" in built
+    described = run("describe", out / "one").out
+    assert "2 pairs with 1 result, 1 pair with 2 results" in described
+    assert "1 group of labels, different only in case" in described
+    checked = run("check-book", path, "--all").out
+    assert "1 pair makes two or three things" in checked
+
+
+# --- names and single ingredients ------------------------------------------------------------------------------------
+
+
+def test_a_graph_is_called_as_its_folder_unless_it_is_given_a_name(run, book, out):
+    path = book("recipes.csv", TABLE + "a,b,c\na,a,d\n")
+    assert run("build-graph", path, "--split", "none", "--out", out / "mine").code == 0
+    assert open_graph(out / "mine").graph.name == "mine"
+    assert run("describe", out / "mine").out.startswith("graph       mine, hash")
+    assert run("build-graph", path, "--split", "none", "--out", out / "other", "--name", "My world").code == 0
+    assert open_graph(out / "other").graph.name == "My world"
+    refused = run("build-graph", path, "--split", "none", "--out", out / "third", "--name", " ")
+    assert (refused.code, refused.err) == (
+        1,
+        "RecipeFileError: --name: the label ' ' is blank; every entity needs a name.\n",
+    )
+    assert not (out / "third").exists()
+
+
+def test_recipes_of_one_ingredient_are_refused_with_the_remedy_and_built_as_asked(run, book, out, refused):
+    path = book("furnace.csv", TABLE + "sand,,glass\nglass,glass,pane\n")
+    refused(path, says=["furnace.csv, line 2: 'sand' is the only ingredient", "--single-ingredient self"])
+    for setting, partner in (("self", "sand"), ("furnace", "furnace")):
+        folder = out / setting
+        options = ["--single-ingredient", setting]
+        assert run("build-graph", path, "--split", "none", "--out", folder, *options).code == 0
+        graph = open_graph(folder).graph
+        assert graph.labels(graph.results("sand", partner)) == ("glass",)
+        assert run("check-book", path, *options).code == 0
+    assert run("check-book", path).code == 1

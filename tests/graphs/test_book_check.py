@@ -149,8 +149,29 @@ def test_the_base_may_be_given(check):
 
 
 def test_a_base_entity_that_nothing_uses_is_a_problem(check):
-    found = check("# base: a, idle\n" + HEADER + "a,a,b\n")
+    found = check("# base: a, idle\n# entities: idle\n" + HEADER + "a,a,b\n")
     assert message(found, "base") == "base entities that no recipe uses: idle"
+
+
+def test_a_base_entity_that_is_in_no_recipe_is_a_problem_with_its_line_and_the_nearest_entity(check):
+    found = check("# a book\n# base: water, fier\n" + HEADER + "water,fire,steam\n")
+    (finding,) = (finding for finding in found.findings if finding.kind == "base")
+    assert finding.lines == (2,)
+    assert finding.message.startswith("the base entity 'fier' is in no recipe. Did you mean 'fire'?")
+    assert found.graph.base == ("water",)
+
+
+def test_a_check_reads_cells_as_a_book_is_read(check):
+    found = check("ingredient_a, ingredient_b, result\nwater, fire, steam\nwater,fire,steam\n")
+    assert found.graph.entities == ("fire", "steam", "water")
+    assert message(found, "duplicate") == "fire + water -> steam is listed 2 times"
+
+
+def test_a_check_reads_single_ingredients_as_asked_and_is_a_problem_otherwise(check):
+    text = HEADER + "sand,,glass\n"
+    assert "'sand' is the only ingredient" in message(check(text), "label")
+    assert check(text, single_ingredient="self").graph.recipe_labels() == [("sand", "sand", "glass")]
+    assert check(text, single_ingredient="oven").graph.recipe_labels() == [("oven", "sand", "glass")]
 
 
 def test_a_missing_header_is_a_problem_and_its_line_still_counts(check):

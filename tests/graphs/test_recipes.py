@@ -1,12 +1,18 @@
 import json
+import re
 from dataclasses import replace
+from pathlib import Path
+from xml.etree import ElementTree
+from xml.sax.saxutils import escape
 
 import pytest
 from graph_strategies import books
 from hypothesis import example, given
+from hypothesis import strategies as st
 
 from wordcraft_kg.errors import RecipeFileError
 from wordcraft_kg.graphs import Recipe, RecipeBook, RecipeGraph, read_book, write_book
+from wordcraft_kg.graphs.recipes import book_name, check_label, trimmed
 
 TABLE = "ingredient_a,ingredient_b,result\n"
 
@@ -105,7 +111,8 @@ def test_tables_are_read_however_they_were_saved(tmp_path, text):
 
 def test_comments_may_declare_base_and_idle_entities(tmp_path):
     path = tmp_path / "book.csv"
-    path.write_text('# base: b, "a, or not", a\n# entities: idle\n' + TABLE + "a,b,c\n", encoding="utf-8")
+    head = '# base: b, "a, or not" , a\n# entities: idle, "a, or not"\n'
+    path.write_text(head + TABLE + "a,b,c\n", encoding="utf-8")
     book = read_book(path)
     assert book.base == ("a", "a, or not", "b")
     assert book.idle == ("a, or not", "idle")
@@ -113,8 +120,124 @@ def test_comments_may_declare_base_and_idle_entities(tmp_path):
 
 def test_labels_are_kept_verbatim_and_matched_exactly(tmp_path):
     path = tmp_path / "book.csv"
-    path.write_text(TABLE + "Tea, tea,tea \n", encoding="utf-8")
-    assert read_book(path).entities == (" tea", "Tea", "tea ")
+    path.write_text(TABLE + 'Tea," tea","tea "\ngreen  tea,\u00a0tea,tea\n', encoding="utf-8")
+    assert read_book(path).entities == (" tea", "Tea", "green  tea", "tea", "tea ", "\u00a0tea")
+
+
+@pytest.mark.parametrize(
+    "row",
+    ["a b, c,d", " a b , c , d ", ' "a b" ,c,  "d"  ', "a b,c ,d", '"a b", c ,d'],
+)
+@pytest.mark.parametrize(("ending", "delimiter"), [("csv", ","), ("tsv", "\t")])
+def test_spaces_around_a_cell_do_not_belong_to_it(tmp_path, row, ending, delimiter):
+    path = tmp_path / f"book.{ending}"
+    path.write_text((TABLE + row + "\n" + row).replace(",", delimiter), encoding="utf-8")
+    book = read_book(path)
+    assert (book.recipes, book.merged_duplicates) == ((Recipe("a b", "c", "d"),), 1)
+
+
+@given(
+    cells=st.lists(st.text(' ,\t"ab', max_size=5), min_size=3, max_size=3),
+    around=st.lists(st.text(" ", max_size=2), min_size=6, max_size=6),
+    delimiter=st.sampled_from(",\t"),
+)
+def test_trimming_a_line_takes_the_spaces_outside_of_quotes_and_nothing_else(cells, around, delimiter):
+    quoted = ['"' + cell.replace('"', '""') + '"' for cell in cells]
+    padded = zip(around[::2], quoted, around[1::2], strict=True)
+    loose = delimiter.join("".join(parts) for parts in padded)
+    assert trimmed(loose + "\r\n", delimiter) == delimiter.join(quoted) + "\r\n"
+
+
+def test_trimming_a_line_of_spaces_takes_no_more_than_linear_time():
+    line = "a" + " " * 99_000 + "b, c,d"
+    assert trimmed(line, ",") == line.replace(", ", ",")
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "where"),
+    [
+        ("book.csv", "# a book\n# base: water, fier\n" + TABLE + "water,fire,steam\n", "book.csv, line 2"),
+        ("book.tsv", ("# base: fier\n" + TABLE + "water,fire,steam\n").replace(",", "\t"), "book.tsv, line 1"),
+        (
+            "book.json",
+            '{"base": ["fire", "fier"], "entities": ["fire", "steam"], "recipes": [["fire", "fire", "steam"]]}',
+            "book.json: base[1]",
+        ),
+    ],
+)
+def test_a_base_entity_that_is_no_entity_is_refused_with_its_place_and_the_nearest_one(tmp_path, name, text, where):
+    path = tmp_path / name
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(RecipeFileError, match=f"{re.escape(where)}.*'fier'.*Did you mean 'fire'"):
+        read_book(path)
+
+
+def test_a_base_entity_may_occur_in_a_dropped_row_only_or_be_listed(tmp_path):
+    path = tmp_path / "book.csv"
+    path.write_text("# base: fire, a, x\n# entities: x\n" + TABLE + "fire,coal,fire\na,a,b\n", encoding="utf-8")
+    assert read_book(path).base == ("a", "fire", "x")
+
+
+SINGLE = {
+    "book.csv": TABLE + "sand,,glass\n,ore,iron\niron,coal,steel\n",
+    "loose.csv": TABLE + 'sand, ,glass\n"",ore,iron\niron,coal,steel\n',
+    "book.tsv": TABLE.replace(",", "\t") + "sand\t\tglass\n\tore\tiron\niron\tcoal\tsteel\n",
+    "own.json": json.dumps(
+        {
+            "entities": ["coal", "glass", "iron", "ore", "sand", "steel"],
+            "recipes": [["sand", "glass"], ["ore", "iron"], ["iron", "coal", "steel"]],
+        }
+    ),
+    "official.json": json.dumps(
+        {
+            "entities": {
+                **{label: {"recipes": []} for label in ("coal", "sand", "ore")},
+                "glass": {"recipes": [["sand"]]},
+                "iron": {"recipes": [["ore"]]},
+                "steel": {"recipes": [["iron", "coal"]]},
+            }
+        }
+    ),
+}
+
+
+@pytest.mark.parametrize("name", SINGLE)
+def test_recipes_of_one_ingredient_are_read_as_asked(tmp_path, name):
+    path = tmp_path / name
+    path.write_text(SINGLE[name], encoding="utf-8")
+    with pytest.raises(RecipeFileError, match=r"'sand' is the only ingredient; .*`single_ingredient` self"):
+        read_book(path)
+    for setting, sand, ore in (("self", "sand", "ore"), ("furnace", "furnace", "furnace")):
+        book = read_book(path, single_ingredient=setting)
+        assert set(book.recipes) == {
+            Recipe.of("sand", sand, "glass"),
+            Recipe.of("ore", ore, "iron"),
+            Recipe("coal", "iron", "steel"),
+        }
+
+
+def test_what_single_ingredients_are_combined_with_has_to_be_a_label(tmp_path):
+    path = tmp_path / "book.csv"
+    path.write_text(SINGLE["book.csv"], encoding="utf-8")
+    with pytest.raises(RecipeFileError, match="`single_ingredient`: the label ' ' is blank"):
+        read_book(path, single_ingredient=" ")
+
+
+def test_a_label_that_xml_cannot_hold_is_refused_and_any_other_can_be_written_as_xml():
+    planes = [*range(0x3000), *range(0xD000, 0x10100), *range(0x1F000, 0x1F100), 0x10FFFF]
+    for char in map(chr, planes):
+        label = f"a{char}b"
+        if char in "\ufffe\uffff\u2028\u2029\x7f\x85" or char < " " or "\ud800" <= char <= "\udfff":
+            with pytest.raises(RecipeFileError, match="here: the label 'a"):
+                check_label(label, "here")
+        else:
+            assert check_label(label, "here") == label
+            ElementTree.fromstring(f"<label>{escape(label)}</label>")
+
+
+@pytest.mark.parametrize("stem", ["a\x01b", "a\udce9b", "a\ufffeb"])
+def test_a_files_name_that_no_label_may_have_is_replaced_in_the_name_of_the_book(stem):
+    assert book_name(Path(f"{stem}.csv")) == "a_b"
 
 
 def test_self_results_are_dropped_and_counted_unless_kept(tmp_path):

@@ -9,6 +9,7 @@ from cyclopts import Parameter
 from wordcraft_kg.cli.console import Flag, Output, aligned, names, split_labels
 from wordcraft_kg.cli.splits import split_rows
 from wordcraft_kg.graphs.splits import SPLITS, SplitConfig, SplitKind
+from wordcraft_kg.wording import counted
 
 if TYPE_CHECKING:
     from wordcraft_kg.views.graphs import BuiltGraph
@@ -33,6 +34,8 @@ def build_graph(
     valid_ratio: float = SplitConfig.valid_ratio,
     seed: int = SplitConfig.seed,
     keep_self_results: Flag = False,
+    single_ingredient: str | None = None,
+    name: str | None = None,
     out: Path | None = None,
     force: Flag = False,
     output: Output = Output(),
@@ -48,21 +51,26 @@ def build_graph(
         valid_ratio: share kept for validation; the rest is the test part.
         seed: seed of the split.
         keep_self_results: keep rows whose result is one of their own ingredients.
-        out: folder to write. Default: graphs/<book's name>.
+        single_ingredient: how to read recipes of one ingredient: self combines it with itself, any other name is what
+            it is combined with, such as furnace. Default: such a recipe is an error.
+        name: what reports call the graph, and after which models are named. Default: the name of the folder.
+        out: folder to write. Default: graphs/<name, or else the book's name>.
         force: replace the folder if it exists.
     """
     from wordcraft_kg.artefacts import check_output
     from wordcraft_kg.graphs.folder import write_graph_folder
     from wordcraft_kg.graphs.library import open_book
     from wordcraft_kg.graphs.recipe_graph import RecipeGraph
+    from wordcraft_kg.graphs.recipes import book_name, check_label
     from wordcraft_kg.graphs.splits import make_split
     from wordcraft_kg.views.graphs import view_build
 
     config = SplitConfig(split, train_ratio, valid_ratio, seed)
-    recipes = open_book(book, keep_self_results=keep_self_results)
-    folder = out or Path("graphs") / recipes.name
+    recipes = open_book(book, keep_self_results=keep_self_results, single_ingredient=single_ingredient)
+    folder = out or Path("graphs") / (name or recipes.name)
     check_output(folder, force=force)
     graph = RecipeGraph.from_book(recipes, _base(base, base_file))
+    graph.name = book_name(folder.resolve() / "graph.json") if name is None else check_label(name, "`name`")
     found = write_graph_folder(folder, recipes, make_split(graph, config), force=force)
     reach = found.reachability
     if reach.unreachable:
@@ -99,13 +107,13 @@ def _base(base: list[str] | None, base_file: Path | None) -> list[str] | None:
 def _text(view: "BuiltGraph", with_several_results: int) -> list[str]:
     triples = view.triples
     left_out = f", {view.dropped_self_results:,} left out (the result is one of its own ingredients)"
-    merged = f", {view.merged_duplicates:,} duplicates merged" if view.merged_duplicates else ""
+    merged = f", {counted(view.merged_duplicates, 'duplicate')} merged" if view.merged_duplicates else ""
     rows = [
         ("recipes", f"{view.recipes:,} kept{left_out}{merged}"),
         ("pairs", f"{view.pairs:,}, {with_several_results:,} with several results"),
         ("entities", f"{view.entities:,}"),
         ("base", f"{len(view.base)}: {names(view.base[:10], len(view.base))}"),
-        ("reachable", f"{view.reachable:,} of {view.entities:,}, in {view.rounds} rounds"),
+        ("reachable", f"{view.reachable:,} of {view.entities:,}, in {counted(view.rounds, 'round')}"),
         (
             "triples",
             f"{triples.total:,} = {triples.combines_with:,} combinesWith + {triples.component_of:,} componentOf",

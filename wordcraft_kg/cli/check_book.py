@@ -1,11 +1,13 @@
 """``wordcraft-kg check-book``."""
 
+from collections import Counter
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from wordcraft_kg.cli.console import Output, aligned, split_labels
+from wordcraft_kg.cli.console import Flag, Output, aligned, split_labels
+from wordcraft_kg.wording import counted
 
 if TYPE_CHECKING:
     from wordcraft_kg.graphs.book_check import BookFigures
@@ -22,6 +24,9 @@ def check_book(
     *,
     base: Annotated[list[str] | None, Parameter(negative=(), consume_multiple=False)] = None,
     against: str | None = None,
+    single_ingredient: str | None = None,
+    limit: int = 10,
+    all: Flag = False,
     output: Output = Output(),
 ) -> int:
     """Check a recipe book while you write it: list all findings with their lines, and counts. The book is not changed.
@@ -33,38 +38,51 @@ def check_book(
         base: comma-separated base entities; may be repeated. Default: the book's own, or else the entities without a
             recipe.
         against: another book; the share of this one's recipes that are in it too is reported.
+        single_ingredient: how to read recipes of one ingredient: self combines it with itself, any other name is what
+            it is combined with, such as furnace. Default: such a recipe is an error.
+        limit: most findings of a kind to show; the others are counted. The JSON has all of them.
+        all: show all findings.
     """
+    from wordcraft_kg.settings import whole
     from wordcraft_kg.views.books import view_check
 
-    view = view_check(book, split_labels(base) if base else None, against)
-    output.result(view, _text(view))
+    whole("limit", limit, 0)
+    view = view_check(book, split_labels(base) if base else None, against, single_ingredient=single_ingredient)
+    output.result(view, _text(view, None if all else limit))
     return 0 if view.passed else 1
 
 
-def _text(view: "CheckedBook") -> Iterator[str]:
+def _text(view: "CheckedBook", limit: int | None) -> Iterator[str]:
+    found: Counter[tuple[str, str]] = Counter()
     for finding in view.findings:
-        shown = ", ".join(map(str, finding.lines))
-        where = f"line{'s' * (len(finding.lines) > 1)} {shown}: " if finding.lines else ""
-        yield f"{finding.severity} [{finding.kind}] {where}{finding.message}"
+        found[finding.severity, finding.kind] += 1
+        if limit is None or found[finding.severity, finding.kind] <= limit:
+            shown = ", ".join(map(str, finding.lines))
+            where = f"line{'s' * (len(finding.lines) > 1)} {shown}: " if finding.lines else ""
+            yield f"{finding.severity} [{finding.kind}] {where}{finding.message}"
+    for (severity, kind), number in found.items():
+        if limit is not None and number > limit:
+            yield f"{severity} [{kind}] and {number - limit:,} more; --all shows them"
     if not isinstance(view.figures, dict):
         yield from aligned(_rows(view.figures))
     problems = sum(finding.severity == "problem" for finding in view.findings)
-    yield f"{problems} problem{'s' * (problems != 1)}, {len(view.findings) - problems} to look at"
+    yield f"{counted(problems, 'problem')}, {len(view.findings) - problems:,} to look at"
 
 
 def _rows(found: "BookFigures") -> Iterator[tuple[str, str]]:
-    yield "entities", f"{found.entities:,}, {found.reachable:,} can be made, in {found.max_layer} layers"
+    yield "entities", f"{found.entities:,}, {found.reachable:,} can be made, in {counted(found.max_layer, 'layer')}"
     yield "base", ", ".join(found.base[:10]) + (", ..." if len(found.base) > 10 else "")
-    yield "recipes", f"{found.recipes:,} of {found.pairs:,} pairs, {found.self_pairs} with itself"
+    yield "recipes", f"{found.recipes:,} of {counted(found.pairs, 'pair')}, {found.self_pairs:,} with itself"
     mean, share = found.mean_recipes_per_craftable, found.share_with_two_recipes
     yield "per craftable", f"{mean:.2f} recipes, {share:.1%} have two or more"
     several, more = found.pairs_with_two_or_three_results, found.pairs_with_more_results
-    yield "several results", f"{several} pairs make two or three things, {more} make more"
-    yield "terminal", f"{found.terminal} entities that no recipe uses"
+    makers = counted(several, "pair makes", "pairs make")
+    yield "several results", f"{makers} two or three things, {more:,} more than that"
+    yield "terminal", f"{counted(found.terminal, 'entity', 'entities')} that no recipe uses"
     yield "most used", f"{found.most_used}, in {found.most_used_share:.1%} of the recipes"
     yield "words", f"{found.words:,}, {found.words_with_vector:.1%} with a word vector"
     if found.near_synonym_share is not None:
         share, cosine = found.near_synonym_share, found.near_synonym_cosine
         yield "near-synonyms", f"{share:.1%} of test recipes repeat a train recipe with one (cosine {cosine} or more)"
     if found.against is not None:
-        yield "shared", f"{found.shared_recipes:,} recipes ({found.shared:.1%}) are in {found.against} too"
+        yield "shared", f"{counted(found.shared_recipes or 0, 'recipe')} ({found.shared:.1%}) also in {found.against}"

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 from wordcraft_kg.cli.console import Output, aligned, names
 from wordcraft_kg.cli.splits import split_rows
+from wordcraft_kg.wording import counted
 
 if TYPE_CHECKING:
     from wordcraft_kg.graphs.audit import Audit
@@ -56,18 +57,18 @@ def _audit_text(name: str, found: "Audit") -> list[str]:
         ("entities", f"{found.entities:,}, {degrees.craftable:,} craftable, {degrees.terminal:,} terminal"),
         (
             "recipes",
-            f"{found.recipes:,} over {found.pairs:,} pairs, {degrees.self_pairs:,} with itself",
+            f"{found.recipes:,} over {counted(found.pairs, 'pair')}, {degrees.self_pairs:,} with itself",
         ),
         ("per entity", f"{per.mean:.2f} recipes on average, median {per.median:.0f}, at most {per.max}"),
         (
             "ambiguity",
             ", ".join(
-                f"{pairs:,} pairs with {n} result{'s' * (n != '1')}"
+                f"{counted(pairs, 'pair')} with {counted(int(n), 'result')}"
                 for n, pairs in ambiguity.pairs_by_number_of_results.items()
             ),
         ),
         ("base", names(found.base[:10], len(found.base))),
-        ("reachable", f"{reach.reachable:,} of {found.entities:,}, in {reach.rounds} rounds"),
+        ("reachable", f"{reach.reachable:,} of {found.entities:,}, in {counted(reach.rounds, 'round')}"),
         ("layers", " ".join(str(count) for count in reach.known_after_round) + " known after each round"),
         ("most used", ", ".join(f"{label} {count}" for label, count in degrees.most_used[:5])),
         ("most made", ", ".join(f"{label} {count}" for label, count in degrees.most_recipes[:5])),
@@ -76,7 +77,8 @@ def _audit_text(name: str, found: "Audit") -> list[str]:
         rows.append(("unreachable", names(reach.unreachable_entities[:10], reach.unreachable)))
     if labels.alike:
         alike = " / ".join(", ".join(map(repr, group)) for group in labels.alike_labels[:3])
-        rows.append(("look alike", f"{labels.alike} groups of labels differ only in case or blanks: {alike}"))
+        groups = counted(labels.alike, "group")
+        rows.append(("look alike", f"{groups} of labels, different only in case or blanks: {alike}"))
     rows += split_rows(found.split)
     return [*aligned(rows), *_leak_check(found)]
 

@@ -3,6 +3,7 @@
 from typing import TYPE_CHECKING
 
 from wordcraft_kg.cli.console import names
+from wordcraft_kg.wording import counted
 
 if TYPE_CHECKING:
     from wordcraft_kg.graphs.audit import SplitSummary
@@ -16,18 +17,20 @@ def split_rows(split: "SplitSummary") -> list[tuple[str, str]]:
     shares = [*ratios, 1 - sum(ratios)] if ratios[1] else [ratios[0], 1 - ratios[0]]
     sizes = f"{split.train_recipes:,} train"
     sizes += f", {split.valid_recipes:,} validation" if split.valid_recipes else ""
-    sizes += f", {split.test_recipes:,} test recipes"
+    sizes += f", {counted(split.test_recipes, 'test recipe')}"
     rows = [
         ("split", f"{split.kind} {'/'.join(f'{share:.0%}' for share in shares)}, seed {split.seed}: {sizes}"),
-        ("unseen", f"{split.unseen_triples:,} triples; leaked and left out: {split.leaked_triples:,}"),
+        ("unseen", f"{counted(split.unseen_triples, 'triple')}; leaked and left out: {split.leaked_triples:,}"),
     ]
     if split.moved_for_coverage:
-        rows.append(("moved", f"{split.moved_for_coverage} recipes to train, to cover every entity"))
+        rows.append(("moved", f"{counted(split.moved_for_coverage, 'recipe')} to train, to cover every entity"))
     if split.uncovered:
+        who = counted(split.uncovered, "entity is", "entities are")
         listed = names(split.uncovered_entities[:5], split.uncovered)
-        rows.append(("uncovered", f"{split.uncovered} entities are in no train recipe: {listed}"))
+        rows.append(("uncovered", f"{who} in no train recipe: {listed}"))
     else:
         rows.append(("covered", "every entity is in a train recipe"))
     if split.pairs_on_both_sides:
-        rows.append(("both sides", f"{split.pairs_on_both_sides} pairs have results in more than one part"))
+        who = counted(split.pairs_on_both_sides, "pair has", "pairs have")
+        rows.append(("both sides", f"{who} results in more than one part"))
     return rows

@@ -22,14 +22,19 @@ from wordcraft_kg.graphs.recipes import (
     CSV_HEADER,
     Recipe,
     RecipeBook,
+    book_name,
     check_label,
     read_book,
     read_bytes,
     read_directive,
+    trimmed,
+    unknown_base,
+    with_second,
 )
 from wordcraft_kg.progress import stage
 from wordcraft_kg.records import Count, Record, Share
 from wordcraft_kg.settings import nearest
+from wordcraft_kg.wording import counted
 
 LISTED = 15
 """How many lines or names a finding lists at most."""
@@ -117,7 +122,9 @@ class BookCheck:
 
 
 @stage("checking the book")
-def check_book(path: Path, base: Iterable[str] | None = None, name: str | None = None) -> BookCheck:
+def check_book(
+    path: Path, base: Iterable[str] | None = None, name: str | None = None, *, single_ingredient: str | None = None
+) -> BookCheck:
     """Check a recipe book.
 
     Problems are: bytes that are not UTF-8, a byte order mark, line ends other than LF, a label with a comma, rows that
@@ -131,6 +138,7 @@ def check_book(path: Path, base: Iterable[str] | None = None, name: str | None =
             cannot be read, the first error is the only finding about its content.
         base: base entities; None takes the book's own, or infers them.
         name: of the book; None takes the file's.
+        single_ingredient: see :func:`~wordcraft_kg.graphs.recipes.read_book`.
 
     Raises:
         RecipeFileError: if the file cannot be read at all.
@@ -140,9 +148,10 @@ def check_book(path: Path, base: Iterable[str] | None = None, name: str | None =
     text = _decoded(data, findings)
     lines_of: dict[Recipe, list[int]] = {}
     if path.suffix.lower() in (".csv", ".tsv", ".tab"):
-        book: RecipeBook | None = _read_table(path, text, name or path.stem, findings, lines_of)
+        name = name or book_name(path)
+        book: RecipeBook | None = _read_table(path, text, name, single_ingredient, findings, lines_of)
     else:
-        book = _read_other(path, name, findings)
+        book = _read_other(path, name, single_ingredient, findings)
     if book is None or not book.recipes:
         if not any(finding.severity == "problem" for finding in findings):
             findings.append(Finding("empty", "problem", (), "it has no recipe"))
@@ -171,7 +180,7 @@ def _decoded(data: bytes, findings: list[Finding]) -> str:
     lines = list(io.StringIO(text, newline=""))
     returns = [number for number, line in enumerate(lines, start=1) if "\r" in line]
     if returns:
-        message = f"{_count(len(returns), 'line')} with a carriage return (CRLF or CR); end lines in LF"
+        message = f"{counted(len(returns), 'line')} with a carriage return (CRLF or CR); end lines in LF"
         findings.append(Finding("line-ends", "problem", tuple(returns[:LISTED]), message))
     try:
         data.decode("utf-8-sig")
@@ -181,28 +190,33 @@ def _decoded(data: bytes, findings: list[Finding]) -> str:
     return text
 
 
-def _read_other(path: Path, name: str | None, findings: list[Finding]) -> RecipeBook | None:
+def _read_other(path: Path, name: str | None, single: str | None, findings: list[Finding]) -> RecipeBook | None:
     try:
-        book = read_book(path, name=name)
+        book = read_book(path, name=name, single_ingredient=single)
     except RecipeFileError as error:
         findings.append(Finding("unreadable", "problem", (), str(error)))
         return None
     if book.dropped_self_results:
-        message = f"{_count(book.dropped_self_results, 'recipe')} made from the result itself; such rows are dropped"
+        message = f"{counted(book.dropped_self_results, 'recipe')} made from the result itself; such rows are dropped"
         findings.append(Finding("self-result", "problem", (), message))
     if book.merged_duplicates:
-        findings.append(Finding("duplicate", "problem", (), f"{_count(book.merged_duplicates, 'row')} listed before"))
+        findings.append(Finding("duplicate", "problem", (), f"{counted(book.merged_duplicates, 'row')} listed before"))
     return book
 
 
 def _read_table(
-    path: Path, text: str, name: str, findings: list[Finding], lines_of: dict[Recipe, list[int]]
+    path: Path,
+    text: str,
+    name: str,
+    single: str | None,
+    findings: list[Finding],
+    lines_of: dict[Recipe, list[int]],
 ) -> RecipeBook:
     """Read what can be read, with a finding for each line that cannot; fill ``lines_of``."""
-    declared: dict[str, list[str]] = {}
+    declared: dict[str, dict[str, int]] = {}
     for number, cells in _rows(text, path, declared, findings):
         try:
-            recipe = Recipe.of(*(check_label(cell, "") for cell in cells))
+            recipe = Recipe.of(*(check_label(cell, "") for cell in with_second(cells, single, "")))
         except RecipeFileError as error:
             findings.append(Finding("label", "problem", (number,), str(error).removeprefix(": ")))
             continue
@@ -212,13 +226,19 @@ def _read_table(
         lines_of.setdefault(recipe, []).append(number)
     for recipe, numbers in lines_of.items():
         if len(numbers) > 1 and not recipe.is_self_result:
-            message = f"{recipe.ingredient_a} + {recipe.ingredient_b} -> {recipe.result} is listed {len(numbers)} times"
+            a, b, result = recipe
+            message = f"{a} + {b} -> {result} is listed {len(numbers):,} times"
             findings.append(Finding("duplicate", "problem", tuple(numbers[:LISTED]), message))
-    return RecipeBook.of(name, lines_of, base=declared.get("base"), listed=declared.get("entities", ()))
+    base, listed = declared.get("base"), declared.get("entities", {})
+    known = {label for recipe in lines_of for label in recipe}.union(listed)
+    for label, number in (base or {}).items():
+        if label not in known:
+            findings.append(Finding("base", "problem", (number,), unknown_base(label, known)))
+    return RecipeBook.of(name, lines_of, base=None if base is None else known & base.keys(), listed=listed)
 
 
 def _rows(
-    text: str, path: Path, declared: dict[str, list[str]], findings: list[Finding]
+    text: str, path: Path, declared: dict[str, dict[str, int]], findings: list[Finding]
 ) -> Iterator[tuple[int, list[str]]]:
     """Yield the rows of three cells with their lines; fill ``declared`` from the directives above the header."""
     delimiter = "," if path.suffix.lower() == ".csv" else "\t"
@@ -233,7 +253,7 @@ def _rows(
                 findings.append(Finding("directive", "problem", (number,), str(error).removeprefix(": ")))
                 continue
             if directive is not None:
-                declared.setdefault(directive[0], []).extend(directive[1])
+                declared.setdefault(directive[0], {}).update(dict.fromkeys(directive[1], number))
             continue
         is_header = tuple(cell.strip() for cell in line.split(delimiter)) == CSV_HEADER
         if not header_seen:
@@ -248,14 +268,14 @@ def _rows(
         if not line:
             continue
         try:
-            (cells,) = csv.reader([line], delimiter=delimiter, strict=True)
+            (cells,) = csv.reader([trimmed(line, delimiter)], delimiter=delimiter, strict=True)
         except csv.Error as error:
             findings.append(Finding("row", "problem", (number,), f"not a row of cells: {error}"))
             continue
         if len(cells) == 3:
             yield number, cells
         else:
-            message = f"{_count(len(cells), 'cell')}; a recipe has two ingredients and a result"
+            message = f"{counted(len(cells), 'cell')}; a recipe has two ingredients and a result"
             findings.append(Finding("row", "problem", (number,), message))
 
 
@@ -309,7 +329,7 @@ def _unreachable(
         needs.add_edges_from((part, result) for part in (a, b) if part in outside and result in outside)
     for island in sorted(nx.weakly_connected_components(needs), key=min):
         labels = graph.labels(sorted(island))
-        subject = _count(len(labels), "entity", "entities")
+        subject = counted(len(labels), "entity", "entities")
         message = f"{subject} cannot be made from the base ({listed(graph.base)}): {listed(labels)}"
         yield Finding("unreachable", "problem", _at(labels[:LISTED], line_of), message)
     for circle in sorted(nx.strongly_connected_components(needs), key=min):
@@ -356,7 +376,7 @@ def _one_edit_apart(one: str, other: str) -> bool:
 def _lonely(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Finding]:
     lonely = graph.labels(np.flatnonzero(graph.recipe_counts + graph.use_counts == 1))
     if lonely:
-        message = f"{_count(len(lonely), 'entity', 'entities')} in one recipe only: {listed(lonely)}"
+        message = f"{counted(len(lonely), 'entity', 'entities')} in one recipe only: {listed(lonely)}"
         yield Finding("lonely", "note", _at(lonely[:LISTED], line_of), message)
 
 
@@ -388,11 +408,7 @@ def listed(labels: Iterable[str]) -> str:
     """Join labels with commas, the first 15 of them."""
     labels = list(labels)
     more = len(labels) - LISTED
-    return ", ".join(labels[:LISTED]) + (f" and {more} more" if more > 0 else "")
-
-
-def _count(number: int, one: str, more: str = "") -> str:
-    return f"{number:,} {one if number == 1 else more or one + 's'}"
+    return ", ".join(labels[:LISTED]) + (f" and {more:,} more" if more > 0 else "")
 
 
 def _sorted(findings: Iterable[Finding]) -> tuple[Finding, ...]:

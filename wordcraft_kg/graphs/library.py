@@ -129,8 +129,10 @@ def locate_book(name_or_path: str | Path) -> LocatedBook:
     return LocatedBook(book.path, book.name, published.base if published else None)
 
 
-def open_book(name_or_path: str | Path, *, keep_self_results: bool = False) -> RecipeBook:
-    """Read a recipe book given by path or by name, see :func:`locate_book`.
+def open_book(
+    name_or_path: str | Path, *, keep_self_results: bool = False, single_ingredient: str | None = None
+) -> RecipeBook:
+    """Read a recipe book given by path or by name, see :func:`locate_book` and :func:`read_book`.
 
     Raises:
         RecipeFileError: if there is no such book, if it is not the published file, or if it cannot be read.
@@ -140,7 +142,9 @@ def open_book(name_or_path: str | Path, *, keep_self_results: bool = False) -> R
         326
     """
     located = locate_book(name_or_path)
-    content = read_book(located.path, keep_self_results=keep_self_results, name=located.name)
+    content = read_book(
+        located.path, keep_self_results=keep_self_results, single_ingredient=single_ingredient, name=located.name
+    )
     return replace(content, base=located.base) if content.base is None else content
 
 

@@ -1,13 +1,15 @@
 """Recipes, and reading, validating and writing recipe books.
 
 Three layouts are read: CSV or TSV (``ingredient_a,ingredient_b,result``), our own JSON, and the JSON released with the
-paper's code (``{"entities": {label: {"recipes": [[a, b], ...]}}}``). Labels are kept verbatim and matched exactly.
+paper's code (``{"entities": {label: {"recipes": [[a, b], ...]}}}``). Labels are matched exactly. In CSV and TSV, spaces
+around a cell do not belong to it unless it is quoted; everything else is kept verbatim.
 """
 
 import csv
 import hashlib
 import io
 import json
+import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -17,6 +19,7 @@ from typing import Any, NamedTuple
 from wordcraft_kg.artefacts import write_atomically
 from wordcraft_kg.errors import RecipeFileError
 from wordcraft_kg.progress import stage
+from wordcraft_kg.settings import nearest
 
 CSV_HEADER = ("ingredient_a", "ingredient_b", "result")
 JSON_FORMAT = "wordcraft-kg recipe book 1"
@@ -24,6 +27,8 @@ MAX_LABEL_LENGTH = 1_000
 """Characters; a longer label suggests that the file is of another kind."""
 MAX_LINE_LENGTH = 100_000
 """Characters in a line of a CSV or TSV book: a file without line ends fails early, with the reason."""
+SELF = "self"
+"""The setting ``single_ingredient`` that combines a single ingredient with itself."""
 
 
 class Recipe(NamedTuple):
@@ -102,12 +107,25 @@ class RecipeBook:
 
 
 @stage("reading the book")
-def read_book(path: str | Path, *, keep_self_results: bool = False, name: str | None = None) -> RecipeBook:
+def read_book(
+    path: str | Path,
+    *,
+    keep_self_results: bool = False,
+    single_ingredient: str | None = None,
+    name: str | None = None,
+) -> RecipeBook:
     """Read and validate a recipe book from a file, or from the ``graph.json`` of a graph folder.
 
     The layout follows the ending: ``.csv``, ``.tsv`` (or ``.tab``), ``.json``. In CSV and TSV, lines that start with
     ``#`` before the header are comments; ``# base: a, b`` declares base entities and ``# entities: a, b`` lists
     entities that no recipe mentions.
+
+    Args:
+        path: the file or folder.
+        keep_self_results: keep rows whose result is one of their own ingredients.
+        single_ingredient: how to read recipes of one ingredient, such as those of a furnace: ``self`` combines it with
+            itself, any other text names the entity to combine it with. With None such a recipe is an error.
+        name: of the book; None takes the file's or folder's.
 
     Raises:
         RecipeFileError: naming the line or key of the first thing that is wrong.
@@ -115,17 +133,22 @@ def read_book(path: str | Path, *, keep_self_results: bool = False, name: str | 
     path = Path(path)
     if (path / "graph.json").is_file():
         path = path / "graph.json"
+    if single_ingredient is not None:
+        check_label(single_ingredient, "`single_ingredient`")
     data = read_bytes(path)
     text = _decode(path, data)
     if path.suffix.lower() == ".json":
-        base, listed, rows = _parse_json(path, text)
+        base, listed, rows = _parse_json(path, text, single_ingredient)
     elif path.suffix.lower() in (".csv", ".tsv", ".tab"):
-        base, listed, rows = _parse_table(path, text, "," if path.suffix.lower() == ".csv" else "\t")
+        base, listed, rows = _parse_table(path, text, "," if path.suffix.lower() == ".csv" else "\t", single_ingredient)
     else:
         raise RecipeFileError(f"{path}: unknown ending '{path.suffix}'; a recipe book is .csv, .tsv or .json.")
+    absent = dict(base or {})
+    for label in listed:
+        absent.pop(label, None)
     book = RecipeBook.of(
-        name or (path.parent.name if path.name == "graph.json" else path.stem),
-        rows,
+        name or book_name(path),
+        _crossing_off(absent, rows),
         base=base,
         listed=listed,
         keep_self_results=keep_self_results,
@@ -133,7 +156,35 @@ def read_book(path: str | Path, *, keep_self_results: bool = False, name: str | 
     )
     if not book.recipes:
         raise RecipeFileError(f"{path} has no recipe to keep ({book.dropped_self_results} self results dropped).")
+    for label, where in absent.items():
+        raise RecipeFileError(f"{where}: {unknown_base(label, set(book.entities).difference(absent))}")
     return book
+
+
+def book_name(path: Path) -> str:
+    """Return the name of a book without one of its own: that of its file, or of its graph folder."""
+    name = path.parent.name if path.name == "graph.json" else path.stem
+    try:
+        return check_label(name, "")
+    except RecipeFileError:  # a name of control characters or stray bytes
+        return "".join(char if char.isprintable() else "_" for char in name) or "book"
+
+
+def unknown_base(label: str, known: Iterable[str]) -> str:
+    """Say that a base entity of a file is none of its entities, and which ones may be meant."""
+    return (
+        f"the base entity '{label}' is in no recipe.{nearest(label, known)} "
+        f"If it is meant, list it as well: # entities: {label}"
+    )
+
+
+def _crossing_off(absent: dict[str, str], rows: Iterable[Sequence[str]]) -> Iterator[Sequence[str]]:
+    """Yield rows, and take their labels out of ``absent``."""
+    for row in rows:
+        if absent:
+            for label in row:
+                absent.pop(label, None)
+        yield row
 
 
 def write_book(book: RecipeBook, path: Path) -> None:
@@ -178,7 +229,7 @@ def check_label(label: Any, where: str) -> str:
 
     Raises:
         RecipeFileError: if it is not text, is blank or too long, or holds a tab, a line break, another control
-            character or half of a character.
+            character, half of a character, or what Unicode reserves as no character.
     """
     if not isinstance(label, str):
         raise RecipeFileError(f"{where}: {label!r} is not a label; a label is text.")
@@ -191,6 +242,8 @@ def check_label(label: Any, where: str) -> str:
             raise RecipeFileError(f"{where}: the label {_shown(label)} holds a tab, line break or control character.")
         if any("\ud800" <= char <= "\udfff" for char in label):
             raise RecipeFileError(f"{where}: the label {_shown(label)} holds half of a character (a lone surrogate).")
+        if "\ufffe" in label or "\uffff" in label:
+            raise RecipeFileError(f"{where}: the label {_shown(label)} holds U+FFFE or U+FFFF, which XML cannot hold.")
     return label
 
 
@@ -213,8 +266,21 @@ def read_directive(line: str, where: str) -> tuple[str, list[str]] | None:
         return None
     if len(line) > MAX_LINE_LENGTH:
         raise RecipeFileError(f"{where}: a line of {len(line):,} characters; the limit is {MAX_LINE_LENGTH:,}.")
-    labels = [cell for row in csv.reader([rest], skipinitialspace=True) for cell in row]
+    labels = [cell for row in csv.reader([trimmed(rest, ",")]) for cell in row]
     return key, [check_label(label, where) for label in labels]
+
+
+def trimmed(line: str, delimiter: str) -> str:
+    """Return a line of a table without the spaces around its cells; those within quotes stay."""
+    loose = f"{delimiter} " in line or f" {delimiter}" in line or line[:1] == " " or line.rstrip("\r\n")[-1:] == " "
+    return _CELLS[delimiter].sub(lambda cell: cell[1].strip(" "), line) if loose else line
+
+
+# A cell after any spaces: either quoted, up to the spaces before its end, or all up to its end.
+_CELLS = {
+    delimiter: re.compile(rf' *+("(?:[^"]|"")*+"(?= *+(?:[{delimiter}\r\n]|$))|[^{delimiter}\r\n]*+)')
+    for delimiter in ",\t"
+}
 
 
 def _csv_line(labels: Iterable[str], delimiter: str) -> str:
@@ -256,11 +322,12 @@ def _decode(path: Path, data: bytes) -> str:
     return text
 
 
-Parsed = tuple[list[str] | None, list[str], Iterable[Sequence[str]]]
+Parsed = tuple[dict[str, str] | None, list[str], Iterable[Sequence[str]]]
+"""Base entities, each with the place that names it, or None; entities listed otherwise; rows of recipes."""
 
 
-def _parse_table(path: Path, text: str, delimiter: str) -> Parsed:
-    base: list[str] | None = None
+def _parse_table(path: Path, text: str, delimiter: str, single: str | None) -> Parsed:
+    base: dict[str, str] | None = None
     listed: list[str] = []
     lines = io.StringIO(text, newline="")
     number = 0
@@ -272,7 +339,7 @@ def _parse_table(path: Path, text: str, delimiter: str) -> Parsed:
         if directive is not None:
             key, labels = directive
             if key == "base":
-                base = [*(base or []), *labels]
+                base = (base or {}) | dict.fromkeys(labels, f"{path}, line {number}")
             else:
                 listed += labels
     header = tuple(cell.strip() for cell in line.rstrip("\r\n")[:MAX_LINE_LENGTH].split(delimiter))
@@ -282,17 +349,19 @@ def _parse_table(path: Path, text: str, delimiter: str) -> Parsed:
             f"{path}, line {number}: the header is '{found}'; expected '{delimiter.join(CSV_HEADER)}'"
             f"{' separated by tabs' if delimiter == chr(9) else ''}."
         )
-    return base, listed, _table_rows(path, lines, delimiter, number)
+    return base, listed, _table_rows(path, lines, delimiter, number, single)
 
 
-def _table_rows(path: Path, lines: io.StringIO, delimiter: str, header_line: int) -> Iterator[Sequence[str]]:
+def _table_rows(
+    path: Path, lines: io.StringIO, delimiter: str, header_line: int, single: str | None
+) -> Iterator[Sequence[str]]:
     def bounded() -> Iterator[str]:
         for count, line in enumerate(lines, start=header_line + 1):
             if len(line) > MAX_LINE_LENGTH:
                 raise RecipeFileError(
                     f"{path}, line {count}: a line of {len(line):,} characters; the limit is {MAX_LINE_LENGTH:,}."
                 )
-            yield line
+            yield trimmed(line, delimiter)
 
     reader = csv.reader(bounded(), delimiter=delimiter, strict=True)
     while True:
@@ -311,15 +380,38 @@ def _table_rows(path: Path, lines: io.StringIO, delimiter: str, header_line: int
         where = f"{path}, line {header_line + reader.line_num}"
         if len(row) != 3:
             count = max(len(row) - 1, 0)
+            hint = " For a single ingredient, leave the second cell empty." if count == 1 else ""
             shown = delimiter.join(row)[:80]
             raise RecipeFileError(
                 f"{where}: '{shown}' has {count} ingredient{'s' * (count != 1)} and a result"
-                f"{'' if len(row) > 1 else ' missing'}; a recipe needs two and a result, in three columns."
+                f"{'' if len(row) > 1 else ' missing'}; a recipe needs two and a result, in three columns.{hint}"
             )
-        yield [check_label(label, where) for label in row]
+        yield [check_label(label, where) for label in with_second(row, single, where)]
 
 
-def _parse_json(path: Path, text: str) -> Parsed:
+def with_second(row: Sequence[str], single: str | None, where: str) -> Sequence[str]:
+    """Return a row in which a single ingredient has got its second one, see :func:`read_book`; others as they are.
+
+    Raises:
+        RecipeFileError: for a row of one ingredient, the other cell being empty, if ``single`` is None.
+    """
+    one, other, result = row
+    if bool(one) == bool(other):
+        return row
+    return [*_pair_with(one or other, single, where), result]
+
+
+def _pair_with(ingredient: str, single: str | None, where: str) -> tuple[str, str]:
+    if single is None:
+        raise RecipeFileError(
+            f"{where}: '{ingredient}' is the only ingredient; a recipe needs two. Write it twice, or build the graph "
+            f"with `single_ingredient` {SELF}, which reads {ingredient} + {ingredient}, or the name of what it is "
+            "combined with."
+        )
+    return ingredient, ingredient if single == SELF else single
+
+
+def _parse_json(path: Path, text: str, single: str | None) -> Parsed:
     def without_duplicate_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         keys = dict(pairs)
         if len(keys) < len(pairs):
@@ -340,30 +432,32 @@ def _parse_json(path: Path, text: str) -> Parsed:
         raise RecipeFileError(f"{path}: not a recipe book ({error}).") from None
     entities = content.get("entities") if isinstance(content, dict) else None
     if isinstance(entities, dict):
-        return None, list(entities), _official_rows(path, entities)
+        return None, list(entities), _official_rows(path, entities, single)
     if isinstance(entities, list) and isinstance(content.get("recipes"), list):
         known = {check_label(label, f"{path}: entities[{index}]") for index, label in enumerate(entities)}
         base = content.get("base")
         if base is not None:
             if not isinstance(base, list):
                 raise RecipeFileError(f"{path}: 'base' is {type(base).__name__}; expected a list of labels or null.")
-            base = [check_label(label, f"{path}: base[{index}]") for index, label in enumerate(base)]
-        return base, sorted(known), _own_rows(path, content["recipes"], known)
+            places = ((label, f"{path}: base[{index}]") for index, label in enumerate(base))
+            base = {_known(label, known, where): where for label, where in places}
+        return base, sorted(known), _own_rows(path, content["recipes"], known, single)
     raise RecipeFileError(
         f"{path}: neither of the known layouts. Expected an object with the lists 'entities' and 'recipes', "
         "or the official one with an object 'entities'."
     )
 
 
-def _own_rows(path: Path, recipes: list[Any], known: set[str]) -> Iterator[Sequence[str]]:
+def _own_rows(path: Path, recipes: list[Any], known: set[str], single: str | None) -> Iterator[Sequence[str]]:
     for index, row in enumerate(recipes):
         where = f"{path}: recipes[{index}]"
-        if not isinstance(row, list) or len(row) != 3:
+        if not isinstance(row, list) or len(row) not in (2, 3):
             raise RecipeFileError(f"{where} is {_shown(row)}; expected [ingredient, ingredient, result].")
-        yield [_known(label, known, where) for label in row]
+        labels = [_known(label, known, where) for label in row]
+        yield labels if len(labels) == 3 else [*_pair_with(labels[0], single, f"{where} is {_shown(row)}"), labels[1]]
 
 
-def _official_rows(path: Path, entities: dict[str, Any]) -> Iterator[Sequence[str]]:
+def _official_rows(path: Path, entities: dict[str, Any], single: str | None) -> Iterator[Sequence[str]]:
     known = {check_label(label, f"{path}: entities") for label in entities}
     for result, entry in entities.items():
         where = f"{path}: entities['{result}']"
@@ -371,15 +465,16 @@ def _official_rows(path: Path, entities: dict[str, Any]) -> Iterator[Sequence[st
             raise RecipeFileError(f"{where} has no list 'recipes'.")
         for index, pair in enumerate(entry["recipes"]):
             here = f"{where}.recipes[{index}]"
-            if not isinstance(pair, list) or len(pair) != 2:
+            if not isinstance(pair, list) or len(pair) not in (1, 2):
                 raise RecipeFileError(f"{here} is {_shown(pair)}; a recipe needs two ingredients.")
-            yield [*(_known(label, known, here) for label in pair), result]
+            labels = [_known(label, known, here) for label in pair]
+            yield [*(labels if len(pair) == 2 else _pair_with(labels[0], single, f"{here} is {_shown(pair)}")), result]
 
 
 def _known(label: Any, known: set[str], where: str) -> str:
     label = check_label(label, where)
     if label not in known:
-        raise RecipeFileError(f"{where}: '{label}' is not among the file's entities.")
+        raise RecipeFileError(f"{where}: '{label}' is not among the file's entities.{nearest(label, known)}")
     return label
 
 

@@ -58,18 +58,21 @@ def view_books() -> BookList:
     return BookList(books, str(cache_folder()), None if folder is None else str(folder))
 
 
-def view_check(book: str, base: list[str] | None, against: str | None) -> CheckedBook:
+def view_check(
+    book: str, base: list[str] | None, against: str | None, *, single_ingredient: str | None = None
+) -> CheckedBook:
     """Check a book; includes what needs word vectors, and what it shares with another book.
 
     Args:
         book: file, folder or known name.
         base: base entities; None takes the book's own, or infers them.
         against: another book to compare with, or None.
+        single_ingredient: see :func:`~wordcraft_kg.graphs.recipes.read_book`.
     """
     located = locate_book(book)
     path = located.path / "graph.json" if (located.path / "graph.json").is_file() else located.path
     other = None if against is None else open_book(against)
-    found = check_book(path, base or located.base, located.name)
+    found = check_book(path, base or located.base, located.name, single_ingredient=single_ingredient)
     graph = found.graph
     if graph is not None:
         found = _with_words(found, graph)

@@ -782,3 +782,30 @@ def test_recipes_of_one_ingredient_are_refused_with_the_remedy_and_built_as_aske
         assert graph.labels(graph.results("sand", partner)) == ("glass",)
         assert run("check-book", path, *options).code == 0
     assert run("check-book", path).code == 1
+
+
+def test_books_lists_sizes_where_they_are_known_at_once(run, home, monkeypatch):
+    (home / "data").mkdir()
+    (home / "data" / "good.csv").write_text(TABLE + "a,b,c\n", encoding="utf-8")
+    (home / "data" / "bad.csv").write_text("no header\n", encoding="utf-8")
+    (home / "data" / "large.csv").write_text(TABLE + "a,b,c\n" * 200, encoding="utf-8")
+    monkeypatch.setenv(DATA_VARIABLE, str(home / "data"))
+    monkeypatch.setattr("wordcraft_kg.views.books.MAX_COUNTED", 500)
+    books = {book["name"]: book for book in json.loads(run("books", "--json").out)["books"]}
+    sizes = {name: (book["entities"], book["recipes"]) for name, book in books.items()}
+    assert sizes["good"] == (3, 1)
+    assert sizes["bad"] == sizes["large"] == sizes["little-alchemy-2"] == (None, None)
+    lines = run("books").out.splitlines()
+    assert lines[0].split() == ["book", "origin", "entities", "recipes"]
+    assert next(line for line in lines if line.startswith("good")).split()[:5] == ["good", "data", "folder", "3", "1"]
+
+
+def test_describe_shows_the_derivation_of_an_entity_as_a_tree(run):
+    lines = run("describe", "kitchen", "--entity", "flour").out.splitlines()
+    assert lines[lines.index("cheapest derivation (3)") :] == [
+        "cheapest derivation (3)",
+        "  flour = field + mill",
+        "  ├─ field = earth + person",
+        "  └─ mill = stone + stone",
+    ]
+    assert not any("derivation" in line for line in run("describe", "kitchen", "--entity", "stone").out.splitlines())

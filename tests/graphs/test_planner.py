@@ -6,6 +6,7 @@ from hypothesis import strategies as st
 
 from wordcraft_kg.errors import GraphError, UnknownEntityError
 from wordcraft_kg.graphs import Derivation, Planner, Recipe, RecipeGraph, layers, rounds
+from wordcraft_kg.graphs.planner import derivation_tree
 
 
 def chosen(graph: RecipeGraph, data: st.DataObject) -> set[str]:
@@ -132,3 +133,22 @@ def test_an_unknown_goal_or_start_is_refused(kitchen):
         Planner(kitchen).derivation("bred")
     with pytest.raises(UnknownEntityError, match="no entity 'bred'"):
         layers(kitchen, ["bred"])
+
+
+def test_a_derivation_is_shown_as_a_tree_in_which_nothing_is_made_twice():
+    rows = [("a", "b", "c"), ("c", "a", "d"), ("d", "c", "e"), ("e", "e", "f")]
+    derivation = Planner(RecipeGraph.from_recipes(rows)).derivation("f")
+    assert str(derivation).splitlines() == [
+        "f = e + e",
+        "└─ e = c + d",
+        "   ├─ c = a + b",
+        "   └─ d = a + c",
+        "      └─ c (see above)",
+    ]
+    assert repr(derivation) == "Derivation('f', 4 steps, cost 9)"
+    assert str(Planner(RecipeGraph.from_recipes(rows)).derivation("a")) == "a"
+
+
+def test_the_tree_of_a_very_long_derivation_does_not_run_out_of_stack():
+    steps = [Recipe(f"x{i}", f"x{i}", f"x{i + 1}") for i in range(3_000)]
+    assert sum(1 for _ in derivation_tree("x3000", steps)) == 3_000

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from scipy.stats import chisquare
 
 from wordcraft_kg.errors import ConfigError, TaskError, UnknownEntityError
-from wordcraft_kg.graphs import Recipe, RecipeGraph, Split, SplitConfig, make_split
+from wordcraft_kg.graphs import Recipe, RecipeGraph, Split, SplitConfig, make_split, task_search
 from wordcraft_kg.graphs.plan_search import PlanSearch
 from wordcraft_kg.graphs.splits import PARTS, Draw
 from wordcraft_kg.graphs.task_search import MAX_DEPTH, make_tasks
@@ -479,3 +479,15 @@ def test_little_alchemy_has_its_tasks_beyond_a_chain_of_two_different_ingredient
         by_product = all(len(plan) > task.depth for plan in task.plans)
         kinds["doubled" if doubled else "by-product" if by_product else "chain"] += 1
     assert kinds == {"chain": 26_502, "doubled": 355, "by-product": 2}
+
+
+def test_tasks_of_depth_two_are_drawn_where_too_many_plans_lead_to_them(kitchen, monkeypatch):
+    everything = make_tasks(kitchen, 2)
+    plans = sum(len(PlanSearch(kitchen).recipes_of[part]) for a, b, _ in kitchen.recipes for part in (a, b))
+    monkeypatch.setattr(task_search, "MAX_ENUMERATED", plans)
+    assert make_tasks(kitchen, 2) == everything
+    monkeypatch.setattr(task_search, "MAX_ENUMERATED", plans - 1)
+    drawn = make_tasks(kitchen, 2, limit=30)
+    assert (len(drawn), drawn.is_complete) == (30, False)
+    assert set(drawn) < set(everything)
+    assert make_tasks(kitchen, 1).is_complete

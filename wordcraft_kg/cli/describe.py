@@ -38,14 +38,17 @@ def describe(graph: str, *, entity: str | None = None, output: Output = Output()
 
 def _entity_text(view: "EntityView") -> list[str]:
     def lines(title: str, recipes: "Sequence[Recipe]") -> list[str]:
-        return [f"{title} ({len(recipes)})", *(f"  {a} + {b} -> {result}" for a, b, result in recipes)]
+        return [f"{title} ({len(recipes)})", *(f"  {recipe}" for recipe in recipes)]
 
     place = "base entity" if view.base else "cannot be made from the base"
     if view.layer is not None and not view.base:
         place = f"first made in round {view.layer}"
     text = [f"{view.entity}: {place}", *lines("recipes", view.recipes), *lines("uses", view.uses)]
-    if view.derivation:
-        text += lines("cheapest derivation", view.derivation.steps)
+    if view.derivation and view.derivation.steps:
+        from wordcraft_kg.graphs.planner import derivation_tree
+
+        text.append(f"cheapest derivation ({len(view.derivation.steps)})")
+        text += [f"  {line}" for line in derivation_tree(view.entity, view.derivation.steps)]
     return text
 
 

@@ -58,7 +58,7 @@ class WordCraftConfig:
         task_weighting: ``task`` draws all tasks alike, ``goal`` draws a goal, then one of its tasks.
         ambiguity: ``all`` results of a pair, or only the ``last`` by label (the paper's released code keeps one).
         illegal_action: what picking an empty slot does: ``waste`` the attempt, or ``raise`` an error.
-        num_tasks: how many tasks to draw at depth 3 and above.
+        num_tasks: how many tasks to draw at depth 3 and above, and at depth 2 in graphs with too many to list.
         task_seed: seed of that draw.
 
     Example:

@@ -2,7 +2,7 @@
 
 import heapq
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +11,7 @@ from wordcraft_kg.errors import GraphError
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.recipe_graph import Entity, RecipeGraph
 from wordcraft_kg.graphs.recipes import Recipe
+from wordcraft_kg.wording import counted
 
 
 def layers(graph: RecipeGraph, start: Iterable[Entity] | None = None) -> Ids:
@@ -63,6 +64,44 @@ class Derivation:
     goal: str
     steps: tuple[Recipe, ...]
     cost: int
+
+    def __repr__(self) -> str:
+        return f"Derivation({self.goal!r}, {counted(len(self.steps), 'step')}, cost {self.cost:,})"
+
+    def __str__(self) -> str:
+        return "\n".join(derivation_tree(self.goal, self.steps))
+
+
+def derivation_tree(goal: str, steps: Iterable[Recipe]) -> Iterator[str]:
+    """Yield the lines of a derivation as a tree: an entity and its pair, and below it what of the pair is made.
+
+    What was shown before is not repeated. Of a base entity there is one line, its label.
+
+    Args:
+        goal: label of the entity.
+        steps: recipes, one for each entity that is made.
+
+    Example:
+        >>> print(Planner(open_graph("kitchen").graph).derivation("flour"))
+        flour = field + mill
+        ├─ field = earth + person
+        └─ mill = stone + stone
+    """
+    made_by = {recipe.result: recipe for recipe in steps}
+    shown: set[str] = set()
+    stack = [(goal, "", "")]
+    while stack:
+        label, own, below = stack.pop()
+        if label not in made_by or label in shown:
+            yield f"{own}{label}{' (see above)' if label in shown else ''}"
+            continue
+        shown.add(label)
+        one, other, _ = made_by[label]
+        yield f"{own}{label} = {one} + {other}"
+        made = [part for part in dict.fromkeys((one, other)) if part in made_by]
+        for part in reversed(made):
+            is_last = part == made[-1]
+            stack.append((part, f"{below}{'└─' if is_last else '├─'} ", f"{below}{'   ' if is_last else '│  '}"))
 
 
 class Planner:

@@ -33,6 +33,8 @@ class RecipeGraph:
         >>> graph = RecipeGraph.from_book(open_book("kitchen"))
         >>> graph.labels(graph.results("flour", "water"))
         ('dough',)
+        >>> len(graph), "dough" in graph, "tractor" in graph
+        (80, True, False)
     """
 
     def __init__(self, entities: Iterable[str], recipes: Ids, base_ids: Sequence[int] | Ids, name: str = "graph"):
@@ -144,6 +146,15 @@ class RecipeGraph:
             f"RecipeGraph({self.name!r}, {self.num_entities:,} entities, {self.num_recipes:,} recipes, "
             f"hash {self.hash[:12]})"
         )
+
+    def __len__(self) -> int:
+        return self.num_entities
+
+    def __contains__(self, label: object) -> bool:
+        return label in self._index
+
+    def __bool__(self) -> bool:
+        return True  # a graph without entities is a graph too
 
     # --- labels and ids ----------------------------------------------------------------------------------------------
 

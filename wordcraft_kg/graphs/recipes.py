@@ -43,6 +43,9 @@ class Recipe(NamedTuple):
         """Return the recipe with its ingredients in canonical order."""
         return cls(one, other, result) if one <= other else cls(other, one, result)
 
+    def __str__(self) -> str:
+        return f"{self.ingredient_a} + {self.ingredient_b} -> {self.result}"
+
     @property
     def is_self_result(self) -> bool:
         """Whether the result is one of its own ingredients."""

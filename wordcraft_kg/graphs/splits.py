@@ -106,6 +106,10 @@ class Split:
         self._triples: dict[str, Ids] = {}
         self._held_out: dict[str, Ids] = {}
 
+    def __repr__(self) -> str:
+        sizes = ", ".join(f"{np.sum(self.is_in(part)):,} {part}" for part in get_args(Part))
+        return f"Split({self.config.kind!r}, seed {self.config.seed}, {sizes} recipes of {self.graph.name!r})"
+
     def is_in(self, part: Part) -> NDArray[np.bool_]:
         """Return which recipes are in a part, shape (num_recipes,)."""
         return np.asarray(self.parts == PARTS.index(part))

@@ -1,4 +1,4 @@
-"""Finding the tasks of a graph: all of depth 1 and 2, and a random set of deeper ones, by the part of their plans."""
+"""Finding the tasks of a graph by the part of their plans: all of them while they are few enough, else a random set."""
 
 from collections.abc import Iterator
 
@@ -17,6 +17,8 @@ MAX_DEPTH = 5
 """Longer plans are not searched: each further attempt makes the search six times slower."""
 ENUMERATED_DEPTH = 2
 """Up to this depth all tasks are enumerated; deeper ones are drawn at random."""
+MAX_ENUMERATED = 1_000_000
+"""Most plans of depth 2 that are enumerated, each in about 1 kB; of a graph with more, tasks are drawn there too."""
 DRAWN_TASKS = 1_000
 """How many tasks are drawn where they are not enumerated."""
 _TRIES = 2_000  # draws without a new task after which drawing stops
@@ -39,6 +41,9 @@ def make_tasks(
     search: PlanSearch | None = None,
 ) -> TaskSet:
     """Return the tasks of a depth: all of them at depth 1 and 2, a random set of them beyond.
+
+    A graph with more than :data:`MAX_ENUMERATED` plans of depth 2, a book of tens of thousands of entities, gets a
+    random set at that depth too.
 
     A task belongs to *train* if all its plans use train recipes only, to *test* if each of them uses a test recipe, to
     *valid* if each uses a validation recipe and none a test recipe. Any other belongs to no part and is counted.
@@ -75,7 +80,8 @@ def make_tasks(
     if split is not None and split.graph != graph:
         raise TaskError("the split belongs to another graph.")
     sieve = _Sieve(search or PlanSearch(graph), depth, split, part)
-    if depth <= ENUMERATED_DEPTH:
+    is_complete = depth <= ENUMERATED_DEPTH and (depth == 1 or _num_plans_of_two(graph) <= MAX_ENUMERATED)
+    if is_complete:
         tasks = {posed: plans for posed in sorted(set(_enumerated(sieve.search, depth))) if (plans := sieve(posed))}
     else:
         tasks = _drawn(sieve, _Draw(sieve, weighting, seed), limit)
@@ -89,9 +95,14 @@ def make_tasks(
         goals=frozen(np.array([goal for goal, _ in tasks], dtype=np.int64)),
         starts=frozen(padded([start for _, start in tasks], graph.num_entities, depth + 1)),
         plans=tuple(tasks.values()),
-        is_complete=depth <= ENUMERATED_DEPTH,
+        is_complete=is_complete,
         mixed=len(sieve.mixed),
     )
+
+
+def _num_plans_of_two(graph: RecipeGraph) -> int:
+    """Return how many plans of two attempts there are at most: a recipe, and a recipe of one of its ingredients."""
+    return int(graph.recipe_counts[graph.recipes[:, :2]].sum())
 
 
 class _Sieve:

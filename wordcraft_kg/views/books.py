@@ -1,20 +1,38 @@
 """The recipe books known by name, and the check of a book."""
 
-from wordcraft_kg.errors import SplitError
+from wordcraft_kg.errors import RecipeFileError, SplitError
 from wordcraft_kg.graphs.book_check import BookCheck, BookFigures, Finding, check_book, listed
-from wordcraft_kg.graphs.library import FETCHABLE, cache_folder, data_folder, known_books, locate_book, open_book
+from wordcraft_kg.graphs.library import (
+    FETCHABLE,
+    KnownBook,
+    cache_folder,
+    data_folder,
+    known_books,
+    locate_book,
+    open_book,
+)
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.splits import SplitConfig, make_split
-from wordcraft_kg.records import Record
+from wordcraft_kg.records import Count, Record
+
+MAX_COUNTED = 8 * 2**20
+"""Bytes. A larger book is listed without its size, because reading it would take seconds."""
 
 
 class ListedBook(Record):
-    """A book's name, its origin, its file if it has one, and a note."""
+    """A book's name, its origin, its file if it has one, and a note.
+
+    Attributes:
+        entities: number of its entities; None if it is not on this machine, cannot be read, or is very large.
+        recipes: number of its recipes, likewise.
+    """
 
     name: str
     origin: str
     path: str | None
     note: str
+    entities: Count | None
+    recipes: Count | None
 
 
 class BookList(Record):
@@ -51,11 +69,25 @@ def view_books() -> BookList:
             origin=book.origin,
             path=None if book.path is None else str(book.path),
             note=FETCHABLE[book.name].note if book.name in FETCHABLE else "",
+            entities=size[0] if size else None,
+            recipes=size[1] if size else None,
         )
         for book in known_books()
+        for size in [_size(book)]
     )
     folder = data_folder()
     return BookList(books, str(cache_folder()), None if folder is None else str(folder))
+
+
+def _size(book: KnownBook) -> tuple[int, int] | None:
+    """Return how many entities and recipes a book has, if that is known at once."""
+    if book.path is None or book.path.stat().st_size > MAX_COUNTED:
+        return None
+    try:
+        content = open_book(book.name)
+    except RecipeFileError:
+        return None
+    return len(content.entities), len(content.recipes)
 
 
 def view_check(

@@ -14,7 +14,8 @@ from wordcraft_kg.errors import ConfigError, MissingExtraError, OutputExistsErro
 from wordcraft_kg.graphs import Recipe, RecipeBook, RecipeGraph, SplitConfig, make_split, read_book
 from wordcraft_kg.graphs.export import EXPORTERS, NAMESPACE, export_graph
 from wordcraft_kg.graphs.folder import OpenedGraph
-from wordcraft_kg.graphs.frames import triples_frame
+from wordcraft_kg.graphs.frames import entities_frame, triples_frame
+from wordcraft_kg.graphs.triples import triple_lines
 
 AWKWARD = [
     "#hash",
@@ -99,6 +100,11 @@ def test_graph_drawings_hold_each_recipe_as_a_node(source, tmp_path, format, rea
     assert view.number_of_edges() == 3 * source.graph.num_recipes
     assert recipes_in(view) == source.graph.recipe_labels()
     assert {node for node, base in view.nodes(data="base") if base} == set(source.graph.base)
+    frame = entities_frame(source.graph).set_index("entity")
+    for label, node in view.nodes(data=True):
+        if node["kind"] == "entity":
+            assert (node["recipes"], node["uses"]) == tuple(frame.loc[label, ["recipes", "uses"]])
+            assert node.get("layer") == (None if pd.isna(frame.loc[label, "layer"]) else frame.loc[label, "layer"])
 
 
 @pytest.mark.parametrize("format", ["nt", "ttl"])
@@ -118,7 +124,15 @@ def test_rdf_holds_the_triples_and_labels(source, tmp_path, format):
     assert found == oracles.triples(source.graph.recipe_labels())
     labels = {str(label) for label in store.objects(predicate=rdflib.RDFS.label)}
     assert labels == set(source.graph.entities)
-    assert len(store) == len(found) + len(labels)
+    made: dict[str, tuple[list[str], list[str]]] = {}
+    for recipe, predicate, thing in store:
+        if str(predicate).startswith(f"{NAMESPACE}role:"):
+            roles = made.setdefault(str(recipe), ([], []))
+            roles[str(predicate).endswith("result")].append(unquote(str(thing).removeprefix(entity)))
+    recipes = [Recipe.of(parts[0], parts[-1], result) for parts, (result,) in made.values()]
+    assert sorted(recipes) == source.graph.recipe_labels()
+    roles = sum(len(parts) + 1 for parts, _ in made.values())
+    assert len(store) == len(found) + len(labels) + roles + len(recipes)
 
 
 def test_libkge_holds_ids_and_the_triples_of_each_part(source, tmp_path):
@@ -184,6 +198,42 @@ def test_a_file_is_never_replaced_by_a_folder(kitchen, tmp_path):
     assert (tmp_path / "out").read_text(encoding="utf-8") == "mine"
 
 
+@pytest.mark.parametrize("part", ["full", "partial", "unseen"])
+def test_an_export_holds_the_part_that_is_asked_for(source, tmp_path, part):
+    split, graph = source.split, source.graph
+    is_train = split.is_in("train")
+    rows = {"full": is_train | True, "partial": is_train, "unseen": ~is_train}[part]
+    triples = {"full": graph.triples, "partial": split.partial, "unseen": split.unseen}[part]
+    export_graph(source, "tsv", tmp_path / "a.tsv", part=part)
+    lines = (tmp_path / "a.tsv").read_text(encoding="utf-8").splitlines()
+    assert lines == [line.rstrip("\n") for line in triple_lines(triples, graph.entities)]
+    export_graph(source, "csv", tmp_path / "a.csv", part=part)
+    book = read_book(tmp_path / "a.csv", keep_self_results=True)
+    assert (list(book.recipes), book.entities) == (graph.recipe_labels(graph.recipes[rows]), graph.entities)
+    export_graph(source, "graphml", tmp_path / "a.graphml", part=part)
+    assert recipes_in(nx.read_graphml(tmp_path / "a.graphml")) == list(book.recipes)
+    export_graph(source, "nt", tmp_path / "a.nt", part=part)
+    statements = (tmp_path / "a.nt").read_text(encoding="utf-8").splitlines()
+    assert sum(":relation:" in statement for statement in statements) == len(triples)
+    assert sum(statement.endswith("Recipe> .") for statement in statements) == len(book.recipes)
+
+
+def test_a_part_of_a_format_that_holds_all_parts_is_refused(kitchen, tmp_path):
+    with pytest.raises(ConfigError, match="`part` 'partial': libkge holds the parts of the split already"):
+        export_graph(opened(kitchen), "libkge", tmp_path / "out", part="partial")
+    with pytest.raises(ConfigError, match="`part` 'parts': expected one of full, partial, unseen"):
+        export_graph(opened(kitchen), "tsv", tmp_path / "out", part="parts")
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("format", ["graphml", "gexf", "ttl"])
+def test_an_export_that_would_take_too_much_memory_is_refused_with_its_cost(kitchen, tmp_path, monkeypatch, format):
+    monkeypatch.setattr("wordcraft_kg.graphs.export.MOST_BYTES", 2**20)
+    with pytest.raises(ConfigError, match=f"`format` '{format}': 326 recipes would take about 0 GiB of memory"):
+        export_graph(opened(kitchen), format, tmp_path / "out")
+    assert not list(tmp_path.iterdir())
+
+
 def test_an_unknown_format_is_refused_with_the_nearest_one(kitchen, tmp_path):
     with pytest.raises(ConfigError, match=r"`format` 'graphm': expected one of tsv, .*Did you mean 'graphml'"):
         export_graph(opened(kitchen), "graphm", tmp_path / "out")
@@ -191,7 +241,7 @@ def test_an_unknown_format_is_refused_with_the_nearest_one(kitchen, tmp_path):
 
 @pytest.mark.parametrize(
     ("format", "package", "extra"),
-    [("nt", "rdflib", "rdf"), ("ttl", "rdflib", "rdf")],
+    [("ttl", "rdflib", "rdf")],
 )
 def test_a_missing_package_is_refused_with_the_extra_that_brings_it(
     kitchen, tmp_path, monkeypatch, format, package, extra

@@ -6,11 +6,12 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from wordcraft_kg.cli.console import Flag, Output
-from wordcraft_kg.graphs.export import Format
+from wordcraft_kg.graphs.export import ExportPart, Format
 
 EXAMPLES = (
     "wordcraft-kg export everyday --format graphml --out everyday.graphml",
     "wordcraft-kg export graphs/everyday --format libkge --out everyday-libkge",
+    "wordcraft-kg export graphs/everyday --format tsv --part partial --out train.tsv",
 )
 
 
@@ -19,6 +20,7 @@ def export(
     *,
     format: Format,
     out: Annotated[Path, Parameter(name=["--out"])],
+    part: ExportPart = "full",
     force: Flag = False,
     output: Output = Output(),
 ) -> None:
@@ -26,17 +28,19 @@ def export(
 
     Args:
         graph: graph folder, recipe book or known book's name.
-        format: tsv (triples), libkge (dataset folder), graphml or gexf (with recipe nodes), nt or ttl (RDF), parquet
-            (triples), csv or json (recipe book).
+        format: tsv (triples), libkge (dataset folder with all parts), graphml or gexf (with recipe nodes), nt or ttl
+            (RDF, with recipe nodes), parquet (triples), csv or json (recipe book).
         out: file to write, or folder for libkge.
+        part: full (all recipes, those of the test part too), partial (the train recipes), or unseen (the held-out
+            recipes, and the triples that no train recipe gives). Entities and base are always complete.
         force: replace it if it exists.
     """
     from wordcraft_kg.graphs.export import EXPORTERS, export_graph
     from wordcraft_kg.graphs.folder import open_graph
 
     opened = open_graph(graph)
-    export_graph(opened, format, out, force=force)
+    export_graph(opened, format, out, part=part, force=force)
     output.result(
-        {"graph": opened.graph.name, "hash": opened.graph.hash, "format": format, "out": str(out)},
-        [f"wrote {out}: {EXPORTERS[format].about}"],
+        {"graph": opened.graph.name, "hash": opened.graph.hash, "format": format, "part": part, "out": str(out)},
+        [f"wrote {out}: {EXPORTERS[format].about}{'' if EXPORTERS[format].is_folder else f'; part: {part}'}"],
     )

@@ -1,53 +1,118 @@
-"""Writing a graph for other tools. A new exporter is a function ``(opened, path) -> None`` in :data:`EXPORTERS`."""
+"""Writing a graph for other tools. A new exporter is a function ``(content, path) -> None`` in :data:`EXPORTERS`."""
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, get_args
 from urllib.parse import quote
 
 from wordcraft_kg.artefacts import staged_file, staged_folder, write_atomically
-from wordcraft_kg.errors import MissingExtraError
+from wordcraft_kg.errors import ConfigError, MissingExtraError
+from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.frames import to_networkx, triples_frame
+from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.recipes import RecipeBook, write_book
 from wordcraft_kg.graphs.triples import RELATIONS, triple_lines
 from wordcraft_kg.progress import stage
 from wordcraft_kg.settings import one_of
 
 NAMESPACE = "urn:wordcraft-kg:"
-"""IRI prefix of entities (``...entity:<label, percent-encoded>``) and relations (``...relation:<name>``)."""
+"""Prefix of the IRIs of entities (``...entity:<label>``), recipes (``...recipe:<a>+<b>=<result>``), relations
+(``...relation:<name>``) and of what an entity is to a recipe (``...role:ingredient``, ``...role:result``); labels are
+percent-encoded."""
+RDF_TYPE = "http://www.w3.org/1999/02/22-rdf-syntax-ns#type"
+RDFS_LABEL = "http://www.w3.org/2000/01/rdf-schema#label"
+ExportPart = Literal["full", "partial", "unseen"]
+"""All recipes and their triples; the train recipes and theirs; or the held-out recipes, and the triples that no train
+recipe gives."""
+MOST_BYTES = 4 * 2**30
+"""Memory that an export may take."""
+GRAPHML, GEXF, TURTLE = 8_000, 8_000, 6_000
+"""Bytes that a recipe takes in memory while networkx or rdflib write it, measured by benchmarks/large_books.py."""
+
+
+@dataclass(frozen=True)
+class Content:
+    """What is exported: a part of a graph with a split."""
+
+    opened: OpenedGraph
+    part: ExportPart = "full"
+
+    @cached_property
+    def graph(self) -> RecipeGraph:
+        """The graph with the recipes of the part only; entities and ids stay."""
+        graph, split = self.opened.graph, self.opened.split
+        if self.part == "full":
+            return graph
+        is_train = split.is_in("train")
+        kept = graph.recipes[is_train if self.part == "partial" else ~is_train]
+        return RecipeGraph(graph.entities, kept, graph.base_ids, graph.name)
+
+    @property
+    def triples(self) -> Ids:
+        """The triples of the part, shape (T, 3), sorted."""
+        return self.opened.split.unseen if self.part == "unseen" else self.opened.triples(self.part)
 
 
 @dataclass(frozen=True)
 class Exporter:
-    """A format: what it is for, whether it is a folder, and the function that writes it."""
+    """A format.
+
+    Attributes:
+        about: what it holds.
+        write: the function that writes it.
+        is_folder: whether it is a folder.
+        recipe_bytes: about how much memory a recipe takes while it is written; 0 where that is little.
+    """
 
     about: str
-    write: Callable[[OpenedGraph, Path], None]
+    write: Callable[[Content, Path], None]
     is_folder: bool = False
+    recipe_bytes: int = 0
 
 
 @stage("writing the export")
-def export_graph(opened: OpenedGraph, format: str, out: Path, *, force: bool = False) -> None:
+def export_graph(
+    opened: OpenedGraph, format: str, out: Path, *, part: ExportPart = "full", force: bool = False
+) -> None:
     """Write a graph in one of the formats of :data:`EXPORTERS`; the output appears complete or not at all.
 
+    Args:
+        opened: the graph and its split.
+        format: name of the format.
+        out: file or folder to write.
+        part: recipes and triples to write; entities and base are always complete.
+        force: replace ``out`` if it exists.
+
     Raises:
-        ConfigError: for an unknown format.
+        ConfigError: for an unknown format, one that holds all parts if another part is asked for, or one that would
+            take more than :data:`MOST_BYTES` for so many recipes.
         MissingExtraError: if the format needs a package that is not installed.
         OutputExistsError: if ``out`` exists and ``force`` is False.
     """
     one_of("format", format, tuple(EXPORTERS))
+    one_of("part", part, get_args(ExportPart))
     exporter = EXPORTERS[format]
+    if part != "full" and exporter.is_folder:
+        raise ConfigError(f"`part` {part!r}: {format} holds the parts of the split already; leave the part out.")
+    content = Content(opened, part)
+    needed = content.graph.num_recipes * exporter.recipe_bytes
+    if needed > MOST_BYTES:
+        raise ConfigError(
+            f"`format` {format!r}: {content.graph.num_recipes:,} recipes would take about {needed / 2**30:.0f} GiB of "
+            f"memory; expected at most {MOST_BYTES / 2**30:.0f}. Take nt, tsv, parquet, csv or json, which take little."
+        )
     staged = staged_folder if exporter.is_folder else staged_file
     with staged(out, force=force) as path:
-        exporter.write(opened, path)
+        exporter.write(content, path)
 
 
-def _book(ending: str) -> Callable[[OpenedGraph, Path], None]:
-    def write(opened: OpenedGraph, path: Path) -> None:
-        graph = opened.graph
+def _book(ending: str) -> Callable[[Content, Path], None]:
+    def write(content: Content, path: Path) -> None:
+        graph = content.graph
         recipes = graph.recipe_labels()
         book = RecipeBook.of(graph.name, recipes, base=graph.base, listed=graph.entities, keep_self_results=True)
         staged = path.with_name("book" + ending)
@@ -57,13 +122,13 @@ def _book(ending: str) -> Callable[[OpenedGraph, Path], None]:
     return write
 
 
-def _tsv(opened: OpenedGraph, path: Path) -> None:
-    write_atomically(path, triple_lines(opened.graph.triples, opened.graph.entities))
+def _tsv(content: Content, path: Path) -> None:
+    write_atomically(path, triple_lines(content.triples, content.graph.entities))
 
 
-def _libkge(opened: OpenedGraph, folder: Path) -> None:
+def _libkge(content: Content, folder: Path) -> None:
     """LibKGE's dataset folder: ids as ``.del`` files, the triples of each part by id, and ``dataset.yaml``."""
-    graph, split = opened.graph, opened.split
+    graph, split = content.opened.graph, content.opened.split
     for name, labels in (("entity_ids", graph.entities), ("relation_ids", RELATIONS)):
         write_atomically(folder / f"{name}.del", (f"{i}\t{label}\n" for i, label in enumerate(labels)))
     parts = {"train": split.partial, "valid": split.held_out("valid"), "test": split.held_out("test")}
@@ -89,39 +154,55 @@ def _libkge(opened: OpenedGraph, folder: Path) -> None:
     write_atomically(folder / "dataset.yaml", "\n".join(lines) + "\n")
 
 
-def _graphml(opened: OpenedGraph, path: Path) -> None:
+def _graphml(content: Content, path: Path) -> None:
     import networkx as nx
 
-    nx.write_graphml(to_networkx(opened.graph, recipe_nodes=True), path)
+    nx.write_graphml(to_networkx(content.graph, recipe_nodes=True), path)
 
 
-def _gexf(opened: OpenedGraph, path: Path) -> None:
+def _gexf(content: Content, path: Path) -> None:
     import networkx as nx
 
-    nx.write_gexf(to_networkx(opened.graph, recipe_nodes=True), path)
+    nx.write_gexf(to_networkx(content.graph, recipe_nodes=True), path)
 
 
-def _rdf(format: str) -> Callable[[OpenedGraph, Path], None]:
-    def write(opened: OpenedGraph, path: Path) -> None:
-        rdflib = _needs("rdflib", "rdf")
-        store = rdflib.Graph()
-        entity, relation = (rdflib.Namespace(f"{NAMESPACE}{kind}:") for kind in ("entity", "relation"))
-        store.bind("relation", relation)
-        store.bind("entity", entity)
-        nodes = [entity[quote(label, safe="")] for label in opened.graph.entities]
-        for node, label in zip(nodes, opened.graph.entities, strict=True):
-            store.add((node, rdflib.RDFS.label, rdflib.Literal(label)))
-        for head, predicate, tail in opened.graph.triples.tolist():
-            store.add((nodes[head], relation[RELATIONS[predicate]], nodes[tail]))
-        text = store.serialize(format=format, encoding="utf-8")
-        # N-Triples come in the order of a hash table; sorting the lines gives the same bytes every time.
-        path.write_bytes(b"".join(sorted(text.splitlines(keepends=True))) if format == "nt" else text)
-
-    return write
+def _statements(content: Content) -> Iterator[tuple[str, str, str]]:
+    """Yield RDF statements as IRIs, the object of a label as text; a pair of one thing has one ingredient."""
+    code = [quote(label, safe="") for label in content.graph.entities]
+    entities = [f"{NAMESPACE}entity:{label}" for label in code]
+    for iri, label in zip(entities, content.graph.entities, strict=True):
+        yield iri, RDFS_LABEL, label
+    for head, relation, tail in zip(*(column.tolist() for column in content.triples.T), strict=True):
+        yield entities[head], f"{NAMESPACE}relation:{RELATIONS[relation]}", entities[tail]
+    for a, b, result in zip(*(column.tolist() for column in content.graph.recipes.T), strict=True):
+        recipe = f"{NAMESPACE}recipe:{code[a]}+{code[b]}={code[result]}"
+        yield recipe, RDF_TYPE, f"{NAMESPACE}Recipe"
+        for part in dict.fromkeys((a, b)):
+            yield recipe, f"{NAMESPACE}role:ingredient", entities[part]
+        yield recipe, f"{NAMESPACE}role:result", entities[result]
 
 
-def _parquet(opened: OpenedGraph, path: Path) -> None:
-    triples_frame(opened.graph).to_parquet(path, engine="pyarrow", index=False)
+def _nt(content: Content, path: Path) -> None:
+    def line(subject: str, predicate: str, value: str) -> str:
+        escaped = value.replace("\\", "\\\\").replace('"', '\\"')
+        return f"<{subject}> <{predicate}> " + (f'"{escaped}" .\n' if predicate == RDFS_LABEL else f"<{value}> .\n")
+
+    write_atomically(path, (line(*statement) for statement in _statements(content)))
+
+
+def _ttl(content: Content, path: Path) -> None:
+    rdflib = _needs("rdflib", "rdf")
+    store = rdflib.Graph()
+    for prefix in ("entity", "recipe", "relation", "role"):
+        store.bind(prefix, rdflib.Namespace(f"{NAMESPACE}{prefix}:"))
+    for subject, predicate, value in _statements(content):
+        term = rdflib.Literal(value) if predicate == RDFS_LABEL else rdflib.URIRef(value)
+        store.add((rdflib.URIRef(subject), rdflib.URIRef(predicate), term))
+    path.write_bytes(store.serialize(format="turtle", encoding="utf-8"))
+
+
+def _parquet(content: Content, path: Path) -> None:
+    triples_frame(content.graph, content.triples).to_parquet(path, engine="pyarrow", index=False)
 
 
 def _needs(package: str, extra: str) -> Any:
@@ -136,12 +217,14 @@ def _needs(package: str, extra: str) -> Any:
 
 
 EXPORTERS = {
-    "tsv": Exporter("triples of the full graph, head relation tail", _tsv),
+    "tsv": Exporter("triples, head relation tail", _tsv),
     "libkge": Exporter("LibKGE dataset folder with train, valid and test", _libkge, is_folder=True),
-    "graphml": Exporter("GraphML, with a node for each recipe between its ingredients and its result", _graphml),
-    "gexf": Exporter("GEXF for Gephi, with a node for each recipe", _gexf),
-    "nt": Exporter("RDF N-Triples (extra: rdf)", _rdf("nt")),
-    "ttl": Exporter("RDF Turtle (extra: rdf)", _rdf("turtle")),
+    "graphml": Exporter(
+        "GraphML, with a node for each recipe between its ingredients and its result", _graphml, recipe_bytes=GRAPHML
+    ),
+    "gexf": Exporter("GEXF for Gephi, with a node for each recipe", _gexf, recipe_bytes=GEXF),
+    "nt": Exporter("RDF N-Triples, with a node for each recipe", _nt),
+    "ttl": Exporter("RDF Turtle, with a node for each recipe (extra: rdf)", _ttl, recipe_bytes=TURTLE),
     "parquet": Exporter("triples as a Parquet table", _parquet),
     "csv": Exporter("recipe book with its base, for build-graph", _book(".csv")),
     "json": Exporter("recipe book in our own JSON, for build-graph", _book(".json")),

@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.planner import layers
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.recipes import Recipe
@@ -17,6 +18,9 @@ if TYPE_CHECKING:
 def to_networkx(graph: RecipeGraph, *, recipe_nodes: bool = False) -> "nx.MultiDiGraph":
     """Return a networkx view.
 
+    Nodes of entities have ``kind="entity"``, ``base``, ``recipes`` (how many make it), ``uses`` (how many use it) and,
+    where they can be made from the base, ``layer``.
+
     Args:
         graph: the recipe graph.
         recipe_nodes: False gives the typed multigraph, entities joined by edges whose key and ``relation`` is
@@ -27,8 +31,11 @@ def to_networkx(graph: RecipeGraph, *, recipe_nodes: bool = False) -> "nx.MultiD
     import networkx as nx
 
     view = nx.MultiDiGraph(name=graph.name, hash=graph.hash)
-    in_base = set(graph.base_ids.tolist())
-    view.add_nodes_from((label, {"kind": "entity", "base": i in in_base}) for i, label in enumerate(graph.entities))
+    in_base = np.isin(np.arange(graph.num_entities), graph.base_ids)
+    columns = (in_base, graph.recipe_counts, graph.use_counts, layers(graph))
+    for label, base, recipes, uses, layer in zip(graph.entities, *(c.tolist() for c in columns), strict=True):
+        place = {"layer": layer} if layer >= 0 else {}  # GraphML has no way to write None
+        view.add_node(label, kind="entity", base=base, recipes=recipes, uses=uses, **place)
     if recipe_nodes:
         prefix = "recipe "
         while any(label.startswith(prefix) for label in graph.entities):
@@ -75,12 +82,12 @@ def recipes_frame(graph: RecipeGraph) -> "pd.DataFrame":
     return pd.DataFrame(graph.recipe_labels(), columns=list(Recipe._fields))
 
 
-def triples_frame(graph: RecipeGraph) -> "pd.DataFrame":
-    """Return a row per triple of the full knowledge graph: head, relation and tail as labels."""
+def triples_frame(graph: RecipeGraph, triples: Ids | None = None) -> "pd.DataFrame":
+    """Return a row per triple (by default all of the full knowledge graph): head, relation and tail as labels."""
     import pandas as pd
 
     names = np.array(graph.entities, dtype=object)
-    head, relation, tail = graph.triples.T
+    head, relation, tail = (graph.triples if triples is None else triples).T
     return pd.DataFrame(
         {"head": names[head], "relation": np.array(RELATIONS, dtype=object)[relation], "tail": names[tail]}
     )

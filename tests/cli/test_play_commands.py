@@ -3,6 +3,7 @@
 import io
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -14,7 +15,10 @@ from typing import Any
 import pytest
 
 from wordcraft_kg.agents.human import HumanProtocol, episode_seed, results_of, table_labels
+from wordcraft_kg.cli.terminal import Terminal
+from wordcraft_kg.envs.open_ended import OpenEndedEnv
 from wordcraft_kg.envs.wordcraft import WordCraftEnv
+from wordcraft_kg.graphs.folder import open_graph
 
 Run = Callable[..., Any]
 PROTOCOL = ("play", "kitchen", "--protocol", "paper")
@@ -58,18 +62,31 @@ def refused(outcome: Any, kind: str) -> str:
 
 
 def test_a_goal_is_made_by_typing_the_words_of_the_plan(typed: Run):
-    words, env = solution("kitchen", 1, part="all", num_distractors=4)
-    outcome = typed("\n".join(words) + "\n", "play", "kitchen", "--episodes", "1")
+    words, env = solution("kitchen", 1, part="all")
+    outcome = typed("\n".join(words) + "\n", "play", "kitchen", "--episodes", "1", "--seed", "0")
     assert (outcome.code, outcome.err) == (0, "")
     assert f"Make: {env.task.goal}" in outcome.out
     assert f"You made {env.task.goal}." in outcome.out
     assert "The plan: " + " + ".join(words) in outcome.out
-    assert outcome.out.splitlines()[-1] == "episodes played: 1   goal made: 1"
+    assert outcome.out.splitlines()[-1] == "goals made: 1 of 1   the same tasks again: --seed 0"
 
 
 def test_a_deeper_task_brings_what_is_made_to_the_table(typed: Run):
     words, _ = solution("kitchen", 1, part="train", depth=2, num_distractors=3, max_attempts=3)
-    options = ("--depth", "2", "--attempts", "3", "--part", "train", "--distractors", "3", "--episodes", "1")
+    options = (
+        "--depth",
+        "2",
+        "--attempts",
+        "3",
+        "--part",
+        "train",
+        "--distractors",
+        "3",
+        "--episodes",
+        "1",
+        "--seed",
+        "0",
+    )
     outcome = typed("\n".join(words) + "\n", "play", "kitchen", *options, "--json")
     values = json.loads(outcome.out)
     assert outcome.out.count("\n") == 1
@@ -91,43 +108,43 @@ def test_a_goal_that_was_not_made_is_followed_by_a_plan(typed: Run):
     outcome = typed("1\n1\n", "play", "kitchen", "--episodes", "1", "--seed", "2")
     assert "was not made." in outcome.out
     assert "plan" in outcome.out
-    assert outcome.out.splitlines()[-1] == "episodes played: 1   goal made: 0"
+    assert outcome.out.splitlines()[-1] == "goals made: 0 of 1   the same tasks again: --seed 2"
 
 
 def test_the_same_seed_poses_the_same_tasks_whatever_was_answered(typed: Run):
     def goals(text: str, seed: int) -> list[str]:
         shown = typed(text, "play", "kitchen", "--seed", seed, "--attempts", "2", "--episodes", "4").out
-        return [line for line in shown.splitlines() if "Make: " in line]
+        return [line.partition("   (made")[0] for line in shown.splitlines() if "Make: " in line]
 
     assert len(goals("1\n" * 16, 3)) == 4
     assert goals("1\n" * 16, 3) == goals("2\n1\n" * 8, 3)
     assert goals("1\n" * 16, 3) != goals("1\n" * 16, 4)
 
 
-BAD = ("0", "-1", "7", "x" * 5_000, "²", "", "  ", "\ufffd", "zzz", "?")
+BAD = ("0", "-1", "11", "x" * 5_000, "²", "", "  ", "\ufffd", "zzz", "?")
 
 
 @pytest.mark.parametrize("bad", BAD)
 def test_bad_input_is_asked_again_and_changes_nothing(typed: Run, bad: str):
-    words, _ = solution("kitchen", 1, part="all", num_distractors=4)
+    words, _ = solution("kitchen", 1, part="all")
     text = f"{bad}\n{words[0]}\n{bad}\n{bad}\n{words[1]}\n"
-    outcome = typed(text, "play", "kitchen", "--episodes", "1")
+    outcome = typed(text, "play", "kitchen", "--episodes", "1", "--seed", "0")
     assert "You made" in outcome.out
-    assert outcome.out.count("number of a thing" if bad == "?" else "expected 1 to 6") == 3 + (bad == "?")
+    assert outcome.out.count("number of a thing" if bad == "?" else "expected 1 to 10") == 3 + (bad == "?")
     assert "attempts left: 0" not in outcome.out
 
 
 def test_thousands_of_bad_lines_are_answered_one_by_one(typed: Run):
     outcome = typed("zzz\n" * 3_000, "play", "kitchen")
     assert outcome.code == 0
-    assert outcome.out.count("'zzz': expected 1 to 6") == 3_000
+    assert outcome.out.count("'zzz': expected 1 to 10") == 3_000
 
 
 @pytest.mark.parametrize("text", ["", "q\n", "Q", "1\nq\n", "1\n", "1"])
 def test_q_or_the_end_of_the_input_ends_the_game_in_good_order(typed: Run, text: str):
-    outcome = typed(text, "play", "kitchen")
+    outcome = typed(text, "play", "kitchen", "--seed", "7")
     assert (outcome.code, outcome.err) == (0, "")
-    assert outcome.out.splitlines()[-1] == "episodes played: 0   goal made: 0"
+    assert outcome.out.splitlines()[-1] == "goals made: 0 of 0   the same tasks again: --seed 7"
 
 
 def test_the_game_fits_80_columns(typed: Run):
@@ -136,12 +153,12 @@ def test_the_game_fits_80_columns(typed: Run):
 
 
 def test_input_that_is_not_text_is_bad_input():
-    command = [sys.executable, "-m", "wordcraft_kg", "play", "kitchen", "--episodes", "1"]
+    command = [sys.executable, "-m", "wordcraft_kg", "play", "kitchen", "--episodes", "1", "--seed", "2"]
     environment = os.environ | {"PYTHONIOENCODING": "utf-8:strict"}
-    done = subprocess.run(command, input=b"\xff\xfe\n1\n2\n", capture_output=True, cwd=ROOT, env=environment)
+    done = subprocess.run(command, input=b"\xff\xfe\n1\n1\n", capture_output=True, cwd=ROOT, env=environment)
     assert (done.returncode, done.stderr) == (0, b"")
-    assert b"expected 1 to 6" in done.stdout
-    assert done.stdout.endswith(b"episodes played: 1   goal made: 0\n")
+    assert b"expected 1 to 10" in done.stdout
+    assert done.stdout.endswith(b"goals made: 0 of 1   the same tasks again: --seed 2\n")
 
 
 @pytest.mark.parametrize(
@@ -151,6 +168,12 @@ def test_input_that_is_not_text_is_bad_input():
         (("--episodes", "-1"), "--episodes -1"),
         (("--depth", "3", "--attempts", "2"), "--attempts 2: expected a whole number, 3 to"),
         (("--distractors", "79"), "--distractors 79"),
+        (("--base", "water"), "--base water: tasks have no base; add --open-ended"),
+        (("--open-ended", "--depth", "2"), "--open-ended has no tasks"),
+        (("--open-ended", "--seed", "0"), "--open-ended has no tasks"),
+        (("--open-ended", "--protocol", "paper", "--out", "x.jsonl"), "--open-ended has no tasks"),
+        (("--open-ended", "--attempts", "0"), "--attempts 0"),
+        (("--open-ended", "--base", "flour", "--out", "x.jsonl"), "--base flour: nothing new can be made"),
         (("--out", "x.jsonl"), "--protocol paper"),
         (("--protocol", "paper"), "--out"),
         (("--protocol", "paper", "--out", "x.jsonl", "--depth", "2"), "fixes depth"),
@@ -166,6 +189,201 @@ def test_options_that_cannot_be_are_one_line(
     monkeypatch.chdir(tmp_path)
     assert message in refused(typed("", "play", "kitchen", *options), "ConfigError")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_the_first_pick_can_be_put_back(typed: Run):
+    words, _ = solution("kitchen", 1, part="all")
+    wrong = next(str(slot) for slot in range(1, 10))
+    text = "\n".join(["u", wrong, "u", wrong, "UNDO", *words])
+    outcome = typed(text + "\n", "play", "kitchen", "--episodes", "1", "--seed", "0")
+    assert "Nothing to put back: the hand is empty." in outcome.out
+    assert outcome.out.count(" is put back.") == 2
+    assert "You made" in outcome.out
+
+
+def test_the_tally_goes_along_with_the_game(typed: Run):
+    words = [word for number in (1, 2) for word in solution("kitchen", number, part="all")[0]]
+    command = ("play", "kitchen", "--seed", "0")
+    shown = typed("\n".join([*words, "1", "1", "1", "1", "q"]) + "\n", *command).out
+    headings = [line for line in shown.splitlines() if "Make: " in line]
+    assert [line.partition("   ")[2] for line in headings[:4]] == [
+        "",
+        "(made 1 of 1)",
+        "(made 2 of 2)",
+        "(made 2 of 3)",
+    ]
+    assert "3 of 7. Make: " in typed("1\n" * 5, *command, "--episodes", "7").out
+
+
+def test_another_session_has_other_tasks_and_says_how_to_have_them_again(typed: Run):
+    first, second = (typed("1\n1\n" * 3, "play", "kitchen", "--episodes", "3").out for _ in range(2))
+    seed = first.split("--seed ")[1].strip()
+    assert seed != second.split("--seed ")[1].strip()
+    assert typed("1\n1\n" * 3, "play", "kitchen", "--episodes", "3", "--seed", seed).out == first
+    drawn = json.loads(typed("", "play", "kitchen", "--json").out)["seed"]
+    assert 0 <= drawn < 1_000_000
+
+
+def stopped_by_ctrl_c(run: Run, monkeypatch: pytest.MonkeyPatch, typed: list[str], *command: object) -> Any:
+    """Run a command, type lines, and press Ctrl-C."""
+
+    def lines() -> Iterator[str]:
+        yield from (f"{line}\n" for line in typed)
+        raise KeyboardInterrupt
+
+    typing, stdin = lines(), io.StringIO()
+    monkeypatch.setattr(stdin, "readline", lambda: next(typing))
+    monkeypatch.setattr(sys, "stdin", stdin)
+    return run(*command)
+
+
+def test_ctrl_c_ends_the_line_and_shows_the_tally(run: Run, monkeypatch: pytest.MonkeyPatch):
+    outcome = stopped_by_ctrl_c(run, monkeypatch, ["1", "1", "1"], "play", "kitchen", "--seed", "2")
+    assert outcome.code == 130
+    assert outcome.out.endswith(" > \n")
+    assert outcome.err == "interrupted; goals made: 0 of 1   the same tasks again: --seed 2\n"
+
+
+class Screen(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+@pytest.mark.parametrize(
+    ("variables", "shown"),
+    [
+        ({}, "\x1b[32mmade\x1b[0m"),
+        ({"NO_COLOR": ""}, "\x1b[32mmade\x1b[0m"),
+        ({"NO_COLOR": "1"}, "made"),
+        ({"TERM": "dumb"}, "made"),
+    ],
+)
+def test_colours_are_for_terminals_that_want_them(
+    monkeypatch: pytest.MonkeyPatch, variables: dict[str, str], shown: str
+):
+    for name in ("NO_COLOR", "TERM"):
+        monkeypatch.delenv(name, raising=False)
+    for name, value in variables.items():
+        monkeypatch.setenv(name, value)
+    assert Terminal(Screen()).styled("made", "good") == shown
+    assert Terminal(io.StringIO()).styled("made", "good") == "made"
+
+
+# --- the open-ended world --------------------------------------------------------------------------------------------
+
+WORLD = ("play", "everyday", "--open-ended")
+GOOD = ["water", "earth", "air", "air"]  # mud and wind
+
+
+def test_the_open_ended_world_is_discovered_by_typing_names(typed: Run):
+    outcome = typed("\n".join([*GOOD, "air", "air", "mud", "time", "l"]) + "\n", *WORLD)
+    assert (outcome.code, outcome.err) == (0, "")
+    for shown in ("water + earth -> mud", "air + air -> wind", "air + air -> nothing new (tried before)", "  7 wind"):
+        assert shown in outcome.out
+    tally = outcome.out.splitlines()[-2:]
+    made = graph_results("everyday", "mud", "time")
+    discovered = 2 + len(set(made) - {"mud", "wind"})
+    assert tally[0] == (f"known: {5 + discovered} of 739, {discovered} of them discovered, after 4 of 100 attempts")
+    assert tally[1] == f"attempts with nothing new: {1 + (not made)}, pairs tried before: 1, hints: 0"
+
+
+def graph_results(graph: str, one: str, other: str) -> tuple[str, ...]:
+    opened = open_graph(graph).graph
+    return opened.labels(opened.results(one, other))
+
+
+def test_the_game_is_that_of_the_environment(typed: Run):
+    values = json.loads(typed("\n".join(GOOD) + "\n", *WORLD, "--attempts", "2", "--json").out)
+    env = OpenEndedEnv("everyday", max_attempts=2)
+    env.reset()
+    for one, other in (GOOD[:2], GOOD[2:]):
+        *_, info = env.step([env.graph.id_of(one), env.graph.id_of(other)])
+    assert info["outcome"] == "out_of_attempts"
+    assert (values["known"], values["reachable"]) == (info["known"], env.discovery.reachable)
+    assert values["discovered"] == ["mud", "wind"]
+    assert (values["attempts"], values["attempted"]) == (2, 2)
+
+
+def test_the_game_ends_when_everything_is_known(typed: Run, tmp_path: Path):
+    book = tmp_path / "book.csv"
+    book.write_text("ingredient_a,ingredient_b,result\na,b,c\nc,c,d\n")
+    text = "h\nh\na\nb\nh\nc\nc\nthis is not read any more\n"
+    values = json.loads(typed(text, "play", book, "--open-ended", "--base", "a,b", "--json").out)
+    assert (values["base"], values["known"], values["attempted"], values["hints"]) == (["a", "b"], 4, 2, 3)
+
+
+def test_a_hint_names_one_thing_and_then_the_pair_which_makes_something_new(typed: Run):
+    shown = typed("h\nh\n", *WORLD).out
+    one = shown.split("Something new can be made with ")[1].split(".")[0]
+    pair = next(line for line in shown.splitlines() if "makes something new" in line).split(" > ")[-1]
+    first, other = pair.removesuffix(" makes something new.").split(" + ")
+    assert first == one
+    outcome = typed(f"h\nh\n{first}\n{other}\n", *WORLD, "--json")
+    values = json.loads(outcome.out)
+    assert (values["hints"], values["fruitless"]) == (2, 0)
+    assert values["known"] > 5
+
+
+@pytest.mark.parametrize("count", range(7))
+def test_a_game_goes_on_from_its_file(typed: Run, tmp_path: Path, count: int):
+    lines = ["h", *GOOD, "h", "mud", "wind"]
+    whole, path = tmp_path / "whole.jsonl", tmp_path / "pieces.jsonl"
+    game = (*WORLD, "--attempts", "3")
+    expected = json.loads(typed("\n".join(lines) + "\n", *game, "--out", whole, "--json").out)
+    done = min(count, len(lines))
+    kept = done - (done in (2, 4, 7))  # the first pick of an attempt is not kept
+    typed("".join(f"{line}\n" for line in lines[:done]), *game, "--out", path)
+    outcome = typed("".join(f"{line}\n" for line in lines[kept:]), *game, "--out", path, "--json")
+    assert json.loads(outcome.out) == expected | {"out": str(path)}
+    assert path.read_bytes() == whole.read_bytes()
+    again = typed("1\n1\n", *game, "--out", path)
+    assert f"{path} is finished; nothing was changed." in again.out
+    assert path.read_bytes() == whole.read_bytes()
+
+
+def test_a_game_on_other_terms_or_a_damaged_one_is_refused_and_stays(typed: Run, tmp_path: Path):
+    path = tmp_path / "game.jsonl"
+    typed("\n".join(GOOD) + "\n", *WORLD, "--out", path)
+    before = path.read_bytes()
+    again = (*WORLD, "--out", path)
+    assert "--attempts 100, and this command has 7" in refused(typed("", *again, "--attempts", "7"), "ConfigError")
+    assert "--base" in refused(typed("", *again, "--base", "air,earth"), "ConfigError")
+    other = ("play", "kitchen", "--open-ended", "--out", path)
+    assert "was played on graph" in refused(typed("", *other), "GraphMismatchError")
+    assert path.read_bytes() == before
+    for line in ('{"picks": ["mud", "dragon"], "is_hint": false}', '{"picks": ["mud"]}', "{}", "no line of a game"):
+        path.write_bytes(before + line.encode() + b"\n")
+        assert "damaged" in refused(typed("", *again), "ArtefactError")
+    path.write_text("my notes\n")
+    assert "damaged" in refused(typed("", *again), "ArtefactError")
+    assert path.read_text() == "my notes\n"
+
+
+def test_a_torn_last_line_of_a_game_is_dropped(typed: Run, tmp_path: Path, caplog: pytest.LogCaptureFixture):
+    path = tmp_path / "game.jsonl"
+    typed("\n".join(GOOD) + "\n", *WORLD, "--out", path)
+    whole = path.read_bytes()
+    path.write_bytes(whole[:-5])
+    assert "Continuing after 1 attempts" in typed("", *WORLD, "--out", path).out
+    assert "torn" in caplog.text
+    typed("\n".join(GOOD[2:]) + "\n", *WORLD, "--out", path)
+    assert path.read_bytes() == whole
+
+
+def test_ctrl_c_in_the_open_ended_world_shows_the_tally(run: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+    path = tmp_path / "game.jsonl"
+    outcome = stopped_by_ctrl_c(run, monkeypatch, [*GOOD, "air"], *WORLD, "--out", path)
+    assert outcome.code == 130
+    assert outcome.err.startswith("interrupted; known: 7 of 739, 2 of them discovered, after 2 of 100 attempts; ")
+    assert f"the same command goes on with {path}" in outcome.err
+    assert path.read_bytes().count(b"\n") == 3
+
+
+def test_a_beginning_that_many_things_have_names_only_some(typed: Run):
+    shown = typed("a\n", "play", "everyday", "--distractors", "300", "--seed", "0").out
+    line = next(line for line in shown.splitlines() if "could be" in line)
+    assert line.count("(") == 8
+    assert re.search(r" and \d+ more; type more of the word", line)
 
 
 # --- protocol --------------------------------------------------------------------------------------------------------
@@ -254,6 +472,16 @@ def test_an_unfinished_session_says_how_to_go_on_and_not_how_many_test_tasks_wer
     outcome = typed("", *PROTOCOL, "--out", tmp_path / "human.jsonl")
     assert "Continuing after 75 answers" in outcome.out
     assert outcome.out.splitlines()[-1].startswith("answered 75 of 80; the same command continues")
+
+
+def test_a_session_keeps_the_seed_that_it_began_with(typed: Run, tmp_path: Path):
+    path = tmp_path / "human.jsonl"
+    typed("1\n1\n", *PROTOCOL, "--out", path, "--seed", "5")
+    assert typed("1\n1\n", *PROTOCOL, "--out", path).code == 0
+    assert json.loads(path.read_text().splitlines()[0])["seed"] == 5
+    assert len(without_seconds(path)) == 3
+    typed("1\n1\n", *PROTOCOL, "--out", tmp_path / "new.jsonl")
+    assert json.loads((tmp_path / "new.jsonl").read_text().splitlines()[0])["seed"] == 0
 
 
 def test_a_finished_file_says_so_and_stays(typed: Run, tmp_path: Path):

@@ -27,6 +27,8 @@ HUMAN_PARTS = ("train", "test")
 """Parts in their order. The answer is shown after each train task, and after no test task."""
 SCHEDULE = tuple((part, number) for part in HUMAN_PARTS for number in range(1, TASKS_PER_PART + 1))
 """Part and number of each task of a session."""
+MOST_CHOICES = 8
+"""How many of the things that a beginning could mean are named."""
 _SEED_KEYS = ("all", "train", "valid", "test")  # a part's place goes into the seeds, so it must never change
 
 
@@ -75,8 +77,9 @@ def read_pick(typed: str, table: Sequence[str]) -> int:
         if len(found) == 1:
             return found[0]
         if found:
-            choices = ", ".join(f"{table[slot]} ({slot + 1})" for slot in found)
-            raise ActionError(f"'{typed}' could be {choices}; type more of the word, or the number.")
+            choices = ", ".join(f"{table[slot]} ({slot + 1})" for slot in found[:MOST_CHOICES])
+            more = f" and {len(found) - MOST_CHOICES} more" if len(found) > MOST_CHOICES else ""
+            raise ActionError(f"'{typed}' could be {choices}{more}; type more of the word, or the number.")
     shown = typed if len(typed) <= 40 else f"{typed[:40]}..."
     raise ActionError(f"{shown!r}: {expected}.{nearest(typed, table)}")
 

@@ -300,6 +300,25 @@ def test_judging_agents_names_its_stages(
     assert stage in outcome.err.splitlines()
 
 
+@pytest.mark.parametrize("depth", [2, 3])
+def test_agents_with_another_task_weighting_are_compared_only_where_it_does_not_decide_which_tasks_there_are(
+    run: Run, world: Path, tmp_path: Path, depth: int
+) -> None:
+    small = ("--steps", 64, "--batch-size", 8, "--eval-every", 0, "--quiet", "--depth", depth, "--distractors", 1)
+    runs = [tmp_path / "task", tmp_path / "goal"]
+    for folder in runs:
+        options = ("--task-weighting", folder.name, "--out", folder)
+        assert run("train-agent", world / "graph", *small, *options).code == 0
+    options = ("--draws", 1, "--episodes", 0, "--distractors", 1, "--part", "train", "--out", tmp_path / "report")
+    done = run("compare-agents", *runs, *options)
+    if depth == 2:  # all tasks are enumerated
+        assert done.code == 0, done.err
+    else:
+        assert done.code == 1
+        assert "'goal' plays with task_weighting goal and 'task' with task" in done.err
+        assert not (tmp_path / "report").exists()
+
+
 @pytest.mark.parametrize("name", ["policy.safetensors", "constants.safetensors", "evaluation.json"])
 def test_a_damaged_file_of_a_finished_run_is_named(run: Run, world: Path, tmp_path: Path, name: str) -> None:
     import shutil

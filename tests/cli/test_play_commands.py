@@ -193,8 +193,7 @@ def test_options_that_cannot_be_are_one_line(
 
 def test_the_first_pick_can_be_put_back(typed: Run):
     words, _ = solution("kitchen", 1, part="all")
-    wrong = next(str(slot) for slot in range(1, 10))
-    text = "\n".join(["u", wrong, "u", wrong, "UNDO", *words])
+    text = "\n".join(["u", "1", "u", "2", "UNDO", *words])
     outcome = typed(text + "\n", "play", "kitchen", "--episodes", "1", "--seed", "0")
     assert "Nothing to put back: the hand is empty." in outcome.out
     assert outcome.out.count(" is put back.") == 2
@@ -206,12 +205,8 @@ def test_the_tally_goes_along_with_the_game(typed: Run):
     command = ("play", "kitchen", "--seed", "0")
     shown = typed("\n".join([*words, "1", "1", "1", "1", "q"]) + "\n", *command).out
     headings = [line for line in shown.splitlines() if "Make: " in line]
-    assert [line.partition("   ")[2] for line in headings[:4]] == [
-        "",
-        "(made 1 of 1)",
-        "(made 2 of 2)",
-        "(made 2 of 3)",
-    ]
+    so_far = [line.partition("   ")[2] for line in headings[:4]]
+    assert so_far == ["", "(made 1 of 1)", "(made 2 of 2)", "(made 2 of 3)"]
     assert "3 of 7. Make: " in typed("1\n" * 5, *command, "--episodes", "7").out
 
 

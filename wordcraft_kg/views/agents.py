@@ -36,6 +36,8 @@ from wordcraft_kg.views.bins import OPEN_END, binned
 
 RULES = ("depth", "max_attempts", "distractor_weighting", "distractor_policy", "ambiguity")
 """Settings of the tasks that must be equal in all agents that are compared."""
+DRAWN_BY = ("task_weighting",)
+"""Further ones where tasks are drawn instead of enumerated: they decide which there are."""
 DISTRACTORS = (1, 8)
 """Numbers of distractors in every report, besides those trained with."""
 TRAIN_RECIPES = ((0, 0), (1, 1), (2, 2), (3, 4), (5, 8), (9, OPEN_END))
@@ -264,9 +266,11 @@ def view_agents(
     """
     everyone = [agent for members in groups.values() for agent in members]
     first = everyone[0]
-    _check_alike(everyone)
+    _check_alike(everyone, RULES)
     headline = first.config.tasks.distractors
     world = World(first.opened, first.config.tasks.environment(part, headline))
+    if not world.tasks.is_complete:
+        _check_alike(everyone, DRAWN_BY)
     played = _distractors(everyone, distractors, world.max_distractors)
     if headline not in played:
         headline = played[-1]
@@ -312,8 +316,8 @@ def summarise_agents(view: AgentsView, report: str) -> AgentsSummary:
     return AgentsSummary(report, view.part, view.depth, agents, view.baselines)
 
 
-def _check_alike(agents: Sequence[OpenedAgent]) -> None:
-    """Refuse agents with different tasks."""
+def _check_alike(agents: Sequence[OpenedAgent], rules: Sequence[str]) -> None:
+    """Refuse agents with different graphs, splits or rules."""
     first = agents[0]
     for agent in agents[1:]:
         if agent.opened.split.hash != first.opened.split.hash:
@@ -321,7 +325,7 @@ def _check_alike(agents: Sequence[OpenedAgent]) -> None:
                 f"'{agent.name}' and '{first.name}' were trained on different graphs or splits: their tasks are not "
                 "the same, and their figures cannot be compared. Train them on one graph folder."
             )
-        for rule in RULES:
+        for rule in rules:
             found, expected = getattr(agent.config.tasks, rule), getattr(first.config.tasks, rule)
             if found != expected:
                 raise ConfigError(

@@ -183,6 +183,25 @@ def test_a_single_run_is_not_taken_for_a_folder_of_seeds(run: Run, seeds: Path):
     assert "is a single run" in refused(outcome, "OutputExistsError")
 
 
+@pytest.mark.parametrize(
+    ("command", "name"),
+    [
+        (("evaluate-agent", "{}"), "plain"),
+        (("resume", "{}"), "plain"),
+        (("explain", "{}"), "plain"),
+        (("evaluate-links", "{}"), "links"),
+        (("score", "{}", "flour", "combinesWith"), "links"),
+        (("train-agent", "kitchen", "--out", "{}/never", "--scorer", "{}"), "links"),
+    ],
+)
+def test_where_one_run_is_needed_a_folder_of_seeds_is_refused_with_one_of_them(
+    run: Run, seeds: Path, command: tuple[str, ...], name: str
+):
+    message = refused(run(*(part.format(seeds / name) for part in command)), "ArtefactError")
+    assert f"holds a run for each of 2 seeds; give one, such as {seeds / name / 'seed-0'}." in message
+    assert not (seeds / name / "never").exists()
+
+
 def test_compare_agents_takes_a_folder_of_seeds_for_one_agent(run: Run, seeds: Path, tmp_path: Path):
     options = ("--draws", 1, "--episodes", 0, "--json")
     together = run("compare-agents", seeds / "plain", *options, "--out", tmp_path / "together")

@@ -129,12 +129,17 @@ def read_run(folder: Path) -> RunRecord:
     """Read ``run.json``.
 
     Raises:
-        ArtefactError: if the folder has none, or it is damaged.
+        ArtefactError: if the folder has none, holds one for each of several seeds, or it is damaged.
     """
     if not folder.exists():
         raise ArtefactError(f"'{folder}' does not exist; expected a folder written by a training command.")
     if not folder.is_dir():
         raise ArtefactError(f"'{folder}' is not a folder; expected one written by a training command.")
+    seeds = sorted(run.parent.name for run in folder.glob(f"seed-*/{RUN_FILE}"))
+    if seeds and not (folder / RUN_FILE).exists():
+        raise ArtefactError(
+            f"'{folder}' holds a run for each of {len(seeds)} seeds; give one, such as {folder / seeds[0]}."
+        )
     return read_record(folder / RUN_FILE, RunRecord)
 
 

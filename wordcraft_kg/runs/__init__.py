@@ -5,8 +5,8 @@ done. Only one process at a time works in it. The last two checkpoints are kept:
 before it is used. A finished run has results instead of checkpoints, and ``run.json`` records their hashes.
 
 Read ``folder`` first (begin, resume, checkpoint, finish, fail, replace), then ``record`` (``run.json``),
-``config_file`` (``config.toml``), ``checkpoints``, ``inputs`` (the graph that a run was trained on) and
-``interruption`` (Ctrl-C). In essence, training a model then reads::
+``config_file`` (``config.toml``), ``checkpoints``, ``inputs`` (the graph that a run was trained on), ``interruption``
+(Ctrl-C) and ``seeds`` (a folder of runs that differ in the seed). In essence, training a model then reads::
 
     LINKS = RunKind(("train-complex", "train-links"), unit="epoch", progress=LinkProgress, judged_by="evaluate-links")
 

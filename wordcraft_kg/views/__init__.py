@@ -2,7 +2,7 @@
 
 A view is a frozen :class:`~wordcraft_kg.records.Record`, ready for JSON with
 :func:`~wordcraft_kg.records.as_values`. Where a value of a lower package already has all that is shown (an audit, a
-comparison of links, a summary of people's sessions), that value is the view and this package has none.
+summary of people's sessions), that value is the view and this package has none.
 
 ::
 

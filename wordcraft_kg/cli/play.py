@@ -72,11 +72,11 @@ def play(
         out: file for a protocol's answers or an open-ended game (JSON lines). The same command goes on with it.
     """
     terminal = Terminal(sys.stderr if output.json else sys.stdout)
-    of_tasks = (depth, distractors, part, seed, episodes) == (1, WordCraftConfig.num_distractors, "all", None, 0)
+    is_untouched = (depth, distractors, part, seed, episodes) == (1, WordCraftConfig.num_distractors, "all", None, 0)
     if open_ended:
         from wordcraft_kg.cli.open_world import play_open_world
 
-        if protocol is not None or not of_tasks:
+        if protocol is not None or not is_untouched:
             raise ConfigError("--open-ended has no tasks; of the options, it takes attempts, base and out.")
         labels = split_labels(base) if base else None
         play_open_world(terminal, graph, labels, attempts, out, output)

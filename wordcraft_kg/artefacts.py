@@ -41,7 +41,7 @@ def read_small_file(path: Path) -> bytes:
         ArtefactError: if it is missing, not a regular file (a device never ends), or larger than :data:`SMALL_FILE`.
     """
     if not os.path.lexists(path):
-        raise ArtefactError(f"{path} is missing; the folder is incomplete or not of the expected kind.")
+        raise ArtefactError(f"{path} is missing; the folder is incomplete.")
     if not path.is_file() or path.stat().st_size > SMALL_FILE:
         raise ArtefactError(f"{path} is damaged: not a file, or larger than {SMALL_FILE:,} bytes. Restore a copy.")
     return path.read_bytes()
@@ -58,6 +58,26 @@ def read_json(path: Path) -> Any:
         return json.loads(data.decode())
     except (ValueError, RecursionError) as error:  # not UTF-8, not JSON, a number of 5,000 digits, nested too deeply
         raise ArtefactError(f"{path} is damaged: {error}. Make it again, or restore a copy.") from None
+
+
+def what_is(path: Path) -> str:
+    """Say what a path leads to, for the error that something else was expected there: "is a graph folder"."""
+    if not path.exists():
+        return "does not exist"
+    if not path.is_dir():
+        return "is a file"
+    if (path / "graph.json").is_file():
+        return "is a graph folder"
+    if (path / "run.json").is_file():
+        try:
+            return f"was written by {read_json(path / 'run.json')['kind']}"
+        except (ArtefactError, LookupError, TypeError):
+            return "is the folder of a run whose run.json is damaged"
+    if (path / "report.json").is_file():
+        return "is the folder of a report"
+    if (path / "dataset.yaml").is_file():
+        return "is a data set for LibKGE"
+    return f"has none of {', '.join(OWN_FILES)}" if any(path.iterdir()) else "is an empty folder"
 
 
 def write_atomically(path: Path, content: str | bytes | Iterable[str], *, durable: bool = False) -> None:
@@ -92,13 +112,15 @@ def check_output(out: Path, *, force: bool) -> None:
     """
     if out.is_file():
         raise OutputExistsError(f"'{out}' is a file, but the output is a folder. Choose another `out`.")
-    if out.exists() and not force:
-        raise OutputExistsError(f"'{out}' exists. Choose another `out`, or replace it with `force`.")
-    if out.exists() and any(out.iterdir()) and not any((out / name).is_file() for name in OWN_FILES):
+    if not out.exists():
+        return
+    if any(out.iterdir()) and not any((out / name).is_file() for name in OWN_FILES):
         raise OutputExistsError(
-            f"'{out}' does not look like an output of wordcraft-kg (it has none of {', '.join(OWN_FILES)}); "
+            f"'{out}' exists and does not look like an output of wordcraft-kg (it has none of {', '.join(OWN_FILES)}); "
             "it is not replaced, even with `force`. Choose another `out`."
         )
+    if not force:
+        raise OutputExistsError(f"'{out}' exists. Choose another `out`, or replace it with `force`.")
 
 
 @contextmanager

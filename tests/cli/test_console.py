@@ -6,6 +6,8 @@ import pytest
 
 from wordcraft_kg.cli import COMMANDS
 from wordcraft_kg.cli.failures import with_options
+from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_book, write_graph_folder
+from wordcraft_kg.runs.record import end_run, start_run
 
 # --- misuse and failure ----------------------------------------------------------------------------------------------
 
@@ -116,3 +118,84 @@ def test_the_usage_names_what_a_command_needs(run, name):
     assert usage.startswith(f"Usage: wordcraft-kg {name}")
     assert usage.endswith("[OPTIONS]")
     assert "ARGS" not in usage
+
+
+# --- the wrong kind of folder ----------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def folders(tmp_path_factory):
+    """A folder of each kind, by name; a run's has nothing but its record."""
+    root = tmp_path_factory.mktemp("folders")
+    book = open_book("kitchen")
+    write_graph_folder(root / "graph", book, make_split(RecipeGraph.from_book(book), SplitConfig()))
+    for name, kind in (("agent", "train-agent"), ("model", "train-complex")):
+        (root / name).mkdir()
+        end_run(root / name, start_run(root / name, kind), "done")
+    for name, file in (("report", "report.json"), ("own", "chapter.tex"), ("damaged", "run.json")):
+        (root / name).mkdir()
+        (root / name / file).write_text("{}")
+    (root / "empty").mkdir()
+    (root / "file").touch()
+    return root
+
+
+IS = {
+    "graph": "is a graph folder",
+    "agent": "was written by train-agent",
+    "model": "was written by train-complex",
+    "report": "is the folder of a report",
+    "own": "has none of graph.json, run.json, report.json, dataset.yaml",
+    "empty": "is an empty folder",
+    "file": "is a file",
+    "nothing": "does not exist",
+}
+RUN, MODEL = "expected a run of train-agent", "expected a model of train-complex or train-links"
+
+
+@pytest.mark.parametrize(
+    ("command", "own_kind", "expected"),
+    [
+        ("explain {}", "agent", RUN),
+        ("evaluate-agent {}", "agent", RUN),
+        ("compare-agents {}", "agent", RUN),
+        ("score {} flour combinesWith water", "model", MODEL),
+        ("evaluate-links {}", "model", MODEL),
+        ("compare-links {} {}", "model", MODEL),
+        ("train-agent kitchen --scorer {}", "model", MODEL),
+        ("baselines kitchen --scorer {}", "model", MODEL),
+        ("discover kitchen --scorer {}", "model", MODEL),
+        ("resume {}", "", "expected a run of a training command"),
+    ],
+    ids=lambda value: value.split()[0] if value else "any",
+)
+def test_the_wrong_kind_of_folder_is_named(run, folders, command, own_kind, expected):
+    for name, is_what in IS.items():
+        if name == own_kind or (own_kind == "" and name in ("agent", "model")):
+            continue
+        path = str(folders / name)
+        outcome = run(*command.replace("{}", path).split())
+        assert (outcome.code, outcome.kind) == (1, "ArtefactError")
+        assert outcome.err == f"error: '{path}' {is_what}; {expected}.\n"
+
+
+@pytest.mark.parametrize("command", ["describe", "tasks", "train-complex", "build-graph", "check-book"])
+@pytest.mark.parametrize("name", ["agent", "model", "report", "own", "empty"])
+def test_what_is_no_graph_is_named(run, folders, command, name):
+    outcome = run(command, folders / name)
+    assert outcome.code == 1
+    assert outcome.err.startswith(f"error: '{folders / name}' {IS[name]}; expected a ")
+
+
+def test_a_run_whose_record_is_damaged_is_not_taken_for_something_else(run, folders):
+    assert "run.json is damaged" in run("explain", folders / "damaged").err
+    assert "whose run.json is damaged; expected a graph folder" in run("describe", folders / "damaged").err
+
+
+@pytest.mark.parametrize("command", ["build-graph", "train-complex"])
+def test_force_is_not_advised_where_it_would_not_help(run, folders, command):
+    for options in ([], ["--force"]):
+        outcome = run(command, "kitchen", "--out", folders / "own", *options)
+        assert outcome.kind == "OutputExistsError"
+        assert "not replaced, even with --force" in outcome.err
+    assert run(command, "kitchen", "--out", folders / "report").err.endswith("or replace it with --force.\n")

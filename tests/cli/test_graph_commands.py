@@ -227,7 +227,7 @@ def test_a_blank_label_of_a_megabyte_is_refused_in_a_short_message(run, book, ou
 
 def test_a_directory_is_refused(refused, home):
     (home / "books").mkdir()
-    refused(home / "books", says=["books is a directory without a graph.json; give a recipe book (.csv, .tsv, .json)"])
+    refused(home / "books", says=["books' is an empty folder; expected a recipe book (.csv, .tsv, .json)"])
 
 
 def test_a_file_that_does_not_exist_is_refused(refused, home):

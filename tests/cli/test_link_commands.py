@@ -509,7 +509,7 @@ def test_a_missing_or_foreign_folder_is_a_clear_error_everywhere(run: Run, train
         ["compare-links", "{}", str(trained / "one")],
         ["compare-links", str(trained / "one"), "{}"],
     ):
-        for folder, expected in ((tmp_path / "nowhere", "does not exist"), (trained / "graph", "run.json is missing")):
+        for folder, expected in ((tmp_path / "nowhere", "does not exist"), (trained / "graph", "is a graph folder")):
             assert expected in refused(run(*(part.format(folder) for part in command)), "ArtefactError")
 
 

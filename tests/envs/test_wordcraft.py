@@ -300,7 +300,7 @@ def test_random_settings_and_actions_keep_every_rule(kitchen_opened, data):
             "`max_attempts` 20: expected at most 5",
         ),
         ({"graph": "kitchn"}, RecipeFileError, "Did you mean 'kitchen'"),
-        ({"graph": "tests"}, ArtefactError, "not a graph folder"),
+        ({"graph": "tests"}, ArtefactError, "expected a graph folder"),
     ],
 )
 def test_bad_settings_are_refused_by_name(changes, error, says):

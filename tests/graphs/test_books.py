@@ -84,7 +84,7 @@ def test_a_file_or_graph_folder_of_the_same_name_goes_before_a_known_book(home, 
 def test_a_folder_that_is_no_graph_is_refused(home, monkeypatch):
     monkeypatch.chdir(home)
     (home / "mine").mkdir()
-    with pytest.raises(RecipeFileError, match=r"mine is a directory without a graph\.json"):
+    with pytest.raises(RecipeFileError, match=r"mine' is an empty folder; expected a recipe book"):
         open_book("mine")
 
 

@@ -92,7 +92,7 @@ def test_an_existing_folder_is_kept_unless_forced(folder, kitchen):
 
 
 def test_a_folder_without_a_graph_is_refused(tmp_path):
-    with pytest.raises(ArtefactError, match=r"is not a graph folder \(no graph\.json\).*wordcraft-kg build-graph"):
+    with pytest.raises(ArtefactError, match=r"is an empty folder; expected a graph folder.*wordcraft-kg build-graph"):
         open_graph(tmp_path)
 
 

@@ -32,7 +32,7 @@ def test_a_run_is_on_record_while_it_runs(folder: Path):
 
 def test_a_run_that_ended_has_the_hashes_of_its_outputs(folder: Path):
     finished(folder)
-    run = read_finished_run(folder, "make it")
+    run = read_finished_run(folder, "a model", "weights")
     assert (run.status, run.outputs) == ("done", {"weights": sha256_of(folder / "weights")})
     assert run.started <= run.ended
 
@@ -66,12 +66,19 @@ def test_no_host_or_user_name_goes_into_a_record(folder: Path, monkeypatch: pyte
 def test_a_run_that_is_not_done_is_refused_with_its_status(folder: Path, status: str):
     end_run(folder, start_run(folder, "train-complex"), status)
     with pytest.raises(ArtefactError, match=rf"{status}, not done.*wordcraft-kg resume"):
-        read_finished_run(folder, "make it")
+        read_finished_run(folder, "a model", "model.bin")
 
 
-def test_a_run_that_does_not_exist_is_refused_with_the_command_that_makes_it(tmp_path: Path):
-    with pytest.raises(ArtefactError, match="`make it`"):
-        read_finished_run(tmp_path / "nowhere", "make it")
+def test_a_run_that_does_not_exist_is_refused_with_what_was_expected(tmp_path: Path):
+    with pytest.raises(ArtefactError, match="nowhere' does not exist; expected a model"):
+        read_finished_run(tmp_path / "nowhere", "a model", "model.bin")
+
+
+def test_a_run_without_the_expected_result_is_refused_with_what_it_is(folder: Path):
+    (folder / "policy.bin").touch()
+    end_run(folder, start_run(folder, "train-agent"), "done", ["policy.bin"])
+    with pytest.raises(ArtefactError, match="was written by train-agent; expected a model"):
+        read_finished_run(folder, "a model", "model.bin")
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]", "{}", '{"format": "something else 1"}', "3", "null"])

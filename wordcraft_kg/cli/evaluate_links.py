@@ -36,10 +36,11 @@ def evaluate_links(
         force: replace the report if it exists.
     """
     from wordcraft_kg.artefacts import check_output
+    from wordcraft_kg.runs.record import read_finished_run
 
     folder = out or model / "report"
-    if model.is_dir():
-        check_output(folder, force=force)
+    read_finished_run(model, "a model of train-complex or train-links", "model.safetensors")
+    check_output(folder, force=force)
     from wordcraft_kg.models.links.folder import open_model
     from wordcraft_kg.reports.link_report import make_link_report
     from wordcraft_kg.reports.report import write_report

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
-from wordcraft_kg.artefacts import dump_json, read_json, staged_folder, write_atomically
+from wordcraft_kg.artefacts import dump_json, read_json, staged_folder, what_is, write_atomically
 from wordcraft_kg.errors import ArtefactError, RecipeFileError, SplitError
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.audit import Audit, audit
@@ -91,7 +91,9 @@ def open_graph(source: str | Path, config: SplitConfig | None = None) -> OpenedG
     folder = Path(source)
     if folder.is_dir():
         if not (folder / "graph.json").is_file():
-            raise ArtefactError(f"'{source}' is not a graph folder (no graph.json). Make one: wordcraft-kg build-graph")
+            raise ArtefactError(
+                f"'{source}' {what_is(folder)}; expected a graph folder. Make one: wordcraft-kg build-graph"
+            )
         try:
             book = read_book(folder / "graph.json", keep_self_results=True)
         except RecipeFileError as error:

@@ -16,7 +16,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from wordcraft_kg.artefacts import write_atomically
+from wordcraft_kg.artefacts import what_is, write_atomically
 from wordcraft_kg.errors import RecipeFileError
 from wordcraft_kg.progress import stage
 from wordcraft_kg.settings import nearest
@@ -303,7 +303,9 @@ def read_bytes(path: Path) -> bytes:
         RecipeFileError: saying why they cannot be read.
     """
     if path.is_dir():
-        raise RecipeFileError(f"{path} is a directory without a graph.json; give a recipe book (.csv, .tsv, .json).")
+        raise RecipeFileError(
+            f"'{path}' {what_is(path)}; expected a recipe book (.csv, .tsv, .json) or a graph folder."
+        )
     try:
         return path.read_bytes()
     except FileNotFoundError:

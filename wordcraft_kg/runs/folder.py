@@ -11,7 +11,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Generic, Protocol, TypeVar
 
-from wordcraft_kg.artefacts import check_output, sha256_of, with_a_name, write_atomically
+from wordcraft_kg.artefacts import check_output, sha256_of, what_is, with_a_name, write_atomically
 from wordcraft_kg.errors import ArtefactError, OutputExistsError, TrainingError
 from wordcraft_kg.graphs.folder import KG
 from wordcraft_kg.runs.checkpoints import Checkpoints
@@ -68,12 +68,10 @@ class RunKind(Generic[P]):
         Raises:
             ArtefactError: if it is missing, damaged, or belongs to a run of another kind.
         """
-        if not folder.exists():
-            raise ArtefactError(f"'{folder}' does not exist. Make it with `wordcraft-kg {self.commands[0]}`.")
-        record = read_run(folder)
+        expected = f"a run of {' or '.join(self.commands)}"
+        record = read_run(folder, expected)
         if record.kind not in self.commands:
-            expected = " or ".join(self.commands)
-            raise ArtefactError(f"'{folder}' was written by {record.kind}; expected a run of {expected}.")
+            raise ArtefactError(f"'{folder}' {what_is(folder)}; expected {expected}.")
         return record
 
     def checkpoints(self, folder: Path) -> Checkpoints[P]:

@@ -1,6 +1,7 @@
 """Run records: what was run, on what, with which versions and which results (``run.json`` in every run's folder)."""
 
 import hashlib
+import os
 import platform
 import subprocess
 import sys
@@ -12,7 +13,7 @@ from typing import Literal
 
 from msgspec.structs import replace
 
-from wordcraft_kg.artefacts import dump_json, sha256_of, write_atomically
+from wordcraft_kg.artefacts import dump_json, sha256_of, what_is, write_atomically
 from wordcraft_kg.errors import ArtefactError
 from wordcraft_kg.graphs.folder import KG
 from wordcraft_kg.records import Record, as_values, read_record
@@ -125,35 +126,39 @@ def end_run(folder: Path, run: RunRecord, status: Status, outputs: Sequence[str]
     return _write(folder, replace(run, status=status, ended=_now(), outputs=hashes))
 
 
-def read_run(folder: Path) -> RunRecord:
+def read_run(folder: Path, expected: str = "a run of a training command") -> RunRecord:
     """Read ``run.json``.
 
     Raises:
-        ArtefactError: if the folder has none, holds one for each of several seeds, or it is damaged.
+        ArtefactError: if the folder has none, holds one for each of several seeds, or it is damaged; the message says
+            what was ``expected``.
     """
-    if not folder.exists():
-        raise ArtefactError(f"'{folder}' does not exist; expected a folder written by a training command.")
-    if not folder.is_dir():
-        raise ArtefactError(f"'{folder}' is not a folder; expected one written by a training command.")
-    seeds = sorted(run.parent.name for run in folder.glob(f"seed-*/{RUN_FILE}"))
-    if seeds and not (folder / RUN_FILE).exists():
-        raise ArtefactError(
-            f"'{folder}' holds a run for each of {len(seeds)} seeds; give one, such as {folder / seeds[0]}."
-        )
+    if not os.path.lexists(folder / RUN_FILE):
+        seeds = sorted(run.parent.name for run in folder.glob(f"seed-*/{RUN_FILE}"))
+        if seeds:
+            raise ArtefactError(
+                f"'{folder}' holds a run for each of {len(seeds)} seeds; give one, such as {folder / seeds[0]}."
+            )
+        raise ArtefactError(f"'{folder}' {what_is(folder)}; expected {expected}.")
     return read_record(folder / RUN_FILE, RunRecord)
 
 
-def read_finished_run(folder: Path, command: str) -> RunRecord:
+def read_finished_run(folder: Path, expected: str, result: str) -> RunRecord:
     """Read the record of a run that is done.
 
+    Args:
+        folder: folder of the run.
+        expected: what it should be, for the error.
+        result: a file that all such runs have when they are done.
+
     Raises:
-        ArtefactError: if there is no such folder or the run is not done; the message names ``command``.
+        ArtefactError: if there is no such run or it is not done.
     """
-    if not folder.exists():
-        raise ArtefactError(f"'{folder}' does not exist. Make it with `{command}`.")
-    run = read_run(folder)
+    run = read_run(folder, expected)
     if run.status != "done":
         raise ArtefactError(f"'{folder}' is {run.status}, not done. Resume it with: wordcraft-kg resume {folder}")
+    if result not in run.outputs:
+        raise ArtefactError(f"'{folder}' {what_is(folder)}; expected {expected}.")
     return run
 
 

@@ -352,7 +352,7 @@ def test_a_flipped_bit_in_a_finished_run_is_an_artefact_error_that_names_the_fil
 @pytest.mark.parametrize("name", [*FILES, "run.json"])
 def test_a_missing_file_is_an_artefact_error_that_names_it(folder: Path, name: str):
     (folder / name).unlink()
-    with pytest.raises(ArtefactError, match=rf"{name} is missing"):
+    with pytest.raises(ArtefactError, match=rf"{name} is missing|has none of .*{name}"):
         load_policy(folder)
 
 

@@ -393,12 +393,12 @@ def test_loading_what_does_not_exist_says_how_to_make_it(tmp_path: Path):
 
 
 def test_loading_a_file_is_refused(complex_folder: Path):
-    with pytest.raises(ArtefactError, match="not a folder"):
+    with pytest.raises(ArtefactError, match="is a file; expected a model"):
         load_scorer(complex_folder / "model.safetensors")
 
 
 def test_loading_a_folder_of_another_kind_is_refused(kitchen_folder: Path):
-    with pytest.raises(ArtefactError, match=r"run\.json is missing"):
+    with pytest.raises(ArtefactError, match="is a graph folder; expected a model"):
         load_scorer(kitchen_folder)
 
 
@@ -435,7 +435,7 @@ def test_a_truncated_file_is_an_artefact_error_that_names_it(spoilt: Spoilt, nam
 def test_a_missing_file_is_an_artefact_error_that_names_it(spoilt: Spoilt, name):
     folder, path = spoilt(name)
     path.unlink()
-    with pytest.raises(ArtefactError, match=rf"{name} is missing"):
+    with pytest.raises(ArtefactError, match=rf"{name} is missing|has none of .*{name}"):
         load_scorer(folder)
 
 

@@ -77,7 +77,7 @@ def open_model(folder: str | Path, graph: str | None = None) -> OpenedModel:
         ('partial', 'kitchen')
     """
     folder = Path(folder)
-    run = read_finished_run(folder, "wordcraft-kg train-complex")
+    run = read_finished_run(folder, "a model of train-complex or train-links", "model.safetensors")
     scorer = load_scorer(folder)
     verified_bytes(folder, run, "config.toml")
     if run.kind == SavedConfig.command:

@@ -214,7 +214,7 @@ def load_policy(folder: str | Path) -> Policy:
         True
     """
     folder = Path(folder)
-    run = read_finished_run(folder, "wordcraft-kg train-agent")
+    run = read_finished_run(folder, "a run of train-agent", "policy.safetensors")
     parameters = read_tensors(folder / "policy.safetensors", verified_bytes(folder, run, "policy.safetensors"))
     verified_bytes(folder, run, "policy.json")
     return read_policy(folder, verified_bytes(folder, run, "constants.safetensors"), parameters)

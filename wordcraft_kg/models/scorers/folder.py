@@ -56,7 +56,7 @@ def load_scorer(folder: str | Path, *, graph: RecipeGraph | None = None, device:
         torch.Size([2])
     """
     folder = Path(folder)
-    run = read_finished_run(folder, "wordcraft-kg train-complex")
+    run = read_finished_run(folder, "a model of train-complex or train-links", "model.safetensors")
     tensors = read_tensors(folder / "model.safetensors", verified_bytes(folder, run, "model.safetensors"))
     path = folder / "vocabulary.json"
     vocabulary = parse_record(verified_bytes(folder, run, path.name), Vocabulary, path)

@@ -1,10 +1,13 @@
 """The command line as a whole: how it answers misuse and failure, what it shows meanwhile, completion."""
 
 import json
+import shutil
+import subprocess
+from pathlib import Path
 
 import pytest
 
-from wordcraft_kg.cli import COMMANDS
+from wordcraft_kg.cli import ALL, make_app
 from wordcraft_kg.cli.failures import with_options
 from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_book, write_graph_folder
 from wordcraft_kg.runs.record import end_run, start_run
@@ -112,7 +115,7 @@ def test_help_is_a_command_too(run):
     assert run("help", "nonsense").code == 2
 
 
-@pytest.mark.parametrize("name", [name for names in COMMANDS.values() for name in names])
+@pytest.mark.parametrize("name", ALL)
 def test_the_usage_names_what_a_command_needs(run, name):
     usage = run(name, "--help").out.splitlines()[0]
     assert usage.startswith(f"Usage: wordcraft-kg {name}")
@@ -199,3 +202,76 @@ def test_force_is_not_advised_where_it_would_not_help(run, folders, command):
         assert outcome.kind == "OutputExistsError"
         assert "not replaced, even with --force" in outcome.err
     assert run(command, "kitchen", "--out", folders / "report").err.endswith("or replace it with --force.\n")
+
+
+# --- completion ------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def bash_script(tmp_path_factory):
+    path = tmp_path_factory.mktemp("completion") / "wordcraft-kg"
+    path.write_text(make_app().generate_completion(shell="bash"))
+    return path
+
+
+def bash(*arguments):
+    return subprocess.run(["bash", *arguments], capture_output=True, text=True, timeout=60, check=False)
+
+
+needs_bash = pytest.mark.skipif(shutil.which("bash") is None, reason="needs bash")
+
+
+@needs_bash
+def test_the_completion_script_is_valid_bash_and_completes_commands_and_options(bash_script):
+    checked = bash("-n", str(bash_script))
+    assert (checked.returncode, checked.stderr) == (0, "")
+
+    def completed(*words):
+        quoted = " ".join(f"'{word}'" for word in words)
+        program = f"source {bash_script}; COMP_WORDS=({quoted}); COMP_CWORD={len(words) - 1}; _wordcraft_kg"
+        return bash("-c", f'{program}; printf "%s\\n" "${{COMPREPLY[@]}}"').stdout.split()
+
+    assert set(ALL) <= set(completed("wordcraft-kg", ""))
+    assert completed("wordcraft-kg", "train-") == ["train-agent", "train-complex", "train-links"]
+    assert completed("wordcraft-kg", "build-graph", "--train-r") == ["--train-ratio"]
+    assert completed("wordcraft-kg", "build-graph", "--split", "by-g") == ["by-goal", "by-goal-terminals"]
+
+
+@pytest.mark.parametrize("shell", ["zsh", "fish"])
+def test_there_is_a_completion_script_for_other_shells(shell):
+    script = make_app().generate_completion(shell=shell)
+    assert all(name in script for name in ALL)
+
+
+@pytest.mark.parametrize(
+    ("words", "offered"),
+    [
+        (["describe", ""], {"everyday", "kitchen", "paper-examples", "own.csv", "graph"}),
+        (["describe", "{}/"], {"everyday", "kitchen", "paper-examples", "{}/own.csv", "{}/graph"}),
+        (["fetch", ""], {"little-alchemy-2"}),
+        (["score", ""], {"model"}),
+        (["train-agent", "kitchen", "--scorer", ""], {"model"}),
+        (["explain", ""], {"agent"}),
+        (["compare-agents", "agent", ""], {"agent"}),
+        (["resume", ""], {"agent", "model"}),
+    ],
+    ids=" ".join,
+)
+def test_books_graphs_models_and_runs_are_offered(run, home, folders, tmp_path, monkeypatch, words, offered):
+    for name in ("graph", "agent", "model", "damaged", "report"):
+        shutil.copytree(folders / name, tmp_path / name)
+    (tmp_path / ".hidden").mkdir()
+    shutil.copy(folders / "model" / "run.json", tmp_path / ".hidden")
+    (tmp_path / "own.csv").touch()
+    monkeypatch.chdir(tmp_path)
+    lines = run("__complete", *(word.format(tmp_path) for word in words)).out.split("\n\x1fbegin\n")[1].splitlines()
+    assert set(lines) == {name.format(tmp_path) for name in offered}
+
+
+def test_completion_can_be_installed(run, tmp_path, monkeypatch):
+    monkeypatch.setattr(Path, "home", lambda: tmp_path)
+    outcome = run("--install-completion", "--shell", "bash")
+    assert (outcome.code, outcome.err) == (0, "")
+    script = tmp_path / ".local/share/bash-completion/completions/wordcraft-kg"
+    assert str(script) in (tmp_path / ".bashrc").read_text()
+    assert "train-complex" in script.read_text()

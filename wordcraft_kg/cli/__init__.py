@@ -63,6 +63,10 @@ def make_app() -> App:
         result_action="return_value",
         suppress_keyboard_interrupt=False,
     )
+    app.register_install_completion_command(
+        help="Install completion for bash, zsh or fish: a script, and the line in ~/.bashrc or ~/.zshrc that loads it.",
+        help_epilogue="",
+    )
     for rank, (title, commands) in enumerate(COMMANDS.items()):
         group = Group(title, sort_key=rank)
         for name in commands:

@@ -1,10 +1,10 @@
 """``wordcraft-kg baselines``."""
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
+from wordcraft_kg.cli.completion import Book, Scorer
 from wordcraft_kg.cli.console import Output, whole_numbers
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.graphs.tasks import TaskPart
@@ -20,12 +20,12 @@ EXAMPLES = (
 
 
 def baselines(
-    graph: str = "everyday",
+    graph: Book = "everyday",
     *,
     distractors: Annotated[list[str] | None, Parameter(negative=(), consume_multiple=False)] = None,
     part: TaskPart = "test",
     depth: int = WordCraftConfig.depth,
-    scorer: Path | None = None,
+    scorer: Scorer = None,
     draws: int = 5,
     seed: int = 0,
     output: Output = Output(),

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
+from wordcraft_kg.cli.completion import Book
 from wordcraft_kg.cli.console import Flag, Output, aligned, names, split_labels
 from wordcraft_kg.cli.splits import split_rows
 from wordcraft_kg.graphs.splits import SPLITS, SplitConfig, SplitKind
@@ -25,7 +26,7 @@ def _kinds() -> str:
 
 
 def build_graph(
-    book: str = "everyday",
+    book: Book = "everyday",
     *,
     base: Annotated[list[str] | None, Parameter(negative=(), consume_multiple=False)] = None,
     base_file: Path | None = None,

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
+from wordcraft_kg.cli.completion import Book
 from wordcraft_kg.cli.console import Flag, Output, aligned, split_labels
 from wordcraft_kg.wording import counted
 
@@ -20,7 +21,7 @@ EXAMPLES = (
 
 
 def check_book(
-    book: str,
+    book: Book,
     *,
     base: Annotated[list[str] | None, Parameter(negative=(), consume_multiple=False)] = None,
     against: str | None = None,

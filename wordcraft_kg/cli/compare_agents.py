@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
+from wordcraft_kg.cli.completion import Agent
 from wordcraft_kg.cli.console import Flag, Output, whole_numbers
 from wordcraft_kg.graphs.tasks import TaskPart
 from wordcraft_kg.settings import whole
@@ -21,7 +22,7 @@ EXAMPLES = (
 
 
 def compare_agents(
-    *runs: Path,
+    *runs: Agent,
     part: TaskPart = "test",
     distractors: Annotated[list[str] | None, Parameter(negative=(), consume_multiple=False)] = None,
     draws: int = 5,

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from wordcraft_kg.cli.completion import Model
 from wordcraft_kg.cli.console import Flag, Output, aligned
 from wordcraft_kg.errors import OutputExistsError
 
@@ -17,9 +18,9 @@ EXAMPLES = (
 
 
 def compare_links(
-    a: Path,
-    b: Path,
-    *others: Path,
+    a: Model,
+    b: Model,
+    *others: Model,
     graph: str | None = None,
     resamples: int = 2_000,
     seed: int = 0,

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from wordcraft_kg.cli.completion import Book
 from wordcraft_kg.cli.console import Output, aligned, names
 from wordcraft_kg.cli.splits import split_rows
 from wordcraft_kg.wording import counted
@@ -15,7 +16,7 @@ if TYPE_CHECKING:
 EXAMPLES = ("wordcraft-kg describe everyday", "wordcraft-kg describe graphs/everyday --entity bread")
 
 
-def describe(graph: str, *, entity: str | None = None, output: Output = Output()) -> None:
+def describe(graph: Book, *, entity: str | None = None, output: Output = Output()) -> None:
     """Audit a graph: ambiguity, reachability, layers, degrees, coverage, leakage; or show one entity.
 
     Args:

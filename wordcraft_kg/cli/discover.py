@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
+from wordcraft_kg.cli.completion import Book, Scorer
 from wordcraft_kg.cli.console import Flag, Output, split_labels
 from wordcraft_kg.errors import ConfigError, OutputExistsError
 
@@ -19,12 +20,12 @@ List = Annotated[list[str] | None, Parameter(negative=(), consume_multiple=False
 
 
 def discover(
-    graph: str = "everyday",
+    graph: Book = "everyday",
     *,
     attempts: int = 100,
     runs: int = 100,
     players: List = None,
-    scorer: Path | None = None,
+    scorer: Scorer = None,
     base: List = None,
     seed: int = 0,
     out: Path | None = None,

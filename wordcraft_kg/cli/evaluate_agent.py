@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
+from wordcraft_kg.cli.completion import Agent
 from wordcraft_kg.cli.console import Output, whole_numbers
 from wordcraft_kg.graphs.tasks import TaskPart
 from wordcraft_kg.settings import whole
@@ -19,7 +20,7 @@ EXAMPLES = (
 
 
 def evaluate_agent(
-    run: Path,
+    run: Agent,
     *,
     part: TaskPart = "test",
     distractors: Annotated[list[str] | None, Parameter(negative=(), consume_multiple=False)] = None,

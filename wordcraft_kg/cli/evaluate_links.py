@@ -4,6 +4,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from wordcraft_kg.cli.completion import Model
 from wordcraft_kg.cli.console import Flag, Output, aligned
 from wordcraft_kg.models.scorers.config import MAX_QUERIES
 
@@ -18,7 +19,7 @@ EXAMPLES = (
 
 
 def evaluate_links(
-    model: Path,
+    model: Model,
     *,
     graph: str | None = None,
     max_queries: int = MAX_QUERIES,

@@ -1,9 +1,9 @@
 """``wordcraft-kg explain``."""
 
 from collections.abc import Iterator
-from pathlib import Path
 from typing import TYPE_CHECKING
 
+from wordcraft_kg.cli.completion import Agent
 from wordcraft_kg.cli.console import Output
 from wordcraft_kg.graphs.tasks import TaskPart
 from wordcraft_kg.settings import whole
@@ -18,7 +18,7 @@ EXAMPLES = (
 
 
 def explain(
-    run: Path,
+    run: Agent,
     *,
     goal: str | None = None,
     episodes: int = 3,

@@ -5,6 +5,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from wordcraft_kg.cli.completion import Book
 from wordcraft_kg.cli.console import Flag, Output
 from wordcraft_kg.graphs.export import ExportPart, Format
 
@@ -16,7 +17,7 @@ EXAMPLES = (
 
 
 def export(
-    graph: str,
+    graph: Book,
     *,
     format: Format,
     out: Annotated[Path, Parameter(name=["--out"])],

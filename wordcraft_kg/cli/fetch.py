@@ -1,11 +1,12 @@
 """``wordcraft-kg fetch``."""
 
+from wordcraft_kg.cli.completion import FetchableBook
 from wordcraft_kg.cli.console import Output
 
 EXAMPLES = ("wordcraft-kg fetch little-alchemy-2", "wordcraft-kg fetch little-alchemy-2 --json")
 
 
-def fetch(book: str, *, output: Output = Output()) -> None:
+def fetch(book: FetchableBook, *, output: Output = Output()) -> None:
     """Download a published recipe book into the cache, checked against its pinned SHA-256.
 
     Args:

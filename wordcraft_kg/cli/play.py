@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 
+from wordcraft_kg.cli.completion import Book
 from wordcraft_kg.cli.console import Flag, Output, split_labels
 from wordcraft_kg.cli.terminal import Answers, Quit, Terminal, cells, combined
 from wordcraft_kg.envs.config import WordCraftConfig
@@ -41,7 +42,7 @@ ANSWERS: Answers = {"?": lambda: [HELP]}
 
 
 def play(
-    graph: str = "everyday",
+    graph: Book = "everyday",
     *,
     depth: int = WordCraftConfig.depth,
     distractors: int = WordCraftConfig.num_distractors,

@@ -1,7 +1,6 @@
 """``wordcraft-kg resume``."""
 
-from pathlib import Path
-
+from wordcraft_kg.cli.completion import Run
 from wordcraft_kg.cli.console import Output
 from wordcraft_kg.errors import ConfigError
 
@@ -12,7 +11,7 @@ EXAMPLES = (
 )
 
 
-def resume(run: Path, *, graph: str | None = None, epochs: int | None = None, output: Output = Output()) -> int:
+def resume(run: Run, *, graph: str | None = None, epochs: int | None = None, output: Output = Output()) -> int:
     """Resume an interrupted training from its last checkpoint; on a CPU the result is bit-identical.
 
     Args:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
+from wordcraft_kg.cli.completion import Model
 from wordcraft_kg.cli.console import Flag, Output
 from wordcraft_kg.errors import ConfigError
 from wordcraft_kg.settings import whole
@@ -26,7 +27,7 @@ EXAMPLES = (
 
 
 def score(
-    model: Path,
+    model: Model,
     head: str | None = None,
     relation: str | None = None,
     tail: str = "",

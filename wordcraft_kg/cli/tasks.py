@@ -2,6 +2,7 @@
 
 from typing import TYPE_CHECKING
 
+from wordcraft_kg.cli.completion import Book
 from wordcraft_kg.cli.console import Output, aligned
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.graphs.tasks import TaskPart
@@ -17,7 +18,7 @@ EXAMPLES = (
 
 
 def tasks(
-    graph: str = "everyday",
+    graph: Book = "everyday",
     *,
     depth: int = WordCraftConfig.depth,
     distractors: int = WordCraftConfig.num_distractors,

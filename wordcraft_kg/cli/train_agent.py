@@ -6,6 +6,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from wordcraft_kg.agents.config import ImpalaConfig, TaskConfig
+from wordcraft_kg.cli.completion import Book, Scorer
 from wordcraft_kg.cli.console import Flag, Output, split_labels
 from wordcraft_kg.models.policies.config import PolicyConfig
 
@@ -17,9 +18,9 @@ EXAMPLES = (
 
 
 def train_agent(
-    graph: str,
+    graph: Book,
     *,
-    scorer: Path | None = None,
+    scorer: Scorer = None,
     tasks: Annotated[TaskConfig, Parameter(name="*", group="Tasks")] = TaskConfig(),
     policy: Annotated[PolicyConfig, Parameter(name="*", group="Policy")] = PolicyConfig(),
     trainer: Annotated[ImpalaConfig, Parameter(name="*", group="Training")] = ImpalaConfig(),

@@ -5,6 +5,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from wordcraft_kg.cli.completion import Book
 from wordcraft_kg.cli.console import Flag, Output, split_labels
 from wordcraft_kg.cli.training import train
 from wordcraft_kg.models.links.config import LinkModelConfig, LinksConfig
@@ -17,7 +18,7 @@ EXAMPLES = (
 
 
 def train_links(
-    graph: str,
+    graph: Book,
     *,
     settings: Annotated[LinkModelConfig, Parameter(name="*")] = LinkModelConfig(),
     seeds: str | None = None,

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from wordcraft_kg.cli.completion import Book
 from wordcraft_kg.cli.console import Flag, Output
 
 EXAMPLES = (
@@ -11,7 +12,7 @@ EXAMPLES = (
 
 
 def tune_links(
-    graph: str,
+    graph: Book,
     *,
     model: str = "complex",
     trials: int = 20,

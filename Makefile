@@ -14,7 +14,7 @@ help:
 	@echo "make install  set up .venv only"
 	@echo "make slow     the tests that take minutes"
 	@echo "make lint     ruff, mypy, and the directions of imports"
-	@echo "make docs     write docs/commands.md from the help of the commands"
+	@echo "make docs     write docs/commands.md from the help of the commands, docs/glossary.md from the glossary"
 	@echo "make clean    remove what was built; .venv stays"
 
 install: .venv/installed
@@ -51,6 +51,7 @@ lint: install
 	$(BIN)/mypy --strict examples
 	$(BIN)/lint-imports --no-logo
 	$(BIN)/python docs/make_commands.py --check
+	$(BIN)/python docs/make_glossary.py --check
 
 format: install
 	$(BIN)/ruff check --fix .
@@ -58,6 +59,7 @@ format: install
 
 docs: install
 	$(BIN)/python docs/make_commands.py
+	$(BIN)/python docs/make_glossary.py
 
 clean:
 	rm -rf $(DEMO) build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis

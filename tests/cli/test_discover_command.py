@@ -74,19 +74,28 @@ def test_the_page_is_one_file_with_all_curves_and_people(run, tmp_path, model):
     assert f"wrote {page}" in outcome.out
     assert list(page.parent.iterdir()) == [page]
     html = page.read_text(encoding="utf-8")
-    assert not re.search(r"<script|<link|src=|https?://", html)
+    assert not re.search(r"<link|src=|https?://", html)
     svg = ET.fromstring(re.search(r"<svg.*?</svg>", html, re.DOTALL)[0])
     drawn = [element for element in svg if element.tag == "polyline"]
-    assert len(drawn) == 6
     assert [len(line.get("points").split()) for line in drawn] == [101] * 5 + [5]
-    for number in range(6):
-        assert f".line.series-{number} {{ stroke" in html
-    legend = [element for element in svg if element.tag == "rect"]
-    assert len(legend) == 6
-    assert all(float(square.get("x")) < 100 for square in legend)  # the curves end on the right
+    # Told apart by dash and colour together.
+    assert len({line.get("class") for line in drawn}) == 6
+    assert any(element.tag == "polygon" and "band" in element.get("class") for element in svg)
     labels = {element.text for element in svg if element.tag == "text"}
     assert {"random", "greedy", "empowerment-scorer", "people (another game)"} <= labels
     assert "Brändle" in html
+
+
+def test_players_that_never_repeat_a_pair_are_named_instead_of_drawn_at_zero(run, tmp_path):
+    page = tmp_path / "page.html"
+    assert run("discover", "kitchen", *QUICK, "--players", "random,random-no-repeat,greedy", "--out", page).code == 0
+    html = page.read_text(encoding="utf-8")
+    known, repeated = (ET.fromstring(svg) for svg in re.findall(r"<svg.*?</svg>", html, re.DOTALL))
+    names = [[line.find("title").text for line in svg if line.tag == "polyline"] for svg in (known, repeated)]
+    assert names == [["random", "random-no-repeat", "greedy", "people (another game)"], ["random"]]
+    assert "Never tried a pair again: random-no-repeat, greedy." in html
+    assert run("discover", "kitchen", *QUICK, "--players", "greedy", "--out", page, "--force").code == 0
+    assert page.read_text(encoding="utf-8").count("<svg") == 1
 
 
 def test_a_page_is_replaced_only_when_asked(run, tmp_path):

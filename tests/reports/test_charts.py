@@ -12,7 +12,7 @@ import pytest
 
 from wordcraft_kg.reports import charts
 from wordcraft_kg.reports.charts.plot import BOTTOM, HEIGHT, WIDTH
-from wordcraft_kg.reports.charts.scales import round_ticks, round_up, spread
+from wordcraft_kg.reports.charts.scales import round_ticks, spread
 
 LABEL = "<b>&\"'</b>"
 
@@ -24,7 +24,7 @@ def parse(svg: str) -> ET.Element:
 
 def decode(image: str) -> tuple[np.ndarray, np.ndarray]:
     """Return pixels (palette indices) and palette of an inline 8-bit palette PNG, with its checksums verified."""
-    data = base64.b64decode(re.search(r'src="data:image/png;base64,([^"]+)"', image)[1])
+    data = base64.b64decode(re.search(r'href="data:image/png;base64,([^"]+)"', image)[1])
     assert data[:8] == b"\x89PNG\r\n\x1a\n"
     chunks, position = {}, 8
     while position < len(data):
@@ -44,7 +44,7 @@ def decode(image: str) -> tuple[np.ndarray, np.ndarray]:
 
 CHARTS = {
     "bars": lambda label: charts.grouped_bars([label, "b"], {label: [0.5, 0.1], "two": [0.2, 0.3]}, label, label),
-    "lines": lambda label: charts.lines({label: [(1, 2.0), (2, 1.0)], "two": [(1, 1), (2, 3)]}, label, label, label),
+    "estimates": lambda label: charts.estimates({label: (0.5, 0.4, 0.6), "two": (0.2, None, None)}, label, label),
     "curves": lambda label: charts.curves(
         {label: [(0, 1.0, 0.5, 2.0), (2, 1.0, None, None)], "two": [(1, 1, 0, 2)]}, label, label, label, dashed=[label]
     ),
@@ -55,6 +55,7 @@ CHARTS = {
     "points": lambda label: charts.labelled_points(
         np.array([[0.0, 1.0], [2.0, 3.0]]), [label, "b"], [0, 9], [0, 1], label
     ),
+    "matrix": lambda label: charts.matrix_image(np.eye(2), np.eye(2, dtype=bool), [(label, 1), ("two", 1)], label),
 }
 
 
@@ -97,26 +98,12 @@ def test_bars_of_extreme_shares_are_drawn(values: list[float]):
     assert all(float(bar.get("height")) >= 0 for bar in root.iter("rect"))
 
 
-def test_a_line_goes_through_its_points():
-    root = parse(charts.lines({"one": [(1, 0.0), (2, 1.0), (3, 0.5)]}, "x", "y", "d"))
-    (line,) = root.iter("polyline")
-    points = np.array([[float(number) for number in pair.split(",")] for pair in line.get("points").split()])
-    np.testing.assert_allclose(np.diff(points[:, 0]), np.diff(points[:, 0])[0], atol=0.2)
-    rise = points[0, 1] - points[:, 1]
-    assert rise[1] > 0
-    assert rise[2] == pytest.approx(rise[1] / 2, abs=0.2)
-
-
-@pytest.mark.parametrize("points", [[(1, 2.0)], [(1, 0.0), (2, 0.0)], [(5, -3.0), (5, 4.0)], []])
-def test_a_line_of_few_or_equal_points_is_drawn(points):
-    root = parse(charts.lines({"one": points}, "x", "y", "d"))
-    assert "nan" not in ET.tostring(root, encoding="unicode")
-
-
-def test_only_several_curves_have_a_legend():
-    one, two = (parse(charts.lines({name: [(1, 1), (2, 2)] for name in names}, "", "", "")) for names in ("a", "ab"))
-    assert "a" not in [text.text for text in one.iter("text")]
-    assert {"a", "b"} <= {text.text for text in two.iter("text")}
+def test_the_legend_of_bars_stands_above_them():
+    root = parse(charts.grouped_bars(["a"], {"one": [1.0], "two": [0.5]}, "x", "d"))
+    keys = [rect for rect in root.iter("rect") if rect.find("title") is None]
+    top = min(float(rect.get("y")) for rect in root.iter("rect") if rect.find("title") is not None)
+    assert len(keys) == 2
+    assert all(float(key.get("y")) + float(key.get("height")) < top for key in keys)
 
 
 def points_of(element: ET.Element) -> np.ndarray:
@@ -484,13 +471,13 @@ def test_a_reliability_chart_holds_its_points_and_the_diagonal(points):
         assert 0 <= float(circle.get("cy")) <= HEIGHT
 
 
-def test_a_map_knows_all_entities_and_their_groups():
+def test_groups_beyond_the_colours_are_grey_on_a_map():
     points = np.random.default_rng(0).normal(size=(6, 2))
     root = parse(charts.labelled_points(points, list("abcdef"), [0, 1, 2, 7, 8, 9], range(6), "d"))
     assert [title.text for title in root.iter("title")] == list("abcdef")
     groups = [circle.get("class") for circle in root.iter("circle")]
     assert len(set(groups[:4])) == 4
-    assert groups[4:] == groups[:2]  # there are eight colours
+    assert groups[4:] == ["dot series-other"] * 2  # there are eight colours
 
 
 def test_a_map_sets_labels_in_the_order_given_where_there_is_room():
@@ -508,7 +495,7 @@ def test_a_map_of_equal_points_is_drawn():
 def test_a_matrix_is_an_image_with_the_marked_cells_red_and_the_rest_by_rank():
     values = np.array([[0.0, 5.0, 1e9], [1.0, 2.0, -1e9], [3.0, 4.0, 6.0]])
     marked = np.eye(3, dtype=bool)
-    pixels, palette = decode(charts.matrix_image(values, marked, "d"))
+    pixels, palette = decode(charts.matrix_image(values, marked, [], "d"))
     assert len(palette) == 49
     np.testing.assert_array_equal(pixels == 48, marked)
     assert palette[48][0] > 2 * palette[48][1:].max()
@@ -523,7 +510,7 @@ def test_a_large_matrix_is_averaged_into_blocks(entities: int):
     values = np.arange(entities**2, dtype=float).reshape(entities, entities)
     marked = np.zeros_like(values, dtype=bool)
     marked[-1, -1] = True
-    pixels, _ = decode(charts.matrix_image(values, marked, "d"))
+    pixels, _ = decode(charts.matrix_image(values, marked, [], "d"))
     step = -(-entities // 350)
     assert pixels.shape == (-(-entities // step),) * 2
     assert pixels[-1, -1] == 48
@@ -534,20 +521,59 @@ def test_blocks_at_the_edge_of_a_matrix_are_averaged_not_summed():
     # 3 entities in blocks of 2: the last row and column of blocks hold fewer cells of the same constant background.
     values = np.full((3, 3), 2.0)
     values[0, 0] = 1.0
-    pixels, _ = decode(charts.matrix_image(values, np.zeros((3, 3), dtype=bool), "d", size=2))
+    pixels, _ = decode(charts.matrix_image(values, np.zeros((3, 3), dtype=bool), [], "d", size=2))
     assert pixels.shape == (2, 2)
     assert pixels[0, 0] == pixels.min()
 
 
-def test_the_description_of_a_matrix_is_escaped():
-    image = charts.matrix_image(np.zeros((2, 2)), np.zeros((2, 2), dtype=bool), LABEL)
-    assert "<b>" not in image
-    assert "&lt;b&gt;&amp;&#34;" in image
+def test_the_sides_of_a_matrix_name_its_groups_where_they_are():
+    groups = [("wood", 50), ("a group with a long name", 48), ("tiny", 1), ("no room", 1)]
+    root = parse(charts.matrix_image(np.zeros((100, 100)), np.zeros((100, 100), dtype=bool), groups, "d"))
+    left = [text for text in root.iter("text") if text.get("text-anchor") == "end"]
+    assert titles_of(left) == ["wood", "a group with a long name", "tiny"]
+    (image,) = root.iter("image")
+    top, side = float(image.get("y")), float(image.get("height"))
+    assert float(left[0].get("y")) == pytest.approx(top + side / 4, abs=4)
+    assert len(list(root.iter("text"))) == 2 * len(left)
 
 
-@pytest.mark.parametrize(
-    ("value", "rounded"),
-    [(0, 1), (1e-4, 1e-4), (0.011, 0.02), (0.2, 0.2), (0.21, 0.4), (0.45, 0.5), (0.7, 0.8), (0.81, 1), (3, 4)],
-)
-def test_axes_end_at_a_round_number(value: float, rounded: float):
-    assert round_up(value) == pytest.approx(rounded)
+def test_positive_contributions_go_right_of_the_middle_and_negative_ones_left():
+    bar = charts.contribution_bar({"alpha": 1.0, "u": -2.0, "v": 3.0}, 4.0, {"alpha": 0, "u": 1, "v": 2})
+    places = {
+        rect.find("title").text: (float(rect.get("x")), float(rect.get("width"))) for rect in parse(bar).iter("rect")
+    }
+    assert places == {"alpha: 1.00": (70, 17.5), "u: -2.00": (35, 35), "v: 3.00": (87.5, 52.5)}
+
+
+def test_a_source_keeps_its_colour_when_others_are_missing():
+    (rect,) = parse(charts.contribution_bar({"v": 1.0}, 1.0, {"alpha": 0, "u": 1, "v": 2})).iter("rect")
+    assert rect.get("class") == "series-2"
+
+
+def test_estimates_are_rows_with_whiskers_and_a_line_down_from_the_first():
+    root = parse(charts.estimates({"model": (0.2, 0.15, 0.3), "rule": (0.4, None, None)}, "MRR", "d"))
+    model, rule = of_class(root, "dot")
+    assert titles_of([model, rule]) == ["model: 0.2 [0.15, 0.3]", "rule: 0.4"]
+    (whisker,) = of_class(root, "whisker")
+    (low, row), (high, also_row) = points_of(whisker)
+    assert row == also_row == float(model.get("cy"))
+    assert low < float(model.get("cx")) < high
+    (line,) = of_class(root, "diagonal")
+    assert set(points_of(line)[:, 0]) == {float(model.get("cx"))}
+    assert points_of(rule)[:, 1].mean() > float(model.get("cy"))
+    assert points_of(rule)[:, 0].mean() - low > high - low
+    assert {"0.200", "0.400", "MRR"} <= {text.text for text in root.iter("text")}
+
+
+def test_curves_that_share_a_label_have_it_once():
+    curves = {f"agent, seed {seed}": straight(0.5 + seed / 10) for seed in range(3)}
+    root = parse(charts.curves(curves, "", "", "", colours=dict.fromkeys(curves, 1), labels={"agent, seed 0": "agent"}))
+    assert list(end_labels(root)) == ["agent"]
+    assert titles_of(of_class(root, "line")) == list(curves)
+    assert set(dashes(of_class(root, "line"))) == {"dash-1"}
+
+
+def test_a_series_without_any_share_keeps_its_colour_and_is_not_in_the_legend():
+    root = parse(charts.dots(["x"], {"a": [None], "b": estimates(0.5)}, "", "", ""))
+    assert "a" not in [text.text for text in root.iter("text")]
+    assert colours(of_class(root, "whisker")) == ["series-1"]

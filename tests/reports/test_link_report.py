@@ -1,5 +1,7 @@
 """The link-prediction report: honest numbers, checks that can fail, and a page that stands alone."""
 
+import base64
+import hashlib
 import json
 import math
 import os
@@ -20,7 +22,7 @@ import torch
 
 from wordcraft_kg.errors import ConfigError, OutputExistsError, SplitError
 from wordcraft_kg.graphs import SplitConfig, make_split
-from wordcraft_kg.graphs.folder import OpenedGraph
+from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
 from wordcraft_kg.graphs.splits import Split
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS, is_in, recipe_triples
 from wordcraft_kg.models.links.folder import OpenedModel
@@ -29,11 +31,18 @@ from wordcraft_kg.models.scorers.facts import FrequencyScorer, SymbolicScorer
 from wordcraft_kg.models.scorers.features import glove_features
 from wordcraft_kg.models.scorers.near_synonyms import near_synonym_recipes
 from wordcraft_kg.models.scorers.neighbours import NeighbourScorer
-from wordcraft_kg.models.scorers.ranking import RankingMetrics, random_metrics, rank_triples, ranking_metrics
+from wordcraft_kg.models.scorers.ranking import (
+    RankingMetrics,
+    random_metrics,
+    rank_triples,
+    ranking_metrics,
+    recipe_clusters,
+)
 from wordcraft_kg.models.scorers.tables import TableScorer
 from wordcraft_kg.records import as_values
 from wordcraft_kg.reports.link_report import make_link_report, report_schema
 from wordcraft_kg.reports.report import Report, render, write_report
+from wordcraft_kg.views.glossary import GLOSSARY
 from wordcraft_kg.views.links import LinkView, judge_links, summarise_links
 
 LinkReport = Report[LinkView]
@@ -169,12 +178,62 @@ def test_the_baselines_are_frequency_and_neighbours_in_train_and_expected_chance
     values: Values, kitchen_model: OpenedModel
 ):
     split, graph = kitchen_model.opened.split, kitchen_model.opened.graph
-    ranks = rank_triples(FrequencyScorer(graph, split.partial), split.held_out("test"), graph.triples)
-    assert values["baselines"]["frequency"]["all"] == as_values(ranking_metrics(ranks))
-    ranks = rank_triples(NeighbourScorer(graph, split.partial), split.held_out("test"), graph.triples)
-    assert values["baselines"]["neighbours"]["all"] == as_values(ranking_metrics(ranks))
+    for name, kind in (("frequency", FrequencyScorer), ("neighbours", NeighbourScorer)):
+        ranks = rank_triples(kind(graph, split.partial), split.held_out("test"), graph.triples)
+        found = values["baselines"][name]["all"]
+        assert {key: value for key, value in found.items() if key != "mrr_ci"} == as_values(ranking_metrics(ranks))
+        assert found["mrr_ci"][0] <= found["mrr"] <= found["mrr_ci"][1]
     assert values["baselines"]["random"]["all"] == as_values(random_metrics(ranks))
     assert set(values["baselines"]["frequency"]) == set(values["baselines"]["random"]) == set(values["metrics"])
+
+
+def test_every_slice_of_the_drill_down_has_an_interval(values: Values):
+    for rows in values["drill_down"].values():
+        assert rows
+        assert all(row["mrr_ci"][0] <= row["mrr"] <= row["mrr_ci"][1] for row in rows)
+
+
+def test_the_model_is_compared_with_each_baseline_query_by_query(values: Values, kitchen_model: OpenedModel):
+    comparisons = values["comparisons"]
+    found = {name: values["baselines"][name]["all"]["mrr"] for name in ("neighbours", "frequency", "random")}
+    assert [row["baseline"] for row in comparisons] == sorted(found, key=found.get, reverse=True)
+    for row in comparisons:
+        assert row["difference"] == pytest.approx(values["metrics"]["all"]["mrr"] - found[row["baseline"]])
+    # A slow bootstrap of the paired differences over recipes, by a generator of its own.
+    graph, split = kitchen_model.opened.graph, kitchen_model.opened.split
+    test = split.held_out("test")
+    own = 1 / rank_triples(kitchen_model.scorer, test, graph.triples)["rank"].to_numpy()
+    other = 1 / rank_triples(FrequencyScorer(graph, split.partial), test, graph.triples)["rank"].to_numpy()
+    clusters = np.tile(recipe_clusters(graph, split.is_in("test"), test), 2)
+    groups = [(own - other)[clusters == name] for name in np.unique(clusters)]
+    rng = np.random.default_rng(5)
+    means = [
+        np.concatenate([groups[i] for i in rng.integers(len(groups), size=len(groups))]).mean() for _ in range(2000)
+    ]
+    ci = next(row["ci"] for row in comparisons if row["baseline"] == "frequency")
+    assert ci == pytest.approx(np.quantile(means, [0.025, 0.975]), abs=0.006)
+
+
+@pytest.mark.parametrize(
+    ("make", "verdict", "baseline"),
+    [
+        (lambda graph, split: SymbolicScorer(graph, graph.triples), "above", None),
+        (lambda graph, split: NeighbourScorer(graph, split.partial), "level with", "neighbours"),
+        (lambda graph, split: SymbolicScorer(graph, split.partial), "below", None),
+    ],
+)
+def test_the_first_line_says_where_the_model_stands_against_the_best_baseline(
+    kitchen_model: OpenedModel, make: Any, verdict: str, baseline: str | None
+):
+    opened = kitchen_model.opened
+    report = make_link_report(make(opened.graph, opened.split), opened)
+    best = report.view.comparisons[0]
+    assert (best.verdict, best.baseline) == (verdict, baseline or best.baseline)
+    assert best.ci[0] > 0 if verdict == "above" else best.ci[1] < 0 if verdict == "below" else best.ci == (0, 0)
+    text = text_of(render(report))
+    name = GLOSSARY[best.baseline].name
+    assert f"{verdict.capitalize()} the best baseline , the {name}" in text
+    assert f"{best.difference:+.3f} [{best.ci[0]:.3f}, {best.ci[1]:.3f}]" in text
 
 
 def test_ties_and_unfiltered_ranks_surround_the_headline(values: Values):
@@ -200,8 +259,13 @@ def test_the_slices_by_near_synonyms_are_ranked_apart(
     ranks = rank_triples(kitchen_model.scorer, split.held_out("test"), graph.triples)
     mask = np.array([tuple(row) in repeated for row in ranks[["head", "relation", "tail"]].to_numpy().tolist()])
     with_one, without = values["drill_down"]["near_synonyms"]
-    assert with_one == {"slice": "a train recipe with a near-synonym", **as_values(ranking_metrics(ranks[mask]))}
-    assert without == {"slice": "no such train recipe", **as_values(ranking_metrics(ranks[~mask]))}
+    for found, name, part in (
+        (with_one, "a train recipe with a near-synonym", ranks[mask]),
+        (without, "no such train recipe", ranks[~mask]),
+    ):
+        low, high = found.pop("mrr_ci")
+        assert found == {"slice": name, **as_values(ranking_metrics(part))}
+        assert low <= found["mrr"] <= high
     assert summary_of(kitchen_report)["mrr_without_near_synonyms"] == without["mrr"]
 
 
@@ -432,9 +496,9 @@ def test_a_model_of_the_full_graph_is_not_asked_about_leaks(full_report: LinkRep
 
 def test_the_page_of_the_full_graph_says_that_it_measures_memory(full_report: LinkReport, kitchen_report: LinkReport):
     full, partial = text_of(render(full_report)), text_of(render(kitchen_report))
-    assert "memory, not prediction" in full
+    assert "Memory, not prediction" in full
     assert "what it remembers" in full
-    assert "memory, not prediction" not in partial
+    assert "Memory, not prediction" not in partial
     assert "links it has never seen" in partial
 
 
@@ -497,21 +561,92 @@ def test_a_page_with_a_fault_is_noticed():
 
 def test_the_page_needs_nothing_from_elsewhere(html: str):
     page = Page(html)
+    beside = {"report.json", "ranks.csv"}
     links = [
         value
         for _, name, value in page.attributes
         if name in ("src", "href", "xlink:href", "srcset", "action", "data", "poster")
     ]
     assert links
-    assert [link[:60] for link in links if not link.startswith(("data:", "#"))] == []
+    assert {link for link in links if not link.startswith(("data:", "#"))} == beside
     assert re.findall(r"url\(|@import", html) == []
     assert not {"link", "iframe", "object", "embed", "base"} & set(page.tags)
 
 
-def test_the_page_needs_no_script(html: str):
+def test_the_page_is_complete_without_its_one_script_and_no_other_may_run(html: str):
+    policy = re.search(r'content="(default-src [^"]+)"', html)[1]
+    assert "default-src 'none'" in policy
+    scripts = re.findall(r"<script>(.*?)</script>", html, re.DOTALL)
+    assert len(scripts) == 1
+    digest = base64.b64encode(hashlib.sha256(scripts[0].encode()).digest()).decode()
+    assert re.search(r"script-src ([^;]+)", policy)[1] == f"'sha256-{digest}'"
+    assert not re.search(r"innerHTML|\beval\b|fetch\(|new Function", scripts[0])
     page = Page(html)
-    assert "script" not in page.tags
     assert [name for _, name, _ in page.attributes if name.startswith("on")] == []
+    # All others hold data.
+    kinds = [value for tag, name, value in page.attributes if (tag, name) == ("script", "type")]
+    assert kinds == ["application/json"] * (page.tags.count("script") - 1)
+
+
+def test_each_section_has_an_anchor_that_the_contents_lead_to(html: str):
+    page = Page(html)
+    ids = [value for _, name, value in page.attributes if name == "id"]
+    assert len(ids) == len(set(ids))
+    contents = re.findall(r'href="#([^"]+)"', html[html.index("<nav") : html.index("</nav>")])
+    assert contents == re.findall(r'<h2 id="([^"]+)"', html)
+    assert len(contents) > 10
+    assert page.tags.count("main") == 1
+
+
+def test_a_table_that_may_be_too_wide_can_be_scrolled_by_keyboard_and_has_a_name_of_its_own(html: str):
+    regions = re.findall(r'<div class="scroll"([^>]*)>', html)
+    assert html.count("<table") == html.count("<table", html.index("<main"))
+    assert len(regions) >= html.count("<table")
+    assert all('tabindex="0" role="region"' in region for region in regions)
+    names = [re.search(r'aria-label="([^"]+)"', region)[1] for region in regions]
+    assert len(names) == len(set(names))
+
+
+def test_words_with_a_tooltip_are_explained_at_the_end(html: str):
+    meanings = set(re.findall(r'<abbr title="([^"]+)"', html))
+    words = html[html.index('<h2 id="words"') :]
+    assert len(meanings) > 8
+    assert all(f"<dd>{meaning}</dd>" in words for meaning in meanings)
+
+
+def test_all_ranks_can_be_searched_in_the_page(kitchen_report: LinkReport, monkeypatch: pytest.MonkeyPatch):
+    html = render(kitchen_report)
+    data = json.loads(re.search(r'id="ranks-data">(.*?)</script>', html, re.DOTALL)[1])
+    table = kitchen_report.tables["ranks.csv"]
+    found = [
+        (data["entities"][head], data["relations"][relation], data["entities"][tail], data["sides"][side], rank)
+        for head, relation, tail, side, rank, _ in data["rows"]
+    ]
+    expected = table[["head", "relation", "tail", "side", "rank"]].itertuples(index=False, name=None)
+    assert sorted(found) == sorted(expected)
+    assert [row[-1] for row in found] == sorted(row[-1] for row in found)
+
+
+def test_more_ranks_than_a_page_should_hold_are_in_the_table_only(
+    kitchen_model: OpenedModel, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr("wordcraft_kg.reports.link_report.SEARCHABLE", 10)
+    html = render(make_link_report(kitchen_model.scorer, kitchen_model.opened))
+    assert "ranks-data" not in re.sub(r"<script>.*?</script>", "", html, flags=re.DOTALL)
+    assert 'href="ranks.csv"' in html
+
+
+def test_the_groups_of_the_map_are_named_after_their_most_used_entity(kitchen_report: LinkReport):
+    html = render(kitchen_report)
+    legend = re.search(r'<ul class="legend".*?</ul>', html, re.DOTALL)[0]
+    sizes = [int(size) for size in re.findall(r'<span class="ci">(\d+)</span>', legend)]
+    assert sum(sizes) == kitchen_report.view.graph.entities
+    communities = kitchen_report.shown["communities"]
+    graph = open_graph("kitchen").graph
+    for number, name in enumerate(communities.names):
+        uses = graph.use_counts[communities.group_of == number]
+        assert graph.use_counts[graph.id_of(name)] == max(uses)
+        assert communities.group_of[graph.id_of(name)] == number
 
 
 def test_every_picture_has_a_description(html: str):
@@ -519,7 +654,8 @@ def test_every_picture_has_a_description(html: str):
     described = [
         name for tag, name, value in page.attributes if (tag, name) in (("svg", "aria-label"), ("img", "alt")) and value
     ]
-    assert len(described) == page.tags.count("svg") + page.tags.count("img") > 3
+    keys = page.attributes.count(("svg", "aria-hidden", "true"))  # of legends, which have texts
+    assert len(described) == page.tags.count("svg") + page.tags.count("img") - keys > 3
 
 
 def test_the_page_shows_the_headline_the_baseline_and_the_leak_check(kitchen_report: LinkReport):
@@ -559,7 +695,7 @@ def test_the_page_shows_the_curves_of_the_training(kitchen_model: OpenedModel):
 def test_a_large_graph_has_a_report_without_the_map(kitchen_model: OpenedModel, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr("wordcraft_kg.views.links.MAP_LIMIT", kitchen_model.opened.graph.num_entities - 1)
     report = make_link_report(kitchen_model.scorer, kitchen_model.opened)
-    assert set(report.pictures) == {"ranks", "calibration"}
+    assert set(report.pictures) == {"baselines", "ranks", "calibration"}
     assert set(report.view.baselines) == {"frequency", "random"}
     jsonschema.validate(values_of(report), report_schema())
     assert Page(render(report)).faults == []
@@ -618,7 +754,8 @@ def test_labels_are_escaped_wherever_they_are_shown(awkward_graph: OpenedGraph, 
     html = (tmp_path / "report" / "index.html").read_text(encoding="utf-8")
     page = Page(html)
     assert (page.faults, page.open) == ([], [])
-    assert not {"i", "script"} & set(page.tags)
+    assert "i" not in page.tags
+    assert [script for script in re.findall(r"<script[^>]*>", html) if "json" not in script] == ["<script>"]
     label = graph.entities[0]
     assert any(label in text for text in page.text)
     assert html.count("&lt;i&gt;&amp;") > 10

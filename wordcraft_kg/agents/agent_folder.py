@@ -45,6 +45,18 @@ class OpenedAgent:
     metrics: list[MetricsRow]
     evaluation: AgentSummary | None
 
+    @property
+    def provenance(self) -> dict[str, str]:
+        """Facts for a report."""
+        run = self.run
+        facts = {
+            "trained by": " ".join(run.argv),
+            "finished": run.ended or "",
+            "weights": f"{self.checkpoint} {run.outputs.get('policy.safetensors', '')}".rstrip(),
+            "versions": ", ".join(f"{name} {number}" for name, number in run.versions.items()),
+        }
+        return facts | {name: run.inputs[name] for name in ("graph", "split", "scorer") if name in run.inputs}
+
 
 def open_agent(folder: str | Path, graph: str | None = None) -> OpenedAgent:
     """Open a run folder; one that is not done is opened at its last checkpoint.

@@ -105,12 +105,14 @@ class Evaluation:
         by_plan: shape (N, D), bool: the last pair of a plan made it.
         picks: shape (N, D), int64: picks until the end.
         endings: shape (N, D), int8: index into :data:`ENDINGS`.
+        last: shape (N, D, 2), int64: the entities of the last pair, the one held first.
     """
 
     success: NDArray[np.bool_]
     by_plan: NDArray[np.bool_]
     picks: Ids
     endings: NDArray[np.int8]
+    last: Ids
 
     def figures(self) -> Success:
         """Return mean success with its interval over tasks, and the sizes."""
@@ -154,6 +156,7 @@ class Evaluator:
         shape = (len(self.tasks), self.draws)
         success, by_plan = np.zeros(shape, dtype=bool), np.zeros(shape, dtype=bool)
         picks, endings = np.zeros(shape, dtype=np.int64), np.zeros(shape, dtype=np.int8)
+        last = np.zeros((*shape, 2), dtype=np.int64)
         engine, rows = self.engine, np.arange(len(self.tasks))
         for draw in steps("playing", range(self.draws)):
             engine.pose(self.tasks, draw)
@@ -168,7 +171,8 @@ class Evaluator:
                 by_plan[:, draw] |= step.by_plan
                 ended = self._ending(held, picked)
                 endings[step.over, draw] = np.where(step.outcome == GOAL, 0, ended)[step.over]
-        return Evaluation(success, by_plan, picks, endings)
+                last[step.over, draw] = np.column_stack([held, picked])[step.over]
+        return Evaluation(success, by_plan, picks, endings, last)
 
     def _ending(self, held: Ids, picked: Ids) -> NDArray[np.int64]:
         """Return the code of an attempt that did not make the goal."""

@@ -76,6 +76,9 @@ def _text(view: "LinkView", folder: Path) -> list[str]:
         first = f"{ranked} triples of the graph, all seen in training: memory, not prediction"
     else:
         first = f"{ranked} unseen triples; {view.leaked_left_out:,} leaked ones left out"
+        best, (low, high) = view.comparisons[0], view.comparisons[0].ci
+        verdict = f"{best.verdict} the best baseline, {best.baseline}: {best.difference:+.3f} [{low:+.3f}, {high:+.3f}]"
+        rows.append(("verdict", verdict))
         others = [row for row in view.drill_down.near_synonyms if row.slice == "no such train recipe"]
         rows += [
             ("no near-synonym", f"{_figures(row)}  (recipes that no train recipe nearly repeats)") for row in others

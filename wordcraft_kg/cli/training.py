@@ -232,7 +232,9 @@ def train_agent_seeds(
     parent = config.default_folder(opened.graph.name) if out is None else out
     scorer = None
     if config.scorer is not None:
-        scorer = read_finished_run(Path(config.scorer), "wordcraft-kg train-complex").outputs["model.safetensors"]
+        weights = "model.safetensors"
+        expected = "a model of train-complex or train-links"
+        scorer = read_finished_run(Path(config.scorer), expected, weights).outputs[weights]
     training: SeededTraining[AgentConfig, TrainedAgent] = SeededTraining(
         AGENTS,
         {"graph": opened.graph.hash, "split": opened.split.hash, "scorer": scorer},

@@ -12,14 +12,27 @@ from wordcraft_kg.models.policies.sources import ALPHA, SOURCES, Label, label_of
 from wordcraft_kg.records import schema_of
 from wordcraft_kg.reports import charts
 from wordcraft_kg.reports.report import Report
-from wordcraft_kg.views.agents import NEVER, AgentEntry, AgentsView, Groups, Slice, view_agents
+from wordcraft_kg.views.agents import NEVER, AgentEntry, AgentsView, Figure, Groups, Slice, view_agents
+from wordcraft_kg.views.glossary import GLOSSARY
 
 MIN_SEEDS = 5
-"""With fewer seeds the page warns that a difference may be luck."""
+"""With fewer seeds the page warns that another seed may give another figure."""
+COLOURS = {name: number for number, name in enumerate((ALPHA.name, *SOURCES))}
+"""Number of each source's colour."""
+FIGURES: dict[Figure, str] = {
+    "test_success": "greedy success on test tasks",
+    "return": "return of the last episodes",
+    "loss": "loss",
+    "pg_loss": "loss of the policy",
+    "baseline_loss": "loss of the state value (V)",
+    "entropy": "entropy of the policy, nats",
+    "grad_norm": "gradient norm",
+}
+"""Title of the picture of each figure of the training."""
 SLICES: dict[Slice, tuple[str, str]] = {
     "train_recipes": ("By train recipes of the goal", "train recipes that make the goal"),
     "layer": ("By crafting layer", "crafting rounds to the goal"),
-    "link_rank": ("By the rank of the recipe’s links", "rank of the worse part by v"),
+    "link_rank": ("By the rank of the recipe’s links", "rank of the worse part by the ingredient score (v)"),
 }
 """Heading and x-axis of each picture."""
 
@@ -38,7 +51,9 @@ def make_agent_report(
         view,
         "agent_report.html.j2",
         {
+            "success": _success(view),
             "curves": _success_curves(view),
+            "training": _pictures_of_training(view),
             "lambdas": {agent.name: _lambda_curves(agent) for agent in view.agents if agent.lambdas},
             "slices": _pictures_of_slices(view),
         },
@@ -47,6 +62,8 @@ def make_agent_report(
             "label_of": label_of,
             "column_labels": column_labels,
             "slot_rows": slot_rows,
+            "colours": COLOURS,
+            "words": {name: GLOSSARY[name].name for name in COLOURS},
         },
     )
 
@@ -63,10 +80,49 @@ def column_labels(step: ExplainedStep) -> list[Label]:
 
 def slot_rows(step: ExplainedStep) -> list[tuple[ExplainedSlot, Markup]]:
     """Return the slots by descending logit, each with a picture of its contributions, all on one scale."""
-    largest = max(abs(value) for slot in step.slots for value in slot.contributions.values())
-    scale = largest * len(step.slots[0].sources)
+    scale = max(
+        sum(abs(value) for value in slot.contributions.values() if (value > 0) is to_the_right)
+        for slot in step.slots
+        for to_the_right in (True, False)
+    )
     by_logit = sorted(step.slots, key=lambda slot: slot.logit, reverse=True)
-    return [(slot, charts.contribution_bar(slot.contributions, scale)) for slot in by_logit]
+    return [(slot, charts.contribution_bar(slot.contributions, scale, COLOURS)) for slot in by_logit]
+
+
+def _success(view: AgentsView) -> Markup:
+    headline = str(view.headline)
+    rows: dict[str, tuple[float, float | None, float | None]] = {
+        agent.name: (found.mean, *(found.seed_ci or found.task_ci))
+        for agent in view.agents
+        if (found := agent.success.get(headline))
+    }
+    rows |= {player.name: (player.success[headline], None, None) for player in view.baselines}
+    title = f"success on {view.part} tasks, with 95 % intervals"
+    return charts.estimates(rows, title, "Success of the agents and of scripted players", percent=True)
+
+
+def _pictures_of_training(view: AgentsView) -> list[Markup]:
+    """Return a picture of each figure of the training, with a curve for each run."""
+    pictures = []
+    for figure, title in FIGURES.items():
+        runs = {
+            f"{agent.name}, seed {curve.seed}": (number, agent.name, curve)
+            for number, agent in enumerate(view.agents)
+            for curve in agent.training.get(figure, ())
+        }
+        if runs:
+            picture = charts.curves(
+                {name: [(step, value, None, None) for step, value in run[2].points] for name, run in runs.items()},
+                "environment steps",
+                title,
+                f"{title} over training, a curve for each seed".capitalize(),
+                percent=figure == "test_success",
+                colours={name: number for name, (number, _, _) in runs.items()},
+                # The name of an agent stands at its first seed.
+                labels={name: agent for agent, name in {run[1]: name for name, run in reversed(runs.items())}.items()},
+            )
+            pictures.append(picture)
+    return pictures
 
 
 def _success_curves(view: AgentsView) -> Markup:
@@ -91,10 +147,10 @@ def _lambda_curves(agent: AgentEntry) -> Markup:
     return charts.curves(
         {name: [(step, value, None, None) for step, value in curve.points] for name, curve in curves.items()},
         "environment steps",
-        "mean λ in the last batch",
-        f"Mixing coefficients of {agent.name} over training",
+        "mean mixing weight (λ) in the last batch",
+        f"Mixing weights of {agent.name} over training",
         dashed={name for name, curve in curves.items() if curve.pick == "second"},
-        colours={name: [ALPHA.name, *SOURCES].index(curve.source) for name, curve in curves.items()},
+        colours={name: COLOURS[curve.source] for name, curve in curves.items()},
     )
 
 
@@ -103,11 +159,10 @@ def _pictures_of_slices(view: AgentsView) -> dict[Slice, tuple[str, Markup]]:
     pictures: dict[Slice, tuple[str, Markup]] = {}
     for key, (heading, axis) in SLICES.items():
         groups = {
-            agent.name: {row.slice: (row.success, *row.ci) for row in agent.slices[key]}
+            agent.name: {row.slice: (row.success, *row.ci) for row in agent.slices.get(key, ())}
             for agent in view.agents
-            if key in agent.slices
         }
-        if groups:
+        if any(groups.values()):
             labels = sorted({label for rows in groups.values() for label in rows}, key=_lower_bound)
             cells: dict[str, Any] = {name: [rows.get(label) for label in labels] for name, rows in groups.items()}
             picture = charts.dots(labels, cells, axis, f"success on {view.part} tasks", f"Success by {axis}")

@@ -1,10 +1,10 @@
 """How much players discover in open-ended play, as one self-contained HTML page."""
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from wordcraft_kg.agents.discovery import DISCOVERERS, HUMAN_CURVE
+from wordcraft_kg.agents.discovery import DISCOVERERS, HUMAN_CURVE, summarise_curves
 from wordcraft_kg.reports import charts
+from wordcraft_kg.reports.charts.series import CurvePoint
 from wordcraft_kg.reports.pages import render_page
 from wordcraft_kg.views.discovery import DiscoveryView
 
@@ -21,19 +21,36 @@ def discovery_page(view: DiscoveryView, curves: "pd.DataFrame") -> str:
         view: the discoveries.
         curves: from :func:`wordcraft_kg.agents.discovery.discovery_curves`.
     """
-    means = curves.groupby(["player", "attempt"], sort=False)["known"].mean()
-    series: dict[str, Sequence[tuple[float, float]]] = {name: list(means[name].items()) for name in view.players}
-    series[PEOPLE] = [(attempt, known) for attempt, known in HUMAN_CURVE.items() if attempt <= view.attempts]
-    picture = charts.lines(
-        series, "attempts", "entities known", "mean number of entities known after each attempt", legend_left=True
+    table = summarise_curves(curves, range(view.attempts + 1))
+    # The same colours in both pictures.
+    colours = {name: number for number, name in enumerate((*view.players, PEOPLE))}
+    known: dict[str, list[CurvePoint]] = {name: [] for name in view.players}
+    repeated: dict[str, list[CurvePoint]] = {name: [] for name in view.players}
+    columns = (table[name].tolist() for name in ("player", "attempt", "mean", "low", "high", "repeated"))
+    for name, attempt, mean, low, high, repeat in zip(*columns, strict=True):
+        # The bounds are equal where all runs agree, and NaN for a single run.
+        known[name].append((attempt, mean, *((low, high) if low < high else (None, None))))
+        repeated[name].append((attempt, repeat, None, None))
+    known[PEOPLE] = [(attempt, mean, None, None) for attempt, mean in HUMAN_CURVE.items() if attempt <= view.attempts]
+    repeats = {name: points for name, points in repeated.items() if any(point[1] for point in points)}
+    pictures = {
+        "known": charts.curves(
+            known, "attempts", "entities known", "Mean number of entities known after each attempt", colours=colours
+        )
+    }
+    if repeats:
+        pictures["repeated"] = charts.curves(
+            repeats,
+            "attempts",
+            "share of the attempts so far",
+            "Mean share of the attempts so far that combined a pair tried before",
+            percent=True,
+            colours=colours,
+        )
+    return render_page(
+        "discovery_report.html.j2",
+        report=view,
+        pictures=pictures,
+        about=DISCOVERERS,
+        never_repeat=[name for name in view.players if name not in repeats],
     )
-    repeats = curves.assign(repeated=curves.groupby(["player", "run"], sort=False)["repeated"].cumsum())
-    means = repeats.groupby(["player", "attempt"], sort=False)["repeated"].mean()
-    repeated = charts.lines(
-        {name: list(means[name].items()) for name in view.players},
-        "attempts",
-        "attempts repeated",
-        "mean number of attempts so far that combined a pair tried before",
-        legend_left=True,
-    )
-    return render_page("discovery_report.html.j2", report=view, picture=picture, repeated=repeated, about=DISCOVERERS)

@@ -1,6 +1,8 @@
 """The link-prediction report: the view of a link predictor with its pictures."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -17,7 +19,51 @@ from wordcraft_kg.progress import stage
 from wordcraft_kg.records import schema_of
 from wordcraft_kg.reports import charts
 from wordcraft_kg.reports.report import Report
+from wordcraft_kg.views.glossary import GLOSSARY
 from wordcraft_kg.views.links import JudgedLinks, LinkView, judge_links, view_links
+
+SEARCHABLE = 20_000
+"""Most queries whose ranks are put into the page, for its search."""
+PLAYERS = {
+    "v": "ingredient scores alone (v)",
+    "u": "combination scores alone (u)",
+    "u+v, self edges kept": "both (u + v), self edges kept",
+    "u+v, self edges observed": "both (u + v), self edges where training has them",
+    "u+v, self edges dropped": "both (u + v), self edges dropped",
+    "random": "any slot at random",
+    "recipe oracle": "recipe oracle",
+}
+"""Names of the players in words."""
+
+
+@dataclass(frozen=True)
+class Communities:
+    """Groups of entities that are crafted together.
+
+    Attributes:
+        group_of: each entity's group, the largest is 0; shape (E,).
+        names: each group's most used entity.
+    """
+
+    group_of: Ids
+    names: tuple[str, ...]
+
+    @cached_property
+    def order(self) -> Ids:
+        """The entities by group, shape (E,)."""
+        return np.argsort(self.group_of, kind="stable")
+
+    @cached_property
+    def sizes(self) -> list[int]:
+        """Number of entities of each group."""
+        return np.bincount(self.group_of, minlength=len(self.names)).tolist()
+
+    @property
+    def legend(self) -> list[tuple[str, int]]:
+        """Name and size of each group that has a colour, and of the others together."""
+        shown = list(zip(self.names, self.sizes, strict=True))
+        others = sum(self.sizes[charts.COLOURS :])
+        return shown[: charts.COLOURS] + ([("other groups", others)] if others else [])
 
 
 def make_link_report(
@@ -49,11 +95,19 @@ def make_link_report(
     """
     judged = judge_links(scorer, opened, kg, max_queries=max_queries, seed=seed)
     view = view_links(judged, name=name, provenance=provenance, trace=trace, seed=seed)
+    communities = _communities(judged.graph, seed) if judged.has_table else None
+    pictures_of_entities = _pictures_of_entities(judged, communities, seed) if communities else {}
     return Report(
         view,
         "link_report.html.j2",
-        {**_pictures_of_ranks(view), **_pictures_of_training(view), **_pictures_of_all_entities(judged, seed)},
-        shown={"relations": RELATIONS},
+        {**_pictures_of_ranks(view), **_pictures_of_training(view), **pictures_of_entities},
+        shown={
+            "relations": RELATIONS,
+            "players": PLAYERS,
+            "communities": communities,
+            "matrix_order": judged.graph.labels(communities.order) if communities else (),
+            "searchable": _searchable(judged),
+        },
         tables={"ranks.csv": judged.labelled_ranks},
     )
 
@@ -64,7 +118,14 @@ def report_schema() -> dict[str, Any]:
 
 
 def _pictures_of_ranks(view: LinkView) -> dict[str, Markup]:
+    compared = {view.model.name: view.metrics["all"]}
+    compared |= {GLOSSARY[row.baseline].name: view.baselines[row.baseline]["all"] for row in view.comparisons}
     return {
+        "baselines": charts.estimates(
+            {name: (found.mrr or 0.0, *(found.mrr_ci or (None, None))) for name, found in compared.items()},
+            "filtered MRR, with 95 % intervals",
+            "Filtered MRR of the model and of each baseline",
+        ),
         "ranks": charts.grouped_bars(
             view.histogram.bins,
             view.histogram.shares,
@@ -79,22 +140,36 @@ def _pictures_of_ranks(view: LinkView) -> dict[str, Markup]:
 
 
 def _pictures_of_training(view: LinkView) -> dict[str, Markup]:
-    loss = [(row.epoch, row.loss) for row in view.trace]
-    valid = [(row.epoch, row.valid_mrr) for row in view.trace if row.valid_mrr is not None]
+    loss = [(row.epoch, row.loss, None, None) for row in view.trace]
+    valid = [(row.epoch, row.valid_mrr, None, None) for row in view.trace if row.valid_mrr is not None]
     pictures = {}
     if loss:
-        pictures["loss"] = charts.lines({"loss": loss}, "epoch", "loss", "Training loss by epoch")
+        pictures["loss"] = charts.curves({"loss": loss}, "epoch", "training loss", "Training loss by epoch")
     if valid:
-        pictures["valid"] = charts.lines({"MRR": valid}, "epoch", "validation MRR", "Validation MRR by epoch")
+        pictures["valid"] = charts.curves({"MRR": valid}, "epoch", "validation MRR", "Validation MRR by epoch")
     return pictures
 
 
-def _pictures_of_all_entities(judged: JudgedLinks, seed: int) -> dict[str, Markup]:
-    if not judged.has_table:
-        return {}
-    graph = judged.graph
-    group_of = _communities(graph, seed)
-    order = np.lexsort((np.arange(graph.num_entities), group_of))
+def _searchable(judged: JudgedLinks) -> dict[str, Any] | None:
+    """Return all ranks as the page's search reads them; None if they are too many for a page."""
+    ranks = judged.ranks
+    if len(ranks) > SEARCHABLE:
+        return None
+    sides = ("head", "tail")
+    by_rank = ranks.assign(side=(ranks["side"] == "tail").astype(int)).sort_values("rank", kind="stable")
+    columns = ("head", "relation", "tail", "side", "rank", "top")
+    rows = zip(*(by_rank[column].tolist() for column in columns), strict=True)
+    return {
+        "entities": judged.graph.entities,
+        "relations": RELATIONS,
+        "sides": sides,
+        "rows": [list(row) for row in rows],
+    }
+
+
+def _pictures_of_entities(judged: JudgedLinks, communities: Communities, seed: int) -> dict[str, Markup]:
+    graph, order = judged.graph, communities.order
+    groups = list(zip(communities.names, communities.sizes, strict=True))
     test = judged.opened.split.held_out("test")
     pictures = {}
     for relation, name in enumerate(RELATIONS):
@@ -103,15 +178,15 @@ def _pictures_of_all_entities(judged: JudgedLinks, seed: int) -> dict[str, Marku
         held_out[triples[:, 0], triples[:, 2]] = True
         shuffled = np.ix_(order, order)
         pictures[f"matrix_{name}"] = charts.matrix_image(
-            judged.table[relation][shuffled], held_out[shuffled], f"Scores of {name} for all pairs of entities"
+            judged.table[relation][shuffled], held_out[shuffled], groups, f"Scores of {name} for all pairs of entities"
         )
     if np.ptp(judged.profiles):  # a scorer that gives all entities the same scores has no map
-        pictures["map"] = _map(judged, group_of, seed)
+        pictures["map"] = _map(judged, communities, seed)
     return pictures
 
 
 @stage("drawing the map")
-def _map(judged: JudgedLinks, group_of: Ids, seed: int) -> Markup:
+def _map(judged: JudgedLinks, communities: Communities, seed: int) -> Markup:
     """Return a t-SNE map of the score profiles."""
     from sklearn.decomposition import PCA
     from sklearn.manifold import TSNE
@@ -125,11 +200,13 @@ def _map(judged: JudgedLinks, group_of: Ids, seed: int) -> Markup:
         perplexity = min(20.0, (graph.num_entities - 1) / 3)
         points = TSNE(perplexity=perplexity, random_state=seed, init="pca", n_jobs=1).fit_transform(reduced)
     by_use = np.argsort(-graph.use_counts, kind="stable").tolist()
-    return charts.labelled_points(points, graph.entities, group_of.tolist(), by_use, "Map of entities by their scores")
+    return charts.labelled_points(
+        points, graph.entities, communities.group_of.tolist(), by_use, "Map of entities by their scores"
+    )
 
 
-def _communities(graph: RecipeGraph, seed: int) -> Ids:
-    """Return each entity's group, of entities crafted together (Louvain on the undirected graph), largest first."""
+def _communities(graph: RecipeGraph, seed: int) -> Communities:
+    """Return groups of entities crafted together (Louvain on the undirected graph)."""
     import networkx as nx
 
     plain = nx.Graph()
@@ -139,4 +216,5 @@ def _communities(graph: RecipeGraph, seed: int) -> Ids:
     group_of = np.zeros(graph.num_entities, dtype=np.int64)
     for number, group in enumerate(groups):
         group_of[list(group)] = number
-    return group_of
+    most_used = [max(sorted(group), key=graph.use_counts.__getitem__) for group in groups]
+    return Communities(group_of, graph.labels(most_used))

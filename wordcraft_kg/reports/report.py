@@ -37,7 +37,8 @@ class Report(Generic[V]):
 
 def render(report: Report[Any]) -> str:
     """Return a report as one self-contained HTML page."""
-    return render_page(report.template, report=report.view, pictures=report.pictures, **report.shown)
+    data = ("report.json", *report.tables)
+    return render_page(report.template, data=data, report=report.view, pictures=report.pictures, **report.shown)
 
 
 @stage("writing the report")

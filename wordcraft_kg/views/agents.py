@@ -1,9 +1,10 @@
 """The figures of agents: one run, several seeds of it, or several agents with all their seeds."""
 
 import re
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 import msgspec
 import numpy as np
@@ -42,6 +43,13 @@ DISTRACTORS = (1, 8)
 """Numbers of distractors in every report, besides those trained with."""
 TRAIN_RECIPES = ((0, 0), (1, 1), (2, 2), (3, 4), (5, 8), (9, OPEN_END))
 LAYERS = ((0, 3), (4, 6), (7, 9), (10, OPEN_END))
+CONFUSIONS = 10
+"""Most confusions that are listed for an agent."""
+CURVE_POINTS = 100
+"""About the most points of a curve of training figures."""
+Figure = Literal["test_success", "return", "loss", "pg_loss", "baseline_loss", "entropy", "grad_norm"]
+FIGURES: tuple[Figure, ...] = get_args(Figure)
+"""Figures of the training that are shown for each seed."""
 NEVER = "never"
 """Layer of a goal that cannot be made from the base."""
 LINK_RANKS = ((1, 3), (4, 10), (11, 30), (31, 100), (101, OPEN_END))
@@ -123,6 +131,21 @@ class LambdaCurve(Record):
     points: tuple[tuple[int, float], ...]
 
 
+class SeedCurve(Record):
+    """A figure of one training as (step, value)."""
+
+    seed: int
+    points: tuple[tuple[int, float], ...]
+
+
+class Confusion(Record):
+    """How many episodes ended with one right part and ``picked``, where a plan has ``wanted`` beside that part."""
+
+    wanted: str
+    picked: str
+    episodes: Count
+
+
 class AgentEntry(Record):
     """All figures of one agent, that is, of runs that differ only in the seed.
 
@@ -132,8 +155,11 @@ class AgentEntry(Record):
         trained_with: number of distractors in training.
         success: success by the number of distractors.
         outcomes: share of each ending, by the number of distractors.
+        confusions: the most frequent ones with the headline's number of distractors, of all runs and draws.
         slices: success on slices of the tasks, with the headline's number of distractors.
         curves: success during training, by part of the tasks.
+        training: figures of each training.
+        provenance: facts about each run, by its name.
     """
 
     name: str
@@ -148,9 +174,12 @@ class AgentEntry(Record):
     steps_per_second: tuple[float | None, ...]
     success: dict[str, AgentSuccess]
     outcomes: dict[str, dict[Ending, Share]]
+    confusions: tuple[Confusion, ...]
     slices: dict[Slice, tuple[SliceSuccess, ...]]
     curves: dict[str, tuple[CurvePoint, ...]]
     lambdas: tuple[LambdaCurve, ...]
+    training: dict[Figure, tuple[SeedCurve, ...]]
+    provenance: dict[str, dict[str, str]]
 
 
 class BaselineSuccess(Record):
@@ -284,7 +313,9 @@ def view_agents(
     entries = []
     for name, members in groups.items():
         others = {} if name == reference else found[reference]
-        entries.append(_entry(name, members, found[name], others, judge.slices(members[0], found[name], headline)))
+        slices = judge.slices(members[0], found[name], headline)
+        confusions = _confusions(world, found[name].get(headline, ()))
+        entries.append(_entry(name, members, found[name], others, slices, confusions))
     graph, split = first.opened.graph, first.opened.split
     return AgentsView(
         format="wordcraft-kg agent report 1",
@@ -385,6 +416,7 @@ def _entry(
     found: dict[int, list[Evaluation]],
     reference: dict[int, list[Evaluation]],
     slices: dict[Slice, tuple[SliceSuccess, ...]],
+    confusions: tuple[Confusion, ...],
 ) -> AgentEntry:
     config = members[0].config
     return AgentEntry(
@@ -400,9 +432,12 @@ def _entry(
         steps_per_second=tuple(agent.evaluation.steps_per_second if agent.evaluation else None for agent in members),
         success={str(amount): _success(results, reference.get(amount)) for amount, results in found.items()},
         outcomes={str(amount): _outcomes(results) for amount, results in found.items()},
+        confusions=confusions,
         slices=slices,
         curves=_curves(members),
         lambdas=tuple(_lambda_curves(members)),
+        training=_training(members),
+        provenance={agent.name: agent.provenance for agent in members},
     )
 
 
@@ -457,16 +492,65 @@ def _curves(members: list[OpenedAgent]) -> dict[str, tuple[CurvePoint, ...]]:
 
 
 def _lambda_curves(members: list[OpenedAgent]) -> list[LambdaCurve]:
-    """λ over training, by source and pick, the mean over seeds, in about 100 points."""
+    """λ over training, by source and pick, the mean over seeds, in about :data:`CURVE_POINTS` points."""
     found = []
     picks: tuple[Literal["first", "second"], ...] = ("first", "second")
     for source in (ALPHA.name, *SOURCES):
         for pick in picks:
             rows = _shared_rows(members, f"lambda_{source}_{pick}")
-            points = [(step, float(np.mean(seeds))) for step, seeds in rows[:: max(1, len(rows) // 100)]]
+            points = [(step, float(np.mean(seeds))) for step, seeds in rows[:: max(1, len(rows) // CURVE_POINTS)]]
             if points:
                 found.append(LambdaCurve(source, pick, tuple(points)))
     return found
+
+
+def _training(members: list[OpenedAgent]) -> dict[Figure, tuple[SeedCurve, ...]]:
+    """Figures of each training that has them, in about :data:`CURVE_POINTS` points.
+
+    The trainer's figures are means since the line before. Where a point of the learning curve shortly follows a line,
+    they are of a few updates only and mostly noise; these are left out.
+    """
+    found: dict[Figure, tuple[SeedCurve, ...]] = {}
+    for figure in FIGURES:
+        curves = []
+        for agent in members:
+            lengths = np.diff([0, *(row.step for row in agent.metrics)])
+            is_long = lengths * 2 >= np.median(lengths) if len(lengths) else lengths
+            points = [
+                (row.step, row.figures[figure])
+                for row, long in zip(agent.metrics, is_long, strict=True)
+                if figure in row.figures and (long or figure == "test_success")
+            ]
+            # Counted from the end, because the last point matters most.
+            thinned = points[:: -max(1, len(points) // CURVE_POINTS)][::-1]
+            if thinned:
+                curves.append(SeedCurve(agent.config.trainer.seed, tuple(thinned)))
+        if curves:
+            found[figure] = tuple(curves)
+    return found
+
+
+def _confusions(world: World, found: Sequence[Evaluation]) -> tuple[Confusion, ...]:
+    """Count which entity was picked where another one was needed, in episodes that ended with one right part."""
+    graph, code = world.graph, ENDINGS.index("one_right_part")
+    pairs = graph.recipes[:, :2].tolist()
+    counts: Counter[tuple[int, int]] = Counter()
+    for result in found:
+        for task, draw in np.argwhere(result.endings == code).tolist():
+            counts.update(_confused(result.last[task, draw].tolist(), [pairs[p[-1]] for p in world.tasks.plans[task]]))
+    # Ties in the order of the ids, so that the same episodes give the same list.
+    most = sorted(counts.items(), key=lambda item: (-item[1], item[0]))[:CONFUSIONS]
+    return tuple(Confusion(graph.entities[wanted], graph.entities[picked], times) for (wanted, picked), times in most)
+
+
+def _confused(last: list[int], plans: list[list[int]]) -> list[tuple[int, int]]:
+    """Return (wanted, picked) for the first plan of which the last pair has one part; none if it has no other."""
+    for a, b in plans:
+        for right, wanted in ((a, b), (b, a)):
+            if right in last:
+                picked = last[1 - last.index(right)]
+                return [(wanted, picked)] if picked != wanted else []
+    return []
 
 
 def _shared_rows(members: list[OpenedAgent], key: str) -> list[tuple[int, list[float]]]:

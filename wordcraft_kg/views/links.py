@@ -37,6 +37,7 @@ from wordcraft_kg.models.scorers.ranking import (
     RankingMetrics,
     calibration,
     random_metrics,
+    random_reciprocal_ranks,
     rank_triples,
     ranking_metrics,
     recipe_clusters,
@@ -46,6 +47,7 @@ from wordcraft_kg.models.scorers.ranking import (
 )
 from wordcraft_kg.records import Count, Hash, Record, Share
 from wordcraft_kg.settings import refuse, whole
+from wordcraft_kg.statistics import bootstrap, interval
 from wordcraft_kg.views.bins import OPEN_END, Bounds, binned
 
 LISTED = 8
@@ -99,6 +101,22 @@ class SliceMetrics(RankingMetrics, kw_only=True):
     """Metrics of a named slice of the queries."""
 
     slice: str
+
+
+class Comparison(Record):
+    """The model against a baseline on the same queries.
+
+    Attributes:
+        baseline: its name.
+        difference: MRR of the model minus that of the baseline.
+        ci: its 95 % interval, by bootstrap over recipes; both answer the same resampled queries.
+        verdict: ``level with`` if the interval holds 0.
+    """
+
+    baseline: str
+    difference: Annotated[float, msgspec.Meta(ge=-1, le=1)]
+    ci: tuple[float, float]
+    verdict: Literal["above", "level with", "below"]
 
 
 class DrillDown(Record):
@@ -171,6 +189,7 @@ class LinkView(Record):
         metrics: filtered metrics with realistic ties.
         with_leaked: metrics if the leaked triples were evaluated too.
         baselines: metrics of baselines by name.
+        comparisons: the model against each baseline, the best baseline first.
         calibration: calibration of the softmax over the candidates.
         best: the best ranked queries.
         worst: the worst ranked queries.
@@ -198,6 +217,7 @@ class LinkView(Record):
     ties: Ties
     with_leaked: RankingMetrics
     baselines: dict[str, Slices]
+    comparisons: Annotated[tuple[Comparison, ...], msgspec.Meta(min_length=1)]
     near_synonym_cosine: float
     drill_down: DrillDown
     histogram: Histogram
@@ -228,6 +248,7 @@ class LinkSummary(Record):
     mrr_without_near_synonyms: Share | None
     has_seen_the_test_recipes: bool
     baselines: dict[str, dict[str, Share | None]]
+    comparisons: tuple[Comparison, ...]
     checks_passed: bool
     report: str
 
@@ -289,6 +310,21 @@ class JudgedLinks:
             parts += [part / (centred.std() or 1.0) for part in (centred, centred.T)]
         profiles = np.concatenate(parts, axis=1)
         return profiles / np.maximum(np.linalg.norm(profiles, axis=1, keepdims=True), 1e-12)
+
+    @cached_property
+    def clusters(self) -> Ids:
+        """The pair of each query, by which intervals are resampled; shape (2 T,)."""
+        split = self.opened.split
+        sources = np.ones(self.graph.num_recipes, dtype=bool) if self.is_full else split.is_in("test")
+        return np.tile(recipe_clusters(self.graph, sources, self.queries), 2)
+
+    @cached_property
+    def baseline_ranks(self) -> dict[str, pd.DataFrame]:
+        """Rankings of the same queries by baselines that know the same triples, by name."""
+        scorers: dict[str, TripleScorer] = {"frequency": FrequencyScorer(self.graph, self.trained_on)}
+        if self.has_table:
+            scorers["neighbours"] = NeighbourScorer(self.graph, self.trained_on)
+        return {name: rank_triples(scorer, self.queries, self.graph.triples) for name, scorer in scorers.items()}
 
     @property
     def labelled_ranks(self) -> pd.DataFrame:
@@ -378,9 +414,10 @@ def view_links(
             ranking_metrics(ranks.assign(candidates=graph.num_entities), "raw_rank"),
         ),
         with_leaked=_with_leaked(judged),
-        baselines=_baselines(judged),
+        baselines=_baselines(judged, seed),
+        comparisons=_comparisons(judged, seed),
         near_synonym_cosine=NEAR_SYNONYM,
-        drill_down=_drill_down(judged),
+        drill_down=_drill_down(judged, seed),
         histogram=_histogram(ranks),
         calibration=calibration(ranks),
         best=_listed(judged, ascending=True),
@@ -413,6 +450,7 @@ def summarise_links(view: LinkView, report: str) -> LinkSummary:
         mrr_without_near_synonyms=others[0] if others else None,
         has_seen_the_test_recipes=view.model.has_seen_the_test_recipes,
         baselines={name: {part: table[part].mrr for part in slices} for name, table in view.baselines.items()},
+        comparisons=view.comparisons,
         checks_passed=all(check.passed for check in view.checks),
         report=report,
     )
@@ -446,10 +484,7 @@ def _by_slice(ranks: pd.DataFrame, measure: Callable[[pd.DataFrame, NDArray[np.b
 
 
 def _headline(judged: JudgedLinks, seed: int) -> Slices:
-    graph, split = judged.graph, judged.opened.split
-    sources = np.ones(graph.num_recipes, dtype=bool) if judged.is_full else split.is_in("test")
-    clusters = np.tile(recipe_clusters(graph, sources, judged.queries), 2)
-    return _by_slice(judged.ranks, lambda part, mask: with_interval(part, clusters[mask], seed=seed))
+    return _by_slice(judged.ranks, lambda part, mask: with_interval(part, judged.clusters[mask], seed=seed))
 
 
 def _with_leaked(judged: JudgedLinks) -> RankingMetrics:
@@ -465,17 +500,30 @@ def _with_leaked(judged: JudgedLinks) -> RankingMetrics:
     return ranking_metrics(pd.concat([judged.ranks, ranks], ignore_index=True) if len(ranks) else judged.ranks)
 
 
-def _baselines(judged: JudgedLinks) -> dict[str, Slices]:
-    graph, trained_on = judged.graph, judged.trained_on
-    scorers: dict[str, TripleScorer] = {"frequency": FrequencyScorer(graph, trained_on)}
-    if judged.has_table:
-        scorers["neighbours"] = NeighbourScorer(graph, trained_on)
-    ranked = {name: rank_triples(scorer, judged.queries, graph.triples) for name, scorer in scorers.items()}
-    tables = {name: _by_slice(ranks, lambda part, _: ranking_metrics(part)) for name, ranks in ranked.items()}
+def _baselines(judged: JudgedLinks, seed: int) -> dict[str, Slices]:
+    tables = {
+        name: _by_slice(ranks, lambda part, mask: with_interval(part, judged.clusters[mask], seed=seed))
+        for name, ranks in judged.baseline_ranks.items()
+    }
     return {**tables, "random": _by_slice(judged.ranks, lambda part, _: random_metrics(part))}
 
 
-def _drill_down(judged: JudgedLinks) -> DrillDown:
+def _comparisons(judged: JudgedLinks, seed: int) -> tuple[Comparison, ...]:
+    """Compare the model with each baseline, query by query."""
+    found = 1 / judged.ranks["rank"].to_numpy(dtype=float)
+    others = {name: 1 / ranks["rank"].to_numpy(dtype=float) for name, ranks in judged.baseline_ranks.items()}
+    others["random"] = random_reciprocal_ranks(judged.ranks)
+    best_first = sorted(others, key=lambda name: -float(others[name].mean()))
+    rows = []
+    for name in best_first:
+        difference = found - others[name]
+        low, high = interval(bootstrap(difference, judged.clusters, seed=seed))
+        verdict: Literal["above", "level with", "below"] = "above" if low > 0 else "below" if high < 0 else "level with"
+        rows.append(Comparison(name, float(difference.mean()), (low, high), verdict))
+    return tuple(rows)
+
+
+def _drill_down(judged: JudgedLinks, seed: int) -> DrillDown:
     graph, ranks, trained_on = judged.graph, judged.ranks, judged.trained_on
     target = np.where(ranks["side"] == "tail", ranks["tail"], ranks["head"]).astype(np.int64)
     seen = np.bincount(np.concatenate([trained_on[:, 0], trained_on[:, 2]]), minlength=graph.num_entities)[target]
@@ -486,31 +534,27 @@ def _drill_down(judged: JudgedLinks) -> DrillDown:
     def between(values: Ids, bounds: Bounds) -> Iterator[tuple[str, NDArray[np.bool_]]]:
         return binned(values, bounds, more=" or more")
 
+    def slices(groups: Iterable[tuple[str, NDArray[np.bool_]]]) -> tuple[SliceMetrics, ...]:
+        found = (
+            (name, with_interval(ranks[mask], judged.clusters[mask], seed=seed)) for name, mask in groups if mask.any()
+        )
+        return tuple(SliceMetrics(**msgspec.structs.asdict(metrics), slice=name) for name, metrics in found)
+
     return DrillDown(
-        seen_in_train=_slices(ranks, between(seen, SEEN)),
-        layer=_slices(ranks, [("not reachable", layer < 0), *between(layer, LAYERS)]),
-        self_combination=_slices(
-            ranks, [("with itself", is_symmetric & is_self), ("with another", is_symmetric & ~is_self)]
-        ),
-        near_synonyms=() if judged.is_full else _near_synonyms(judged),
+        seen_in_train=slices(between(seen, SEEN)),
+        layer=slices([("not reachable", layer < 0), *between(layer, LAYERS)]),
+        self_combination=slices([("with itself", is_symmetric & is_self), ("with another", is_symmetric & ~is_self)]),
+        near_synonyms=() if judged.is_full else slices(_near_synonyms(judged)),
     )
 
 
-def _slices(ranks: pd.DataFrame, groups: Iterable[tuple[str, NDArray[np.bool_]]]) -> tuple[SliceMetrics, ...]:
-    return tuple(
-        SliceMetrics(**msgspec.structs.asdict(ranking_metrics(ranks[mask])), slice=name)
-        for name, mask in groups
-        if mask.any()
-    )
-
-
-def _near_synonyms(judged: JudgedLinks) -> tuple[SliceMetrics, ...]:
+def _near_synonyms(judged: JudgedLinks) -> list[tuple[str, NDArray[np.bool_]]]:
     graph = judged.graph
     recipes = near_synonym_recipes(judged.opened.split, glove_features(graph.entities))
     repeats = np.tile(near_synonym_triples(graph, recipes, judged.queries), 2)
     if not repeats.any():  # split by goal, no result is in both parts; and labels may have no word vectors
-        return ()
-    return _slices(judged.ranks, (("a train recipe with a near-synonym", repeats), (NO_NEAR_SYNONYM, ~repeats)))
+        return []
+    return [("a train recipe with a near-synonym", repeats), (NO_NEAR_SYNONYM, ~repeats)]
 
 
 def _histogram(ranks: pd.DataFrame) -> Histogram:

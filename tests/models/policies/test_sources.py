@@ -216,10 +216,10 @@ def test_every_source_has_a_label_of_its_own_name_and_symbol():
 
 def test_a_column_is_called_after_what_is_held_where_the_scores_depend_on_it():
     u, v = label_of("u"), label_of("v")
-    assert (u.title("egg"), u.title(None), u.needs_held) == ("u combinesWith egg", "u combinesWith ∅", True)
-    assert (v.title("egg"), v.title(None), v.needs_held) == ("v componentOf goal", "v componentOf goal", False)
-    assert u.title("{held}") == "u combinesWith {held}"
-    assert ALPHA.title(None) == "α"
+    assert (u.title("egg"), u.title(None), u.needs_held) == ("combinesWith egg (u)", "combinesWith nothing (u)", True)
+    assert (v.title("egg"), v.title(None), v.needs_held) == ("componentOf goal (v)", "componentOf goal (v)", False)
+    assert u.title("{held}") == "combinesWith {held} (u)"
+    assert ALPHA.title(None) == "attention (α)"
 
 
 def test_importing_the_names_of_sources_imports_no_torch():

@@ -177,15 +177,21 @@ def ranking_metrics(ranks: pd.DataFrame, column: str = "rank") -> RankingMetrics
     )
 
 
+def random_reciprocal_ranks(ranks: pd.DataFrame) -> NDArray[np.float64]:
+    """Return the expected reciprocal rank of each query in a random order, ``H_n / n`` for n candidates."""
+    n = ranks["candidates"].to_numpy(dtype=np.int64)
+    harmonic = np.concatenate([[0], np.cumsum(1 / np.arange(1, n.max(initial=1) + 1))])
+    return np.asarray(harmonic[n] / n)
+
+
 def random_metrics(ranks: pd.DataFrame) -> RankingMetrics:
     """Return the expected metrics of a random order on the same queries (computed, not sampled)."""
     n = ranks["candidates"].to_numpy(dtype=float)
     if not len(n):
         return RankingMetrics(0)
-    harmonic = np.concatenate([[0], np.cumsum(1 / np.arange(1, n.max() + 1))])
     return RankingMetrics(
         queries=len(n),
-        mrr=float(np.mean(harmonic[n.astype(int)] / n)),
+        mrr=float(np.mean(random_reciprocal_ranks(ranks))),
         hits_at_1=float(np.mean(1 / n)),
         hits_at_3=float(np.mean(np.minimum(3, n) / n)),
         hits_at_10=float(np.mean(np.minimum(10, n) / n)),

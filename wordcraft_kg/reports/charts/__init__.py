@@ -1,21 +1,23 @@
 """Small charts as inline SVG strings, which follow the page's light and dark colours and need no JavaScript.
 
-Colours (``series-0``, ``series-1``, ...) and the dashes of :func:`curves` (``dash-0`` to ``dash-3``, ``dashed``) are
-CSS classes that the page's style sheet defines.
+Colours (``series-0``, ``series-1``, ..., ``series-other``) and the dashes of :func:`curves` (``dash-0`` to ``dash-3``,
+``dashed``) are CSS classes that the page's style sheet defines from :mod:`~wordcraft_kg.reports.charts.palette`.
 """
 
 from wordcraft_kg.reports.charts.intervals import intervals
+from wordcraft_kg.reports.charts.palette import COLOURS
 from wordcraft_kg.reports.charts.pictures import contribution_bar, labelled_points, matrix_image
-from wordcraft_kg.reports.charts.series import curves, dots, grouped_bars, lines, reliability
+from wordcraft_kg.reports.charts.series import curves, dots, estimates, grouped_bars, reliability
 
 __all__ = [
+    "COLOURS",
     "contribution_bar",
     "curves",
     "dots",
+    "estimates",
     "grouped_bars",
     "intervals",
     "labelled_points",
-    "lines",
     "matrix_image",
     "reliability",
 ]

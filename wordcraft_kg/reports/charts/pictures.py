@@ -10,19 +10,26 @@ from html import escape
 import numpy as np
 from markupsafe import Markup
 
+from wordcraft_kg.reports.charts.palette import COLOURS
+from wordcraft_kg.reports.charts.scales import shortened
+
 
 def labelled_points(
     points: np.ndarray, labels: Sequence[str], groups: Sequence[int], order: Sequence[int], description: str
 ) -> Markup:
-    """Draw a map of points coloured by group; all have tooltips; labels are placed in ``order`` where they fit."""
+    """Draw a map of points coloured by group; all have tooltips; labels are placed in ``order`` where they fit.
+
+    Groups beyond the colours there are, are grey (``series-other``).
+    """
     width, height = 940, 640
     low, high = points.min(axis=0), points.max(axis=0)
     scaled = (points - low) / np.where(high > low, high - low, 1) * [width - 110, height - 30] + [10, 15]
     places = scaled.round(1).tolist()
-    parts = [f'<svg viewBox="0 0 {width} {height}" role="img" aria-label="{escape(description)}">']
+    parts = [f'<svg viewBox="0 0 {width} {height}" class="map" role="img" aria-label="{escape(description)}">']
     for (x, y), label, group in zip(places, labels, groups, strict=True):
         title = f"<title>{escape(label)}</title>"
-        parts.append(f'<circle cx="{x}" cy="{y}" r="3" class="group-{group % 8}">{title}</circle>')
+        style = f"series-{group}" if group < COLOURS else "series-other"
+        parts.append(f'<circle cx="{x}" cy="{y}" r="3.5" class="dot {style}">{title}</circle>')
     taken: list[tuple[float, float, float]] = []
     for i in order:
         (x, y), end = places[i], places[i][0] + 8 + 5.5 * len(labels[i])
@@ -32,39 +39,69 @@ def labelled_points(
     return Markup("".join([*parts, "</svg>"]))
 
 
-def contribution_bar(contributions: Mapping[str, float], scale: float) -> Markup:
+def contribution_bar(contributions: Mapping[str, float], scale: float, colours: Mapping[str, int]) -> Markup:
     """Draw contributions to a sum: positive ones stacked to the right of the middle, negative ones to the left.
 
     Args:
-        contributions: values by name, in the order of their colours.
+        contributions: values by name.
         scale: value that half the width represents.
+        colours: number of each name's colour.
     """
     half, height = 70.0, 12
     ends = {True: half, False: half}
     parts = [f'<svg class="bar" viewBox="0 0 {2 * half:g} {height}" aria-hidden="true">']
-    for number, (name, value) in enumerate(contributions.items()):
+    for name, value in contributions.items():
         width = min(abs(value) / scale, 1) * half if scale else 0.0
         is_positive = value >= 0
         left = ends[is_positive] if is_positive else ends[is_positive] - width
         ends[is_positive] = left + width if is_positive else left
         parts.append(
-            f'<rect x="{left:.1f}" y="1" width="{width:.1f}" height="{height - 2}" class="series-{number}">'
+            f'<rect x="{left:.1f}" y="1" width="{width:.1f}" height="{height - 2}" class="series-{colours[name]}">'
             f"<title>{escape(name)}: {value:.2f}</title></rect>"
         )
     parts.append(f'<line x1="{half:g}" x2="{half:g}" y1="0" y2="{height}" class="grid"/></svg>')
     return Markup("".join(parts))
 
 
-def matrix_image(values: np.ndarray, marked: np.ndarray, description: str, size: int = 350) -> Markup:
+def matrix_image(
+    values: np.ndarray, marked: np.ndarray, groups: Sequence[tuple[str, int]], description: str, size: int = 350
+) -> Markup:
     """Draw a square matrix as an image, dark = low and bright = high by rank, marked cells red.
 
     Args:
         values: shape (N, N), float.
         marked: shape (N, N), bool.
+        groups: name and size of each group of consecutive rows (and columns), written along both sides where they fit.
         description: text for readers who cannot see it.
         size: largest side in pixels; larger matrices are averaged in blocks.
     """
+    side, margin, line = 400, 64, 11
     step = math.ceil(len(values) / size)
+    extent = math.ceil(len(values) / step) * step  # the last block may be of fewer rows, and is drawn as large
+    image = base64.b64encode(_shades(values, marked, step)).decode()
+    parts = [
+        f'<svg viewBox="0 0 {side + margin} {side + margin}" class="matrix" data-extent="{extent}" role="img" '
+        f'aria-label="{escape(description)}">',
+        f'<image x="{margin}" y="{margin}" width="{side}" height="{side}" preserveAspectRatio="none" '
+        f'href="data:image/png;base64,{image}"/>',
+    ]
+    begin, free = 0, 0.0
+    for name, number in groups:
+        middle, begin = margin + (begin + number / 2) / extent * side, begin + number
+        edge = margin + begin / extent * side
+        parts.append(f'<path d="M{margin - 6} {edge:.1f}h6M{edge:.1f} {margin - 6}v6" class="grid"/>')
+        if middle >= free:
+            free = middle + line
+            text = f"<title>{escape(name)}</title>{escape(shortened(name, 11))}"
+            parts.append(f'<text x="{margin - 8}" y="{middle + 3:.1f}" text-anchor="end" class="small">{text}</text>')
+            parts.append(
+                f'<text transform="translate({middle + 3:.1f} {margin - 8}) rotate(-90)" class="small">{text}</text>'
+            )
+    return Markup("".join([*parts, "</svg>"]))
+
+
+def _shades(values: np.ndarray, marked: np.ndarray, step: int) -> bytes:
+    """Return the picture of a matrix, averaged in blocks of ``step`` rows and columns, as a PNG file."""
     edges = np.arange(0, len(values), step)
     widths = np.diff(np.append(edges, len(values)))
     means = np.add.reduceat(np.add.reduceat(values, edges, axis=0), edges, axis=1) / np.outer(widths, widths)
@@ -75,8 +112,7 @@ def matrix_image(values: np.ndarray, marked: np.ndarray, description: str, size:
     pixels[hit] = 48
     ramp = np.linspace(0, 1, 48)[:, None]
     palette = np.concatenate([(1 - ramp) * [32, 42, 84] + ramp * [250, 232, 150], [[214, 40, 40]]]).astype(np.uint8)
-    data = base64.b64encode(_png(pixels, palette)).decode()
-    return Markup('<img alt="{}" src="data:image/png;base64,{}">').format(description, Markup(data))
+    return _png(pixels, palette)
 
 
 def _png(pixels: np.ndarray, palette: np.ndarray) -> bytes:

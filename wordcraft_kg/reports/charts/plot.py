@@ -5,16 +5,20 @@ from html import escape
 
 from markupsafe import Markup
 
+from wordcraft_kg.reports.charts.palette import COLOURS
 from wordcraft_kg.reports.charts.scales import spread
 
 WIDTH, HEIGHT = 460, 250
 LEFT, RIGHT, TOP, BOTTOM = 46, 12, 12, 42
 LINE_HEIGHT = 13
-COLOURS = 8
+LETTER = 6.3
+"""Width of a letter in the charts' 11 px text."""
+ABOVE = 28
+"""Margin above the axes that has room for a title or a legend."""
 
 
 class Plot:
-    """Axes with linear scales, collecting SVG elements; ``top`` and ``right`` are margins."""
+    """Axes with linear scales, collecting SVG elements; ``top``, ``right`` and ``left`` are margins."""
 
     def __init__(
         self,
@@ -24,34 +28,45 @@ class Plot:
         *,
         top: int = TOP,
         right: int = RIGHT,
+        left: int = LEFT,
+        height: int = HEIGHT,
     ):
         """Take the values at the ends of both axes, and a description for readers who cannot see the chart."""
         self.x_range, self.y_range, self.description = x_range, y_range, description
-        self.top, self.right = top, right
+        self.top, self.right, self.left, self.height = top, right, left, height
         self.parts: list[str] = []
 
     def x(self, value: float) -> float:
         """Return the place of a value, in pixels from the left."""
         low, high = self.x_range
-        return round(LEFT + (value - low) / (high - low) * (WIDTH - LEFT - self.right), 1)
+        return round(self.left + (value - low) / (high - low) * (WIDTH - self.left - self.right), 1)
 
     def y(self, value: float) -> float:
         """Return the place of a value, in pixels from the top."""
         low, high = self.y_range
-        return round(HEIGHT - BOTTOM - (value - low) / (high - low) * (HEIGHT - self.top - BOTTOM), 1)
+        return round(self.height - BOTTOM - (value - low) / (high - low) * (self.height - self.top - BOTTOM), 1)
 
     def y_ticks(self, values: Sequence[float], text: Callable[[float], str]) -> None:
         """Draw grid lines at values, labelled beside the y-axis."""
         for value in values:
             y = self.y(value)
-            self.parts.append(f'<line x1="{LEFT}" x2="{WIDTH - self.right}" y1="{y}" y2="{y}" class="grid"/>')
-            self.parts.append(f'<text x="{LEFT - 5}" y="{y + 4}" text-anchor="end">{text(value)}</text>')
+            self.parts.append(f'<line x1="{self.left}" x2="{WIDTH - self.right}" y1="{y}" y2="{y}" class="grid"/>')
+            self.parts.append(f'<text x="{self.left - 5}" y="{y + 4}" text-anchor="end">{text(value)}</text>')
+
+    def x_ticks(self, values: Sequence[float], text: Callable[[float], str]) -> None:
+        """Draw upright grid lines at values, labelled below."""
+        for value in values:
+            self.parts.append(
+                f'<line x1="{self.x(value)}" x2="{self.x(value)}" y1="{self.top}" y2="{self.height - BOTTOM}" '
+                'class="grid"/>'
+            )
+        self.x_labels([(value, text(value)) for value in values])
 
     def x_labels(self, labels: Sequence[tuple[float, str]]) -> None:
         """Write texts under the x-axis."""
         style = "small" if len(labels) > 6 else "tick"
         for value, label in labels:
-            y = HEIGHT - BOTTOM + 15
+            y = self.height - BOTTOM + 15
             self.parts.append(
                 f'<text x="{self.x(value)}" y="{y}" text-anchor="middle" class="{style}">{escape(label)}</text>'
             )
@@ -102,7 +117,7 @@ class Plot:
 
     def end_labels(self, ends: Sequence[tuple[float, float, str, str, str]]) -> None:
         """Label the right ends (x, y, text, full name, style) of curves, with a thin line to labels that were moved."""
-        places = spread([self.y(end[1]) for end in ends], LINE_HEIGHT, self.top, HEIGHT - BOTTOM)
+        places = spread([self.y(end[1]) for end in ends], LINE_HEIGHT, self.top, self.height - BOTTOM)
         edge = WIDTH - self.right
         for (x_value, y_value, text, name, style), place in zip(ends, places, strict=True):
             x, y = self.x(x_value), self.y(y_value)
@@ -119,20 +134,18 @@ class Plot:
         )
 
     def titles(self, x_title: str, y_title: str) -> None:
-        """Write the titles of the axes."""
-        middle = (LEFT + WIDTH - self.right) / 2
-        self.parts.append(f'<text x="{middle}" y="{HEIGHT - 6}" text-anchor="middle">{escape(x_title)}</text>')
+        """Write the titles of the axes, that of the upright one above it."""
+        middle = (self.left + WIDTH - self.right) / 2
+        self.parts.append(f'<text x="{middle}" y="{self.height - 6}" text-anchor="middle">{escape(x_title)}</text>')
         if y_title:
-            # Above the curves where there is room for it, otherwise inside.
-            x, y = (LEFT, self.top - 10) if self.top > TOP else (LEFT + 4, TOP + 8)
-            self.parts.append(f'<text x="{x}" y="{y}" class="small">{escape(y_title)}</text>')
+            self.parts.append(f'<text x="{self.left}" y="{self.top - 10}" class="small">{escape(y_title)}</text>')
 
-    def done(self, legend: Sequence[str], *, left: bool = False) -> Markup:
-        """Return the chart, with a legend of names in the order of their colours."""
-        x, top = (LEFT + 10, TOP + 16) if left else (WIDTH - 140, TOP + 4)
+    def done(self, legend: Sequence[str] = ()) -> Markup:
+        """Return the chart, with a legend above it of names in the order of their colours."""
+        x = float(self.left)
         for i, name in enumerate(legend):
-            y = top + 16 * i
-            self.parts.append(f'<rect x="{x}" y="{y}" width="11" height="11" class="series-{i}"/>')
-            self.parts.append(f'<text x="{x + 16}" y="{y + 10}">{escape(name)}</text>')
-        opening = f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" role="img" aria-label="{escape(self.description)}">'
+            self.parts.append(f'<rect x="{x:g}" y="6" width="11" height="11" class="series-{i}"/>')
+            self.parts.append(f'<text x="{x + 16:g}" y="16">{escape(name)}</text>')
+            x += 32 + LETTER * len(name)
+        opening = f'<svg viewBox="0 0 {WIDTH} {self.height}" role="img" aria-label="{escape(self.description)}">'
         return Markup("".join([opening, *self.parts, "</svg>"]))

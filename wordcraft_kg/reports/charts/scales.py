@@ -7,19 +7,6 @@ Estimate = tuple[float, float | None, float | None]
 """A value and the bounds of its interval, or None for both bounds."""
 
 
-def round_up(value: float) -> float:
-    """Return the smallest of 1, 2, 4, 5, 8 times a power of ten that is at least ``value``."""
-    if value <= 0:
-        return 1.0
-    unit = 10 ** math.floor(math.log10(value))
-    return next(step * unit for step in (1, 2, 4, 5, 8, 10) if step * unit >= value * (1 - 1e-9))
-
-
-def even_ticks(low: float, high: float, count: int = 5) -> list[float]:
-    """Return numbers from ``low`` to ``high``, evenly spaced; a single one if the two are equal."""
-    return [low + (high - low) * i / (count - 1) for i in range(count)] if high > low else [low]
-
-
 def round_ticks(low: float, high: float, most: int = 5) -> list[float]:
     """Return multiples of 1, 2 or 5 times a power of ten from at most ``low`` to at least ``high``.
 

@@ -7,13 +7,16 @@ from typing import Any
 
 from markupsafe import Markup
 
-from wordcraft_kg.reports.charts.plot import COLOURS, WIDTH, Plot
-from wordcraft_kg.reports.charts.scales import Estimate, amounts, estimate, even_ticks, round_ticks, round_up, shortened
+from wordcraft_kg.reports.charts.palette import COLOURS
+from wordcraft_kg.reports.charts.plot import ABOVE, BOTTOM, LETTER, TOP, WIDTH, Plot
+from wordcraft_kg.reports.charts.scales import Estimate, amounts, estimate, round_ticks, shortened
 
-# Width of a letter in the charts' 11 px text; names of series above the limit are cut, but complete in the tooltip.
-LETTER, LONGEST_NAME = 6.3, 26
+LONGEST_NAME = 26
+"""Letters of a name; longer ones are cut, but complete in the tooltip."""
 DASHES = 4
 HOVER_POINTS = 60
+ROW = 26
+"""Height of a row of estimates."""
 
 CurvePoint = tuple[float, float, float | None, float | None]
 """x, y, and the bounds of an interval of y, or None for both bounds."""
@@ -24,9 +27,9 @@ def grouped_bars(
 ) -> Markup:
     """Draw shares (0 to 1) as grouped bars with a legend."""
     highest = max((max(values, default=0) for values in series.values()), default=0)
-    top = round_up(highest)
-    plot = Plot((0, len(labels)), (0, top), description)
-    plot.y_ticks(even_ticks(0, top), lambda value: f"{value:.0%}")
+    ticks = round_ticks(0, highest)
+    plot = Plot((0, max(len(labels), 1)), (0, ticks[-1]), description, top=ABOVE)
+    plot.y_ticks(ticks, lambda value: f"{value:.3g}" if ticks[1] < 0.01 else f"{value:.0%}")
     width = 0.8 / max(len(series), 1)
     for number, (name, values) in enumerate(series.items()):
         for i, value in enumerate(values):
@@ -35,28 +38,6 @@ def grouped_bars(
     plot.x_labels([(i + 0.5, label) for i, label in enumerate(labels)])
     plot.titles(x_title, "")
     return plot.done(list(series))
-
-
-def lines(
-    series: dict[str, Sequence[tuple[float, float]]],
-    x_title: str,
-    y_title: str,
-    description: str,
-    *,
-    legend_left: bool = False,
-) -> Markup:
-    """Draw curves through (x, y) points; rising curves leave room for the legend on the left."""
-    points = [point for values in series.values() for point in values]
-    xs, ys = zip(*points, strict=True) if points else ((0, 1), (0, 1))
-    low, high = min(ys), max(ys)
-    margin = (high - low) * 0.05 or abs(high) * 0.1 or 1.0
-    plot = Plot((min(xs), max(xs) if max(xs) > min(xs) else min(xs) + 1), (low - margin, high + margin), description)
-    plot.y_ticks(even_ticks(low, high), lambda value: f"{value:.3g}")
-    plot.x_labels([(x, f"{x:.0f}") for x in even_ticks(min(xs), max(xs))])
-    for number, values in enumerate(series.values()):
-        plot.polyline(values, f"line series-{number}")
-    plot.titles(x_title, y_title)
-    return plot.done(list(series) if len(series) > 1 else [], left=legend_left)
 
 
 def curves(
@@ -68,6 +49,7 @@ def curves(
     percent: bool = False,
     dashed: Collection[str] | None = None,
     colours: Mapping[str, int] | None = None,
+    labels: Mapping[str, str] | None = None,
 ) -> Markup:
     """Draw curves with bands of uncertainty, each labelled at its right end; the x-axis includes 0.
 
@@ -81,10 +63,13 @@ def curves(
         description: text for readers who cannot see it.
         percent: y is a share, and its axis goes from 0 to 100 %; otherwise the axis is fitted to the data.
         dashed: names of the curves to be dashed, such as those of train tasks; the others are solid. By default each
-            curve has its own pattern, so that curves differ without colour too.
+            colour has its own pattern, so that curves differ without colour too.
         colours: numbers of colours by name, for curves that share one; by default a curve's place in ``series``.
+        labels: text at the end by name, for curves that share one; a curve without a text is not
+            labelled, and all are thin. By default, each has its name.
     """
-    names = {name: shortened(name, LONGEST_NAME) for name, points in series.items() if points}
+    texts = labels if labels is not None else {name: name for name in series}
+    names = {name: shortened(texts[name], LONGEST_NAME) for name, points in series.items() if points and name in texts}
     everything = [point for points in series.values() for point in points]
     xs = [point[0] for point in everything]
     ys = [value for point in everything for value in point[1:] if value is not None]
@@ -93,30 +78,30 @@ def curves(
     first = min(first, 0)
     last = last if last > first else first + 1
     room = round(20 + LETTER * max(map(len, names.values()), default=0))
-    plot = Plot((first, last), (y_ticks[0], y_ticks[-1]), description, top=28, right=room)
+    plot = Plot((first, last), (y_ticks[0], y_ticks[-1]), description, top=ABOVE, right=room)
     y_texts = [f"{value:.0%}" for value in y_ticks] if percent else amounts(y_ticks)
     plot.y_ticks(y_ticks, dict(zip(y_ticks, y_texts, strict=True)).__getitem__)
     x_ticks = [value for value in round_ticks(first, last) if first <= value <= last]
     plot.x_labels(list(zip(x_ticks, amounts(x_ticks), strict=True)))
     number = {name: (colours or {}).get(name, i) % COLOURS for i, name in enumerate(series)}
-    for name in names:
-        for run in _runs_with_bounds(series[name]):
+    for name, points in series.items():
+        for run in _runs_with_bounds(points):
             plot.band(run, f"band series-{number[name]}", f"whisker series-{number[name]}")
-    for i, name in enumerate(series):
-        if name in names:
-            dash = f"dash-{i % DASHES}" if dashed is None else "dashed" if name in dashed else "dash-0"
-            plot.polyline([point[:2] for point in series[name]], f"line series-{number[name]} {dash}", name)
-    for name in names:
-        points = series[name]
+    drawn = {name: points for name, points in series.items() if points}
+    for name, points in drawn.items():
+        dash = f"dash-{number[name] % DASHES}" if dashed is None else "dashed" if name in dashed else "dash-0"
+        thin = "" if labels is None else " thin"
+        plot.polyline([point[:2] for point in points], f"line series-{number[name]} {dash}{thin}", name)
+    for name, points in drawn.items():
         style, radius = ("hit", 4.0) if len(points) > 1 else (f"dot series-{number[name]}", 3.6)
         every = math.ceil(len(points) / HOVER_POINTS)
         # Counted from the end, because the last point matters most.
         for x, y, low, high in points[::-1][::every][::-1]:
             plot.circle(x, y, radius, style, f"{name}, {x:,.10g}: {estimate((y, low, high), percent)}")
     ends = [(name, *series[name][-1][:2]) for name in names]
-    plot.end_labels([(x, y, names[name], name, f"series-{number[name]}") for name, x, y in ends])
+    plot.end_labels([(x, y, names[name], texts[name], f"series-{number[name]}") for name, x, y in ends])
     plot.titles(x_title, y_title)
-    return plot.done([])
+    return plot.done()
 
 
 def dots(
@@ -128,7 +113,7 @@ def dots(
 ) -> Markup:
     """Draw shares (0 to 1) with the whiskers of their intervals, side by side in each category, legend on the right.
 
-    Series differ in colour and in shape.
+    Series differ in colour and in shape; one without any share keeps its own, but is not drawn.
 
     Args:
         labels: names of the categories; cut where they would overlap.
@@ -137,9 +122,9 @@ def dots(
         y_title: title above the chart.
         description: text for readers who cannot see it.
     """
-    names = {name: shortened(name, LONGEST_NAME) for name in series}
+    names = {name: shortened(name, LONGEST_NAME) for name, values in series.items() if not values or any(values)}
     room = round(30 + LETTER * max(map(len, names.values()), default=0))
-    plot = Plot((0, max(len(labels), 1)), (0, 1), description, top=28, right=room)
+    plot = Plot((0, max(len(labels), 1)), (0, 1), description, top=ABOVE, right=room)
     plot.y_ticks([i / 5 for i in range(6)], lambda value: f"{value:.0%}")
     letters = int((plot.x(1) - plot.x(0)) / LETTER)
     plot.x_labels([(i + 0.5, shortened(label, letters)) for i, label in enumerate(labels)])
@@ -152,26 +137,58 @@ def dots(
                 if low is not None and high is not None:
                     plot.whisker(x, low, high, f"whisker series-{number % COLOURS}")
                 plot.marker(plot.x(x), plot.y(share), number, f"{name}, {label}: {estimate(value, True)}")
-        left, y = WIDTH - room + 14, plot.top + 6 + 16 * number
-        plot.marker(left, y, number, name)
-        plot.parts.append(f'<text x="{left + 9}" y="{y + 4}">{escape(names[name])}</text>')
+        if name in names:
+            left, y = WIDTH - room + 14, plot.top + 6 + 16 * list(names).index(name)
+            plot.marker(left, y, number, name)
+            plot.parts.append(f'<text x="{left + 9}" y="{y + 4}">{escape(names[name])}</text>')
     plot.titles(x_title, y_title)
-    return plot.done([])
+    return plot.done()
+
+
+def estimates(rows: Mapping[str, Estimate], x_title: str, description: str, *, percent: bool = False) -> Markup:
+    """Draw values with the whiskers of their intervals, one below the other, on an axis from 0.
+
+    The first one is that which the others are compared with: a line goes down from it through all rows.
+
+    Args:
+        rows: a value of at least 0 and its interval, by name.
+        x_title: title under the axis.
+        description: text for readers who cannot see it.
+        percent: the values are shares.
+    """
+    ticks = round_ticks(0, max((end for row in rows.values() for end in row if end is not None), default=1))
+    names = {name: shortened(name, LONGEST_NAME) for name in rows}
+    left = round(12 + LETTER * max(map(len, names.values()), default=0))
+    height = TOP + ROW * len(rows) + BOTTOM
+    plot = Plot((0, ticks[-1]), (max(len(rows), 1), 0), description, right=56, left=left, height=height)
+    plot.x_ticks(ticks, lambda value: f"{value:.0%}" if percent else f"{value:.3g}")
+    for number, (name, (value, low, high)) in enumerate(rows.items()):
+        x, y = plot.x(value), plot.y(number + 0.5)
+        if not number:
+            plot.polyline([(value, 0), (value, len(rows))], "diagonal")
+        if low is not None and high is not None:
+            plot.polyline([(low, number + 0.5), (high, number + 0.5)], f"whisker series-{number % COLOURS}")
+        plot.marker(x, y, number, f"{name}: {estimate((value, low, high), percent)}")
+        plot.parts.append(f'<text x="{left - 8}" y="{y + 4}" text-anchor="end">{escape(names[name])}</text>')
+        shown = f"{value:.1%}" if percent else f"{value:.3f}"
+        plot.parts.append(f'<text x="{WIDTH - 44}" y="{y + 4}">{shown}</text>')
+    plot.titles(x_title, "")
+    return plot.done()
 
 
 def reliability(points: Sequence[tuple[float, float, int]], description: str) -> Markup:
     """Draw accuracy against confidence, axes fitted to the data, with the diagonal of perfect calibration."""
-    top = round_up(max((max(x, y) for x, y, _ in points), default=1.0))
-    plot = Plot((0, top), (0, top), description)
-    ticks = even_ticks(0, top)
-    plot.y_ticks(ticks, lambda value: f"{value:.2f}")
-    plot.x_labels([(value, f"{value:.2f}") for value in ticks])
+    ticks = round_ticks(0, max((max(x, y) for x, y, _ in points), default=1.0))
+    top = ticks[-1]
+    plot = Plot((0, top), (0, top), description, top=ABOVE)
+    plot.y_ticks(ticks, lambda value: f"{value:.3g}")
+    plot.x_labels([(value, f"{value:.3g}") for value in ticks])
     plot.polyline([(0, 0), (top, top)], "diagonal")
     plot.polyline([(x, y) for x, y, _ in points], "line series-0")
     for x, y, count in points:
         plot.circle(x, y, 4, "series-0", f"confidence {x:.3f}, right {y:.3f}, {count} queries")
     plot.titles("confidence of the best candidate", "share that is right")
-    return plot.done([])
+    return plot.done()
 
 
 def _runs_with_bounds(points: Sequence[CurvePoint]) -> list[list[tuple[float, float, float]]]:

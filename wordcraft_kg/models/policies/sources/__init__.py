@@ -37,7 +37,7 @@ class Label:
 
     name: str
     symbol: str
-    about: str = ""
+    about: str
 
     @property
     def needs_held(self) -> bool:
@@ -51,10 +51,10 @@ class Label:
 
     def title(self, held: str | None) -> str:
         """Return the head of a column of its scores, given the entity held, None for nothing."""
-        return f"{self.symbol} {self.about.format(held=held or '∅')}".rstrip()
+        return f"{self.about.format(held=held or 'nothing')} ({self.symbol})"
 
 
-ALPHA = Label("alpha", "α")
+ALPHA = Label("alpha", "α", "attention")
 """The attention's own logits."""
 
 

@@ -1,0 +1,178 @@
+"""The words of reports and pages, each explained once: tooltips and ``docs/glossary.md`` are made from it."""
+
+from typing import Literal
+
+from wordcraft_kg.records import Record
+
+Topic = Literal["Graphs", "Links", "Play", "Agents"]
+
+
+class Term(Record):
+    """A word, its meaning in a sentence or two, and the symbol that stands for it in formulas."""
+
+    topic: Topic
+    name: str
+    meaning: str
+    symbol: str = ""
+
+
+GLOSSARY: dict[str, Term] = {
+    "recipe": Term(
+        "Graphs",
+        "recipe",
+        "Two ingredients and what they make. Their order does not matter, and a pair may make several things.",
+    ),
+    "combines_with": Term(
+        "Graphs",
+        "combinesWith",
+        "The relation of the two ingredients of a recipe. It is symmetric: each recipe gives it in both directions.",
+    ),
+    "component_of": Term(
+        "Graphs", "componentOf", "The relation from an ingredient of a recipe to what the recipe makes."
+    ),
+    "layer": Term(
+        "Graphs",
+        "crafting rounds",
+        "How many rounds of crafting an entity is away from the base, if each round makes all that can be made.",
+    ),
+    "full": Term(
+        "Graphs",
+        "full graph",
+        "The triples of all recipes. A model trained on it has seen the answers, so its figures measure memory.",
+    ),
+    "partial": Term("Graphs", "partial graph", "The triples of the train recipes: what an honest model is trained on."),
+    "unseen": Term(
+        "Graphs", "unseen triple", "A triple of a test recipe that no train recipe gives. Only these are evaluated."
+    ),
+    "leaked": Term(
+        "Graphs",
+        "leaked triple",
+        "A triple of a test recipe that a train recipe gives too. A model can answer it from memory, so it is left"
+        " out.",
+    ),
+    "mirrored": Term(
+        "Graphs",
+        "mirrored triple",
+        "A combinesWith triple read the other way round. If the mirror of a test triple were in training, the test"
+        " triple "
+        "would be given away.",
+    ),
+    "self_edge": Term(
+        "Graphs",
+        "self edge",
+        "The score of an entity with itself. Models tend to rank it first by combinesWith, although most entities "
+        "do not "
+        "combine with themselves. It can be kept, kept where training has it (observed), or dropped.",
+    ),
+    "near_synonym": Term(
+        "Graphs",
+        "near-synonym",
+        "An ingredient that replaces another one of a train recipe with the same result and has nearly the same word "
+        "vector. Such a test recipe is paraphrase more than prediction.",
+    ),
+    "query": Term(
+        "Links", "query", "A triple without its head or without its tail; the model ranks all entities for it."
+    ),
+    "filtered": Term(
+        "Links",
+        "filtered",
+        "Other entities that are true answers as well do not compete with the one asked for. Raw ranks let them "
+        "compete.",
+    ),
+    "realistic": Term(
+        "Links",
+        "realistic ties",
+        "Entities with equal scores share their mean rank, so a model that scores all alike gets the rank of chance. "
+        "Optimistic ties rank the true one first, pessimistic ones last.",
+    ),
+    "mrr": Term(
+        "Links", "MRR", "Mean reciprocal rank: the mean over all queries of 1 / rank of the true entity. 1 is perfect."
+    ),
+    "hits": Term("Links", "hits@k", "Share of queries whose true entity is among the first k."),
+    "amri": Term(
+        "Links", "AMRI", "Adjusted mean rank index: 0 for the mean rank of chance, 1 for perfect, below 0 for worse."
+    ),
+    "interval": Term(
+        "Links",
+        "95 % CI",
+        "Confidence interval: a range that covers the true value in about 95 of 100 such experiments. Of links it is a "
+        "bootstrap over recipes, whose triples belong together.",
+    ),
+    "paired": Term(
+        "Links",
+        "paired difference",
+        "Both answer the same queries or tasks, and these are resampled as pairs. If the interval of the "
+        "difference holds "
+        "0, the two are level.",
+    ),
+    "ece": Term(
+        "Links",
+        "ECE",
+        "Expected calibration error: how far the confidence of the best candidate is from how often it is right, "
+        "on average.",
+    ),
+    "frequency": Term(
+        "Links",
+        "frequency rule",
+        "Baseline without training: entities by how often they occur in the training triples.",
+    ),
+    "neighbours": Term(
+        "Links",
+        "neighbour rule",
+        "Baseline without training: asks what entities with the same neighbours in the training graph are linked to.",
+    ),
+    "random": Term("Links", "random order", "Baseline: what chance gives on average, computed instead of sampled."),
+    "goal": Term("Play", "goal", "The entity to make in a task, by picking pairs from a table."),
+    "distractor": Term("Play", "distractor", "An entity on the table that the task does not need."),
+    "depth": Term("Play", "depth", "How many recipes the shortest plan of a task takes."),
+    "plan": Term("Play", "plan", "Recipes that make the goal from the task's starting ingredients."),
+    "by_plan": Term(
+        "Play",
+        "by a plan",
+        "The last pair of one of the task's plans made the goal. Otherwise another pair on the table made it, "
+        "perhaps that "
+        "of a train recipe.",
+    ),
+    "greedy": Term("Play", "greedy", "The agent takes its best slot each time instead of drawing one."),
+    "oracle": Term("Play", "recipe oracle", "A player that looks the recipes up; nothing can be better."),
+    "alpha": Term(
+        "Agents", "attention", "What the agent's own network gives a slot, without any knowledge graph.", "α"
+    ),
+    "u": Term("Agents", "combination score", "The scorer's combinesWith score of a slot with the entity in hand.", "u"),
+    "v": Term("Agents", "ingredient score", "The scorer's componentOf score of a slot with the goal.", "v"),
+    "lambda": Term("Agents", "mixing weight", "How much a source counts, which the agent learns: λα, λu, λv.", "λ"),
+    "beta": Term(
+        "Agents", "logit", "The sum of a slot's scores, each times its mixing weight: λα·α + λu·u + λv·v.", "β"
+    ),
+    "pi": Term("Agents", "probability", "Chance of a slot to be picked in training: the softmax of the logits.", "π"),
+    "value": Term("Agents", "state value", "The return that the agent expects from here on.", "V"),
+    "return": Term("Agents", "return", "Sum of the rewards of an episode."),
+    "entropy": Term(
+        "Agents",
+        "entropy",
+        "How undecided the policy is, in nats: 0 if it always takes the same slot, most if all slots are equally "
+        "likely.",
+    ),
+    "grad_norm": Term("Agents", "gradient norm", "Length of the gradient of the loss, before it is clipped."),
+    "iqm": Term("Agents", "IQM", "Interquartile mean: the mean of the middle half of the seeds."),
+    "p_better": Term(
+        "Agents",
+        "P(better)",
+        "Share of pairs of runs, one of each agent, in which this agent's run is better; ties count half.",
+    ),
+    "over_seeds": Term(
+        "Agents",
+        "over seeds",
+        "Interval by resampling seeds: how another training would vary. With five seeds it is too narrow and "
+        "covers about "
+        "84 %.",
+    ),
+    "over_tasks": Term(
+        "Agents",
+        "over tasks",
+        "Interval by resampling tasks, keeping the draws of a task together: how other tasks would vary. It "
+        "ignores that "
+        "another seed would give another agent.",
+    ),
+}
+"""Terms by the key that templates use."""

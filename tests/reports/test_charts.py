@@ -44,7 +44,7 @@ def decode(image: str) -> tuple[np.ndarray, np.ndarray]:
 
 CHARTS = {
     "bars": lambda label: charts.grouped_bars([label, "b"], {label: [0.5, 0.1], "two": [0.2, 0.3]}, label, label),
-    "estimates": lambda label: charts.estimates({label: (0.5, 0.4, 0.6), "two": (0.2, None, None)}, label, label),
+    "intervals": lambda label: charts.intervals([(label, (0.5, 0.4, 0.6)), ("two", (0.2, None, None))], label, label),
     "curves": lambda label: charts.curves(
         {label: [(0, 1.0, 0.5, 2.0), (2, 1.0, None, None)], "two": [(1, 1, 0, 2)]}, label, label, label, dashed=[label]
     ),
@@ -550,8 +550,10 @@ def test_a_source_keeps_its_colour_when_others_are_missing():
     assert rect.get("class") == "series-2"
 
 
-def test_estimates_are_rows_with_whiskers_and_a_line_down_from_the_first():
-    root = parse(charts.estimates({"model": (0.2, 0.15, 0.3), "rule": (0.4, None, None)}, "MRR", "d"))
+def test_intervals_are_rows_with_whiskers_and_a_line_at_the_reference():
+    root = parse(
+        charts.intervals([("model", (0.2, 0.15, 0.3)), ("rule", (0.4, None, None))], "MRR", "d", reference=0.2)
+    )
     model, rule = of_class(root, "dot")
     assert titles_of([model, rule]) == ["model: 0.2 [0.15, 0.3]", "rule: 0.4"]
     (whisker,) = of_class(root, "whisker")
@@ -563,6 +565,16 @@ def test_estimates_are_rows_with_whiskers_and_a_line_down_from_the_first():
     assert points_of(rule)[:, 1].mean() > float(model.get("cy"))
     assert points_of(rule)[:, 0].mean() - low > high - low
     assert {"0.200", "0.400", "MRR"} <= {text.text for text in root.iter("text")}
+    shares = parse(charts.intervals([("a", (0.5, None, None))], "", "", percent=True))
+    assert "50.0%" in [text.text for text in shares.iter("text")]
+    assert not of_class(shares, "diagonal")
+
+
+@pytest.mark.parametrize("rows", [[], [("a", (0.0, 0.0, 0.0))], [("a", (-0.1, -0.3, 0.2)), ("a", (0.0, None, None))]])
+def test_intervals_of_few_equal_or_negative_values_are_drawn(rows: list):
+    root = parse(charts.intervals(rows, "x", "d", reference=0.0))
+    assert "nan" not in ET.tostring(root, encoding="unicode")
+    assert len(of_class(root, "dot")) == len(rows)
 
 
 def test_curves_that_share_a_label_have_it_once():

@@ -91,14 +91,18 @@ def slot_rows(step: ExplainedStep) -> list[tuple[ExplainedSlot, Markup]]:
 
 def _success(view: AgentsView) -> Markup:
     headline = str(view.headline)
-    rows: dict[str, tuple[float, float | None, float | None]] = {
-        agent.name: (found.mean, *(found.seed_ci or found.task_ci))
+    rows: list[tuple[str, tuple[float, float | None, float | None]]] = [
+        (agent.name, (found.mean, *(found.seed_ci or found.task_ci)))
         for agent in view.agents
         if (found := agent.success.get(headline))
-    }
-    rows |= {player.name: (player.success[headline], None, None) for player in view.baselines}
-    title = f"success on {view.part} tasks, with 95 % intervals"
-    return charts.estimates(rows, title, "Success of the agents and of scripted players", percent=True)
+    ]
+    return charts.intervals(
+        rows + [(player.name, (player.success[headline], None, None)) for player in view.baselines],
+        f"success on {view.part} tasks, with 95 % intervals",
+        "Success of the agents and of scripted players",
+        reference=rows[0][1][0] if rows else None,
+        percent=True,
+    )
 
 
 def _pictures_of_training(view: AgentsView) -> list[Markup]:

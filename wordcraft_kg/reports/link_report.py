@@ -118,13 +118,14 @@ def report_schema() -> dict[str, Any]:
 
 
 def _pictures_of_ranks(view: LinkView) -> dict[str, Markup]:
-    compared = {view.model.name: view.metrics["all"]}
-    compared |= {GLOSSARY[row.baseline].name: view.baselines[row.baseline]["all"] for row in view.comparisons}
+    compared = [(view.model.name, view.metrics["all"])]
+    compared += [(GLOSSARY[row.baseline].name, view.baselines[row.baseline]["all"]) for row in view.comparisons]
     return {
-        "baselines": charts.estimates(
-            {name: (found.mrr or 0.0, *(found.mrr_ci or (None, None))) for name, found in compared.items()},
+        "baselines": charts.intervals(
+            [(name, (found.mrr or 0.0, *(found.mrr_ci or (None, None)))) for name, found in compared],
             "filtered MRR, with 95 % intervals",
             "Filtered MRR of the model and of each baseline",
+            reference=view.metrics["all"].mrr,
         ),
         "ranks": charts.grouped_bars(
             view.histogram.bins,

@@ -7,14 +7,13 @@ Colours (``series-0``, ``series-1``, ..., ``series-other``) and the dashes of :f
 from wordcraft_kg.reports.charts.intervals import intervals
 from wordcraft_kg.reports.charts.palette import COLOURS
 from wordcraft_kg.reports.charts.pictures import contribution_bar, labelled_points, matrix_image
-from wordcraft_kg.reports.charts.series import curves, dots, estimates, grouped_bars, reliability
+from wordcraft_kg.reports.charts.series import curves, dots, grouped_bars, reliability
 
 __all__ = [
     "COLOURS",
     "contribution_bar",
     "curves",
     "dots",
-    "estimates",
     "grouped_bars",
     "intervals",
     "labelled_points",

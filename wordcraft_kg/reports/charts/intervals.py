@@ -5,48 +5,45 @@ from html import escape
 
 from markupsafe import Markup
 
-from wordcraft_kg.reports.charts.plot import COLOURS, LINE_HEIGHT, WIDTH
+from wordcraft_kg.reports.charts.palette import COLOURS
+from wordcraft_kg.reports.charts.plot import BOTTOM, LETTER, LONGEST_NAME, TOP, WIDTH, Plot
 from wordcraft_kg.reports.charts.scales import Estimate, estimate, round_ticks, shortened
 
-LETTER, LONGEST_NAME, ROW = 6.3, 26, 24
-TOP, RIGHT, BOTTOM = 8, 14, 40
+ROW = 26
 
 
 def intervals(
-    rows: Sequence[tuple[str, Estimate]], x_title: str, description: str, *, reference: float | None = None
+    rows: Sequence[tuple[str, Estimate]],
+    x_title: str,
+    description: str,
+    *,
+    reference: float | None = None,
+    percent: bool = False,
 ) -> Markup:
-    """Draw values with the whiskers of their intervals, a row for each, the axis fitted to them.
+    """Draw values with the whiskers of their intervals, a row for each with a shape of its own; the axis fits them.
 
     Args:
-        rows: names, cut where they are long but complete in the tooltip, and values with their bounds.
+        rows: names, and values with their bounds.
         x_title: title under the axis.
         description: text for readers who cannot see it.
         reference: value to mark with a dashed line, which the axis includes.
+        percent: the values are shares.
     """
     names = [shortened(name, LONGEST_NAME) for name, _ in rows]
-    left = round(16 + LETTER * max(map(len, names), default=0))
-    bottom = TOP + ROW * len(rows)
-    values = [number for _, bounds in rows for number in (*bounds, reference) if number is not None]
-    ticks = round_ticks(min(values, default=0), max(values, default=1))
-
-    def x(value: float) -> float:
-        return round(left + (value - ticks[0]) / (ticks[-1] - ticks[0]) * (WIDTH - left - RIGHT), 1)
-
-    opening = f'<svg viewBox="0 0 {WIDTH} {bottom + BOTTOM}" role="img" aria-label="{escape(description)}">'
-    parts = [opening]
-    for tick in ticks:
-        parts.append(f'<line x1="{x(tick)}" x2="{x(tick)}" y1="{TOP}" y2="{bottom}" class="grid"/>')
-        parts.append(f'<text x="{x(tick)}" y="{bottom + LINE_HEIGHT}" text-anchor="middle">{tick:.10g}</text>')
+    ends = [end for _, row in rows for end in (*row, reference) if end is not None]
+    ticks = round_ticks(min(ends, default=0), max(ends, default=1))
+    left, height = round(12 + LETTER * max(map(len, names), default=0)), TOP + ROW * len(rows) + BOTTOM
+    plot = Plot((ticks[0], ticks[-1]), (max(len(rows), 1), 0), description, right=56, left=left, height=height)
+    plot.x_ticks(ticks, lambda value: f"{value:.0%}" if percent else f"{value:.3g}")
     if reference is not None:
-        at = x(reference)
-        parts.append(f'<polyline points="{at},{TOP} {at},{bottom}" class="diagonal"/>')
-    for number, (short, (name, value)) in enumerate(zip(names, rows, strict=True)):
-        y, (centre, low, high) = TOP + ROW * (number + 0.5), value
-        title, style = f"<title>{escape(name)}: {estimate(value, False)}</title>", f"series-{number % COLOURS}"
-        parts.append(f'<text x="{left - 8}" y="{y + 4}" text-anchor="end">{escape(short)}{title}</text>')
+        plot.polyline([(reference, 0), (reference, len(rows))], "diagonal")
+    for number, (short, (name, (value, low, high))) in enumerate(zip(names, rows, strict=True)):
+        y = plot.y(number + 0.5)
         if low is not None and high is not None:
-            parts.append(f'<line x1="{x(low)}" x2="{x(high)}" y1="{y}" y2="{y}" class="whisker {style}"/>')
-        parts.append(f'<circle cx="{x(centre)}" cy="{y}" r="3.8" class="dot {style}">{title}</circle>')
-    middle = (left + WIDTH - RIGHT) / 2
-    parts.append(f'<text x="{middle}" y="{bottom + 32}" text-anchor="middle">{escape(x_title)}</text></svg>')
-    return Markup("".join(parts))
+            plot.polyline([(low, number + 0.5), (high, number + 0.5)], f"whisker series-{number % COLOURS}")
+        plot.marker(plot.x(value), y, number, f"{name}: {estimate((value, low, high), percent)}")
+        plot.parts.append(f'<text x="{left - 8}" y="{y + 4}" text-anchor="end">{escape(short)}</text>')
+        shown = f"{value:.1%}" if percent else f"{value:.3f}"
+        plot.parts.append(f'<text x="{WIDTH - 44}" y="{y + 4}">{shown}</text>')
+    plot.titles(x_title, "")
+    return plot.done()

@@ -8,15 +8,11 @@ from typing import Any
 from markupsafe import Markup
 
 from wordcraft_kg.reports.charts.palette import COLOURS
-from wordcraft_kg.reports.charts.plot import ABOVE, BOTTOM, LETTER, TOP, WIDTH, Plot
+from wordcraft_kg.reports.charts.plot import ABOVE, LETTER, LONGEST_NAME, WIDTH, Plot
 from wordcraft_kg.reports.charts.scales import Estimate, amounts, estimate, round_ticks, shortened
 
-LONGEST_NAME = 26
-"""Letters of a name; longer ones are cut, but complete in the tooltip."""
 DASHES = 4
 HOVER_POINTS = 60
-ROW = 26
-"""Height of a row of estimates."""
 
 CurvePoint = tuple[float, float, float | None, float | None]
 """x, y, and the bounds of an interval of y, or None for both bounds."""
@@ -142,37 +138,6 @@ def dots(
             plot.marker(left, y, number, name)
             plot.parts.append(f'<text x="{left + 9}" y="{y + 4}">{escape(names[name])}</text>')
     plot.titles(x_title, y_title)
-    return plot.done()
-
-
-def estimates(rows: Mapping[str, Estimate], x_title: str, description: str, *, percent: bool = False) -> Markup:
-    """Draw values with the whiskers of their intervals, one below the other, on an axis from 0.
-
-    The first one is that which the others are compared with: a line goes down from it through all rows.
-
-    Args:
-        rows: a value of at least 0 and its interval, by name.
-        x_title: title under the axis.
-        description: text for readers who cannot see it.
-        percent: the values are shares.
-    """
-    ticks = round_ticks(0, max((end for row in rows.values() for end in row if end is not None), default=1))
-    names = {name: shortened(name, LONGEST_NAME) for name in rows}
-    left = round(12 + LETTER * max(map(len, names.values()), default=0))
-    height = TOP + ROW * len(rows) + BOTTOM
-    plot = Plot((0, ticks[-1]), (max(len(rows), 1), 0), description, right=56, left=left, height=height)
-    plot.x_ticks(ticks, lambda value: f"{value:.0%}" if percent else f"{value:.3g}")
-    for number, (name, (value, low, high)) in enumerate(rows.items()):
-        x, y = plot.x(value), plot.y(number + 0.5)
-        if not number:
-            plot.polyline([(value, 0), (value, len(rows))], "diagonal")
-        if low is not None and high is not None:
-            plot.polyline([(low, number + 0.5), (high, number + 0.5)], f"whisker series-{number % COLOURS}")
-        plot.marker(x, y, number, f"{name}: {estimate((value, low, high), percent)}")
-        plot.parts.append(f'<text x="{left - 8}" y="{y + 4}" text-anchor="end">{escape(names[name])}</text>')
-        shown = f"{value:.1%}" if percent else f"{value:.3f}"
-        plot.parts.append(f'<text x="{WIDTH - 44}" y="{y + 4}">{shown}</text>')
-    plot.titles(x_title, "")
     return plot.done()
 
 

@@ -25,6 +25,7 @@ from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
 from wordcraft_kg.models.links.folder import open_model
 from wordcraft_kg.models.policies.folder import make_policy, write_constants
 from wordcraft_kg.models.policies.policy import Policy
+from wordcraft_kg.models.policies.sources.source import pairs_need_factors
 from wordcraft_kg.runs.checkpoints import Checkpoint
 from wordcraft_kg.runs.folder import Progress, RunFolder, check_run_output, new_run, resumed_run
 from wordcraft_kg.runs.inputs import open_run_graph
@@ -92,14 +93,16 @@ def train_agent(
     check_device(trainer.device)
     if trainer.compile:
         check_compiler(torch.device(trainer.device))
-    engine = _engine(opened, config)
     scorer, observed, kg = None, None, None
     inputs = {"graph": opened.graph.hash, "split": opened.split.hash}
     if config.scorer is not None:
         model = open_model(Path(config.scorer), opened.source)
         scorer, kg = model.scorer, model.kg
+        # Refused now, if it has to be: the tasks of a large graph take a while.
+        pairs_need_factors(config.policy.sources, scorer, config.policy.scale)
         observed = opened.triples(kg)
         inputs["scorer"] = model.run.outputs["model.safetensors"]
+    engine = _engine(opened, config)
     policy, features = make_policy(
         config.policy, opened.graph, engine.num_slots, scorer=scorer, observed=observed, seed=trainer.seed
     )

@@ -31,6 +31,7 @@ from wordcraft_kg.models.policies.folder import load_policy
 from wordcraft_kg.models.policies.sources import ALPHA, SOURCES, Label, label_of, source_class
 from wordcraft_kg.models.policies.sources import source as source_module
 from wordcraft_kg.models.policies.sources.source import ScoreView, Source, make_sources
+from wordcraft_kg.models.scorers import folder as scorer_folder
 from wordcraft_kg.models.scorers.neighbours import NeighbourScorer
 from wordcraft_kg.models.scorers.protocol import TripleScorer
 from wordcraft_kg.models.scorers.scales import scaled_scorer
@@ -202,6 +203,76 @@ def test_tables_that_would_not_fit_are_refused_before_the_scorer_is_asked(names,
     monkeypatch.setattr(OtherScorer, "table", None)
     with pytest.raises(ConfigError, match="scores of all pairs of 6 entities take"):
         make_sources(names, SCORER)
+
+
+# --- by factors, where a table would not fit -------------------------------------------------------------------------
+
+
+class Factored(OtherScorer):
+    """Scores that are a matrix product."""
+
+    def factors(self, relation):
+        left, singular, right = torch.linalg.svd(self.table(relation).detach().double())
+        return (left * singular).float(), right.T.float()
+
+
+@pytest.fixture
+def no_tables(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(source_module, "TABLE_LIMIT", 1)
+
+
+@any_sources
+@pytest.mark.parametrize("scale", ["standardise", "none"])
+@pytest.mark.parametrize("self_edges", ["keep", "observed", "drop"])
+def test_sources_of_factors_score_like_tables_and_nothing_scores_zero(
+    names, scale, self_edges, monkeypatch: pytest.MonkeyPatch
+):
+    view = ScoreView(scale, self_edges, np.array([[1, 0, 1]]))
+    everything = torch.arange(SIZE + 1)
+    states_of_all = everything[:, None], everything, everything
+    goal, held, slot = (x.flatten() for x in torch.broadcast_tensors(everything[:-1, None, None], *states_of_all[:2]))
+    state = goal, held, torch.stack([slot, held], dim=1)
+    tables = make_sources(names, Factored(), view)
+    monkeypatch.setattr(source_module, "TABLE_LIMIT", 1)
+    for table, factors in zip(tables, make_sources(names, Factored(), view), strict=True):
+        assert "scores" not in factors.state_dict()
+        torch.testing.assert_close(factors(*state), table(*state), atol=1e-5, rtol=1e-4)
+        assert not factors(*state)[state[2] == NOTHING].any()
+
+
+def test_a_source_of_factors_is_restored_from_its_constants(no_tables):
+    (full,) = make_sources(["u"], Factored(), ScoreView("standardise", "drop"))
+    empty = source_class("u").restored(SIZE, full.state_dict())
+    assert not empty(*states()).any()
+    empty.load_state_dict(full.state_dict())
+    assert torch.equal(empty(*states()), full(*states()))
+
+
+def test_a_scale_that_needs_a_table_is_refused_where_none_fits_and_names_the_scales_that_do(no_tables):
+    with pytest.raises(ConfigError, match=r"`scale` ranks needs .* Choose standardise or none"):
+        make_sources(["u", "v"], Factored(), ScoreView("ranks"))
+
+
+def test_an_agent_whose_sources_do_not_fit_is_refused_before_its_tasks_are_made(
+    tmp_path: Path, no_tables, monkeypatch: pytest.MonkeyPatch
+):
+    train_links(LinksConfig("kitchen", ComplExConfig(dim=4, epochs=1)), tmp_path / "model")
+    monkeypatch.setattr("wordcraft_kg.agents.training.World", None)
+    with pytest.raises(ConfigError, match="scores of all pairs"):
+        train_agent(AgentConfig("kitchen", str(tmp_path / "model")), tmp_path / "run")
+    assert not (tmp_path / "run").exists()
+
+
+def test_an_agent_learns_with_factors_and_its_policy_comes_back(
+    tmp_path: Path, no_tables, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(scorer_folder, "TABLE_LIMIT", 1)
+    train_links(LinksConfig("kitchen", ComplExConfig(dim=4, epochs=1)), tmp_path / "model")
+    policy = PolicyConfig(scale="standardise")
+    config = AgentConfig("kitchen", str(tmp_path / "model"), TaskConfig(), policy, ImpalaConfig(steps=512))
+    trained = train_agent(config, tmp_path / "run")
+    loaded = load_policy(trained.folder)
+    assert set(loaded.sources["u"].state_dict()) == {"left", "right", "shift", "dropped", "itself"}
 
 
 # --- names -----------------------------------------------------------------------------------------------------------

@@ -12,9 +12,10 @@ from link_helpers import random_graph
 
 from wordcraft_kg.errors import ConfigError
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS
+from wordcraft_kg.models.scorers.embeddings import ComplExScorer
 from wordcraft_kg.models.scorers.facts import FrequencyScorer
 from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
-from wordcraft_kg.models.scorers.scales import scaled_scorer
+from wordcraft_kg.models.scorers.scales import FACTORED_SCALES, scaled_factors, scaled_scorer, scaled_table
 from wordcraft_kg.models.scorers.tables import TableScorer
 from wordcraft_kg.statistics import standardised
 
@@ -245,3 +246,42 @@ def test_scaling_twice_gives_the_same_bits_and_changes_nothing_in_the_scorer(sca
     one.scores.zero_()
     assert torch.equal(SCORER.scores, before)
     assert other.scores.any()
+
+
+# --- by factors ------------------------------------------------------------------------------------------------------
+
+
+def factored(seed: int = 0, scale: float = 1.0) -> ComplExScorer:
+    generator = torch.Generator().manual_seed(seed)
+    sizes = {"entity": SIZE, "relation": len(RELATIONS)}
+    parts = {
+        f"{kind}_{part}": torch.randn(size, 4, generator=generator) * scale + 0.3
+        for kind, size in sizes.items()
+        for part in ("real", "imag")
+    }
+    return ComplExScorer(parts, GRAPH.entities, GRAPH.hash)
+
+
+@any_relation
+@pytest.mark.parametrize("scale", FACTORED_SCALES)
+@pytest.mark.parametrize("self_edges", ["keep", "observed", "drop"])
+def test_factors_give_the_scores_of_the_scaled_table(relation: int, scale: str, self_edges: str):
+    scorer, loops = factored(), np.array([[2, relation, 2], [3, relation, 4]])
+    options = {"self_edges": self_edges, "observed": loops}
+    expected = scaled_table(scorer, relation, scale, **options)
+    factors = scaled_factors(scorer, relation, scale, **options)
+    found = factors.left @ factors.right.T - factors.shift
+    found[factors.dropped, factors.dropped] = factors.itself
+    torch.testing.assert_close(found, expected, atol=1e-5, rtol=1e-4)
+    assert factors.dropped.sum() == {"keep": 0, "observed": SIZE - 1, "drop": SIZE}[self_edges]
+
+
+def test_factors_that_tell_no_pairs_apart_score_zero():
+    factors = scaled_factors(factored(scale=0.0), COMBINES_WITH)
+    assert (factors.left @ factors.right.T - factors.shift).abs().max() < 1e-5
+
+
+@pytest.mark.parametrize("scale", ["ranks", "log-softmax"])
+def test_a_scale_that_needs_the_table_is_refused_for_factors(scale: str):
+    with pytest.raises(ConfigError, match="`scale`"):
+        scaled_factors(factored(), COMBINES_WITH, scale)

@@ -35,8 +35,13 @@ class ComplExScorer(Scorer):
         return product.real.sum(dim=-1)
 
     def table(self, relation: int | str) -> torch.Tensor:  # noqa: D102 - inherited
+        left, right = self.factors(relation)
+        return left @ right.T
+
+    def factors(self, relation: int | str) -> tuple[torch.Tensor, torch.Tensor]:
+        """Return ``left`` and ``right``, shape (E, 2 d): the score of a pair is ``left[head] · right[tail]``."""
         left = torch.view_as_real(self.entity * self.relation[self.relation_ids(relation)]).flatten(1)
-        return left @ torch.view_as_real(self.entity).flatten(1).T
+        return left, torch.view_as_real(self.entity).flatten(1)
 
     def embeddings(self) -> dict[str, torch.Tensor]:
         """Return the real and imaginary parts that it can be made from again."""

@@ -41,6 +41,15 @@ class TripleScorer(Protocol):
         ...
 
 
+@runtime_checkable
+class FactoredScorer(TripleScorer, Protocol):
+    """A scorer whose scores of all pairs are one matrix product, so that no table of them is needed."""
+
+    def factors(self, relation: "int | str") -> "tuple[torch.Tensor, torch.Tensor]":
+        """Return ``left`` and ``right``, shape (E, m), float32: the score of a pair is ``left[head] · right[tail]``."""
+        ...
+
+
 def check_scorer(scorer: TripleScorer, graph: RecipeGraph) -> None:
     """Refuse a scorer of another graph.
 

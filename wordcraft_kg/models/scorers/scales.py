@@ -1,5 +1,6 @@
 """Views of scorers on a common scale, so that scores of different scorers and relations can be mixed."""
 
+from dataclasses import dataclass
 from typing import get_args
 
 import numpy as np
@@ -9,7 +10,7 @@ from wordcraft_kg.errors import ConfigError
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
 from wordcraft_kg.models.scorers.config import Scale, SelfEdges
-from wordcraft_kg.models.scorers.protocol import TripleScorer
+from wordcraft_kg.models.scorers.protocol import FactoredScorer, TripleScorer
 from wordcraft_kg.models.scorers.tables import TableScorer
 from wordcraft_kg.settings import one_of
 from wordcraft_kg.statistics import standardised
@@ -53,6 +54,64 @@ def scaled_table(
         different = table[~np.eye(len(table), dtype=bool)]
         table[dropped, dropped] = different.mean() if scale == "none" and len(table) > 1 else 0
     return torch.from_numpy(table)
+
+
+FACTORED_SCALES: tuple[Scale, ...] = ("standardise", "none")
+"""The scales that need no table of all pairs."""
+
+
+@dataclass(frozen=True)
+class ScaledFactors:
+    """Scores of all pairs in one relation, on a common scale, as factors: ``left[head] · right[tail] - shift``.
+
+    Attributes:
+        left: shape (E, m).
+        right: shape (E, m).
+        shift: shape ().
+        dropped: shape (E,), bool: the entities whose score with themselves is ``itself`` instead.
+        itself: shape ().
+    """
+
+    left: torch.Tensor
+    right: torch.Tensor
+    shift: torch.Tensor
+    dropped: torch.Tensor
+    itself: torch.Tensor
+
+
+def scaled_factors(
+    scorer: FactoredScorer,
+    relation: int,
+    scale: Scale = "standardise",
+    *,
+    self_edges: SelfEdges = "keep",
+    observed: Ids | None = None,
+) -> ScaledFactors:
+    """Return what :func:`scaled_table` returns, without a table: mean and deviation follow from the factors' moments.
+
+    With X and Y the factors, the sum of all scores is ``Σ x · Σ y`` and that of their squares the sum of the entries of
+    ``XᵀX * YᵀY``, both less what the entities with themselves contribute.
+
+    Raises:
+        ConfigError: for a scale that needs the table, or ``observed`` without triples.
+    """
+    one_of("scale", scale, FACTORED_SCALES)
+    one_of("self_edges", self_edges, get_args(SelfEdges))
+    left, right = (part.detach().cpu() for part in scorer.factors(relation))
+    x, y = left.double(), right.double()
+    loops = (x * y).sum(dim=1)
+    pairs = max(len(x) * (len(x) - 1), 1)
+    mean = (x.sum(dim=0) @ y.sum(dim=0) - loops.sum()) / pairs
+    square = ((x.T @ x) * (y.T @ y)).sum() - (loops**2).sum()
+    variance = square / pairs - mean**2
+    # Equal up to rounding, which must not be amplified.
+    deviation = variance.sqrt() if variance > 1e-12 * square / pairs else torch.ones_like(mean)
+    dropped = torch.zeros(len(left), dtype=torch.bool)
+    if self_edges != "keep":
+        dropped[torch.from_numpy(_dropped_self_edges(len(left), relation, self_edges, observed))] = True
+    if scale == "none":
+        return ScaledFactors(left, right, torch.zeros(()), dropped, mean.float())
+    return ScaledFactors((x / deviation).float(), right, (mean / deviation).float(), dropped, torch.zeros(()))
 
 
 def _dropped_self_edges(size: int, relation: int, self_edges: SelfEdges, observed: Ids | None) -> Ids:

@@ -4,12 +4,11 @@ from torch import Tensor
 
 from wordcraft_kg.graphs.triples import COMPONENT_OF
 from wordcraft_kg.models.policies.sources import Label
-from wordcraft_kg.models.policies.sources.source import ScoreView, TableSource
+from wordcraft_kg.models.policies.sources.source import PairSource, ScoreView
 from wordcraft_kg.models.scorers.protocol import TripleScorer
-from wordcraft_kg.models.scorers.scales import scaled_table
 
 
-class ComponentOf(TableSource):
+class ComponentOf(PairSource):
     """``v_i = L(e_i, componentOf, e_g)``.
 
     Source: Jiang et al. 2020, section "Link Prediction Model".
@@ -19,7 +18,7 @@ class ComponentOf(TableSource):
 
     @classmethod
     def of_scorer(cls, scorer: TripleScorer, view: ScoreView) -> "ComponentOf":  # noqa: D102 - inherited
-        return cls(len(scorer.entities), scaled_table(scorer, COMPONENT_OF, view.scale))
+        return cls.of_pairs(scorer, COMPONENT_OF, view)
 
     def key(self, goal: Tensor, selection: Tensor) -> Tensor:  # noqa: D102 - inherited
         return goal

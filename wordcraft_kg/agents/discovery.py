@@ -11,6 +11,7 @@ from wordcraft_kg.envs.open_ended import Discovery
 from wordcraft_kg.errors import ConfigError
 from wordcraft_kg.graphs.recipe_graph import Entity, RecipeGraph
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
+from wordcraft_kg.models.scorers.limits import check_table
 from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
 from wordcraft_kg.progress import steps
 from wordcraft_kg.settings import one_of, whole
@@ -174,9 +175,11 @@ class ScorerDiscoverer(Discoverer):
         """Standardise the scorer's tables, two of shape (E, E).
 
         Raises:
+            ConfigError: if the graph has too many entities for the tables.
             GraphMismatchError: if the scorer belongs to another graph.
         """
         check_scorer(scorer, graph)
+        check_table("player 'empowerment-scorer'", graph.num_entities)
         links, parts = (scorer.table(relation).cpu().double().numpy() for relation in (COMBINES_WITH, COMPONENT_OF))
         self._odds = np.exp(np.minimum(standardised((links + links.T) / 2), _MOST))
         self._parts = standardised(parts)
@@ -240,7 +243,7 @@ def make_discoverers(
     """Return players by name.
 
     Raises:
-        ConfigError: for an unknown name, or ``empowerment-scorer`` without a scorer.
+        ConfigError: for an unknown name, or ``empowerment-scorer`` without a scorer or with too many entities.
         GraphMismatchError: if the scorer belongs to another graph.
     """
     players: dict[str, Discoverer] = {}

@@ -160,11 +160,11 @@ def test_a_sampled_objective_that_was_chosen_for_the_size_is_said_and_recorded(
 ):
     monkeypatch.setattr(link_config, "FULL_SOFTMAX", opened_kitchen.graph.num_entities - 1)
     trained = train(opened_kitchen, ComplExConfig(dim=4, epochs=1), tmp_path / "model")
-    assert "1,024 sampled for each batch" in caplog.text
+    assert "512 sampled for each batch" in caplog.text
     settings = LinksConfig.read(trained.folder).settings
     assert isinstance(settings, ComplExConfig)
     assert settings.negatives == NEGATIVES
-    assert "1,024 entities sampled" in (trained.folder / "README.md").read_text()
+    assert "512 entities sampled" in (trained.folder / "README.md").read_text()
 
 
 def test_with_all_entities_nothing_is_said(opened_kitchen: OpenedGraph, tmp_path: Path, caplog):

@@ -18,13 +18,16 @@ from hypothesis import strategies as st
 from link_helpers import contents, flip_bit, interrupt_after, random_graph, train
 from link_oracles import equation_1
 
+from wordcraft_kg.agents.discovery import make_discoverers
 from wordcraft_kg.artefacts import sha256_of
-from wordcraft_kg.errors import ArtefactError, GraphMismatchError, UnknownEntityError, WordCraftKGError
+from wordcraft_kg.errors import ArtefactError, ConfigError, GraphMismatchError, UnknownEntityError, WordCraftKGError
 from wordcraft_kg.graphs import RecipeGraph
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS
-from wordcraft_kg.models.links.config import ComplExConfig
+from wordcraft_kg.models.links import builders, training
+from wordcraft_kg.models.links.config import ComplExConfig, LinkModelConfig
 from wordcraft_kg.models.scorers import folder as scorer_folder
+from wordcraft_kg.models.scorers import limits
 from wordcraft_kg.models.scorers.embeddings import ComplExScorer
 from wordcraft_kg.models.scorers.facts import FrequencyScorer, SymbolicScorer
 from wordcraft_kg.models.scorers.folder import load_scorer, make_scorer
@@ -479,3 +482,40 @@ def test_a_table_of_any_strides_scores_like_a_plain_one():
     scorer = TableScorer(scores, GRAPH.entities, GRAPH.hash)
     assert scorer.score(1, COMPONENT_OF, 2) == scores[COMPONENT_OF, 1, 2]
     assert torch.equal(scorer.table(COMBINES_WITH), scores[COMBINES_WITH])
+
+
+def test_what_needs_all_pairs_is_refused_with_their_size_before_it_is_computed(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(limits, "TABLE_LIMIT", len(RELATIONS) * SIZE**2 * 4)
+    NeighbourScorer(GRAPH, GRAPH.triples)
+    make_discoverers(["empowerment-scorer"], GRAPH, COMPLEX)
+    monkeypatch.setattr(limits, "TABLE_LIMIT", len(RELATIONS) * SIZE**2 * 4 - 1)
+    monkeypatch.setattr(ComplExScorer, "table", None)
+    for refused in (
+        lambda: NeighbourScorer(GRAPH, GRAPH.triples),
+        lambda: make_discoverers(["empowerment-scorer"], GRAPH, COMPLEX),
+    ):
+        with pytest.raises(ConfigError, match=f"all pairs of {SIZE} entities"):
+            refused()
+
+
+@pytest.mark.parametrize("model", ["distmult", "complex"])
+def test_a_model_of_embeddings_is_served_from_them_where_a_table_is_too_large(
+    opened_kitchen: OpenedGraph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, model: str
+):
+    config = LinkModelConfig(model=model, dim=4, epochs=2)
+    table = load_scorer(train(opened_kitchen, config, tmp_path / "table").folder)
+    for module in (scorer_folder, builders, training):
+        monkeypatch.setattr(module, "TABLE_LIMIT", 0)
+    scorer = load_scorer(train(opened_kitchen, config, tmp_path / "embeddings").folder)
+    assert (type(table), type(scorer)) == (TableScorer, ComplExScorer)
+    for relation in RELATIONS:
+        torch.testing.assert_close(scorer.table(relation), table.table(relation), atol=1e-5, rtol=1e-5)
+
+
+def test_a_model_that_needs_a_table_too_large_is_refused_before_training_with_models_that_do_not(
+    opened_kitchen: OpenedGraph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(training, "TABLE_LIMIT", 0)
+    with pytest.raises(ConfigError, match=r"'rotate' needs a table of all scores.*distmult, complex"):
+        train(opened_kitchen, LinkModelConfig(model="rotate"), tmp_path / "model")
+    assert not (tmp_path / "model").exists()

@@ -7,7 +7,7 @@ from typing import Any
 
 import torch
 from pykeen.losses import loss_resolver
-from pykeen.models import Model, model_resolver
+from pykeen.models import ComplEx, DistMult, Model, model_resolver
 from pykeen.training import TrainingLoop, training_loop_resolver
 from pykeen.triples import TriplesFactory
 
@@ -21,6 +21,7 @@ from wordcraft_kg.models.links.pykeen_bridge import all_scores
 from wordcraft_kg.models.links.sampled_softmax import SampledSymmetricLCWATrainingLoop
 from wordcraft_kg.models.links.symmetric_lcwa import IndexedSymmetricLCWATrainingLoop
 from wordcraft_kg.models.scorers.folder import ScorerKind
+from wordcraft_kg.models.scorers.limits import TABLE_LIMIT, table_bytes
 from wordcraft_kg.settings import nearest, refuse
 
 
@@ -33,14 +34,26 @@ def make_training_loop(config: LinkSettings, factory: TriplesFactory) -> Trainin
     return _complex_loop(config, factory) if isinstance(config, ComplExConfig) else _pykeen_loop(config, factory)
 
 
+def is_factored(name: str) -> bool:
+    """Return whether the scores of a PyKEEN model are those of ComplEx embeddings, so that it needs no table.
+
+    Raises:
+        ConfigError: if PyKEEN has no such model.
+    """
+    return issubclass(model_class(name), (ComplEx, ComplExN3, DistMult))
+
+
 def scorer_tensors(config: LinkSettings, model: Model, triples: Ids) -> tuple[ScorerKind, dict[str, torch.Tensor]]:
     """Return the kind of scorer that a model becomes that was trained on ``triples``, and the tensors that it needs.
 
     ComplEx becomes its embeddings (``complex``), popularity included; any other model becomes a ``table`` of the scores
-    of all triples, beside its own parameters.
+    of all triples, beside its own parameters. Where the table would be too large, models of :func:`is_factored` become
+    embeddings too.
     """
     if isinstance(config, ComplExConfig):
         return "complex", with_popularity(_embeddings(model), triples, config.popularity or 0.0)
+    if table_bytes(model.num_entities) > TABLE_LIMIT:
+        return "complex", _embeddings(model)
     return "table", _all_scores(model)
 
 
@@ -73,6 +86,8 @@ def _embeddings(model: Model) -> dict[str, torch.Tensor]:
         ("relation", model.relation_representations),
     ):
         embedding = representation().detach().cpu()
+        if not embedding.is_complex():  # DistMult is ComplEx without imaginary parts
+            embedding = torch.complex(embedding, torch.zeros_like(embedding))
         tensors |= {f"{name}_real": embedding.real.contiguous(), f"{name}_imag": embedding.imag.contiguous()}
     return tensors
 

@@ -17,7 +17,7 @@ N3_PARTIAL = 0.1
 """For all but small books; chosen on validation parts, see docs/link-prediction.md."""
 FULL_SOFTMAX = 10_000
 """Most entities for which ComplEx's softmax is over all of them by default."""
-NEGATIVES = 1_024
+NEGATIVES = 512
 """Entities that are sampled for each batch above that number."""
 
 
@@ -80,7 +80,7 @@ class ComplExConfig(TrainingConfig):
             chosen on a small book unless `n3` is given, else 0.
         init_scale: standard deviation of the initial embeddings; 0.001 as in the paper's released code.
         negatives: entities sampled for each batch to stand for all others in the softmax; 0 takes all of them. Default:
-            0 up to 10,000 entities, 1,024 above, where all would take too long.
+            0 up to 10,000 entities, 512 above, where all would take too long.
 
     Example:
         >>> ComplExConfig(kg="full").n3

@@ -17,7 +17,8 @@ from wordcraft_kg.graphs.folder import KG, OpenedGraph, open_graph
 from wordcraft_kg.graphs.triples import RELATIONS, is_in
 from wordcraft_kg.models.links.pykeen_bridge import all_scores
 from wordcraft_kg.models.links.saving import save_scorer
-from wordcraft_kg.models.scorers.tables import TABLE_LIMIT, TableScorer
+from wordcraft_kg.models.scorers.limits import TABLE_LIMIT
+from wordcraft_kg.models.scorers.tables import TableScorer
 from wordcraft_kg.records import Count, Record
 
 Vocabulary = dict[str, int]

@@ -13,8 +13,8 @@ from wordcraft_kg.graphs.triples import RELATIONS
 from wordcraft_kg.models.links.config import SavedConfig
 from wordcraft_kg.models.scorers.embeddings import ComplExScorer
 from wordcraft_kg.models.scorers.folder import ScorerKind, Vocabulary
+from wordcraft_kg.models.scorers.limits import TABLE_LIMIT
 from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
-from wordcraft_kg.models.scorers.tables import TABLE_LIMIT
 from wordcraft_kg.records import as_values
 from wordcraft_kg.runs.cards import front_matter
 from wordcraft_kg.runs.config_file import CONFIG_FILE

@@ -11,8 +11,7 @@ from pathlib import Path
 from wordcraft_kg.artefacts import dump_json, write_atomically
 from wordcraft_kg.errors import ConfigError
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
-from wordcraft_kg.graphs.triples import RELATIONS
-from wordcraft_kg.models.links.builders import make_training_loop, model_class
+from wordcraft_kg.models.links.builders import is_factored, make_training_loop
 from wordcraft_kg.models.links.config import CONFIGS, ComplExConfig, LinkModelConfig, LinksConfig, LinkSettings
 from wordcraft_kg.models.links.epochs import Epochs
 from wordcraft_kg.models.links.fitting import train_epochs
@@ -20,7 +19,7 @@ from wordcraft_kg.models.links.pykeen_bridge import pykeen_guard, quiet_pykeen, 
 from wordcraft_kg.models.links.records import Choice, LinkMetrics, LinkProgress
 from wordcraft_kg.models.links.regularisation import choose
 from wordcraft_kg.models.links.results import OUTPUTS, model_card, write_results
-from wordcraft_kg.models.scorers.tables import TABLE_LIMIT
+from wordcraft_kg.models.scorers.limits import TABLE_LIMIT, table_bytes
 from wordcraft_kg.records import as_values, parse_record
 from wordcraft_kg.runs.checkpoints import Checkpoint
 from wordcraft_kg.runs.folder import Progress, RunFolder, RunKind, check_run_output, new_run, resumed_run
@@ -175,11 +174,13 @@ def _read_choice(run: RunFolder[LinkProgress]) -> Choice | None:
 
 def _check_fit(opened: OpenedGraph, settings: LinkSettings) -> None:
     if isinstance(settings, LinkModelConfig):
-        model_class(settings.model)
-        if len(RELATIONS) * opened.graph.num_entities**2 * 4 > TABLE_LIMIT:
+        needed = table_bytes(opened.graph.num_entities)
+        if not is_factored(settings.model) and needed > TABLE_LIMIT:
             raise ConfigError(
-                f"`model` {settings.model!r} needs a table of all scores, which is too large for "
-                f"{opened.graph.num_entities:,} entities. Train ComplEx instead: wordcraft-kg train-complex"
+                f"`model` {settings.model!r} needs a table of all scores, of {needed / 2**30:,.1f} GiB for "
+                f"{opened.graph.num_entities:,} entities; expected at most {TABLE_LIMIT / 2**30:.2f} GiB. Models whose "
+                "embeddings serve instead: distmult, complex, and ComplEx with the paper's objective (wordcraft-kg "
+                "train-complex)."
             )
     if settings.kg == "partial" and opened.split.config.kind == "none":
         raise ConfigError(

@@ -10,9 +10,10 @@ from wordcraft_kg.errors import ArtefactError
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.triples import RELATIONS
 from wordcraft_kg.models.scorers.embeddings import ComplExScorer
+from wordcraft_kg.models.scorers.limits import TABLE_LIMIT, table_bytes
 from wordcraft_kg.models.scorers.protocol import check_scorer
 from wordcraft_kg.models.scorers.scorer import Scorer
-from wordcraft_kg.models.scorers.tables import TABLE_LIMIT, TableScorer
+from wordcraft_kg.models.scorers.tables import TableScorer
 from wordcraft_kg.records import Record, parse_record
 from wordcraft_kg.runs.record import read_finished_run, verified_bytes
 from wordcraft_kg.tensors import read_tensors
@@ -104,4 +105,4 @@ def make_scorer(
     if kind == "table":
         return TableScorer(tensors["scores"], entities, graph_hash, **settings)
     scorer = ComplExScorer(tensors, entities, graph_hash, **settings)
-    return scorer.to_table() if len(RELATIONS) * len(entities) ** 2 * 4 <= TABLE_LIMIT else scorer
+    return scorer.to_table() if table_bytes(len(entities)) <= TABLE_LIMIT else scorer

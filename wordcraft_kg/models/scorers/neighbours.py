@@ -7,6 +7,7 @@ import torch
 
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.triples import COMPONENT_OF, RELATIONS
+from wordcraft_kg.models.scorers.limits import check_table
 from wordcraft_kg.models.scorers.tables import TableScorer
 
 
@@ -18,14 +19,19 @@ class NeighbourScorer(TableScorer):
     extent that they share neighbours. A neighbour shared by n entities weighs 1 / n, and an entity's similarity to
     itself is 0. The weight was chosen among powers of n on validation parts: ``benchmarks/link_quality.py neighbours``.
 
-    Everything is dense, (E, 3 E), so this suits graphs of up to a few thousand entities.
+    Everything is dense, (E, 3 E), so this suits graphs of up to a few thousand entities; larger ones are refused.
 
     Source: neighbourhood-based link prediction (Adamic and Adar 2003; Sarwar et al. 2001), here on two relations.
     """
 
     def __init__(self, graph: RecipeGraph, triples: np.ndarray, *, power: float = 1.0, **kwargs: Any):
-        """Score all triples from the known ones, shape (T, 3); a neighbour of n entities weighs ``n ** -power``."""
+        """Score all triples from the known ones, shape (T, 3); a neighbour of n entities weighs ``n ** -power``.
+
+        Raises:
+            ConfigError: if the graph has too many entities.
+        """
         size = graph.num_entities
+        check_table("the neighbour rule", size)
         links = torch.zeros(len(RELATIONS), size, size)
         heads, relations, tails = torch.tensor(triples, dtype=torch.int64).T
         links[relations, heads, tails] = 1

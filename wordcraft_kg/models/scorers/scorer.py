@@ -57,7 +57,7 @@ class Scorer(ABC):
         return self._score(self.entity_ids(heads), self.relation_ids(relations), self.entity_ids(tails))
 
     def table(self, relation: int | str) -> torch.Tensor:
-        """Return the scores of all pairs, shape (E, E), row = head, column = tail."""
+        """Return the scores of all pairs, shape (E, E), row = head, column = tail; 1.5 GiB for 20,000 entities."""
         everything = torch.arange(len(self.entities), device=self.device)
         return self._score(everything[:, None], self.relation_ids(relation), everything[None, :])
 

@@ -22,7 +22,3 @@ class TableScorer(Scorer):
 
     def table(self, relation: int | str) -> torch.Tensor:  # noqa: D102 - inherited
         return self.scores[self.relation_ids(relation)]
-
-
-TABLE_LIMIT = 2**28
-"""Bytes. Up to this size all scores are computed once and looked up; above it they come from the embeddings."""

@@ -12,9 +12,9 @@ from wordcraft_kg.errors import ConfigError
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.models.policies.sources import Label, source_class
 from wordcraft_kg.models.scorers.config import Scale, SelfEdges
+from wordcraft_kg.models.scorers.limits import TABLE_LIMIT
 from wordcraft_kg.models.scorers.protocol import FactoredScorer, TripleScorer
 from wordcraft_kg.models.scorers.scales import FACTORED_SCALES, scaled_factors, scaled_table
-from wordcraft_kg.models.scorers.tables import TABLE_LIMIT
 
 
 @dataclass(frozen=True)

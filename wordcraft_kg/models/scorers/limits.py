@@ -1,0 +1,26 @@
+"""Up to which size the scores of all pairs of entities are computed; imports no torch."""
+
+from wordcraft_kg.errors import ConfigError
+from wordcraft_kg.graphs.triples import RELATIONS
+
+TABLE_LIMIT = 2**28
+"""Bytes. Up to this size all scores are computed once and looked up; above it they come from the embeddings."""
+
+
+def table_bytes(num_entities: int) -> int:
+    """Return the size of a table of all scores."""
+    return len(RELATIONS) * num_entities**2 * 4
+
+
+def check_table(what: str, num_entities: int) -> None:
+    """Refuse what needs the scores of all pairs where they are too many.
+
+    Raises:
+        ConfigError: saying how large the table would be.
+    """
+    needed = table_bytes(num_entities)
+    if needed > TABLE_LIMIT:
+        raise ConfigError(
+            f"{what} needs the scores of all pairs of {num_entities:,} entities, {needed / 2**30:,.1f} GiB; "
+            f"expected at most {TABLE_LIMIT / 2**30:.2f} GiB. Take a smaller graph."
+        )

@@ -17,15 +17,13 @@ from wordcraft_kg.models.links.config import LinkSettings
 from wordcraft_kg.models.links.pykeen_bridge import seed_everything
 from wordcraft_kg.models.links.records import LinkProgress, TraceRow
 from wordcraft_kg.models.scorers.folder import make_scorer
-from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples, sampled
+from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples, sampled_for
 from wordcraft_kg.runs.checkpoints import Checkpoint
 from wordcraft_kg.runs.folder import Progress, RunFolder
 from wordcraft_kg.runs.trackers import Log
 from wordcraft_kg.tensors import copied, with_prefix
 
-RANKED = 20_000
-"""Most validation triples that are ranked after an epoch."""
-QUIET = 10.0
+QUIET = 20.0
 """Seconds of an epoch after which, and then between which, its progress is reported."""
 
 
@@ -50,7 +48,7 @@ class Epochs(TrainingCallback):
         super().__init__()
         self.run, self.opened, self.settings, self.report, self.log = run, opened, settings, progress, log
         self.so_far = LinkProgress(seconds=0.0, best_mrr=None, best_epoch=None, has_stopped=False, trace=())
-        self._valid = sampled(opened.split.held_out("valid"), RANKED) if settings.eval_every else None
+        self._valid = sampled_for(opened.graph, opened.split.held_out("valid")) if settings.eval_every else None
         self._batches = -(-len(opened.triples(settings.kg)) // settings.batch_size)
         self._batch = 0
         self._best: dict[str, Tensor] = {}
@@ -64,8 +62,8 @@ class Epochs(TrainingCallback):
             self._reported = now
             done = self._batch / self._batches
             minutes = (now - self._clock) / done / 60
-            hours = minutes * (self.settings.epochs - epoch + 1 - done) / 60
-            figures = {f"of epoch {epoch}": done, "minutes an epoch": minutes, "hours left": hours}
+            left = minutes * (self.settings.epochs - epoch + 1 - done)
+            figures = {f"of epoch {epoch}": done, "minutes an epoch": minutes, "minutes left": left}
             self.report(epoch - 1, self.settings.epochs, figures)
 
     def post_epoch(self, epoch: int, epoch_loss: float, **kwargs: Any) -> None:

@@ -17,7 +17,7 @@ from wordcraft_kg.graphs.folder import KG, OpenedGraph, open_graph
 from wordcraft_kg.graphs.triples import RELATIONS, is_in
 from wordcraft_kg.models.links.pykeen_bridge import all_scores
 from wordcraft_kg.models.links.saving import save_scorer
-from wordcraft_kg.models.scorers.limits import TABLE_LIMIT
+from wordcraft_kg.models.scorers.limits import TABLE_LIMIT, table_bytes
 from wordcraft_kg.models.scorers.tables import TableScorer
 from wordcraft_kg.records import Count, Record
 
@@ -129,7 +129,7 @@ def _scorer(model: Model, entities: Vocabulary, relations: Vocabulary, opened: O
                 f"the {what} of the model are not those of '{graph.name}': {', '.join(said)}. Train it on "
                 f"dataset='wordcraft', dataset_kwargs={{'graph': {opened.source!r}}}."
             )
-    if len(RELATIONS) * graph.num_entities**2 * 4 > TABLE_LIMIT:
+    if table_bytes(graph.num_entities) > TABLE_LIMIT:
         raise ConfigError(f"a table of all scores is too large for {graph.num_entities:,} entities.")
     scores = all_scores(
         model, torch.tensor([entities[label] for label in graph.entities]), [relations[name] for name in RELATIONS]

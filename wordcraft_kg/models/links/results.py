@@ -12,14 +12,12 @@ from wordcraft_kg.models.links.builders import scorer_tensors
 from wordcraft_kg.models.links.config import ComplExConfig, LinkSettings
 from wordcraft_kg.models.links.records import Choice, LinkMetrics, LinkProgress
 from wordcraft_kg.models.scorers.folder import Vocabulary, make_scorer
-from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples, sampled
+from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples, sampled_for
 from wordcraft_kg.records import as_lines, as_values
 from wordcraft_kg.runs.cards import front_matter
 from wordcraft_kg.tensors import copied
 
 OUTPUTS = ("model.safetensors", "vocabulary.json", "config.toml", "metrics.json", "trace.jsonl")
-RANKED_IN_TRAIN = 20_000
-"""Maximum number of training triples that are ranked at the end of a training."""
 
 
 def write_results(
@@ -42,7 +40,7 @@ def write_results(
         relations=RELATIONS,
     )
     # On large graphs a fixed sample is enough.
-    sample = sampled(triples, RANKED_IN_TRAIN)
+    sample = sampled_for(graph, triples)
     ranks = rank_triples(make_scorer(kind, tensors, graph.entities, graph.hash), sample, triples)
     metrics = LinkMetrics(
         kg=settings.kg,

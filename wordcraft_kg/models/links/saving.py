@@ -13,7 +13,7 @@ from wordcraft_kg.graphs.triples import RELATIONS
 from wordcraft_kg.models.links.config import SavedConfig
 from wordcraft_kg.models.scorers.embeddings import ComplExScorer
 from wordcraft_kg.models.scorers.folder import ScorerKind, Vocabulary
-from wordcraft_kg.models.scorers.limits import TABLE_LIMIT
+from wordcraft_kg.models.scorers.limits import TABLE_LIMIT, table_bytes
 from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
 from wordcraft_kg.records import as_values
 from wordcraft_kg.runs.cards import front_matter
@@ -92,7 +92,7 @@ def _tensors_of(scorer: TripleScorer) -> tuple[ScorerKind, dict[str, Tensor]]:
         kind, tensors = "complex", scorer.embeddings()
     else:
         size = len(scorer.entities)
-        if len(RELATIONS) * size**2 * 4 > TABLE_LIMIT:
+        if table_bytes(size) > TABLE_LIMIT:
             raise ConfigError(
                 f"the scores of all triples of {size:,} entities take {len(RELATIONS) * size**2 * 4 / 2**20:,.0f} MiB; "
                 f"expected at most {TABLE_LIMIT / 2**20:.0f} MiB. Only a ComplExScorer can be saved without them."

@@ -71,6 +71,11 @@ def sampled(triples: Ids, size: int, seed: int = 0) -> Ids:
     return triples[np.sort(np.random.default_rng(seed).permutation(len(triples))[:size])]
 
 
+def sampled_for(graph: RecipeGraph, triples: Ids) -> Ids:
+    """Return as many triples as a training ranks: 20,000 at most, and fewer of more than 26,000 entities."""
+    return sampled(triples, min(20_000, max(1_000, 2**29 // graph.num_entities)))
+
+
 def rank_triples(scorer: TripleScorer, triples: Ids, known: Ids) -> pd.DataFrame:
     """Rank the true head and the true tail of each triple among all entities.
 
@@ -117,17 +122,18 @@ def _rank_batch(scorer: TripleScorer, batch: Ids, side: str, rows: Ids, columns:
     with torch.no_grad():
         scores = scorer.score(*((head, relation, everything) if side == "tail" else (everything, relation, tail)))
     scores = scores.cpu().double()
-    if not bool(torch.isfinite(scores).all()):
+    # The sum is finite if all scores are: they were of 32 bits.
+    if not bool(torch.isfinite(scores.sum())):
         raise ArtefactError("the model gives scores that are not finite numbers; train it again with a lower rate.")
     target = (tail if side == "tail" else head)[:, 0]
     index = torch.arange(len(batch))
     true = scores[index, target][:, None]
-    raw = (scores > true).sum(1) + (1 + (scores == true).sum(1)) / 2
+    raw = _count(scores > true) + (1 + _count(scores == true)) / 2
     # The true entity is set aside too: the remaining ones compete with it.
     scores[torch.from_numpy(rows), torch.from_numpy(columns)] = -torch.inf
     scores[index, target] = -torch.inf
-    better, equal = (scores > true).sum(1), (scores == true).sum(1)
-    candidates = torch.isfinite(scores).sum(1) + 1
+    better, equal = _count(scores > true), _count(scores == true)
+    candidates = _count(scores > -torch.inf) + 1
     scores[index, target] = true[:, 0]
     best, top = scores.max(dim=1)
     return pd.DataFrame(
@@ -146,6 +152,11 @@ def _rank_batch(scorer: TripleScorer, batch: Ids, side: str, rows: Ids, columns:
             "confidence": torch.exp(best - torch.logsumexp(scores, dim=1)).numpy(),
         }
     )
+
+
+def _count(mask: torch.Tensor) -> torch.Tensor:
+    """Return how many entries of each row are True; in 32 bits, which takes less than half the time."""
+    return mask.sum(1, dtype=torch.int32).long()
 
 
 def _ranges(left: Ids, right: Ids) -> Ids:

@@ -16,6 +16,8 @@ OWN_FILES = ("graph.json", "run.json", "report.json", "dataset.yaml")
 """A folder that holds one of these was written by this package and may be replaced on request."""
 SMALL_FILE = 2**28
 """Bytes; more than any record, log of figures or list of settings that this package writes."""
+LARGE_FILE = 2**36
+"""Bytes; more than any weights or book that fit into the memory of a usual machine."""
 
 
 def with_a_name(path: Path) -> Path:
@@ -34,16 +36,37 @@ def dump_json(value: Any) -> str:
     return json.dumps(value, ensure_ascii=False, indent=2, allow_nan=False) + "\n"
 
 
+def check_file(path: Path, largest: int = LARGE_FILE) -> None:
+    """Check that a file can be read to its end: devices and pipes have none, and a file may be all hole.
+
+    Raises:
+        ArtefactError: if it is missing, not a regular file, or larger than ``largest`` bytes.
+    """
+    if not os.path.lexists(path):
+        raise ArtefactError(f"{path} is missing; the folder is incomplete or not of the expected kind.")
+    if not path.is_file():
+        raise ArtefactError(f"{path} is damaged: not a regular file. Restore a copy.")
+    if (size := path.stat().st_size) > largest:
+        raise ArtefactError(f"{path} is damaged: {size:,} bytes; the limit is {largest:,}. Restore a copy.")
+
+
 def read_small_file(path: Path) -> bytes:
     """Read a file of records, figures or settings that this package wrote.
 
     Raises:
-        ArtefactError: if it is missing, not a regular file (a device never ends), or larger than :data:`SMALL_FILE`.
+        ArtefactError: if it is missing, not a regular file, or larger than :data:`SMALL_FILE`.
     """
-    if not os.path.lexists(path):
-        raise ArtefactError(f"{path} is missing; the folder is incomplete.")
-    if not path.is_file() or path.stat().st_size > SMALL_FILE:
-        raise ArtefactError(f"{path} is damaged: not a file, or larger than {SMALL_FILE:,} bytes. Restore a copy.")
+    check_file(path, SMALL_FILE)
+    return path.read_bytes()
+
+
+def read_large_file(path: Path) -> bytes:
+    """Read a file of weights.
+
+    Raises:
+        ArtefactError: if it is missing, not a regular file, or larger than :data:`LARGE_FILE`.
+    """
+    check_file(path)
     return path.read_bytes()
 
 

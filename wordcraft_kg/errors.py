@@ -1,6 +1,12 @@
 """Errors that a user can cause: one class per cause; messages say what was found, what was expected, what to do."""
 
 
+def reason(error: BaseException) -> str:
+    """Return an error's kind and message in one line; those of torch may take many."""
+    text = " ".join(str(error).split()) or "no reason given"
+    return f"{type(error).__name__}: {text if len(text) <= 300 else text[:300] + '...'}"
+
+
 class WordCraftKGError(Exception):
     """Base of all errors that a user's input can cause; the command line prints them without a traceback."""
 

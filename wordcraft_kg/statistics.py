@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from wordcraft_kg.errors import ConfigError
 from wordcraft_kg.progress import steps
-from wordcraft_kg.settings import refuse, whole
+from wordcraft_kg.settings import MAX_SIZE, refuse, whole
 
 Interval = tuple[float, float, float]
 """A value, its lower and its upper bound."""
@@ -182,7 +182,7 @@ def task_bootstrap(
     Source: Davison and Hinkley 1997, "Bootstrap methods and their application", section 3.8; Wilson 1927.
     """
     _check_level(level)
-    draws = whole("draws", draws, 1)
+    draws = whole("draws", draws, 1, MAX_SIZE)
     seed = whole("seed", seed, 0)
     table = _finite("successes", successes)
     if table.ndim != 2:
@@ -221,7 +221,7 @@ def paired_difference(x: ArrayLike, y: ArrayLike, *, level: float = 0.95, draws:
     Source: Efron and Tibshirani 1993, "An introduction to the bootstrap", chapter 13.
     """
     _check_level(level)
-    draws = whole("draws", draws, 1)
+    draws = whole("draws", draws, 1, MAX_SIZE)
     seed = whole("seed", seed, 0)
     a, b = _finite("x", x), _finite("y", y)
     if a.ndim != 2 or b.ndim != 2 or len(a) != len(b):
@@ -239,7 +239,7 @@ def _percentiles(
 ) -> tuple[float, float] | None:
     """Return percentile bounds of a statistic of resampled samples, each (draws, S, K); ``cost``: values per draw."""
     _check_level(level)
-    draws = whole("draws", draws, 1)
+    draws = whole("draws", draws, 1, MAX_SIZE)
     rng = np.random.default_rng(whole("seed", seed, 0))
     if any(len(sample) == 1 for sample in samples):
         return None

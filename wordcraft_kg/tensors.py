@@ -17,12 +17,18 @@ def read_tensors(path: Path, data: bytes) -> dict[str, torch.Tensor]:
     """Parse safetensors bytes.
 
     Raises:
-        ArtefactError: if they are damaged.
+        ArtefactError: if they are damaged, or a tensor holds a number that is not finite.
     """
     try:
-        return safetensors.torch.load(data)
-    except (SafetensorError, ValueError) as error:
+        tensors = safetensors.torch.load(data)
+    except (SafetensorError, ValueError, KeyError) as error:
         raise ArtefactError(f"{path} is damaged ({error}). Train the model again, or restore a copy.") from None
+    for name, tensor in tensors.items():
+        if not torch.isfinite(tensor).all():
+            raise ArtefactError(
+                f"{path} is damaged: the tensor {name} holds NaN or infinity. Train the model again, or restore a copy."
+            )
+    return tensors
 
 
 def with_prefix(tensors: Mapping[str, Tensor], prefix: str) -> dict[str, Tensor]:

@@ -502,7 +502,7 @@ def test_a_file_that_is_something_else_or_of_another_session_is_refused_and_stay
     other = ("play", "everyday", "--protocol", "paper", "--out", path)
     assert "graph_hash" in refused(typed("1\n1\n", *other), "GraphMismatchError")
     assert path.read_bytes() == before
-    assert "directory" in refused(typed("1\n1\n", *PROTOCOL, "--out", tmp_path), "IsADirectoryError")
+    assert "is not a file" in refused(typed("1\n1\n", *PROTOCOL, "--out", tmp_path), "ArtefactError")
 
 
 def test_a_graph_without_test_tasks_is_refused_before_anything_is_written(typed: Run, tmp_path: Path):
@@ -581,5 +581,5 @@ def test_human_summary_refuses_what_it_cannot_sum_up(typed: Run, run: Run, tmp_p
     assert "num_distractors" in refused(run("human-summary", one, two), "ConfigError")
     assert "same answers" in refused(run("human-summary", one, one), "ArtefactError")
     assert "torn line" in refused(run("human-summary", torn), "ArtefactError")
-    assert "nowhere" in refused(run("human-summary", tmp_path / "nowhere"), "FileNotFoundError")
+    assert "nowhere" in refused(run("human-summary", tmp_path / "nowhere"), "ArtefactError")
     assert "at least one" in refused(run("human-summary"), "ConfigError")

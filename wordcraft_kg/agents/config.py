@@ -10,7 +10,7 @@ from wordcraft_kg.graphs.tasks import TaskPart, TaskWeighting
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.records import Record
 from wordcraft_kg.runs.config_file import read_config, write_config
-from wordcraft_kg.settings import require, whole
+from wordcraft_kg.settings import MAX_SIZE, MAX_THREADS, SMALLEST, number_in, require, whole
 
 _LARGE = 1e9
 
@@ -110,18 +110,22 @@ class ImpalaConfig:
     checkpoint_every: int = 100_000
 
     def __post_init__(self) -> None:
-        for name in ("steps", "batch_size", "unroll", "threads", "log_every", "checkpoint_every"):
+        for name in ("steps", "log_every", "checkpoint_every"):
             whole(name, getattr(self, name), 1)
-        for name in ("policy_lag", "eval_every"):
+        for name in ("batch_size", "unroll"):
+            whole(name, getattr(self, name), 1, MAX_SIZE)
+        whole("threads", self.threads, 1, MAX_THREADS)
+        whole("policy_lag", self.policy_lag, 0, MAX_SIZE)
+        for name in ("eval_every", "seed"):
             whole(name, getattr(self, name), 0)
-        whole("seed", self.seed, 0, 2**63 - 1)
         for name in ("learning_rate", "rms_epsilon", "clip"):
-            require(self, name, 0 < getattr(self, name) < _LARGE, f"a number above 0, below {_LARGE:g}")
+            number_in(name, getattr(self, name), SMALLEST, _LARGE, f"a number above 0, at most {_LARGE:g}")
         for name in ("entropy_cost", "baseline_cost"):
-            require(self, name, 0 <= getattr(self, name) < _LARGE, f"0 or more, below {_LARGE:g}")
+            number_in(name, getattr(self, name), 0, _LARGE, f"0 or more, at most {_LARGE:g}")
         for name in ("discount", "rms_decay", "momentum"):
-            require(self, name, 0 <= getattr(self, name) <= 1, "0 to 1")
-        require(self, "device", self.device == "cpu" or self.device.startswith("cuda"), "cpu or cuda")
+            number_in(name, getattr(self, name), 0, 1, "0 to 1")
+        is_known = isinstance(self.device, str) and (self.device == "cpu" or self.device.startswith("cuda"))
+        require(self, "device", is_known, "cpu or cuda")
 
     @property
     def steps_per_update(self) -> int:

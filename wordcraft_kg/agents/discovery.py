@@ -14,7 +14,7 @@ from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
 from wordcraft_kg.models.scorers.limits import check_table
 from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
 from wordcraft_kg.progress import steps
-from wordcraft_kg.settings import one_of, whole
+from wordcraft_kg.settings import MAX_SIZE, check_memory, one_of, whole
 from wordcraft_kg.statistics import standardised
 
 if TYPE_CHECKING:
@@ -33,6 +33,7 @@ CANDIDATES = 16
 """Results that a player with a scorer considers for each pair; all others together have little probability."""
 MARKS = (1, 10, 20, 50, 100)
 """Attempts after which a summary reports the curves."""
+_BYTES_PER_ROW = 100  # of the frame of curves and what is computed from it
 _MOST = 50.0  # standard deviations; beyond them exp would overflow
 
 
@@ -287,9 +288,11 @@ def discovery_curves(
     """
     import pandas as pd
 
-    whole("attempts", attempts, 1)
-    whole("runs", runs, 1)
+    whole("attempts", attempts, 1, MAX_SIZE)
+    whole("runs", runs, 1, MAX_SIZE)
     whole("seed", seed, 0)
+    rows = len(players) * runs * (attempts + 1)
+    check_memory("runs", runs, f"their curves of {attempts:,} attempts", rows * _BYTES_PER_ROW)
     game = Discovery(graph, base)
     shape = (len(players), runs, attempts + 1)
     known, repeated = np.zeros(shape, dtype=np.int64), np.zeros(shape, dtype=bool)

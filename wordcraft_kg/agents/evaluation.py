@@ -16,6 +16,7 @@ from wordcraft_kg.graphs.arrays import Ids, padded
 from wordcraft_kg.models.policies.policy import Policy
 from wordcraft_kg.progress import steps
 from wordcraft_kg.records import Count, Record, Share
+from wordcraft_kg.settings import MAX_SIZE, check_memory, whole
 from wordcraft_kg.statistics import task_bootstrap
 
 EVALUATION_SEED = 0
@@ -147,7 +148,8 @@ class Evaluator:
         amount = len(world.tasks)
         step = 1 if limit is None else -(-amount // limit)
         self.tasks = np.arange(0, amount, step)
-        self.draws = draws
+        self.draws = whole("draws", draws, 1, MAX_SIZE)
+        check_memory("draws", draws, f"the episodes of {len(self.tasks):,} tasks", draws * len(self.tasks) * 11)
         self.engine = BatchEngine(world, len(self.tasks), seed=EVALUATION_SEED)
         self._parts = _right_parts(world)[self.tasks]
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from wordcraft_kg.artefacts import write_atomically
+from wordcraft_kg.artefacts import read_small_file, write_atomically
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.wordcraft import Observation, WordCraftEnv
 from wordcraft_kg.envs.world import GraphLike, World
@@ -217,7 +217,9 @@ def read_session(path: Path) -> Session:
     Raises:
         ArtefactError: naming the line, if the file is not of this kind or damaged; a torn last line is not an error.
     """
-    *lines, rest = path.read_bytes().split(b"\n")
+    if not path.is_file():
+        raise ArtefactError(f"'{path}' is not a file; expected one that `wordcraft-kg play --protocol paper` wrote.")
+    *lines, rest = read_small_file(path).split(b"\n")
     header = _json(lines[0]) if lines else None
     if not isinstance(header, dict) or header.get("format") != HUMAN_FORMAT:
         raise ArtefactError(

@@ -20,6 +20,7 @@ from wordcraft_kg.agents.vtrace import v_trace
 from wordcraft_kg.envs.batch import GOAL, BatchEngine
 from wordcraft_kg.errors import ConfigError, TrainingError
 from wordcraft_kg.models.policies.policy import Policy, Weights, log_policy
+from wordcraft_kg.settings import check_memory
 from wordcraft_kg.tensors import as_tensor, copied
 
 
@@ -111,6 +112,8 @@ class Impala:
             eps=config.rms_epsilon,
             momentum=config.momentum,
         )
+        lag = min(config.policy_lag, config.updates)
+        check_memory("policy_lag", config.policy_lag, "that many policies", 4 * len(self._flat) * lag)
         self._generator = torch.Generator(self.device).manual_seed(config.seed)
         self._snapshots: deque[Weights] = deque(maxlen=config.policy_lag + 1)
         time, batch, slots = config.unroll, config.batch_size, engine.num_slots

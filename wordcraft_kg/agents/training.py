@@ -31,6 +31,7 @@ from wordcraft_kg.runs.folder import Progress, RunFolder, check_run_output, new_
 from wordcraft_kg.runs.inputs import open_run_graph
 from wordcraft_kg.runs.progress import shown
 from wordcraft_kg.runs.trackers import Log, Tracker, checked_trackers, names_of, tracking
+from wordcraft_kg.settings import check_memory
 from wordcraft_kg.tensors import check_device
 
 
@@ -161,6 +162,11 @@ def resume_agent(
 
 def _engine(opened: OpenedGraph, config: AgentConfig) -> BatchEngine:
     trainer = config.trainer
+    # Tables, and what the learner keeps of each step for its gradients.
+    slots = config.tasks.distractors + config.tasks.depth + 1
+    needed = trainer.steps_per_update * (8 * slots + 4 * config.policy.value_size)
+    name, size = max(("batch_size", trainer.batch_size), ("unroll", trainer.unroll), key=lambda setting: setting[1])
+    check_memory(name, size, f"an update of {trainer.steps_per_update:,} steps", needed)
     world = World(opened, config.tasks.environment("train"))
     return BatchEngine(world, trainer.batch_size, device=trainer.device, seed=trainer.seed)
 

@@ -12,12 +12,13 @@ from collections.abc import Callable, Sequence
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Any, get_args
 
-from cyclopts import App, CycloptsError, Group
+from cyclopts import App, ArgumentCollection, CoercionError, CycloptsError, Group
 from cyclopts.config import Dict
 
 from wordcraft_kg import __version__
+from wordcraft_kg.artefacts import read_small_file
 from wordcraft_kg.cli.console import Output
 from wordcraft_kg.cli.failures import Manual, failure_of, misuse
 from wordcraft_kg.errors import ConfigError
@@ -100,10 +101,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     manual = manual_of(name) if name else None
     output = Output(json="--json" in tokens)  # until the options are known
     try:
+        _check_decodable(tokens)
         app = make_app()
         path = _config_path(tokens)
-        if path:
-            app.config = [Dict(_read_toml(path, tokens), source=path)]
+        app.config = [*([Dict(_read_toml(path, tokens), source=path)] if path is not None else []), _refuse_fractions]
         command, bound, _ = app.parse_args(tokens, print_error=False, exit_on_error=False)
         given = bound.arguments.get("output")
         output = given if isinstance(given, Output) else output
@@ -124,6 +125,24 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return failure.show(output)
 
 
+def _check_decodable(tokens: Sequence[str]) -> None:
+    """Refuse the names of files that are not UTF-8: records and reports, which are, could not repeat them."""
+    for token in tokens:
+        try:
+            token.encode()
+        except UnicodeEncodeError:
+            raise ConfigError(f"{token!r} is not UTF-8. Rename the file or folder, or correct the text.") from None
+
+
+def _refuse_fractions(app: App, commands: tuple[str, ...], arguments: ArgumentCollection) -> None:
+    """Refuse a fraction for a whole number, which the option parser would round."""
+    for argument in arguments:
+        if int in (argument.hint, *get_args(argument.hint)):
+            for token in argument.tokens:
+                if "." in token.value:
+                    raise CoercionError(argument=argument, token=token, target_type=int)
+
+
 def _config_path(tokens: Sequence[str]) -> str | None:
     for i, token in enumerate(tokens):
         if token == "--config" and i + 1 < len(tokens):
@@ -135,10 +154,12 @@ def _config_path(tokens: Sequence[str]) -> str | None:
 
 def _read_toml(path: str, tokens: Sequence[str]) -> dict[str, Any]:
     try:
-        content = tomllib.loads(Path(path).read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise ConfigError(f"--config {path}: no such file.") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        if not Path(path).is_file():
+            raise ConfigError(f"--config {path}: no such file.")
+        content = tomllib.loads(read_small_file(Path(path)).decode())
+    except ConfigError:
+        raise
+    except (ValueError, RecursionError) as error:
         raise ConfigError(f"--config {path}: not a TOML file ({error}).") from None
     for key, value in content.items():
         if key not in ALL or not isinstance(value, dict):

@@ -8,7 +8,7 @@ from wordcraft_kg.cli.completion import Book, Scorer
 from wordcraft_kg.cli.console import Output, whole_numbers
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.graphs.tasks import TaskPart
-from wordcraft_kg.settings import whole
+from wordcraft_kg.settings import MAX_SIZE, whole
 
 if TYPE_CHECKING:
     from wordcraft_kg.views.baselines import Baselines
@@ -46,7 +46,7 @@ def baselines(
 
     amounts = whole_numbers("distractors", distractors or ["1,2,8"])
     config = WordCraftConfig(part=part, depth=depth, num_distractors=amounts[0])
-    whole("draws", draws, 1)
+    whole("draws", draws, 1, MAX_SIZE)
     opened = open_graph(graph)
     model = None
     if scorer is not None:

@@ -91,12 +91,15 @@ def build_graph(
 def _base(base: list[str] | None, base_file: Path | None) -> list[str] | None:
     if base is None and base_file is None:
         return None
+    from wordcraft_kg.artefacts import read_small_file
     from wordcraft_kg.errors import ConfigError
 
     labels = split_labels(base or [])
     if base_file is not None:
+        if not base_file.is_file():
+            raise ConfigError(f"--base-file '{base_file}': No such file.")
         try:
-            text = base_file.read_text(encoding="utf-8-sig")
+            text = read_small_file(base_file).decode("utf-8-sig")
         except UnicodeDecodeError:
             raise ConfigError(f"--base-file {base_file} is not UTF-8 text.") from None
         labels += [line for line in text.splitlines() if line.strip()]

@@ -9,7 +9,7 @@ from cyclopts import Parameter
 from wordcraft_kg.cli.completion import Agent
 from wordcraft_kg.cli.console import Flag, Output, whole_numbers
 from wordcraft_kg.graphs.tasks import TaskPart
-from wordcraft_kg.settings import whole
+from wordcraft_kg.settings import MAX_SIZE, whole
 
 if TYPE_CHECKING:
     from wordcraft_kg.views.agents import AgentSuccess, AgentsView
@@ -55,8 +55,8 @@ def compare_agents(
 
     if not runs:
         raise ConfigError("compare-agents needs at least one run folder.")
-    whole("draws", draws, 1)
-    whole("episodes", episodes, 0)
+    whole("draws", draws, 1, MAX_SIZE)
+    whole("episodes", episodes, 0, MAX_SIZE)
     amounts = whole_numbers("distractors", distractors) if distractors else None
     groups = group_agents([open_agent(folder, graph) for run in runs for folder in run_folders(run)])
     folder = out or Path("reports") / "-and-".join(groups)

@@ -8,7 +8,7 @@ from cyclopts import Parameter
 from wordcraft_kg.cli.completion import Agent
 from wordcraft_kg.cli.console import Output, whole_numbers
 from wordcraft_kg.graphs.tasks import TaskPart
-from wordcraft_kg.settings import whole
+from wordcraft_kg.settings import MAX_SIZE, whole
 
 if TYPE_CHECKING:
     from wordcraft_kg.views.evaluation import AgentEvaluation
@@ -42,7 +42,7 @@ def evaluate_agent(
     from wordcraft_kg.agents.agent_folder import open_agent
     from wordcraft_kg.views.evaluation import view_evaluation
 
-    whole("draws", draws, 1)
+    whole("draws", draws, 1, MAX_SIZE)
     trained = open_agent(run, graph)
     amounts = whole_numbers("distractors", distractors or [str(trained.config.tasks.distractors)])
     view = view_evaluation(run, trained, agent, part, amounts, draws)

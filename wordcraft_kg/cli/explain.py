@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 from wordcraft_kg.cli.completion import Agent
 from wordcraft_kg.cli.console import Output
 from wordcraft_kg.graphs.tasks import TaskPart
-from wordcraft_kg.settings import whole
+from wordcraft_kg.settings import MAX_SIZE, whole
 
 if TYPE_CHECKING:
     from wordcraft_kg.agents.explanation import ExplainedEpisode, ExplainedStep
@@ -40,7 +40,7 @@ def explain(
     from wordcraft_kg.agents.agent_folder import open_agent
     from wordcraft_kg.views.evaluation import view_explanation
 
-    whole("episodes", episodes, 1)
+    whole("episodes", episodes, 1, MAX_SIZE)
     agent = open_agent(run, graph)
     view = view_explanation(run, agent, part, distractors, goal, episodes)
     output.result(view, [line for number, episode in enumerate(view.episodes, 1) for line in _text(number, episode)])

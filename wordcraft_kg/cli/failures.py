@@ -16,6 +16,7 @@ from wordcraft_kg.errors import WordCraftKGError
 OPTIONS = {"num_distractors": "distractors", "kind": "split", "trackers": "track"}
 """Options by the settings that they set, where the two have different names."""
 INTERRUPTED = 130
+_NO_MEMORY = re.compile("not enough memory|can't allocate memory|out of memory")
 
 
 @dataclass(frozen=True)
@@ -132,8 +133,9 @@ def failure_of(error: BaseException, manual: Manual | None) -> Failure | None:
     if isinstance(error, OSError):
         where = f"'{error.filename}': " if error.filename else ""
         return Failure(kind, f"{where}{error.strerror or error}. Nothing was changed.", 1)
-    if isinstance(error, MemoryError):
-        return Failure(kind, "this machine does not have enough memory for this. Nothing was changed.", 1)
+    # The second is what torch says about its tensors.
+    if isinstance(error, MemoryError) or (isinstance(error, RuntimeError) and _NO_MEMORY.search(str(error))):
+        return Failure("MemoryError", "this machine does not have enough memory for this. Nothing was changed.", 1)
     return None
 
 

@@ -16,7 +16,7 @@ from wordcraft_kg.cli.terminal import Answers, Quit, Terminal, cells, combined
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.errors import ConfigError
 from wordcraft_kg.graphs.tasks import TaskPart
-from wordcraft_kg.settings import whole
+from wordcraft_kg.settings import MAX_SIZE, whole
 
 if TYPE_CHECKING:
     from wordcraft_kg.agents.human import Session
@@ -147,7 +147,7 @@ def _play_tasks(
     from wordcraft_kg.envs.wordcraft import WordCraftEnv
     from wordcraft_kg.views.play import TasksPlayed
 
-    whole("episodes", episodes, 0)
+    whole("episodes", episodes, 0, MAX_SIZE)
     if attempts is not None:
         whole("attempts", attempts, depth, MAX_ATTEMPTS)
     if seed is None:

@@ -6,7 +6,7 @@ from wordcraft_kg.cli.completion import Book
 from wordcraft_kg.cli.console import Output, aligned
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.graphs.tasks import TaskPart
-from wordcraft_kg.settings import whole
+from wordcraft_kg.settings import MAX_SIZE, whole
 
 if TYPE_CHECKING:
     from wordcraft_kg.views.tasks import TaskListing
@@ -40,7 +40,7 @@ def tasks(
     from wordcraft_kg.envs.wordcraft import WordCraftEnv
     from wordcraft_kg.views.tasks import view_tasks
 
-    whole("limit", limit, 0)
+    whole("limit", limit, 0, MAX_SIZE)
     whole("seed", seed, 0)
     env = WordCraftEnv(graph, part=part, depth=depth, num_distractors=distractors)
     view = view_tasks(env, limit, seed)

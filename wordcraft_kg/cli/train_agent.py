@@ -46,6 +46,10 @@ def train_agent(
             needs the extra of its name.
     """
     from wordcraft_kg.agents.config import AgentConfig
+    from wordcraft_kg.runs.folder import check_run_output
+
+    if out is not None and seeds is None:
+        check_run_output(out, force=force)  # before torch takes seconds to import
     from wordcraft_kg.cli.training import train_agent_seeds, train_one_agent
 
     config = AgentConfig(graph, None if scorer is None else str(scorer), tasks, policy, trainer)

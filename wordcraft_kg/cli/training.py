@@ -11,6 +11,7 @@ from wordcraft_kg.errors import ConfigError
 from wordcraft_kg.graphs.tasks import TaskPart
 from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
 from wordcraft_kg.records import as_values
+from wordcraft_kg.runs.folder import check_run_output
 from wordcraft_kg.runs.interruption import interruption_message
 
 if TYPE_CHECKING:
@@ -29,6 +30,8 @@ def train(
     config: LinksConfig, seeds: str | None, out: Path | None, force: bool, trackers: Sequence[str], output: Output
 ) -> int:
     """Train a link predictor with one seed or several, print the outcome and return the exit code."""
+    if out is not None and seeds is None:
+        check_run_output(out, force=force)  # before torch takes seconds to import
     from wordcraft_kg.models.links.training import train_links
 
     if seeds is not None:

@@ -16,7 +16,7 @@ from wordcraft_kg.envs.draws import Ahead, Draws
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.errors import ActionError, ConfigError, EpisodeError
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.settings import whole
+from wordcraft_kg.settings import MAX_SIZE, whole
 
 IN_PROGRESS, GOAL, OUT_OF_ATTEMPTS = 0, 1, 2
 OUTCOMES = ("in_progress", "goal", "out_of_attempts")
@@ -121,7 +121,7 @@ class BatchEngine:
         Raises:
             ConfigError: for no environments, a negative number, or a device that is not available.
         """
-        self.num_envs = whole("num_envs", num_envs, 1)
+        self.num_envs = whole("num_envs", num_envs, 1, MAX_SIZE)
         self.first_env = whole("first_env", first_env, 0)
         self.world, self.config = world, world.config
         self.nothing, self.num_slots = world.nothing, world.num_slots

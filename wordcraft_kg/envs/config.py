@@ -1,5 +1,6 @@
 """Settings of the crafting environments."""
 
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any, Literal, get_args
@@ -8,7 +9,7 @@ from wordcraft_kg.errors import UnknownSettingError
 from wordcraft_kg.graphs.splits import PARTS
 from wordcraft_kg.graphs.task_search import DRAWN_TASKS, MAX_DEPTH
 from wordcraft_kg.graphs.tasks import TaskPart, TaskWeighting
-from wordcraft_kg.settings import nearest, one_of, require, whole
+from wordcraft_kg.settings import MAX_SIZE, nearest, number_in, one_of, require, whole
 
 MAX_ATTEMPTS = 1_000
 DistractorWeighting = Literal["use", "uniform"]
@@ -33,9 +34,7 @@ class RewardConfig:
 
     def __post_init__(self) -> None:
         for entry in fields(self):
-            value = getattr(self, entry.name)
-            holds = isinstance(value, int | float) and 0 <= value < float("inf")
-            require(self, entry.name, holds, "a finite number, 0 or more")
+            number_in(entry.name, getattr(self, entry.name), 0, sys.float_info.max, "a finite number, 0 or more")
 
 
 REWARDS = {"sparse": RewardConfig(), "official": RewardConfig(0.1, 0.1, 1.0)}
@@ -83,12 +82,12 @@ class WordCraftConfig:
 
     def __post_init__(self) -> None:
         self._whole("depth", 1, MAX_DEPTH)
-        self._whole("num_distractors", 0, None)
+        self._whole("num_distractors", 0, MAX_SIZE)
         if self.max_attempts is not None:
             self._whole("max_attempts", 1, MAX_ATTEMPTS)
             enough = self.max_attempts >= self.depth
             require(self, "max_attempts", enough, f"{self.depth} or more, which a task of depth {self.depth} takes")
-        self._whole("num_tasks", 1, None)
+        self._whole("num_tasks", 1, MAX_SIZE)
         self._whole("task_seed", 0, None)
         one_of("part", self.part, ("all", *PARTS))
         one_of("distractor_weighting", self.distractor_weighting, get_args(DistractorWeighting))

@@ -14,7 +14,7 @@ from wordcraft_kg.envs.world import GraphLike, open_world_graph
 from wordcraft_kg.errors import ActionError, ConfigError, EpisodeError, UnknownEntityError
 from wordcraft_kg.graphs.planner import layers
 from wordcraft_kg.graphs.recipe_graph import Entity, RecipeGraph
-from wordcraft_kg.settings import one_of, whole
+from wordcraft_kg.settings import MAX_SIZE, one_of, whole
 
 Observation = dict[str, Any]
 SHOWN = 48
@@ -141,7 +141,7 @@ class OpenEndedEnv(gym.Env[Observation, Any]):
         one_of("illegal_action", illegal_action, get_args(IllegalAction))
         self.render_mode = render_mode
         self.graph = graph if isinstance(graph, RecipeGraph) else open_world_graph(graph).graph
-        self.max_attempts = whole("max_attempts", max_attempts, 1)
+        self.max_attempts = whole("max_attempts", max_attempts, 1, MAX_SIZE)
         self.illegal_action = illegal_action
         self.discovery = Discovery(self.graph, base)
         size = self.graph.num_entities

@@ -25,6 +25,8 @@ CSV_HEADER = ("ingredient_a", "ingredient_b", "result")
 JSON_FORMAT = "wordcraft-kg recipe book 1"
 MAX_LABEL_LENGTH = 1_000
 """Characters; a longer label suggests that the file is of another kind."""
+MAX_BOOK_SIZE = 2**30
+"""Bytes; about 40 million recipes."""
 MAX_LINE_LENGTH = 100_000
 """Characters in a line of a CSV or TSV book: a file without line ends fails early, with the reason."""
 SELF = "self"
@@ -307,6 +309,10 @@ def read_bytes(path: Path) -> bytes:
             f"'{path}' {what_is(path)}; expected a recipe book (.csv, .tsv, .json) or a graph folder."
         )
     try:
+        if path.exists() and not path.is_file():
+            raise RecipeFileError(f"{path} is not a regular file; give a recipe book (.csv, .tsv, .json).")
+        if path.exists() and (size := path.stat().st_size) > MAX_BOOK_SIZE:
+            raise RecipeFileError(f"{path} has {size:,} bytes; the limit is {MAX_BOOK_SIZE:,}.")
         return path.read_bytes()
     except FileNotFoundError:
         raise RecipeFileError(f"{path} does not exist. `wordcraft-kg books` lists the books known by name.") from None

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Generic, TypeVar
 
-from wordcraft_kg.artefacts import dump_json, write_atomically
+from wordcraft_kg.artefacts import dump_json, read_large_file, write_atomically
 from wordcraft_kg.errors import ArtefactError
 from wordcraft_kg.records import Record, as_values, read_record
 
@@ -105,9 +105,7 @@ class Checkpoints(Generic[P]):
 
         record: CheckpointRecord[P] = read_record(path, CheckpointRecord[self.progress])  # type: ignore[name-defined]
         tensors = path.with_suffix(".safetensors")
-        if not tensors.is_file():
-            raise ArtefactError(f"{tensors} is missing.")
-        data = tensors.read_bytes()
+        data = read_large_file(tensors)
         if hashlib.sha256(data).hexdigest() != record.sha256:
             raise ArtefactError(f"{tensors} is damaged: its SHA-256 is not the one written.")
         return Checkpoint(number, read_tensors(tensors, data), record.progress)

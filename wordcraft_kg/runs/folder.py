@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Generic, Protocol, TypeVar
 
 from wordcraft_kg.artefacts import check_output, sha256_of, what_is, with_a_name, write_atomically
-from wordcraft_kg.errors import ArtefactError, OutputExistsError, TrainingError
+from wordcraft_kg.errors import ArtefactError, OutputExistsError, TrainingError, reason
 from wordcraft_kg.graphs.folder import KG
 from wordcraft_kg.runs.checkpoints import Checkpoints
 from wordcraft_kg.runs.config_file import CONFIG_FILE
@@ -162,9 +162,8 @@ class RunFolder(Generic[P]):
         try:
             yield
         except (KeyError, RuntimeError, TypeError, ValueError, AttributeError, IndexError, OSError) as error:
-            reason = (str(error) or "no reason given").splitlines()[0]
             raise ArtefactError(
-                f"the checkpoint in '{self.path}' does not fit the run ({type(error).__name__}: {reason}). Train again."
+                f"the checkpoint in '{self.path}' does not fit the run ({reason(error)}). Train again."
             ) from None
 
     def interrupt(self) -> None:

@@ -13,7 +13,7 @@ from typing import Literal
 
 from msgspec.structs import replace
 
-from wordcraft_kg.artefacts import dump_json, sha256_of, what_is, write_atomically
+from wordcraft_kg.artefacts import dump_json, read_large_file, sha256_of, what_is, write_atomically
 from wordcraft_kg.errors import ArtefactError
 from wordcraft_kg.graphs.folder import KG
 from wordcraft_kg.records import Record, as_values, read_record
@@ -169,9 +169,7 @@ def verified_bytes(folder: Path, run: RunRecord, name: str) -> bytes:
         ArtefactError: if the file is missing or has changed.
     """
     path = folder / name
-    if not path.is_file():
-        raise ArtefactError(f"{path} is missing; '{folder}' is incomplete. Train again, or restore a copy.")
-    data = path.read_bytes()
+    data = read_large_file(path)
     if hashlib.sha256(data).hexdigest() != run.outputs.get(name, run.inputs.get(name)):
         raise ArtefactError(
             f"{path} is damaged or was changed: its SHA-256 is not the one that run.json records. "

@@ -20,7 +20,7 @@ from wordcraft_kg.models.scorers.ranking import (
     recipe_clusters,
 )
 from wordcraft_kg.records import Count, Hash, Record, Share
-from wordcraft_kg.settings import whole
+from wordcraft_kg.settings import MAX_SIZE, whole
 from wordcraft_kg.statistics import bootstrap, interval
 
 Bounds = tuple[float, float]
@@ -102,7 +102,7 @@ def compare(contenders: Sequence[Contender], *, resamples: int = 2_000, seed: in
         GraphMismatchError: if the models were trained on different graphs or splits.
         SplitError: if the split leaves too few unseen triples.
     """
-    whole("resamples", resamples, 1)
+    whole("resamples", resamples, 1, MAX_SIZE)
     whole("seed", seed, 0)
     for contender in contenders:
         _check_alike(contenders[0].runs[0], contender)

@@ -8,7 +8,7 @@ from wordcraft_kg.errors import ArtefactError, ConfigError
 from wordcraft_kg.graphs.folder import KG
 from wordcraft_kg.records import Record
 from wordcraft_kg.runs.config_file import read_config, write_config
-from wordcraft_kg.settings import LARGEST, one_of, positive, require, whole
+from wordcraft_kg.settings import LARGEST, MAX_DIM, MAX_SIZE, MAX_THREADS, number_in, one_of, positive, whole
 
 PAPER_DIM = 128
 MAX_SEED = 2**32 - 1
@@ -52,8 +52,13 @@ class TrainingConfig:
 
     def __post_init__(self) -> None:
         one_of("kg", self.kg, get_args(KG))
-        for name in ("epochs", "batch_size", "checkpoint_every", "threads"):
-            whole(name, getattr(self, name), 1)
+        for name, high in (
+            ("epochs", None),
+            ("checkpoint_every", None),
+            ("batch_size", MAX_SIZE),
+            ("threads", MAX_THREADS),
+        ):
+            whole(name, getattr(self, name), 1, high)
         for name in ("eval_every", "patience"):
             whole(name, getattr(self, name), 0)
         whole("seed", self.seed, 0, MAX_SEED)
@@ -98,16 +103,17 @@ class ComplExConfig(TrainingConfig):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        whole("dim", self.dim, 1)
+        whole("dim", self.dim, 1, MAX_DIM)
         for name in ("learning_rate", "init_scale"):
             positive(name, getattr(self, name))
         if self.n3 is None and self.kg == "full":
             object.__setattr__(self, "n3", 0.0)
         for name in ("n3", "popularity"):
             value = getattr(self, name)
-            require(self, name, value is None or 0 <= value < LARGEST, "a number, 0 or more")
+            if value is not None:
+                number_in(name, value, 0, LARGEST, "a number, 0 or more")
         if self.negatives is not None:
-            whole("negatives", self.negatives, 0)
+            whole("negatives", self.negatives, 0, MAX_SIZE)
 
     @property
     def is_open(self) -> bool:
@@ -152,8 +158,8 @@ class LinkModelConfig(TrainingConfig):
     def __post_init__(self) -> None:
         super().__post_init__()
         one_of("loop", self.loop, ("slcwa", "symmetric"))
-        for name in ("dim", "negatives"):
-            whole(name, getattr(self, name), 1)
+        for name, high in (("dim", MAX_DIM), ("negatives", MAX_SIZE)):
+            whole(name, getattr(self, name), 1, high)
         positive("learning_rate", self.learning_rate)
 
 

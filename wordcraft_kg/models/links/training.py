@@ -27,6 +27,7 @@ from wordcraft_kg.runs.inputs import open_run_graph
 from wordcraft_kg.runs.progress import shown
 from wordcraft_kg.runs.record import verified_bytes
 from wordcraft_kg.runs.trackers import Log, Tracker, checked_trackers, names_of, tracking
+from wordcraft_kg.settings import check_memory
 from wordcraft_kg.tensors import check_device
 
 CHOICE = "choice.json"
@@ -126,6 +127,7 @@ def resume_links(
         if epochs is not None:
             config = replace(config, settings=replace(config.settings, epochs=epochs))
         check_device(config.settings.device)
+        _check_memory(opened, config.settings)
         checkpoint = run.checkpoints.load()
         all_trackers = checked_trackers([*run.record.trackers, *trackers])
         with tracking(run, all_trackers, config.values(), checkpoint.number) as log:
@@ -193,6 +195,19 @@ def _check_fit(opened: OpenedGraph, settings: LinkSettings) -> None:
             "such as `train_ratio` 0.8 and `valid_ratio` 0.1."
         )
     check_device(settings.device)
+    _check_memory(opened, settings)
+
+
+def _check_memory(opened: OpenedGraph, settings: LinkSettings) -> None:
+    """Refuse dimensions and batches that cannot fit; what a model needs beside these is not counted."""
+    graph = opened.graph
+    parameters = 4 * settings.dim * (graph.num_entities + len(RELATIONS)) * (1 + isinstance(settings, ComplExConfig))
+    # Their gradients, and what the optimiser keeps for each.
+    check_memory("dim", settings.dim, f"training vectors of {graph.num_entities:,} entities", 3 * parameters)
+    if isinstance(settings, LinkModelConfig) and settings.loop == "slcwa":
+        triples = min(settings.batch_size, len(opened.triples(settings.kg)))
+        needed = 4 * settings.dim * settings.negatives * triples
+        check_memory("negatives", settings.negatives, f"the vectors of the negatives of {triples:,} triples", needed)
 
 
 def _train(

@@ -1,5 +1,6 @@
 """Choosing settings by PyKEEN's hyper-parameter optimisation, on validation triples; test triples are never used."""
 
+import logging
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ from wordcraft_kg.models.links.pykeen_bridge import pykeen_guard, quiet_pykeen, 
 from wordcraft_kg.models.scorers.ranking import MIN_TRIPLES
 from wordcraft_kg.records import Count, Record, Share
 from wordcraft_kg.runs.config_file import toml_value
-from wordcraft_kg.settings import refuse, whole
+from wordcraft_kg.settings import MAX_SIZE, refuse, whole
 from wordcraft_kg.tensors import check_device
 
 _EPOCHS = {"type": "int", "low": 20, "high": 100, "q": 20}
@@ -75,7 +76,7 @@ def tune(
         ConfigError: if an argument is out of range or PyKEEN has no such model.
         SplitError: if too few triples are left to validate on.
     """
-    whole("trials", trials, 1)
+    whole("trials", trials, 1, MAX_SIZE)
     if not 0 < valid_ratio < 1:
         raise refuse("valid_ratio", valid_ratio, "more than 0 and less than 1")
     if timeout is not None:
@@ -84,6 +85,8 @@ def tune(
     check_device(device)
     train, valid = _validation_split(opened, valid_ratio, seed)
     search = _complex_search() if model.lower() == "complex" else _pykeen_search(model)
+    for handler in logging.getLogger("optuna").handlers:
+        handler.addFilter(_without_traceback)
     optuna.logging.set_verbosity(optuna.logging.WARNING if quiet else optuna.logging.INFO)
     try:
         with pykeen_guard(seed, threads=1), seeded_pipelines(seed), quiet_pykeen():
@@ -134,6 +137,12 @@ def tune(
         settings=settings,
         out=str(out),
     )
+
+
+def _without_traceback(record: logging.LogRecord) -> bool:
+    """Take the traceback from a message: optuna adds one even for Ctrl-C."""
+    record.exc_info = record.exc_text = None
+    return True
 
 
 def _validation_split(opened: OpenedGraph, ratio: float, seed: int) -> tuple[Ids, Ids]:

@@ -6,7 +6,7 @@ from typing import Literal, get_args
 from wordcraft_kg.models.policies.sources import SOURCES
 from wordcraft_kg.models.scorers.config import Scale, SelfEdges
 from wordcraft_kg.models.scorers.features import Pooling
-from wordcraft_kg.settings import nearest, one_of, refuse, whole
+from wordcraft_kg.settings import MAX_DIM, nearest, one_of, refuse, whole
 
 PolicyKind = Literal["attention", "mlp"]
 Mixing = Literal["softmax", "free"]
@@ -70,7 +70,7 @@ class PolicyConfig:
         for name, kinds in choices.items():
             one_of(name, getattr(self, name), get_args(kinds))
         for name in ("key_size", "value_size", "hidden_size", "embedding_size"):
-            whole(name, getattr(self, name), 1)
+            whole(name, getattr(self, name), 1, MAX_DIM)
         _ = self.sources
 
     @property

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from wordcraft_kg.artefacts import dump_json, read_json, staged_folder, with_a_name, write_atomically
-from wordcraft_kg.errors import ArtefactError, ConfigError
+from wordcraft_kg.errors import ArtefactError, ConfigError, reason
 from wordcraft_kg.feature_spec import LEARNED
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
@@ -137,7 +137,7 @@ def read_policy(folder: Path, constants: bytes, parameters: Mapping[str, Tensor]
         policy.entities, policy.graph_hash = tuple(description["entities"]), description["graph"]
     except (KeyError, TypeError, ValueError, AttributeError, RuntimeError) as error:
         raise ArtefactError(
-            f"{folder / 'policy.json'} and the weights do not make a policy ({type(error).__name__}: {error}). "
+            f"{folder / 'policy.json'} and the weights do not make a policy ({reason(error)}). "
             "Train it again, or restore a copy."
         ) from None
     return policy.eval()

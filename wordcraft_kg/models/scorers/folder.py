@@ -6,7 +6,7 @@ from typing import Any, Literal
 
 import torch
 
-from wordcraft_kg.errors import ArtefactError
+from wordcraft_kg.errors import ArtefactError, reason
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.triples import RELATIONS
 from wordcraft_kg.models.scorers.embeddings import ComplExScorer
@@ -67,7 +67,7 @@ def load_scorer(folder: str | Path, *, graph: RecipeGraph | None = None, device:
             vocabulary.scorer, tensors, vocabulary.entities, vocabulary.graph, device=device, name=folder.name
         )
     except (KeyError, TypeError, ValueError, RuntimeError) as error:
-        raise ArtefactError(f"{folder} does not hold a scorer ({error!r}). Train it again.") from None
+        raise ArtefactError(f"{folder} does not hold a scorer ({reason(error)}). Train it again.") from None
     if graph is not None:
         check_scorer(scorer, graph)
     return scorer

@@ -1,0 +1,111 @@
+"""Values that a command cannot take are refused at once, in a sentence."""
+
+import logging
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+Run = Callable[..., Any]
+
+
+@pytest.mark.parametrize("option", ["--seed=1.5", "--limit=0.0", "--depth=1e0"])
+def test_a_fraction_is_refused_for_a_whole_number(run: Run, option: str) -> None:
+    outcome = run("tasks", "kitchen", option)
+    assert (outcome.code, outcome.out) == (2, "")
+    name, _, value = option.partition("=")
+    assert f'Invalid value for {name}: unable to convert "{value}" into int.' in outcome.err
+
+
+def test_a_fraction_in_a_file_is_refused_for_a_whole_number(run: Run, tmp_path: Path) -> None:
+    config = tmp_path / "odd.toml"
+    config.write_text("[tasks]\nseed = 1.5\n")
+    outcome = run("tasks", "kitchen", "--config", config)
+    assert (outcome.code, outcome.out) == (2, "")
+    assert 'unable to convert "1.5" into int' in outcome.err
+    config.write_text("[tasks]\nseed = 1\nlimit = 0\n")
+    assert run("tasks", "kitchen", "--config", config).code == 0
+
+
+def test_whole_numbers_and_fractions_are_taken_where_they_belong(run: Run, tmp_path: Path) -> None:
+    assert run("build-graph", "kitchen", "--train-ratio=0.5", "--seed=2", "--out", tmp_path / "graph").code == 0
+
+
+@pytest.mark.parametrize("arguments", [("describe", "\udcff"), ("export", "kitchen", "--format=tsv", "--out=\udcff")])
+def test_a_name_that_is_not_utf8_is_refused_before_anything_is_written(
+    run: Run, arguments: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    outcome = run(*arguments)
+    assert outcome.code == 1
+    assert "\\udcff' is not UTF-8. Rename the file or folder" in outcome.err
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("path", ["", ".", "/dev/zero"])
+def test_a_base_file_that_is_none_is_refused(run: Run, path: str, tmp_path: Path) -> None:
+    outcome = run("build-graph", "kitchen", "--base-file", path, "--out", tmp_path / "graph")
+    assert outcome.code == 1
+    assert outcome.err.startswith(f"ConfigError: --base-file '{path or '.'}': No such file.")
+
+
+@pytest.mark.parametrize("path", ["", "/dev/zero"])
+def test_a_config_that_is_no_file_is_refused(run: Run, path: str) -> None:
+    outcome = run("tasks", "kitchen", "--config", path)
+    assert outcome.code == 1
+    assert "--config" in outcome.err
+    assert "no such file" in outcome.err
+
+
+@pytest.mark.parametrize("command", ["train-complex", "train-links", "train-agent"])
+def test_an_output_that_exists_is_refused_before_torch_is_imported(
+    run: Run, command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for module in ("wordcraft_kg.models.links.training", "wordcraft_kg.agents.training"):
+        monkeypatch.setitem(sys.modules, module, None)
+    (tmp_path / "something").touch()
+    outcome = run(command, "kitchen", "--out", tmp_path)
+    assert outcome.code == 1
+    assert outcome.err.startswith(f"OutputExistsError: '{tmp_path}' exists.")
+
+
+def test_torch_without_memory_is_an_error_in_a_sentence(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: object) -> None:
+        raise RuntimeError("[enforce fail at alloc_cpu.cpp:127] DefaultCPUAllocator: can't allocate memory: you tried")
+
+    monkeypatch.setattr("wordcraft_kg.graphs.folder.open_graph", fail)
+    outcome = run("describe", "kitchen")
+    assert (outcome.code, outcome.err.count("\n")) == (1, 1)
+    assert outcome.err.startswith("MemoryError: ")
+
+
+def test_a_training_that_cannot_fit_says_what_it_would_cost(run: Run, tmp_path: Path) -> None:
+    sizes = ("--unroll=16777216", "--batch-size=16777216")
+    outcome = run("train-agent", "kitchen", *sizes, "--out", tmp_path / "run")
+    assert outcome.code == 1
+    assert "16,777,216: an update of 281,474,976,710,656 steps would take" in outcome.err
+    assert not (tmp_path / "run").exists()
+
+
+def test_ctrl_c_while_settings_are_tuned_shows_no_traceback(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import optuna
+
+    def interrupted(**_: object) -> None:
+        try:
+            raise KeyboardInterrupt
+        except KeyboardInterrupt:
+            optuna.logging.get_logger("optuna.study").warning("Trial 0 failed.", exc_info=True)
+            raise
+
+    monkeypatch.setattr("wordcraft_kg.models.links.tuning.hpo_pipeline", interrupted)
+    handlers = logging.getLogger("optuna").handlers
+    for handler in handlers:
+        monkeypatch.setattr(handler, "stream", sys.stderr)
+    outcome = run("tune-links", "kitchen", "--trials=1", "--out", tmp_path / "tuned.toml")
+    assert outcome.code == 130
+    assert "Trial 0 failed." in outcome.err
+    assert "Traceback" not in outcome.err

@@ -1,0 +1,214 @@
+"""Folders that the package wrote itself, spoilt by accident or, with the hashes mended, on purpose."""
+
+import json
+import os
+import random
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from .harness import CONTINUED, IN, Trial
+from .home import copied, linked, mended
+from .spoiling import ODD_VALUES, as_json, spoilt_bytes, spoilt_lines, spoilt_value, toml_of
+
+GRAPH = (
+    ("describe", "{}"),
+    ("describe", "{}", "--entity", "flour", "--json"),
+    ("export", "{}", "--format", "graphml", "--out", "out"),
+    ("export", "{}", "--format", "json", "--out", "out"),
+    ("check-book", "{}"),
+    ("build-graph", "{}", "--out", "out"),
+    ("tasks", "{}", "--limit", "2", "--json"),
+    ("baselines", "{}", "--draws", "1", "--distractors", "1"),
+    ("discover", "{}", "--runs", "1", "--attempts", "3", "--out", "out.html"),
+    ("evaluate-agent", "in/agent", "--graph", "{}", "--draws", "1"),
+    ("evaluate-links", "in/model", "--graph", "{}", "--out", "out"),
+)
+MODEL = (
+    ("score", "{}", "flour", "combinesWith", "water"),
+    ("score", "{}", "?", "componentOf", "bread", "--json"),
+    ("evaluate-links", "{}", "--out", "out"),
+    ("compare-links", "{}", "in/model", "--resamples", "2"),
+    ("resume", "{}"),
+    ("baselines", "in/graph", "--draws", "1", "--distractors", "1", "--scorer", "{}"),
+    ("discover", "in/graph", "--runs", "1", "--attempts", "3", "--scorer", "{}", "--players", "empowerment-scorer"),
+    ("train-agent", "in/graph", "--scorer", "{}", "--steps", "64", "--batch-size", "16", "--out", "out"),
+    ("train-complex", "in/graph", "--config", "{}/config.toml", "--epochs", "1", "--dim", "4", "--out", "out"),
+)
+AGENT = (
+    ("evaluate-agent", "{}", "--draws", "1"),
+    ("evaluate-agent", "{}", "--draws", "1", "--agent", "kg-only", "--json"),
+    ("explain", "{}", "--episodes", "1"),
+    ("compare-agents", "{}", "--draws", "1", "--distractors", "1", "--episodes", "1", "--out", "out"),
+    ("compare-agents", "{}", "in/agent", "--draws", "1", "--distractors", "1", "--episodes", "0", "--out", "out"),
+    ("resume", "{}"),
+)
+SESSION = (
+    ("human-summary", "{}/human.jsonl"),
+    ("play", "in/graph", "--protocol", "paper", "--distractors", "2", "--out", "{}/human.jsonl"),
+)
+READERS = {
+    "graph": GRAPH,
+    "model": MODEL,
+    "model-table": MODEL,
+    "model-interrupted": MODEL,
+    "agent": AGENT,
+    "agent-interrupted": AGENT,
+    "session": SESSION,
+}
+"""By kind of folder: the commands that read it; ``{}`` is the spoilt one."""
+
+
+def trial(number: int, home: Path, sandbox: Path) -> Trial:
+    """Spoil a copy of an artefact and choose two commands that read it."""
+    rng = random.Random(f"artefacts {number}")
+    (sandbox / IN).mkdir()
+    for kind in ("graph", "model", "agent"):
+        linked(home, kind, sandbox / IN / kind)
+    kind = rng.choice(list(READERS))
+    chosen = rng.sample(READERS[kind], 2)
+    goes_on = any(command[0] in ("resume", "play") for command in chosen)
+    place = CONTINUED if goes_on else f"{IN}/spoilt"
+    folder = copied(home, kind, sandbox / place)
+    is_mended = rng.random() < 0.67
+    done = [kind, "mended" if is_mended else "not mended"]
+    for _ in range(rng.choice((1, 1, 1, 2))):
+        files = sorted(path for path in folder.rglob("*") if path.is_file() and path.stat().st_size)
+        path = rng.choice(files)
+        name = str(path.relative_to(folder))
+        done.append(f"{name}: {_spoil(path, home, rng)}")
+        if is_mended:
+            _mend(folder, name)
+    commands = tuple(tuple(part.replace("{}", place) for part in (*command, "--quiet")) for command in chosen)
+    return Trial("; ".join(done), commands, may_be_interrupted=goes_on or any("--config" in one for one in chosen))
+
+
+def _spoil(path: Path, home: Path, rng: random.Random) -> str:
+    if rng.random() < 0.2:
+        return _replace(path, home, rng)
+    data = path.read_bytes()
+    by_kind: dict[str, Callable[[bytes, random.Random], tuple[str, bytes]]] = {
+        ".json": _of_json,
+        ".jsonl": _of_json_lines,
+        ".toml": _of_toml,
+        ".safetensors": _of_tensors,
+        ".tsv": _of_text,
+        ".csv": _of_text,
+    }
+    spoil = by_kind.get(path.suffix, spoilt_bytes) if rng.random() < 0.75 else spoilt_bytes
+    try:
+        what, new = spoil(data, rng)
+    except ValueError:  # spoilt already, so that it cannot be read
+        what, new = spoilt_bytes(data, rng)
+    path.write_bytes(new)
+    return what
+
+
+def _replace(path: Path, home: Path, rng: random.Random) -> str:
+    """Put something else in the place of a file."""
+    others = sorted(other for other in home.rglob("*") if other.is_file())
+    other = rng.choice([one for one in others if one.suffix == path.suffix] if rng.random() < 0.6 else others)
+    ways: dict[str, Callable[[], Any]] = {
+        "/dev/zero": lambda: path.symlink_to("/dev/zero"),
+        "/dev/null": lambda: path.symlink_to("/dev/null"),
+        "a pipe": lambda: os.mkfifo(path),
+        "a loop": lambda: path.symlink_to(path.name),
+        "nothing": lambda: None,
+        "a dangling link": lambda: path.symlink_to("nowhere"),
+        "a folder": lambda: path.mkdir(),
+        f"{other.relative_to(home)}": lambda: shutil.copyfile(other, path),
+        f"a link to {other.relative_to(home)}": lambda: path.symlink_to(other),
+        "a hole of 1 TB": lambda: os.truncate(os.open(path, os.O_CREAT | os.O_RDWR), 2**40),
+    }
+    ways["another file"] = ways["yet another"] = ways[f"{other.relative_to(home)}"]
+    way = rng.choice(list(ways))
+    path.unlink()
+    ways[way]()
+    return f"{way} in its place"
+
+
+def _of_json(data: bytes, rng: random.Random) -> tuple[str, bytes]:
+    what, value = spoilt_value(json.loads(data), rng)
+    return what, as_json(value)
+
+
+def _of_json_lines(data: bytes, rng: random.Random) -> tuple[str, bytes]:
+    lines = data.split(b"\n")
+    at = rng.randrange(len(lines))
+    what, value = spoilt_value(json.loads(lines[at] or b"0"), rng)
+    new = json.dumps(value, ensure_ascii=False).encode("utf-8", "surrogatepass")
+    return f"line {at + 1}: {what}", b"\n".join([*lines[:at], new, *lines[at + 1 :]])
+
+
+def _of_toml(data: bytes, rng: random.Random) -> tuple[str, bytes]:
+    lines = data.decode().split("\n")
+    at = rng.randrange(len(lines))
+    key, equals, _ = lines[at].partition(" = ")
+    odd = toml_of(rng.choice(ODD_VALUES))[:200]
+    new = rng.choice(
+        ([f"{key} = {odd}"], [f"{key} = {odd}"], [], [lines[at], lines[at]], [f"unheard = {odd}", lines[at]])
+    )
+    if not equals:
+        new = rng.choice(([f"[{odd}]"], [], ["[tasks]"], [lines[at], "x = 1"]))
+    return f"{lines[at]} -> {new}"[:200], "\n".join([*lines[:at], *new, *lines[at + 1 :]]).encode("utf-8", "replace")
+
+
+def _of_text(data: bytes, rng: random.Random) -> tuple[str, bytes]:
+    what, text = spoilt_lines(data.decode(), rng)
+    return what, text.encode("utf-8", "replace")
+
+
+def _of_tensors(data: bytes, rng: random.Random) -> tuple[str, bytes]:
+    import safetensors.torch
+    import torch
+
+    try:
+        tensors = safetensors.torch.load(data)
+    except Exception as error:
+        raise ValueError from error
+    name = rng.choice(list(tensors))
+    tensor = tensors[name]
+    flat = tensor.flatten().clone()
+    if flat.is_floating_point() and len(flat):
+        flat[rng.randrange(len(flat))] = rng.choice((float("nan"), float("inf"), -float("inf"), 3e38))
+    ways: dict[str, Callable[[], dict[str, torch.Tensor]]] = {
+        "gone": lambda: {key: value for key, value in tensors.items() if key != name},
+        "not finite": lambda: {**tensors, name: flat.reshape(tensor.shape)},
+        "all not finite": lambda: {**tensors, name: torch.full_like(tensor, 1, dtype=torch.float32) / 0},
+        "shorter": lambda: {**tensors, name: flat[:-1].clone()},
+        "transposed": lambda: {**tensors, name: tensor.T.contiguous()},
+        "flat": lambda: {**tensors, name: flat},
+        "whole numbers": lambda: {**tensors, name: torch.ones(tensor.shape, dtype=torch.int64)},
+        "halves": lambda: {**tensors, name: tensor.to(torch.float16)},
+        "doubles": lambda: {**tensors, name: tensor.to(torch.float64)},
+        "complex": lambda: {**tensors, name: tensor.to(torch.complex64)},
+        "empty": lambda: {**tensors, name: torch.zeros(0)},
+        "more": lambda: {**tensors, "unheard": torch.zeros(2)},
+        "renamed": lambda: {f"{key}x" if key == name else key: value for key, value in tensors.items()},
+        "a number": lambda: {**tensors, name: torch.tensor(1.0)},
+    }
+    way = rng.choice(list(ways))
+    return f"{name} {way}", safetensors.torch.save(ways[way]())
+
+
+def _mend(folder: Path, name: str) -> None:
+    """Make the records agree with a file as far as they can still be read."""
+    try:
+        if name == "graph.json":
+            _mend_graph(folder)
+        elif all((folder / one).is_file() and (folder / one).stat().st_size < 2**30 for one in ("run.json", name)):
+            mended(folder, name)
+    except Exception:
+        return
+
+
+def _mend_graph(folder: Path) -> None:
+    from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split
+    from wordcraft_kg.graphs.recipes import read_book
+
+    graph = RecipeGraph.from_book(read_book(folder, keep_self_results=True))
+    content = {**json.loads((folder / "graph.json").read_text()), "hash": graph.hash}
+    (folder / "graph.json").write_text(json.dumps(content))
+    split = make_split(graph, SplitConfig(train_ratio=0.6, valid_ratio=0.1))
+    (folder / "split.json").write_text("".join(split.to_json()))

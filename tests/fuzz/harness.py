@@ -1,0 +1,246 @@
+"""Running a command on bad input in this process, and what must hold afterwards whatever the input was."""
+
+import faulthandler
+import gc
+import io
+import json
+import logging
+import os
+import resource
+import signal
+import sys
+import time
+import traceback
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager, redirect_stderr, redirect_stdout
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from types import FrameType
+from typing import Any
+from unittest.mock import patch
+
+from wordcraft_kg import cli
+
+_app = cache(cli.make_app)
+"""Making the application takes longer than most commands."""
+INTERRUPT_AFTER, TIME_LIMIT = (4, 7), 10
+"""Seconds of computing: Ctrl-C is then pressed, and pressed again; a command at work has to end before the limit."""
+WAIT_LIMIT = 30
+"""Seconds after which a command that does not compute meanwhile is taken to wait for ever."""
+MEMORY_LIMIT = 2 * 2**30
+"""Bytes that a command may take beside those of the process before it."""
+EXIT_CODES = (0, 1, 2, 130)
+IN = "in"
+"""What a command must leave as it is in its sandbox."""
+CONTINUED = f"{IN}/continued"
+"""Except for what it is to go on with."""
+
+
+class Hang(BaseException):
+    """A command did not end; no ``except Exception`` of the package holds it."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A case: what was done to the input, and the commands that are given it, one after another.
+
+    Attributes:
+        what: the spoiling in words.
+        commands: their arguments; paths are relative to the sandbox.
+        may_be_interrupted: whether the amount of work is among what was spoilt, so that Ctrl-C is a fair end.
+        typed: what is typed on stdin.
+    """
+
+    what: str
+    commands: tuple[tuple[str, ...], ...]
+    may_be_interrupted: bool = False
+    typed: bytes = b"1\n" * 40 + b"q\n"
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a command ended."""
+
+    code: int | None
+    out: str
+    err: str
+    seconds: float
+    problem: str = ""
+
+
+@contextmanager
+def limits() -> Iterator[None]:
+    """Press Ctrl-C for a command that computes for long; end one that does not heed it, or waits for ever."""
+    seconds, computed = 0, time.process_time()
+
+    def tick(signum: int, frame: FrameType | None) -> None:
+        nonlocal seconds
+        seconds += 1
+        if seconds >= TIME_LIMIT:
+            raise Hang(f"more than {TIME_LIMIT} s of computing")
+        if seconds in INTERRUPT_AFTER:
+            signal.raise_signal(signal.SIGINT)
+
+    def alarm(signum: int, frame: FrameType | None) -> None:
+        nonlocal computed
+        before, computed = computed, time.process_time()
+        if computed - before < 0.01:
+            raise Hang(f"waits for ever: {WAIT_LIMIT} s")
+        signal.alarm(WAIT_LIMIT)
+
+    before = {
+        number: signal.signal(number, handler)
+        for number, handler in (
+            (signal.SIGPROF, tick),
+            (signal.SIGALRM, alarm),
+            (signal.SIGINT, signal.default_int_handler),
+        )
+    }
+    memory = resource.getrlimit(resource.RLIMIT_AS)
+    resource.setrlimit(resource.RLIMIT_AS, (_in_use() + MEMORY_LIMIT, memory[1]))
+    signal.setitimer(signal.ITIMER_PROF, 1, 1)
+    signal.alarm(WAIT_LIMIT)
+    # For what does not come back from C: then nothing else can be tried in this process.
+    faulthandler.dump_traceback_later(20 * WAIT_LIMIT, exit=True, file=sys.__stderr__)  # type: ignore[arg-type]
+    try:
+        yield
+    finally:
+        faulthandler.cancel_dump_traceback_later()
+        signal.setitimer(signal.ITIMER_PROF, 0)
+        signal.alarm(0)
+        resource.setrlimit(resource.RLIMIT_AS, memory)
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _in_use() -> int:
+    """Return the bytes of address space that this process has taken."""
+    return int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+
+
+@contextmanager
+def as_in_a_new_process(folder: Path, typed: bytes) -> Iterator[tuple[io.BytesIO, io.BytesIO]]:
+    """Work in a folder, with streams that are as strict as the real ones, and put all global state back."""
+    out, err = io.BytesIO(), io.BytesIO()
+    streams = (io.TextIOWrapper(out, "utf-8"), io.TextIOWrapper(err, "utf-8", "backslashreplace"))
+    where, collection, stdin = Path.cwd(), gc.get_threshold(), sys.stdin
+    handlers = list(logging.root.handlers)
+    logging.root.handlers.clear()
+    _log_to(streams[1])
+    os.chdir(folder)
+    sys.stdin = io.TextIOWrapper(io.BytesIO(typed), "utf-8")
+    try:
+        with redirect_stdout(streams[0]), redirect_stderr(streams[1]):
+            yield out, err
+    finally:
+        for stream in streams:
+            stream.detach()  # flushes it, and leaves its bytes readable
+        logging.captureWarnings(False)
+        _log_to(sys.__stderr__)
+        logging.root.handlers[:] = handlers
+        gc.set_threshold(*collection)
+        sys.stdin = stdin
+        os.chdir(where)
+
+
+def _log_to(stream: Any) -> None:
+    """Let the handlers that libraries made for themselves write to a stream: they keep the one they began with."""
+    for logger in logging.root.manager.loggerDict.values():
+        for handler in getattr(logger, "handlers", ()):
+            if type(handler) is logging.StreamHandler:
+                handler.stream = stream  # not setStream, which flushes one that may be gone
+                if hasattr(handler.formatter, "stream"):  # colorlog asks whether it is a terminal
+                    handler.formatter.stream = stream
+
+
+def call(arguments: Sequence[str], folder: Path, typed: bytes = b"") -> Outcome:
+    """Run a command in a folder."""
+    code: int | None = None
+    problem = ""
+    began = time.process_time()
+    with ExitStack() as stack:
+        out, err = stack.enter_context(as_in_a_new_process(folder, typed))
+        try:
+            with limits(), patch.object(cli, "make_app", _app):
+                code = cli.main(list(arguments))
+        except Hang as hang:
+            problem = f"{hang}\n{traceback.format_exc(limit=-8)}"
+        except BaseException:
+            problem = traceback.format_exc(limit=-8)
+    texts = [stream.getvalue().decode("utf-8", "replace") for stream in (out, err)]
+    return Outcome(code, *texts, time.process_time() - began, problem)
+
+
+def state_of(folder: Path) -> dict[str, tuple[Any, ...]]:
+    """Return what lies in a folder, by path, with what changes when it is written."""
+    found: dict[str, tuple[Any, ...]] = {}
+    for path in sorted(folder.rglob("*")):
+        if path.is_symlink():
+            entry: tuple[Any, ...] = ("link", os.readlink(path))
+        elif path.is_file():
+            stat = path.stat()
+            entry = ("file", stat.st_size, stat.st_mtime_ns, stat.st_ino)
+        else:
+            entry = ("folder" if path.is_dir() else "special",)
+        found[str(path.relative_to(folder))] = entry
+    return found
+
+
+def problems_of(trial: Trial, sandbox: Path) -> list[str]:
+    """Run a case's commands in its sandbox and return what is wrong with their answers; nothing should be."""
+    found = []
+    after = state_of(sandbox)
+    for number, command in enumerate(trial.commands):
+        before = after
+        outcome = call(command, sandbox, trial.typed)
+        after = state_of(sandbox)
+        wrong = [*_of_answer(outcome, trial), *_of_files(outcome, before, after, sandbox)]
+        shown = " ".join(map(repr, command))
+        found += [f"{trial.what}\n  {number + 1}: wordcraft-kg {shown}\n  {reason}" for reason in wrong]
+    return found
+
+
+def _of_answer(outcome: Outcome, trial: Trial) -> Iterator[str]:
+    if outcome.problem:
+        yield outcome.problem
+        return
+    if outcome.code not in EXIT_CODES:
+        yield f"exit code {outcome.code}"
+    for sign in ("Traceback (most recent call last)", "MemoryError", "<class '", "object at 0x"):
+        if sign in outcome.err or sign in outcome.out:
+            yield f"says {sign!r}: {outcome.err[:1000]} ... {outcome.err[-1000:]}"
+    if outcome.code == 130 and not trial.may_be_interrupted:
+        yield f"still at work after {INTERRUPT_AFTER[0]} s"
+    if outcome.code in (1, 2, 130) and not (outcome.err or outcome.out).strip():
+        yield f"exit code {outcome.code} without a word"
+
+
+def _of_files(
+    outcome: Outcome, before: dict[str, tuple[Any, ...]], after: dict[str, tuple[Any, ...]], sandbox: Path
+) -> Iterator[str]:
+    """Name inputs that changed, temporary files that stayed, and outputs that a failed command left behind."""
+    changed = [path for path in before | after if before.get(path) != after.get(path)]
+    for path in changed:
+        if path.startswith(f"{IN}/") and not path.startswith(CONTINUED):
+            yield f"the input {path} was changed"
+        if path not in before and any(part.startswith(".") for part in path.split("/")):
+            yield f"the temporary {path} was left behind"
+    if outcome.code == 0 or outcome.problem:
+        return
+    for path in changed:
+        top = path.split("/")[0]
+        if path == top and path not in before and not _may_stay(outcome, sandbox / top):
+            yield f"exit code {outcome.code}, but {path} was written ({outcome.err[-300:]})"
+
+
+def _may_stay(outcome: Outcome, out: Path) -> bool:
+    """Return whether an output of a command that failed is whole nevertheless, or a run that can be resumed."""
+    if "CHECK FAILED" in outcome.err or (outcome.code == 1 and (out / "report.json").is_file()):
+        return True
+    if out.suffix == ".jsonl":  # the answers of a person are kept one by one
+        return True
+    try:
+        return bool(json.loads((out / "run.json").read_text())["status"] in ("interrupted", "failed", "done"))
+    except (OSError, ValueError, KeyError):
+        return False

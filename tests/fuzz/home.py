@@ -1,0 +1,69 @@
+"""Sound artefacts of every kind, as small as they can be; the cases spoil copies of them."""
+
+import json
+import os
+import shutil
+import signal
+from pathlib import Path
+
+from wordcraft_kg.artefacts import sha256_of
+
+from .harness import call
+
+
+def make_home(home: Path) -> Path:
+    """Make a graph, and on it models and agents, finished and interrupted, and a person's session."""
+    from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
+    from wordcraft_kg.agents.training import train_agent
+    from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_book
+    from wordcraft_kg.graphs.folder import write_graph_folder
+    from wordcraft_kg.models.links.config import ComplExConfig, LinkModelConfig, LinksConfig
+    from wordcraft_kg.models.links.training import train_links
+
+    book = open_book("kitchen")
+    split = make_split(RecipeGraph.from_book(book), SplitConfig(train_ratio=0.6, valid_ratio=0.1))
+    write_graph_folder(home / "graph", book, split)
+    graph = str(home / "graph")
+    links = LinksConfig(graph, ComplExConfig(dim=4, epochs=3, checkpoint_every=1))
+    other = LinksConfig(graph, LinkModelConfig(model="distmult", dim=4, epochs=2))
+    trainer = ImpalaConfig(steps=320, batch_size=16, log_every=64, eval_every=160, checkpoint_every=64)
+    agent = AgentConfig(graph, str(home / "model"), TaskConfig(distractors=1), trainer=trainer)
+
+    def press(done: int, *_: object) -> None:
+        if done in (1, 64):
+            signal.raise_signal(signal.SIGINT)
+
+    train_links(links, home / "model")
+    train_links(other, home / "model-table")
+    assert train_links(links, home / "model-interrupted", progress=press).interrupted
+    train_agent(agent, home / "agent")
+    (home / "agent" / "report").mkdir()
+    assert train_agent(agent, home / "agent-interrupted", progress=press).interrupted
+    asked = ("play", "graph", "--protocol", "paper", "--distractors", "2", "--out", "session/human.jsonl", "--quiet")
+    assert call(asked, home, b"1\n2\n" * 6).code == 0
+    return home
+
+
+def linked(home: Path, kind: str, to: Path) -> Path:
+    """Give an artefact, which is not to be changed, a second place."""
+    return Path(shutil.copytree(home / kind, to, copy_function=os.link))
+
+
+def copied(home: Path, kind: str, to: Path) -> Path:
+    """Copy an artefact to a new place, replacing what is there."""
+    shutil.rmtree(to, ignore_errors=True)
+    return Path(shutil.copytree(home / kind, to, symlinks=True))
+
+
+def mended(folder: Path, name: str) -> None:
+    """Record the hash that a run's file has now, wherever it is on record, as somebody would who hides a change."""
+    path = folder / name
+    record = path.with_suffix(".json")
+    if path.parent.name == "checkpoints" and path.suffix == ".safetensors":
+        record.write_text(json.dumps({**json.loads(record.read_text()), "sha256": sha256_of(path)}))
+    elif name != "run.json":
+        run = json.loads((folder / "run.json").read_text())
+        for hashes in (run["inputs"], run["outputs"]):
+            if name in hashes:
+                hashes[name] = sha256_of(path)
+        (folder / "run.json").write_text(json.dumps(run))

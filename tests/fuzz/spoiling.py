@@ -1,0 +1,201 @@
+"""Ways to spoil bytes, texts and values; all draws come from the generator that is passed in."""
+
+import json
+import random
+from collections.abc import Callable
+from typing import Any
+
+ODD_LABELS = (
+    "",
+    " ",
+    "?",
+    "-x",
+    "a,b",
+    'a"b',
+    "a\tb",
+    "a\nb",
+    "a\x00b",
+    "a\x1bb",
+    "\ufeff",
+    "é",
+    "e\u0301",
+    "İ",
+    "ß",
+    "𝒳",
+    "👩‍🍳",
+    "\u202eabc",
+    "\u2028",
+    "\ud800",
+    "x" * 999,
+    "x" * 1_001,
+    "../../x",
+    "/",
+    "<&>]]>",
+    "%s{0}",
+    "nan",
+    "None",
+    "true",
+    "0",
+    "=1+1",
+    "#x",
+    "http://x/?a=b#c",
+    "\\",
+    "'",
+    "Water",
+    "water ",
+)
+ODD_VALUES = (
+    None,
+    True,
+    0,
+    -1,
+    1.5,
+    2**31,
+    2**63,
+    2**64,
+    10**400,
+    1e308,
+    1e-320,
+    float("nan"),
+    float("inf"),
+    "",
+    "text",
+    "1",
+    "1979-05-27",
+    "\ud800",
+    "x" * 100_000,
+    [],
+    [[]],
+    {},
+    {"a": 1},
+    [None],
+    [1, "a", None],
+)
+
+
+def spoilt_bytes(data: bytes, rng: random.Random) -> tuple[str, bytes]:
+    """Flip, cut, insert, remove or repeat bytes."""
+    at = rng.randrange(len(data) + 1)
+    to = min(len(data), at + rng.choice((1, 2, 10, 1_000)))
+    what = rng.choice(("flip", "cut", "insert", "remove", "repeat", "empty", "prefix", "zeros", "utf-16"))
+    if what == "flip" and at < len(data):
+        return f"byte {at} flipped", data[:at] + bytes([data[at] ^ (1 << rng.randrange(8))]) + data[at + 1 :]
+    if what == "cut":
+        return f"cut at {at}", data[:at]
+    if what == "insert":
+        new = rng.choice((b"\x00", b"\xff\xfe", b"\n", b'"', b",", b"\r", rng.randbytes(20), b"{", b"\xed\xa0\x80"))
+        return f"{new!r} at {at}", data[:at] + new + data[at:]
+    if what == "remove":
+        return f"without bytes {at} to {to}", data[:at] + data[to:]
+    if what == "repeat":
+        return f"bytes {at} to {to} twice", data[:to] + data[at:]
+    if what == "prefix":
+        return "with a byte order mark", b"\xef\xbb\xbf" + data
+    if what == "zeros":
+        return "zeros", bytes(len(data))
+    if what == "utf-16":
+        return "as UTF-16", data.decode("utf-8", "replace").encode("utf-16")
+    return "empty", b""
+
+
+def spoilt_lines(text: str, rng: random.Random) -> tuple[str, str]:
+    """Move, repeat, remove or change lines and their cells."""
+    lines = text.split("\n")
+    at = rng.randrange(len(lines))
+    line = lines[at]
+    separator = "\t" if "\t" in line else ","
+    cells = line.split(separator)
+    cell = rng.randrange(len(cells))
+    label = rng.choice(ODD_LABELS).encode("utf-8", "replace").decode()
+    changes: tuple[tuple[str, Callable[[], list[str]]], ...] = (
+        ("removed", lambda: []),
+        ("twice", lambda: [line, line]),
+        ("empty", lambda: ["", line]),
+        ("a cell less", lambda: [separator.join(cells[:cell] + cells[cell + 1 :])]),
+        ("a cell more", lambda: [separator.join([*cells, label])]),
+        ("another cell", lambda: [separator.join([*cells[:cell], label, *cells[cell + 1 :]])]),
+        ("an equal cell", lambda: [separator.join([*cells[:cell], cells[0], *cells[cell + 1 :]])]),
+        ("another separator", lambda: [line.replace(separator, rng.choice((";", "\t", ",", " ")))]),
+        ("an open quote", lambda: ['"' + line]),
+        ("quoted", lambda: [separator.join(f'"{one}"' for one in cells)]),
+        ("a directive", lambda: [rng.choice(("# base: ", "# entities: ", "#base:", "# base: ,,")) + label, line]),
+        ("a comment", lambda: ["# " + label, line]),
+        ("a return", lambda: [line + "\r"]),
+        ("a long one", lambda: [line + "x" * 200_000]),
+        ("another place", lambda: [lines[rng.randrange(len(lines))]]),
+    )
+    what, change = rng.choice(changes)
+    return f"line {at + 1}: {what} ({label[:20]!r})", "\n".join([*lines[:at], *change(), *lines[at + 1 :]])
+
+
+def spoilt_value(value: Any, rng: random.Random) -> tuple[str, Any]:
+    """Change one value somewhere in a tree of values: another type, another key, one more or one less."""
+    path = []
+    trail: list[tuple[Any, Any]] = []
+    node = value
+    while isinstance(node, dict | list) and node and rng.random() < 0.75:
+        key = rng.choice(list(node)) if isinstance(node, dict) else rng.randrange(len(node))
+        trail.append((node, key))
+        path.append(str(key))
+        node = node[key]
+    what, new, is_gone = _changed(node, rng)
+    shown = f"{'.'.join(path)[:60] or 'all'}: {what}"
+    if not trail:
+        return shown, new
+    for parent, key in reversed(trail):
+        copy: Any = dict(parent) if isinstance(parent, dict) else list(parent)
+        if is_gone:
+            del copy[key]
+            is_gone = False
+        else:
+            copy[key] = new
+        new = copy
+    return shown, new
+
+
+def _changed(node: Any, rng: random.Random) -> tuple[str, Any, bool]:
+    ways = ["other", "other", "gone", "label", "deep", "list"]
+    if isinstance(node, dict):
+        ways += ["more", "renamed"]
+    elif isinstance(node, list):
+        ways += ["repeated", "reversed", "shorter"]
+    elif isinstance(node, int | float) and not isinstance(node, bool):
+        ways += ["negative", "next", "large", "float"]
+    elif isinstance(node, str):
+        ways += ["longer", "upper"]
+    way = rng.choice(ways)
+    odd = rng.choice(ODD_VALUES)
+    changed: dict[str, Callable[[], Any]] = {
+        "other": lambda: odd,
+        "gone": lambda: None,
+        "label": lambda: rng.choice(ODD_LABELS),
+        "deep": lambda: json.loads("[" * 500 + "]" * 500),
+        "list": lambda: [node],
+        "more": lambda: {**node, "unheard": odd},
+        "renamed": lambda: {(f"{key}x" if rng.random() < 0.3 else key): entry for key, entry in node.items()},
+        "repeated": lambda: node * rng.choice((2, 1_000)),
+        "reversed": lambda: node[::-1],
+        "shorter": lambda: node[: len(node) // 2],
+        "negative": lambda: -node - 1,
+        "next": lambda: node + 1,
+        "large": lambda: node * 10**9,
+        "float": lambda: node + 0.5,
+        "longer": lambda: node * 2,
+        "upper": lambda: node.upper(),
+    }
+    new = changed[way]()
+    return f"{way} {repr(new)[:40]}", new, way == "gone"
+
+
+def as_json(value: Any) -> bytes:
+    """Write a value as JSON, surrogates and numbers without end included."""
+    return json.dumps(value, ensure_ascii=False, indent=1).encode("utf-8", "surrogatepass")
+
+
+def toml_of(value: Any) -> str:
+    """Write a value as TOML as far as it can be; some come out as no TOML at all, which is meant."""
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{key} = {toml_of(entry)}" for key, entry in value.items()) + "}"
+    if isinstance(value, float):
+        return repr(value)
+    return "1979-05-27" if value == "1979-05-27" else json.dumps(value)

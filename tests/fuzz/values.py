@@ -1,0 +1,206 @@
+"""Odd values for every option of every command, on the command line and in a TOML file.
+
+The options are taken from the application itself, so a new one is tried without a line here, unless it is required and
+its name says nothing: then :data:`GIVEN` needs a sound value for it.
+"""
+
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any, get_args
+
+from wordcraft_kg.cli import COMMANDS, make_app
+
+from .harness import CONTINUED, IN, Trial
+from .home import copied, linked
+from .spoiling import toml_of
+
+GIVEN = {
+    "a folder": "in/model",
+    "agent": "trained",
+    "attempts": "3",
+    "b folder": "in/model-table",
+    "batch_size": "16",
+    "book": "in/graph",
+    "checkpoint_every": "1000",
+    "device": "cpu",
+    "dim": "4",
+    "draws": "1",
+    "embedding_size": "4",
+    "episodes": "1",
+    "epochs": "1",
+    "eval_every": "0",
+    "features": "random",
+    "format": "tsv",
+    "graph": "in/graph",
+    "head": "flour",
+    "key_size": "4",
+    "limit": "2",
+    "log_every": "1000",
+    "model": "distmult",
+    "model folder": "in/model",
+    "relation": "combinesWith",
+    "resamples": "5",
+    "run folder": "in/agent",
+    "runs": "2",
+    "runs folder": "in/agent",
+    "sessions folder": "in/session/human.jsonl",
+    "steps": "64",
+    "tail": "?",
+    "top": "3",
+    "trials": "1",
+    "value_size": "4",
+}
+"""Sound values that make a command quick, by option; ``folder`` is added where the option is a path."""
+NUMBERS = (
+    *("0", "-1", "-0", "1", "1.5", "1.0", "1e3", "0x10", "1_000", " 1", "1 ", "١", "true", "1,2", "null"),
+    *("2147483647", "2147483648", "4294967296", "9223372036854775807", "9223372036854775808", "1" + 30 * "0"),
+    *(
+        "100000000",
+        "16777216",
+        "65536",
+        "1024",
+        "1e308",
+        "1e-320",
+        "1e400",
+        "nan",
+        "inf",
+        "-inf",
+        "",
+        "--",
+        "½",
+        "1" * 5_000,
+        "\udcff",
+        "a\nb",
+    ),
+)
+TEXTS = (
+    *("", " ", "?", ",", ",,a", "-", "a,b", "é", "\udcff", "a\nb", "a\tb", "\x1b[31m", "x" * 300, "x" * 5_000),
+    *("nan", "0", "-1", "None", "in", "in/graph", "in/graph/graph.json", "in/model", "in/agent", "in/agent/run.json"),
+    *(
+        "odd/empty",
+        "odd/fifo",
+        "odd/loop",
+        "odd/dangling",
+        "odd/none",
+        "odd/none/x",
+        "in/graph/graph.json/x",
+        "~",
+        ".",
+        "..",
+    ),
+)
+SOURCES = (
+    "/dev/null",
+    "/dev/zero",
+    "/proc/self/mem",
+    "shuffled:",
+    "cuda",
+    "cuda:99",
+    "meta",
+    "complex",
+    "Cuda",
+    "cpu:x",
+)
+"""Not for outputs: the tests may run as root."""
+TOML = (
+    *(0, -1, 1.5, 1.0, 2**31, 2**63, 10**30, float("nan"), float("inf"), 1e308, True, "", "1", "x", "é"),
+    *("1979-05-27", [], [1, 2], ["a", "b"], {}, {"a": 1}, [[]]),
+)
+
+
+@dataclass(frozen=True)
+class Option:
+    """An option of a command, or one of its positional parameters."""
+
+    command: str
+    name: str
+    parameter: str
+    is_path: bool
+    is_number: bool
+    is_required: bool
+
+    @property
+    def is_output(self) -> bool:
+        return self.parameter == "out"
+
+    @property
+    def given(self) -> str | None:
+        """A sound value for it, None if it is best left out."""
+        if self.is_output and self.command != "play":
+            return f"out{'.toml' if self.command == 'tune-links' else ''}"
+        if self.command == "resume" and self.parameter in ("run", "epochs"):
+            return CONTINUED if self.parameter == "run" else None
+        return GIVEN.get(f"{self.parameter} folder" if self.is_path else self.parameter)
+
+
+@cache
+def options() -> tuple[Option, ...]:
+    """Return every option that takes a value."""
+    return tuple(option for names in COMMANDS.values() for name in names for option in _of(name))
+
+
+@cache
+def _of(command: str) -> tuple[Option, ...]:
+    app: Any = make_app()
+    found = []
+    for argument in app[command].assemble_argument_collection():
+        kinds = {kind for hint in (argument.hint, *get_args(argument.hint)) for kind in (hint, *get_args(hint))}
+        if argument.children or bool in kinds:
+            continue
+        name = argument.names[0]
+        parameter = name.lstrip("-").lower().replace("-", "_")
+        found.append(
+            Option(command, name, parameter, Path in kinds, bool(kinds & {int, float}), bool(argument.required))
+        )
+    return tuple(found)
+
+
+@cache
+def cases() -> tuple[tuple[Option, str, Any], ...]:
+    """Return every option with each of its odd values, and whether it comes from the command line or a file."""
+    return tuple(_cases())
+
+
+def _cases() -> Iterator[tuple[Option, str, Any]]:
+    for option in options():
+        texts = NUMBERS if option.is_number else (*TEXTS, *NUMBERS[:22], *(() if option.is_output else SOURCES))
+        yield from ((option, "line", value) for value in texts)
+        if option.parameter != "config" and option.name.startswith("--"):
+            yield from ((option, "file", value) for value in TOML)
+
+
+def trial(number: int, home: Path, sandbox: Path) -> Trial:
+    """Give one option one odd value."""
+    option, where, value = cases()[number % len(cases())]
+    folder = sandbox / IN
+    folder.mkdir()
+    for kind in ("graph", "model", "model-table", "agent", "session"):
+        linked(home, kind, folder / kind)
+    if option.command == "resume":
+        copied(home, "model-interrupted", sandbox / CONTINUED)
+    _odd_paths(sandbox / "odd")
+    command = [option.command, "--quiet"]
+    for other in _of(option.command):
+        given = other.given
+        if other.name == option.name:
+            continue
+        if given is None and other.is_required:
+            raise LookupError(f"`{other.parameter}` of {other.command} is required; give GIVEN a sound value for it")
+        if given is not None:
+            command.append(f"{other.name}={given}" if other.name.startswith("--") else given)
+    if where == "file":
+        (folder / "config.toml").write_text(f"[{option.command}]\n{option.parameter} = {toml_of(value)}\n", "utf-8")
+        command.append(f"--config={IN}/config.toml")
+    else:
+        command.append(f"{option.name}={value}" if option.name.startswith("--") else value)
+    return Trial(f"{option.name} {value!r:.60} from the {where}", (tuple(command),), may_be_interrupted=True)
+
+
+def _odd_paths(folder: Path) -> None:
+    (folder / "empty").mkdir(parents=True)
+    os.mkfifo(folder / "fifo")
+    (folder / "loop").symlink_to("loop")
+    (folder / "dangling").symlink_to("nowhere")

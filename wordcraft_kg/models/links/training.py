@@ -11,6 +11,7 @@ from pathlib import Path
 from wordcraft_kg.artefacts import dump_json, write_atomically
 from wordcraft_kg.errors import ConfigError
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
+from wordcraft_kg.graphs.triples import RELATIONS
 from wordcraft_kg.models.links.builders import is_factored, make_training_loop
 from wordcraft_kg.models.links.config import CONFIGS, ComplExConfig, LinkModelConfig, LinksConfig, LinkSettings
 from wordcraft_kg.models.links.epochs import Epochs

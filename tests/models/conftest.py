@@ -37,7 +37,7 @@ def validated_kitchen(kitchen_folder: Path) -> OpenedGraph:
 def complex_folder(opened_kitchen: OpenedGraph, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A ComplEx model of the kitchen; read only, see `spoilt`."""
     out = tmp_path_factory.mktemp("models") / "kitchen"
-    return train(opened_kitchen, ComplExConfig(dim=8, epochs=4), out).folder
+    return train(opened_kitchen, ComplExConfig(dim=8, epochs=4, n3=0.1), out).folder
 
 
 @pytest.fixture(scope="session")

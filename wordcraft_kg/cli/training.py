@@ -55,6 +55,11 @@ def report(trained: "TrainedLinks", output: Output) -> int:
         rows.append(("chosen", str(metrics.choice)))
     if metrics.valid_mrr is not None:
         rows.append(("valid MRR", f"{metrics.valid_mrr:.3f} at best, in epoch {metrics.best_epoch}"))
+    if metrics.choice and metrics.choice.mrr < metrics.choice.frequency_mrr:
+        logging.getLogger(__name__).warning(
+            "on held-out train recipes no candidate is better than counting how often an entity occurs; expect no more "
+            "of unseen triples."
+        )
     if metrics.train_mrr < 0.1:
         logging.getLogger(__name__).warning(
             "the model hardly fits its own training triples; try %s.", _how_to_fit(LinksConfig.read(trained.folder))

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from wordcraft_kg.errors import ArtefactError, ConfigError
-from wordcraft_kg.models.links.config import CONFIGS, ComplExConfig, LinkModelConfig, LinksConfig
+from wordcraft_kg.models.links.config import CONFIGS, N3_PARTIAL, ComplExConfig, LinkModelConfig, LinksConfig
 
 NAN, INF = float("nan"), float("inf")
 
@@ -37,10 +37,11 @@ def test_a_setting_out_of_range_is_an_error_that_names_it_and_its_value(config, 
         config(**{setting: value})
 
 
+@pytest.mark.parametrize("setting", ["n3", "popularity"])
 @pytest.mark.parametrize("value", [-1.0, NAN, INF])
-def test_n3_out_of_range_is_an_error(value):
-    with pytest.raises(ConfigError, match="`n3`"):
-        ComplExConfig(n3=value)
+def test_a_regularisation_out_of_range_is_an_error(setting, value):
+    with pytest.raises(ConfigError, match=f"`{setting}`"):
+        ComplExConfig(**{setting: value})
 
 
 @pytest.mark.parametrize("value", [0.0, -1e-3, NAN, INF])
@@ -68,9 +69,18 @@ def test_the_least_allowed_settings_are_allowed(config):
     assert vars(replace(config(), **least)).items() >= least.items()
 
 
-def test_n3_is_off_by_default_on_the_full_graph_only():
-    assert ComplExConfig(kg="full").n3 == 0
-    assert ComplExConfig(kg="partial").fixed().n3 > 0
+def test_the_regularisation_is_off_by_default_on_the_full_graph_and_open_on_the_partial():
+    full, partial = ComplExConfig(kg="full"), ComplExConfig(kg="partial")
+    assert (full.n3, full.popularity, full.is_open) == (0, 0, False)
+    assert (partial.n3, partial.popularity, partial.is_open) == (None, None, True)
+    assert (partial.fixed().n3, partial.fixed().popularity) == (N3_PARTIAL, 0)
+
+
+@pytest.mark.parametrize(("given", "n3", "popularity"), [({"n3": 0.3}, 0.3, 0), ({"popularity": 2.0}, N3_PARTIAL, 2)])
+def test_naming_one_part_of_the_regularisation_fixes_the_other(given, n3, popularity):
+    config = ComplExConfig(**given)
+    assert (config.n3, config.popularity, config.is_open) == (n3, popularity, False)
+    assert config.fixed() == config
 
 
 @pytest.mark.parametrize("kg", ["full", "partial"])

@@ -31,7 +31,7 @@ from wordcraft_kg.models.scorers.folder import load_scorer
 from wordcraft_kg.models.scorers.ranking import rank_triples, ranking_metrics
 from wordcraft_kg.records import as_values
 
-SHORT = ComplExConfig(dim=8, epochs=5)
+SHORT = ComplExConfig(dim=8, epochs=5, n3=0.1)
 RESUMED: dict[str, LinkSettings] = {
     "complex": SHORT,
     "complex with validation": replace(SHORT, eval_every=1),
@@ -47,7 +47,7 @@ from pathlib import Path
 from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
 from wordcraft_kg.models.links.training import train_links
 
-train_links(LinksConfig("kitchen", ComplExConfig(dim=8, epochs=5)), Path(sys.argv[1]))
+train_links(LinksConfig("kitchen", ComplExConfig(dim=8, epochs=5, n3=0.1)), Path(sys.argv[1]))
 """
 
 
@@ -270,7 +270,7 @@ def test_the_full_graph_is_remembered(opened_kitchen: OpenedGraph, tmp_path: Pat
 
 def test_training_works_outside_the_main_thread(opened_kitchen: OpenedGraph, tmp_path: Path, complex_folder: Path):
     found = []
-    config = ComplExConfig(dim=8, epochs=4)
+    config = ComplExConfig(dim=8, epochs=4, n3=0.1)
     thread = threading.Thread(target=lambda: found.append(train(opened_kitchen, config, tmp_path / "model")))
     thread.start()
     thread.join()

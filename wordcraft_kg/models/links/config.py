@@ -82,7 +82,7 @@ class ComplExConfig(TrainingConfig):
         n3: weight of the N3 regulariser. Default: 0 on the full graph; on the partial graph of a small book (2,000
             train recipes at most) chosen together with `popularity`; above that 0.1.
         popularity: how much of log(1 + number of training triples) of head and tail is added to the scores. Default:
-            chosen on a small book unless `n3` is given, else 0.
+            chosen if `n3` is, else 0.
         init_scale: standard deviation of the initial embeddings; 0.001 as in the paper's released code.
         negatives: entities sampled for each batch to stand for all others in the softmax; 0 takes all of them. Default:
             0 up to 10,000 entities, 512 above, where all would take too long.
@@ -106,8 +106,10 @@ class ComplExConfig(TrainingConfig):
         whole("dim", self.dim, 1, MAX_DIM)
         for name in ("learning_rate", "init_scale"):
             positive(name, getattr(self, name))
-        if self.n3 is None and self.kg == "full":
-            object.__setattr__(self, "n3", 0.0)
+        if self.n3 is None and (self.kg == "full" or self.popularity is not None):
+            object.__setattr__(self, "n3", N3_PARTIAL if self.kg == "partial" else 0.0)
+        if self.popularity is None and self.n3 is not None:
+            object.__setattr__(self, "popularity", 0.0)
         for name in ("n3", "popularity"):
             value = getattr(self, name)
             if value is not None:
@@ -117,13 +119,12 @@ class ComplExConfig(TrainingConfig):
 
     @property
     def is_open(self) -> bool:
-        """Whether the regularisation is left to be chosen."""
-        return self.n3 is None and self.popularity is None
+        """Whether N3 weight and popularity, both or neither of which is None, are left to be chosen."""
+        return self.n3 is None
 
     def fixed(self) -> Self:
-        """Return the settings with the fixed defaults in place of weights that are not given."""
-        n3 = N3_PARTIAL if self.n3 is None else self.n3
-        return replace(self, n3=n3, popularity=self.popularity or 0.0)
+        """Return the settings with the fixed defaults for what is left open."""
+        return replace(self, n3=N3_PARTIAL) if self.is_open else self
 
     def for_size(self, num_entities: int) -> Self:  # noqa: D102 - inherited
         automatic = NEGATIVES if num_entities > FULL_SOFTMAX else 0

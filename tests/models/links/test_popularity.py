@@ -1,0 +1,64 @@
+"""Popularity as six more dimensions of ComplEx: the scores are the old ones plus a multiple of the log counts."""
+
+import math
+
+import numpy as np
+import pytest
+import torch
+from link_helpers import random_graph
+
+from wordcraft_kg.graphs.triples import RELATIONS
+from wordcraft_kg.models.links.popularity import DIMS, log_counts, with_popularity
+from wordcraft_kg.models.scorers.embeddings import ComplExScorer
+
+
+def embeddings(num_entities: int, dim: int = 4) -> dict[str, torch.Tensor]:
+    generator = torch.Generator().manual_seed(1)
+    rows = {"entity": num_entities, "relation": len(RELATIONS)}
+    return {
+        f"{what}_{part}": torch.randn(rows[what], dim, generator=generator)
+        for what in rows
+        for part in ("real", "imag")
+    }
+
+
+def counted(triples: np.ndarray, relation: int, entity: int, column: int) -> int:
+    return sum(1 for triple in triples.tolist() if triple[1] == relation and triple[column] == entity)
+
+
+def test_the_log_counts_are_those_of_a_loop():
+    graph = random_graph()
+    as_head, as_tail = log_counts(graph.triples, graph.num_entities)
+    for found, column in ((as_head, 0), (as_tail, 2)):
+        for relation in range(len(RELATIONS)):
+            expected = [math.log1p(counted(graph.triples, relation, e, column)) for e in range(graph.num_entities)]
+            assert found[relation].tolist() == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.parametrize("weight", [0.5, 16.0])
+def test_scores_gain_the_weighted_log_counts_of_head_and_tail(weight: float):
+    graph = random_graph(num_entities=12, num_recipes=40)
+    assert np.any(counted(graph.triples, 1, 0, 0) != counted(graph.triples, 1, 0, 2))  # componentOf is not symmetric
+    before = embeddings(graph.num_entities)
+    after = with_popularity(before, graph.triples, weight)
+    assert after["entity_real"].shape == (graph.num_entities, 4 + DIMS)
+    as_head, as_tail = log_counts(graph.triples, graph.num_entities)
+    for relation in range(len(RELATIONS)):
+        old, new = (ComplExScorer(e, graph.entities, graph.hash).table(relation) for e in (before, after))
+        gained = weight * (as_head[relation][:, None] + as_tail[relation][None, :])
+        torch.testing.assert_close(new - old, gained, atol=2e-4, rtol=1e-5)
+
+
+def test_without_popularity_the_embeddings_stay_as_they_are():
+    graph = random_graph()
+    before = embeddings(graph.num_entities)
+    assert with_popularity(before, graph.triples, 0.0) is before
+
+
+def test_entities_of_which_nothing_is_known_gain_nothing():
+    before = embeddings(5)
+    after = with_popularity(before, np.empty((0, 3), dtype=np.int64), 2.0)
+    entities = tuple("abcde")
+    for relation in range(len(RELATIONS)):
+        old, new = (ComplExScorer(e, entities, "").table(relation) for e in (before, after))
+        torch.testing.assert_close(new, old, atol=1e-4, rtol=0)

@@ -1,0 +1,187 @@
+"""Choosing the regularisation of a small book on its train recipes."""
+
+import json
+import tomllib
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from link_helpers import interrupt_after, random_graph, train
+
+from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split
+from wordcraft_kg.graphs.folder import OpenedGraph
+from wordcraft_kg.models.links import regularisation
+from wordcraft_kg.models.links import training as link_training
+from wordcraft_kg.models.links.builders import scorer_tensors
+from wordcraft_kg.models.links.config import ComplExConfig, LinkModelConfig
+from wordcraft_kg.models.links.fitting import fit
+from wordcraft_kg.models.links.folder import open_model
+from wordcraft_kg.models.links.folds import split_of_train
+from wordcraft_kg.models.links.pykeen_bridge import triples_factory
+from wordcraft_kg.models.links.records import Choice
+from wordcraft_kg.models.links.regularisation import HELD_OUT, N3, POPULARITY, choose, filtered_ranks
+from wordcraft_kg.models.links.training import resume_links
+from wordcraft_kg.models.scorers.facts import FrequencyScorer
+from wordcraft_kg.models.scorers.folder import make_scorer
+from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples
+from wordcraft_kg.models.scorers.tables import TableScorer
+
+OPEN = ComplExConfig(dim=8, epochs=20)
+
+
+def silent(done: int, total: int) -> None:
+    """Nobody watches."""
+
+
+def opened(graph: RecipeGraph, **settings: object) -> OpenedGraph:
+    return OpenedGraph(graph, make_split(graph, SplitConfig(**settings)), "here")
+
+
+@pytest.fixture(scope="module")
+def choice(opened_kitchen: OpenedGraph) -> Choice:
+    found = choose(opened_kitchen, OPEN, silent)
+    assert found is not None
+    return found
+
+
+def test_every_combination_is_a_candidate_and_the_best_is_chosen(choice: Choice):
+    assert {(found.n3, found.popularity) for found in choice.candidates} == {(n, p) for n in N3 for p in POPULARITY}
+    best = max(choice.candidates, key=lambda found: found.mrr)
+    assert (choice.n3, choice.popularity, choice.mrr) == (best.n3, best.popularity, best.mrr)
+    assert len({found.mrr for found in choice.candidates}) > len(N3)
+
+
+def test_the_same_seed_chooses_the_same(opened_kitchen: OpenedGraph, choice: Choice):
+    assert choose(opened_kitchen, OPEN, silent) == choice
+    assert choose(opened_kitchen, replace(OPEN, seed=7), silent) != choice
+
+
+def test_only_train_recipes_are_held_out(opened_kitchen: OpenedGraph):
+    split = opened_kitchen.split
+    fold = split_of_train(split, HELD_OUT, seed=3)
+    np.testing.assert_array_equal(fold.graph.recipes, split.recipes("train"))
+    assert fold.graph.entities == split.graph.entities
+    assert len(fold.held_out("test"))
+
+
+def test_a_split_by_goal_holds_out_goals_of_train(kitchen: RecipeGraph):
+    fold = split_of_train(make_split(kitchen, SplitConfig("by-goal")), HELD_OUT, seed=3)
+    assert fold.config.kind == "by-goal"
+    assert not set(fold.recipes("train")[:, 2]) & set(fold.recipes("test")[:, 2])
+
+
+def test_the_figures_are_those_of_a_ranking_of_what_was_held_out(
+    opened_kitchen: OpenedGraph, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(regularisation, "FOLDS", 1)
+    found = choose(opened_kitchen, OPEN, silent)
+    assert found is not None
+    fold = split_of_train(opened_kitchen.split, HELD_OUT, OPEN.seed)
+
+    def mrr(scorer) -> float:
+        return mean_reciprocal_rank(rank_triples(scorer, fold.held_out("test"), fold.graph.triples))
+
+    for candidate in found.candidates:
+        settings = replace(OPEN, n3=candidate.n3, popularity=candidate.popularity, epochs=found.epochs)
+        model = fit(settings, triples_factory(fold.graph, fold.partial), lambda epoch: None)
+        scorer = make_scorer(*scorer_tensors(settings, model, fold.partial), fold.graph.entities, fold.graph.hash)
+        assert candidate.mrr == pytest.approx(mrr(scorer), abs=2e-3)
+    assert found.frequency_mrr == pytest.approx(mrr(FrequencyScorer(fold.graph, fold.partial)))
+
+
+def test_ranks_are_those_of_the_report():
+    graph = random_graph(num_entities=9, num_recipes=30)
+    scores = torch.randint(4, (2, 9, 9), generator=torch.Generator().manual_seed(0)).float()
+    ranks = rank_triples(TableScorer(scores, graph.entities, graph.hash), graph.triples, graph.triples)
+    known = torch.zeros(2, 9, 9, dtype=torch.bool)
+    heads, relations, tails = torch.from_numpy(graph.triples.copy()).T
+    known[relations, heads, tails] = True
+    of_tails = filtered_ranks(scores[relations, heads], known[relations, heads], tails)
+    of_heads = filtered_ranks(scores[relations, :, tails], known[relations, :, tails], heads)
+    assert torch.cat([of_tails, of_heads]).tolist() == ranks["rank"].tolist()
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [replace(OPEN, n3=0.1), ComplExConfig(popularity=1.0), ComplExConfig(kg="full"), LinkModelConfig()],
+    ids=["n3", "popularity", "full", "another model"],
+)
+def test_what_is_given_or_does_not_exist_is_not_chosen(opened_kitchen: OpenedGraph, settings):
+    assert choose(opened_kitchen, settings, silent) is None
+
+
+def test_a_large_book_keeps_the_fixed_default(opened_kitchen: OpenedGraph, monkeypatch: pytest.MonkeyPatch):
+    train_recipes = len(opened_kitchen.split.recipes("train"))
+    monkeypatch.setattr(regularisation, "SMALL", train_recipes - 1)
+    assert choose(opened_kitchen, OPEN, silent) is None
+    monkeypatch.setattr(regularisation, "SMALL", train_recipes)
+    assert choose(opened_kitchen, replace(OPEN, epochs=1), silent) is not None
+
+
+def test_a_book_with_too_little_to_hold_out_keeps_the_fixed_default():
+    assert choose(opened(random_graph(num_entities=6, num_recipes=8)), OPEN, silent) is None
+    once = [(f"a{i}", f"b{i}", f"c{i}") for i in range(40)]  # nothing can be held out without losing an entity
+    assert choose(opened(RecipeGraph.from_recipes(once, name="once"), kind="none"), OPEN, silent) is None
+
+
+def test_where_there_is_nothing_but_popularity_to_learn_the_choice_keeps_up_with_counting():
+    rng = np.random.default_rng(0)
+    parts = (rng.random((400, 2)) ** 2 * 60).astype(int)
+    graph = RecipeGraph.from_recipes(
+        [(f"e{a}", f"e{b}", f"e{c}") for (a, b), c in zip(parts, rng.integers(60, size=400), strict=True)]
+    )
+    found = choose(opened(graph), replace(OPEN, dim=32, epochs=50), silent)
+    assert found is not None
+    without = max(row.mrr for row in found.candidates if row.popularity == 0)
+    assert without < found.frequency_mrr
+    assert found.mrr > 0.97 * found.frequency_mrr
+
+
+# --- in a run --------------------------------------------------------------------------------------------------------
+
+
+def test_a_run_records_what_was_chosen_and_from_what(opened_kitchen: OpenedGraph, tmp_path: Path, choice: Choice):
+    trained = train(opened_kitchen, OPEN, tmp_path / "model")
+    assert trained.metrics.choice == choice
+    config = tomllib.loads((trained.folder / "config.toml").read_text())["train-complex"]
+    assert (config["n3"], config["popularity"]) == (choice.n3, choice.popularity)
+    assert "choice.json" in json.loads((trained.folder / "run.json").read_text())["inputs"]
+    assert json.loads((trained.folder / "choice.json").read_text())["mrr"] == choice.mrr
+    assert str(choice) in (trained.folder / "README.md").read_text()
+    assert str(choice) in open_model(trained.folder).provenance.values()
+
+
+def test_a_run_with_a_given_weight_records_no_choice(complex_folder: Path):
+    assert "choice" not in json.loads((complex_folder / "metrics.json").read_text())
+    assert not (complex_folder / "choice.json").exists()
+
+
+def test_a_resumed_run_does_not_choose_again(
+    opened_kitchen: OpenedGraph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    settings = replace(OPEN, epochs=10)
+    undisturbed = train(opened_kitchen, settings, tmp_path / "undisturbed")
+    assert train(opened_kitchen, settings, tmp_path / "model", progress=interrupt_after(4)).interrupted
+    monkeypatch.setattr(link_training, "choose", lambda *arguments: pytest.fail("chosen again"))
+    resumed = resume_links(tmp_path / "model")
+    assert resumed.metrics.choice == undisturbed.metrics.choice is not None
+    weights = [(folder / "model.safetensors").read_bytes() for folder in (resumed.folder, undisturbed.folder)]
+    assert weights[0] == weights[1]
+
+
+def test_the_config_file_of_a_run_gives_the_same_model_without_choosing(
+    opened_kitchen: OpenedGraph, tmp_path: Path, choice: Choice
+):
+    chosen = train(opened_kitchen, OPEN, tmp_path / "chosen")
+    given = train(opened_kitchen, replace(OPEN, n3=choice.n3, popularity=choice.popularity), tmp_path / "given")
+    weights = [(trained.folder / "model.safetensors").read_bytes() for trained in (chosen, given)]
+    assert weights[0] == weights[1]
+    assert given.metrics.choice is None
+
+
+def test_ctrl_c_while_choosing_leaves_nothing(opened_kitchen: OpenedGraph, tmp_path: Path):
+    with pytest.raises(KeyboardInterrupt):
+        train(opened_kitchen, OPEN, tmp_path / "model", progress=interrupt_after(0))
+    assert list(tmp_path.iterdir()) == []

@@ -275,3 +275,26 @@ def test_completion_can_be_installed(run, tmp_path, monkeypatch):
     script = tmp_path / ".local/share/bash-completion/completions/wordcraft-kg"
     assert str(script) in (tmp_path / ".bashrc").read_text()
     assert "train-complex" in script.read_text()
+
+
+# --- the cache -------------------------------------------------------------------------------------------------------
+
+
+def test_the_cache_is_listed_with_sizes_and_cleared_but_for_what_is_not_ours(run, home, monkeypatch):
+    monkeypatch.setenv("PYSTOW_HOME", str(home / "pystow"))
+    cached = home / "cache" / "wordcraft-kg"
+    for path, size in ((cached / "books/a.json", 1000), (cached / "vectors/b", 20), (home / "pystow/pykeen/c", 3)):
+        path.parent.mkdir(parents=True)
+        path.write_bytes(b"x" * size)
+    (cached / "notes.txt").touch()
+
+    def sizes(*options):
+        return [
+            (found["files"], found["bytes"]) for found in json.loads(run("cache", *options, "--json").out)["folders"]
+        ]
+
+    assert sizes() == [(1, 1000), (1, 20), (1, 3)]
+    assert f"fetched recipe books          1 file, 1.0 kB  {cached / 'books'}" in run("cache").out
+    assert sizes("--clear") == [(0, 0), (0, 0), (1, 3)]
+    assert [path.name for path in cached.iterdir()] == ["notes.txt"]
+    assert sizes("--clear") == [(0, 0), (0, 0), (1, 3)]

@@ -8,9 +8,10 @@ from dataclasses import replace
 
 import pytest
 
+from wordcraft_kg.cache import cache_folder
 from wordcraft_kg.errors import FetchError, RecipeFileError
 from wordcraft_kg.graphs import RecipeGraph, fetch_book, known_books, open_book
-from wordcraft_kg.graphs.library import DATA_VARIABLE, FETCHABLE, cache_folder
+from wordcraft_kg.graphs.library import DATA_VARIABLE, FETCHABLE
 
 NAME = "little-alchemy-2"
 BASE = ("air", "earth", "fire", "time", "water")
@@ -152,12 +153,12 @@ def test_other_bytes_than_the_pinned_ones_are_not_kept(home, published, server):
     server(b"<html>not found</html>")
     with pytest.raises(FetchError, match=rf"expected {published.sha256[:12]}…; not kept\. Or place the file by hand"):
         fetch_book(NAME)
-    assert not cache_folder().exists()
+    assert not cache_folder("books").exists()
 
 
 def test_other_bytes_leave_an_earlier_file_as_it_is(home, published, server):
-    cache_folder().mkdir(parents=True)
-    earlier = cache_folder() / "alchemy2.json"
+    cache_folder("books").mkdir(parents=True)
+    earlier = cache_folder("books") / "alchemy2.json"
     earlier.write_bytes(b"mine")
     server(b"<html>not found</html>")
     with pytest.raises(FetchError, match="not kept"):
@@ -183,9 +184,9 @@ def test_a_failed_download_says_how_to_place_the_file_by_hand(home, published, s
     message = str(caught.value)
     assert f"could not download '{NAME}'" in message
     assert reason in message
-    assert f"save {published.url} as {cache_folder() / 'alchemy2.json'}" in message
+    assert f"save {published.url} as {cache_folder('books') / 'alchemy2.json'}" in message
     assert DATA_VARIABLE in message
-    assert not cache_folder().exists()
+    assert not cache_folder("books").exists()
 
 
 def test_a_file_placed_in_the_data_folder_by_hand_is_known_by_the_published_name(home, published, monkeypatch):

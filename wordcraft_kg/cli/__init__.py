@@ -25,7 +25,7 @@ from wordcraft_kg.errors import ConfigError
 from wordcraft_kg.settings import nearest
 
 COMMANDS = {
-    "Recipe books": ["books", "fetch", "check-book"],
+    "Recipe books": ["books", "fetch", "check-book", "cache"],
     "Graphs": ["build-graph", "describe", "export"],
     "Environments": ["tasks", "play", "human-summary", "discover", "baselines"],
     "Link prediction": [

@@ -12,6 +12,7 @@ from http.client import HTTPException
 from pathlib import Path
 
 from wordcraft_kg.artefacts import sha256_of, write_atomically
+from wordcraft_kg.cache import cache_folder
 from wordcraft_kg.errors import FetchError, RecipeFileError
 from wordcraft_kg.graphs.recipes import RecipeBook, read_book
 from wordcraft_kg.progress import stage
@@ -65,12 +66,6 @@ class KnownBook:
     path: Path | None
 
 
-def cache_folder() -> Path:
-    """Return the folder that fetched books are kept in; it may not exist yet."""
-    root = os.environ.get("XDG_CACHE_HOME")
-    return (Path(root) if root else Path.home() / ".cache") / "wordcraft-kg" / "books"
-
-
 def data_folder() -> Path | None:
     """Return the folder that ``WORDCRAFT_KG_DATA`` names, or None."""
     value = os.environ.get(DATA_VARIABLE)
@@ -82,7 +77,7 @@ def data_folder() -> Path | None:
 def known_books() -> list[KnownBook]:
     """Return the books known by name; of two with the same name, the one that :func:`open_book` opens."""
     found: dict[str, KnownBook] = {}
-    for origin, folder in (("built in", _BUILT_IN), ("cache", cache_folder()), ("data folder", data_folder())):
+    for origin, folder in (("built in", _BUILT_IN), ("cache", cache_folder("books")), ("data folder", data_folder())):
         for path in _books_in(folder):
             name = next((name for name, book in FETCHABLE.items() if book.file_name == path.name), path.stem)
             found.setdefault(name, KnownBook(name, origin, path))
@@ -161,7 +156,7 @@ def fetch_book(name: str) -> Path:
         raise FetchError(
             f"no book '{name}' to fetch; expected one of {', '.join(FETCHABLE)}.{nearest(name, FETCHABLE)}"
         )
-    target = cache_folder() / book.file_name
+    target = cache_folder("books") / book.file_name
     if target.is_file() and sha256_of(target) == book.sha256:
         return target
     by_hand = f"Or place the file by hand: save {book.url} as {target}, or into the folder that {DATA_VARIABLE} names."

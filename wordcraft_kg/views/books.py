@@ -1,16 +1,9 @@
 """The recipe books known by name, and the check of a book."""
 
+from wordcraft_kg.cache import cache_folder
 from wordcraft_kg.errors import RecipeFileError, SplitError
 from wordcraft_kg.graphs.book_check import BookCheck, BookFigures, Finding, check_book, listed
-from wordcraft_kg.graphs.library import (
-    FETCHABLE,
-    KnownBook,
-    cache_folder,
-    data_folder,
-    known_books,
-    locate_book,
-    open_book,
-)
+from wordcraft_kg.graphs.library import FETCHABLE, KnownBook, data_folder, known_books, locate_book, open_book
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.splits import SplitConfig, make_split
 from wordcraft_kg.records import Count, Record
@@ -76,7 +69,7 @@ def view_books() -> BookList:
         for size in [_size(book)]
     )
     folder = data_folder()
-    return BookList(books, str(cache_folder()), None if folder is None else str(folder))
+    return BookList(books, str(cache_folder("books")), None if folder is None else str(folder))
 
 
 def _size(book: KnownBook) -> tuple[int, int] | None:

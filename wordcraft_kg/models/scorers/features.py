@@ -20,9 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wordcraft_kg.artefacts import sha256_of, write_atomically
+from wordcraft_kg.cache import cache_folder
 from wordcraft_kg.errors import ConfigError
 from wordcraft_kg.feature_spec import SHUFFLED, VECTORS, FeatureSpec
-from wordcraft_kg.graphs.library import cache_folder
 from wordcraft_kg.settings import nearest, one_of, refuse, whole
 
 GLOVE_DIMENSIONS = 50
@@ -293,7 +293,7 @@ def _read_text(path: Path, wanted: Set[str]) -> _WordVectors:
 
     words = sorted(wanted)
     key = hashlib.sha256(json.dumps([_CACHE_FORMAT, sha256_of(path), words]).encode())
-    entry = cache_folder().parent / "vectors" / key.hexdigest()
+    entry = cache_folder("vectors") / key.hexdigest()
     with suppress(OSError):
         data = entry.read_bytes()
         if hashlib.sha256(data[_DIGEST_BYTES:]).digest() == data[:_DIGEST_BYTES]:

@@ -87,6 +87,14 @@ def test_nothing_is_used_up_and_nothing_lies_there_twice(world):
     assert pick(env, "mud", "mud")[1] == 1
 
 
+def test_as_many_distractors_as_the_graph_has_room_for_are_the_most(world):
+    most = WordCraftEnv(world, part="all", num_distractors=0).world.max_distractors
+    env = WordCraftEnv(world, part="all", num_distractors=most)
+    env.reset(seed=0)
+    with pytest.raises(ConfigError, match=f"Give `num_distractors` {most} or less."):
+        WordCraftEnv(world, part="all", num_distractors=most + 1)
+
+
 def test_the_last_attempt_ends_the_episode_and_is_seen_coming(world):
     env = posed(world, "glass", ["sand", "sun", "earth"], max_attempts=2)
     assert pick(env, "sand", "earth")[0]["attempts_left"] == 1

@@ -13,6 +13,7 @@ from hypothesis import assume, given, settings
 from wordcraft_kg.errors import ArtefactError, ConfigError, GraphMismatchError, SplitError
 from wordcraft_kg.graphs import SPLITS, RecipeGraph, Split, SplitConfig, make_split
 from wordcraft_kg.graphs.splits import PARTS, SplitKind, read_split
+from wordcraft_kg.graphs.triples import RELATIONS
 
 HELD_OUT_KINDS = [kind for kind in SPLITS if kind != "none"]
 
@@ -75,6 +76,18 @@ def test_held_out_triples_are_those_that_no_earlier_part_gives(split):
     assert labelled(split, split.triples_of("test")) == of["test"]
     assert labelled(split, split.held_out("valid")) == of["valid"] - of["train"]
     assert labelled(split, split.held_out("test")) == of["test"] - of["train"] - of["valid"]
+
+
+@on_every_split
+def test_each_triple_belongs_to_the_first_part_that_gives_it(split):
+    of = [oracles.triples(split.graph.recipe_labels(split.recipes(part))) for part in PARTS]
+    size = min(split.graph.num_entities, 8)
+    grid = np.stack(np.meshgrid(range(size), range(2), range(size)), axis=-1).reshape(-1, 3)
+    triples = np.concatenate([split.graph.triples, grid])
+    names = split.graph.entities
+    for (head, relation, tail), part in zip(triples.tolist(), split.part_of(triples).tolist(), strict=True):
+        triple = (names[head], RELATIONS[relation], names[tail])
+        assert part == next((i for i, given_by in enumerate(of) if triple in given_by), -1)
 
 
 @on_every_split

@@ -6,7 +6,7 @@ DEMO := demo
 AGENT := --steps 1000000
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo test slow lint format docs clean
+.PHONY: help install demo test slow lint format docs site clean
 
 help:
 	@echo "make demo     set up, then book -> graph -> ComplEx -> agents -> reports, on the book everyday"
@@ -15,6 +15,7 @@ help:
 	@echo "make slow     the tests that take minutes"
 	@echo "make lint     ruff, mypy, and the directions of imports"
 	@echo "make docs     write docs/commands.md from the help of the commands, docs/glossary.md from the glossary"
+	@echo "make site     the guides and the Python reference as a website, in site/"
 	@echo "make clean    remove what was built; .venv stays"
 
 install: .venv/installed
@@ -61,6 +62,10 @@ docs: install
 	$(BIN)/python docs/make_commands.py
 	$(BIN)/python docs/make_glossary.py
 
+site: install
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable ".[docs]"
+	$(BIN)/mkdocs build --strict
+
 clean:
-	rm -rf $(DEMO) build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(DEMO) build site dist .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -not -path "./.venv/*" -prune -exec rm -rf {} +

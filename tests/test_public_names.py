@@ -22,6 +22,7 @@ IN_ORDER = (
     "LinkModelConfig",
     "LinksConfig",
     "train_links",
+    "Tracker",
     "open_model",
     "save_scorer",
     "from_pykeen",
@@ -58,6 +59,11 @@ def test_the_example_of_every_public_name_does_what_it_says(tmp_path: Path, monk
         assert example.examples, name
         said: list[str] = []
         assert runner.run(example, out=said.append).failed == 0, "".join(said)
+
+
+def test_the_reference_has_every_public_name():
+    page = (Path(__file__).parents[1] / "docs/reference.md").read_text()
+    assert [name for name in IN_ORDER if f"::: wordcraft_kg.{name}\n" not in page] == []
 
 
 def test_importing_the_package_imports_neither_torch_nor_pykeen_nor_gymnasium():

@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from wordcraft_kg.models.policies.folder import load_policy, save_policy
     from wordcraft_kg.models.policies.sources.source import make_sources
     from wordcraft_kg.models.scorers.folder import load_scorer
+    from wordcraft_kg.runs.trackers import Tracker
 
 __version__ = _version("wordcraft-kg")
 
@@ -51,6 +52,7 @@ _MODULES = {
     "RecipeGraph": "graphs.recipe_graph",
     "SplitConfig": "graphs.splits",
     "TaskConfig": "agents.config",
+    "Tracker": "runs.trackers",
     "WordCraftConfig": "envs.config",
     "World": "envs.world",
     "evaluate": "agents.evaluation",
@@ -79,6 +81,7 @@ __all__ = [
     "RecipeGraph",
     "SplitConfig",
     "TaskConfig",
+    "Tracker",
     "WordCraftConfig",
     "World",
     "evaluate",

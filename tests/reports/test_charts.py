@@ -51,9 +51,6 @@ CHARTS = {
     "dots": lambda label: charts.dots(
         [label, "b"], {label: [(0.5, 0.4, 0.6), None], "two": [(0.5, None, None)] * 2}, label, label, label
     ),
-    "intervals": lambda label: charts.intervals(
-        [(label, (0.5, 0.4, 0.6)), ("b", (0.1, None, None))], label, label, reference=0.0
-    ),
     "reliability": lambda label: charts.reliability([(0.1, 0.2, 5), (0.3, 0.3, 5)], label),
     "points": lambda label: charts.labelled_points(
         np.array([[0.0, 1.0], [2.0, 3.0]]), [label, "b"], [0, 9], [0, 1], label
@@ -107,26 +104,6 @@ def test_the_legend_of_bars_stands_above_them():
     top = min(float(rect.get("y")) for rect in root.iter("rect") if rect.find("title") is not None)
     assert len(keys) == 2
     assert all(float(key.get("y")) + float(key.get("height")) < top for key in keys)
-
-
-def test_intervals_are_drawn_in_rows_on_one_axis_with_the_reference():
-    rows = [("one", (-0.1, -0.2, 0.1)), ("two", (0.4, 0.3, 0.5)), ("three", (0.25, None, None))]
-    root = parse(charts.intervals(rows, "x", "description", reference=0.0))
-    dots, whiskers = of_class(root, "dot"), of_class(root, "whisker")
-    at = [float(dot.get("cx")) for dot in dots]
-    per_unit = (at[1] - at[0]) / 0.5
-    assert at[2] - at[0] == pytest.approx(0.35 * per_unit, abs=0.2)
-    assert [float(dot.get("cy")) for dot in dots] == [20, 44, 68]
-    for (_, (centre, low, high)), dot, line in zip(rows[:2], dots[:2], whiskers, strict=True):
-        ends = [float(line.get(name)) for name in ("x1", "x2")]
-        expected = [float(dot.get("cx")) + (bound - centre) * per_unit for bound in (low, high)]
-        assert ends == pytest.approx(expected, abs=0.2)
-        assert line.get("y1") == line.get("y2") == dot.get("cy")
-    (reference,) = of_class(root, "diagonal")
-    assert points_of(reference)[0][0] == pytest.approx(at[0] + 0.1 * per_unit, abs=0.2)
-    assert titles_of(dots)[1] == "two: 0.4 [0.3, 0.5]"
-    assert all(0 < x < WIDTH for x in at)
-    assert len(of_class(parse(charts.intervals([], "x", "nothing")), "dot")) == 0
 
 
 def points_of(element: ET.Element) -> np.ndarray:

@@ -224,6 +224,6 @@ def test_the_page_holds_every_model_and_needs_no_other_file(
     for found in values.models:
         assert f"{found.mrr:.3f}" in page
     assert "<b> &" not in page
-    assert "http" not in page
+    assert "://" not in page
     assert page.count("<svg") == 2
     assert page.count('class="whisker') == 4 + 3

@@ -224,8 +224,8 @@ def test_a_scorer_s_player_takes_the_untried_pair_of_the_highest_value(monkeypat
 
 def test_equal_values_are_drawn_alike(kitchen):
     class Free(GreedyDiscoverer):
-        def worth(self):
-            return np.ones(self.graph.num_entities)
+        def worth(self, entities):
+            return np.ones(len(entities))
 
     player, drawn = Free(kitchen), set()
     for seed in range(60):
@@ -234,6 +234,23 @@ def test_equal_values_are_drawn_alike(kitchen):
     values = slow_oracle_values(kitchen, kitchen.base_ids.tolist(), lambda c: 1)
     assert drawn == best_pairs(values)
     assert len(drawn) > 1
+
+
+def test_a_scorer_on_a_graph_too_large_for_tables_of_all_pairs_is_refused_with_its_cost(kitchen, monkeypatch):
+    monkeypatch.setattr(discovery, "MOST_BYTES", 80**2 * discovery.PAIR_BYTES)
+    scorer = random_scorer(kitchen, 0)
+    ScorerDiscoverer(kitchen, scorer)
+    monkeypatch.setattr(discovery, "MOST_BYTES", 80**2 * discovery.PAIR_BYTES - 1)
+    monkeypatch.setattr(scorer, "table", None)  # nothing is computed before the refusal
+    with pytest.raises(ConfigError, match=r"`scorer`: .* the 80 entities of kitchen .*0.0 GiB"):
+        ScorerDiscoverer(kitchen, scorer)
+
+
+def test_progress_counts_the_runs_of_all_players(kitchen):
+    calls = []
+    players = make_discoverers(["random", "greedy"], kitchen)
+    discovery_curves(kitchen, players, 5, runs=2, progress=lambda *call: calls.append(call))
+    assert [(done, total) for done, total, _ in calls] == [(1, 4), (2, 4), (3, 4), (4, 4)]
 
 
 @pytest.mark.parametrize("fill", [0.0, 5.0])

@@ -1,7 +1,7 @@
 """Players of open-ended play (random, knowing the graph, or guided by a scorer), and how much they discover."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from wordcraft_kg.envs.open_ended import Discovery
 from wordcraft_kg.errors import ConfigError
+from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.recipe_graph import Entity, RecipeGraph
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
-from wordcraft_kg.models.scorers.limits import check_table
 from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
 from wordcraft_kg.progress import steps
 from wordcraft_kg.settings import MAX_SIZE, check_memory, one_of, whole
@@ -34,6 +34,10 @@ CANDIDATES = 16
 MARKS = (1, 10, 20, 50, 100)
 """Attempts after which a summary reports the curves."""
 _BYTES_PER_ROW = 100  # of the frame of curves and what is computed from it
+PAIR_BYTES = 40
+"""Bytes that a player with a scorer takes for each pair of entities: two tables, and sums of their rows."""
+MOST_BYTES = 4 * 2**30
+"""Memory that a player with a scorer may take."""
 _MOST = 50.0  # standard deviations; beyond them exp would overflow
 
 
@@ -102,28 +106,32 @@ class OracleDiscoverer(Discoverer):
     """Knows the true graph and never fails: takes the pair whose new results are worth most together."""
 
     def __init__(self, graph: RecipeGraph):
-        """Index the recipes by pair."""
+        """Take the graph."""
         self.graph = graph
-        self._pair_starts = graph.pair_starts[:-1]
-        self._pairs = graph.recipes[self._pair_starts, :2]
 
     def begin(self, base: Sequence[int], rng: np.random.Generator) -> None:  # noqa: D102 - inherited
         self.is_known = np.zeros(self.graph.num_entities, dtype=bool)
+        # Recipes that can be carried out now; only these are looked at, because a book may have a million others.
+        self._open = np.empty(0, dtype=np.int64)
         super().begin(base, rng)
 
     def learn(self, entity: int) -> None:  # noqa: D102 - inherited
         super().learn(entity)
         self.is_known[entity] = True
+        uses = self.graph.uses_of(entity)
+        self._open = np.union1d(self._open, uses[self.is_known[self.graph.recipes[uses, :2]].all(axis=1)])
 
     @abstractmethod
-    def worth(self) -> Floats:
-        """Return what each entity would be worth if it were found now, shape (E,), above 0."""
+    def worth(self, entities: Ids) -> Floats:
+        """Return what each of some entities that are not known would be worth if it were found now, above 0."""
 
     def choose(self) -> Pair:  # noqa: D102 - inherited
-        result = self.graph.recipes[:, 2]
-        gains = np.add.reduceat(np.where(self.is_known[result], 0.0, self.worth()[result]), self._pair_starts)
-        gains[~self.is_known[self._pairs].all(axis=1)] = 0.0
-        one, other = self._pairs[self.draw_best(gains)].tolist()
+        graph = self.graph
+        self._open = self._open[~self.is_known[graph.recipes[self._open, 2]]]
+        pairs, place = np.unique(graph.pair_of_recipe[self._open], return_inverse=True)
+        gains = np.bincount(place, self.worth(graph.recipes[self._open, 2])).astype(np.float64)
+        first = int(graph.pair_starts[pairs[self.draw_best(gains)]])
+        one, other, _ = graph.recipes[first].tolist()
         return one, other
 
 
@@ -135,8 +143,8 @@ class GreedyDiscoverer(OracleDiscoverer):
         super().__init__(graph)
         self._worth = 1.0 + graph.use_counts
 
-    def worth(self) -> Floats:  # noqa: D102 - inherited
-        return self._worth
+    def worth(self, entities: Ids) -> Floats:  # noqa: D102 - inherited
+        return self._worth[entities]
 
 
 class EmpowermentDiscoverer(OracleDiscoverer):
@@ -149,12 +157,15 @@ class EmpowermentDiscoverer(OracleDiscoverer):
     other ingredient is known, so that the value falls as the world is explored.
     """
 
-    def worth(self) -> Floats:  # noqa: D102 - inherited
-        a, b, result = self.graph.recipes[~self.is_known[self.graph.recipes[:, 2]]].T
-        by_a, by_b = self.is_known[b], self.is_known[a]
+    def worth(self, entities: Ids) -> Floats:  # noqa: D102 - inherited
+        wanted, place = np.unique(entities, return_inverse=True)
+        uses = [self.graph.uses_of(entity) for entity in wanted.tolist()]
+        index = np.repeat(np.arange(len(wanted)), [len(rows) for rows in uses])
+        a, b, result = self.graph.recipes[np.concatenate(uses)].T
+        counts = self.is_known[a + b - wanted[index]] & ~self.is_known[result]
         size = self.graph.num_entities
-        made = np.unique(np.concatenate([(a * size + result)[by_a], (b * size + result)[by_b]]))
-        return 1.0 + np.bincount(made // size, minlength=size)
+        made = np.unique(index[counts] * size + result[counts])
+        return (1.0 + np.bincount(made // size, minlength=len(wanted)))[place]
 
 
 class ScorerDiscoverer(Discoverer):
@@ -176,11 +187,17 @@ class ScorerDiscoverer(Discoverer):
         """Standardise the scorer's tables, two of shape (E, E).
 
         Raises:
-            ConfigError: if the graph has too many entities for the tables.
             GraphMismatchError: if the scorer belongs to another graph.
+            ConfigError: if the tables would take more than :data:`MOST_BYTES`; nothing is computed then.
         """
         check_scorer(scorer, graph)
-        check_table("player 'empowerment-scorer'", graph.num_entities)
+        needed = graph.num_entities**2 * PAIR_BYTES
+        if needed > MOST_BYTES:
+            raise ConfigError(
+                f"`scorer`: the scores of all pairs of the {graph.num_entities:,} entities of {graph.name} would take "
+                f"about {needed / 2**30:.1f} GiB; expected at most {MOST_BYTES / 2**30:.1f} GiB. Leave it out: the "
+                "other players need no scorer."
+            )
         links, parts = (scorer.table(relation).cpu().double().numpy() for relation in (COMBINES_WITH, COMPONENT_OF))
         self._odds = np.exp(np.minimum(standardised((links + links.T) / 2), _MOST))
         self._parts = standardised(parts)
@@ -272,11 +289,13 @@ def discovery_curves(
     runs: int = 100,
     seed: int = 0,
     base: Iterable[Entity] | None = None,
+    progress: Callable[[int, int, dict[str, float]], None] | None = None,
 ) -> "pd.DataFrame":
     """Let players discover, by the rules of ``WordCraft-OpenEnded-v0`` but on ids alone, without observations.
 
     Run ``i`` draws from ``np.random.default_rng([seed, i])`` for every player, so a player's curve does not depend on
-    the other players.
+    the other players. ``progress`` is called after each run with the number of runs, that of all players together, and
+    the number of entities known at the end.
 
     Returns:
         a row per player, run and attempt, from 0 (the base) to ``attempts``: ``known``, the number of entities known
@@ -308,6 +327,8 @@ def discovery_curves(
                 known[number, run, attempt:] = len(game.known)
                 if game.is_complete:
                     break
+            if progress:
+                progress(number * runs + run + 1, len(players) * runs, {"known": len(game.known)})
     index = pd.MultiIndex.from_product(
         [list(players), range(runs), range(attempts + 1)], names=["player", "run", "attempt"]
     )

@@ -63,7 +63,16 @@ def discover(
 
         loaded = scorer.name, load_scorer(scorer, graph=played)
     labels = split_labels(base) if base else None
-    view, curves = view_discovery(played, chosen, attempts=attempts, runs=runs, seed=seed, base=labels, scorer=loaded)
+    view, curves = view_discovery(
+        played,
+        chosen,
+        attempts=attempts,
+        runs=runs,
+        seed=seed,
+        base=labels,
+        scorer=loaded,
+        progress=output.progress("discovery", unit="run"),
+    )
     if out is not None:
         from wordcraft_kg.artefacts import staged_file, write_atomically
         from wordcraft_kg.reports.discovery_report import discovery_page

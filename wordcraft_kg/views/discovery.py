@@ -1,6 +1,6 @@
 """What players discover in open-ended play."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -76,6 +76,7 @@ def view_discovery(
     seed: int = 0,
     base: Sequence[str] | None = None,
     scorer: "tuple[str, Scorer] | None" = None,
+    progress: Callable[[int, int, dict[str, float]], None] | None = None,
 ) -> tuple[DiscoveryView, "pd.DataFrame"]:
     """Let players discover entities; return the view and the curves that it summarises.
 
@@ -87,10 +88,12 @@ def view_discovery(
         seed: root seed of all draws.
         base: entities known at the start; None takes the graph's.
         scorer: name of a scorer that guides a player, and the scorer.
+        progress: see :func:`~wordcraft_kg.agents.discovery.discovery_curves`.
     """
     start = Discovery(graph, base)
     loaded = None if scorer is None else scorer[1]
-    curves = discovery_curves(graph, make_discoverers(players, graph, loaded), attempts, runs, seed, start.base)
+    discoverers = make_discoverers(players, graph, loaded)
+    curves = discovery_curves(graph, discoverers, attempts, runs, seed, start.base, progress)
     table = summarise_curves(curves)
     view = DiscoveryView(
         graph=graph.name,

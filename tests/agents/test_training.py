@@ -20,7 +20,7 @@ from wordcraft_kg.agents import training
 from wordcraft_kg.agents.agent_folder import AGENTS, open_agent
 from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
 from wordcraft_kg.agents.impala import Impala
-from wordcraft_kg.agents.training import resume_agent, train_agent
+from wordcraft_kg.agents.training import _warn_of_self_pairs, resume_agent, train_agent
 from wordcraft_kg.artefacts import sha256_of
 from wordcraft_kg.errors import (
     ArtefactError,
@@ -34,6 +34,7 @@ from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_book
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph, write_graph_folder
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.folder import load_policy
+from wordcraft_kg.models.scorers.config import SelfEdges
 from wordcraft_kg.runs.checkpoints import Checkpoints
 
 SMALL = ImpalaConfig(steps=1_600, batch_size=8, unroll=2, log_every=160, eval_every=800, checkpoint_every=320)
@@ -481,3 +482,21 @@ def test_a_run_killed_at_20_random_moments_ends_with_the_bits_of_an_undisturbed_
     assert kills == 20
     assert sha256_of(folder / "policy.safetensors") == sha256_of(tmp_path / "whole/policy.safetensors")
     assert metrics_of(folder) == metrics_of(tmp_path / "whole")
+
+
+@pytest.mark.parametrize(
+    ("pairs", "self_edges", "warns"),
+    [
+        ("a,a,c\nb,b,d\na,b,e\n", "observed", True),
+        ("a,a,c\nb,b,d\na,b,e\n", "keep", False),
+        ("a,b,c\n", "observed", False),
+    ],
+)
+def test_a_book_of_self_pairs_is_warned_about_where_only_observed_self_edges_are_kept(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, pairs: str, self_edges: SelfEdges, warns: bool
+) -> None:
+    book = tmp_path / "book.csv"
+    book.write_text("ingredient_a,ingredient_b,result\n" + pairs, encoding="utf-8")
+    config = config_of(policy=PolicyConfig(self_edges=self_edges))
+    _warn_of_self_pairs(open_graph(book).graph, config)
+    assert ("67 % of the pairs of book combine a thing with itself" in caplog.text) == warns

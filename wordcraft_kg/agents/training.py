@@ -4,6 +4,7 @@ A checkpoint holds the whole state of the trainer, so on a CPU a resumed run end
 interruption.
 """
 
+import logging
 import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -22,6 +23,7 @@ from wordcraft_kg.agents.results import OUTPUTS, model_card, write_results
 from wordcraft_kg.envs.batch import BatchEngine
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
+from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.models.links.folder import open_model
 from wordcraft_kg.models.policies.folder import make_policy, write_constants
 from wordcraft_kg.models.policies.policy import Policy
@@ -33,6 +35,9 @@ from wordcraft_kg.runs.progress import shown
 from wordcraft_kg.runs.trackers import Log, Tracker, checked_trackers, names_of, tracking
 from wordcraft_kg.settings import check_memory
 from wordcraft_kg.tensors import check_device
+
+MANY_SELF_PAIRS = 0.25
+"""Share of pairs of a thing with itself from which a warning about self edges is given."""
 
 
 @dataclass(frozen=True)
@@ -103,6 +108,7 @@ def train_agent(
         pairs_need_factors(config.policy.sources, scorer, config.policy.scale)
         observed = opened.triples(kg)
         inputs["scorer"] = model.run.outputs["model.safetensors"]
+        _warn_of_self_pairs(opened.graph, config)
     engine = _engine(opened, config)
     policy, features = make_policy(
         config.policy, opened.graph, engine.num_slots, scorer=scorer, observed=observed, seed=trainer.seed
@@ -122,6 +128,18 @@ def train_agent(
         )
         with tracking(run, trackers, config.values()) as log:
             return _Training(run, opened, config, policy, engine, log, report).go()
+
+
+def _warn_of_self_pairs(graph: RecipeGraph, config: AgentConfig) -> None:
+    """Say so where the default treatment of self edges is likely to hurt: in a book of one-ingredient recipes."""
+    share = graph.num_self_pairs / graph.num_pairs
+    if config.policy.self_edges == "observed" and share >= MANY_SELF_PAIRS:
+        logging.getLogger(__name__).warning(
+            "%.0f %% of the pairs of %s combine a thing with itself, and `self_edges` observed takes such a pair for no "
+            "better than any other unless the scorer was trained on it; on such a book keep and drop have done better.",
+            100 * share,
+            graph.name,
+        )
 
 
 def resume_agent(

@@ -261,7 +261,6 @@ def _reachability(graph: RecipeGraph, layer: Ids) -> Reachability:
 def _degrees(graph: RecipeGraph) -> Degrees:
     uses, recipes = graph.use_counts, graph.recipe_counts
     craftable = recipes[recipes > 0]
-    firsts = graph.recipes[graph.pair_starts[:-1]]
 
     def top(counts: Ids) -> tuple[tuple[str, int], ...]:
         most = np.argsort(-counts, kind="stable")[:10].tolist()
@@ -276,7 +275,7 @@ def _degrees(graph: RecipeGraph) -> Degrees:
         ),
         terminal=int(np.sum((uses == 0) & (recipes > 0))),
         idle=int(np.sum((uses == 0) & (recipes == 0))),
-        self_pairs=int(np.sum(firsts[:, 0] == firsts[:, 1])),
+        self_pairs=graph.num_self_pairs,
         most_used=top(uses),
         most_recipes=top(recipes),
     )

@@ -384,7 +384,6 @@ def _figures(graph: RecipeGraph) -> BookFigures:
     layer = layers(graph)
     made = graph.recipe_counts[graph.recipe_counts > 0]
     results = np.diff(graph.pair_starts)
-    firsts = graph.recipes[graph.pair_starts[:-1]]
     most_used = int(np.argmax(graph.use_counts))
     return BookFigures(
         entities=graph.num_entities,
@@ -396,7 +395,7 @@ def _figures(graph: RecipeGraph) -> BookFigures:
         mean_recipes_per_craftable=float(made.mean()),
         share_with_two_recipes=float(np.mean(made >= 2)),
         terminal=int(np.sum((graph.use_counts == 0) & (graph.recipe_counts > 0))),
-        self_pairs=int(np.sum(firsts[:, 0] == firsts[:, 1])),
+        self_pairs=graph.num_self_pairs,
         pairs_with_two_or_three_results=int(np.sum((results == 2) | (results == 3))),
         pairs_with_more_results=int(np.sum(results > 3)),
         most_used=graph.entities[most_used],

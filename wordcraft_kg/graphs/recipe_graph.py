@@ -123,6 +123,12 @@ class RecipeGraph:
         return len(self.pair_starts) - 1
 
     @property
+    def num_self_pairs(self) -> int:
+        """Number of pairs of an entity with itself that make something."""
+        a, b, _ = self.recipes[self.pair_starts[:-1]].T
+        return int(np.sum(a == b))
+
+    @property
     def base(self) -> tuple[str, ...]:
         """Labels of the base entities, sorted."""
         return self.labels(self.base_ids)

@@ -135,8 +135,8 @@ def _warn_of_self_pairs(graph: RecipeGraph, config: AgentConfig) -> None:
     share = graph.num_self_pairs / graph.num_pairs
     if config.policy.self_edges == "observed" and share >= MANY_SELF_PAIRS:
         logging.getLogger(__name__).warning(
-            "%.0f %% of the pairs of %s combine a thing with itself, and `self_edges` observed takes such a pair for no "
-            "better than any other unless the scorer was trained on it; on such a book keep and drop have done better.",
+            "%.0f %% of the pairs of %s combine a thing with itself, and `self_edges` observed takes such a pair for "
+            "no better than any other unless the scorer was trained on it; keep and drop did better on such a book.",
             100 * share,
             graph.name,
         )

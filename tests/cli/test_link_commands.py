@@ -838,39 +838,47 @@ def test_comparing_without_resamples_is_refused(run: Run, trained: Path, resampl
 @pytest.fixture
 def fast_search(monkeypatch: pytest.MonkeyPatch) -> None:
     """Search among few epochs, so that a trial takes a moment."""
-    monkeypatch.setattr("wordcraft_kg.models.links.tuning._EPOCHS", {"type": "int", "low": 2, "high": 4, "q": 2})
+    from optuna.distributions import IntDistribution
+
+    monkeypatch.setattr("wordcraft_kg.models.links.tuning._EPOCHS", IntDistribution(2, 4, step=2))
 
 
 @pytest.mark.usefixtures("fast_search")
 @pytest.mark.parametrize(("model", "command"), [("complex", "train-complex"), ("distmult", "train-links")])
 def test_tuned_settings_are_a_file_that_training_takes(run: Run, tmp_path: Path, model: str, command: str):
-    out = tmp_path / "tuned" / "kitchen.toml"
+    out = tmp_path / "tuned" / "kitchen"
     values = one_object(
         run("tune-links", "kitchen", "--model", model, "--trials", "2", "--out", out, "--json", "--quiet")
     )
     assert (values["trials"], values["out"], values["command"]) == (2, str(out), command)
     assert 0 < values["valid_mrr"] < 1
-    settings = tomllib.loads(out.read_text())[command]
+    assert values["valid_mrr"] == max(trial["valid_mrr"] for trial in values["table"])
+    settings = tomllib.loads(Path(values["config"]).read_text())[command]
     assert settings == values["settings"]
-    outcome = run(command, "kitchen", "--config", out, "--out", tmp_path / "model", "--json", "--quiet")
+    outcome = run(command, "kitchen", "--config", values["config"], "--out", tmp_path / "model", "--json", "--quiet")
     assert one_object(outcome)["epochs"] == settings["epochs"]
     trained = tomllib.loads((tmp_path / "model" / "config.toml").read_text())[command]
     assert trained.items() >= settings.items()
 
 
 @pytest.mark.usefixtures("fast_search")
-def test_tuning_with_the_same_seed_finds_the_same_settings(run: Run, tmp_path: Path):
-    for name in ("one", "two"):
-        options = ("--trials", "2", "--seed", "3", "--out", tmp_path / f"{name}.toml", "--quiet")
-        assert run("tune-links", "kitchen", *options).code == 0
-    assert (tmp_path / "one.toml").read_bytes() == (tmp_path / "two.toml").read_bytes()
+def test_a_search_prints_its_trials_and_its_own_progress_only(run: Run, tmp_path: Path):
+    outcome = run("tune-links", "kitchen", "--trials", "2", "--out", tmp_path / "search")
+    assert outcome.code == 0
+    head, *rows = outcome.out.splitlines()[:3]
+    assert head.split()[:3] == ["trial", "valid", "MRR"]
+    assert [row.split()[0] for row in rows] == ["1", "2"]
+    assert "tuning complex: trial 2 of 2, best MRR" in outcome.err
+    assert all(line.startswith("tuning complex: ") for line in outcome.err.splitlines())
 
 
-def test_a_tuned_file_that_exists_is_refused_without_force(run: Run, tmp_path: Path):
-    (tmp_path / "tuned.toml").write_text("mine")
-    outcome = run("tune-links", "kitchen", "--out", tmp_path / "tuned.toml")
-    assert "--force" in refused(outcome, "OutputExistsError")
-    assert (tmp_path / "tuned.toml").read_text() == "mine"
+def test_a_folder_that_is_not_a_search_is_refused(run: Run, tmp_path: Path):
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "notes.txt").write_text("mine")
+    for force in ((), ("--force",)):
+        outcome = run("tune-links", "kitchen", *force, "--out", tmp_path / "mine")
+        assert "Choose another --out" in refused(outcome, "OutputExistsError")
+    assert (tmp_path / "mine" / "notes.txt").read_text() == "mine"
 
 
 @pytest.mark.parametrize(
@@ -878,16 +886,16 @@ def test_a_tuned_file_that_exists_is_refused_without_force(run: Run, tmp_path: P
     [("--trials", "0"), ("--valid-ratio", "0"), ("--valid-ratio", "nan"), ("--model", "rotat"), ("--timeout", "0")],
 )
 def test_a_bad_setting_of_the_search_is_one_line(run: Run, tmp_path: Path, option: str, value: str):
-    outcome = run("tune-links", "kitchen", option, value, "--out", tmp_path / "tuned.toml")
+    outcome = run("tune-links", "kitchen", option, value, "--out", tmp_path / "search")
     assert value in refused(outcome, "ConfigError")
     assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.slow
 def test_tuning_over_the_whole_range_on_the_kitchen(run: Run, tmp_path: Path):
-    out = tmp_path / "tuned.toml"
-    assert run("tune-links", "kitchen", "--trials", "3", "--out", out).code == 0
-    values = one_object(run("train-complex", "kitchen", "--config", out, "--out", tmp_path / "model", "--json"))
+    assert run("tune-links", "kitchen", "--trials", "3", "--out", tmp_path / "search").code == 0
+    best = tmp_path / "search" / "best.toml"
+    values = one_object(run("train-complex", "kitchen", "--config", best, "--out", tmp_path / "model", "--json"))
     assert values["epochs"] >= 20
 
 

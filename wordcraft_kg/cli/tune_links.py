@@ -1,13 +1,18 @@
 """``wordcraft-kg tune-links``."""
 
+from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from wordcraft_kg.cli.completion import Book
 from wordcraft_kg.cli.console import Flag, Output
 
+if TYPE_CHECKING:
+    from wordcraft_kg.models.links.tuning import Tuned
+
 EXAMPLES = (
-    "wordcraft-kg tune-links everyday --valid-ratio 0.1 --trials 5 --out tuned/everyday.toml",
-    "wordcraft-kg train-complex everyday --config tuned/everyday.toml --out models/everyday-tuned",
+    "wordcraft-kg tune-links everyday --trials 5 --out tuned/everyday",
+    "wordcraft-kg train-complex everyday --config tuned/everyday/best.toml --out models/everyday-tuned",
 )
 
 
@@ -20,50 +25,55 @@ def tune_links(
     seed: int = 0,
     timeout: int | None = None,
     device: str = "cpu",
-    out: Path = Path("tuned.toml"),
+    out: Path | None = None,
     force: Flag = False,
     output: Output = Output(),
 ) -> None:
-    """Search settings with PyKEEN's hyper-parameter optimisation, on validation triples only.
+    """Search settings with Optuna, on validation triples only; the same command goes on with an interrupted search.
 
-    The best settings are written as a TOML file for `train-complex --config` (or `train-links --config`). Test triples
-    are never used: validation uses the graph's validation part or, if it has none, one drawn from the train recipes.
+    The folder holds a line for each trial (trials.jsonl) and the best settings so far (best.toml), for `train-complex
+    --config` (or `train-links --config`). Test triples are never used: validation uses the graph's validation part or,
+    if it has none, one drawn from the train recipes.
 
     Args:
         graph: graph folder, recipe book or known book's name.
         model: complex, or PyKEEN's name of another model.
-        trials: number of settings to try.
-        valid_ratio: share of the train pairs to validate on if the graph has no validation part.
+        trials: number of settings to try, with those of a search that goes on.
+        valid_ratio: share of the train pairs, or goals, to validate on if the graph has no validation part.
         seed: seed of the search and of each training.
         timeout: seconds after which no new trial is started.
         device: torch device.
-        out: TOML file to write.
-        force: replace it if it exists.
+        out: folder of the search. Default: tuned/<graph's name>-<model>.
+        force: start again if it exists.
     """
-    from wordcraft_kg.errors import OutputExistsError
     from wordcraft_kg.graphs.folder import open_graph
-
-    opened = open_graph(graph)
-    if out.exists() and not force:
-        raise OutputExistsError(f"'{out}' exists. Choose another --out, or replace it with --force.")
     from wordcraft_kg.models.links.tuning import tune
 
+    opened = open_graph(graph)
     found = tune(
         opened,
         model,
-        out,
+        out or Path("tuned") / f"{opened.graph.name}-{model.lower()}",
         trials=trials,
         valid_ratio=valid_ratio,
         seed=seed,
         timeout=timeout,
         device=device,
-        quiet=output.quiet,
+        force=force,
+        progress=output.progress(f"tuning {model}", unit="trial"),
     )
+    output.result(found, _text(found, graph))
+
+
+def _text(found: "Tuned", graph: str) -> Iterator[str]:
+    names = list(found.table[0].settings)
+    cells = [["trial", "valid MRR", *names]]
+    for trial in found.table:
+        mrr = "-" if trial.valid_mrr is None else f"{trial.valid_mrr:.4f}"
+        cells.append([str(trial.number), mrr, *(f"{trial.settings[name]:.4g}" for name in names)])
+    widths = [max(len(row[column]) for row in cells) for column in range(len(names) + 2)]
+    for row in cells:
+        yield "  ".join(f"{cell:>{width}}" for cell, width in zip(row, widths, strict=True))
     settings = ", ".join(f"{name} {value}" for name, value in found.settings.items())
-    output.result(
-        found,
-        [
-            f"best of {found.trials} trials: validation MRR {found.valid_mrr:.3f} with {settings}",
-            f"wrote {out}   next: wordcraft-kg {found.command} {graph} --config {out}",
-        ],
-    )
+    yield f"best of {found.trials} trials: validation MRR {found.valid_mrr:.3f} with {settings}"
+    yield f"wrote {found.out}/   next: wordcraft-kg {found.command} {graph} --config {found.config}"

@@ -215,7 +215,7 @@ def new_run(out: Path, kind: RunKind[P], *, force: bool = False) -> Iterator[Run
     """
     out = with_a_name(out)
     check_run_output(out, force=force)
-    with _locked(out) if out.exists() else nullcontext():
+    with locked(out) if out.exists() else nullcontext():
         _put_aside(out)
         try:
             out.mkdir(parents=True)
@@ -225,7 +225,7 @@ def new_run(out: Path, kind: RunKind[P], *, force: bool = False) -> Iterator[Run
             _settle(out)
             raise
         try:
-            with _locked(out), first_interrupt() as interrupted, _failing(RunFolder(out, kind, interrupted)) as run:
+            with locked(out), first_interrupt() as interrupted, _failing(RunFolder(out, kind, interrupted)) as run:
                 yield run
         finally:
             if _is_dead(out):
@@ -242,7 +242,7 @@ def resumed_run(folder: Path, kind: RunKind[P]) -> Iterator[RunFolder[P]]:
     """
     folder = with_a_name(folder)
     kind.read_record(folder)
-    with _locked(folder):
+    with locked(folder):
         record = kind.read_record(folder)  # nobody else writes it now
         if record.status == "done":
             raise ArtefactError(
@@ -286,7 +286,7 @@ def _failing(run: RunFolder[P]) -> Iterator[RunFolder[P]]:
 
 
 @contextmanager
-def _locked(folder: Path) -> Iterator[None]:
+def locked(folder: Path) -> Iterator[None]:
     """Keep other processes from training in a folder meanwhile; the lock ends at the latest with this process.
 
     Raises:

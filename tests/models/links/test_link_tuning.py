@@ -1,16 +1,23 @@
 """Choosing settings: what the search may look at, and what it refuses."""
 
+import json
+import signal
 from pathlib import Path
 
 import numpy as np
 import pytest
-from link_helpers import global_states, random_graph
+from link_helpers import global_states, interrupt_after, random_graph, train
+from optuna.distributions import CategoricalDistribution, IntDistribution
 
-from wordcraft_kg.errors import ConfigError, SplitError
+from wordcraft_kg.errors import ArtefactError, ConfigError, OutputExistsError, SplitError, TrainingError
 from wordcraft_kg.graphs import SplitConfig, make_split
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.models.links import tuning as link_tuning
+from wordcraft_kg.models.links.config import ComplExConfig
+from wordcraft_kg.models.links.fitting import fit
 from wordcraft_kg.models.links.tuning import _validation_split, tune
+from wordcraft_kg.models.scorers.folder import load_scorer
+from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples
 
 
 def rows(triples: np.ndarray) -> set[tuple[int, ...]]:
@@ -99,16 +106,96 @@ def test_a_model_that_cannot_be_set_up_is_a_clear_error(opened_kitchen: OpenedGr
         tune(opened_kitchen, "compgcn", tmp_path / "tuned.toml", trials=1)
 
 
-def test_an_interrupted_search_writes_nothing_and_restores_all_states(
+# --- a search --------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def fast_search(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Search among few epochs and dimensions, so that a trial takes a moment."""
+    monkeypatch.setattr(link_tuning, "_EPOCHS", IntDistribution(2, 4, step=2))
+    monkeypatch.setitem(link_tuning._OTHERS, "dim", CategoricalDistribution([4, 8]))
+
+
+def tried(folder: Path) -> list[dict[str, object]]:
+    rows = [json.loads(line) for line in (folder / "trials.jsonl").read_text().splitlines()]
+    return [{name: value for name, value in row.items() if name != "seconds"} for row in rows]
+
+
+@pytest.mark.usefixtures("fast_search")
+@pytest.mark.parametrize("model", ["complex", "distmult"])
+def test_a_search_that_goes_on_ends_like_one_without_a_break(opened_kitchen: OpenedGraph, tmp_path: Path, model: str):
+    # The sampler draws at random for ten trials; only then does it look at those before.
+    whole = tune(opened_kitchen, model, tmp_path / "whole", trials=12)
+    for trials in (1, 11, 12):
+        found = tune(opened_kitchen, model, tmp_path / "parts", trials=trials)
+    assert tried(tmp_path / "whole") == tried(tmp_path / "parts")
+    assert (found.settings, found.valid_mrr) == (whole.settings, whole.valid_mrr)
+    assert (tmp_path / "parts" / "best.toml").read_bytes() == (tmp_path / "whole" / "best.toml").read_bytes()
+    assert len({str(row["settings"]) for row in tried(tmp_path / "whole")}) > 6
+
+
+@pytest.mark.usefixtures("fast_search")
+def test_ctrl_c_keeps_the_finished_trials_and_says_how_to_go_on(opened_kitchen: OpenedGraph, tmp_path: Path):
+    def press(done: int, total: int, figures: dict[str, float]) -> None:
+        if done == 1 and "of the next" in figures:
+            signal.raise_signal(signal.SIGINT)
+
+    before = global_states()
+    with pytest.raises(KeyboardInterrupt, match=r"1 trial is saved .* best so far in .*best\.toml .*same command"):
+        tune(opened_kitchen, "complex", tmp_path / "search", trials=3, progress=press)
+    assert global_states() == before
+    assert len(tried(tmp_path / "search")) == 1
+    assert tune(opened_kitchen, "complex", tmp_path / "search", trials=2).trials == 2
+
+
+def test_ctrl_c_in_the_first_trial_leaves_nothing(opened_kitchen: OpenedGraph, tmp_path: Path):
+    with pytest.raises(KeyboardInterrupt):
+        tune(opened_kitchen, "complex", tmp_path / "search", trials=1, progress=interrupt_after(0))
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.usefixtures("fast_search")
+def test_another_search_is_not_mixed_in(opened_kitchen: OpenedGraph, tmp_path: Path):
+    tune(opened_kitchen, "complex", tmp_path / "search", trials=1)
+    with pytest.raises(OutputExistsError, match="another model and seed"):
+        tune(opened_kitchen, "distmult", tmp_path / "search", trials=1, seed=1)
+    assert tune(opened_kitchen, "distmult", tmp_path / "search", trials=1, seed=1, force=True).model == "distmult"
+
+
+@pytest.mark.usefixtures("fast_search")
+def test_damaged_trials_are_an_error_and_stay(opened_kitchen: OpenedGraph, tmp_path: Path):
+    tune(opened_kitchen, "complex", tmp_path / "search", trials=1)
+    (tmp_path / "search" / "trials.jsonl").write_text("{")
+    with pytest.raises(ArtefactError, match=r"trials\.jsonl, line 1"):
+        tune(opened_kitchen, "complex", tmp_path / "search", trials=2)
+    assert (tmp_path / "search" / "trials.jsonl").read_text() == "{"
+
+
+@pytest.mark.usefixtures("fast_search")
+def test_a_trial_whose_loss_is_not_finite_is_noted_and_the_search_goes_on(
     opened_kitchen: OpenedGraph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    def interrupted(**settings: object) -> None:
-        np.random.seed(5)  # noqa: NPY002
-        raise KeyboardInterrupt
+    calls = []
 
-    monkeypatch.setattr(link_tuning, "hpo_pipeline", interrupted)
-    before = global_states()
-    with pytest.raises(KeyboardInterrupt):
-        tune(opened_kitchen, "complex", tmp_path / "tuned.toml", trials=1)
-    assert global_states() == before
-    assert list(tmp_path.iterdir()) == []
+    def second_works(*arguments: object) -> object:
+        calls.append(arguments)
+        if len(calls) != 2:
+            raise TrainingError("no more")
+        return fit(*arguments)
+
+    monkeypatch.setattr(link_tuning, "fit", second_works)
+    with pytest.raises(TrainingError, match="all 1 trials"):
+        tune(opened_kitchen, "complex", tmp_path / "search", trials=1)
+    found = tune(opened_kitchen, "complex", tmp_path / "search", trials=3)
+    assert [row.valid_mrr is None for row in found.table] == [True, False, True]
+    assert found.settings == found.table[1].settings
+
+
+@pytest.mark.usefixtures("fast_search")
+def test_the_figure_of_a_trial_is_that_of_a_training_with_its_settings(validated_kitchen: OpenedGraph, tmp_path: Path):
+    found = tune(validated_kitchen, "complex", tmp_path / "search", trials=1, seed=3)
+    settings = ComplExConfig(**found.settings, seed=3)
+    scorer = load_scorer(train(validated_kitchen, settings, tmp_path / "model").folder)
+    split = validated_kitchen.split
+    known = np.concatenate([split.partial, split.held_out("valid")])
+    assert found.valid_mrr == pytest.approx(mean_reciprocal_rank(rank_triples(scorer, split.held_out("valid"), known)))

@@ -1,30 +1,84 @@
-"""Choosing settings by PyKEEN's hyper-parameter optimisation, on validation triples; test triples are never used."""
+"""Choosing settings by Optuna, on validation triples; test triples are never used.
+
+A search is a folder: ``search.json`` says what is searched, ``trials.jsonl`` holds a line for each finished trial, and
+``best.toml`` the best settings so far, for ``--config``. What a trial draws depends on the seed, its number and the
+trials before it, so a search that goes on after an interruption ends like one without.
+"""
 
 import logging
+import shutil
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import optuna
-from pykeen.hpo import hpo_pipeline
+from optuna.distributions import BaseDistribution, CategoricalDistribution, FloatDistribution, IntDistribution
+from optuna.trial import TrialState, create_trial
 
-from wordcraft_kg.artefacts import write_atomically
-from wordcraft_kg.errors import ConfigError, SplitError
+from wordcraft_kg.artefacts import check_output, dump_json, write_atomically
+from wordcraft_kg.errors import OutputExistsError, SplitError, TrainingError
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folder import OpenedGraph
-from wordcraft_kg.graphs.triples import is_in, recipe_triples
-from wordcraft_kg.models.links.builders import model_class
-from wordcraft_kg.models.links.complex import ComplExN3
-from wordcraft_kg.models.links.config import CONFIGS, MAX_SEED, ComplExConfig, LinkModelConfig
-from wordcraft_kg.models.links.pykeen_bridge import pykeen_guard, quiet_pykeen, seeded_pipelines, triples_factory
-from wordcraft_kg.models.scorers.ranking import MIN_TRIPLES
-from wordcraft_kg.records import Count, Record, Share
+from wordcraft_kg.models.links.builders import model_class, scorer_tensors
+from wordcraft_kg.models.links.config import MAX_SEED, ComplExConfig, LinkModelConfig, LinkSettings
+from wordcraft_kg.models.links.fitting import fit
+from wordcraft_kg.models.links.folds import split_of_train
+from wordcraft_kg.models.links.pykeen_bridge import triples_factory
+from wordcraft_kg.models.links.regularisation import POPULARITY
+from wordcraft_kg.models.scorers.folder import make_scorer
+from wordcraft_kg.models.scorers.ranking import MIN_TRIPLES, mean_reciprocal_rank, rank_triples
+from wordcraft_kg.records import Count, Record, Share, as_lines, as_values, parse_lines, read_record
 from wordcraft_kg.runs.config_file import toml_value
+from wordcraft_kg.runs.folder import Progress, locked
+from wordcraft_kg.runs.interruption import first_interrupt
 from wordcraft_kg.settings import MAX_SIZE, refuse, whole
 from wordcraft_kg.tensors import check_device
 
-_EPOCHS = {"type": "int", "low": 20, "high": 100, "q": 20}
-_BATCH = {"type": "categorical", "choices": [256, 512, 1024]}
+SEARCH, TRIALS, BEST = "search.json", "trials.jsonl", "best.toml"
+_EPOCHS = IntDistribution(20, 100, step=20)
+_BATCH = CategoricalDistribution([256, 512, 1024])
+_COMPLEX: dict[str, BaseDistribution] = {
+    "n3": FloatDistribution(0.005, 0.5, log=True),
+    "popularity": CategoricalDistribution(POPULARITY),
+    "learning_rate": FloatDistribution(0.03, 0.3, log=True),
+}
+_OTHERS: dict[str, BaseDistribution] = {
+    "dim": CategoricalDistribution([64, 128, 256]),
+    "learning_rate": FloatDistribution(1e-3, 0.1, log=True),
+    "negatives": CategoricalDistribution([8, 32, 128]),
+}
+
+
+class Trial(Record, frozen=True, kw_only=True):
+    """A line of ``trials.jsonl``.
+
+    Attributes:
+        number: from 1.
+        valid_mrr: MRR of the validation triples, None if the loss was no longer finite.
+        settings: what was tried, by name.
+        seconds: time that it took.
+    """
+
+    number: Count
+    valid_mrr: Share | None
+    settings: dict[str, int | float]
+    seconds: float
+
+
+class Search(Record, frozen=True, kw_only=True):
+    """``search.json``: what decides a search, except for the number of trials."""
+
+    format: Literal["wordcraft-kg search 1"]
+    graph: str
+    split: str
+    model: str
+    valid_ratio: float
+    seed: int
+    device: str
 
 
 class Tuned(Record):
@@ -36,7 +90,9 @@ class Tuned(Record):
         trials: number of settings tried.
         valid_mrr: best MRR of the validation triples.
         settings: the best settings, by name.
-        out: the TOML file that holds them.
+        out: folder of the search.
+        config: the TOML file that holds the best settings.
+        table: all trials.
     """
 
     model: str
@@ -45,6 +101,32 @@ class Tuned(Record):
     valid_mrr: Share
     settings: dict[str, str | int | float]
     out: str
+    config: str
+    table: tuple[Trial, ...]
+
+
+@dataclass(frozen=True)
+class _Space:
+    """Settings to draw, and how they become those of a training."""
+
+    model: str
+    seed: int
+    device: str
+
+    @property
+    def is_complex(self) -> bool:
+        return self.model.lower() == "complex"
+
+    @property
+    def distributions(self) -> dict[str, BaseDistribution]:
+        return {"batch_size": _BATCH, "epochs": _EPOCHS, **(_COMPLEX if self.is_complex else _OTHERS)}
+
+    def named(self, drawn: dict[str, Any]) -> dict[str, Any]:
+        return drawn if self.is_complex else {"model": self.model, **drawn}
+
+    def settings(self, drawn: dict[str, Any]) -> LinkSettings:
+        kind = ComplExConfig if self.is_complex else LinkModelConfig
+        return kind(**self.named(drawn), seed=self.seed, device=self.device)
 
 
 def tune(
@@ -57,24 +139,29 @@ def tune(
     seed: int = 0,
     timeout: int | None = None,
     device: str = "cpu",
-    quiet: bool = False,
+    force: bool = False,
+    progress: Progress | None = None,
 ) -> Tuned:
-    """Search settings of a model on the partial graph and write the best as a TOML file.
+    """Search settings of a model on the partial graph, or go on with a search that has fewer trials.
 
     Args:
-        opened: graph and split; if the split has no validation part, one is drawn from its train pairs.
+        opened: graph and split; if the split has no validation part, one is drawn from its train recipes.
         model: ``complex``, or PyKEEN's name of another model.
-        out: the TOML file.
-        trials: how many settings to try.
-        valid_ratio: share of the train pairs to draw for validation.
+        out: folder of the search.
+        trials: how many settings to try, those already tried included.
+        valid_ratio: share of the train pairs, or goals, to draw for validation.
         seed: seed of the search, of the draw and of each training.
         timeout: seconds after which no new trial begins.
         device: torch device.
-        quiet: print no line on stderr after each trial.
+        force: replace the folder if it exists.
+        progress: called after each epoch and each trial, with the number of trials done.
 
     Raises:
         ConfigError: if an argument is out of range or PyKEEN has no such model.
         SplitError: if too few triples are left to validate on.
+        OutputExistsError: if the folder holds something else, or a search of something else.
+        TrainingError: if no trial kept its loss finite.
+        KeyboardInterrupt: after Ctrl-C, saying what is saved.
     """
     whole("trials", trials, 1, MAX_SIZE)
     if not 0 < valid_ratio < 1:
@@ -83,81 +170,59 @@ def tune(
         whole("timeout", timeout, 1)
     whole("seed", seed, 0, MAX_SEED)
     check_device(device)
+    space = _Space(model, seed, device)
+    if not space.is_complex:
+        model_class(model)
     train, valid = _validation_split(opened, valid_ratio, seed)
-    search = _complex_search() if model.lower() == "complex" else _pykeen_search(model)
-    for handler in logging.getLogger("optuna").handlers:
-        handler.addFilter(_without_traceback)
-    optuna.logging.set_verbosity(optuna.logging.WARNING if quiet else optuna.logging.INFO)
-    try:
-        with pykeen_guard(seed, threads=1), seeded_pipelines(seed), quiet_pykeen():
-            result = hpo_pipeline(
-                training=triples_factory(opened.graph, train),
-                validation=triples_factory(opened.graph, valid),
-                # PyKEEN asks for test triples too; it never looks at them while it searches.
-                testing=triples_factory(opened.graph, valid),
-                device=device,
-                training_kwargs={"use_tqdm": False, "pin_memory": False},
-                evaluation_kwargs={"batch_size": 512, "use_tqdm": False},
-                sampler="tpe",
-                sampler_kwargs={"seed": seed},
-                n_trials=trials,
-                timeout=timeout,
-                **search,
-            )
-        best = result.study.best_trial
-    except (TypeError, ValueError, NotImplementedError, AttributeError, AssertionError) as error:
-        raise ConfigError(f"no trial of `model` {model!r} succeeded ({error!r}).") from None
-    names = {
-        "model.embedding_dim": "dim",
-        "regularizer.weight": "n3",
-        "optimizer.lr": "learning_rate",
-        "training.batch_size": "batch_size",
-        "training.num_epochs": "epochs",
-        "negative_sampler.num_negs_per_pos": "negatives",
-    }
-    settings: dict[str, Any] = {names[name]: value for name, value in sorted(best.params.items())}
-    config: type[ComplExConfig] | type[LinkModelConfig] = ComplExConfig
-    if model.lower() != "complex":
-        config, settings = LinkModelConfig, {"model": model, **settings}
-    config(**settings)  # what is written must be readable
-    valid_mrr = float(best.value)
-    lines = [
-        f"# validation MRR {valid_mrr:.4f}, the best of {len(result.study.trials)} trials on {opened.graph.name}",
-        f"# graph {opened.graph.hash[:12]}, split {opened.split.hash[:12]}, seed {seed}",
-        f"[{config.command}]",
-        *(f"{name} = {toml_value(value)}" for name, value in settings.items()),
-    ]
-    out.parent.mkdir(parents=True, exist_ok=True)
-    write_atomically(out, "\n".join(lines) + "\n")
+    search = Search(
+        format="wordcraft-kg search 1",
+        graph=opened.graph.hash,
+        split=opened.split.hash,
+        model=model.lower(),
+        valid_ratio=valid_ratio,
+        seed=seed,
+        device=device,
+    )
+    with _search_folder(out, search, force=force) as done:
+        ends = None if timeout is None else time.monotonic() + timeout
+        with first_interrupt() as interrupted, _quiet_optuna():
+            study = _study_of(space, done)
+
+            def after_epoch(share: float) -> None:
+                if interrupted.is_set():
+                    raise KeyboardInterrupt(_saved(out, done))
+                if progress:
+                    progress(len(done), trials, {"of the next": share, **_best_mrr(done)})
+
+            while len(done) < trials and (ends is None or time.monotonic() < ends or not done):
+                done.append(_next_trial(study, space, opened, train, valid, after_epoch))
+                _write(out, opened, space, done)
+                if progress:
+                    progress(len(done), trials, _best_mrr(done))
+    best = _best(done)
+    if best is None or best.valid_mrr is None:
+        raise TrainingError(f"the loss of all {len(done)} trials became infinite or not a number, see '{out}'.")
     return Tuned(
         model=model,
-        command=next(name for name, kind in CONFIGS.items() if kind is config),
-        trials=len(result.study.trials),
-        valid_mrr=valid_mrr,
-        settings=settings,
+        command=space.settings(best.settings).command,
+        trials=len(done),
+        valid_mrr=best.valid_mrr,
+        settings=space.named(best.settings),
         out=str(out),
+        config=str(out / BEST),
+        table=tuple(done),
     )
 
 
-def _without_traceback(record: logging.LogRecord) -> bool:
-    """Take the traceback from a message: optuna adds one even for Ctrl-C."""
-    record.exc_info = record.exc_text = None
-    return True
-
-
 def _validation_split(opened: OpenedGraph, ratio: float, seed: int) -> tuple[Ids, Ids]:
-    """Return the triples to train and to validate on; whole pairs are held out, as in the split by recipe."""
-    graph, split = opened.graph, opened.split
-    valid = split.held_out("valid")
-    train = split.partial
+    """Return the triples to train and to validate on; a drawn validation part is held out as the test part was."""
+    train, valid = opened.split.partial, opened.split.held_out("valid")
     if not len(valid):
-        in_train = split.is_in("train")
-        pairs = np.unique(graph.pair_of_recipe[in_train])
-        held_out = np.random.default_rng(seed).permutation(pairs)[: round(ratio * len(pairs))]
-        is_held_out = in_train & np.isin(graph.pair_of_recipe, held_out)
-        train = recipe_triples(graph.recipes[in_train & ~is_held_out])
-        valid = recipe_triples(graph.recipes[is_held_out])
-        valid = valid[~is_in(valid, train, graph.num_entities)]
+        try:
+            split = split_of_train(opened.split, ratio, seed)
+            train, valid = split.partial, split.held_out("test")
+        except SplitError:  # it would speak of the wrong ratio
+            valid = train[:0]
     if len(valid) < MIN_TRIPLES:
         raise SplitError(
             f"only {len(valid)} triples to validate on; {MIN_TRIPLES} are needed. Choose a larger `valid_ratio`."
@@ -165,39 +230,105 @@ def _validation_split(opened: OpenedGraph, ratio: float, seed: int) -> tuple[Ids
     return train, valid
 
 
-def _complex_search() -> dict[str, Any]:
-    return {
-        "model": ComplExN3,
-        "model_kwargs": {"embedding_dim": ComplExConfig.dim},
-        "loss": "crossentropy",
-        "loss_kwargs": {"reduction": "mean"},
-        "regularizer": "powersum",
-        "regularizer_kwargs": {"p": 3.0, "normalize": False},
-        "regularizer_kwargs_ranges": {"weight": {"type": "float", "low": 0.02, "high": 0.5, "log": True}},
-        "optimizer": "Adagrad",
-        "optimizer_kwargs_ranges": {"lr": {"type": "float", "low": 0.03, "high": 0.3, "log": True}},
-        "training_loop": "indexedsymmetriclcwa",
-        "training_kwargs_ranges": {"num_epochs": _EPOCHS, "batch_size": _BATCH},
-    }
+@contextmanager
+def _search_folder(out: Path, search: Search, *, force: bool) -> Iterator[list[Trial]]:
+    """Open the folder of a search, keep other processes out of it, and yield its trials; remove it if it has none."""
+    if force or not (out / SEARCH).is_file():
+        check_output(out, force=force)
+        shutil.rmtree(out, ignore_errors=True)
+    else:
+        found = as_values(read_record(out / SEARCH, Search))
+        other = [name for name, value in as_values(search).items() if found[name] != value]
+        if other:
+            raise OutputExistsError(
+                f"'{out}' holds a search with another {' and '.join(other)}. Choose another `out`, or replace it with "
+                "`force`."
+            )
+    out.mkdir(parents=True, exist_ok=True)
+    path = out / TRIALS
+    with locked(out):
+        try:
+            write_atomically(out / SEARCH, dump_json(as_values(search)))
+            yield parse_lines(path.read_bytes(), Trial, path) if path.is_file() else []
+        finally:
+            if not path.is_file():
+                shutil.rmtree(out, ignore_errors=True)
 
 
-def _pykeen_search(model: str) -> dict[str, Any]:
-    kind = model_class(model)
-    return {
-        "model": kind,
-        # Settings that train-links does not offer keep the model's defaults.
-        "regularizer_kwargs": {"weight": 1.0, **(kind.regularizer_default_kwargs or {})}
-        if kind.regularizer_default
-        else None,
-        "model_kwargs_ranges": {"embedding_dim": {"type": "categorical", "choices": [64, 128, 256]}},
-        "loss": "nssa",
-        "loss_kwargs": {"margin": 9.0, "adversarial_temperature": 1.0, "reduction": "mean"},
-        "optimizer": "Adam",
-        "optimizer_kwargs_ranges": {"lr": {"type": "float", "low": 1e-3, "high": 0.1, "log": True}},
-        "training_loop": "slcwa",
-        "training_kwargs_ranges": {"num_epochs": _EPOCHS, "batch_size": _BATCH},
-        "negative_sampler": "basic",
-        "negative_sampler_kwargs_ranges": {
-            "num_negs_per_pos": {"type": "categorical", "choices": [8, 32, 128]},
-        },
-    }
+def _study_of(space: _Space, done: list[Trial]) -> optuna.Study:
+    study = optuna.create_study(direction="maximize")
+    for trial in done:
+        state = TrialState.FAIL if trial.valid_mrr is None else TrialState.COMPLETE
+        study.add_trial(
+            create_trial(state=state, params=trial.settings, distributions=space.distributions, value=trial.valid_mrr)
+        )
+    return study
+
+
+def _next_trial(
+    study: optuna.Study,
+    space: _Space,
+    opened: OpenedGraph,
+    train: Ids,
+    valid: Ids,
+    after_epoch: Callable[[float], None],
+) -> Trial:
+    number, began = len(study.trials), time.perf_counter()
+    draws = int(np.random.SeedSequence([space.seed, number]).generate_state(1)[0])
+    study.sampler = optuna.samplers.TPESampler(seed=draws)
+    trial = study.ask(space.distributions)
+    settings = space.settings(trial.params)
+    factory = triples_factory(opened.graph, train)
+    try:
+        model = fit(settings, factory, lambda epoch: after_epoch(epoch / settings.epochs))
+    except TrainingError:
+        mrr = None
+        study.tell(trial, state=TrialState.FAIL)
+    else:
+        scorer = make_scorer(*scorer_tensors(settings, model, train), opened.graph.entities, opened.graph.hash)
+        mrr = mean_reciprocal_rank(rank_triples(scorer, valid, np.concatenate([train, valid])))
+        study.tell(trial, mrr)
+    seconds = round(time.perf_counter() - began, 3)
+    return Trial(number=number + 1, valid_mrr=mrr, settings=dict(sorted(trial.params.items())), seconds=seconds)
+
+
+def _write(out: Path, opened: OpenedGraph, space: _Space, done: list[Trial]) -> None:
+    """Write all trials, and the best settings so far."""
+    write_atomically(out / TRIALS, as_lines(done), durable=True)
+    if best := _best(done):
+        lines = [
+            f"# validation MRR {best.valid_mrr:.4f}, the best of {len(done)} trials on {opened.graph.name}",
+            f"# graph {opened.graph.hash[:12]}, split {opened.split.hash[:12]}, seed {space.seed}",
+            f"[{space.settings(best.settings).command}]",
+            *(f"{name} = {toml_value(value)}" for name, value in space.named(best.settings).items()),
+        ]
+        write_atomically(out / BEST, "\n".join(lines) + "\n")
+
+
+def _best(done: list[Trial]) -> Trial | None:
+    finite = (trial for trial in done if trial.valid_mrr is not None)
+    return max(finite, key=lambda trial: trial.valid_mrr or 0.0, default=None)
+
+
+def _best_mrr(done: list[Trial]) -> dict[str, float]:
+    best = _best(done)
+    return {} if best is None or best.valid_mrr is None else {"best MRR": best.valid_mrr}
+
+
+def _saved(out: Path, done: list[Trial]) -> str:
+    if not done:
+        return ""
+    best = "".join(f", the best so far in {out / BEST} (validation MRR {mrr:.3f})" for mrr in _best_mrr(done).values())
+    trials = "1 trial is" if len(done) == 1 else f"{len(done)} trials are"
+    return f"interrupted; {trials} saved in '{out}'{best}. Go on with the same command."
+
+
+@contextmanager
+def _quiet_optuna() -> Iterator[None]:
+    logger = logging.getLogger("optuna")
+    before = logger.level
+    logger.setLevel(logging.WARNING)
+    try:
+        yield
+    finally:
+        logger.setLevel(before)

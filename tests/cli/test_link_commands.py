@@ -435,7 +435,7 @@ def test_a_full_graph_that_is_too_small_is_not_told_to_hold_out_more(run: Run, t
 @pytest.mark.parametrize(
     ("command", "said", "unsaid"),
     [
-        (("train-complex",), "--dim", "--loop"),
+        (("train-complex", "--n3", "0.1"), "--dim", "--loop"),
         (("train-links", "--model", "distmult"), "--loop symmetric", "--n3"),
         (("train-links", "--model", "distmult", "--loop", "symmetric"), "--epochs", "--loop"),
     ],
@@ -830,6 +830,28 @@ def test_comparing_with_a_model_of_the_full_graph_says_that_it_has_seen_the_trip
 def test_comparing_without_resamples_is_refused(run: Run, trained: Path, resamples: str):
     outcome = run("compare-links", trained / "one", trained / "two", "--resamples", resamples)
     assert f"--resamples {resamples}" in refused(outcome, "ConfigError")
+
+
+# --- other models ----------------------------------------------------------------------------------------------------
+
+
+def test_the_models_that_can_be_trained_are_listed_with_their_commands(run: Run):
+    listed = {model["name"]: model["command"] for model in one_object(run("link-models", "--json"))["models"]}
+    assert listed["ComplEx"] == "train-complex"
+    assert listed["RotatE"] == "train-links --model RotatE"
+    assert not {"CompGCN", "DistMultLiteral", "NodePiece", "FixedModel"} & set(listed)
+    assert "wordcraft-kg train-links --model TuckER" in run("link-models").out
+
+
+def test_a_listed_model_trains_under_its_listed_name(run: Run, tmp_path: Path):
+    assert run("train-links", "kitchen", "--model", "SimplE", *TINY, "--out", tmp_path / "model").code == 0
+
+
+@pytest.mark.parametrize("name", ["complex", "ComplEx"])
+def test_complex_means_the_papers_and_has_its_own_command(run: Run, tmp_path: Path, name: str):
+    outcome = run("train-links", "kitchen", "--model", name, "--out", tmp_path / "model")
+    assert "wordcraft-kg train-complex" in refused(outcome, "ConfigError")
+    assert list(tmp_path.iterdir()) == []
 
 
 # --- tuning ----------------------------------------------------------------------------------------------------------

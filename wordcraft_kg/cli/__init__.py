@@ -31,6 +31,7 @@ COMMANDS = {
     "Link prediction": [
         "train-complex",
         "train-links",
+        "link-models",
         "tune-links",
         "import-pykeen",
         "evaluate-links",

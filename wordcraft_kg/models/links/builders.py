@@ -3,11 +3,12 @@
 A new kind is a configuration in ``config.py`` and two functions here.
 """
 
+from contextlib import suppress
 from typing import Any
 
 import torch
 from pykeen.losses import loss_resolver
-from pykeen.models import ComplEx, DistMult, Model, model_resolver
+from pykeen.models import DistMult, ERModel, Model, model_resolver
 from pykeen.training import TrainingLoop, training_loop_resolver
 from pykeen.triples import TriplesFactory
 
@@ -17,7 +18,7 @@ from wordcraft_kg.graphs.triples import RELATIONS
 from wordcraft_kg.models.links.complex import ComplExN3
 from wordcraft_kg.models.links.config import ComplExConfig, LinkModelConfig, LinkSettings
 from wordcraft_kg.models.links.popularity import with_popularity
-from wordcraft_kg.models.links.pykeen_bridge import all_scores
+from wordcraft_kg.models.links.pykeen_bridge import all_scores, pykeen_guard, quiet_pykeen
 from wordcraft_kg.models.links.sampled_softmax import SampledSymmetricLCWATrainingLoop
 from wordcraft_kg.models.links.symmetric_lcwa import IndexedSymmetricLCWATrainingLoop
 from wordcraft_kg.models.scorers.folder import ScorerKind
@@ -40,7 +41,7 @@ def is_factored(name: str) -> bool:
     Raises:
         ConfigError: if PyKEEN has no such model.
     """
-    return issubclass(model_class(name), (ComplEx, ComplExN3, DistMult))
+    return issubclass(model_class(name), (ComplExN3, DistMult))
 
 
 def scorer_tensors(config: LinkSettings, model: Model, triples: Ids) -> tuple[ScorerKind, dict[str, torch.Tensor]]:
@@ -93,14 +94,33 @@ def _embeddings(model: Model) -> dict[str, torch.Tensor]:
 
 
 def model_class(name: str) -> type[Model]:
-    """Return a PyKEEN model by name.
+    """Return a PyKEEN model by name, except for ComplEx, which means the paper's wherever it is named.
 
     Raises:
-        ConfigError: with the nearest names.
+        ConfigError: with the nearest names; for ComplEx, with the command that trains it.
     """
+    if name.lower() == "complex":
+        raise ConfigError(
+            f"`model` {name!r}: ComplEx is trained with the paper's objective, by `wordcraft-kg train-complex`. For "
+            'PyKEEN\'s own with sampled negatives, use its pipeline(dataset="wordcraft", model="ComplEx").'
+        )
     if name.lower() not in model_resolver.lookup_dict:
         raise refuse("model", name, "a model of PyKEEN", nearest(name.lower(), model_resolver.lookup_dict))
     return model_resolver.lookup_dict[name.lower()]
+
+
+def trainable_models() -> list[type[Model]]:
+    """Return PyKEEN's embedding models that can be built from triples alone, by name."""
+    three = torch.tensor([[0, 0, 1], [1, 0, 0], [0, 1, 2]])
+    factory = TriplesFactory(three, {"a": 0, "b": 1, "c": 2}, {name: i for i, name in enumerate(RELATIONS)})
+    found = []
+    with pykeen_guard(0, threads=1), quiet_pykeen():
+        for name, kind in sorted(model_resolver.lookup_dict.items()):
+            if name != "complex" and issubclass(kind, ERModel):
+                with suppress(ConfigError):
+                    make_training_loop(LinkModelConfig(model=name, dim=4), factory)
+                    found.append(kind)
+    return found
 
 
 def _pykeen_loop(config: LinkModelConfig, factory: TriplesFactory) -> TrainingLoop:

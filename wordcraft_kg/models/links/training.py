@@ -182,8 +182,7 @@ def _check_fit(opened: OpenedGraph, settings: LinkSettings) -> None:
             raise ConfigError(
                 f"`model` {settings.model!r} needs a table of all scores, of {needed / 2**30:,.1f} GiB for "
                 f"{opened.graph.num_entities:,} entities; expected at most {TABLE_LIMIT / 2**30:.2f} GiB. Models whose "
-                "embeddings serve instead: distmult, complex, and ComplEx with the paper's objective (wordcraft-kg "
-                "train-complex)."
+                "embeddings serve instead: distmult, and ComplEx (wordcraft-kg train-complex)."
             )
     if settings.kg == "partial" and opened.split.config.kind == "none":
         raise ConfigError(

@@ -22,7 +22,7 @@ from wordcraft_kg.reports.report import Report
 from wordcraft_kg.views.glossary import GLOSSARY
 from wordcraft_kg.views.links import JudgedLinks, LinkView, judge_links, view_links
 
-SEARCHABLE = 20_000
+SEARCHABLE = 30_000
 """Most queries whose ranks are put into the page, for its search."""
 PLAYERS = {
     "v": "ingredient scores alone (v)",

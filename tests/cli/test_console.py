@@ -123,6 +123,14 @@ def test_the_usage_names_what_a_command_needs(run, name):
     assert "ARGS" not in usage
 
 
+def test_help_is_wrapped_for_the_terminal_not_for_the_source_file(run):
+    text = run("check-book", "--help").out
+    assert "Default: the book's own, or else the entities without a recipe." in text
+    text = run("tune-links", "--help").out
+    assert "(or `train-links --config`). Test triples are never used" in text
+    assert "\n\nThe best settings" in text
+
+
 # --- the wrong kind of folder ----------------------------------------------------------------------------------------
 
 

@@ -21,6 +21,7 @@ from wordcraft_kg import __version__
 from wordcraft_kg.artefacts import read_small_file
 from wordcraft_kg.cli.console import Output
 from wordcraft_kg.cli.failures import Manual, failure_of, misuse
+from wordcraft_kg.cli.help import FlowingHelp
 from wordcraft_kg.errors import ConfigError
 from wordcraft_kg.settings import nearest
 
@@ -62,6 +63,7 @@ def make_app() -> App:
         version=__version__,
         version_flags=("--version", "-V"),
         help_format="plaintext",
+        help_formatter=FlowingHelp(),
         result_action="return_value",
         suppress_keyboard_interrupt=False,
     )

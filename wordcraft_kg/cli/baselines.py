@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 EXAMPLES = (
     "wordcraft-kg baselines graphs/everyday --distractors 1,2,8",
-    "wordcraft-kg baselines graphs/everyday --scorer models/everyday-partial",
+    "wordcraft-kg baselines graphs/everyday --scorer models/everyday",
 )
 
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 EXAMPLES = (
     "wordcraft-kg check-book recipes.csv",
-    "wordcraft-kg check-book everyday --against little-alchemy-2",
+    "wordcraft-kg check-book everyday --against kitchen",
 )
 
 

@@ -12,7 +12,7 @@ from wordcraft_kg.models.policies.config import PolicyConfig
 
 EXAMPLES = (
     "wordcraft-kg train-agent everyday --out runs/no-kg",
-    "wordcraft-kg train-agent graphs/everyday --scorer models/everyday-partial --out runs/partial",
+    "wordcraft-kg train-agent graphs/everyday --scorer models/everyday --out runs/partial",
     "wordcraft-kg train-agent everyday --seeds 0-4 --out runs/no-kg-seeds",
 )
 

@@ -8,7 +8,9 @@ import msgspec
 import numpy as np
 import pytest
 
-from wordcraft_kg.records import Count, Record, Share, as_values, checked_values, schema_of
+from wordcraft_kg.errors import ArtefactError
+from wordcraft_kg.models.links.config import ComplExConfig
+from wordcraft_kg.records import Count, Record, Share, as_record, as_values, checked_values, parse_record, schema_of
 
 
 class Row(Record, omit_defaults=True):
@@ -70,3 +72,16 @@ def test_good_values_pass_the_check_and_the_schema():
 def test_a_record_cannot_be_changed():
     with pytest.raises(AttributeError):
         ROW.name = "b"
+
+
+def test_a_field_is_named_in_quotes_because_backticks_are_for_settings():
+    with pytest.raises(ArtefactError) as of_bytes:
+        parse_record(b'{"name": 1, "counts": []}', Row, "row.json")
+    with pytest.raises(ArtefactError) as of_values:
+        as_record({"dim": -1}, ComplExConfig, "config.toml")
+    assert str(of_bytes.value) == (
+        "row.json is damaged: Expected 'str', got 'int' - at '$.name'. Make it again, or restore a copy."
+    )
+    assert str(of_values.value) == (
+        "config.toml is damaged: 'dim' -1: expected a whole number, 1 or more. Make it again, or restore a copy."
+    )

@@ -40,7 +40,7 @@ def parse_record(data: bytes, kind: type[T], path: Path | str) -> T:
     try:
         return msgspec.json.decode(data, type=kind)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise ArtefactError(f"{path} is damaged: {error}. Make it again, or restore a copy.") from None
+        raise _damaged(path, error) from None
 
 
 def read_record(path: Path, kind: type[T]) -> T:
@@ -71,7 +71,13 @@ def as_record(values: Any, kind: type[T], path: Path | str) -> T:
     try:
         return msgspec.convert(values, kind)
     except msgspec.ValidationError as error:
-        raise ArtefactError(f"{path} is damaged: {error}. Make it again, or restore a copy.") from None
+        raise _damaged(path, error) from None
+
+
+def _damaged(path: Path | str, error: Exception) -> ArtefactError:
+    """Return the error for a file; its fields are in quotes, since what is in backticks are a command's options."""
+    found = str(error).replace("`", "'").removesuffix(".")
+    return ArtefactError(f"{path} is damaged: {found}. Make it again, or restore a copy.")
 
 
 def as_lines(records: Iterable[Any]) -> list[str]:

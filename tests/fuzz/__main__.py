@@ -43,7 +43,7 @@ def main() -> int:
     parser.add_argument("--books", type=int, default=0, help="number of books")
     parser.add_argument("--artefacts", type=int, default=0, help="number of artefacts")
     parser.add_argument("--values", action="store_true", help="all options with all values")
-    parser.add_argument("--first", type=int, default=0, help="number of the first book and artefact")
+    parser.add_argument("--first", type=int, default=0, help="number of the first case")
     parser.add_argument("--every", type=int, default=1, help="only one value in so many")
     parser.add_argument("--replay", help="a case, such as books:123")
     arguments = parser.parse_args()
@@ -57,7 +57,9 @@ def main() -> int:
             return bool(found)
         cases = [("books", arguments.first + i) for i in range(arguments.books)]
         cases += [("artefacts", arguments.first + i) for i in range(arguments.artefacts)]
-        cases += [("values", i) for i in range(0, len(values.cases()), arguments.every) if arguments.values]
+        cases += [
+            ("values", i) for i in range(arguments.first, len(values.cases()), arguments.every) if arguments.values
+        ]
         return _run(cases, home)
 
 

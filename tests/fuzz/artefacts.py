@@ -75,12 +75,17 @@ def trial(number: int, home: Path, sandbox: Path) -> Trial:
     done = [kind, "mended" if is_mended else "not mended"]
     for _ in range(rng.choice((1, 1, 1, 2))):
         files = sorted(path for path in folder.rglob("*") if path.is_file() and path.stat().st_size)
+        if not files:  # the only one is gone
+            break
         path = rng.choice(files)
         name = str(path.relative_to(folder))
         done.append(f"{name}: {_spoil(path, home, rng)}")
         if is_mended:
             _mend(folder, name)
-    commands = tuple(tuple(part.replace("{}", place) for part in (*command, "--quiet")) for command in chosen)
+    commands = tuple(
+        tuple(f"{part}{number}" if part == "out" else part.replace("{}", place) for part in (*command, "--quiet"))
+        for number, command in enumerate(chosen)
+    )
     return Trial("; ".join(done), commands, may_be_interrupted=goes_on or any("--config" in one for one in chosen))
 
 
@@ -177,7 +182,7 @@ def _of_tensors(data: bytes, rng: random.Random) -> tuple[str, bytes]:
         "not finite": lambda: {**tensors, name: flat.reshape(tensor.shape)},
         "all not finite": lambda: {**tensors, name: torch.full_like(tensor, 1, dtype=torch.float32) / 0},
         "shorter": lambda: {**tensors, name: flat[:-1].clone()},
-        "transposed": lambda: {**tensors, name: tensor.T.contiguous()},
+        "transposed": lambda: {**tensors, name: tensor.permute(*range(tensor.ndim)[::-1]).contiguous()},
         "flat": lambda: {**tensors, name: flat},
         "whole numbers": lambda: {**tensors, name: torch.ones(tensor.shape, dtype=torch.int64)},
         "halves": lambda: {**tensors, name: tensor.to(torch.float16)},

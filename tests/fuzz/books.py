@@ -15,6 +15,7 @@ from wordcraft_kg.graphs.splits import SPLITS
 from .harness import IN, Trial
 from .spoiling import ODD_LABELS, as_json, spoilt_bytes, spoilt_lines, spoilt_value
 
+MAX_BYTES = 10_000_000
 Row = tuple[str, str, str]
 ENDINGS = {".csv": ",", ".tsv": "\t", ".json": ""}
 
@@ -105,4 +106,4 @@ def _spoilt(book: Any, ending: str, rng: random.Random) -> tuple[str, bytes]:
     elif ending == ".json" and rng.random() < 0.1:
         data = json.dumps(book).encode()  # surrogates as escapes
         done.append("escaped")
-    return "; ".join(done) or "as it is", data
+    return "; ".join(done) or "as it is", data[:MAX_BYTES]

@@ -189,7 +189,7 @@ def _changed(node: Any, rng: random.Random) -> tuple[str, Any, bool]:
 
 def as_json(value: Any) -> bytes:
     """Write a value as JSON, surrogates and numbers without end included."""
-    return json.dumps(value, ensure_ascii=False, indent=1).encode("utf-8", "surrogatepass")
+    return json.dumps(value, ensure_ascii=False).encode("utf-8", "surrogatepass")
 
 
 def toml_of(value: Any) -> str:

@@ -237,7 +237,7 @@ def check_label(label: Any, where: str) -> str:
             character, half of a character, or what Unicode reserves as no character.
     """
     if not isinstance(label, str):
-        raise RecipeFileError(f"{where}: {label!r} is not a label; a label is text.")
+        raise RecipeFileError(f"{where}: {_shown(label)} is not a label; a label is text.")
     if not label or label.isspace():
         raise RecipeFileError(f"{where}: the label {_shown(label)} is blank; every entity needs a name.")
     if len(label) > MAX_LABEL_LENGTH:

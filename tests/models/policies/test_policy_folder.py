@@ -447,3 +447,24 @@ def test_policies_of_another_kind_of_features_do_not_pass_for_each_other(tmp_pat
     settings = asdict(PolicyConfig(policy, "learned" if features == "one-hot" else "one-hot", **SIZES))
     with pytest.raises(ArtefactError):
         read(edited(folder, settings=settings, dim=3 if features == "one-hot" else 0))
+
+
+@pytest.mark.parametrize("dtype", [torch.complex64, torch.int64, torch.float64])
+def test_weights_of_another_type_are_an_artefact_error(tmp_path: Path, dtype: torch.dtype):
+    folder = written(tmp_path, plain("random"))
+    path = folder / "policy.safetensors"
+    tensors = safetensors.torch.load_file(path)
+    path.write_bytes(safetensors.torch.save({**tensors, "value.0.bias": tensors["value.0.bias"].to(dtype)}))
+    with pytest.raises(ArtefactError, match=rf"value\.0\.bias is of {dtype}, not torch\.float32"):
+        read(folder)
+
+
+def test_what_torch_says_about_weights_that_are_missing_is_one_line(tmp_path: Path):
+    folder = written(tmp_path, plain("random"))
+    path = folder / "policy.safetensors"
+    tensors = safetensors.torch.load_file(path)
+    del tensors["value.0.bias"], tensors["attention.key.weight"]
+    path.write_bytes(safetensors.torch.save(tensors))
+    with pytest.raises(ArtefactError, match=r"Missing key\(s\)") as refusal:
+        read(folder)
+    assert "\n" not in str(refusal.value)

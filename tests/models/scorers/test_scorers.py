@@ -18,7 +18,6 @@ from hypothesis import strategies as st
 from link_helpers import contents, flip_bit, interrupt_after, random_graph, train
 from link_oracles import equation_1
 
-from wordcraft_kg.agents.discovery import make_discoverers
 from wordcraft_kg.artefacts import sha256_of
 from wordcraft_kg.errors import ArtefactError, ConfigError, GraphMismatchError, UnknownEntityError, WordCraftKGError
 from wordcraft_kg.graphs import RecipeGraph
@@ -487,22 +486,15 @@ def test_a_table_of_any_strides_scores_like_a_plain_one():
 def test_what_needs_all_pairs_is_refused_with_their_size_before_it_is_computed(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(limits, "TABLE_LIMIT", len(RELATIONS) * SIZE**2 * 4)
     NeighbourScorer(GRAPH, GRAPH.triples)
-    make_discoverers(["empowerment-scorer"], GRAPH, COMPLEX)
     monkeypatch.setattr(limits, "TABLE_LIMIT", len(RELATIONS) * SIZE**2 * 4 - 1)
-    monkeypatch.setattr(ComplExScorer, "table", None)
-    for refused in (
-        lambda: NeighbourScorer(GRAPH, GRAPH.triples),
-        lambda: make_discoverers(["empowerment-scorer"], GRAPH, COMPLEX),
-    ):
-        with pytest.raises(ConfigError, match=f"all pairs of {SIZE} entities"):
-            refused()
+    with pytest.raises(ConfigError, match=f"all pairs of {SIZE} entities"):
+        NeighbourScorer(GRAPH, GRAPH.triples)
 
 
-@pytest.mark.parametrize("model", ["distmult", "complex"])
 def test_a_model_of_embeddings_is_served_from_them_where_a_table_is_too_large(
-    opened_kitchen: OpenedGraph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, model: str
+    opened_kitchen: OpenedGraph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    config = LinkModelConfig(model=model, dim=4, epochs=2)
+    config = LinkModelConfig(model="distmult", dim=4, epochs=2)
     table = load_scorer(train(opened_kitchen, config, tmp_path / "table").folder)
     for module in (scorer_folder, builders, training):
         monkeypatch.setattr(module, "TABLE_LIMIT", 0)
@@ -516,6 +508,18 @@ def test_a_model_that_needs_a_table_too_large_is_refused_before_training_with_mo
     opened_kitchen: OpenedGraph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setattr(training, "TABLE_LIMIT", 0)
-    with pytest.raises(ConfigError, match=r"'rotate' needs a table of all scores.*distmult, complex"):
+    with pytest.raises(ConfigError, match=r"'rotate' needs a table of all scores.*distmult, and ComplEx"):
         train(opened_kitchen, LinkModelConfig(model="rotate"), tmp_path / "model")
     assert not (tmp_path / "model").exists()
+
+
+@pytest.mark.parametrize("dtype", [torch.complex64, torch.int64, torch.float64])
+def test_embeddings_of_another_type_are_an_artefact_error(spoilt: Spoilt, dtype: torch.dtype):
+    folder, path = spoilt("model.safetensors")
+    tensors = safetensors.torch.load_file(path)
+    path.write_bytes(safetensors.torch.save({**tensors, "entity_real": tensors["entity_real"].to(dtype)}))
+    run = json.loads((folder / "run.json").read_text())
+    run["outputs"]["model.safetensors"] = sha256_of(path)
+    (folder / "run.json").write_text(json.dumps(run))
+    with pytest.raises(ArtefactError, match=rf"entity_real is of {dtype}, not torch\.float32"):
+        load_scorer(folder)

@@ -74,7 +74,7 @@ def load_scorer(folder: str | Path, *, graph: RecipeGraph | None = None, device:
 
 
 def _check_shapes(vocabulary: Vocabulary, tensors: dict[str, torch.Tensor]) -> None:
-    """Raise KeyError or ValueError if the tensors are not those of the vocabulary."""
+    """Raise KeyError or ValueError if the tensors are not those of the vocabulary, or not 32-bit floats."""
     size, relations = len(vocabulary.entities), len(RELATIONS)
     expected: dict[str, tuple[int, ...]] = {"scores": (relations, size, size)}
     if vocabulary.scorer == "complex":
@@ -82,6 +82,8 @@ def _check_shapes(vocabulary: Vocabulary, tensors: dict[str, torch.Tensor]) -> N
         rows = {"entity": size, "relation": relations}
         expected = {f"{what}_{part}": (rows[what], dim) for what in rows for part in ("real", "imag")}
     for name, shape in expected.items():
+        if tensors[name].dtype != torch.float32:
+            raise ValueError(f"{name} is of {tensors[name].dtype}, not {torch.float32}")
         if tensors[name].shape != shape:
             raise ValueError(f"{name} has shape {tuple(tensors[name].shape)}, its vocabulary needs {shape}")
 

@@ -249,7 +249,7 @@ def test_a_source_of_factors_is_restored_from_its_constants(no_tables):
 
 
 def test_a_scale_that_needs_a_table_is_refused_where_none_fits_and_names_the_scales_that_do(no_tables):
-    with pytest.raises(ConfigError, match=r"`scale` ranks needs .* Choose standardise or none"):
+    with pytest.raises(ConfigError, match=r"`scale` ranks: .* Choose standardise or none"):
         make_sources(["u", "v"], Factored(), ScoreView("ranks"))
 
 

@@ -177,15 +177,15 @@ def pairs_need_factors(names: Iterable[str], scorer: TripleScorer, scale: Scale)
     if needed <= TABLE_LIMIT:
         return False
     cost = (
-        f"the scores of all pairs of {size:,} entities take {needed / 2**20:,.0f} MiB, more than the "
-        f"{TABLE_LIMIT / 2**20:.0f} MiB up to which sources look them up in tables"
+        f"the scores of all pairs of {size:,} entities take {needed / 2**20:,.0f} MiB; expected at most "
+        f"{TABLE_LIMIT / 2**20:.0f} MiB, because sources look them up in tables"
     )
     if not isinstance(scorer, FactoredScorer):
         raise ConfigError(
             f"{cost}; only the scores of ComplEx and DistMult can be computed without. Train one of these."
         )
     if scale not in FACTORED_SCALES:
-        raise ConfigError(f"`scale` {scale} needs {cost}. Choose {' or '.join(FACTORED_SCALES)}, which need none.")
+        raise ConfigError(f"`scale` {scale}: {cost}. Choose {' or '.join(FACTORED_SCALES)}, which need none.")
     return True
 
 

@@ -83,7 +83,7 @@ def refused(outcome: Any, kind: str) -> str:
             ["evaluate-links", "{0}/one", "--out", "{1}/report"],
             ["ranking heads", "drawing the map", "writing the report"],
         ),
-        (["compare-links", "{0}/one", "{0}/two"], ["ranking tails", "resampling: 999 of 1,000"]),
+        (["compare-links", "{0}/one", "{0}/two"], ["ranking tails", "resampling: 1,999 of 2,000"]),
     ],
     ids=lambda value: value[0],
 )
@@ -334,9 +334,10 @@ def test_ctrl_c_at_once_in_a_forced_training_leaves_the_earlier_model(
         signal.raise_signal(signal.SIGINT)
         signal.raise_signal(signal.SIGINT)
 
-    monkeypatch.setattr(Progress, "__call__", press_twice)
     weights = (workshop / "one" / "model.safetensors").read_bytes()
-    outcome = run("train-complex", workshop / "graph", *TINY, "--seed", "3", "--out", workshop / "one", "--force")
+    with monkeypatch.context() as patch:
+        patch.setattr(Progress, "__call__", press_twice)
+        outcome = run("train-complex", workshop / "graph", *TINY, "--seed", "3", "--out", workshop / "one", "--force")
     assert outcome.code == 130
     assert (workshop / "one" / "model.safetensors").read_bytes() == weights
     assert run("score", workshop / "one", "flour", "combinesWith", "water").code == 0

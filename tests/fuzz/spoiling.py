@@ -179,7 +179,7 @@ def _changed(node: Any, rng: random.Random) -> tuple[str, Any, bool]:
         "negative": lambda: -node - 1,
         "next": lambda: node + 1,
         "large": lambda: node * 10**9,
-        "float": lambda: node + 0.5,
+        "float": lambda: 0.5 if abs(node) > 1e300 else node + 0.5,
         "longer": lambda: node * 2,
         "upper": lambda: node.upper(),
     }

@@ -356,3 +356,10 @@ def test_most_of_everyday_is_not_in_little_alchemy_2(alchemy):
     everyday = RecipeGraph.from_book(open_book("everyday"))
     shared = set(everyday.recipe_labels()) & set(alchemy.recipe_labels())
     assert len(shared) == 399 <= 0.2 * everyday.num_recipes
+
+
+def test_a_file_that_is_no_book_is_not_read_to_its_end(check, monkeypatch):
+    monkeypatch.setattr("wordcraft_kg.graphs.book_check.MAX_FINDINGS", 5)
+    found = check("ingredient_a,ingredient_b,result\n" + "no recipe\n" * 1_000)
+    assert [(kind, lines) for kind, _, lines in kinds(found)] == [("row", (number,)) for number in range(2, 8)]
+    assert found.findings[-1].message == "5 findings above; this line and those below it were not read"

@@ -38,6 +38,8 @@ from wordcraft_kg.wording import counted
 
 LISTED = 15
 """How many lines or names a finding lists at most."""
+MAX_FINDINGS = 10_000
+"""How many findings about single lines are enough: a book with more is no book, and memory has an end."""
 SIMILAR_FROM = 6
 """Length from which labels that differ by one letter are listed; shorter ones often do so by chance (cat, bat)."""
 
@@ -246,6 +248,10 @@ def _rows(
     header_seen = False
     for number, line in enumerate(io.StringIO(text, newline=""), start=1):
         line = line.rstrip("\r\n")
+        if len(findings) >= MAX_FINDINGS:
+            message = f"{len(findings):,} findings above; this line and those below it were not read"
+            findings.append(Finding("row", "problem", (number,), message))
+            return
         if not header_seen and line.startswith("#"):
             try:
                 directive = read_directive(line, "")

@@ -170,7 +170,7 @@ def test_wandb_gets_settings_and_figures_offline_and_nothing_of_the_machine(
     assert rows == notes.rows
     assert ended == [0]
     (options,) = begun
-    assert options["config"] == LINKS.values()
+    assert options["config"] == LinksConfig.read(tmp_path / "model").values()
     settings = options["settings"]
     assert (settings["mode"], settings["root_dir"]) == ("offline", str(tmp_path / "model"))
     assert (settings["host"], settings["username"], settings["x_disable_meta"]) == ("", "", True)

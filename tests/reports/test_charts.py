@@ -44,7 +44,6 @@ def decode(image: str) -> tuple[np.ndarray, np.ndarray]:
 
 CHARTS = {
     "bars": lambda label: charts.grouped_bars([label, "b"], {label: [0.5, 0.1], "two": [0.2, 0.3]}, label, label),
-    "intervals": lambda label: charts.intervals([(label, (0.5, 0.4, 0.6)), ("two", (0.2, None, None))], label, label),
     "curves": lambda label: charts.curves(
         {label: [(0, 1.0, 0.5, 2.0), (2, 1.0, None, None)], "two": [(1, 1, 0, 2)]}, label, label, label, dashed=[label]
     ),
@@ -550,24 +549,28 @@ def test_a_source_keeps_its_colour_when_others_are_missing():
     assert rect.get("class") == "series-2"
 
 
-def test_intervals_are_rows_with_whiskers_and_a_line_at_the_reference():
-    root = parse(
-        charts.intervals([("model", (0.2, 0.15, 0.3)), ("rule", (0.4, None, None))], "MRR", "d", reference=0.2)
+def test_intervals_are_drawn_in_rows_on_one_axis_with_the_reference():
+    rows = [("one", (-0.1, -0.2, 0.1)), ("two", (0.4, 0.3, 0.5)), ("three", (0.25, None, None))]
+    root = parse(charts.intervals(rows, "MRR", "description", reference=0.0))
+    dots, whiskers = of_class(root, "dot"), [points_of(whisker) for whisker in of_class(root, "whisker")]
+    assert titles_of(dots) == ["one: -0.1 [-0.2, 0.1]", "two: 0.4 [0.3, 0.5]", "three: 0.25"]
+    per_unit = (whiskers[0][1, 0] - whiskers[0][0, 0]) / 0.3
+    one = float(dots[0].get("cx"))
+    assert [*whiskers[0][:, 0], *whiskers[1][:, 0]] == pytest.approx(
+        [one + per_unit * offset for offset in (-0.1, 0.2, 0.4, 0.6)], abs=0.2
     )
-    model, rule = of_class(root, "dot")
-    assert titles_of([model, rule]) == ["model: 0.2 [0.15, 0.3]", "rule: 0.4"]
-    (whisker,) = of_class(root, "whisker")
-    (low, row), (high, also_row) = points_of(whisker)
-    assert row == also_row == float(model.get("cy"))
-    assert low < float(model.get("cx")) < high
-    (line,) = of_class(root, "diagonal")
-    assert set(points_of(line)[:, 0]) == {float(model.get("cx"))}
-    assert points_of(rule)[:, 1].mean() > float(model.get("cy"))
-    assert points_of(rule)[:, 0].mean() - low > high - low
-    assert {"0.200", "0.400", "MRR"} <= {text.text for text in root.iter("text")}
-    shares = parse(charts.intervals([("a", (0.5, None, None))], "", "", percent=True))
-    assert "50.0%" in [text.text for text in shares.iter("text")]
-    assert not of_class(shares, "diagonal")
+    (reference,) = of_class(root, "diagonal")
+    np.testing.assert_allclose(points_of(reference)[:, 0], one + 0.1 * per_unit, atol=0.2)
+    heights = [whisker[:, 1].tolist() for whisker in whiskers]
+    assert heights[0] == [float(dots[0].get("cy"))] * 2
+    assert heights[0][0] < heights[1][0] == heights[1][1] < points_of(dots[2])[:, 1].min()
+    assert {"-0.100", "0.400", "0.250", "MRR"} <= {text.text for text in root.iter("text")}
+
+
+def test_intervals_of_shares_are_written_in_percent():
+    root = parse(charts.intervals([("a", (0.5, None, None))], "", "", percent=True))
+    assert "50.0%" in [text.text for text in root.iter("text")]
+    assert not of_class(root, "diagonal")
 
 
 @pytest.mark.parametrize("rows", [[], [("a", (0.0, 0.0, 0.0))], [("a", (-0.1, -0.3, 0.2)), ("a", (0.0, None, None))]])

@@ -69,7 +69,7 @@
   };
 
   const equip = (table) => {
-    if (!table.tHead || table.rows.length < 4) return;
+    if (!table.tHead || table.rows.length < 3) return;
     const heads = [...table.tHead.rows[0].cells];
     for (const head of heads) {
       const button = make("button", { type: "button" }, ...head.childNodes);

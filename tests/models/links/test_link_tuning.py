@@ -59,11 +59,11 @@ def test_the_drawing_is_determined_by_its_seed(opened_kitchen: OpenedGraph):
 
 def test_too_few_validation_triples_are_refused_with_advice(opened_kitchen: OpenedGraph, tmp_path: Path):
     with pytest.raises(SplitError, match="`valid_ratio`"):
-        tune(opened_kitchen, "complex", tmp_path / "tuned.toml", trials=1, valid_ratio=0.01)
+        tune(opened_kitchen, "complex", tmp_path / "search", trials=1, valid_ratio=0.01)
     graph = random_graph(num_entities=6, num_recipes=8)
     tiny = OpenedGraph(graph, make_split(graph, SplitConfig()), "tiny")
     with pytest.raises(SplitError, match="`valid_ratio`"):
-        tune(tiny, "complex", tmp_path / "tuned.toml", trials=1, valid_ratio=0.2)
+        tune(tiny, "complex", tmp_path / "search", trials=1, valid_ratio=0.2)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -80,30 +80,30 @@ def test_too_few_validation_triples_are_refused_with_advice(opened_kitchen: Open
 )
 def test_a_setting_of_the_search_out_of_range_is_refused(opened_kitchen: OpenedGraph, tmp_path: Path, setting, value):
     with pytest.raises(ConfigError, match=f"`{setting}` {value}"):
-        tune(opened_kitchen, "complex", tmp_path / "tuned.toml", **{setting: value})
+        tune(opened_kitchen, "complex", tmp_path / "search", **{setting: value})
 
 
 def test_an_unknown_model_is_refused_with_the_nearest_one(opened_kitchen: OpenedGraph, tmp_path: Path):
     with pytest.raises(ConfigError, match=r"'rotat'.*'rotate'"):
-        tune(opened_kitchen, "rotat", tmp_path / "tuned.toml", trials=1)
+        tune(opened_kitchen, "rotat", tmp_path / "search", trials=1)
     assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("device", ["nonsense", "meta"])
 def test_an_unknown_device_is_refused(opened_kitchen: OpenedGraph, tmp_path: Path, device: str):
     with pytest.raises(ConfigError, match=f"`device` {device!r}"):
-        tune(opened_kitchen, "complex", tmp_path / "tuned.toml", trials=1, device=device)
+        tune(opened_kitchen, "complex", tmp_path / "search", trials=1, device=device)
 
 
 @pytest.mark.parametrize("timeout", [0, -1])
 def test_a_search_without_time_is_refused(opened_kitchen: OpenedGraph, tmp_path: Path, timeout: int):
     with pytest.raises(ConfigError, match="`timeout`"):
-        tune(opened_kitchen, "complex", tmp_path / "tuned.toml", trials=1, timeout=timeout)
+        tune(opened_kitchen, "complex", tmp_path / "search", trials=1, timeout=timeout)
 
 
 def test_a_model_that_cannot_be_set_up_is_a_clear_error(opened_kitchen: OpenedGraph, tmp_path: Path):
     with pytest.raises(ConfigError, match="'compgcn'"):
-        tune(opened_kitchen, "compgcn", tmp_path / "tuned.toml", trials=1)
+        tune(opened_kitchen, "compgcn", tmp_path / "search", trials=1)
 
 
 # --- a search --------------------------------------------------------------------------------------------------------

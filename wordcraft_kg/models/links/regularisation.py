@@ -33,7 +33,7 @@ SHARE_OF_EPOCHS = 0.1
 """Each fold trains for this share of the epochs, so that all of them take no longer than the training itself."""
 N3 = (0.01, 0.1)
 POPULARITY = (0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
-"""Weights of the log counts. At 16 the order is nearly that of the counts, and the embeddings decide between equal ones."""
+"""Weights of the log counts. At 16 they nearly decide the order alone, and the embeddings break their ties."""
 
 
 def choose(opened: OpenedGraph, settings: LinkSettings, after_epoch: Callable[[int, int], None]) -> Choice | None:

@@ -30,8 +30,9 @@ ExportPart = Literal["full", "partial", "unseen"]
 recipe gives."""
 MOST_BYTES = 4 * 2**30
 """Memory that an export may take."""
-GRAPHML, GEXF, TURTLE = 8_000, 8_000, 6_000
-"""Bytes that a recipe takes in memory while networkx or rdflib write it, measured by benchmarks/large_books.py."""
+GRAPHML, GEXF, TURTLE = 6_000, 8_000, 8_000
+"""Bytes that a recipe takes in memory while networkx or rdflib write it: measured for GraphML on a book of 250,000 recipes,
+and rather too much than too little for the others."""
 
 
 @dataclass(frozen=True)

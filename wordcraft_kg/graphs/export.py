@@ -31,8 +31,8 @@ recipe gives."""
 MOST_BYTES = 4 * 2**30
 """Memory that an export may take."""
 GRAPHML, GEXF, TURTLE = 6_000, 8_000, 8_000
-"""Bytes that a recipe takes in memory while networkx or rdflib write it: measured for GraphML on a book of 250,000 recipes,
-and rather too much than too little for the others."""
+"""Bytes that a recipe takes in memory while networkx or rdflib write it: measured for GraphML with 250,000 recipes, and
+rather too much than too little for the others."""
 
 
 @dataclass(frozen=True)

@@ -5,10 +5,10 @@ Run it in an empty folder: it writes models/transe, in a few seconds.
 
 import torch
 from pykeen.pipeline import pipeline
-from wordcraft_kg.models.links.comparison import compare
 
 from wordcraft_kg import from_pykeen, open_graph, open_model, save_scorer
 from wordcraft_kg.models.scorers.facts import FrequencyScorer
+from wordcraft_kg.views.link_comparison import Contender, compare
 
 
 def main() -> None:
@@ -29,10 +29,10 @@ def main() -> None:
     counting = FrequencyScorer(opened.graph, opened.split.partial, name="frequency")
     save_scorer("models/frequency", counting, opened, kg="partial")
 
-    found = compare(open_model("models/transe"), open_model("models/frequency"))
-    low, high = found.difference_ci
-    print(f"MRR {found.a.mrr:.3f} (transe), {found.b.mrr:.3f} (frequency)")
-    print(f"difference {found.difference:+.3f} [{low:+.3f}, {high:+.3f}]")
+    names = ("transe", "frequency")
+    found = compare([Contender(name, [open_model(f"models/{name}")]) for name in names])
+    for model in found.models:
+        print(f"{model.name}: MRR {model.mrr:.3f}, difference {model.difference}, {model.difference_ci}")
     print("more: wordcraft-kg evaluate-links models/transe")
 
 

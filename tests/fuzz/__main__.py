@@ -75,7 +75,7 @@ def _run(cases: list[tuple[str, int]], home: Path) -> int:
             if found[kind[:200]] <= 3:
                 print(f"--- {problem}", flush=True)
         slowest = sorted([*slowest, (time.process_time() - began, f"{part}:{number}")])[-5:]
-        if done % 500 == 0 or done == len(cases):
+        if done % 100 == 0 or done == len(cases):
             print(f"{done:,} of {len(cases):,} cases, {found.total():,} problems", file=sys.stderr, flush=True)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
     print(f"\n{len(cases):,} cases, {found.total():,} problems of {len(found):,} kinds; peak memory {peak:.2f} GiB")

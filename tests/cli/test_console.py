@@ -1,13 +1,14 @@
 """The command line as a whole: how it answers misuse and failure, what it shows meanwhile, completion."""
 
 import json
+import shlex
 import shutil
 import subprocess
 from pathlib import Path
 
 import pytest
 
-from wordcraft_kg.cli import ALL, make_app
+from wordcraft_kg.cli import ALL, make_app, manual_of
 from wordcraft_kg.cli.failures import with_options
 from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_book, write_graph_folder
 from wordcraft_kg.runs.record import end_run, start_run
@@ -306,3 +307,25 @@ def test_the_cache_is_listed_with_sizes_and_cleared_but_for_what_is_not_ours(run
     assert sizes("--clear") == [(0, 0), (0, 0), (1, 3)]
     assert [path.name for path in cached.iterdir()] == ["notes.txt"]
     assert sizes("--clear") == [(0, 0), (0, 0), (1, 3)]
+
+
+# --- examples --------------------------------------------------------------------------------------------------------
+
+SHORTER = {"train-complex": "--epochs 2", "train-links": "--epochs 1", "train-agent": "--steps 5000"}
+"""What is added to examples that would take minutes."""
+IN_ORDER = (
+    *("books", "cache", "check-book", "build-graph", "describe", "export", "tasks", "train-complex", "train-links"),
+    *("evaluate-links", "score", "discover", "baselines", "train-agent", "evaluate-agent", "explain"),
+)
+"""Commands whose examples need nothing but the files of earlier examples; fetch needs a network, play a player."""
+
+
+@pytest.mark.slow
+def test_the_examples_of_the_help_work_by_copy_and_paste(run, home, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "recipes.csv").write_text("ingredient_a,ingredient_b,result\nflour,water,dough\n")
+    for name in IN_ORDER:
+        for example in manual_of(name).examples:
+            arguments = shlex.split(f"{example} {SHORTER.get(name, '')}")[1:]
+            outcome = run(*arguments)
+            assert outcome.code == 0, (example, outcome.err)

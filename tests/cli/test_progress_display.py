@@ -91,6 +91,24 @@ def test_no_bar_is_left_when_a_stage_is_given_up(terminal, capsys, monkeypatch):
     assert "\x1b[?25h" in shown  # the cursor is back
 
 
+def test_a_result_is_printed_below_a_bar_that_is_not_full(terminal, capsys):
+    with Output().session():
+        Output().progress("partial graph")(2, 5, {})  # training stopped early
+        Output().result({}, ["trained"])
+        shown = capsys.readouterr()
+    assert shown.out == "trained\n"
+    assert shown.err.endswith("\x1b[?25h")  # the bar is closed: the cursor is back
+
+
+def test_a_stage_that_is_closed_after_its_command_draws_nothing(terminal, capsys):
+    with Output().session():
+        stage = steps("playing", range(3))
+        next(stage)
+    capsys.readouterr()
+    stage.close()
+    assert capsys.readouterr().err == ""
+
+
 def test_ctrl_c_is_answered_below_the_bar(run, home, terminal, monkeypatch):
     show = Progress.__call__
 

@@ -37,6 +37,8 @@ class Progress:
         """Report that ``done`` of ``total`` are done, with the latest figures."""
         if self.hidden or Progress._current not in (None, self):
             return
+        if self.is_stage and done == total and Progress._current is None:  # given up by a command that has ended
+            return
         Progress._current = self
         shown = [
             f"{name.replace('_', ' ')} {f'{value:,.0f}' if abs(value) >= 1e4 else f'{value:.4g}'}"
@@ -131,8 +133,6 @@ class Stages:
         """Show how far a stage has come; those within another one are left out."""
         now = time.monotonic()
         if self._now is None:
-            if done == total:  # the command has ended already, by an error
-                return
             self._now, self._began = Progress(stage, is_stage=True), now
         elif self._now.what != stage or (0 < done < total and now - self._shown < self.INTERVAL):
             return

@@ -255,14 +255,14 @@ def test_there_is_a_completion_script_for_other_shells(shell):
 @pytest.mark.parametrize(
     ("words", "offered"),
     [
-        (["describe", ""], {"everyday", "kitchen", "paper-examples", "own.csv", "graph"}),
-        (["describe", "{}/"], {"everyday", "kitchen", "paper-examples", "{}/own.csv", "{}/graph"}),
-        (["fetch", ""], {"little-alchemy-2"}),
-        (["score", ""], {"model"}),
-        (["train-agent", "kitchen", "--scorer", ""], {"model"}),
-        (["explain", ""], {"agent"}),
-        (["compare-agents", "agent", ""], {"agent"}),
-        (["resume", ""], {"agent", "model"}),
+        (["describe", ""], ["everyday", "kitchen", "paper-examples", "own.csv", "graph"]),
+        (["describe", "{}/"], ["everyday", "kitchen", "paper-examples", "{}/own.csv", "{}/graph"]),
+        (["fetch", ""], ["little-alchemy-2"]),
+        (["score", ""], ["model"]),
+        (["train-agent", "kitchen", "--scorer", ""], ["model"]),
+        (["explain", ""], ["agent"]),
+        (["compare-agents", "agent", ""], ["agent"]),
+        (["resume", ""], ["agent", "model"]),
     ],
     ids=" ".join,
 )

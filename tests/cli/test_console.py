@@ -129,7 +129,7 @@ def test_help_is_wrapped_for_the_terminal_not_for_the_source_file(run):
     assert "Default: the book's own, or else the entities without a recipe." in text
     text = run("tune-links", "--help").out
     assert "(or `train-links --config`). Test triples are never used" in text
-    assert "\n\nThe best settings" in text
+    assert "\n\nThe folder holds" in text
 
 
 # --- the wrong kind of folder ----------------------------------------------------------------------------------------
@@ -157,7 +157,7 @@ IS = {
     "agent": "was written by train-agent",
     "model": "was written by train-complex",
     "report": "is the folder of a report",
-    "own": "has none of graph.json, run.json, report.json, dataset.yaml",
+    "own": "has none of graph.json, run.json, report.json, dataset.yaml, search.json",
     "empty": "is an empty folder",
     "file": "is a file",
     "nothing": "does not exist",

@@ -766,7 +766,7 @@ def test_a_graph_is_called_as_its_folder_unless_it_is_given_a_name(run, book, ou
     refused = run("build-graph", path, "--split", "none", "--out", out / "third", "--name", " ")
     assert (refused.code, refused.err) == (
         1,
-        "RecipeFileError: --name: the label ' ' is blank; every entity needs a name.\n",
+        "error: --name: the label ' ' is blank; every entity needs a name.\n",
     )
     assert not (out / "third").exists()
 

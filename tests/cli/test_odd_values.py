@@ -1,6 +1,5 @@
 """Values that a command cannot take are refused at once, in a sentence."""
 
-import logging
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -48,7 +47,7 @@ def test_a_name_that_is_not_utf8_is_refused_before_anything_is_written(
 def test_a_base_file_that_is_none_is_refused(run: Run, path: str, tmp_path: Path) -> None:
     outcome = run("build-graph", "kitchen", "--base-file", path, "--out", tmp_path / "graph")
     assert outcome.code == 1
-    assert outcome.err.startswith(f"ConfigError: --base-file '{path or '.'}': No such file.")
+    assert outcome.err.startswith(f"error: --base-file '{path or '.'}': No such file.")
 
 
 @pytest.mark.parametrize("path", ["", "/dev/zero"])
@@ -68,7 +67,8 @@ def test_an_output_that_exists_is_refused_before_torch_is_imported(
     (tmp_path / "something").touch()
     outcome = run(command, "kitchen", "--out", tmp_path)
     assert outcome.code == 1
-    assert outcome.err.startswith(f"OutputExistsError: '{tmp_path}' exists.")
+    assert outcome.kind == "OutputExistsError"
+    assert str(tmp_path) in outcome.err
 
 
 def test_torch_without_memory_is_an_error_in_a_sentence(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -78,7 +78,7 @@ def test_torch_without_memory_is_an_error_in_a_sentence(run: Run, monkeypatch: p
     monkeypatch.setattr("wordcraft_kg.graphs.folder.open_graph", fail)
     outcome = run("describe", "kitchen")
     assert (outcome.code, outcome.err.count("\n")) == (1, 1)
-    assert outcome.err.startswith("MemoryError: ")
+    assert outcome.kind == "MemoryError"
 
 
 def test_a_training_that_cannot_fit_says_what_it_would_cost(run: Run, tmp_path: Path) -> None:
@@ -87,25 +87,3 @@ def test_a_training_that_cannot_fit_says_what_it_would_cost(run: Run, tmp_path: 
     assert outcome.code == 1
     assert "16,777,216: an update of 281,474,976,710,656 steps would take" in outcome.err
     assert not (tmp_path / "run").exists()
-
-
-def test_ctrl_c_while_settings_are_tuned_shows_no_traceback(
-    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    import optuna
-
-    def interrupted(**_: object) -> None:
-        try:
-            raise KeyboardInterrupt
-        except KeyboardInterrupt:
-            optuna.logging.get_logger("optuna.study").warning("Trial 0 failed.", exc_info=True)
-            raise
-
-    monkeypatch.setattr("wordcraft_kg.models.links.tuning.hpo_pipeline", interrupted)
-    handlers = logging.getLogger("optuna").handlers
-    for handler in handlers:
-        monkeypatch.setattr(handler, "stream", sys.stderr)
-    outcome = run("tune-links", "kitchen", "--trials=1", "--out", tmp_path / "tuned.toml")
-    assert outcome.code == 130
-    assert "Trial 0 failed." in outcome.err
-    assert "Traceback" not in outcome.err

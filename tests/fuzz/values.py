@@ -43,6 +43,7 @@ GIVEN = {
     "model folder": "in/model",
     "relation": "combinesWith",
     "resamples": "5",
+    "result folder": "in/model",
     "run folder": "in/agent",
     "runs": "2",
     "runs folder": "in/agent",

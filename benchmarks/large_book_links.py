@@ -1,7 +1,7 @@
 """ComplEx on large books: what the sampled softmax costs and what it finds, beside the softmax over all and counting.
 
-    python benchmarks/large_book.py speed --entities 100000 --recipes 1000000 --batches 300
-    python benchmarks/large_book.py quality GRAPH --epochs 5 --negatives 512 0
+    python benchmarks/large_book_links.py speed --entities 100000 --recipes 1000000 --batches 300
+    python benchmarks/large_book_links.py quality GRAPH --epochs 5 --negatives 512 0
 
 `speed` times batches of an epoch on a synthetic book and gives what all of them would take, in CPU seconds of one
 thread, which do not depend on what else the machine does. `quality` trains on the partial graph of a folder and ranks a
@@ -73,7 +73,7 @@ def quality(graph: str, negatives: list[int], queries: int, config: dict[str, in
             )
             seconds = (time.process_time() - begun) / settings.epochs
         loop.model.eval()
-        scorer = make_scorer(*scorer_tensors(settings, loop.model), opened.graph.entities, opened.graph.hash)
+        scorer = make_scorer(*scorer_tensors(settings, loop.model, train), opened.graph.entities, opened.graph.hash)
         name = f"{number:,} sampled" if number else "all entities"
         print(f"{name:<15} MRR {mrr(scorer):.4f}, {seconds:.1f} CPU s an epoch, {peak()}", flush=True)
 

@@ -1,6 +1,6 @@
 """Run the commands that need no training on large synthetic books, and print the time and memory that each takes.
 
-python benchmarks/large_books.py --entities 30000 --recipes 250000
+python benchmarks/large_book_commands.py --entities 30000 --recipes 250000
 
 A command runs in a process of its own. ``user`` is its processor time, which other programs on the machine hardly
 change, ``wall`` the time from start to end, ``peak`` the most memory that it held.

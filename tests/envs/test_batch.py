@@ -507,7 +507,9 @@ def test_an_empty_slot_raises_where_asked(kitchen_opened):
 
 def test_no_environments_and_missing_devices_are_refused(kitchen_opened):
     for wrong in (0, -1, 1.5, "2", None, True):
-        with pytest.raises(ConfigError, match=f"`num_envs` {wrong!r}: expected a whole number, 1 (or more|to 16777216)"):
+        with pytest.raises(
+            ConfigError, match=f"`num_envs` {wrong!r}: expected a whole number, 1 (or more|to 16777216)"
+        ):
             BatchEngine(World(kitchen_opened, WordCraftConfig()), wrong)
     with pytest.raises(ConfigError, match="`seed` -1: expected a whole number, 0 or more"):
         BatchEngine(World(kitchen_opened, WordCraftConfig()), 1, seed=-1)

@@ -82,7 +82,7 @@ class ComplExConfig(TrainingConfig):
         n3: weight of the N3 regulariser. Default: 0 on the full graph; on the partial graph of a small book (2,000
             train recipes at most) chosen together with `popularity`; above that 0.1.
         popularity: how much of log(1 + number of training triples) of head and tail is added to the scores. Default:
-            chosen if `n3` is, else 0.
+            chosen if `n3` is not given and the book is small, or large (`negatives` above 0), else 0.
         init_scale: standard deviation of the initial embeddings; 0.001 as in the paper's released code.
         negatives: entities sampled for each batch to stand for all others in the softmax; 0 takes all of them. Default:
             0 up to 10,000 entities, 512 above, where all would take too long.

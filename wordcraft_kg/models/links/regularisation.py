@@ -40,6 +40,9 @@ N3 = (0.01, 0.1)
 POPULARITY = (0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
 """Weights of the log counts. At 16 they nearly decide the order alone, and the embeddings break their ties."""
 
+CAUTION = 0.05
+"""Share of the best MRR that is given up for more popularity: the short trainings overfit less than the whole one."""
+
 
 def choose(opened: OpenedGraph, settings: LinkSettings, after_epoch: Callable[[int, int], None]) -> Choice | None:
     """Choose N3 weight and popularity if they are left open and the book is small, or popularity if it is large.
@@ -52,8 +55,8 @@ def choose(opened: OpenedGraph, settings: LinkSettings, after_epoch: Callable[[i
         after_epoch: called with the number of epochs trained and their total; what it raises ends the choice.
 
     Returns:
-        the best candidate by MRR of the held-out triples, with all others; None if there is nothing to choose, or too
-        little to choose on.
+        the candidate with the most popularity of those whose MRR of the held-out triples is nearly the best, with all
+        others; None if there is nothing to choose, or too little to choose on.
     """
     split = opened.split
     if not isinstance(settings, ComplExConfig) or not settings.is_open:
@@ -79,11 +82,13 @@ def choose(opened: OpenedGraph, settings: LinkSettings, after_epoch: Callable[[i
         for n3, row in zip(weights, means, strict=True)
         for popularity, mrr in zip(POPULARITY, row, strict=False)
     ]
-    best = max(candidates, key=lambda candidate: candidate.mrr)
+    enough = (1 - CAUTION) * max(candidate.mrr for candidate in candidates)
+    good = (candidate for candidate in candidates if candidate.mrr >= enough)
+    chosen = max(good, key=lambda candidate: (candidate.popularity, candidate.mrr))
     return Choice(
-        n3=best.n3,
-        popularity=best.popularity,
-        mrr=best.mrr,
+        n3=chosen.n3,
+        popularity=chosen.popularity,
+        mrr=chosen.mrr,
         frequency_mrr=float(means[0, -1]),
         candidates=tuple(candidates),
         folds=len(folds),

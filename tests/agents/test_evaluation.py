@@ -390,3 +390,15 @@ def test_the_scorer_alone_needs_a_scorer(opened):
         player_of(policy_for(opened, 5), "kg-only")
     with pytest.raises(ConfigError, match="trained without a scorer"):
         player_of(policy_for(opened, 5, policy="mlp"), "kg-only")
+
+
+def test_of_very_many_tasks_a_sample_is_played_and_said_to_be_one(opened, monkeypatch, caplog):
+    monkeypatch.setattr(evaluation, "MOST_TASKS", 20)
+    world = World(opened, WordCraftConfig(num_distractors=2))
+    amount = len(world.tasks)
+    evaluator = Evaluator(world, draws=1, limit=20)
+    assert 10 <= len(evaluator.tasks) <= 20 < amount
+    assert len(set(np.diff(evaluator.tasks).tolist())) == 1
+    assert f"{amount:,} train tasks are too many to play: {len(evaluator.tasks)} of them stand for all" in caplog.text
+    assert evaluator(random_entity).figures().tasks == len(evaluator.tasks)
+    assert len(Evaluator(world, limit=None).tasks) == amount

@@ -7,7 +7,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer
+from wordcraft_kg.agents.evaluation import MOST_TASKS, Evaluator, PolicyPlayer
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.errors import TaskError
 from wordcraft_kg.graphs.tasks import TaskPart
@@ -18,7 +18,7 @@ JUDGED: tuple[TaskPart, ...] = ("train", "test")
 """Parts whose tasks a trained agent is evaluated on."""
 DRAWS = 5
 CURVE_TASKS = 4_000
-"""Most tasks of a part that are played for a point of a learning curve; the final evaluation plays all."""
+"""Most tasks of a part that are played for a point of a learning curve; the final evaluation plays all, or far more."""
 
 
 class MetricsFile:
@@ -76,6 +76,6 @@ def evaluators(world: World, *, curve: bool = False) -> dict[TaskPart, Evaluator
     for part in JUDGED:
         with suppress(TaskError):  # a graph whose split holds nothing out has no test tasks
             draws = 1 if curve and part == "train" else DRAWS
-            limit = CURVE_TASKS if curve else None
+            limit = CURVE_TASKS if curve else MOST_TASKS
             found[part] = Evaluator(world.variant(part=part), draws=draws, limit=limit)
     return found

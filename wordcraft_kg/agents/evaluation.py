@@ -1,5 +1,6 @@
 """Evaluating a player: every task of a part, with several fixed draws of distractors and frozen weights."""
 
+import logging
 from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
@@ -19,6 +20,8 @@ from wordcraft_kg.records import Count, Record, Share
 from wordcraft_kg.settings import MAX_SIZE, check_memory, whole
 from wordcraft_kg.statistics import task_bootstrap
 
+MOST_TASKS = 50_000
+"""Most tasks of a part that are played by default; of more, an evenly spaced sample. Figures say how many."""
 EVALUATION_SEED = 0
 """Seed of the distractors: the same for all agents, whatever their own seed."""
 Ending = Literal["goal", "same_twice", "one_right_part", "no_right_part", "no_recipe"]
@@ -137,17 +140,24 @@ class Evaluation:
 class Evaluator:
     """Plays all tasks of a part, or an evenly spaced sample of them, always with the same tables."""
 
-    def __init__(self, world: World, *, draws: int = 5, limit: int | None = None):
+    def __init__(self, world: World, *, draws: int = 5, limit: int | None = MOST_TASKS):
         """Prepare the environments, one for each task.
 
         Args:
             world: graph, tasks and settings.
             draws: draws of distractors for each task.
-            limit: about the most tasks to play, evenly spaced in their order; None plays all.
+            limit: the most tasks to play, evenly spaced in their order; None plays all.
         """
         amount = len(world.tasks)
         step = 1 if limit is None else -(-amount // limit)
         self.tasks = np.arange(0, amount, step)
+        if step > 1 and limit == MOST_TASKS:
+            logging.getLogger(__name__).warning(
+                "%s %s tasks are too many to play: %s of them stand for all.",
+                f"{amount:,}",
+                world.config.part,
+                f"{len(self.tasks):,}",
+            )
         self.draws = whole("draws", draws, 1, MAX_SIZE)
         check_memory("draws", draws, f"the episodes of {len(self.tasks):,} tasks", draws * len(self.tasks) * 11)
         self.engine = BatchEngine(world, len(self.tasks), seed=EVALUATION_SEED)

@@ -20,6 +20,7 @@ from wordcraft_kg.models.scorers.ranking import (
 )
 from wordcraft_kg.models.scorers.scorer import Scorer
 from wordcraft_kg.models.scorers.tables import TableScorer
+from wordcraft_kg.views import link_comparison
 from wordcraft_kg.views.link_comparison import ComparedModel, Contender, LinkComparison, compare
 
 
@@ -91,6 +92,16 @@ def test_the_difference_is_that_of_the_mean_reciprocal_ranks(
     assert found.pop("mrr_ci") is not None
     assert found == {name: value for name, value in asdict(metrics[1]).items() if name != "mrr_ci"}
     assert other.difference_ci[0] <= other.difference <= other.difference_ci[1]
+
+
+def test_of_very_many_queries_a_sample_is_ranked_and_said_to_be_one(
+    frequency: OpenedModel, opened_kitchen: OpenedGraph, monkeypatch: pytest.MonkeyPatch
+):
+    everything = len(opened_kitchen.split.held_out("test"))
+    assert compared(frequency, frequency).sampled_from is None
+    monkeypatch.setattr(link_comparison, "MAX_QUERIES", 80)
+    found = compared(frequency, frequency)
+    assert (found.triples, found.queries, found.sampled_from) == (40, 80, everything)
 
 
 def test_swapping_the_models_turns_the_signs(opened_kitchen: OpenedGraph):

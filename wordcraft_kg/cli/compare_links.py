@@ -66,7 +66,8 @@ def compare_links(
 
 
 def _text(view: "LinkComparison") -> Iterator[str]:
-    yield f"{view.queries:,} queries for unseen triples"
+    sample = "" if view.sampled_from is None else f"a uniform sample of {view.triples:,} of {view.sampled_from:,} "
+    yield f"{view.queries:,} queries for {sample}unseen triples"
     yield from aligned((model.name, _figures(model)) for model in view.models)
     for model in view.models:
         if model.has_seen_the_test_recipes:

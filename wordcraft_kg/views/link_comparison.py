@@ -10,14 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wordcraft_kg.errors import ConfigError, GraphMismatchError, SplitError
+from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.models.links.config import ComplExConfig, LinkSettings, SavedConfig
 from wordcraft_kg.models.links.folder import OpenedModel
+from wordcraft_kg.models.scorers.config import MAX_QUERIES
 from wordcraft_kg.models.scorers.ranking import (
     MIN_TRIPLES,
     RankingMetrics,
     rank_triples,
     ranking_metrics,
     recipe_clusters,
+    sampled,
 )
 from wordcraft_kg.records import Count, Hash, Record, Share
 from wordcraft_kg.settings import MAX_SIZE, whole
@@ -54,7 +57,8 @@ class LinkComparison(Record, omit_defaults=True):
         graph: name of their graph.
         hash: its hash.
         split: hash of its split.
-        triples: unseen test triples.
+        triples: unseen test triples that are ranked.
+        sampled_from: number of those of which they are a uniform sample; left out if all are ranked.
         queries: number of queries, two for each triple.
         resamples: bootstrap resamples of the recipes.
         pairs: number of pairs of models, for which the intervals of differences are corrected (Bonferroni).
@@ -72,6 +76,7 @@ class LinkComparison(Record, omit_defaults=True):
     resamples: Annotated[int, msgspec.Meta(ge=1)]
     pairs: Annotated[int, msgspec.Meta(ge=1)]
     models: Annotated[tuple[ComparedModel, ...], msgspec.Meta(min_length=2)]
+    sampled_from: Count | None = None
     best: str | None = None
     not_told_apart: tuple[str, ...] = ()
     out: str | None = None
@@ -86,7 +91,7 @@ class Contender:
 
 
 def compare(contenders: Sequence[Contender], *, resamples: int = 2_000, seed: int = 0) -> LinkComparison:
-    """Rank the unseen test triples with all models and bootstrap the differences of their reciprocal ranks.
+    """Rank the unseen test triples, or a uniform sample of very many, with all models and bootstrap the differences of their reciprocal ranks.
 
     All are resampled together, one recipe pair at a time: a difference is taken on the same queries, which is much
     more precise than comparing two separate intervals. Of several seeds, the mean reciprocal rank of each query counts;
@@ -107,7 +112,8 @@ def compare(contenders: Sequence[Contender], *, resamples: int = 2_000, seed: in
     for contender in contenders:
         _check_alike(contenders[0].runs[0], contender)
     graph, split = contenders[0].runs[0].opened.graph, contenders[0].runs[0].opened.split
-    queries = split.held_out("test")
+    everything = split.held_out("test")
+    queries = sampled(everything, MAX_QUERIES // 2, seed)
     if len(queries) < MIN_TRIPLES:
         raise SplitError(
             f"only {len(queries)} unseen test triples to compare on; {MIN_TRIPLES} are needed. Build the graph with a "
@@ -123,7 +129,7 @@ def compare(contenders: Sequence[Contender], *, resamples: int = 2_000, seed: in
         means = resampled(gain)
         return means, interval(means, 1 - 0.05 / pairs)
 
-    ranked = [_ranked(contender) for contender in contenders]
+    ranked = [_ranked(contender, queries) for contender in contenders]
     models = [msgspec.structs.replace(model, mrr_ci=interval(resampled(values))) for model, values in ranked]
     reciprocal = [values for _, values in ranked]
     for i in range(1, len(models)):
@@ -150,6 +156,7 @@ def compare(contenders: Sequence[Contender], *, resamples: int = 2_000, seed: in
         queries=len(clusters),
         resamples=resamples,
         pairs=pairs,
+        sampled_from=len(everything) if len(everything) > len(queries) else None,
         models=tuple(models),
         best=None if best is None else models[best].name,
         not_told_apart=tuple(level),
@@ -187,10 +194,9 @@ def _asked_for(run: OpenedModel) -> LinkSettings | SavedConfig:
     return settings if isinstance(settings, SavedConfig) else replace(settings, seed=0)
 
 
-def _ranked(contender: Contender) -> tuple[ComparedModel, NDArray[np.float64]]:
+def _ranked(contender: Contender, queries: Ids) -> tuple[ComparedModel, NDArray[np.float64]]:
     """Return a model's metrics, and the reciprocal rank of each query; both are means over its seeds."""
-    opened = contender.runs[0].opened
-    queries, known = opened.split.held_out("test"), opened.graph.triples
+    known = contender.runs[0].opened.graph.triples
     ranks = [rank_triples(run.scorer, queries, known) for run in contender.runs]
     metrics = [ranking_metrics(one) for one in ranks]
 

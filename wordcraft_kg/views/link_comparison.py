@@ -91,7 +91,9 @@ class Contender:
 
 
 def compare(contenders: Sequence[Contender], *, resamples: int = 2_000, seed: int = 0) -> LinkComparison:
-    """Rank the unseen test triples, or a uniform sample of very many, with all models and bootstrap the differences of their reciprocal ranks.
+    """Rank the unseen test triples with all models and bootstrap the differences of their reciprocal ranks.
+
+    Of very many triples a uniform sample is ranked.
 
     All are resampled together, one recipe pair at a time: a difference is taken on the same queries, which is much
     more precise than comparing two separate intervals. Of several seeds, the mean reciprocal rank of each query counts;

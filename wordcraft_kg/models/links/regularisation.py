@@ -28,7 +28,7 @@ from wordcraft_kg.models.scorers.ranking import MIN_TRIPLES, rank_triples, sampl
 
 SMALL = 2_000
 """Most train recipes of a small book; above it the fixed default was chosen on validation parts."""
-FOLDS = 3
+FOLDS = 4
 """For a small book; a large one has enough to rank in a single one."""
 HELD_OUT = 0.2
 RANKED = 2_000

@@ -79,7 +79,7 @@ def player_of(policy: Policy, kind: str) -> Player:
 
 
 class Success(Record):
-    """A player's success on all tasks of a part.
+    """A player's success on the tasks of a part, all or a sample of them.
 
     Attributes:
         mean: share of episodes that made the goal.
@@ -102,9 +102,10 @@ class Success(Record):
 
 @dataclass(frozen=True)
 class Evaluation:
-    """The episodes of a player: all N tasks of a part, with D draws of distractors each.
+    """The episodes of a player: N tasks of a part, all or a sample of them, with D draws of distractors each.
 
     Attributes:
+        tasks: shape (N,), int64: indices of the tasks in the world's.
         success: shape (N, D), bool: the goal was made within the attempts.
         by_plan: shape (N, D), bool: the last pair of a plan made it.
         picks: shape (N, D), int64: picks until the end.
@@ -112,6 +113,7 @@ class Evaluation:
         last: shape (N, D, 2), int64: the entities of the last pair, the one held first.
     """
 
+    tasks: Ids
     success: NDArray[np.bool_]
     by_plan: NDArray[np.bool_]
     picks: Ids
@@ -184,7 +186,7 @@ class Evaluator:
                 ended = self._ending(held, picked)
                 endings[step.over, draw] = np.where(step.outcome == GOAL, 0, ended)[step.over]
                 last[step.over, draw] = np.column_stack([held, picked])[step.over]
-        return Evaluation(success, by_plan, picks, endings, last)
+        return Evaluation(self.tasks, success, by_plan, picks, endings, last)
 
     def _ending(self, held: Ids, picked: Ids) -> NDArray[np.int64]:
         """Return the code of an attempt that did not make the goal."""
@@ -195,7 +197,7 @@ class Evaluator:
 
 
 def evaluate(player: Policy | Player, graph: GraphLike | World, *, draws: int = 5, **settings: Any) -> Evaluation:
-    """Let a policy (greedily) or any other player play all tasks of a part, by default the test part.
+    """Let a policy (greedily) or any other player play all tasks of a part, of very many a sample.
 
     Args:
         player: a policy of the graph, or a function ``(engine, rng) -> slots``.

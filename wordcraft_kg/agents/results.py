@@ -33,9 +33,11 @@ def write_results(
 
 
 def _episode_lines(world: World, results: Mapping[TaskPart, Evaluation]) -> Iterator[str]:
-    """Yield a line for each task: the task, and how each draw of distractors ended."""
+    """Yield a line for each task that was played: the task, and how each draw of distractors ended."""
     for part, result in results.items():
-        for i, task in enumerate(world.variant(part=part).tasks):
+        tasks = world.variant(part=part).tasks
+        for i, number in enumerate(result.tasks.tolist()):
+            task = tasks[number]
             row = {
                 "part": part,
                 "goal": task.goal,

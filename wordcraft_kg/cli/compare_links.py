@@ -36,7 +36,7 @@ def compare_links(
         others: further ones.
         graph: where the graph is now, if it has moved.
         resamples: number of bootstrap resamples.
-        seed: seed of the bootstrap.
+        seed: seed of the bootstrap, and of the sample of very many queries.
         out: HTML page to write.
         force: replace the page if it exists.
     """

@@ -50,6 +50,7 @@ class Output:
 
     def progress(self, what: str, unit: str = "epoch") -> Progress:
         """Return a progress reporter for the epochs, or other units, of a training."""
+        Progress.close_current()  # a training that stopped early has not reported its end
         return Progress(what, unit=unit, hidden=self.quiet)
 
     @contextmanager

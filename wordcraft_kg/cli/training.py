@@ -55,7 +55,7 @@ def report(trained: "TrainedLinks", output: Output) -> int:
         rows.append(("chosen", str(metrics.choice)))
     if metrics.valid_mrr is not None:
         rows.append(("valid MRR", f"{metrics.valid_mrr:.3f} at best, in epoch {metrics.best_epoch}"))
-    if metrics.choice and metrics.choice.mrr < metrics.choice.frequency_mrr:
+    if metrics.choice and not metrics.choice.beats_counting:
         logging.getLogger(__name__).warning(
             "on held-out train recipes no candidate is better than counting how often an entity occurs; expect no more "
             "of unseen triples."
@@ -291,7 +291,9 @@ def _until_interrupted(outcomes: Iterator[tuple[int, T]], number: int, force: bo
                 raise KeyboardInterrupt
             trained[seed] = outcome
     except KeyboardInterrupt:
-        again = "the same command without --force" if force else "the same command"
-        message = f"interrupted; {len(trained)} of {number} seeds are done, {again} goes on with the others"
+        again = "the same command goes on with the others"
+        if force:
+            again = "the same command begins again; without --force it keeps seeds that were trained before"
+        message = f"interrupted; {len(trained)} of {number} seeds are done, {again}"
         raise KeyboardInterrupt(message) from None
     return trained

@@ -82,7 +82,7 @@ def train_seeds(
 
 
 def _train_seed(folder: Path, config: C, training: SeededTraining[C, T], force: bool) -> T:
-    if force or not folder.exists():
+    if force or not (folder / RUN_FILE).exists():  # without a record it was killed before it had begun
         return training.train(config, folder, force)
     record = training.kind.read_record(folder)
     _check_same(folder, config, record, training)

@@ -407,7 +407,7 @@ class _Judge:
         """Return success on slices of the tasks; none if the agent cannot play with this number of distractors."""
         if distractors not in found:
             return {}
-        return _slices(agent, self.world.tasks, _every(found[distractors]))
+        return _slices(agent, self.world.tasks, found[distractors][0].tasks, _every(found[distractors]))
 
 
 def _entry(
@@ -536,8 +536,9 @@ def _confusions(world: World, found: Sequence[Evaluation]) -> tuple[Confusion, .
     pairs = graph.recipes[:, :2].tolist()
     counts: Counter[tuple[int, int]] = Counter()
     for result in found:
-        for task, draw in np.argwhere(result.endings == code).tolist():
-            counts.update(_confused(result.last[task, draw].tolist(), [pairs[p[-1]] for p in world.tasks.plans[task]]))
+        for row, draw in np.argwhere(result.endings == code).tolist():
+            plans = world.tasks.plans[int(result.tasks[row])]
+            counts.update(_confused(result.last[row, draw].tolist(), [pairs[plan[-1]] for plan in plans]))
     # Ties in the order of the ids, so that the same episodes give the same list.
     most = sorted(counts.items(), key=lambda item: (-item[1], item[0]))[:CONFUSIONS]
     return tuple(Confusion(graph.entities[wanted], graph.entities[picked], times) for (wanted, picked), times in most)
@@ -559,16 +560,18 @@ def _shared_rows(members: list[OpenedAgent], key: str) -> list[tuple[int, list[f
     return [(step, [row[step] for row in rows]) for step in sorted(set.intersection(*map(set, rows)))]
 
 
-def _slices(agent: OpenedAgent, tasks: TaskSet, success: NDArray[np.bool_]) -> dict[Slice, tuple[SliceSuccess, ...]]:
+def _slices(
+    agent: OpenedAgent, tasks: TaskSet, played: Ids, success: NDArray[np.bool_]
+) -> dict[Slice, tuple[SliceSuccess, ...]]:
     """Success by the number of train recipes of the goal, by its layer, and by the scorer's ranks of its links."""
-    graph, split = agent.opened.graph, agent.opened.split
-    made = np.bincount(graph.recipes[split.is_in("train"), 2], minlength=graph.num_entities)[tasks.goals]
-    layer = layers(graph)[tasks.goals]
+    graph, split, goals = agent.opened.graph, agent.opened.split, tasks.goals[played]
+    made = np.bincount(graph.recipes[split.is_in("train"), 2], minlength=graph.num_entities)[goals]
+    layer = layers(graph)[goals]
     groups: dict[Slice, list[tuple[str, NDArray[np.bool_]]]] = {
         "train_recipes": list(binned(made, TRAIN_RECIPES)),
         "layer": [(NEVER, layer < 0), *binned(layer, LAYERS)],
     }
-    ranks = _link_ranks(agent, tasks)
+    ranks = _link_ranks(agent, goals, [tasks.plans[task] for task in played.tolist()])
     if ranks is not None:
         groups["link_rank"] = list(binned(ranks, LINK_RANKS))
     found = {
@@ -582,19 +585,21 @@ def _slices(agent: OpenedAgent, tasks: TaskSet, success: NDArray[np.bool_]) -> d
     return {name: rows for name, rows in found.items() if rows}
 
 
-def _link_ranks(agent: OpenedAgent, tasks: TaskSet) -> Ids | None:
+def _link_ranks(agent: OpenedAgent, goals: Ids, plans: Sequence[Sequence[Sequence[int]]]) -> Ids | None:
     """Return for each task the rank by v of the worse ingredient among all entities, the best over its plans."""
     if ComponentOf.label.name not in agent.policy.sources:
         return None
     source = agent.policy.sources[ComponentOf.label.name]
     recipes, size = agent.opened.graph.recipes, agent.opened.graph.num_entities
-    goals, row_of = np.unique(tasks.goals, return_inverse=True)
-    everything = torch.arange(size).expand(len(goals), size)
-    scores = source(torch.from_numpy(goals), torch.full((len(goals),), size), everything).numpy()
-    ranks = []
-    for number, plans in zip(row_of.tolist(), tasks.plans, strict=True):
-        row = scores[number]
-        ranks.append(min(max(_mean_rank(row, row[part]) for part in recipes[plan[-1], :2]) for plan in plans))
+    everything, nothing = torch.arange(size)[None], torch.tensor([size])
+    ranks = np.empty(len(goals))
+    order = np.argsort(goals, kind="stable")
+    # Goal by goal: the scores of all goals at once would not fit where they are computed from embeddings.
+    for tasks in np.split(order, np.flatnonzero(np.diff(goals[order])) + 1):
+        row = source(torch.tensor([int(goals[tasks[0]])]), nothing, everything)[0].numpy()
+        for task in tasks.tolist():
+            parts = (recipes[plan[-1], :2] for plan in plans[task])
+            ranks[task] = min(max(_mean_rank(row, row[part]) for part in pair) for pair in parts)
     return np.ceil(ranks).astype(np.int64)
 
 

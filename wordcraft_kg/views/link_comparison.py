@@ -102,7 +102,7 @@ def compare(contenders: Sequence[Contender], *, resamples: int = 2_000, seed: in
     Args:
         contenders: two or more; the first is the reference.
         resamples: bootstrap resamples.
-        seed: seed of the bootstrap.
+        seed: seed of the bootstrap, and of the sample of very many queries.
 
     Raises:
         ConfigError: if a setting is out of range, or the seeds of a model were trained with different settings.

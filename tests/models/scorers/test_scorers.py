@@ -23,7 +23,7 @@ from wordcraft_kg.errors import ArtefactError, ConfigError, GraphMismatchError, 
 from wordcraft_kg.graphs import RecipeGraph
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS
-from wordcraft_kg.models.links import builders, training
+from wordcraft_kg.models.links import builders
 from wordcraft_kg.models.links.config import ComplExConfig, LinkModelConfig
 from wordcraft_kg.models.scorers import folder as scorer_folder
 from wordcraft_kg.models.scorers import limits
@@ -496,7 +496,7 @@ def test_a_model_of_embeddings_is_served_from_them_where_a_table_is_too_large(
 ):
     config = LinkModelConfig(model="distmult", dim=4, epochs=2)
     table = load_scorer(train(opened_kitchen, config, tmp_path / "table").folder)
-    for module in (scorer_folder, builders, training):
+    for module in (scorer_folder, builders):
         monkeypatch.setattr(module, "TABLE_LIMIT", 0)
     scorer = load_scorer(train(opened_kitchen, config, tmp_path / "embeddings").folder)
     assert (type(table), type(scorer)) == (TableScorer, ComplExScorer)
@@ -507,7 +507,7 @@ def test_a_model_of_embeddings_is_served_from_them_where_a_table_is_too_large(
 def test_a_model_that_needs_a_table_too_large_is_refused_before_training_with_models_that_do_not(
     opened_kitchen: OpenedGraph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr(training, "TABLE_LIMIT", 0)
+    monkeypatch.setattr(builders, "TABLE_LIMIT", 0)
     with pytest.raises(ConfigError, match=r"'rotate' needs a table of all scores.*distmult, and ComplEx"):
         train(opened_kitchen, LinkModelConfig(model="rotate"), tmp_path / "model")
     assert not (tmp_path / "model").exists()

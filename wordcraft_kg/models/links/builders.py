@@ -44,6 +44,21 @@ def is_factored(name: str) -> bool:
     return issubclass(model_class(name), (ComplExN3, DistMult))
 
 
+def check_table_fits(model: str, num_entities: int) -> None:
+    """Refuse a PyKEEN model that needs a table of all scores where that is too large.
+
+    Raises:
+        ConfigError: with the size, and the models that need no table; or if PyKEEN has no such model.
+    """
+    needed = table_bytes(num_entities)
+    if not is_factored(model) and needed > TABLE_LIMIT:
+        raise ConfigError(
+            f"`model` {model!r} needs a table of all scores, of {needed / 2**30:,.1f} GiB for {num_entities:,} "
+            f"entities; expected at most {TABLE_LIMIT / 2**30:.2f} GiB. Models whose embeddings serve instead: "
+            "distmult, and ComplEx (wordcraft-kg train-complex)."
+        )
+
+
 def scorer_tensors(config: LinkSettings, model: Model, triples: Ids) -> tuple[ScorerKind, dict[str, torch.Tensor]]:
     """Return the kind of scorer that a model becomes that was trained on ``triples``, and the tensors that it needs.
 
@@ -54,6 +69,7 @@ def scorer_tensors(config: LinkSettings, model: Model, triples: Ids) -> tuple[Sc
     if isinstance(config, ComplExConfig):
         return "complex", with_popularity(_embeddings(model), triples, config.popularity or 0.0)
     if table_bytes(model.num_entities) > TABLE_LIMIT:
+        check_table_fits(config.model, model.num_entities)
         return "complex", _embeddings(model)
     return "table", _all_scores(model)
 

@@ -1,6 +1,5 @@
 """Scorers from models that PyKEEN's own pipeline has trained."""
 
-import pickle
 import zlib
 from pathlib import Path
 
@@ -96,7 +95,7 @@ def import_pykeen(
     triples = _read_triples(result, len(entities), len(relations))
     pickled = result / "trained_model.pkl"
     if not pickled.is_file():
-        raise ArtefactError(f"{pickled} is missing; expected a folder written by PyKEEN's `save_to_directory`.")
+        raise ArtefactError(f"{pickled} is missing; expected a folder written by PyKEEN's save_to_directory.")
     if not trust_pickle:
         raise ConfigError(
             f"{pickled} is a pickle: reading it runs whatever code is in it. If it is your own, or you would run its "
@@ -164,7 +163,7 @@ def _read_table(result: Path, name: str, columns: tuple[str, ...]) -> pd.DataFra
     """Return one of the tables of ``training_triples/``; all columns but labels are of ids."""
     path = result / "training_triples" / name
     if not path.is_file():
-        raise ArtefactError(f"{path} is missing; expected a folder written by PyKEEN's `save_to_directory`.")
+        raise ArtefactError(f"{path} is missing; expected a folder written by PyKEEN's save_to_directory.")
     kinds = {column: str if column == "label" else np.int64 for column in columns}
     try:
         return pd.read_csv(path, sep="\t", usecols=list(columns), dtype=kinds, keep_default_na=False)
@@ -179,7 +178,7 @@ def _damaged(result: Path, name: str, reason: str) -> ArtefactError:
 def _unpickled(path: Path) -> Model:
     try:
         model = torch.load(path, map_location="cpu", weights_only=False)
-    except (pickle.UnpicklingError, RuntimeError, ImportError, AttributeError, EOFError, ValueError) as error:
+    except Exception as error:  # whatever classes of another version raise while they are rebuilt
         reason = (str(error) or type(error).__name__).splitlines()[0]
         raise ArtefactError(f"{path} cannot be read ({reason}). Was it written by another version of PyKEEN?") from None
     if not isinstance(model, Model):

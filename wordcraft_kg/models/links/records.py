@@ -2,6 +2,7 @@
 
 from wordcraft_kg.graphs.folder import KG
 from wordcraft_kg.records import Count, Record, Share
+from wordcraft_kg.wording import counted
 
 
 class TraceRow(Record, frozen=True, kw_only=True, omit_defaults=True):
@@ -29,7 +30,7 @@ class Candidate(Record, frozen=True, kw_only=True):
 
 
 class Choice(Record, frozen=True, kw_only=True):
-    """``choice.json``: how the regularisation of a small book was chosen, on train recipes that were held out.
+    """``choice.json``: how the regularisation of a small or large book was chosen, on train recipes held out.
 
     Attributes:
         n3: the chosen weight of the N3 regulariser.
@@ -51,13 +52,18 @@ class Choice(Record, frozen=True, kw_only=True):
     epochs: Count
     queries: Count
 
+    @property
+    def beats_counting(self) -> bool:
+        """Whether any candidate is better than counting alone."""
+        return max(candidate.mrr for candidate in self.candidates) > self.frequency_mrr
+
     def __str__(self) -> str:
         """Say what was chosen and why, in a line."""
         without = max(candidate.mrr for candidate in self.candidates if not candidate.popularity)
         return (
             f"n3 {self.n3:g}, popularity {self.popularity:g}: MRR {self.mrr:.3f} on {self.queries:,} queries of train "
-            f"recipes held out {self.folds} times (counting alone {self.frequency_mrr:.3f}, without popularity "
-            f"{without:.3f})"
+            f"recipes held out {counted(self.folds, 'time')} (counting alone {self.frequency_mrr:.3f}, without "
+            f"popularity {without:.3f})"
         )
 
 

@@ -12,7 +12,7 @@ from wordcraft_kg.artefacts import dump_json, write_atomically
 from wordcraft_kg.errors import ConfigError
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
 from wordcraft_kg.graphs.triples import RELATIONS
-from wordcraft_kg.models.links.builders import is_factored, make_training_loop
+from wordcraft_kg.models.links.builders import check_table_fits, make_training_loop
 from wordcraft_kg.models.links.config import CONFIGS, ComplExConfig, LinkModelConfig, LinksConfig, LinkSettings
 from wordcraft_kg.models.links.epochs import Epochs
 from wordcraft_kg.models.links.fitting import train_epochs
@@ -20,7 +20,6 @@ from wordcraft_kg.models.links.pykeen_bridge import pykeen_guard, quiet_pykeen, 
 from wordcraft_kg.models.links.records import Choice, LinkMetrics, LinkProgress
 from wordcraft_kg.models.links.regularisation import choose
 from wordcraft_kg.models.links.results import OUTPUTS, model_card, write_results
-from wordcraft_kg.models.scorers.limits import TABLE_LIMIT, table_bytes
 from wordcraft_kg.records import as_values, parse_record
 from wordcraft_kg.runs.checkpoints import Checkpoint
 from wordcraft_kg.runs.folder import Progress, RunFolder, RunKind, check_run_output, new_run, resumed_run
@@ -151,7 +150,7 @@ def _for_size(config: LinksConfig, num_entities: int) -> LinksConfig:
 def _with_choice(
     run: RunFolder[LinkProgress], opened: OpenedGraph, config: LinksConfig, progress: Progress | None
 ) -> LinksConfig:
-    """Decide what regularisation is left open, before the run begins; on a small book, write ``choice.json``."""
+    """Decide what regularisation is left open, before the run begins; where it is chosen, write ``choice.json``."""
     settings = config.settings
     if not isinstance(settings, ComplExConfig):
         return config
@@ -160,7 +159,7 @@ def _with_choice(
         if run.interrupted.is_set():
             raise KeyboardInterrupt
         if progress:
-            progress(0, settings.epochs, {"choosing n3": done / total})
+            progress(0, settings.epochs, {"choosing weights": done / total})
 
     choice = choose(opened, settings, after_epoch)
     if choice:
@@ -177,13 +176,7 @@ def _read_choice(run: RunFolder[LinkProgress]) -> Choice | None:
 
 def _check_fit(opened: OpenedGraph, settings: LinkSettings) -> None:
     if isinstance(settings, LinkModelConfig):
-        needed = table_bytes(opened.graph.num_entities)
-        if not is_factored(settings.model) and needed > TABLE_LIMIT:
-            raise ConfigError(
-                f"`model` {settings.model!r} needs a table of all scores, of {needed / 2**30:,.1f} GiB for "
-                f"{opened.graph.num_entities:,} entities; expected at most {TABLE_LIMIT / 2**30:.2f} GiB. Models whose "
-                "embeddings serve instead: distmult, and ComplEx (wordcraft-kg train-complex)."
-            )
+        check_table_fits(settings.model, opened.graph.num_entities)
     if settings.kg == "partial" and opened.split.config.kind == "none":
         raise ConfigError(
             "the split of this graph holds nothing out, so there is no partial graph to train on. Use `kg` full, or "

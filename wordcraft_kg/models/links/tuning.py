@@ -23,7 +23,7 @@ from wordcraft_kg.artefacts import check_output, dump_json, write_atomically
 from wordcraft_kg.errors import OutputExistsError, SplitError, TrainingError
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folder import OpenedGraph
-from wordcraft_kg.models.links.builders import model_class, scorer_tensors
+from wordcraft_kg.models.links.builders import check_table_fits, scorer_tensors
 from wordcraft_kg.models.links.config import MAX_SEED, ComplExConfig, LinkModelConfig, LinkSettings
 from wordcraft_kg.models.links.fitting import fit
 from wordcraft_kg.models.links.folds import split_of_train
@@ -172,7 +172,7 @@ def tune(
     check_device(device)
     space = _Space(model, seed, device)
     if not space.is_complex:
-        model_class(model)
+        check_table_fits(model, opened.graph.num_entities)
     train, valid = _validation_split(opened, valid_ratio, seed)
     search = Search(
         format="wordcraft-kg search 1",

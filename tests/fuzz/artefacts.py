@@ -182,7 +182,7 @@ def _of_tensors(data: bytes, rng: random.Random) -> tuple[str, bytes]:
         "not finite": lambda: {**tensors, name: flat.reshape(tensor.shape)},
         "all not finite": lambda: {**tensors, name: torch.full_like(tensor, 1, dtype=torch.float32) / 0},
         "shorter": lambda: {**tensors, name: flat[:-1].clone()},
-        "transposed": lambda: {**tensors, name: tensor.permute(*range(tensor.ndim)[::-1]).contiguous()},
+        "transposed": lambda: {**tensors, name: tensor.permute(tuple(range(tensor.ndim))[::-1]).contiguous()},
         "flat": lambda: {**tensors, name: flat},
         "whole numbers": lambda: {**tensors, name: torch.ones(tensor.shape, dtype=torch.int64)},
         "halves": lambda: {**tensors, name: tensor.to(torch.float16)},

@@ -127,6 +127,12 @@ def test_an_edited_base_is_noticed(folder):
         open_graph(folder)
 
 
+def test_a_name_that_is_no_text_is_refused(folder):
+    edit(folder / "graph.json", '"name": "kitchen"', '"name": {"a": 1}')
+    with pytest.raises(ArtefactError, match=r"its name is .'a': 1.; expected a text"):
+        open_graph(folder)
+
+
 @pytest.mark.parametrize("name", ["graph.json", "split.json"])
 @pytest.mark.parametrize(
     ("data", "detail"),

@@ -99,7 +99,13 @@ def open_graph(source: str | Path, config: SplitConfig | None = None) -> OpenedG
         except RecipeFileError as error:
             raise ArtefactError(f"{error} The graph folder is damaged; build it again.") from None
         recorded = read_json(folder / "graph.json")
-        graph = RecipeGraph.from_book(replace(book, name=recorded.get("name", book.name)))
+        name = recorded.get("name", book.name)
+        if not isinstance(name, str):
+            raise ArtefactError(
+                f"{folder / 'graph.json'}: its name is {name!r}; expected a text. The graph folder is damaged; "
+                "build it again."
+            )
+        graph = RecipeGraph.from_book(replace(book, name=name))
         if recorded.get("hash") != graph.hash:
             raise ArtefactError(
                 f"{folder / 'graph.json'} is damaged or was edited: its content does not match its hash. "

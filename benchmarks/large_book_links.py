@@ -20,6 +20,7 @@ from wordcraft_kg.graphs import open_graph
 from wordcraft_kg.graphs.triples import RELATIONS, recipe_triples
 from wordcraft_kg.models.links.builders import make_training_loop, scorer_tensors
 from wordcraft_kg.models.links.config import ComplExConfig
+from wordcraft_kg.models.links.fitting import fit
 from wordcraft_kg.models.links.pykeen_bridge import pykeen_guard, quiet_pykeen, triples_factory
 from wordcraft_kg.models.scorers.facts import FrequencyScorer
 from wordcraft_kg.models.scorers.folder import make_scorer
@@ -60,20 +61,10 @@ def quality(graph: str, negatives: list[int], queries: int, config: dict[str, in
     for number in negatives:
         settings = ComplExConfig(negatives=number, **config)
         factory = triples_factory(opened.graph, train)
-        with pykeen_guard(settings.seed, settings.threads), quiet_pykeen():
-            loop = make_training_loop(settings, factory)
-            begun = time.process_time()
-            loop.train(
-                factory,
-                num_epochs=settings.epochs,
-                batch_size=settings.batch_size,
-                use_tqdm=False,
-                use_tqdm_batch=False,
-                pin_memory=False,
-            )
-            seconds = (time.process_time() - begun) / settings.epochs
-        loop.model.eval()
-        scorer = make_scorer(*scorer_tensors(settings, loop.model, train), opened.graph.entities, opened.graph.hash)
+        begun = time.process_time()
+        model = fit(settings, factory, lambda epoch: None)
+        seconds = (time.process_time() - begun) / settings.epochs
+        scorer = make_scorer(*scorer_tensors(settings, model, train), opened.graph.entities, opened.graph.hash)
         name = f"{number:,} sampled" if number else "all entities"
         print(f"{name:<15} MRR {mrr(scorer):.4f}, {seconds:.1f} CPU s an epoch, {peak()}", flush=True)
 

@@ -15,9 +15,9 @@ from typing import Any
 import pytest
 import safetensors.torch
 import torch
+from fuzz.home import mended
 
 from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
-from wordcraft_kg.artefacts import sha256_of
 from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
 
 Run = Callable[..., Any]
@@ -129,20 +129,6 @@ def mutations(path: Path) -> Iterator[tuple[str, bytes]]:
             yield what, json.dumps(content).encode() + newline + rest
         yield "another kind of JSON", b"[1, 2]" + newline + rest
         yield "a number without end", data.replace(b"1", b"1e999", 1)
-
-
-def mended(folder: Path, name: str) -> None:
-    """Record the hash that a file has now, wherever it is on record."""
-    path = folder / name
-    record = path.with_suffix(".json")
-    if path.parent.name == "checkpoints" and path.suffix == ".safetensors":
-        record.write_text(json.dumps({**json.loads(record.read_text()), "sha256": sha256_of(path)}))
-    elif name != "run.json":
-        run = json.loads((folder / "run.json").read_text())
-        for hashes in (run["inputs"], run["outputs"]):
-            if name in hashes:
-                hashes[name] = sha256_of(path)
-        (folder / "run.json").write_text(json.dumps(run))
 
 
 def answers(run: Run, folder: Path, readers: tuple[tuple[str, ...], ...], what: str) -> list[str]:

@@ -204,7 +204,8 @@ class AgentsView(Record):
         distractors: numbers of distractors that were played with.
         headline: the number of distractors of the headline.
         draws: draws of distractors for each task.
-        tasks: number of tasks.
+        tasks: number of tasks that were played.
+        sampled_from: number of those of which they are an even sample; None if all were played.
         agents: the agents; the first is the reference of comparisons.
     """
 
@@ -217,6 +218,7 @@ class AgentsView(Record):
     headline: Count
     draws: Annotated[int, msgspec.Meta(ge=1)]
     tasks: Annotated[int, msgspec.Meta(ge=1)]
+    sampled_from: Count | None
     agents: Annotated[tuple[AgentEntry, ...], msgspec.Meta(min_length=1)]
     baselines: tuple[BaselineSuccess, ...]
     episodes: tuple[AgentEpisodes, ...]
@@ -327,6 +329,7 @@ def view_agents(
         headline=headline,
         draws=draws,
         tasks=len(judge.evaluator(headline).tasks),
+        sampled_from=len(world.tasks) if len(judge.evaluator(headline).tasks) < len(world.tasks) else None,
         agents=tuple(entries),
         baselines=tuple(
             BaselineSuccess(

@@ -561,3 +561,10 @@ def test_settings_can_be_read_without_torch():
     code = "import sys, wordcraft_kg.models.policies.config; print('torch' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
     assert done.stdout.split() == ["False"]
+
+
+@pytest.mark.parametrize("name", ["allow_missing", "kg_only"])
+@pytest.mark.parametrize("value", ["no", 1, None])
+def test_a_truth_value_of_another_type_is_refused(name, value):
+    with pytest.raises(ConfigError, match=f"`{name}` .*: expected true or false"):
+        PolicyConfig(**{name: value})

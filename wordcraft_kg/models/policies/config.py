@@ -6,7 +6,7 @@ from typing import Literal, get_args
 from wordcraft_kg.models.policies.sources import SOURCES
 from wordcraft_kg.models.scorers.config import Scale, SelfEdges
 from wordcraft_kg.models.scorers.features import Pooling
-from wordcraft_kg.settings import MAX_DIM, nearest, one_of, refuse, whole
+from wordcraft_kg.settings import MAX_DIM, nearest, one_of, refuse, require, whole
 
 PolicyKind = Literal["attention", "mlp"]
 Mixing = Literal["softmax", "free"]
@@ -71,6 +71,8 @@ class PolicyConfig:
             one_of(name, getattr(self, name), get_args(kinds))
         for name in ("key_size", "value_size", "hidden_size", "embedding_size"):
             whole(name, getattr(self, name), 1, MAX_DIM)
+        for name in ("allow_missing", "kg_only"):
+            require(self, name, isinstance(getattr(self, name), bool), "true or false")
         _ = self.sources
 
     @property

@@ -22,7 +22,7 @@ EXAMPLES = (
 
 
 def _kinds() -> str:
-    return ", ".join(f"{name} ({about})" for name, (_, about) in SPLITS.items())
+    return ", ".join(f"{name} ({about})" for name, (*_, about) in SPLITS.items())
 
 
 def build_graph(

@@ -1,7 +1,7 @@
 """Splitting recipes into train, validation and test, and the full, partial and unseen triples that result.
 
-A new split is a module in ``split_kinds`` with a function ``(graph, config, rng) -> Draw``, and a line of
-:data:`SPLITS`.
+A new split is a module in ``split_kinds`` with two functions, ``(graph, config, rng) -> Draw`` and
+``(graph) -> units``, and a line of :data:`SPLITS`.
 """
 
 import hashlib
@@ -29,13 +29,14 @@ TRAIN, VALID, TEST = 0, 1, 2
 PARTS = ("train", "valid", "test")
 Part = Literal["train", "valid", "test"]
 SPLITS = {
-    "by-recipe": ("pairs:by_recipe", "pairs are held out, every entity stays in train"),
-    "by-recipe-plain": ("pairs:by_recipe_plain", "pairs are held out, train may lack entities"),
-    "by-goal": ("goals:by_goal", "goals are held out"),
-    "by-goal-terminals": ("goals:by_goal_terminals", "goals that nothing needs stay in train"),
-    "none": ("no_split:none", "full graph only"),
+    "by-recipe": ("pairs:by_recipe", "pairs:pairs", "pairs are held out, every entity stays in train"),
+    "by-recipe-plain": ("pairs:by_recipe_plain", "pairs:pairs", "pairs are held out, train may lack entities"),
+    "by-slot": ("slots:by_slot", "slots:slots", "what each result is made of is held out"),
+    "by-goal": ("goals:by_goal", "goals:goals", "goals are held out"),
+    "by-goal-terminals": ("goals:by_goal_terminals", "goals:goals", "goals that nothing needs stay in train"),
+    "none": ("no_split:none", "pairs:pairs", "full graph only"),
 }
-"""Module and function of each split by name, and what it does, in words."""
+"""Each split by name: where its function is, where that of its units is (what stays together), and its meaning."""
 if TYPE_CHECKING:
     SplitKind = str
 else:
@@ -48,8 +49,8 @@ class SplitConfig:
 
     Attributes:
         kind: what is held out, see :data:`SPLITS`.
-        train_ratio: share kept for training, between 0 and 1, of the pairs (by-recipe, by-recipe-plain) or of the
-            goals (by-goal, by-goal-terminals). 0.8 is the paper's.
+        train_ratio: share kept for training, between 0 and 1, of the pairs (by-recipe, by-recipe-plain), of the
+            goals (by-goal, by-goal-terminals) or of the groups of recipes (by-slot). 0.8 is the paper's.
         valid_ratio: share kept for validation, from 0; the rest, which must not be empty, is the test part.
         seed: seed of the random draw.
 
@@ -224,11 +225,19 @@ def make_split(graph: RecipeGraph, config: SplitConfig) -> Split:
 
 
 def _draw_of(kind: str) -> Callable[[RecipeGraph, SplitConfig, np.random.Generator], Draw]:
-    module, _, name = SPLITS[kind][0].partition(":")
-    found: Callable[[RecipeGraph, SplitConfig, np.random.Generator], Draw] = getattr(
-        import_module(f"wordcraft_kg.graphs.split_kinds.{module}"), name
-    )
+    found: Callable[[RecipeGraph, SplitConfig, np.random.Generator], Draw] = _found(SPLITS[kind][0])
     return found
+
+
+def units_of(graph: RecipeGraph, kind: SplitKind) -> Ids:
+    """Return the number of each recipe's unit, shape (num_recipes,): what a kind of split keeps together."""
+    found: Callable[[RecipeGraph], Ids] = _found(SPLITS[kind][1])
+    return found(graph)
+
+
+def _found(where: str) -> Any:
+    module, _, name = where.partition(":")
+    return getattr(import_module(f"wordcraft_kg.graphs.split_kinds.{module}"), name)
 
 
 def read_split(content: Any, graph: RecipeGraph, where: str = "split.json") -> Split:
@@ -262,7 +271,7 @@ def read_split(content: Any, graph: RecipeGraph, where: str = "split.json") -> S
 
 
 def part_of_units(num_units: int, config: SplitConfig, rng: np.random.Generator) -> NDArray[np.int8]:
-    """Assign ``num_units`` pairs or goals to the parts at random, by rounded ratios."""
+    """Assign ``num_units`` pairs, goals or groups to the parts at random, by rounded ratios."""
     order = rng.permutation(num_units)
     num_train = round(config.train_ratio * num_units)
     num_valid = round(config.valid_ratio * num_units)

@@ -2,13 +2,19 @@
 
 import numpy as np
 
+from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.splits import TRAIN, Draw, SplitConfig, part_of_units
 
 
+def pairs(graph: RecipeGraph) -> Ids:
+    """Return the pair of each recipe."""
+    return graph.pair_of_recipe
+
+
 def by_recipe_plain(graph: RecipeGraph, config: SplitConfig, rng: np.random.Generator) -> Draw:
     """Hold out whole pairs: all results of a pair stay on one side."""
-    return Draw(part_of_units(graph.num_pairs, config, rng)[graph.pair_of_recipe])
+    return Draw(part_of_units(graph.num_pairs, config, rng)[pairs(graph)])
 
 
 def by_recipe(graph: RecipeGraph, config: SplitConfig, rng: np.random.Generator) -> Draw:

@@ -1,0 +1,68 @@
+"""Folds of the train recipes."""
+
+import numpy as np
+import pytest
+from graph_strategies import configs, splittable_graphs
+from hypothesis import assume, given
+from hypothesis import strategies as st
+from test_splits import HELD_OUT_KINDS, drawn
+
+from wordcraft_kg.envs.config import WordCraftConfig
+from wordcraft_kg.envs.world import World
+from wordcraft_kg.errors import ConfigError
+from wordcraft_kg.graphs import SplitConfig, make_split, open_graph
+from wordcraft_kg.graphs.folds import OUTSIDE, SEVERAL, Folds, make_folds
+from wordcraft_kg.graphs.splits import units_of
+from wordcraft_kg.graphs.triples import recipe_triples
+
+
+@given(splittable_graphs(), st.sampled_from(HELD_OUT_KINDS).flatmap(configs))
+def test_folds_partition_the_train_recipes_and_keep_together_what_the_split_keeps_together(graph, config):
+    split = drawn(graph, config)
+    units = units_of(graph, config.kind)
+    train = split.is_in("train")
+    count = len(np.unique(units[train]))
+    assume(count >= 2)
+    folds = make_folds(split, min(3, count))
+    assert ((folds.of_recipe == OUTSIDE) == ~train).all()
+    assert set(folds.of_recipe[train].tolist()) == set(range(folds.count))
+    for unit in np.unique(units[train]):
+        assert len(np.unique(folds.of_recipe[train & (units == unit)])) == 1
+
+
+def test_a_fold_is_unseen_and_nothing_else_of_train_is():
+    split = open_graph("kitchen").split
+    folds = make_folds(split, 4)
+    for fold in range(4):
+        expected = [row for row in range(split.graph.num_recipes) if folds.of_recipe[row] not in (OUTSIDE, fold)]
+        assert np.flatnonzero(folds.seen([fold])).tolist() == expected
+        np.testing.assert_array_equal(folds.triples([fold]), recipe_triples(split.graph.recipes[expected]))
+    np.testing.assert_array_equal(folds.triples(), split.partial)
+
+
+@pytest.mark.parametrize("depth", [1, 2])
+def test_a_task_has_the_fold_of_all_its_recipes_or_none(depth):
+    opened = open_graph("kitchen")
+    folds = make_folds(opened.split, 3)
+    tasks = World(opened, WordCraftConfig(part="train", depth=depth, num_distractors=0)).tasks
+    found = folds.of_tasks(tasks)
+    for plans, fold in zip(tasks.plans, found.tolist(), strict=True):
+        of_rows = {int(folds.of_recipe[row]) for plan in plans for row in plan}
+        assert fold == (of_rows.pop() if len(of_rows) == 1 else SEVERAL)
+    # At depth 1, too: cream + cream makes butter, so cream + salt is a task with two plans.
+    assert (found != SEVERAL).any()
+    assert (found == SEVERAL).any()
+
+
+def test_the_same_seed_gives_the_same_folds_and_their_hash_names_them():
+    split = open_graph("kitchen").split
+    first, again, other = (make_folds(split, 5, seed) for seed in (0, 0, 1))
+    np.testing.assert_array_equal(first.of_recipe, again.of_recipe)
+    assert first.hash == again.hash != other.hash
+    assert first.hash != Folds(make_split(split.graph, SplitConfig(seed=1)), 5, 0, first.of_recipe.copy()).hash
+
+
+@pytest.mark.parametrize("count", [0, 1, 10_000, 2.5])
+def test_a_number_of_folds_that_cannot_be_is_refused(count):
+    with pytest.raises(ConfigError, match="folds"):
+        make_folds(open_graph("kitchen").split, count)

@@ -1,0 +1,86 @@
+"""Folds of the train recipes, so that a model of the others can answer for those of a fold (cross-fitting).
+
+What is kept together is what the split holds out together: the recipes of a pair, or those of a goal. So the recipes
+of a fold are to a model of the other folds what the test recipes are to a model of all train recipes.
+"""
+
+import hashlib
+from collections.abc import Collection
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wordcraft_kg.graphs.arrays import Ids, frozen
+from wordcraft_kg.graphs.splits import Split, units_of
+from wordcraft_kg.graphs.tasks import TaskSet
+from wordcraft_kg.graphs.triples import recipe_triples
+from wordcraft_kg.settings import refuse, whole
+
+OUTSIDE = -1
+"""Fold of a recipe that is not in train."""
+SEVERAL = -1
+"""Fold of a task whose recipes lie in several folds."""
+
+
+class Folds:
+    """The train recipes of a split, cut into K folds.
+
+    Attributes:
+        split: the split.
+        count: K.
+        seed: seed of the draw.
+        of_recipe: shape (num_recipes,), int64: fold of each recipe, :data:`OUTSIDE` for those outside train.
+    """
+
+    def __init__(self, split: Split, count: int, seed: int, of_recipe: Ids):
+        """Bind a draw to its split; most callers want :func:`make_folds`."""
+        self.split, self.count, self.seed = split, count, seed
+        self.of_recipe = frozen(of_recipe)
+
+    def seen(self, left_out: Collection[int] = ()) -> NDArray[np.bool_]:
+        """Return which recipes are in train and in none of the folds left out, shape (num_recipes,)."""
+        return self.split.is_in("train") & ~np.isin(self.of_recipe, list(left_out))
+
+    def triples(self, left_out: Collection[int] = ()) -> Ids:
+        """Return the triples of the recipes :meth:`seen`, shape (T, 3), sorted."""
+        return frozen(recipe_triples(self.split.graph.recipes[self.seen(left_out)]))
+
+    def of_tasks(self, tasks: TaskSet) -> Ids:
+        """Return the fold in which all recipes of a task's plans lie, shape (N,); :data:`SEVERAL` if there is none."""
+        found = np.full(len(tasks), SEVERAL, dtype=np.int64)
+        for task, plans in enumerate(tasks.plans):
+            folds = {int(self.of_recipe[row]) for plan in plans for row in plan}
+            if len(folds) == 1:
+                found[task] = folds.pop()
+        return found
+
+    @cached_property
+    def hash(self) -> str:
+        """SHA-256 of the split's hash and every recipe's fold, in hexadecimal."""
+        return hashlib.sha256(self.split.hash.encode() + self.of_recipe.tobytes()).hexdigest()
+
+
+def make_folds(split: Split, count: int, seed: int = 0) -> Folds:
+    """Cut the train recipes into folds of about as many pairs (or goals) each, at random.
+
+    Raises:
+        ConfigError: for fewer than two folds, or more than there are pairs (or goals).
+
+    Example:
+        >>> folds = make_folds(open_graph("kitchen").split, 5)
+        >>> np.bincount(folds.of_recipe[folds.of_recipe >= 0]).tolist()
+        [54, 54, 55, 53, 52]
+    """
+    whole("folds", count, 2)
+    rows = np.flatnonzero(split.is_in("train"))
+    units, of_row = np.unique(units_of(split.graph, split.config.kind)[rows], return_inverse=True)
+    if count > len(units):
+        raise refuse(
+            "folds", count, f"2 to {len(units):,}, the number of units of the train recipes that a fold can hold"
+        )
+    fold_of_unit = np.empty(len(units), dtype=np.int64)
+    fold_of_unit[np.random.default_rng([seed, count]).permutation(len(units))] = np.arange(len(units)) % count
+    of_recipe = np.full(split.graph.num_recipes, OUTSIDE, dtype=np.int64)
+    of_recipe[rows] = fold_of_unit[of_row]
+    return Folds(split, count, seed, of_recipe)

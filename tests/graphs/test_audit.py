@@ -1,13 +1,14 @@
 from collections import Counter
+from dataclasses import replace
 
 import graph_oracles as oracles
 import pytest
 from graph_strategies import configs, splittable_graphs
-from hypothesis import assume, given
+from hypothesis import given
+from test_splits import HELD_OUT_KINDS, drawn
 
-from wordcraft_kg.errors import SplitError
 from wordcraft_kg.graphs import RecipeBook, RecipeGraph, SplitConfig, audit, make_split
-from wordcraft_kg.graphs.audit import SHOWN
+from wordcraft_kg.graphs.audit import SHOWN, one_ingredient_away
 from wordcraft_kg.records import as_values
 
 
@@ -84,14 +85,26 @@ def test_the_audit_of_a_graph_without_its_book_says_nothing_of_dropped_rows():
     assert not rows.keys() & as_values(audit(graph, split)).keys()
 
 
-@pytest.mark.parametrize("kind", ["by-recipe", "by-goal"])
+@pytest.mark.parametrize("kind", HELD_OUT_KINDS)
+@given(graph=splittable_graphs(), config=configs("by-recipe"))
+def test_nearness_to_train_equals_counts_over_labels(kind, graph, config):
+    split = drawn(graph, replace(config, kind=kind))
+    train, test = (graph.recipe_labels(split.recipes(part)) for part in ("train", "test"))
+    made = {result for *_, result in train}
+    found = as_values(audit(graph, split))["split"]
+    assert found["test_goals"] == len({result for *_, result in test})
+    assert found["test_goals_in_train"] == len({result for *_, result in test} & made)
+    near = [any(r.result == known.result and {*r[:2]} & {*known[:2]} for known in train) for r in test]
+    assert found["one_ingredient_away"] == sum(near)
+    assert one_ingredient_away(split).tolist() == near
+    if kind in ("by-slot", "by-goal", "by-goal-terminals"):
+        assert not any(near)
+
+
+@pytest.mark.parametrize("kind", HELD_OUT_KINDS)
 @given(graph=splittable_graphs(), config=configs("by-recipe"))
 def test_leakage_counts_equal_sets_of_triples(kind, graph, config):
-    config = SplitConfig(kind, config.train_ratio, config.valid_ratio, config.seed)
-    try:
-        split = make_split(graph, config)
-    except SplitError:
-        assume(False)
+    split = drawn(graph, replace(config, kind=kind))
     of = {part: oracles.triples(graph.recipe_labels(split.recipes(part))) for part in ("train", "valid", "test")}
     evaluated = of["test"] - of["train"] - of["valid"]
     found = as_values(audit(graph, split))

@@ -81,6 +81,7 @@ def test_the_kitchen_is_the_book_that_was_published(kitchen):
     [
         ("by-recipe", "62faec6fe06217e84565be30e46c521126ff7701dc233ed1690aa14cad22d0b7"),
         ("by-recipe-plain", "66473333a27f415d10e124396a3bed46d9c5f17cba65e27ce5d982d634eb6716"),
+        ("by-slot", "fc341139e3aa95fc859fa66cd33341aa833cd507e322e4e509aebf1cac6d506d"),
         ("by-goal", "566741cd3cbdc0033b8f348f8235d47b31a83120148c1427d230ea1ee9bffe77"),
         ("by-goal-terminals", "07c884f04ff290a60d408d5d0cf0029f29c8d8f9ec784ac2bef5c0a69c7e8c20"),
         ("none", "d598958fe9302c32f980219c352839a17e8b2165f9b4677d49d19c98be8f992d"),
@@ -156,7 +157,7 @@ def test_little_alchemy_2_by_name_has_the_five_base_entities(alchemy_home, alche
     assert graph.name == "little-alchemy-2"
 
 
-@pytest.mark.parametrize("kind", ["by-recipe", "by-recipe-plain", "by-goal", "by-goal-terminals"])
+@pytest.mark.parametrize("kind", ["by-recipe", "by-recipe-plain", "by-slot", "by-goal", "by-goal-terminals"])
 def test_no_evaluated_triple_of_little_alchemy_2_is_in_train(alchemy, kind):
     found = audit(alchemy, make_split(alchemy, SplitConfig(kind)))
     for row in found.leakage.values():

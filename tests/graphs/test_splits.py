@@ -2,6 +2,7 @@ import json
 import math
 from collections import defaultdict
 from dataclasses import replace
+from itertools import combinations
 from typing import get_args
 
 import graph_oracles as oracles
@@ -12,6 +13,7 @@ from hypothesis import assume, given, settings
 
 from wordcraft_kg.errors import ArtefactError, ConfigError, GraphMismatchError, SplitError
 from wordcraft_kg.graphs import SPLITS, RecipeGraph, Split, SplitConfig, make_split
+from wordcraft_kg.graphs.split_kinds.slots import slots
 from wordcraft_kg.graphs.splits import PARTS, SplitKind, read_split
 from wordcraft_kg.graphs.triples import RELATIONS
 
@@ -159,6 +161,27 @@ def test_in_a_by_goal_split_every_recipe_follows_its_result_in_exact_shares(grap
     assert sides.count(1) == round(config.valid_ratio * len(sides))
 
 
+@given(splittable_graphs(), configs("by-slot"))
+def test_in_a_by_slot_split_no_ingredient_and_result_of_a_held_out_recipe_occur_in_an_earlier_part(graph, config):
+    split = drawn(graph, config)
+    seen = [{(x, r.result) for r in graph.recipe_labels(split.recipes(part)) for x in r[:2]} for part in PARTS]
+    assert not any(one & other for one, other in combinations(seen, 2))
+
+
+@given(splittable_graphs(), configs("by-slot"))
+def test_the_groups_of_a_by_slot_split_are_as_small_as_they_can_be_and_drawn_in_exact_shares(graph, config):
+    # Merge groups that share a slot until none do: a slow search for the connected components.
+    groups = [({row}, {(x, r.result) for x in r[:2]}) for row, r in enumerate(graph.recipe_labels())]
+    while found := next(((g, h) for g, h in combinations(groups, 2) if g[1] & h[1]), None):
+        groups = [g for g in groups if g not in found] + [tuple(one | other for one, other in zip(*found, strict=True))]
+    units, parts = slots(graph), drawn(graph, config).parts
+    assert {frozenset(np.flatnonzero(units == unit).tolist()) for unit in units} == {frozenset(g) for g, _ in groups}
+    sides = [set(parts[list(rows)].tolist()) for rows, _ in groups]
+    assert all(len(side) == 1 for side in sides)
+    assert sides.count({0}) == round(config.train_ratio * len(groups))
+    assert sides.count({1}) == round(config.valid_ratio * len(groups))
+
+
 @given(splittable_graphs(), configs("by-goal-terminals"))
 def test_a_split_by_goal_with_terminals_keeps_every_terminal_goal_in_train(graph, config):
     split = drawn(graph, config)
@@ -231,7 +254,7 @@ def test_an_unknown_split_is_refused_with_the_nearest_ones():
         SplitConfig("by-goals")
 
 
-@pytest.mark.parametrize("kind", ["by-recipe", "by-recipe-plain", "by-goal"])
+@pytest.mark.parametrize("kind", ["by-recipe", "by-recipe-plain", "by-slot", "by-goal"])
 def test_a_graph_too_small_for_the_ratios_is_refused(kind):
     graph = RecipeGraph.from_recipes([("a", "b", "c")])
     with pytest.raises(SplitError, match=rf"the test part of a {kind} split of 1 recipes is empty; .*`kind` none"):

@@ -444,7 +444,7 @@ def test_entities_that_training_lacks_fail_the_coverage_check(kitchen_model: Ope
     assert graph.entities[split.uncovered[0]] in detail(values, "coverage")
 
 
-@pytest.mark.parametrize("kind", ["by-recipe", "by-recipe-plain", "by-goal", "by-goal-terminals"])
+@pytest.mark.parametrize("kind", ["by-recipe", "by-recipe-plain", "by-slot", "by-goal", "by-goal-terminals"])
 def test_a_report_of_every_split_is_valid_and_free_of_leaks(kitchen_model: OpenedModel, kind: str):
     graph = kitchen_model.opened.graph
     split = make_split(graph, SplitConfig(kind=kind, train_ratio=0.5, valid_ratio=0.1))

@@ -48,7 +48,7 @@ def build_graph(
         base: comma-separated base entities; may be repeated. Default: the book's own, or else the entities without a
             recipe.
         base_file: text file with one base entity per line.
-        train_ratio: share of the pairs (or goals) kept for training, between 0 and 1.
+        train_ratio: share of the pairs (or goals, or groups of recipes) kept for training, between 0 and 1.
         valid_ratio: share kept for validation; the rest is the test part.
         seed: seed of the split.
         keep_self_results: keep rows whose result is one of their own ingredients.

@@ -22,6 +22,10 @@ def split_rows(split: "SplitSummary") -> list[tuple[str, str]]:
         ("split", f"{split.kind} {'/'.join(f'{share:.0%}' for share in shares)}, seed {split.seed}: {sizes}"),
         ("unseen", f"{counted(split.unseen_triples, 'triple')}; leaked and left out: {split.leaked_triples:,}"),
     ]
+    goals, test = (max(number, 1) for number in (split.test_goals, split.test_recipes))
+    known = f"{split.test_goals_in_train / goals:.0%} of {counted(split.test_goals, 'test goal')} made in train"
+    share = f"{split.one_ingredient_away / test:.0%} of the test recipes"
+    rows.append(("near train", f"{known}; {share} share an ingredient and the result with a train recipe"))
     if split.moved_for_coverage:
         rows.append(("moved", f"{counted(split.moved_for_coverage, 'recipe')} to train, to cover every entity"))
     if split.uncovered:

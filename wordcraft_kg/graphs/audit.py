@@ -2,13 +2,14 @@
 
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.planner import layers, rounds
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.recipes import RecipeBook
 from wordcraft_kg.graphs.splits import Split
-from wordcraft_kg.graphs.triples import RELATIONS, Relation, is_in
+from wordcraft_kg.graphs.triples import COMPONENT_OF, RELATIONS, Relation, is_in
 from wordcraft_kg.progress import stage
 from wordcraft_kg.records import Count, Hash, Record
 
@@ -96,6 +97,11 @@ class SplitSummary(Record):
         uncovered: entities that are in none.
         moved_for_coverage: recipes moved to train for that.
         pairs_on_both_sides: pairs with results in more than one part.
+        test_goals: goals that test recipes make.
+        test_goals_in_train: those of them that train recipes make, too.
+        one_ingredient_away: test recipes that share an ingredient and the result with a train recipe, which counting
+            who else makes the result can find. This and the line above tell what kind of generalisation a split asks
+            for: most by recipe, none by slot, and by goal not even a known goal.
     """
 
     kind: str
@@ -115,6 +121,9 @@ class SplitSummary(Record):
     uncovered_entities: tuple[str, ...]
     moved_for_coverage: Count
     pairs_on_both_sides: Count
+    test_goals: Count
+    test_goals_in_train: Count
+    one_ingredient_away: Count
 
 
 class Leakage(Record):
@@ -192,6 +201,7 @@ def split_summary(split: Split) -> SplitSummary:
     """Return settings and sizes of a split."""
     train, valid, test = np.bincount(split.parts, minlength=3).tolist()
     evaluated = split.held_out("test")
+    goals = np.unique(split.recipes("test")[:, 2])
     return SplitSummary(
         kind=split.config.kind,
         seed=split.config.seed,
@@ -210,7 +220,17 @@ def split_summary(split: Split) -> SplitSummary:
         uncovered_entities=split.graph.labels(split.uncovered[:SHOWN]),
         moved_for_coverage=split.moved_for_coverage,
         pairs_on_both_sides=split.pairs_on_both_sides,
+        test_goals=len(goals),
+        test_goals_in_train=int(np.sum(np.isin(goals, split.recipes("train")[:, 2]))),
+        one_ingredient_away=int(np.sum(one_ingredient_away(split))),
     )
+
+
+def one_ingredient_away(split: Split) -> NDArray[np.bool_]:
+    """Return which test recipes share an ingredient and the result with a train recipe, shape (num_test,)."""
+    test = split.recipes("test")
+    slots = np.insert(test[:, [0, 2, 1, 2]].reshape(-1, 2), 1, COMPONENT_OF, axis=1)
+    return np.asarray(is_in(slots, split.partial, split.graph.num_entities).reshape(-1, 2).any(axis=1))
 
 
 def leakage(split: Split) -> dict[Relation, Leakage]:

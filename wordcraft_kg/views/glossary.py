@@ -64,6 +64,12 @@ GLOSSARY: dict[str, Term] = {
         "do not "
         "combine with themselves. It can be kept, kept where training has it (observed), or dropped.",
     ),
+    "one_away": Term(
+        "Graphs",
+        "one ingredient away",
+        "Sharing an ingredient and the result with a train recipe, so that only the other ingredient is new. Most test"
+        " recipes of a split by recipe are; none is if the split is by slot or by goal.",
+    ),
     "near_synonym": Term(
         "Graphs",
         "near-synonym",

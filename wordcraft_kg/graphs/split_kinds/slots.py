@@ -2,6 +2,13 @@
 
 In a split by recipe nine of ten test recipes differ from a train recipe in one ingredient, so that counting who else
 makes the result with the other one goes a long way. Here it does not.
+
+Most goals are one group of recipes that hang together, so this split is nearly one by goal: on the built-in everyday
+book 34 % of the test goals have another group in train, on Little Alchemy 2 15 %. To hold out groups of goals with
+several of them first raises that to 100 and 65 %, but was not taken. Such goals are few, so different seeds share half
+of their test part; a goal with unlike ways of being made is an odd one, on which word vectors find less than on
+whole new goals; and train keeps next to no goal with two groups, so that no part of it could be held out in the same
+way, as choosing settings and cross-fitting do.
 """
 
 import numpy as np
@@ -30,6 +37,6 @@ def slots(graph: RecipeGraph) -> Ids:
 
 
 def by_slot(graph: RecipeGraph, config: SplitConfig, rng: np.random.Generator) -> Draw:
-    """Hold out groups of recipes between which no result has an ingredient in common."""
+    """Hold out groups of recipes: every recipe is in the part of its group, see :func:`slots`."""
     group = slots(graph)
     return Draw(part_of_units(group.max(initial=-1) + 1, config, rng)[group])

@@ -2,11 +2,12 @@
 
     python benchmarks/link_quality.py settings little-alchemy-2     # sweep, judged on validation parts of other splits
     python benchmarks/link_quality.py neighbours little-alchemy-2   # the same for the neighbour baseline
+    python benchmarks/link_quality.py votes little-alchemy-2        # and for the vote count
     python benchmarks/link_quality.py test little-alchemy-2         # the defaults on the test parts of splits 0, 1, 2
 
 The columns of the test are filtered MRRs on unseen triples: ComplEx; ComplEx on those triples whose recipe no train
-recipe nearly repeats; entities with the same neighbours, likewise; frequency; and the train triples as a knowledge
-graph of facts, which knows no unseen triple.
+recipe nearly repeats; entities with the same neighbours, likewise; votes; frequency; and the train triples as a graph
+of facts, which knows no unseen triple.
 
 The sweep never ranks a test triple (they are only filtered from the candidates), and its splits (seeds 10, 11, 12) are
 not those of the test (0, 1, 2).
@@ -19,6 +20,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
+from feature_probe import count_votes, result_ranks
 
 from wordcraft_kg.graphs import RecipeBook, RecipeGraph, Split, SplitConfig, make_split, open_book
 from wordcraft_kg.graphs.folder import write_graph_folder
@@ -30,6 +32,7 @@ from wordcraft_kg.models.scorers.folder import load_scorer
 from wordcraft_kg.models.scorers.near_synonyms import near_synonym_recipes, near_synonym_triples
 from wordcraft_kg.models.scorers.neighbours import NeighbourScorer
 from wordcraft_kg.models.scorers.ranking import rank_triples, ranking_metrics
+from wordcraft_kg.models.scorers.votes import VoteScorer
 
 WEIGHTS = (0.05, 0.075, 0.1, 0.125, 0.2)
 RATES = (0.1, 0.2)
@@ -61,9 +64,23 @@ def sweep_neighbours(graph: RecipeGraph) -> None:
         print(f"a neighbour of n entities weighs n ** -{power}: validation MRR {np.mean(found):.4f}, mean of 3 splits")
 
 
+def sweep_votes(graph: RecipeGraph) -> None:
+    for unseen in (0.0001, 0.001, 0.01, 0.1, 1.0):
+        found = []
+        for seed in (10, 11, 12):
+            split = make_split(graph, SplitConfig(seed=seed, valid_ratio=0.1))
+            scorer = VoteScorer(graph, split.recipes("train"), unseen=unseen)
+            links = rank_triples(scorer, split.held_out("valid"), graph.triples)
+            recipes = split.recipes("valid")
+            results = result_ranks(graph, recipes, count_votes(scorer, recipes))
+            found.append([ranking_metrics(links).mrr, np.mean(1 / results)])
+        of_links, of_results = np.mean(found, axis=0)
+        print(f"unseen {unseen}: validation MRR {of_links:.4f}, of the results of pairs {of_results:.4f}, 3 splits")
+
+
 def test(graph: RecipeGraph, folder: Path) -> None:
     features = glove_features(graph.entities)
-    columns = ("ComplEx", "no near-synonym", "neighbours", "no near-synonym", "frequency", "facts only")
+    columns = ("ComplEx", "no near-synonym", "neighbours", "no near-synonym", "votes", "frequency", "facts only")
     print("filtered MRR   " + "".join(f"{name:>17}" for name in columns) + "   ComplEx hits@1, @10")
     rows = []
     for seed in (0, 1, 2):
@@ -72,7 +89,11 @@ def test(graph: RecipeGraph, folder: Path) -> None:
         queries = split.held_out("test")
         ranks = rank_triples(load_scorer(trained.folder), queries, graph.triples)
         repeated = near_synonym_triples(graph, near_synonym_recipes(split, features), queries)
-        baselines = [kind(graph, split.partial) for kind in (FrequencyScorer, SymbolicScorer)]
+        baselines = [
+            VoteScorer(graph, split.recipes("train")),
+            FrequencyScorer(graph, split.partial),
+            SymbolicScorer(graph, split.partial),
+        ]
         beside = rank_triples(NeighbourScorer(graph, split.partial), queries, graph.triples)
         found = ranking_metrics(ranks)
         rows.append(
@@ -108,7 +129,7 @@ def _row(values: Iterable[float]) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=["settings", "neighbours", "test"])
+    parser.add_argument("what", choices=["settings", "neighbours", "votes", "test"])
     parser.add_argument("book", nargs="?", default="little-alchemy-2")
     parser.add_argument("--epochs", type=int, default=100, help="of the sweep")
     arguments = parser.parse_args()
@@ -118,6 +139,8 @@ def main() -> None:
             sweep(graph, Path(folder), arguments.epochs)
         elif arguments.what == "neighbours":
             sweep_neighbours(graph)
+        elif arguments.what == "votes":
+            sweep_votes(graph)
         else:
             test(graph, Path(folder))
 

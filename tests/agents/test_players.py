@@ -9,6 +9,7 @@ from wordcraft_kg.agents.players import (
     fact_sources,
     knowledge_player,
     knowledge_players,
+    pair_player,
     play_all,
     random_distinct,
     random_entity,
@@ -19,7 +20,8 @@ from wordcraft_kg.envs.batch import BatchEngine
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.errors import GraphMismatchError
-from wordcraft_kg.graphs import open_graph
+from wordcraft_kg.graphs import SplitConfig, make_split, open_graph
+from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.models.policies.sources.source import make_sources
 from wordcraft_kg.models.scorers.facts import FrequencyScorer, SymbolicScorer
 from wordcraft_kg.models.scorers.tables import TableScorer
@@ -65,13 +67,53 @@ def test_chance_is_what_it_should_be(opened):
 
 
 def test_more_knowledge_wins_more(opened):
-    players = knowledge_players(opened.graph, opened.split.partial)
+    players = knowledge_players(opened.split)
     table = play_all(World(opened, WordCraftConfig(part="test")), players, (1, 8), draws=10)
     for distractors in (1, 8):
         order = ["full KG, v", "full KG, u+v", "full KG, u+v, no self edges", "recipe oracle"]
         rates = [success(table, player, distractors) for player in order]
         assert rates == sorted(rates)
         assert success(table, "full KG, u+v", distractors) > success(table, "partial KG, u+v", distractors)
+
+
+@pytest.mark.parametrize("cells", [1, 40, 1_000_000])
+def test_the_pair_player_picks_a_best_pair_of_the_table_whatever_is_scored_at_a_time(opened, monkeypatch, cells):
+    monkeypatch.setattr("wordcraft_kg.agents.players.CELLS", cells)
+    graph, world = opened.graph, World(opened, WordCraftConfig(part="test", num_distractors=3))
+    scores = torch.rand((graph.num_entities,) * 3, generator=torch.Generator().manual_seed(0))
+    scores = (scores + scores.transpose(0, 1)) / 2
+    engine = BatchEngine(world, 50, seed=0)
+    engine.pose(np.arange(50), 0)
+    table, goals = engine.table.copy(), engine.goal.tolist()
+    player, rng = pair_player(lambda a, b, c: scores[a, b, c]), np.random.default_rng(0)
+    picks = []
+    for _ in range(2):
+        slots = player(engine, rng)
+        picks.append(table[np.arange(50), slots].tolist())
+        engine.step_once(slots)
+    for row, goal, one, other in zip(table.tolist(), goals, *picks, strict=True):
+        there = [entity for entity in row if entity != graph.num_entities]
+        assert float(scores[one, other, goal]) == max(float(scores[a, b, goal]) for a in there for b in there)
+
+
+def test_a_pair_of_two_entities_comes_before_one_of_the_same_score_with_itself(opened):
+    indifferent = pair_player(lambda a, b, c: torch.zeros(torch.broadcast_shapes(a.shape, b.shape, c.shape)))
+    players = {"indifferent": indifferent, "random, distinct": random_distinct}
+    table = play_all(World(opened, WordCraftConfig(part="all")), players, (1,), draws=40)
+    assert success(table, "indifferent") == pytest.approx(success(table, "random, distinct"), abs=0.02)
+
+
+def test_votes_make_more_goals_than_chance_and_no_more_where_no_slot_of_the_goal_is_known(opened):
+    by_slot = make_split(opened.graph, SplitConfig("by-slot"))
+    found = []
+    for split in (opened.split, by_slot):
+        players = {name: knowledge_players(split)[name] for name in ("partial KG, votes", "random, distinct")}
+        world = World(OpenedGraph(opened.graph, split, "kitchen"), WordCraftConfig(part="test"))
+        table = play_all(world, players, (1,), draws=20)
+        found.append([success(table, name) for name in players])
+    (by_recipe, chance), (without, same) = found
+    assert by_recipe > chance + 0.2
+    assert without == pytest.approx(same, abs=0.05)
 
 
 def test_all_players_see_the_same_tables_and_the_seed_decides_them(opened):
@@ -168,5 +210,5 @@ def test_little_alchemy_2_gives_the_reference_figures(alchemy_table, player, dis
 @pytest.fixture(scope="module")
 def alchemy_table(alchemy_path):
     opened = open_graph(alchemy_path)
-    players = knowledge_players(opened.graph, opened.split.partial)
+    players = knowledge_players(opened.split)
     return play_all(World(opened, WordCraftConfig(part="test")), players, (1, 8))

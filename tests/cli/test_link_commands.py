@@ -367,7 +367,7 @@ def test_evaluate_links_prints_one_object_with_the_headline_and_its_baselines(ru
     for metric in ("mrr", "hits@1", "hits@3", "hits@10"):
         assert set(values[metric]) == SLICES
         assert all(0 <= value <= 1 for value in values[metric].values())
-    assert set(values["baselines"]) == {"frequency", "neighbours", "random"}
+    assert set(values["baselines"]) == {"frequency", "votes", "neighbours", "random"}
     assert {"queries", "leaked_left_out", "mrr_with_leaked", "report"} <= set(values)
     assert 0 < values["mrr_without_near_synonyms"] < 1
     split = open_graph(workshop / "graph").split

@@ -39,6 +39,7 @@ from wordcraft_kg.models.scorers.ranking import (
     recipe_clusters,
 )
 from wordcraft_kg.models.scorers.tables import TableScorer
+from wordcraft_kg.models.scorers.votes import VoteScorer
 from wordcraft_kg.records import as_values
 from wordcraft_kg.reports.link_report import make_link_report, report_schema
 from wordcraft_kg.reports.report import Report, render, write_report
@@ -174,12 +175,18 @@ def test_with_leaked_is_the_ranking_of_all_triples_of_the_test_recipes(values: V
     assert values["leaked_left_out"] == len(candidates) - values["triples"] > 0
 
 
-def test_the_baselines_are_frequency_and_neighbours_in_train_and_expected_chance(
+def test_the_baselines_are_frequency_votes_and_neighbours_in_train_and_expected_chance(
     values: Values, kitchen_model: OpenedModel
 ):
     split, graph = kitchen_model.opened.split, kitchen_model.opened.graph
-    for name, kind in (("frequency", FrequencyScorer), ("neighbours", NeighbourScorer)):
-        ranks = rank_triples(kind(graph, split.partial), split.held_out("test"), graph.triples)
+    baselines = {
+        "frequency": FrequencyScorer(graph, split.partial),
+        "votes": VoteScorer(graph, split.recipes("train")),
+        "neighbours": NeighbourScorer(graph, split.partial),
+    }
+    assert {*values["baselines"]} == {*baselines, "random"}
+    for name, scorer in baselines.items():
+        ranks = rank_triples(scorer, split.held_out("test"), graph.triples)
         found = values["baselines"][name]["all"]
         assert {key: value for key, value in found.items() if key != "mrr_ci"} == as_values(ranking_metrics(ranks))
         assert found["mrr_ci"][0] <= found["mrr"] <= found["mrr_ci"][1]
@@ -195,7 +202,7 @@ def test_every_slice_of_the_drill_down_has_an_interval(values: Values):
 
 def test_the_model_is_compared_with_each_baseline_query_by_query(values: Values, kitchen_model: OpenedModel):
     comparisons = values["comparisons"]
-    found = {name: values["baselines"][name]["all"]["mrr"] for name in ("neighbours", "frequency", "random")}
+    found = {name: values["baselines"][name]["all"]["mrr"] for name in ("neighbours", "votes", "frequency", "random")}
     assert [row["baseline"] for row in comparisons] == sorted(found, key=found.get, reverse=True)
     for row in comparisons:
         assert row["difference"] == pytest.approx(values["metrics"]["all"]["mrr"] - found[row["baseline"]])
@@ -704,11 +711,11 @@ def test_a_large_graph_has_a_report_without_the_map(kitchen_model: OpenedModel, 
 def test_a_large_graph_has_a_report_that_says_what_it_leaves_out(
     kitchen_model: OpenedModel, kitchen_report: LinkReport, monkeypatch: pytest.MonkeyPatch
 ):
-    assert "this report has no neighbour baseline" not in " ".join(render(kitchen_report).split())
+    assert "this report has no neighbour and vote baselines" not in " ".join(render(kitchen_report).split())
     monkeypatch.setattr("wordcraft_kg.views.links.MAP_LIMIT", kitchen_model.opened.graph.num_entities - 1)
     report = make_link_report(kitchen_model.scorer, kitchen_model.opened)
     assert report.view.without_pairs
-    assert "this report has no neighbour baseline" in " ".join(render(report).split())
+    assert "this report has no neighbour and vote baselines" in " ".join(render(report).split())
 
 
 # --- a sample of the queries -----------------------------------------------------------------------------------------

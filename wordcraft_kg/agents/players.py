@@ -10,16 +10,18 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from wordcraft_kg.agents.states import States, states_of
+from wordcraft_kg.agents.states import states_of
 from wordcraft_kg.envs.batch import GOAL, BatchEngine
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
+from wordcraft_kg.graphs.splits import Split
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
 from wordcraft_kg.models.policies.sources.source import ScoreView, make_sources
 from wordcraft_kg.models.scorers.facts import SymbolicScorer
 from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
 from wordcraft_kg.models.scorers.scales import SelfEdges
+from wordcraft_kg.models.scorers.votes import VoteScorer
 from wordcraft_kg.progress import steps
 from wordcraft_kg.records import Count, Record, Share
 from wordcraft_kg.settings import whole
@@ -28,8 +30,10 @@ from wordcraft_kg.statistics import task_bootstrap
 Player = Callable[[BatchEngine, np.random.Generator], Ids]
 SlotScores = Callable[[Tensor, Tensor, Tensor, Tensor | None], Tensor]
 """Scores of slots by goal, selection, table and task, such as a source's."""
-ROWS = 4_096
-"""States whose pairs of slots are scored at a time: there are A² of them in a state of A slots."""
+RecipeScores = Callable[[Tensor, Tensor, Tensor], Tensor]
+"""Scores of recipes ``a + b -> c`` by the ids of a, b and c, which broadcast against each other."""
+CELLS = 200_000
+"""Pairs of slots that are scored at a time: there are A² of them in a state of A slots."""
 
 
 def random_entity(engine: BatchEngine, rng: np.random.Generator) -> Ids:
@@ -71,41 +75,34 @@ def knowledge_player(sources: Sequence[SlotScores]) -> Player:
     return pick
 
 
-def pair_player(of_pairs: SlotScores, of_parts: SlotScores) -> Player:
-    """Return a player that picks the pair with the highest ``u + v_a + v_b``, if possible of two different entities.
+def pair_player(score_recipes: RecipeScores) -> Player:
+    """Return a player that picks the pair most likely to make the goal, if possible of two different entities.
+
+    With an empty hand the score of a slot is that of its best pair on the table.
 
     Args:
-        of_pairs: u, which scores slots with the entity in hand.
-        of_parts: v, which scores slots with the goal.
+        score_recipes: scores of recipes ``a + b -> c`` by the ids of a, b and c, which broadcast against each other.
     """
 
+    def of_pairs(a: Tensor, b: Tensor, goal: Tensor, nothing: int) -> Tensor:
+        """Score pairs of entities, -inf where b is nothing; shape by broadcasting, float64."""
+        last = nothing - 1
+        scores = score_recipes(a.clamp(max=last), b.clamp(max=last), goal).double() - 1e-6 * (a == b)
+        return scores.masked_fill(b == nothing, -torch.inf)
+
     def pick(engine: BatchEngine, rng: np.random.Generator) -> Ids:
-        goal, selection, table, task = states_of(engine)
-        scores = _with_another(of_pairs(goal, selection, table, task), table, selection)
-        scores += of_parts(goal, selection, table, task)
-        for rows in torch.nonzero(selection == engine.nothing).flatten().split(ROWS):
-            states = States(goal[rows], selection[rows], table[rows], None if task is None else task[rows])
-            scores[rows] = _of_best_pair(states, of_pairs, of_parts, engine.nothing)
+        goal, selection, table, _ = states_of(engine)
+        scores = of_pairs(selection[:, None], table, goal[:, None], engine.nothing)
+        begins = torch.nonzero(selection == engine.nothing).flatten()
+        # Most slots of a large book may be for results that nobody has made yet.
+        slots = torch.nonzero((table[begins] != engine.nothing).any(0)).flatten()
+        for rows in begins.split(max(1, CELLS // len(slots) ** 2)) if len(slots) else ():
+            there = table[rows][:, slots]
+            pairs = of_pairs(there[:, :, None], there[:, None, :], goal[rows, None, None], engine.nothing)
+            scores[rows[:, None], slots] = pairs.max(dim=2).values
         return _best(np.where(engine.action_masks(), scores.numpy(), -np.inf), rng)
 
     return pick
-
-
-def _of_best_pair(states: States, of_pairs: SlotScores, of_parts: SlotScores, nothing: int) -> Tensor:
-    """Return the score of each slot's best pair with any entity on the table, shape (B, A)."""
-    goal, _, table, task = states
-    parts = of_parts(*states)
-    best = torch.full(table.shape, -torch.inf, dtype=torch.float64)
-    for slot in torch.nonzero((table != nothing).any(0)).flatten().tolist():
-        held = table[:, slot]
-        pairs = _with_another(of_pairs(goal, held, table, task), table, held) + parts + parts[:, slot, None]
-        best = torch.where((held != nothing)[:, None], torch.maximum(best, pairs), best)
-    return best
-
-
-def _with_another(scores: Tensor, table: Tensor, held: Tensor) -> Tensor:
-    """Return scores in which a pair of one entity with itself comes after others of the same score."""
-    return scores.double() - 1e-6 * (table == held[:, None])
 
 
 def fact_sources(graph: RecipeGraph, triples: Ids) -> dict[str, SlotScores]:
@@ -131,9 +128,20 @@ def fact_sources(graph: RecipeGraph, triples: Ids) -> dict[str, SlotScores]:
     return {"u": u, "v": v}
 
 
-def knowledge_players(graph: RecipeGraph, partial: Ids) -> dict[str, Player]:
-    """Return the players of the reference table: chance, symbolic partial and full knowledge graphs, and the oracle."""
-    some, everything = fact_sources(graph, partial), fact_sources(graph, graph.triples)
+def fact_recipes(graph: RecipeGraph, triples: Ids) -> RecipeScores:
+    """Return how many of the links between a, b and c a set of triples has, from 0 to 3."""
+    facts = SymbolicScorer(graph, triples)
+
+    def score(a: Tensor, b: Tensor, c: Tensor) -> Tensor:
+        return facts.score(a, COMBINES_WITH, b) + facts.score(a, COMPONENT_OF, c) + facts.score(b, COMPONENT_OF, c)
+
+    return score
+
+
+def knowledge_players(split: Split) -> dict[str, Player]:
+    """Return the players of the reference table: chance, votes, symbolic partial and full graphs, and the oracle."""
+    graph = split.graph
+    some, everything = fact_sources(graph, split.partial), fact_sources(graph, graph.triples)
     loops = (graph.triples[:, 1] == COMBINES_WITH) & (graph.triples[:, 0] == graph.triples[:, 2])
     no_self = fact_sources(graph, graph.triples[~loops])
     return {
@@ -141,11 +149,12 @@ def knowledge_players(graph: RecipeGraph, partial: Ids) -> dict[str, Player]:
         "random, distinct": random_distinct,
         "partial KG, v": knowledge_player([some["v"]]),
         "partial KG, u+v": knowledge_player([some["u"], some["v"]]),
+        "partial KG, votes": pair_player(VoteScorer(graph, split.recipes("train")).score_recipes),
         "full KG, v": knowledge_player([everything["v"]]),
         "full KG, u": knowledge_player([everything["u"]]),
         "full KG, u+v": knowledge_player([everything["u"], everything["v"]]),
         "full KG, u+v, no self edges": knowledge_player([no_self["u"], no_self["v"]]),
-        "full KG, best pair": pair_player(everything["u"], everything["v"]),
+        "full KG, best pair": pair_player(fact_recipes(graph, graph.triples)),
         "recipe oracle": recipe_oracle,
     }
 

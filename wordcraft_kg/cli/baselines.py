@@ -30,7 +30,7 @@ def baselines(
     seed: int = 0,
     output: Output = Output(),
 ) -> None:
-    """Let scripted players play all tasks of a part: chance, symbolic knowledge graphs, a scorer, the oracle.
+    """Let scripted players play all tasks of a part: chance, votes, symbolic graphs, a scorer, the oracle.
 
     Args:
         graph: graph folder, book's file, or known book's name.

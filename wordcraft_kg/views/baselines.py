@@ -55,7 +55,7 @@ def view_baselines(
         seed: seed of the draws and of ties.
         progress: see :func:`~wordcraft_kg.agents.players.play_all`.
     """
-    players = knowledge_players(opened.graph, opened.split.partial)
+    players = knowledge_players(opened.split)
     if model is not None:
         name, trained = model
         named = scorer_players(opened.graph, trained.scorer, opened.triples(trained.kg))

@@ -122,6 +122,12 @@ GLOSSARY: dict[str, Term] = {
         "frequency rule",
         "Baseline without training: entities by how often they occur in the training triples.",
     ),
+    "votes": Term(
+        "Links",
+        "vote count",
+        "Baseline without training: how often each ingredient has been in a train recipe of the result. It knows which"
+        " entity is which, and no word; triples get what is left when the rest of the recipe is summed out.",
+    ),
     "neighbours": Term(
         "Links",
         "neighbour rule",

@@ -45,6 +45,7 @@ from wordcraft_kg.models.scorers.ranking import (
     slice_masks,
     with_interval,
 )
+from wordcraft_kg.models.scorers.votes import VoteScorer
 from wordcraft_kg.records import Count, Hash, Record, Share
 from wordcraft_kg.settings import refuse, whole
 from wordcraft_kg.statistics import bootstrap, interval
@@ -323,6 +324,8 @@ class JudgedLinks:
         """Rankings of the same queries by baselines that know the same triples, by name."""
         scorers: dict[str, TripleScorer] = {"frequency": FrequencyScorer(self.graph, self.trained_on)}
         if self.has_table:
+            recipes = self.graph.recipes if self.is_full else self.opened.split.recipes("train")
+            scorers["votes"] = VoteScorer(self.graph, recipes)
             scorers["neighbours"] = NeighbourScorer(self.graph, self.trained_on)
         return {name: rank_triples(scorer, self.queries, self.graph.triples) for name, scorer in scorers.items()}
 

@@ -34,6 +34,7 @@ from wordcraft_kg.models.scorers.neighbours import NeighbourScorer
 from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
 from wordcraft_kg.models.scorers.scorer import Scorer
 from wordcraft_kg.models.scorers.tables import TableScorer
+from wordcraft_kg.models.scorers.votes import VoteScorer
 
 GRAPH = random_graph(num_entities=12, num_recipes=30)
 SIZE = GRAPH.num_entities
@@ -55,6 +56,7 @@ SCORERS: dict[str, Scorer] = {
     "table": COMPLEX.to_table(),
     "symbolic": SymbolicScorer(GRAPH, GRAPH.triples),
     "frequency": FrequencyScorer(GRAPH, GRAPH.triples[::2]),
+    "votes": VoteScorer(GRAPH, GRAPH.recipes[::2]),
 }
 any_scorer = pytest.mark.parametrize("scorer", SCORERS.values(), ids=SCORERS)
 any_relation = pytest.mark.parametrize("relation", range(len(RELATIONS)), ids=RELATIONS)

@@ -92,7 +92,7 @@ def make_features(
     - ``glove``: the built-in vectors, see :func:`glove_features`;
     - ``one-hot``: row i is the i-th unit vector, D = E;
     - ``random``: Laplace noise of mean 0 and standard deviation .4, D = 300; row i depends on the seed and i only;
-    - ``shuffled:<any spec>``: its rows, assigned to the entities at random: the control for whether meaning matters;
+    - ``shuffled:<any spec>``: its rows, assigned to the entities at random: no meaning, but entities still differ;
     - the path of a text file, gzipped or not, with a line ``word v1 ... vD`` for each word, like GloVe's, and perhaps a
       first line ``count D``, like word2vec's (so a first line of two whole numbers is always taken as this header);
     - the path of an ``.npy`` file, floats of shape (N, D), with its N labels, one per line, beside it in

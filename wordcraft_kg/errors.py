@@ -59,6 +59,10 @@ class GraphMismatchError(ArtefactError):
     """Two artefacts belong to different recipe graphs or different splits."""
 
 
+class LeakError(WordCraftKGError, RuntimeError):
+    """A train task would be scored by a model that has been trained on its recipes."""
+
+
 class TrainingError(WordCraftKGError, ArithmeticError):
     """A training cannot continue, because its numbers are no longer finite."""
 

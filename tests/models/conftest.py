@@ -37,14 +37,14 @@ def validated_kitchen(kitchen_folder: Path) -> OpenedGraph:
 def complex_folder(opened_kitchen: OpenedGraph, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A ComplEx model of the kitchen; read only, see `spoilt`."""
     out = tmp_path_factory.mktemp("models") / "kitchen"
-    return train(opened_kitchen, ComplExConfig(dim=8, epochs=4, n3=0.1), out).folder
+    return train(opened_kitchen, ComplExConfig(dim=8, epochs=4, n3=0.1, folds=0), out).folder
 
 
 @pytest.fixture(scope="session")
 def distmult_folder(opened_kitchen: OpenedGraph, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A model whose scorer is a table; read only."""
     out = tmp_path_factory.mktemp("models") / "kitchen-distmult"
-    config = LinkModelConfig(model="distmult", loop="symmetric", dim=4, epochs=2)
+    config = LinkModelConfig(model="distmult", loop="symmetric", dim=4, epochs=2, folds=0)
     return train(opened_kitchen, config, out).folder
 
 

@@ -17,7 +17,7 @@ from wordcraft_kg.models.links.training import resume_links, train_links
 from wordcraft_kg.runs.record import read_run
 from wordcraft_kg.runs.trackers import TRACKERS, checked_trackers
 
-LINKS = LinksConfig("kitchen", ComplExConfig(dim=4, epochs=3, checkpoint_every=1))
+LINKS = LinksConfig("kitchen", ComplExConfig(dim=4, epochs=3, checkpoint_every=1, folds=0))
 AGENT = AgentConfig(
     "kitchen", trainer=ImpalaConfig(steps=1_600, batch_size=16, log_every=400, eval_every=800, checkpoint_every=400)
 )

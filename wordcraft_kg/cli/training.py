@@ -53,6 +53,9 @@ def report(trained: "TrainedLinks", output: Output) -> int:
     ]
     if metrics.choice:
         rows.append(("chosen", str(metrics.choice)))
+    if metrics.fold_mrr is not None:
+        figures = f"{metrics.fold_mrr:.3f} where they were not in training, {metrics.fold_in_sample_mrr:.3f} where"
+        rows.append(("folds", f"{metrics.folds}; MRR of train triples {figures} they were"))
     if metrics.valid_mrr is not None:
         rows.append(("valid MRR", f"{metrics.valid_mrr:.3f} at best, in epoch {metrics.best_epoch}"))
     if metrics.choice and not metrics.choice.beats_counting:

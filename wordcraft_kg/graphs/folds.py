@@ -11,6 +11,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from wordcraft_kg.errors import GraphMismatchError
 from wordcraft_kg.graphs.arrays import Ids, frozen
 from wordcraft_kg.graphs.splits import Split, units_of
 from wordcraft_kg.graphs.tasks import TaskSet
@@ -48,17 +49,36 @@ class Folds:
 
     def of_tasks(self, tasks: TaskSet) -> Ids:
         """Return the fold in which all recipes of a task's plans lie, shape (N,); :data:`SEVERAL` if there is none."""
-        found = np.full(len(tasks), SEVERAL, dtype=np.int64)
-        for task, plans in enumerate(tasks.plans):
-            folds = {int(self.of_recipe[row]) for plan in plans for row in plan}
-            if len(folds) == 1:
-                found[task] = folds.pop()
-        return found
+        return fold_of_tasks(self.of_recipe, tasks)
 
     @cached_property
     def hash(self) -> str:
         """SHA-256 of the split's hash and every recipe's fold, in hexadecimal."""
         return hashlib.sha256(self.split.hash.encode() + self.of_recipe.tobytes()).hexdigest()
+
+
+def fold_of_tasks(of_recipe: Ids, tasks: TaskSet) -> Ids:
+    """Return the fold in which all recipes of a task's plans lie, shape (N,); :data:`SEVERAL` if there is none.
+
+    Args:
+        of_recipe: fold of each recipe, shape (num_recipes,).
+        tasks: tasks of the train part.
+
+    Raises:
+        GraphMismatchError: if a plan uses a recipe in no fold: then the tasks are of another part, or another split.
+    """
+    found = np.full(len(tasks), SEVERAL, dtype=np.int64)
+    fold_of = of_recipe.tolist()
+    for task, plans in enumerate(tasks.plans):
+        folds = {fold_of[row] for plan in plans for row in plan}
+        if OUTSIDE in folds:
+            raise GraphMismatchError(
+                f"{tasks.part} task {task:,} uses a recipe that is in none of the folds. Take the train tasks of the "
+                "split that the folds were made for, or train the model again on this one."
+            )
+        if len(folds) == 1:
+            found[task] = folds.pop()
+    return found
 
 
 def make_folds(split: Split, count: int, seed: int = 0) -> Folds:

@@ -6,6 +6,7 @@ starting ingredients, and no plan of fewer attempts, even one that uses other re
 :mod:`~wordcraft_kg.graphs.task_search` finds such tasks.
 """
 
+import hashlib
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -90,6 +91,13 @@ class TaskSet:
 
     def __iter__(self) -> Iterator[Task]:
         return (self[index] for index in range(len(self)))
+
+    @cached_property
+    def hash(self) -> str:
+        """SHA-256 of all that decides which task has which number, in hexadecimal."""
+        known = hashlib.sha256(f"{self.graph.hash} {self.depth} {self.part} {self.plans}".encode())
+        known.update(self.starts.tobytes())
+        return known.hexdigest()
 
     @cached_property
     def intermediates(self) -> Ids:

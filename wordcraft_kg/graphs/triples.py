@@ -1,5 +1,6 @@
 """The two relations of a recipe graph, and triples as arrays of ids."""
 
+import hashlib
 from collections.abc import Iterator, Sequence
 from typing import Literal
 
@@ -46,6 +47,11 @@ def triple_keys(triples: Ids, num_entities: int) -> Ids:
     """Return one int64 per triple that identifies it and sorts like (relation, head, tail)."""
     head, relation, tail = triples.T
     return (relation * num_entities + head) * num_entities + tail
+
+
+def triples_hash(triples: Ids) -> str:
+    """Return the SHA-256 of triples in their order, in hexadecimal."""
+    return hashlib.sha256(np.ascontiguousarray(triples, dtype="<i8").tobytes()).hexdigest()
 
 
 def is_in(triples: Ids, others: Ids, num_entities: int) -> NDArray[np.bool_]:

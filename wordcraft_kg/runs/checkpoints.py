@@ -45,9 +45,12 @@ class Checkpoints(Generic[P]):
         last: number of the checkpoint last saved or loaded, None if there is none yet.
     """
 
-    def __init__(self, run_folder: Path, unit: str, progress: type[P]):
-        """Take the run's folder, the unit that numbers checkpoints (epoch, step), and the type of their progress."""
-        self.run_folder, self.unit, self.progress = run_folder, unit, progress
+    def __init__(self, run_folder: Path, unit: str, progress: type[P], *, kept: int | None = KEPT):
+        """Take the run's folder, the unit that numbers checkpoints (epoch, step), and the type of their progress.
+
+        Of the last ones as many as ``kept`` are kept; None keeps all, whatever the order in which they are saved.
+        """
+        self.run_folder, self.unit, self.progress, self.kept = run_folder, unit, progress, kept
         self.folder = run_folder / "checkpoints"
         self.last: int | None = None
 
@@ -57,7 +60,7 @@ class Checkpoints(Generic[P]):
         return dict(sorted(((int(match[1]), path) for match, path in found if match), reverse=True))
 
     def save(self, number: int, tensors: Mapping[str, "Tensor"], progress: P) -> None:
-        """Write a checkpoint, then its record; then remove all but the last two."""
+        """Write a checkpoint, then its record; then remove all but those that are kept."""
         import safetensors.torch
 
         self.folder.mkdir(exist_ok=True)
@@ -67,9 +70,11 @@ class Checkpoints(Generic[P]):
         record = CheckpointRecord(sha256=hashlib.sha256(data).hexdigest(), progress=progress)
         write_atomically(path.with_suffix(".json"), dump_json(as_values(record)), durable=True)
         self.last = number
+        if self.kept is None:
+            return
         known = self.records()
         # Checkpoints with a higher number were damaged: the run was resumed from an earlier one.
-        kept = [other for other in known if other <= number][:KEPT]
+        kept = [other for other in known if other <= number][: self.kept]
         for other, old in known.items():
             if other not in kept:
                 old.unlink()
@@ -84,7 +89,7 @@ class Checkpoints(Generic[P]):
         damaged: list[ArtefactError] = []
         for number, path in self.records().items():
             try:
-                found = self._read(number, path)
+                found = self.read(number)
             except ArtefactError as error:
                 damaged.append(error)
                 continue
@@ -100,9 +105,15 @@ class Checkpoints(Generic[P]):
         """Remove all checkpoints; a finished run has results instead."""
         shutil.rmtree(self.folder, ignore_errors=True)
 
-    def _read(self, number: int, path: Path) -> Checkpoint[P]:
+    def read(self, number: int) -> Checkpoint[P]:
+        """Return one checkpoint.
+
+        Raises:
+            ArtefactError: if it is missing or damaged.
+        """
         from wordcraft_kg.tensors import read_tensors
 
+        path = self.folder / f"{self.unit}-{number}.json"
         record: CheckpointRecord[P] = read_record(path, CheckpointRecord[self.progress])  # type: ignore[name-defined]
         tensors = path.with_suffix(".safetensors")
         data = read_large_file(tensors)

@@ -31,15 +31,17 @@ from wordcraft_kg.models.scorers.folder import load_scorer
 from wordcraft_kg.models.scorers.ranking import rank_triples, ranking_metrics
 from wordcraft_kg.records import as_values
 
-SHORT = ComplExConfig(dim=8, epochs=5, n3=0.1)
+SHORT = ComplExConfig(dim=8, epochs=5, n3=0.1, folds=0)
 RESUMED: dict[str, LinkSettings] = {
     "complex": SHORT,
     "complex with validation": replace(SHORT, eval_every=1),
     "complex with validation and patience": replace(SHORT, eval_every=2, patience=1),
     "complex with a checkpoint each epoch": replace(SHORT, checkpoint_every=1),
-    "distmult by softmax": LinkModelConfig(model="distmult", loop="symmetric", dim=4, epochs=5),
-    "distmult by negatives": LinkModelConfig(model="distmult", dim=4, epochs=5, negatives=3),
-    "rotate by negatives, with validation": LinkModelConfig(model="rotate", dim=4, epochs=5, negatives=3, eval_every=2),
+    "distmult by softmax": LinkModelConfig(model="distmult", loop="symmetric", dim=4, epochs=5, folds=0),
+    "distmult by negatives": LinkModelConfig(model="distmult", dim=4, epochs=5, negatives=3, folds=0),
+    "rotate by negatives, with validation": LinkModelConfig(
+        model="rotate", dim=4, epochs=5, negatives=3, eval_every=2, folds=0
+    ),
 }
 IN_ANOTHER_PROCESS = """
 import sys
@@ -47,7 +49,7 @@ from pathlib import Path
 from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
 from wordcraft_kg.models.links.training import train_links
 
-train_links(LinksConfig("kitchen", ComplExConfig(dim=8, epochs=5, n3=0.1)), Path(sys.argv[1]))
+train_links(LinksConfig("kitchen", ComplExConfig(dim=8, epochs=5, n3=0.1, folds=0)), Path(sys.argv[1]))
 """
 
 
@@ -186,7 +188,7 @@ def test_the_config_file_read_back_gives_an_equal_configuration(
 
 
 def test_the_config_file_keeps_every_digit_of_a_number(opened_kitchen: OpenedGraph, tmp_path: Path):
-    config = ComplExConfig(dim=4, epochs=1, n3=1e-17, init_scale=0.1 + 0.2, learning_rate=1 / 3, negatives=0)
+    config = ComplExConfig(dim=4, epochs=1, n3=1e-17, init_scale=0.1 + 0.2, learning_rate=1 / 3, negatives=0, folds=0)
     folder = train(opened_kitchen, config, tmp_path / "model").folder
     assert LinksConfig.read(folder) == LinksConfig("kitchen", config)
 
@@ -270,7 +272,7 @@ def test_the_full_graph_is_remembered(opened_kitchen: OpenedGraph, tmp_path: Pat
 
 def test_training_works_outside_the_main_thread(opened_kitchen: OpenedGraph, tmp_path: Path, complex_folder: Path):
     found = []
-    config = ComplExConfig(dim=8, epochs=4, n3=0.1)
+    config = ComplExConfig(dim=8, epochs=4, n3=0.1, folds=0)
     thread = threading.Thread(target=lambda: found.append(train(opened_kitchen, config, tmp_path / "model")))
     thread.start()
     thread.join()

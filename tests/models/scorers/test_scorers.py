@@ -496,7 +496,7 @@ def test_what_needs_all_pairs_is_refused_with_their_size_before_it_is_computed(m
 def test_a_model_of_embeddings_is_served_from_them_where_a_table_is_too_large(
     opened_kitchen: OpenedGraph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    config = LinkModelConfig(model="distmult", dim=4, epochs=2)
+    config = LinkModelConfig(model="distmult", dim=4, epochs=2, folds=0)
     table = load_scorer(train(opened_kitchen, config, tmp_path / "table").folder)
     for module in (scorer_folder, builders):
         monkeypatch.setattr(module, "TABLE_LIMIT", 0)

@@ -8,7 +8,7 @@ from wordcraft_kg.errors import ArtefactError, ConfigError
 from wordcraft_kg.graphs.folder import KG
 from wordcraft_kg.records import Record
 from wordcraft_kg.runs.config_file import read_config, write_config
-from wordcraft_kg.settings import LARGEST, MAX_DIM, MAX_SIZE, MAX_THREADS, number_in, one_of, positive, whole
+from wordcraft_kg.settings import LARGEST, MAX_DIM, MAX_SIZE, MAX_THREADS, number_in, one_of, positive, require, whole
 
 PAPER_DIM = 128
 MAX_SEED = 2**32 - 1
@@ -19,6 +19,8 @@ FULL_SOFTMAX = 10_000
 """Most entities for which ComplEx's softmax is over all of them by default."""
 NEGATIVES = 512
 """Entities that are sampled for each batch above that number."""
+FOLDS = 5
+"""Folds of cross-fitting by default; their draw is the same for all models of a split."""
 
 
 @dataclass(frozen=True)
@@ -33,6 +35,9 @@ class TrainingConfig:
         patience: rankings without a better validation MRR before training stops and returns to the best epoch; 0
             never stops early.
         checkpoint_every: epochs between checkpoints.
+        folds: parts of the train recipes for cross-fitting: for each, one more model is trained on all others, so that
+            an agent's train tasks can be scored by a model that has not seen their recipes; 0 trains none. Default: 5
+            on the partial graph, as far as it can be cut into so many; 0 on the full one.
         seed: root seed of the initial parameters and the batches.
         device: torch device to train on, such as cpu or cuda.
         threads: CPU threads; 1 is rarely slower for models this small, and much faster on a busy machine.
@@ -46,6 +51,7 @@ class TrainingConfig:
     eval_every: int = 0
     patience: int = 0
     checkpoint_every: int = 10
+    folds: int | None = None
     seed: int = 0
     device: str = "cpu"
     threads: int = 1
@@ -62,6 +68,14 @@ class TrainingConfig:
         for name in ("eval_every", "patience"):
             whole(name, getattr(self, name), 0)
         whole("seed", self.seed, 0, MAX_SEED)
+        if self.folds is not None:
+            whole("folds", self.folds, 0, MAX_SIZE)
+            require(self, "folds", self.folds != 1, "0 for none, or 2 or more")
+        if self.kg == "full" and self.folds:
+            raise ConfigError(
+                f"`folds` {self.folds} needs `kg` partial: the full graph has no recipes that stay unseen, so there is "
+                "nothing to be honest about."
+            )
         if self.kg == "full" and self.eval_every:
             raise ConfigError("`eval_every` needs `kg` partial: the full graph contains the validation triples.")
         if self.patience and not self.eval_every:

@@ -51,6 +51,7 @@ class Epochs(TrainingCallback):
         self._valid = sampled_for(opened.graph, opened.split.held_out("valid")) if settings.eval_every else None
         self._batches = -(-len(opened.triples(settings.kg)) // settings.batch_size)
         self._batch = 0
+        self._total = settings.epochs * (1 + (settings.folds or 0))
         self._best: dict[str, Tensor] = {}
         self._clock = self._reported = time.perf_counter()
 
@@ -64,7 +65,7 @@ class Epochs(TrainingCallback):
             minutes = (now - self._clock) / done / 60
             left = minutes * (self.settings.epochs - epoch + 1 - done)
             figures = {f"of epoch {epoch}": done, "minutes an epoch": minutes, "minutes left": left}
-            self.report(epoch - 1, self.settings.epochs, figures)
+            self.report(epoch - 1, self._total, figures)
 
     def post_epoch(self, epoch: int, epoch_loss: float, **kwargs: Any) -> None:
         """Do what is due after an epoch, and stop training if it was the last one."""
@@ -84,7 +85,7 @@ class Epochs(TrainingCallback):
         self._clock += time.perf_counter() - begun  # a tracker's time is not the epoch's
         if self.report:
             figures = {"epoch": epoch, "loss": epoch_loss, "valid_mrr": row.valid_mrr, "seconds": row.seconds}
-            self.report(epoch, settings.epochs, {name: value for name, value in figures.items() if value is not None})
+            self.report(epoch, self._total, {name: value for name, value in figures.items() if value is not None})
         if is_last:
             self.training_loop._should_stop = True
         seed_everything(settings.seed, epoch + 1)

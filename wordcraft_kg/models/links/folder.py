@@ -6,6 +6,7 @@ from pathlib import Path
 from wordcraft_kg.graphs.folder import KG, OpenedGraph
 from wordcraft_kg.models.links.config import LinksConfig, LinkSettings, SavedConfig
 from wordcraft_kg.models.links.records import LinkMetrics, TraceRow
+from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
 from wordcraft_kg.models.scorers.folder import load_scorer
 from wordcraft_kg.models.scorers.scorer import Scorer
 from wordcraft_kg.records import parse_lines, parse_record
@@ -18,7 +19,7 @@ class OpenedModel:
     """A link predictor with everything that its evaluation needs.
 
     Attributes:
-        scorer: the scorer of the folder.
+        scorer: the scorer of the folder, cross-fitted if it has folds.
         opened: the graph and split that it was trained on, checked by hash.
         settings: the settings that it was trained with, or what is known of a scorer that was not trained here.
         run: its ``run.json``.
@@ -50,6 +51,7 @@ class OpenedModel:
                 "training": f"{metrics.epochs} epochs, {metrics.seconds:.1f} s, {metrics.parameters:,} parameters",
                 "on its own training triples": f"MRR {metrics.train_mrr:.3f}",
                 "settings": ", ".join(f"{name} {value}" for name, value in vars(self.settings).items()),
+                **({"cross-fitted": _cross_fitted(metrics)} if metrics.folds else {}),
                 **({"regularisation chosen": str(metrics.choice)} if metrics.choice else {}),
             }
         return {
@@ -58,6 +60,15 @@ class OpenedModel:
             "versions": ", ".join(f"{name} {number}" for name, number in self.run.versions.items()),
             "weights": self.run.outputs["model.safetensors"],
         }
+
+
+def _cross_fitted(metrics: LinkMetrics) -> str:
+    if metrics.fold_mrr is None:
+        return f"{metrics.folds} folds"
+    return (
+        f"{metrics.folds} folds, MRR {metrics.fold_mrr:.3f} on train triples left out of training "
+        f"({metrics.fold_in_sample_mrr:.3f} where they were in it)"
+    )
 
 
 def open_model(folder: str | Path, graph: str | None = None) -> OpenedModel:
@@ -85,6 +96,8 @@ def open_model(folder: str | Path, graph: str | None = None) -> OpenedModel:
         return OpenedModel(scorer, open_run_graph(folder, run, graph or saved.graph), saved, run, None, [])
     config = LinksConfig.read(folder)
     opened = open_run_graph(folder, run, graph or config.graph)
+    if isinstance(scorer, CrossFitted):
+        scorer.check_split(opened.split)
     metrics = parse_record(verified_bytes(folder, run, "metrics.json"), LinkMetrics, folder / "metrics.json")
     trace = parse_lines(verified_bytes(folder, run, "trace.jsonl"), TraceRow, folder / "trace.jsonl")
     return OpenedModel(scorer, opened, config.settings, run, metrics, trace)

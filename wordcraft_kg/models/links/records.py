@@ -1,7 +1,7 @@
 """Records that a model folder holds beside the weights."""
 
 from wordcraft_kg.graphs.folder import KG
-from wordcraft_kg.records import Count, Record, Share
+from wordcraft_kg.records import Count, Hash, Record, Share
 from wordcraft_kg.wording import counted
 
 
@@ -84,6 +84,9 @@ class LinkMetrics(Record, frozen=True, kw_only=True, omit_defaults=True):
             predicts.
         train_mrr_triples: number of triples that ``train_mrr`` is taken over.
         choice: how the regularisation was chosen, None if it was given or fixed.
+        folds: number of folds of cross-fitting.
+        fold_mrr: MRR of triples of the train recipes by models that have not seen them, None without folds.
+        fold_in_sample_mrr: MRR of the same triples by the model of all train recipes.
     """
 
     kg: KG
@@ -98,6 +101,16 @@ class LinkMetrics(Record, frozen=True, kw_only=True, omit_defaults=True):
     train_mrr: float
     train_mrr_triples: int
     choice: Choice | None = None
+    folds: Count = 0
+    fold_mrr: Share | None = None
+    fold_in_sample_mrr: Share | None = None
+
+
+class FoldDone(Record, frozen=True, kw_only=True):
+    """What is recorded beside the tensors of a fold's model until the run is done: hash of its triples, and epochs."""
+
+    trained_on: Hash
+    epochs: Count
 
 
 class LinkProgress(Record, frozen=True, kw_only=True):

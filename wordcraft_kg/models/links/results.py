@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import safetensors.torch
+from msgspec.structs import replace
 from pykeen.models import Model
 
 from wordcraft_kg.artefacts import dump_json, write_atomically
@@ -11,8 +12,10 @@ from wordcraft_kg.graphs.triples import RELATIONS
 from wordcraft_kg.models.links.builders import scorer_tensors
 from wordcraft_kg.models.links.config import ComplExConfig, LinkSettings
 from wordcraft_kg.models.links.records import Choice, LinkMetrics, LinkProgress
+from wordcraft_kg.models.scorers.cross_fitting import FoldsRecord
 from wordcraft_kg.models.scorers.folder import Vocabulary, make_scorer
 from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples, sampled_for
+from wordcraft_kg.models.scorers.scorer import Scorer
 from wordcraft_kg.records import as_lines, as_values
 from wordcraft_kg.runs.cards import front_matter
 from wordcraft_kg.tensors import copied
@@ -27,8 +30,8 @@ def write_results(
     settings: LinkSettings,
     progress: LinkProgress,
     choice: Choice | None = None,
-) -> LinkMetrics:
-    """Write the files that a scorer is loaded from, the metrics and the trace; return the metrics."""
+) -> tuple[Scorer, LinkMetrics]:
+    """Write the files that a scorer is loaded from, the metrics and the trace; return scorer and metrics."""
     model.eval()
     graph, triples = opened.graph, opened.triples(settings.kg)
     kind, tensors = scorer_tensors(settings, model, triples)
@@ -41,7 +44,8 @@ def write_results(
     )
     # On large graphs a fixed sample is enough.
     sample = sampled_for(graph, triples)
-    ranks = rank_triples(make_scorer(kind, tensors, graph.entities, graph.hash), sample, triples)
+    scorer = make_scorer(kind, tensors, graph.entities, graph.hash)
+    ranks = rank_triples(scorer, sample, triples)
     metrics = LinkMetrics(
         kg=settings.kg,
         triples=len(triples),
@@ -60,6 +64,14 @@ def write_results(
     write_atomically(folder / "vocabulary.json", dump_json(as_values(vocabulary)))
     write_atomically(folder / "metrics.json", dump_json(as_values(metrics)))
     write_atomically(folder / "trace.jsonl", as_lines(progress.trace))
+    return scorer, metrics
+
+
+def with_folds(folder: Path, metrics: LinkMetrics, record: FoldsRecord) -> LinkMetrics:
+    """Add what is known of the folds to the metrics, and write them again."""
+    figures = {"folds": record.count, "fold_mrr": record.mrr, "fold_in_sample_mrr": record.in_sample_mrr}
+    metrics = replace(metrics, **figures)
+    write_atomically(folder / "metrics.json", dump_json(as_values(metrics)))
     return metrics
 
 
@@ -67,6 +79,16 @@ def _objective(settings: LinkSettings) -> str:
     if not isinstance(settings, ComplExConfig) or not settings.negatives:
         return ""
     return f"\n- objective: softmax over {settings.negatives:,} entities sampled for each batch, not over all of them"
+
+
+def _cross_fitting(metrics: LinkMetrics) -> str:
+    if not metrics.folds:
+        return ""
+    figures = ""
+    if metrics.fold_mrr is not None:
+        figures = f": MRR {metrics.fold_mrr:.3f} on these, where this one, which has seen them, has "
+        figures += f"{metrics.fold_in_sample_mrr:.3f}"
+    return f"\n- cross-fitted: {metrics.folds} more models, each trained without one part of the train recipes{figures}"
 
 
 def model_card(opened: OpenedGraph, settings: LinkSettings, metrics: LinkMetrics) -> str:
@@ -86,7 +108,7 @@ Scores triples (head, relation, tail) with the relations `combinesWith` and `com
 - graph `{opened.graph.hash[:12]}`: {opened.graph.num_entities:,} entities; split `{opened.split.config.kind}`, seed \
 {opened.split.config.seed}; {metrics.triples:,} training triples
 - {metrics.epochs} epochs, {metrics.parameters:,} parameters, MRR on its own training triples \
-{metrics.train_mrr:.3f}{chosen}{_objective(settings)}
+{metrics.train_mrr:.3f}{chosen}{_objective(settings)}{_cross_fitting(metrics)}
 
 `config.toml` reproduces it; `run.json` names the versions that made it. Its quality on unseen triples is what
 `wordcraft-kg evaluate-links` reports, not the figure above. Scores are not calibrated probabilities.

@@ -11,6 +11,7 @@ from wordcraft_kg.errors import ConfigError, GraphMismatchError
 from wordcraft_kg.graphs.folder import KG, OpenedGraph
 from wordcraft_kg.graphs.triples import RELATIONS
 from wordcraft_kg.models.links.config import SavedConfig
+from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
 from wordcraft_kg.models.scorers.embeddings import ComplExScorer
 from wordcraft_kg.models.scorers.folder import ScorerKind, Vocabulary
 from wordcraft_kg.models.scorers.limits import TABLE_LIMIT, table_bytes
@@ -36,7 +37,8 @@ def save_scorer(
     """Write a scorer of your own as a model folder, which every command then takes like one that was trained here.
 
     The folder holds the scores of all triples, or the embeddings of a
-    :class:`~wordcraft_kg.models.scorers.embeddings.ComplExScorer`, and says that it was not trained here.
+    :class:`~wordcraft_kg.models.scorers.embeddings.ComplExScorer`, and says that it was not trained here. Of a
+    cross-fitted scorer it holds the one of all train recipes, without the folds.
 
     Args:
         folder: folder to write.
@@ -88,6 +90,8 @@ def save_scorer(
 
 def _tensors_of(scorer: TripleScorer) -> tuple[ScorerKind, dict[str, Tensor]]:
     kind: ScorerKind = "table"
+    if isinstance(scorer, CrossFitted):
+        scorer = scorer.whole
     if isinstance(scorer, ComplExScorer):
         kind, tensors = "complex", scorer.embeddings()
     else:

@@ -11,15 +11,17 @@ from pathlib import Path
 from wordcraft_kg.artefacts import dump_json, write_atomically
 from wordcraft_kg.errors import ConfigError
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
+from wordcraft_kg.graphs.folds import Folds, make_folds
 from wordcraft_kg.graphs.triples import RELATIONS
 from wordcraft_kg.models.links.builders import check_table_fits, make_training_loop
 from wordcraft_kg.models.links.config import CONFIGS, ComplExConfig, LinkModelConfig, LinksConfig, LinkSettings
+from wordcraft_kg.models.links.cross_fitting import FOLD_OUTPUTS, decided_folds, train_folds, write_folds
 from wordcraft_kg.models.links.epochs import Epochs
 from wordcraft_kg.models.links.fitting import train_epochs
 from wordcraft_kg.models.links.pykeen_bridge import pykeen_guard, quiet_pykeen, seed_everything, triples_factory
 from wordcraft_kg.models.links.records import Choice, LinkMetrics, LinkProgress
 from wordcraft_kg.models.links.regularisation import choose
-from wordcraft_kg.models.links.results import OUTPUTS, model_card, write_results
+from wordcraft_kg.models.links.results import OUTPUTS, model_card, with_folds, write_results
 from wordcraft_kg.records import as_values, parse_record
 from wordcraft_kg.runs.checkpoints import Checkpoint
 from wordcraft_kg.runs.folder import Progress, RunFolder, RunKind, check_run_output, new_run, resumed_run
@@ -85,6 +87,7 @@ def train_links(
     """
     opened = open_graph(config.graph)
     config = _for_size(config, opened.graph.num_entities)
+    config = replace(config, settings=decided_folds(config.settings, opened))
     folder = config.default_folder(opened.graph.name) if out is None else Path(out)
     check_run_output(folder, force=force)
     trackers = checked_trackers(trackers)
@@ -93,6 +96,8 @@ def train_links(
         config = _with_choice(run, opened, config, report)
         files = [CHOICE] if (run.path / CHOICE).exists() else []
         inputs = {"graph": opened.graph.hash, "split": opened.split.hash}
+        if folds := _folds(opened, config.settings):
+            inputs["folds"] = folds.hash
         run.begin(config, config.settings, inputs=inputs, files=files, trackers=names_of(trackers))
         with tracking(run, trackers, config.values()) as log:
             return _train(run, opened, config, report, log)
@@ -159,13 +164,18 @@ def _with_choice(
         if run.interrupted.is_set():
             raise KeyboardInterrupt
         if progress:
-            progress(0, settings.epochs, {"choosing weights": done / total})
+            progress(0, settings.epochs * (1 + (settings.folds or 0)), {"choosing weights": done / total})
 
     choice = choose(opened, settings, after_epoch)
     if choice:
         write_atomically(run.path / CHOICE, dump_json(as_values(choice)), durable=True)
         settings = replace(settings, n3=choice.n3, popularity=choice.popularity)
     return replace(config, settings=settings.fixed())
+
+
+def _folds(opened: OpenedGraph, settings: LinkSettings) -> Folds | None:
+    """Return the folds; their draw does not depend on the settings, so all models of a split share it."""
+    return make_folds(opened.split, settings.folds) if settings.folds else None
 
 
 def _read_choice(run: RunFolder[LinkProgress]) -> Choice | None:
@@ -232,6 +242,35 @@ def _train(
             run.interrupt()
             return TrainedLinks(run.path, loop._epoch, None)
         epochs.restore_best(loop)
-        metrics = write_results(run.path, loop.model, opened, settings, epochs.so_far, choice)
-    run.finish(OUTPUTS, model_card(opened, settings, metrics))
+        scorer, metrics = write_results(run.path, loop.model, opened, settings, epochs.so_far, choice)
+    outputs: tuple[str, ...] = OUTPUTS
+    if folds := _folds(opened, settings):
+        try:
+            _cross_fit(run, folds, settings, metrics, progress)
+        except KeyboardInterrupt:
+            if not run.interrupted.is_set():
+                raise
+            run.interrupt()
+            return TrainedLinks(run.path, metrics.epochs, None)
+        record = write_folds(run.path, folds, scorer)
+        metrics = with_folds(run.path, metrics, record)
+        outputs += FOLD_OUTPUTS
+    run.finish(outputs, model_card(opened, settings, metrics))
     return TrainedLinks(run.path, metrics.epochs, metrics)
+
+
+def _cross_fit(
+    run: RunFolder[LinkProgress], folds: Folds, settings: LinkSettings, metrics: LinkMetrics, progress: Progress | None
+) -> None:
+    """Train the models of the folds with the settings that the one of all train recipes ended with."""
+    ended = metrics.best_epoch if settings.patience and metrics.best_epoch else metrics.epochs
+    everything, told = settings.epochs * (1 + folds.count), set[int]()
+
+    def after_epoch(done: int, total: int) -> None:
+        if run.interrupted.is_set():
+            raise KeyboardInterrupt
+        if progress and done not in told:
+            told.add(done)
+            progress(everything - total + done, everything, {"of the folds": done / total})
+
+    train_folds(run.path, folds, replace(settings, epochs=ended), seconds=metrics.seconds, after_epoch=after_epoch)

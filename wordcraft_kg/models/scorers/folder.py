@@ -1,22 +1,29 @@
 """The scorer of a model folder."""
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
 import torch
 
-from wordcraft_kg.errors import ArtefactError, reason
+from wordcraft_kg.errors import ArtefactError, GraphMismatchError, reason
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.triples import RELATIONS
+from wordcraft_kg.models.scorers.cross_fitting import CrossFitted, FoldsRecord
 from wordcraft_kg.models.scorers.embeddings import ComplExScorer
 from wordcraft_kg.models.scorers.limits import TABLE_LIMIT, table_bytes
 from wordcraft_kg.models.scorers.protocol import check_scorer
 from wordcraft_kg.models.scorers.scorer import Scorer
 from wordcraft_kg.models.scorers.tables import TableScorer
 from wordcraft_kg.records import Record, parse_record
-from wordcraft_kg.runs.record import read_finished_run, verified_bytes
-from wordcraft_kg.tensors import read_tensors
+from wordcraft_kg.runs.record import RunRecord, read_finished_run, verified_bytes
+from wordcraft_kg.tensors import read_tensors, with_prefix
+
+FOLDS_RECORD, FOLDS_TENSORS = "folds.json", "folds.safetensors"
+"""The folds of a cross-fitted model: what is known of them, and their tensors ``fold0.entity_real``, ..."""
+OF_RECIPE = "of_recipe"
+"""The tensor that says which recipe is in which fold."""
 
 ScorerKind = Literal["complex", "table"]
 """What a scorer is stored as: embeddings, or the scores themselves."""
@@ -47,9 +54,12 @@ def load_scorer(folder: str | Path, *, graph: RecipeGraph | None = None, device:
         graph: if given, the scorer must belong to it.
         device: torch device to score on.
 
+    Returns:
+        the scorer; a :class:`~wordcraft_kg.models.scorers.cross_fitting.CrossFitted` one if the folder has folds.
+
     Raises:
-        ArtefactError: if the folder is unfinished or incomplete, or a file in it is damaged.
-        GraphMismatchError: if it belongs to another graph.
+        ArtefactError: if the folder is unfinished or incomplete, or a file in it or one of its folds is damaged.
+        GraphMismatchError: if it belongs to another graph, or the folds to another split.
 
     Example:
         >>> scorer = load_scorer("models/kitchen")
@@ -59,6 +69,7 @@ def load_scorer(folder: str | Path, *, graph: RecipeGraph | None = None, device:
     folder = Path(folder)
     run = read_finished_run(folder, "a model of train-complex or train-links", "model.safetensors")
     tensors = read_tensors(folder / "model.safetensors", verified_bytes(folder, run, "model.safetensors"))
+    scorer: Scorer
     path = folder / "vocabulary.json"
     vocabulary = parse_record(verified_bytes(folder, run, path.name), Vocabulary, path)
     try:
@@ -68,9 +79,39 @@ def load_scorer(folder: str | Path, *, graph: RecipeGraph | None = None, device:
         )
     except (KeyError, TypeError, ValueError, RuntimeError) as error:
         raise ArtefactError(f"{folder} does not hold a scorer ({reason(error)}). Train it again.") from None
+    if FOLDS_RECORD in run.outputs:
+        scorer = _cross_fitted(folder, run, scorer, vocabulary)
     if graph is not None:
         check_scorer(scorer, graph)
     return scorer
+
+
+def _cross_fitted(folder: Path, run: RunRecord, scorer: Scorer, vocabulary: Vocabulary) -> CrossFitted:
+    """Add the models of the folds; each becomes a scorer when it is asked for."""
+    path = folder / FOLDS_TENSORS
+    record = parse_record(verified_bytes(folder, run, FOLDS_RECORD), FoldsRecord, folder / FOLDS_RECORD)
+    tensors = read_tensors(path, verified_bytes(folder, run, path.name))
+    if record.hash != run.inputs.get("folds"):
+        raise GraphMismatchError(
+            f"{folder / FOLDS_RECORD} is of the folds {record.hash[:12]}, but the model was trained with "
+            f"{run.inputs.get('folds', 'none')[:12]}. Train it again, or restore a copy."
+        )
+    makers = []
+    for fold in range(record.count):
+        part = with_prefix(tensors, f"fold{fold}.")
+        try:
+            _check_shapes(vocabulary, part)
+        except (KeyError, ValueError, IndexError) as error:
+            raise ArtefactError(
+                f"fold {fold} of {record.count} is missing or damaged in {path} ({reason(error)}). "
+                "Train again, or restore a copy."
+            ) from None
+        settings = {"device": scorer.device, "name": f"{scorer.name}, without fold {fold}"}
+        entities, graph_hash = vocabulary.entities, vocabulary.graph
+        makers.append(partial(make_scorer, vocabulary.scorer, part, entities, graph_hash, **settings))
+    if OF_RECIPE not in tensors or tensors[OF_RECIPE].ndim != 1:
+        raise ArtefactError(f"{path} does not say which recipe is in which fold. Train again, or restore a copy.")
+    return CrossFitted(scorer, makers, tensors[OF_RECIPE].numpy(), record)
 
 
 def _check_shapes(vocabulary: Vocabulary, tensors: dict[str, torch.Tensor]) -> None:

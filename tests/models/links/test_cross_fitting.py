@@ -1,0 +1,399 @@
+"""The models of the folds: what they have seen, how they are trained and kept, and what a spoilt folder says."""
+
+import json
+import logging
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import safetensors.torch
+import torch
+from link_helpers import contents, interrupt_after, train
+
+from wordcraft_kg.artefacts import sha256_of
+from wordcraft_kg.errors import ArtefactError, ConfigError, GraphMismatchError, LeakError, TrainingError
+from wordcraft_kg.graphs.folder import OpenedGraph
+from wordcraft_kg.graphs.folds import make_folds
+from wordcraft_kg.graphs.library import open_book
+from wordcraft_kg.graphs.recipe_graph import RecipeGraph
+from wordcraft_kg.graphs.splits import SplitConfig, make_split
+from wordcraft_kg.graphs.triples import is_in, recipe_triples, triples_hash
+from wordcraft_kg.models.links import cross_fitting
+from wordcraft_kg.models.links.builders import scorer_tensors
+from wordcraft_kg.models.links.config import ComplExConfig, LinkModelConfig
+from wordcraft_kg.models.links.fitting import fit
+from wordcraft_kg.models.links.folder import open_model
+from wordcraft_kg.models.links.pykeen_bridge import triples_factory
+from wordcraft_kg.models.links.training import resume_links
+from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
+from wordcraft_kg.models.scorers.folder import load_scorer, make_scorer
+from wordcraft_kg.models.scorers.protocol import FactoredScorer
+from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples
+
+SHORT = ComplExConfig(dim=8, epochs=4, n3=0.1, popularity=1.0, folds=3)
+FILES = ["folds.json", "folds.safetensors"]
+
+
+@pytest.fixture(scope="module")
+def folded(opened_kitchen: OpenedGraph, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A cross-fitted ComplEx of the kitchen; read only."""
+    return train(opened_kitchen, SHORT, tmp_path_factory.mktemp("models") / "folded").folder
+
+
+@pytest.fixture
+def spoilt_folds(folded: Path, tmp_path: Path) -> Callable[..., Path]:
+    """Copy the model with its tensors or record changed, as if it had been written that way."""
+
+    def spoil(tensors=None, record=None, inputs=None) -> Path:
+        folder = Path(shutil.copytree(folded, tmp_path / "spoilt"))
+        run = json.loads((folder / "run.json").read_text())
+        if tensors:
+            found = safetensors.torch.load_file(folder / FILES[1])
+            tensors(found)
+            safetensors.torch.save_file(found, folder / FILES[1])
+        if record:
+            found = json.loads((folder / FILES[0]).read_text())
+            record(found)
+            (folder / FILES[0]).write_text(json.dumps(found))
+        run["outputs"] |= {name: sha256_of(folder / name) for name in FILES}
+        run["inputs"] |= inputs or {}
+        (folder / "run.json").write_text(json.dumps(run))
+        return folder
+
+    return spoil
+
+
+def same_files(one: Path, other: Path) -> bool:
+    names = [*FILES, "model.safetensors", "config.toml"]
+    return [contents(one)[name] for name in names] == [contents(other)[name] for name in names]
+
+
+# --- what is trained -------------------------------------------------------------------------------------------------
+
+
+def test_each_fold_has_the_model_that_its_triples_alone_give(folded: Path, opened_kitchen: OpenedGraph):
+    scorer, folds, graph = load_scorer(folded), make_folds(opened_kitchen.split, 3), opened_kitchen.graph
+    assert isinstance(scorer, CrossFitted)
+    assert (scorer.count, scorer.record.hash) == (3, folds.hash)
+    np.testing.assert_array_equal(scorer.of_recipe, folds.of_recipe)
+    for fold in range(3):
+        triples = folds.triples([fold])
+        model = fit(replace(SHORT, folds=0), triples_factory(graph, triples), lambda epoch: None)
+        expected = make_scorer(*scorer_tensors(SHORT, model, triples), graph.entities, graph.hash)
+        for relation in (0, 1):
+            torch.testing.assert_close(scorer.left_out(fold).table(relation), expected.table(relation), rtol=0, atol=0)
+        np.testing.assert_array_equal(scorer.trained_on(fold, graph), triples)
+
+
+def test_scores_and_tables_are_those_of_a_model_without_folds(
+    folded: Path, opened_kitchen: OpenedGraph, tmp_path: Path
+):
+    plain = load_scorer(train(opened_kitchen, replace(SHORT, folds=0), tmp_path / "plain").folder)
+    scorer = load_scorer(folded)
+    assert not isinstance(plain, CrossFitted)
+    assert not (tmp_path / "plain" / FILES[0]).exists()
+    torch.testing.assert_close(scorer.table(0), plain.table(0), rtol=0, atol=0)
+    torch.testing.assert_close(scorer.score("egg", 1, "bread"), plain.score("egg", 1, "bread"), rtol=0, atol=0)
+    assert not torch.equal(scorer.left_out(0).table(0), plain.table(0))
+
+
+def test_the_record_says_how_well_each_model_ranks_the_fold_that_it_has_not_seen(
+    folded: Path, opened_kitchen: OpenedGraph
+):
+    scorer, folds, graph = load_scorer(folded), make_folds(opened_kitchen.split, 3), opened_kitchen.graph
+    assert isinstance(scorer, CrossFitted)
+    for number, fold in enumerate(scorer.record.folds):
+        own = recipe_triples(graph.recipes[folds.of_recipe == number])
+        unseen = own[~is_in(own, folds.triples([number]), graph.num_entities)]
+        assert (fold.queries, fold.trained_on) == (2 * len(unseen), triples_hash(folds.triples([number])))
+        for ranked, mrr in ((scorer.left_out(number), fold.mrr), (scorer.whole, fold.in_sample_mrr)):
+            assert mrr == pytest.approx(mean_reciprocal_rank(rank_triples(ranked, unseen, graph.triples)))
+    weights = [fold.queries for fold in scorer.record.folds]
+    assert scorer.record.mrr == pytest.approx(np.average([fold.mrr for fold in scorer.record.folds], weights=weights))
+    metrics = open_model(folded).metrics
+    assert (metrics.folds, metrics.fold_mrr) == (3, scorer.record.mrr)
+    assert metrics.fold_in_sample_mrr == scorer.record.in_sample_mrr
+    assert "cross-fitted: 3 more models" in (folded / "README.md").read_text()
+    run = json.loads((folded / "run.json").read_text())
+    assert run["inputs"]["folds"] == folds.hash
+    assert set(FILES) < set(run["outputs"])
+
+
+def test_a_model_whose_scorer_is_a_table_has_folds_without_its_parameters(opened_kitchen: OpenedGraph, tmp_path: Path):
+    config = LinkModelConfig(model="distmult", dim=4, epochs=2, folds=2)
+    folder = train(opened_kitchen, config, tmp_path / "model").folder
+    names = set(safetensors.torch.load_file(folder / FILES[1]))
+    assert names == {"fold0.scores", "fold1.scores", "of_recipe"}
+    scorer = load_scorer(folder)
+    assert not isinstance(scorer, FactoredScorer)
+    assert not torch.equal(scorer.left_out(0).table(1), scorer.left_out(1).table(1))
+
+
+def test_folds_train_for_the_epochs_that_the_model_returned_to(validated_kitchen: OpenedGraph, tmp_path: Path):
+    config = replace(SHORT, epochs=8, learning_rate=2.0, eval_every=1, patience=1)
+    folder = train(validated_kitchen, config, tmp_path / "model").folder
+    model = open_model(folder)
+    assert model.metrics.best_epoch < model.metrics.epochs
+    triples = make_folds(validated_kitchen.split, 3).triples([1])
+    short = replace(config, epochs=model.metrics.best_epoch, eval_every=0, patience=0)
+    alone = fit(short, triples_factory(validated_kitchen.graph, triples), lambda epoch: None)
+    graph = validated_kitchen.graph
+    expected = make_scorer(*scorer_tensors(short, alone, triples), graph.entities, graph.hash)
+    torch.testing.assert_close(model.scorer.left_out(1).table(0), expected.table(0), rtol=0, atol=0)
+
+
+def test_embeddings_of_a_large_graph_have_folds_by_factors(folded: Path, monkeypatch: pytest.MonkeyPatch):
+    small = load_scorer(folded)
+    monkeypatch.setattr("wordcraft_kg.models.scorers.folder.TABLE_LIMIT", 1)
+    large = load_scorer(folded)
+    assert isinstance(large, FactoredScorer)
+    assert not isinstance(small, FactoredScorer)
+    for one, other in ((large, small), (large.left_out(2), small.left_out(2))):
+        left, right = one.factors(0)
+        torch.testing.assert_close(left @ right.T, other.table(0))
+
+
+# --- how many --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("settings", "count"),
+    [({}, 5), ({"kg": "full"}, 0), ({"folds": 0}, 0), ({"folds": 2}, 2), ({"kg": "full", "folds": 0}, 0)],
+)
+def test_partial_graphs_have_five_folds_by_default_and_full_ones_none(settings, count, opened_kitchen: OpenedGraph):
+    for kind in (ComplExConfig, LinkModelConfig):
+        assert cross_fitting.decided_folds(kind(**settings), opened_kitchen).folds == count
+
+
+def test_a_book_that_cannot_be_cut_has_none_unless_they_are_asked_for(caplog: pytest.LogCaptureFixture):
+    recipes = [("a", "b", "c"), ("a", "c", "b"), ("b", "c", "a"), ("a", "a", "c")]
+    graph = RecipeGraph.from_recipes(recipes, name="tiny")
+    opened = OpenedGraph(graph, make_split(graph, SplitConfig(train_ratio=0.5)), "tiny")
+    units = int(opened.split.is_in("train").sum())
+    assert units < 5
+    with caplog.at_level(logging.WARNING):
+        assert cross_fitting.decided_folds(ComplExConfig(), opened).folds == 0
+    assert not caplog.records
+    with pytest.raises(ConfigError, match=f"`folds` 5: expected 2 to {units}"):
+        cross_fitting.decided_folds(ComplExConfig(folds=5), opened)
+
+
+@pytest.mark.parametrize("folds", [1, -1, 2.5, True, 2**25])
+def test_numbers_of_folds_that_cannot_be_are_refused(folds):
+    for kind in (ComplExConfig, LinkModelConfig):
+        with pytest.raises(ConfigError, match="`folds`"):
+            kind(folds=folds)
+
+
+def test_folds_of_the_full_graph_are_refused():
+    with pytest.raises(ConfigError, match="`folds` 5 needs `kg` partial"):
+        ComplExConfig(kg="full", folds=5)
+
+
+def test_more_folds_than_pairs_are_refused_before_anything_is_written(opened_kitchen: OpenedGraph, tmp_path: Path):
+    with pytest.raises(ConfigError, match=r"`folds` 5000: expected 2 to \d+"):
+        train(opened_kitchen, replace(SHORT, folds=5_000), tmp_path / "model")
+    assert not (tmp_path / "model").exists()
+
+
+def test_tables_of_folds_that_would_be_too_large_are_refused(
+    opened_kitchen: OpenedGraph, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(cross_fitting, "TABLE_LIMIT", 2**18)
+    with pytest.raises(ConfigError, match="`folds` 6: a table of all scores for each fold"):
+        cross_fitting.decided_folds(LinkModelConfig(folds=6), opened_kitchen)
+    assert cross_fitting.decided_folds(LinkModelConfig(), opened_kitchen).folds == 5  # they are just small enough
+    assert cross_fitting.decided_folds(ComplExConfig(folds=6), opened_kitchen).folds == 6
+    monkeypatch.setattr(cross_fitting, "TABLE_LIMIT", 2**16)
+    assert cross_fitting.decided_folds(LinkModelConfig(), opened_kitchen).folds == 0
+
+
+# --- interruptions ---------------------------------------------------------------------------------------------------
+
+
+def test_progress_counts_the_epochs_of_the_folds(opened_kitchen: OpenedGraph, tmp_path: Path):
+    told = []
+    train(opened_kitchen, SHORT, tmp_path / "model", progress=lambda done, total, figures: told.append((done, total)))
+    assert told == [(done, 16) for done in range(1, 17)]
+
+
+@pytest.mark.parametrize("epoch", [5, 9, 14])
+def test_an_interrupted_run_goes_on_with_the_folds_that_are_missing(
+    folded: Path, opened_kitchen: OpenedGraph, tmp_path: Path, epoch: int, monkeypatch: pytest.MonkeyPatch
+):
+    trained = train(opened_kitchen, SHORT, tmp_path / "model", progress=interrupt_after(epoch))
+    assert trained.interrupted
+    assert json.loads((trained.folder / "run.json").read_text())["status"] == "interrupted"
+    with pytest.raises(ArtefactError, match="interrupted, not done"):
+        load_scorer(trained.folder)
+    kept = sorted(path.stem for path in (trained.folder / "checkpoints").glob("fold-*.json"))
+    assert len(kept) == (epoch - 5) // 4
+    again = []
+    monkeypatch.setattr(cross_fitting, "fit", lambda *arguments: again.append(arguments) or fit(*arguments))
+    assert not resume_links(trained.folder).interrupted
+    assert len(again) == 3 - len(kept)
+    assert same_files(trained.folder, folded)
+    assert not (trained.folder / "checkpoints").exists()
+
+
+def test_a_damaged_fold_of_an_interrupted_run_is_trained_again(
+    folded: Path, opened_kitchen: OpenedGraph, tmp_path: Path, caplog: pytest.LogCaptureFixture
+):
+    folder = train(opened_kitchen, SHORT, tmp_path / "model", progress=interrupt_after(14)).folder
+    path = folder / "checkpoints" / "fold-1.safetensors"
+    path.write_bytes(path.read_bytes()[:-1] + b"x")
+    with caplog.at_level(logging.WARNING):
+        resume_links(folder)
+    assert "Training fold 1 again" in caplog.text
+    assert same_files(folder, folded)
+
+
+def test_folds_of_fewer_epochs_are_not_kept_when_a_run_goes_on_for_more(opened_kitchen: OpenedGraph, tmp_path: Path):
+    folder = train(opened_kitchen, SHORT, tmp_path / "model", progress=interrupt_after(14)).folder
+    resume_links(folder, epochs=6)
+    longer = train(opened_kitchen, replace(SHORT, epochs=6), tmp_path / "longer").folder
+    assert same_files(folder, longer)
+
+
+def test_an_error_in_a_fold_leaves_a_run_to_go_on_with(
+    opened_kitchen: OpenedGraph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    def fail(*arguments):
+        raise TrainingError("the loss is no longer a finite number.")
+
+    monkeypatch.setattr(cross_fitting, "fit", fail)
+    with pytest.raises(TrainingError, match=r"no longer a finite number\. The checkpoint of epoch 4 is safe"):
+        train(opened_kitchen, SHORT, tmp_path / "model")
+    monkeypatch.undo()
+    assert not resume_links(tmp_path / "model").interrupted
+
+
+# --- side by side ----------------------------------------------------------------------------------------------------
+
+PROGRAM = """
+import sys
+from pathlib import Path
+from wordcraft_kg.models.links import cross_fitting
+from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
+from wordcraft_kg.models.links.training import train_links
+
+cross_fitting.LONG = 0.0
+cross_fitting._cores = lambda: 2
+print("the program ran")
+config = ComplExConfig(dim=8, epochs=4, n3=0.1, popularity=1.0, folds=3)
+train_links(LinksConfig("kitchen", config), Path(sys.argv[1]))
+"""
+
+
+def test_processes_side_by_side_give_the_same_bits_and_do_not_run_the_program_again(folded: Path, tmp_path: Path):
+    (tmp_path / "program.py").write_text(PROGRAM)  # without a `__main__` guard
+    command = [sys.executable, str(tmp_path / "program.py"), str(tmp_path / "model")]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "the program ran\n", "")
+    assert same_files(tmp_path / "model", folded)
+
+
+def test_an_error_and_the_death_of_a_process_are_told(
+    opened_kitchen: OpenedGraph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    folds = make_folds(opened_kitchen.split, 3)
+    monkeypatch.setattr(cross_fitting, "_cores", lambda: 2)
+    options = {"seconds": 100.0, "after_epoch": lambda done, total: None}
+    with pytest.raises(ConfigError, match="nosuch"):
+        cross_fitting.train_folds(tmp_path, folds, LinkModelConfig(model="nosuch", epochs=1), **options)
+    monkeypatch.setattr(cross_fitting, "_work", sys.exit)  # its argument is a connection: exit code 1
+    with pytest.raises(TrainingError, match="ended with code 1"):
+        cross_fitting.train_folds(tmp_path, folds, SHORT, **options)
+
+
+def test_ctrl_c_ends_the_processes_at_once(
+    opened_kitchen: OpenedGraph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    import multiprocessing
+
+    monkeypatch.setattr(cross_fitting, "_cores", lambda: 2)
+
+    def press(done: int, total: int) -> None:
+        assert len(multiprocessing.active_children()) == 2
+        raise KeyboardInterrupt
+
+    folds = make_folds(opened_kitchen.split, 3)
+    with pytest.raises(KeyboardInterrupt):
+        cross_fitting.train_folds(tmp_path, folds, SHORT, seconds=100.0, after_epoch=press)
+    assert not multiprocessing.active_children()
+
+
+# --- spoilt folders --------------------------------------------------------------------------------------------------
+
+
+def drop(name: str):
+    return lambda found: found.pop(name)
+
+
+def set_to(name: str, value: object):
+    return lambda found: found.__setitem__(name, value)
+
+
+@pytest.mark.parametrize(
+    ("tensors", "said"),
+    [
+        (drop("fold1.entity_imag"), r"fold 1 of 3 is missing or damaged in .*folds\.safetensors"),
+        (set_to("fold2.entity_real", torch.zeros(3, 2)), "fold 2 of 3 is missing or damaged"),
+        (set_to("fold0.entity_real", torch.zeros(())), "fold 0 of 3 is missing or damaged"),
+        (set_to("fold0.entity_real", torch.zeros(80, 14, dtype=torch.float64)), "fold 0 of 3 is missing or damaged"),
+        (set_to("fold0.entity_real", torch.full((80, 14), torch.nan)), "fold0.entity_real holds NaN"),
+        (drop("of_recipe"), "which recipe is in which fold"),
+    ],
+)
+def test_a_missing_or_damaged_fold_is_named(spoilt_folds, tensors, said: str):
+    with pytest.raises(ArtefactError, match=said):
+        load_scorer(spoilt_folds(tensors=tensors))
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_a_file_of_folds_that_is_missing_or_changed_is_named(folded: Path, tmp_path: Path, name: str):
+    folder = Path(shutil.copytree(folded, tmp_path / "copy"))
+    data = (folder / name).read_bytes()
+    (folder / name).write_bytes(data[:-1] + b" ")
+    with pytest.raises(ArtefactError, match=rf"{name} is damaged or was changed"):
+        load_scorer(folder)
+    (folder / name).unlink()
+    with pytest.raises(ArtefactError, match=rf"{name} is missing"):
+        load_scorer(folder)
+
+
+def test_folds_of_another_draw_or_split_are_refused(spoilt_folds, opened_kitchen: OpenedGraph):
+    other = make_folds(make_split(opened_kitchen.graph, SplitConfig(seed=1)), 3)
+    with pytest.raises(GraphMismatchError, match="is of the folds"):
+        load_scorer(spoilt_folds(record=set_to("hash", other.hash)))
+
+
+def test_folds_that_are_not_those_of_the_split_are_refused_when_a_model_is_opened(
+    spoilt_folds, opened_kitchen: OpenedGraph
+):
+    other = make_folds(make_split(opened_kitchen.graph, SplitConfig(seed=1)), 3)
+    folder = spoilt_folds(tensors=set_to("of_recipe", torch.from_numpy(other.of_recipe.copy())))
+    with pytest.raises(GraphMismatchError, match="are not those of the split"):
+        open_model(folder)
+
+
+def test_a_model_that_was_trained_on_other_triples_than_it_says_is_a_leak(spoilt_folds, opened_kitchen: OpenedGraph):
+    def swap(record):
+        record["folds"][0]["trained_on"], record["folds"][1]["trained_on"] = (
+            record["folds"][1]["trained_on"],
+            record["folds"][0]["trained_on"],
+        )
+
+    scorer = load_scorer(spoilt_folds(record=swap))
+    with pytest.raises(LeakError, match="fold 0 of spoilt was trained on other triples"):
+        scorer.trained_on(0, opened_kitchen.graph)
+    np.testing.assert_array_equal(
+        scorer.trained_on(2, opened_kitchen.graph), make_folds(opened_kitchen.split, 3).triples([2])
+    )
+    with pytest.raises(GraphMismatchError, match=r"are of \d+ recipes"):
+        scorer.trained_on(2, RecipeGraph.from_book(open_book("paper-examples")))

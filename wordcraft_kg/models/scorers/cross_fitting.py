@@ -1,0 +1,165 @@
+"""Cross-fitting: scores of train recipes by a model that has not seen them.
+
+A scorer answers for the recipes that it was trained on from memory, and whoever learns from these answers learns to
+trust it more than it deserves. So the train recipes are cut into folds (:mod:`wordcraft_kg.graphs.folds`), and for each
+fold there is a model of all other recipes. It is to the recipes of its fold what the model of all train recipes is to
+those of the test part.
+
+Source: Wolpert 1992 (stacking); Breiman 1996; van der Laan, Polley and Hubbard 2007; Chernozhukov et al. 2018.
+"""
+
+from collections.abc import Callable, Sequence
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from wordcraft_kg.errors import GraphMismatchError, LeakError
+from wordcraft_kg.graphs.arrays import Ids, frozen
+from wordcraft_kg.graphs.folds import OUTSIDE, Folds
+from wordcraft_kg.graphs.recipe_graph import RecipeGraph
+from wordcraft_kg.graphs.splits import Split
+from wordcraft_kg.graphs.triples import recipe_triples, triples_hash
+from wordcraft_kg.models.scorers.protocol import FactoredScorer
+from wordcraft_kg.models.scorers.scorer import Scorer
+from wordcraft_kg.records import Count, Hash, Record, Share
+
+
+class Fold(Record, frozen=True, kw_only=True):
+    """The model of all train recipes but those of a fold.
+
+    Attributes:
+        trained_on: hash of its training triples, see :func:`~wordcraft_kg.graphs.triples.triples_hash`.
+        triples: number of its training triples.
+        queries: number of queries for triples of the fold that are not among them, all or a sample.
+        mrr: its filtered MRR on these; None without queries.
+        in_sample_mrr: that of the model of all train recipes, which has seen them.
+    """
+
+    trained_on: Hash
+    triples: Count
+    queries: Count
+    mrr: Share | None
+    in_sample_mrr: Share | None
+
+
+class FoldsRecord(Record, frozen=True, kw_only=True):
+    """``folds.json``: the folds of a model folder.
+
+    Attributes:
+        seed: seed of their draw.
+        hash: hash of split and folds, see :attr:`wordcraft_kg.graphs.folds.Folds.hash`.
+        folds: a record for each.
+    """
+
+    format: Literal["wordcraft-kg folds 1"] = "wordcraft-kg folds 1"
+    seed: Count
+    hash: Hash
+    folds: tuple[Fold, ...]
+
+    @property
+    def count(self) -> int:
+        """Number of folds."""
+        return len(self.folds)
+
+    @property
+    def queries(self) -> int:
+        """Number of queries of all folds."""
+        return sum(fold.queries for fold in self.folds)
+
+    @property
+    def mrr(self) -> float | None:
+        """MRR of the train triples by models that have not seen them: a forecast of the test part's."""
+        return self._mean([fold.mrr for fold in self.folds])
+
+    @property
+    def in_sample_mrr(self) -> float | None:
+        """MRR of the same triples by the model that has seen them."""
+        return self._mean([fold.in_sample_mrr for fold in self.folds])
+
+    def _mean(self, values: Sequence[float | None]) -> float | None:
+        found = [value * fold.queries for value, fold in zip(values, self.folds, strict=True) if value is not None]
+        return sum(found) / self.queries if found else None
+
+
+class CrossFitted(Scorer):
+    """A scorer of all train recipes, with one for each fold that has been trained without it.
+
+    Scores and tables are those of ``whole``. Whatever learns on train tasks takes :meth:`left_out` instead, which
+    sources do when they are made with tasks: :func:`~wordcraft_kg.models.policies.sources.source.make_sources`.
+
+    Attributes:
+        whole: the scorer of all train recipes.
+        record: what is known of the folds.
+        of_recipe: fold of each recipe, shape (num_recipes,); :data:`~wordcraft_kg.graphs.folds.OUTSIDE` outside train.
+    """
+
+    def __init__(self, whole: Scorer, folds: Sequence[Callable[[], Scorer]], of_recipe: Ids, record: FoldsRecord):
+        """Take the scorer of all train recipes and, for each fold, what makes that of all others when it is needed."""
+        super().__init__(whole.entities, whole.graph_hash, whole.device, whole.name)
+        self.whole, self.record = whole, record
+        self.of_recipe = frozen(np.asarray(of_recipe, dtype=np.int64))
+        self._makers = tuple(folds)
+        self._made: dict[int, Scorer] = {}
+        if isinstance(whole, FactoredScorer):  # only then this scorer is one, too
+            self.factors = whole.factors
+
+    @property
+    def count(self) -> int:
+        """Number of folds."""
+        return len(self._makers)
+
+    def _score(self, heads: torch.Tensor, relations: torch.Tensor, tails: torch.Tensor) -> torch.Tensor:
+        return self.whole._score(heads, relations, tails)
+
+    def table(self, relation: int | str) -> torch.Tensor:  # noqa: D102 - inherited
+        return self.whole.table(relation)
+
+    def left_out(self, fold: int) -> Scorer:
+        """Return the scorer that has been trained on all train recipes but those of a fold."""
+        if fold not in self._made:
+            self._made[fold] = self._makers[fold]()
+        return self._made[fold]
+
+    def trained_on(self, fold: int, graph: RecipeGraph) -> Ids:
+        """Return the triples that :meth:`left_out` has been trained on, shape (T, 3).
+
+        Raises:
+            LeakError: if it was trained on others than those of the recipes outside the fold.
+            GraphMismatchError: if the folds are those of a graph with another number of recipes.
+        """
+        if len(self.of_recipe) != graph.num_recipes:
+            raise GraphMismatchError(
+                f"the folds of {self.name} are of {len(self.of_recipe):,} recipes but '{graph.name}' has "
+                f"{graph.num_recipes:,}. Train it on this graph, or use the graph that it was trained on."
+            )
+        triples = recipe_triples(graph.recipes[self.seen[1 + fold]])
+        if triples_hash(triples) != self.record.folds[fold].trained_on:
+            raise LeakError(
+                f"fold {fold} of {self.name} was trained on other triples than those of the recipes outside it, so it "
+                "may have seen what it is to be asked for. Train it again."
+            )
+        return triples
+
+    @cached_property
+    def seen(self) -> NDArray[np.bool_]:
+        """Which model was trained on which recipe, shape (1 + K, num_recipes): ``whole``, then that of each fold."""
+        train = self.of_recipe != OUTSIDE
+        return np.stack([train, *(train & (self.of_recipe != fold) for fold in range(self.count))])
+
+    def check_split(self, split: Split) -> None:
+        """Refuse a split whose folds these are not.
+
+        Raises:
+            GraphMismatchError: naming both.
+        """
+        if len(self.of_recipe) == split.graph.num_recipes:
+            found = Folds(split, self.count, self.record.seed, self.of_recipe).hash
+            if found == self.record.hash and ((self.of_recipe != OUTSIDE) == split.is_in("train")).all():
+                return
+        raise GraphMismatchError(
+            f"the folds of {self.name} are not those of the split {split.hash[:12]} of '{split.graph.name}'. Train it "
+            "on this split, or use the split that it was trained on."
+        )

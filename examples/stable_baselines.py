@@ -1,14 +1,30 @@
-"""Stable-Baselines3 trains on the environment: MaskablePPO with our policy as its network.
+"""Stable-Baselines3 trains on the environment: MaskablePPO with our policy as its network, guided by a scorer.
 
-Needs the extra interop. Run it in an empty folder: it writes policies/ppo, in about ten seconds.
+The scorer is cross-fitted: with the number of the task in the observations, the policy asks a model that has not seen
+the task's recipe, and does not learn to rely on memory.
+
+Needs the extra interop. Run it in an empty folder: it writes models/kitchen and policies/ppo, in less than half a
+minute.
 """
 
 import gymnasium as gym
 import torch
 from sb3_contrib import MaskablePPO
 
-from wordcraft_kg import PolicyConfig, evaluate, open_graph, save_policy
+from wordcraft_kg import (
+    ComplExConfig,
+    LinksConfig,
+    PolicyConfig,
+    WordCraftConfig,
+    World,
+    evaluate,
+    load_scorer,
+    open_graph,
+    save_policy,
+    train_links,
+)
 from wordcraft_kg.agents.sb3 import MaskableSB3Policy
+from wordcraft_kg.envs.wrappers import TaskObservation
 from wordcraft_kg.models.policies.folder import make_policy
 from wordcraft_kg.models.policies.policy import Policy
 
@@ -17,9 +33,13 @@ def main() -> None:
     """Train for a few thousand steps and judge the policy on the test tasks."""
     torch.set_num_threads(1)  # on networks this small more threads are slower, on a busy machine many times
     opened = open_graph("kitchen")
-    env = gym.make("WordCraft-v0", graph=opened, num_distractors=4)
-    slots = env.get_wrapper_attr("num_slots")
-    policy, _ = make_policy(PolicyConfig(), opened.graph, slots)
+    train_links(LinksConfig("kitchen", ComplExConfig(dim=32, epochs=20)), "models/kitchen")
+    world = World(opened, WordCraftConfig(part="train", num_distractors=4))
+    env = TaskObservation(gym.make("WordCraft-v0", graph=world))
+    scorer, seen = load_scorer("models/kitchen"), opened.split.partial
+    policy, _ = make_policy(
+        PolicyConfig(), opened.graph, world.num_slots, scorer=scorer, observed=seen, tasks=world.tasks
+    )
     model = MaskablePPO(MaskableSB3Policy, env, policy_kwargs={"network": policy}, n_steps=512, seed=0)
     model.learn(2_048)
     trained: Policy = model.policy.network  # a copy: `policy` is as it was

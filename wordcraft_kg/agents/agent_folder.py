@@ -55,7 +55,9 @@ class OpenedAgent:
             "weights": f"{self.checkpoint} {run.outputs.get('policy.safetensors', '')}".rstrip(),
             "versions": ", ".join(f"{name} {number}" for name, number in run.versions.items()),
         }
-        return facts | {name: run.inputs[name] for name in ("graph", "split", "scorer") if name in run.inputs}
+        return facts | {
+            name: run.inputs[name] for name in ("graph", "split", "scorer", "scorer_folds") if name in run.inputs
+        }
 
 
 def open_agent(folder: str | Path, graph: str | None = None) -> OpenedAgent:

@@ -138,7 +138,7 @@ class ImpalaConfig:
         return -(-self.steps // self.steps_per_update)
 
 
-OF_SCORER = ("use", "kg_only", "mixing", "scale", "self_edges")
+OF_SCORER = ("use", "kg_only", "mixing", "scale", "self_edges", "in_sample")
 """Settings of the policy that say how it uses a scorer."""
 
 

@@ -9,7 +9,7 @@ import torch
 from numpy.typing import NDArray
 
 from wordcraft_kg.agents.players import Player, knowledge_player, random_entity, recipe_oracle
-from wordcraft_kg.agents.states import states_of
+from wordcraft_kg.agents.states import bind_tasks, states_of
 from wordcraft_kg.envs.batch import GOAL, BatchEngine
 from wordcraft_kg.envs.world import GraphLike, World
 from wordcraft_kg.errors import ConfigError
@@ -50,6 +50,7 @@ class PolicyPlayer:
     @torch.no_grad()
     def __call__(self, engine: BatchEngine, rng: np.random.Generator) -> Any:
         """Pick a slot in every environment."""
+        bind_tasks([self.policy], engine)
         states, weights = states_of(engine), self.policy.weights()
         device = next(self.policy.parameters()).device
         slots = torch.cat(

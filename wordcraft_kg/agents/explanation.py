@@ -8,7 +8,7 @@ import numpy as np
 import torch
 
 from wordcraft_kg.agents.evaluation import EVALUATION_SEED, PolicyPlayer
-from wordcraft_kg.agents.states import states_of
+from wordcraft_kg.agents.states import bind_tasks, states_of
 from wordcraft_kg.envs.batch import OUTCOMES, BatchEngine
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.errors import TaskError, UnknownEntityError
@@ -83,6 +83,7 @@ def explain_episodes(
     tasks, draws = _choose_tasks(world, goal, episodes)
     # The distractors depend on the environment's number: environment i plays task i, as in the evaluation.
     engine = BatchEngine(world, len(world.tasks), seed=EVALUATION_SEED)
+    bind_tasks([exact], engine)
     found = []
     for task, draw in steps("explaining", list(zip(tasks.tolist(), draws.tolist(), strict=True))):
         engine.pose(np.arange(engine.num_envs), draw)

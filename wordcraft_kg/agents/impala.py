@@ -15,7 +15,7 @@ from torch import Tensor, nn
 
 from wordcraft_kg.agents.config import ImpalaConfig
 from wordcraft_kg.agents.losses import baseline_loss, entropy, policy_gradient_loss
-from wordcraft_kg.agents.states import states_of
+from wordcraft_kg.agents.states import bind_tasks, has_train_recipes, states_of
 from wordcraft_kg.agents.vtrace import v_trace
 from wordcraft_kg.envs.batch import GOAL, BatchEngine
 from wordcraft_kg.errors import ConfigError, TrainingError
@@ -116,12 +116,13 @@ class Impala:
         check_memory("policy_lag", config.policy_lag, "that many policies", 4 * len(self._flat) * lag)
         self._generator = torch.Generator(self.device).manual_seed(config.seed)
         self._snapshots: deque[Weights] = deque(maxlen=config.policy_lag + 1)
+        self._reads_task = policy.reads_task and has_train_recipes(engine)
         time, batch, slots = config.unroll, config.batch_size, engine.num_slots
         self._unroll = Unroll(
             goal=self._empty(time + 1, batch, dtype=torch.int64),
             selection=self._empty(time + 1, batch, dtype=torch.int64),
             table=self._empty(time + 1, batch, slots, dtype=torch.int64),
-            task=self._empty(time + 1, batch, dtype=torch.int64) if policy.reads_task else None,
+            task=self._empty(time + 1, batch, dtype=torch.int64) if self._reads_task else None,
             actions=self._empty(time, batch, dtype=torch.int64),
             log_probs=self._empty(time, batch),
             rewards=self._empty(time, batch),
@@ -144,6 +145,7 @@ class Impala:
         Raises:
             TrainingError: if the loss is no longer finite; the parameters are as before the update.
         """
+        bind_tasks([self.policy], self.engine)  # an evaluation may have asked about others in between
         weights = self.policy.weights()
         acting = {name: tensor.detach() for name, tensor in weights.items()}
         if self.config.policy_lag:
@@ -264,7 +266,8 @@ class Impala:
     def _observe(self, t: int) -> None:
         unroll, states = self._unroll, states_of(self.engine)
         unroll.goal[t], unroll.selection[t], unroll.table[t] = states.goal, states.selection, states.table
-        if unroll.task is not None and states.task is not None:
+        if unroll.task is not None:
+            assert states.task is not None
             unroll.task[t] = states.task
 
     def _choose(

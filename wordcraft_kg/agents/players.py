@@ -10,7 +10,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from wordcraft_kg.agents.states import states_of
+from wordcraft_kg.agents.states import bind_tasks, states_of
 from wordcraft_kg.envs.batch import GOAL, BatchEngine
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.arrays import Ids
@@ -66,6 +66,7 @@ def knowledge_player(sources: Sequence[SlotScores]) -> Player:
     """Return a player that picks the highest sum of its sources' scores, ties at random; the paper's has u and v."""
 
     def pick(engine: BatchEngine, rng: np.random.Generator) -> Ids:
+        bind_tasks(sources, engine)
         states = states_of(engine)
         scores = np.zeros(engine.table.shape)
         for source in sources:

@@ -9,12 +9,13 @@ from wordcraft_kg.agents.evaluation import ENDINGS, Evaluation
 from wordcraft_kg.agents.records import AgentSummary
 from wordcraft_kg.artefacts import dump_json, write_atomically
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.graphs.folder import KG, OpenedGraph
+from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.tasks import TaskPart
 from wordcraft_kg.models.policies.folder import usage, write_parameters
 from wordcraft_kg.models.policies.policy import Policy
 from wordcraft_kg.records import as_values
 from wordcraft_kg.runs.cards import front_matter
+from wordcraft_kg.runs.record import RunRecord
 
 OUTPUTS = ("policy.safetensors", "policy.json", "constants.safetensors", "evaluation.json", "metrics.jsonl")
 
@@ -49,19 +50,30 @@ def _episode_lines(world: World, results: Mapping[TaskPart, Evaluation]) -> Iter
             yield json.dumps(row, ensure_ascii=False) + "\n"
 
 
-def model_card(opened: OpenedGraph, config: AgentConfig, kg: KG | None, summary: AgentSummary) -> str:
+def _of_train_tasks(run: RunRecord) -> str:
+    if run.kg is None:
+        return ""
+    if run.cross_fitted:
+        return (
+            f"\nThe scorer is cross-fitted in {run.cross_fitted} folds: on train tasks, too, it answered by a model "
+            "that has not seen their recipes. So success on them forecasts success on test tasks.\n"
+        )
+    return "\nOn train tasks the scorer answered from memory: it was trained on their recipes.\n"
+
+
+def model_card(opened: OpenedGraph, config: AgentConfig, run: RunRecord, summary: AgentSummary) -> str:
     """Return the ``README.md`` of a run folder."""
     policy, tasks = config.policy, config.tasks
     kind = "Self-attention actor-critic" if policy.policy == "attention" else "One-layer MLP"
     guide = "without a knowledge graph"
     if config.scorer:
         own = "only" if policy.kg_only else "mixed into its logits"
-        guide = f"with {' and '.join(policy.sources)} of a scorer of the {kg} knowledge graph {own}"
+        guide = f"with {' and '.join(policy.sources)} of a scorer of the {run.kg} knowledge graph {own}"
     warning = (
         "\nThe scorer was trained on all triples, including those of the test recipes: success on test tasks says how "
         "well the agent uses a perfect source, not how well it generalises.\n"
-        if kg == "full"
-        else ""
+        if run.kg == "full"
+        else _of_train_tasks(run)
     )
     rows = "\n".join(
         f"- {part}: {found.mean:.3f} [{found.ci_low:.3f}, {found.ci_high:.3f}], "

@@ -37,7 +37,7 @@ class _NetworkPolicy(BasePolicy):
 
     Stable-Baselines3's own features, layers and initial weights are not used. The ids of B states are in the keys
     ``goal`` and ``selection``, of shape (B,) or (B, 1), and ``table``, of shape (B, A), of any number type; other keys
-    are ignored.
+    are ignored, except for ``task`` where the scores depend on it.
     """
 
     def __init__(
@@ -134,7 +134,8 @@ class _NetworkPolicy(BasePolicy):
     def _ask(self, obs: Observations) -> PolicyOutput:
         # Some versions keep ids as floats in their rollout buffers, and single numbers as rows of one.
         goal, selection = obs["goal"].long().reshape(-1), obs["selection"].long().reshape(-1)
-        return self.network(goal, selection, obs["table"].long())
+        task = obs["task"].long().reshape(-1) if self.network.reads_task else None
+        return self.network(goal, selection, obs["table"].long(), task=task)
 
 
 class SB3Policy(_NetworkPolicy, ActorCriticPolicy):
@@ -143,6 +144,9 @@ class SB3Policy(_NetworkPolicy, ActorCriticPolicy):
     ``network`` is what :func:`~wordcraft_kg.models.policies.folder.make_policy` or ``load_policy`` return. A
     copy is trained, ``model.policy.network``, which is a policy like any other. Scores and constant vectors are
     buffers, so no optimiser changes them. The ids must be those of the policy's graph; only their number is checked.
+
+    A policy with a cross-fitted scorer needs to know the tasks that it is trained on. Make it with ``tasks``, and wrap
+    the environment: :class:`~wordcraft_kg.envs.wrappers.TaskObservation`.
 
     ``optimizer_class`` and ``optimizer_kwargs`` are the only other settings. Empty slots are never picked, with or
     without masks, so PPO needs no wrapper for that.
@@ -178,4 +182,10 @@ def _check_spaces(observation_space: spaces.Space[Any], action_space: spaces.Spa
         raise ConfigError(
             f"the policy knows {network.num_entities:,} entities but the environment has {goal.n:,}. Make or load a "
             "policy of the environment's graph."
+        )
+    task = known.get("task")
+    if network.reads_task and not isinstance(task, spaces.Discrete):
+        raise ConfigError(
+            "the policy's scorer is cross-fitted: which of its models has not seen a task depends on the task, and the "
+            "observations do not have it. Wrap the environment: TaskObservation(env)."
         )

@@ -1,6 +1,7 @@
 """The input of policies and sources: the states of an engine's environments as tensors."""
 
-from typing import NamedTuple
+from collections.abc import Iterable
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
@@ -15,7 +16,7 @@ class States(NamedTuple):
     Attributes:
         goal, selection: shape (B,), int64.
         table: shape (B, A), int64.
-        task: shape (B,), int64: index of the task among the train tasks; None for other parts.
+        task: shape (B,), int64: number of the task among the engine's; None for parts without train recipes.
     """
 
     goal: Tensor
@@ -30,5 +31,22 @@ class States(NamedTuple):
 
 def states_of(engine: BatchEngine) -> States:
     """Return the states of an engine's environments; on a CPU they share its memory, which the next step changes."""
-    task = as_tensor(engine.task) if engine.config.part == "train" else None
+    task = as_tensor(engine.task) if has_train_recipes(engine) else None
     return States(as_tensor(engine.goal), as_tensor(engine.selection), as_tensor(engine.table), task)
+
+
+def has_train_recipes(engine: BatchEngine) -> bool:
+    """Return whether an engine's tasks need train recipes, so that a scorer may have been trained on them."""
+    return engine.config.part in ("train", "all")
+
+
+def bind_tasks(scores: Iterable[Any], engine: BatchEngine) -> None:
+    """Tell sources or policies what the numbers of :func:`states_of` stand for; what does not ask for it is left alone.
+
+    Raises:
+        LeakError: if one would score a task by a model that has been trained on its recipes.
+    """
+    if has_train_recipes(engine):
+        for one in scores:
+            if getattr(one, "reads_task", False):
+                one.bind(engine.world.tasks)

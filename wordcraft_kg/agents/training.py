@@ -28,6 +28,8 @@ from wordcraft_kg.models.links.folder import open_model
 from wordcraft_kg.models.policies.folder import make_policy, write_constants
 from wordcraft_kg.models.policies.policy import Policy
 from wordcraft_kg.models.policies.sources.source import pairs_need_factors
+from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
+from wordcraft_kg.models.scorers.folder import FOLDS_TENSORS
 from wordcraft_kg.runs.checkpoints import Checkpoint
 from wordcraft_kg.runs.folder import Progress, RunFolder, check_run_output, new_run, resumed_run
 from wordcraft_kg.runs.inputs import open_run_graph
@@ -99,7 +101,7 @@ def train_agent(
     check_device(trainer.device)
     if trainer.compile:
         check_compiler(torch.device(trainer.device))
-    scorer, observed, kg = None, None, None
+    scorer, observed, kg, cross_fitted = None, None, None, 0
     inputs = {"graph": opened.graph.hash, "split": opened.split.hash}
     if config.scorer is not None:
         model = open_model(Path(config.scorer), opened.source)
@@ -108,10 +110,21 @@ def train_agent(
         pairs_need_factors(config.policy.sources, scorer, config.policy.scale)
         observed = opened.triples(kg)
         inputs["scorer"] = model.run.outputs["model.safetensors"]
+        if isinstance(scorer, CrossFitted) and not config.policy.in_sample:
+            inputs["scorer_folds"] = model.run.outputs[FOLDS_TENSORS]
+            cross_fitted = scorer.count
+        elif kg == "partial":
+            _warn_of_memory(config)
         _warn_of_self_pairs(opened.graph, config)
     engine = _engine(opened, config)
     policy, features = make_policy(
-        config.policy, opened.graph, engine.num_slots, scorer=scorer, observed=observed, seed=trainer.seed
+        config.policy,
+        opened.graph,
+        engine.num_slots,
+        scorer=scorer,
+        observed=observed,
+        tasks=engine.world.tasks,
+        seed=trainer.seed,
     )
     if features is not None:
         inputs["features"] = features.sha256
@@ -123,11 +136,24 @@ def train_agent(
             inputs=inputs,
             files=INPUTS,
             kg=kg,
+            cross_fitted=cross_fitted,
             trackers=names_of(trackers),
             missing_words=features.missing_words if features is not None else (),
         )
         with tracking(run, trackers, config.values()) as log:
             return _Training(run, opened, config, policy, engine, log, report).go()
+
+
+def _warn_of_memory(config: AgentConfig) -> None:
+    """Say so where the agent will learn on answers from memory."""
+    what = "the scorer has no folds" if not config.policy.in_sample else "`in_sample` is set"
+    again = "; train it with `folds` 5" if not config.policy.in_sample else ""
+    logging.getLogger(__name__).warning(
+        "%s, so train tasks are answered from memory, and the agent learns to trust scores more than unseen recipes "
+        "deserve%s.",
+        what,
+        again,
+    )
 
 
 def _warn_of_self_pairs(graph: RecipeGraph, config: AgentConfig) -> None:
@@ -304,7 +330,7 @@ class _Training:
             distractors=config.tasks.distractors,
         )
         write_results(run.path, self.policy, self.impala.engine.world, summary, results)
-        run.finish(OUTPUTS, model_card(self.opened, config, run.record.kg, summary))
+        run.finish(OUTPUTS, model_card(self.opened, config, run.record, summary))
         return TrainedAgent(run.path, self.step, summary)
 
 

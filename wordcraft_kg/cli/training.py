@@ -228,6 +228,7 @@ def train_agent_seeds(
     from wordcraft_kg.agents.config import AgentConfig
     from wordcraft_kg.agents.training import TrainedAgent, resume_agent, train_agent
     from wordcraft_kg.graphs.folder import open_graph
+    from wordcraft_kg.models.scorers.folder import FOLDS_TENSORS
     from wordcraft_kg.runs.record import read_finished_run
     from wordcraft_kg.runs.seeds import SeededTraining, train_seeds
 
@@ -241,14 +242,16 @@ def train_agent_seeds(
     }
     opened = open_graph(config.graph)
     parent = config.default_folder(opened.graph.name) if out is None else out
-    scorer = None
+    scorer, folds = None, None
     if config.scorer is not None:
         weights = "model.safetensors"
         expected = "a model of train-complex or train-links"
-        scorer = read_finished_run(Path(config.scorer), expected, weights).outputs[weights]
+        outputs = read_finished_run(Path(config.scorer), expected, weights).outputs
+        scorer = outputs[weights]
+        folds = None if config.policy.in_sample else outputs.get(FOLDS_TENSORS)
     training: SeededTraining[AgentConfig, TrainedAgent] = SeededTraining(
         AGENTS,
-        {"graph": opened.graph.hash, "split": opened.split.hash, "scorer": scorer},
+        {"graph": opened.graph.hash, "split": opened.split.hash, "scorer": scorer, "scorer_folds": folds},
         lambda one, folder, force: train_agent(
             one, folder, force=force, trackers=trackers, progress=output.progress(folder.name, unit="step")
         ),

@@ -75,22 +75,30 @@ class _Scores:
     """The scores of sources, by name, for the observations of a world."""
 
     def __init__(self, world: World, sources: Sequence[SlotSource]):
-        self.sources = sources
-        self.is_train = world.config.part == "train"
+        self.sources, self.world = sources, world
+        self.has_train_recipes = world.config.part in ("train", "all")
         for source in sources:
             if source.graph_hash != world.graph.hash:
                 raise GraphMismatchError(
                     f"source '{source.name}' belongs to graph {source.graph_hash[:12]} but the environment plays on "
                     f"'{world.graph.name}', {world.graph.hash[:12]}. Take a scorer of that graph."
                 )
+        self._bind()
+
+    def _bind(self) -> None:
+        """Tell sources that depend on the task what the tasks are; they may have been asked about others in between."""
+        for source in self.sources if self.has_train_recipes else ():
+            if getattr(source, "reads_task", False) and hasattr(source, "bind"):
+                source.bind(self.world.tasks)
 
     def of(self, observation: Mapping[str, Any], task: Any) -> dict[str, NDArray[np.float32]]:
         """Return the scores of one state, with keys of shape (), or of many, with keys of shape (N,)."""
         import torch
 
+        self._bind()
         goal, selection, table = (torch.as_tensor(np.asarray(observation[key])) for key in ID_KEYS)
         rows = goal.reshape(-1), selection.reshape(-1), table.reshape(-1, table.shape[-1])
-        tasks = torch.as_tensor(np.asarray(task)).reshape(-1) if self.is_train else None
+        tasks = torch.as_tensor(np.asarray(task)).reshape(-1) if self.has_train_recipes else None
         return {source.name: source(*rows, tasks).reshape(table.shape).numpy() for source in self.sources}
 
     def spaces(self, shape: tuple[int, ...]) -> dict[str, spaces.Space[Any]]:
@@ -107,10 +115,14 @@ class KGScoreObservation(gym.ObservationWrapper[dict[str, Any], Any, dict[str, A
     """
 
     def __init__(self, env: gym.Env[Any, Any], sources: Sequence[SlotSource]):
-        """Take sources of the environment's graph: ``make_sources(["u", "v"], scorer)``.
+        """Take sources of the environment's graph: ``make_sources(["u", "v"], scorer, tasks=world.tasks)``.
+
+        The world is ``env.unwrapped.world``; only a cross-fitted scorer needs its tasks.
 
         Raises:
-            GraphMismatchError: if one belongs to another graph.
+            GraphMismatchError: if one belongs to another graph, or to the tasks of another split.
+            LeakError: if one would score train tasks by a model that has been trained on their recipes, although there
+                is another.
         """
         super().__init__(env)
         world = _world(env)
@@ -130,11 +142,7 @@ class VectorKGScoreObservation(VectorWrapper):
     """:class:`KGScoreObservation` for the vector environment: scores have shape (N, num_slots)."""
 
     def __init__(self, env: VectorEnv[Any, Any, Any], sources: Sequence[SlotSource]):
-        """Take sources of the environment's graph.
-
-        Raises:
-            GraphMismatchError: if one belongs to another graph.
-        """
+        """Take sources of the environment's graph, as :class:`KGScoreObservation` does."""
         super().__init__(env)
         self._engine = env.unwrapped.engine  # type: ignore[attr-defined]
         world: World = self._engine.world
@@ -158,6 +166,31 @@ class VectorKGScoreObservation(VectorWrapper):
 
     def _with_scores(self, observations: dict[str, Any]) -> dict[str, Any]:
         return {**observations, **self._scores.of(observations, self._engine.task)}
+
+
+class TaskObservation(gym.ObservationWrapper[dict[str, Any], Any, dict[str, Any]]):
+    """Adds ``task``, the number of the task, by which a policy with a cross-fitted scorer knows what not to remember.
+
+    It is a number of ``world.tasks`` if these need train recipes, or their number for any other task. On the test part
+    it is always the number of the train tasks, so that a policy can be trained and judged with equal observations.
+    """
+
+    def __init__(self, env: gym.Env[Any, Any]):
+        """Wrap a single environment."""
+        super().__init__(env)
+        world = _world(env)
+        self._is_known = world.config.part in ("train", "all")
+        self._other = len(world.tasks if self._is_known else world.variant(part="train").tasks)
+        self.observation_space = spaces.Dict({**_id_spaces(env), "task": spaces.Discrete(self._other + 1)})
+
+    def observation(self, observation: dict[str, Any]) -> dict[str, Any]:
+        """Add the number."""
+        number = self.env.get_wrapper_attr("state").task if self._is_known else self._other
+        return {**observation, "task": np.int64(number)}
+
+    def action_masks(self) -> NDArray[np.bool_]:
+        """Return which slots hold an entity, for libraries that ask the outermost wrapper."""
+        return np.asarray(self.env.get_wrapper_attr("action_masks")(), dtype=bool)
 
 
 class TextObservation(gym.Wrapper[Any, Any, Any, Any]):

@@ -20,7 +20,7 @@ from wordcraft_kg.settings import refuse, whole
 
 OUTSIDE = -1
 """Fold of a recipe that is not in train."""
-SEVERAL = -1
+SEVERAL = -2
 """Fold of a task whose recipes lie in several folds."""
 
 
@@ -48,7 +48,7 @@ class Folds:
         return frozen(recipe_triples(self.split.graph.recipes[self.seen(left_out)]))
 
     def of_tasks(self, tasks: TaskSet) -> Ids:
-        """Return the fold in which all recipes of a task's plans lie, shape (N,); :data:`SEVERAL` if there is none."""
+        """Return the fold in which all train recipes of a task's plans lie, shape (N,), see :func:`fold_of_tasks`."""
         return fold_of_tasks(self.of_recipe, tasks)
 
     @cached_property
@@ -58,24 +58,28 @@ class Folds:
 
 
 def fold_of_tasks(of_recipe: Ids, tasks: TaskSet) -> Ids:
-    """Return the fold in which all recipes of a task's plans lie, shape (N,); :data:`SEVERAL` if there is none.
+    """Return the fold in which all train recipes of a task's plans lie, shape (N,).
 
     Args:
-        of_recipe: fold of each recipe, shape (num_recipes,).
-        tasks: tasks of the train part.
+        of_recipe: fold of each recipe, shape (num_recipes,); :data:`OUTSIDE` for those that are not in train.
+        tasks: the tasks.
+
+    Returns:
+        shape (N,): the fold; :data:`SEVERAL` if there is more than one, :data:`OUTSIDE` without a train recipe.
 
     Raises:
-        GraphMismatchError: if a plan uses a recipe in no fold: then the tasks are of another part, or another split.
+        GraphMismatchError: if a plan of a train task uses a recipe in no fold: the folds are of another split.
     """
     found = np.full(len(tasks), SEVERAL, dtype=np.int64)
     fold_of = of_recipe.tolist()
     for task, plans in enumerate(tasks.plans):
         folds = {fold_of[row] for plan in plans for row in plan}
-        if OUTSIDE in folds:
+        if tasks.part == "train" and OUTSIDE in folds:
             raise GraphMismatchError(
-                f"{tasks.part} task {task:,} uses a recipe that is in none of the folds. Take the train tasks of the "
-                "split that the folds were made for, or train the model again on this one."
+                f"train task {task:,} uses a recipe that is in none of the folds: they were made for another split. "
+                "Take its train tasks, or train the model again on this split."
             )
+        folds = folds - {OUTSIDE} or {OUTSIDE}
         if len(folds) == 1:
             found[task] = folds.pop()
     return found

@@ -110,6 +110,7 @@ class RunFolder(Generic[P]):
         inputs: Mapping[str, str],
         files: Sequence[str] = (),
         kg: KG | None = None,
+        cross_fitted: int = 0,
         trackers: Sequence[str] = (),
         missing_words: Sequence[str] = (),
     ) -> None:
@@ -120,7 +121,8 @@ class RunFolder(Generic[P]):
             trainer: seed, device and threads, which are among them.
             inputs: hashes of the training data, by name.
             files: files already in the folder that training never changes.
-            kg: see :class:`~wordcraft_kg.runs.record.RunRecord`, also for the next two.
+            kg: see :class:`~wordcraft_kg.runs.record.RunRecord`, also for the next three.
+            cross_fitted: number of folds of the scorer.
             trackers: names of the trackers to which figures go too.
             missing_words: words without a vector.
         """
@@ -134,6 +136,7 @@ class RunFolder(Generic[P]):
             threads=trainer.threads,
             inputs={**inputs, **hashes},
             kg=kg,
+            cross_fitted=cross_fitted,
             trackers=trackers,
             missing_words=missing_words,
         )

@@ -52,6 +52,7 @@ class RunRecord(Record, frozen=True, kw_only=True, omit_defaults=True):
         inputs: hashes by name: ``graph`` and ``split``, and the SHA-256 of files that training never changes.
         outputs: SHA-256 of the files that training wrote.
         kg: which knowledge graph the scorer of an agent was trained on.
+        cross_fitted: number of folds of an agent's scorer, 0 if train tasks were scored by a model that has seen them.
         trackers: names of the trackers to which the figures go too.
         missing_words: words in entity labels for which an agent has no vector.
         resumed: each resumption of the run.
@@ -70,6 +71,7 @@ class RunRecord(Record, frozen=True, kw_only=True, omit_defaults=True):
     device: str
     threads: int
     kg: KG | None = None
+    cross_fitted: int = 0
     trackers: tuple[str, ...] = ()
     missing_words: tuple[str, ...] = ()
     outputs: dict[str, str]
@@ -85,6 +87,7 @@ def start_run(
     threads: int = 1,
     inputs: Mapping[str, str] | None = None,
     kg: KG | None = None,
+    cross_fitted: int = 0,
     trackers: Sequence[str] = (),
     missing_words: Sequence[str] = (),
 ) -> RunRecord:
@@ -106,6 +109,7 @@ def start_run(
         device=device,
         threads=threads,
         kg=kg,
+        cross_fitted=cross_fitted,
         trackers=tuple(trackers),
         missing_words=tuple(missing_words),
         outputs={},

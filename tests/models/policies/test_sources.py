@@ -272,7 +272,14 @@ def test_an_agent_learns_with_factors_and_its_policy_comes_back(
     config = AgentConfig("kitchen", str(tmp_path / "model"), TaskConfig(), policy, ImpalaConfig(steps=512))
     trained = train_agent(config, tmp_path / "run")
     loaded = load_policy(trained.folder)
-    assert set(loaded.sources["u"].state_dict()) == {"left", "right", "shift", "dropped", "itself"}
+    assert set(loaded.sources["u"].state_dict()) == {
+        "left",
+        "right",
+        "shift",
+        "dropped",
+        "itself",
+        "fold_of_recipe",
+    }
 
 
 # --- names -----------------------------------------------------------------------------------------------------------

@@ -35,6 +35,8 @@ class PolicyConfig:
         scale: brings scores to one scale before mixing: standardise, ranks, log-softmax or none.
         self_edges: an entity's combinesWith score with itself: keep it (the paper), keep only those observed in the
             scorer's training triples, or drop it; a dropped score becomes the mean of all pairs.
+        in_sample: score train tasks by the model that has been trained on them, as the paper does, even if the scorer
+            has one that has not.
         value_readout: weights of the slots in the encodings of value and λ: softmax of α, or the raw logits α, as in
             the paper's released code.
 
@@ -56,6 +58,7 @@ class PolicyConfig:
     mixing: Mixing = "free"
     scale: Scale = "ranks"
     self_edges: SelfEdges = "observed"
+    in_sample: bool = False
     value_readout: ValueReadout = "softmax"
 
     def __post_init__(self) -> None:
@@ -71,7 +74,7 @@ class PolicyConfig:
             one_of(name, getattr(self, name), get_args(kinds))
         for name in ("key_size", "value_size", "hidden_size", "embedding_size"):
             whole(name, getattr(self, name), 1, MAX_DIM)
-        for name in ("allow_missing", "kg_only"):
+        for name in ("allow_missing", "kg_only", "in_sample"):
             require(self, name, isinstance(getattr(self, name), bool), "true or false")
         _ = self.sources
 

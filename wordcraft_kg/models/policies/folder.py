@@ -13,6 +13,7 @@ from wordcraft_kg.errors import ArtefactError, ConfigError, reason
 from wordcraft_kg.feature_spec import LEARNED
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
+from wordcraft_kg.graphs.tasks import TaskSet
 from wordcraft_kg.models.policies.actor_critic import AttentionPolicy
 from wordcraft_kg.models.policies.attention import EntityVectors
 from wordcraft_kg.models.policies.config import PolicyConfig
@@ -20,6 +21,7 @@ from wordcraft_kg.models.policies.mlp import MLPPolicy
 from wordcraft_kg.models.policies.policy import Policy
 from wordcraft_kg.models.policies.sources import source_class
 from wordcraft_kg.models.policies.sources.source import ScoreView, Source, make_sources
+from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
 from wordcraft_kg.models.scorers.features import EntityFeatures, make_features
 from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
 from wordcraft_kg.runs.cards import front_matter
@@ -37,6 +39,7 @@ def make_policy(
     *,
     scorer: TripleScorer | None = None,
     observed: Ids | None = None,
+    tasks: TaskSet | None = None,
     seed: int = 0,
 ) -> tuple[Policy, EntityFeatures | None]:
     """Return an untrained policy for a graph, and its features if they are not learned.
@@ -47,11 +50,13 @@ def make_policy(
         num_slots: number of slots of the tables; only an mlp depends on it.
         scorer: scorer that its sources read, see :func:`~wordcraft_kg.models.policies.sources.source.make_sources`.
         observed: triples that the scorer was trained on, for ``self_edges`` ``observed``.
+        tasks: tasks that it will be trained on, such as ``world.tasks``, which a cross-fitted scorer needs.
         seed: seed of the parameters and of random features; no global generator is left changed.
 
     Raises:
         ConfigError: if the settings do not fit each other or the graph.
         GraphMismatchError: if the scorer belongs to another graph.
+        LeakError: if a task would be scored by a model that has been trained on its recipes.
     """
     features = None
     if config.features != LEARNED:
@@ -64,7 +69,9 @@ def make_policy(
             raise ConfigError("`policy` mlp cannot mix a scorer's scores with its logits; leave out `scorer`.")
         check_scorer(scorer, graph)
         view = ScoreView(config.scale, config.self_edges, observed)
-        sources = make_sources(config.sources, scorer, view)
+        if config.in_sample and isinstance(scorer, CrossFitted):
+            scorer = scorer.whole
+        sources = make_sources(config.sources, scorer, view, tasks=tasks)
     with torch.random.fork_rng(devices=[]):
         torch.default_generator.manual_seed(seed)  # torch.manual_seed would seed all devices too
         vectors = None

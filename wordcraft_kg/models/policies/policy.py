@@ -8,6 +8,7 @@ from torch import Tensor, nn
 
 from wordcraft_kg.errors import UnknownEntityError
 from wordcraft_kg.graphs.recipe_graph import Entity
+from wordcraft_kg.graphs.tasks import TaskSet
 from wordcraft_kg.models.policies.attention import EntityVectors
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.sources import ALPHA, Label
@@ -82,6 +83,16 @@ class Policy(nn.Module):
         """Whether the scores of a source depend on the task, which should then be passed."""
         return any(source.reads_task for source in self.sources.values())
 
+    def bind(self, tasks: TaskSet) -> None:
+        """Take the tasks whose numbers are passed from now on; does nothing unless :attr:`reads_task`.
+
+        Raises:
+            LeakError: if a source would score one by a model that has been trained on its recipes.
+            GraphMismatchError: if they are tasks of another graph or split.
+        """
+        for source in self.sources.values():
+            source.bind(tasks)
+
     def weights(self) -> Weights:
         """Return the tensors that depend on the parameters alone, to compute them once for many calls."""
         raise NotImplementedError
@@ -101,7 +112,8 @@ class Policy(nn.Module):
             selection: shape (B,), int64: the entity held, E for nothing.
             table: shape (B, A), int64: the entities on the table, E for an empty slot. No row is empty.
             weights: result of :meth:`weights`; None computes it.
-            task: shape (B,), int64: number of the task among the train tasks; None for other tasks or if unknown.
+            task: shape (B,), int64: number of the task among those of :meth:`bind`, or their number for another task;
+                None for tasks without train recipes, or if :attr:`reads_task` is False.
         """
         raise NotImplementedError
 

@@ -9,7 +9,6 @@ Source: Wolpert 1992 (stacking); Breiman 1996; van der Laan, Polley and Hubbard 
 """
 
 from collections.abc import Callable, Sequence
-from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -18,9 +17,10 @@ from numpy.typing import NDArray
 
 from wordcraft_kg.errors import GraphMismatchError, LeakError
 from wordcraft_kg.graphs.arrays import Ids, frozen
-from wordcraft_kg.graphs.folds import OUTSIDE, Folds
+from wordcraft_kg.graphs.folds import OUTSIDE, SEVERAL, Folds, fold_of_tasks
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.splits import Split
+from wordcraft_kg.graphs.tasks import TaskSet
 from wordcraft_kg.graphs.triples import recipe_triples, triples_hash
 from wordcraft_kg.models.scorers.protocol import FactoredScorer
 from wordcraft_kg.models.scorers.scorer import Scorer
@@ -135,19 +135,13 @@ class CrossFitted(Scorer):
                 f"the folds of {self.name} are of {len(self.of_recipe):,} recipes but '{graph.name}' has "
                 f"{graph.num_recipes:,}. Train it on this graph, or use the graph that it was trained on."
             )
-        triples = recipe_triples(graph.recipes[self.seen[1 + fold]])
+        triples = recipe_triples(graph.recipes[seen_by_models(self.of_recipe)[1 + fold]])
         if triples_hash(triples) != self.record.folds[fold].trained_on:
             raise LeakError(
                 f"fold {fold} of {self.name} was trained on other triples than those of the recipes outside it, so it "
                 "may have seen what it is to be asked for. Train it again."
             )
         return triples
-
-    @cached_property
-    def seen(self) -> NDArray[np.bool_]:
-        """Which model was trained on which recipe, shape (1 + K, num_recipes): ``whole``, then that of each fold."""
-        train = self.of_recipe != OUTSIDE
-        return np.stack([train, *(train & (self.of_recipe != fold) for fold in range(self.count))])
 
     def check_split(self, split: Split) -> None:
         """Refuse a split whose folds these are not.
@@ -163,3 +157,44 @@ class CrossFitted(Scorer):
             f"the folds of {self.name} are not those of the split {split.hash[:12]} of '{split.graph.name}'. Train it "
             "on this split, or use the split that it was trained on."
         )
+
+
+def seen_by_models(of_recipe: Ids) -> NDArray[np.bool_]:
+    """Return which model has been trained on which recipe, from the fold of each recipe.
+
+    Returns:
+        shape (K + 2, num_recipes): for the model of all train recipes, for that of all but each fold, and for no model
+        at all.
+    """
+    train = of_recipe != OUTSIDE
+    folds = range(int(of_recipe.max(initial=OUTSIDE)) + 1)
+    return np.stack([train, *(train & (of_recipe != fold) for fold in folds), np.zeros_like(train)])
+
+
+def models_of_tasks(of_recipe: Ids, tasks: TaskSet) -> Ids:
+    """Return which model answers each task: one that has not been trained on any recipe of the task's plans.
+
+    Args:
+        of_recipe: fold of each recipe, shape (num_recipes,).
+        tasks: tasks of the graph.
+
+    Returns:
+        shape (N,): rows of :func:`seen_by_models`: 0 for a task without train recipes, 1 + its fold for one whose train
+        recipes lie in a fold, K + 1, which is no knowledge at all, for the others: every model has seen one of theirs.
+
+    Raises:
+        LeakError: if a model would be asked for a recipe that it has seen.
+        GraphMismatchError: if the folds are of another split.
+    """
+    seen = seen_by_models(of_recipe)
+    fold = fold_of_tasks(of_recipe, tasks)
+    # What answers for recipes of several folds is decided here, and nowhere else.
+    models = np.select([fold == OUTSIDE, fold == SEVERAL], [0, len(seen) - 1], 1 + fold)
+    for task, (model, plans) in enumerate(zip(models.tolist(), tasks.plans, strict=True)):
+        for plan in plans:
+            if seen[model, list(plan)].any():
+                raise LeakError(
+                    f"{tasks.part} task {task:,} would be answered by a model that has been trained on a recipe of its "
+                    "plan. Nothing was scored."
+                )
+    return models

@@ -3,18 +3,22 @@
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import ClassVar, Self
+from typing import Any, ClassVar, Self
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 
-from wordcraft_kg.errors import ConfigError
+from wordcraft_kg.errors import ConfigError, GraphMismatchError, LeakError
 from wordcraft_kg.graphs.arrays import Ids
+from wordcraft_kg.graphs.tasks import TaskSet
 from wordcraft_kg.models.policies.sources import Label, source_class
 from wordcraft_kg.models.scorers.config import Scale, SelfEdges
+from wordcraft_kg.models.scorers.cross_fitting import CrossFitted, models_of_tasks
 from wordcraft_kg.models.scorers.limits import TABLE_LIMIT
-from wordcraft_kg.models.scorers.protocol import FactoredScorer, TripleScorer
+from wordcraft_kg.models.scorers.protocol import FactoredScorer, TripleScorer, check_scorer
 from wordcraft_kg.models.scorers.scales import FACTORED_SCALES, scaled_factors, scaled_table
+from wordcraft_kg.settings import check_memory
 
 
 @dataclass(frozen=True)
@@ -26,12 +30,14 @@ class ScoreView:
         self_edges: see there.
         observed: triples that the scorer was trained on, shape (T, 3), for ``self_edges`` ``observed``.
         by_factors: take the scores of pairs from the scorer's factors, because a table of all would be too large.
+        tasks: tasks that will be scored, which a cross-fitted scorer needs, see :meth:`Source.bind`.
     """
 
     scale: Scale = "none"
     self_edges: SelfEdges = "keep"
     observed: Ids | None = None
     by_factors: bool = False
+    tasks: TaskSet | None = None
 
 
 class Source(nn.Module, ABC):
@@ -48,7 +54,7 @@ class Source(nn.Module, ABC):
     """
 
     label: ClassVar[Label]
-    reads_task: ClassVar[bool] = False
+    reads_task: bool = False
 
     def __init__(self, num_entities: int):
         """Prepare empty constants for E entities."""
@@ -80,6 +86,14 @@ class Source(nn.Module, ABC):
         """Return the size of the constants, as far as it is known before they are computed."""
         return 0
 
+    def bind(self, tasks: TaskSet) -> None:
+        """Take the tasks whose numbers are passed from now on; does nothing unless scores depend on the task.
+
+        Raises:
+            LeakError: if one would be scored by a model that has been trained on its recipes.
+            GraphMismatchError: if they are tasks of another graph or split.
+        """
+
     @abstractmethod
     def forward(self, goal: Tensor, selection: Tensor, table: Tensor, task: Tensor | None = None) -> Tensor:
         """Score every slot.
@@ -88,8 +102,8 @@ class Source(nn.Module, ABC):
             goal: shape (B,), int64: the entity to make.
             selection: shape (B,), int64: the entity held, E for nothing.
             table: shape (B, A), int64: the entities on the table, E for an empty slot.
-            task: shape (B,), int64: number of the task among the train tasks. None for other tasks, or if
-                :attr:`reads_task` is False.
+            task: shape (B,), int64: number of the task among those of :meth:`bind`, or their number for another task.
+                None for tasks without train recipes, or if :attr:`reads_task` is False.
 
         Returns:
             shape (B, A), float32; 0 for an empty slot.
@@ -99,6 +113,10 @@ class Source(nn.Module, ABC):
 class PairSource(Source):
     """Scores each slot's entity with a key, the goal or the entity held: by a table of all pairs, or by factors.
 
+    Of a cross-fitted scorer there are K + 2 tables, or factors: the first axis of each buffer says which model they
+    are of, see :func:`~wordcraft_kg.models.scorers.cross_fitting.seen_by_models`; those of no model are 0. The task
+    decides which one is asked; without a task it is that of all train recipes.
+
     Attributes:
         scores: buffer of a table, shape (E + 1, E + 1): by key, by the slot's entity; 0 for nothing.
         left: buffer of factors, like those below, see :class:`~wordcraft_kg.models.scorers.scales.ScaledFactors`;
@@ -107,6 +125,10 @@ class PairSource(Source):
         shift: shape (), what is taken off each product.
         dropped: shape (E + 1,), bool.
         itself: shape ().
+        fold_of_recipe: buffer of a cross-fitted scorer only, shape (num_recipes,), int64; empty if the source was made
+            without tasks, and so without the models of the folds.
+        model_of_task: which model answers each task that is bound, and then that of all train recipes, shape (N + 1,).
+            Not saved: it belongs to the tasks.
     """
 
     scores: Tensor
@@ -115,28 +137,48 @@ class PairSource(Source):
     shift: Tensor
     dropped: Tensor
     itself: Tensor
+    fold_of_recipe: Tensor
+    model_of_task: Tensor
 
     def __init__(self, num_entities: int, constants: Mapping[str, Tensor]):
-        """Take the buffers, either ``scores`` or all others."""
+        """Take the buffers, either ``scores`` or those of factors, and ``fold_of_recipe`` of a cross-fitted scorer."""
         super().__init__(num_entities)
         self.is_table = "scores" in constants
+        self.reads_task = "fold_of_recipe" in constants
         for name in ("scores",) if self.is_table else ("left", "right", "shift", "dropped", "itself"):
             self.register_buffer(name, constants[name])
+        if self.reads_task:
+            self.register_buffer("fold_of_recipe", constants["fold_of_recipe"])
+            self.register_buffer("model_of_task", torch.zeros(0, dtype=torch.int64), persistent=False)
+        self.bound_to = ""  # hash of the tasks
 
     @classmethod
     def of_pairs(cls, scorer: TripleScorer, relation: int, view: ScoreView, *, self_edges: SelfEdges = "keep") -> Self:
         """Return the source of a scorer's scores of all pairs in one relation, slot's entity first, then key."""
         size = len(scorer.entities)
-        if not view.by_factors:
-            table = torch.zeros(size + 1, size + 1)
-            scores = scaled_table(scorer, relation, view.scale, self_edges=self_edges, observed=view.observed)
-            table[:-1, :-1] = scores.detach().cpu().T
-            return cls(size, {"scores": table})
-        assert isinstance(scorer, FactoredScorer)
-        factors = scaled_factors(scorer, relation, view.scale, self_edges=self_edges, observed=view.observed)
-        constants = dict(vars(factors))
-        constants |= {name: _with_nothing(constants[name]) for name in ("left", "right", "dropped")}
-        return cls(size, constants)
+        constants = _constants(scorer, relation, replace(view, self_edges=self_edges))
+        if not isinstance(scorer, CrossFitted):
+            return cls(size, constants)
+        of_recipe = torch.empty(0, dtype=torch.int64)
+        if view.tasks is not None:
+            graph = view.tasks.graph
+            check_scorer(scorer, graph)
+            of_folds = [
+                _constants(
+                    scorer.left_out(fold),
+                    relation,
+                    replace(view, self_edges=self_edges, observed=scorer.trained_on(fold, graph)),
+                )
+                for fold in range(scorer.count)
+            ]
+            of_nothing = {name: torch.zeros_like(tensor) for name, tensor in constants.items()}
+            models = (constants, *of_folds, of_nothing)
+            constants = {name: torch.stack([model[name] for model in models]) for name in constants}
+            of_recipe = torch.from_numpy(scorer.of_recipe.copy())
+        source = cls(size, {**constants, "fold_of_recipe": of_recipe})
+        if view.tasks is not None:
+            source.bind(view.tasks)
+        return source
 
     @classmethod
     def restored(cls, num_entities: int, constants: Mapping[str, Tensor]) -> Self:  # noqa: D102 - inherited
@@ -150,15 +192,69 @@ class PairSource(Source):
     def key(self, goal: Tensor, selection: Tensor) -> Tensor:
         """Return the entity whose scores are asked for, shape (B,)."""
 
+    def bind(self, tasks: TaskSet) -> None:  # noqa: D102 - inherited
+        if not self.reads_task or tasks.hash == self.bound_to:
+            return
+        if not len(self.fold_of_recipe):
+            raise LeakError(
+                f"source '{self.name}' was made of a cross-fitted scorer without its folds, so it would answer train "
+                "tasks from memory. Make it with the `tasks` that it will score, such as those of the environment's "
+                "world, or with the scorer's `whole` if memory is what you want."
+            )
+        if len(self.fold_of_recipe) != tasks.graph.num_recipes or self.graph_hash not in ("", tasks.graph.hash):
+            raise GraphMismatchError(
+                f"source '{self.name}' belongs to another graph than the tasks, which are of '{tasks.graph.name}', "
+                f"{tasks.graph.hash[:12]}. Take a scorer of that graph."
+            )
+        models = models_of_tasks(self.fold_of_recipe.cpu().numpy(), tasks)
+        self.model_of_task = torch.from_numpy(np.append(models, 0)).to(self.fold_of_recipe.device)
+        self.bound_to = tasks.hash
+
     def forward(self, goal: Tensor, selection: Tensor, table: Tensor, task: Tensor | None = None) -> Tensor:  # noqa: D102 - inherited
         key = self.key(goal, selection)[:, None]
+        rows, width = table, self.num_entities + 1
+        model = self._model(task)
         if self.is_table:
-            cells = torch.add(table, key, alpha=self.num_entities + 1)
+            cells = torch.add(table, key if model is None else key + width * model[:, None], alpha=width)
             return self.scores.view(-1).index_select(0, cells.reshape(-1)).view(cells.shape)
-        slots = self.left.index_select(0, table.reshape(-1)).view(*table.shape, -1)
-        scores = torch.bmm(slots, self.right[key[:, 0]][:, :, None])[:, :, 0] - self.shift
-        scores = torch.where((table == key) & self.dropped[table], self.itself, scores)
+        shift, itself, keys = self.shift, self.itself, key[:, 0]
+        if self.left.ndim == 3:  # there are several models
+            model = torch.zeros_like(goal) if model is None else model
+            shift, itself = shift[model][:, None], itself[model][:, None]
+            rows, keys = table + width * model[:, None], keys + width * model
+        slots = self.left.flatten(0, -2).index_select(0, rows.reshape(-1)).view(*table.shape, -1)
+        scores = torch.bmm(slots, self.right.flatten(0, -2)[keys][:, :, None])[:, :, 0] - shift
+        scores = torch.where((table == key) & self.dropped.view(-1)[rows], itself, scores)
         return scores.masked_fill((table == self.num_entities) | (key == self.num_entities), 0)
+
+    def _model(self, task: Tensor | None) -> Tensor | None:
+        """Return the model that answers each state, shape (B,); None for that of all train recipes.
+
+        Raises:
+            LeakError: if the tasks are not known.
+            IndexError: for a number that no task has.
+        """
+        if task is None or not self.reads_task:
+            return None
+        if not self.bound_to:
+            raise LeakError(
+                f"source '{self.name}' has a model for each fold of the train recipes, and does not know which of them "
+                "has not seen a task's: bind it to the tasks first, such as those of the environment's world."
+            )
+        return self.model_of_task.index_select(0, task)
+
+
+def _constants(scorer: TripleScorer, relation: int, view: ScoreView) -> dict[str, Tensor]:
+    """Return the buffers of one model's scores of all pairs."""
+    size = len(scorer.entities)
+    settings: dict[str, Any] = {"self_edges": view.self_edges, "observed": view.observed}
+    if not view.by_factors:
+        table = torch.zeros(size + 1, size + 1)
+        table[:-1, :-1] = scaled_table(scorer, relation, view.scale, **settings).detach().cpu().T
+        return {"scores": table}
+    assert isinstance(scorer, FactoredScorer)
+    constants = dict(vars(scaled_factors(scorer, relation, view.scale, **settings)))
+    return constants | {name: _with_nothing(constants[name]) for name in ("left", "right", "dropped")}
 
 
 def _with_nothing(rows: Tensor) -> Tensor:
@@ -175,6 +271,9 @@ def pairs_need_factors(names: Iterable[str], scorer: TripleScorer, scale: Scale)
     size = len(scorer.entities)
     needed = sum(source_class(name).num_bytes(size) for name in names)
     if needed <= TABLE_LIMIT:
+        if isinstance(scorer, CrossFitted):
+            what = "tables of the scores of all pairs, one for each"
+            check_memory("folds", scorer.count, what, needed * (scorer.count + 2))
         return False
     cost = (
         f"the scores of all pairs of {size:,} entities take {needed / 2**20:,.0f} MiB; expected at most "
@@ -189,11 +288,22 @@ def pairs_need_factors(names: Iterable[str], scorer: TripleScorer, scale: Scale)
     return True
 
 
-def make_sources(names: Iterable[str], scorer: TripleScorer, view: ScoreView = ScoreView()) -> list[Source]:
+def make_sources(
+    names: Iterable[str], scorer: TripleScorer, view: ScoreView = ScoreView(), *, tasks: TaskSet | None = None
+) -> list[Source]:
     """Return sources of a scorer by name.
+
+    Args:
+        names: names of the sources.
+        scorer: the scorer.
+        view: how they read it.
+        tasks: tasks that they will score, such as ``world.tasks``, of which a cross-fitted scorer has to know the
+            recipes. Without them, sources of a cross-fitted scorer answer for test tasks only.
 
     Raises:
         ConfigError: if the scorer cannot serve one, or only by a table that would be too large (before it is computed).
+        LeakError: if a task would be scored by a model that has been trained on its recipes.
+        GraphMismatchError: if the tasks are of another graph or split than the scorer's folds.
 
     Example:
         >>> u, v = make_sources(["u", "v"], load_scorer("models/kitchen"))
@@ -201,6 +311,8 @@ def make_sources(names: Iterable[str], scorer: TripleScorer, view: ScoreView = S
         ('u', True)
     """
     names = tuple(names)
+    if tasks is not None:
+        view = replace(view, tasks=tasks)
     if pairs_need_factors(names, scorer, view.scale):
         view = replace(view, by_factors=True)
     sources = [source_class(name).of_scorer(scorer, view) for name in names]

@@ -1,0 +1,401 @@
+"""Sources of a cross-fitted scorer: each train task is scored by a model that has not seen its recipes."""
+
+import copy
+import importlib
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import torch
+
+import wordcraft_kg  # noqa: F401 - registers the environments
+from wordcraft_kg.agents.agent_folder import open_agent
+from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
+from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer, player_of
+from wordcraft_kg.agents.explanation import explain_episodes
+from wordcraft_kg.agents.impala import Impala
+from wordcraft_kg.agents.players import knowledge_player
+from wordcraft_kg.agents.states import states_of
+from wordcraft_kg.agents.training import resume_agent, train_agent
+from wordcraft_kg.envs.batch import BatchEngine
+from wordcraft_kg.envs.config import WordCraftConfig
+from wordcraft_kg.envs.world import World
+from wordcraft_kg.envs.wrappers import KGScoreObservation, TaskObservation, VectorKGScoreObservation
+from wordcraft_kg.errors import ConfigError, GraphMismatchError, LeakError
+from wordcraft_kg.graphs import SplitConfig, make_split
+from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
+from wordcraft_kg.graphs.folds import SEVERAL, make_folds
+from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
+from wordcraft_kg.models.links.training import train_links
+from wordcraft_kg.models.policies.config import PolicyConfig
+from wordcraft_kg.models.policies.folder import load_policy, make_policy, save_policy
+from wordcraft_kg.models.policies.sources import source as source_module
+from wordcraft_kg.models.policies.sources.source import ScoreView, make_sources
+from wordcraft_kg.models.scorers import cross_fitting
+from wordcraft_kg.models.scorers import folder as scorer_folder
+from wordcraft_kg.models.scorers.cross_fitting import CrossFitted, models_of_tasks
+from wordcraft_kg.models.scorers.folder import load_scorer
+from wordcraft_kg.models.scorers.scales import scaled_table
+
+FOLDS = 3
+SMALL = {"features": "random", "key_size": 8, "value_size": 8}
+
+
+@pytest.fixture(scope="module")
+def opened() -> OpenedGraph:
+    return open_graph("kitchen")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A cross-fitted ComplEx of the kitchen; read only."""
+    out = tmp_path_factory.mktemp("models") / "model"
+    return train_links(LinksConfig("kitchen", ComplExConfig(dim=8, epochs=4, n3=0.1, folds=FOLDS)), out).folder
+
+
+@pytest.fixture(scope="module")
+def scorer(folder: Path) -> CrossFitted:
+    found = load_scorer(folder)
+    assert isinstance(found, CrossFitted)
+    return found
+
+
+def world_of(opened: OpenedGraph, part="train", depth=1, **settings) -> World:
+    return World(opened, WordCraftConfig(part=part, depth=depth, num_distractors=3, **settings))
+
+
+def folds_of(world: World) -> list[set[int]]:
+    """The folds of the recipes of each task's plans, those outside train left out."""
+    of_recipe = make_folds(world.split, FOLDS).of_recipe
+    return [{int(of_recipe[row]) for plan in plans for row in plan} - {-1} for plans in world.tasks.plans]
+
+
+def expected_scores(opened, scorer, view, state, folds):
+    """u and v by the scorer of each state's fold, one by one: shape (2, B, A)."""
+    goal, selection, table, _ = state
+    nothing, partial = opened.graph.num_entities, opened.split.partial
+    found = torch.zeros(2, *table.shape)
+    for row, of_task in enumerate(folds):
+        if len(of_task) > 1:
+            continue
+        (fold,) = of_task or {None}
+        model = scorer.whole if fold is None else scorer.left_out(fold)
+        observed = partial if fold is None else make_folds(opened.split, FOLDS).triples([fold])
+        for source, (relation, key) in enumerate([(0, selection[row]), (1, goal[row])]):
+            self_edges = view.self_edges if source == 0 else "keep"
+            scores = scaled_table(model, relation, view.scale, self_edges=self_edges, observed=observed)
+            for slot, entity in enumerate(table[row].tolist()):
+                if nothing not in (entity, int(key)):
+                    found[source, row, slot] = scores[entity, key]
+    return found
+
+
+@pytest.mark.parametrize("by_factors", [False, True])
+@pytest.mark.parametrize(("part", "depth"), [("train", 1), ("train", 2), ("all", 1), ("test", 1)])
+def test_every_task_is_scored_by_a_model_that_has_not_seen_its_recipes(
+    opened, folder, part, depth, by_factors, monkeypatch: pytest.MonkeyPatch
+):
+    view = ScoreView("standardise", "observed", opened.split.partial)
+    if by_factors:
+        monkeypatch.setattr(scorer_folder, "TABLE_LIMIT", 1)
+        monkeypatch.setattr(source_module, "TABLE_LIMIT", 1)
+    scorer = load_scorer(folder)
+    world = world_of(opened, part, depth, num_tasks=60)
+    sources = make_sources(["u", "v"], scorer, view, tasks=None if part == "test" else world.tasks)
+    folds = folds_of(world)
+    if part == "all":
+        assert {len(one) for one in folds} == {0, 1, 2}
+    engine = BatchEngine(world, len(world.tasks), seed=1)
+    for _ in range(2):
+        engine.pose(np.arange(len(world.tasks)))
+        engine.step_once(np.zeros(len(world.tasks), dtype=np.int64))  # something is in hand
+        state = states_of(engine)
+        found = torch.stack([source(*state) for source in sources])
+        expected = expected_scores(opened, scorer, view, state, folds)
+        torch.testing.assert_close(found, expected, rtol=1e-4, atol=1e-4)
+    assert (part == "test") == (state.task is None)
+
+
+def test_tasks_of_several_folds_are_scored_by_nothing(opened, scorer):
+    world = world_of(opened, depth=2)
+    of_several = [task for task, folds in enumerate(folds_of(world)) if len(folds) > 1]
+    assert of_several
+    folds = make_folds(opened.split, FOLDS)
+    assert np.flatnonzero(folds.of_tasks(world.tasks) == SEVERAL).tolist() == of_several
+    for source in make_sources(["u", "v"], scorer, tasks=world.tasks):
+        task = torch.tensor(of_several)
+        goal = torch.zeros_like(task)
+        assert not source(goal, goal + 1, goal[:, None] + torch.arange(5), task).any()
+
+
+def test_without_a_task_and_for_another_one_the_model_of_all_train_recipes_answers(opened, scorer):
+    world = world_of(opened)
+    (of_all,) = make_sources(["v"], scorer.whole)
+    (source,) = make_sources(["v"], scorer, tasks=world.tasks)
+    goal = torch.arange(20)
+    state = goal, goal + 1, goal[:, None] + torch.arange(6)
+    torch.testing.assert_close(source(*state), of_all(*state), rtol=0, atol=0)
+    torch.testing.assert_close(source(*state, torch.full((20,), len(world.tasks))), of_all(*state), rtol=0, atol=0)
+    assert not torch.equal(source(*state, torch.arange(20)), of_all(*state))
+    assert of_all.reads_task is False
+    of_all.bind(world.tasks)  # asks for nothing
+
+
+def test_a_number_that_no_task_has_is_an_error_and_not_another_row(opened, scorer):
+    world = world_of(opened)
+    (source,) = make_sources(["v"], scorer, tasks=world.tasks)
+    goal = torch.zeros(1, dtype=torch.int64)
+    for number in (-1, len(world.tasks) + 1):
+        with pytest.raises((IndexError, RuntimeError), match="index out of range"):
+            source(goal, goal, goal[:, None], torch.tensor([number]))
+
+
+def test_sources_without_tasks_serve_no_train_task(opened, scorer):
+    world = world_of(opened)
+    (source,) = make_sources(["v"], scorer)
+    assert source.scores.ndim == 2
+    goal = torch.zeros(1, dtype=torch.int64)
+    source(goal, goal, goal[:, None])
+    with pytest.raises(LeakError, match="bind it to the tasks first"):
+        source(goal, goal, goal[:, None], goal)
+    with pytest.raises(LeakError, match=r"without its folds.*Make it with the `tasks`"):
+        source.bind(world.tasks)
+    with pytest.raises(LeakError, match="without its folds"):
+        Evaluator(world)(knowledge_player([source]))
+    Evaluator(world.variant(part="test"))(knowledge_player([source]))
+
+
+def test_tasks_of_another_split_or_graph_are_refused(opened, scorer):
+    other = OpenedGraph(opened.graph, make_split(opened.graph, SplitConfig(seed=1)), "kitchen")
+    with pytest.raises(GraphMismatchError, match="in none of the folds"):
+        make_sources(["u"], scorer, tasks=world_of(other).tasks)
+    foreign = world_of(open_graph("everyday"))
+    with pytest.raises(GraphMismatchError, match="trained on graph"):
+        make_sources(["u"], scorer, tasks=foreign.tasks)
+    (source,) = make_sources(["u"], scorer, tasks=world_of(opened).tasks)
+    with pytest.raises(GraphMismatchError, match="another graph than the tasks"):
+        source.bind(foreign.tasks)
+
+
+def test_a_model_that_has_seen_a_recipe_of_the_plan_is_never_asked(opened, scorer, monkeypatch: pytest.MonkeyPatch):
+    # Plant the fault: the rule says that another fold's model answers.
+    monkeypatch.setattr(cross_fitting, "fold_of_tasks", lambda of_recipe, tasks: np.zeros(len(tasks), dtype=np.int64))
+    with pytest.raises(LeakError, match="train task 0 would be answered by a model that has been trained on"):
+        models_of_tasks(scorer.of_recipe, world_of(opened).tasks)
+
+
+def test_a_model_trained_on_other_triples_than_the_folds_say_is_not_used(opened, scorer):
+    first, *others = scorer.record.folds
+    swapped = CrossFitted(
+        scorer.whole,
+        [lambda: scorer.whole] * FOLDS,
+        scorer.of_recipe,
+        type(scorer.record)(
+            seed=0, hash=scorer.record.hash, folds=(type(first)(**{**as_dict(first), "trained_on": "0" * 64}), *others)
+        ),
+    )
+    with pytest.raises(LeakError, match=r"fold 0 of .* was trained on other triples"):
+        make_sources(["u"], swapped, tasks=world_of(opened).tasks)
+
+
+def as_dict(record):
+    return {name: getattr(record, name) for name in record.__struct_fields__}
+
+
+# --- policies, players and evaluations -------------------------------------------------------------------------------
+
+
+def guided(opened, scorer, world, **settings):
+    config = PolicyConfig(**SMALL, **settings)
+    partial = opened.split.partial
+    return make_policy(config, opened.graph, world.num_slots, scorer=scorer, observed=partial, tasks=world.tasks)[0]
+
+
+def test_evaluations_bind_the_tasks_that_they_play_and_training_binds_its_own_again(opened, scorer):
+    world = world_of(opened)
+    policy = guided(opened, scorer, world)
+    deep = world.variant(depth=2, num_tasks=40)
+    impala = Impala(policy, BatchEngine(world, 8), ImpalaConfig(steps=64, batch_size=8))
+    impala.update()
+    assert policy.sources["u"].bound_to == world.tasks.hash
+    Evaluator(deep, draws=1)(PolicyPlayer(policy))
+    assert policy.sources["u"].bound_to == deep.tasks.hash
+    assert policy.sources["u"].model_of_task.tolist() == [*models_of_tasks(scorer.of_recipe, deep.tasks), 0]
+    impala.update()
+    assert policy.sources["u"].bound_to == world.tasks.hash
+    Evaluator(world.variant(part="test"), draws=1)(PolicyPlayer(policy))
+    assert policy.sources["u"].bound_to == world.tasks.hash
+
+
+def test_a_trainer_uses_for_a_task_what_the_source_says_of_it(opened, scorer):
+    """What the policy scores while acting and learning is by task: without it another policy results."""
+    world = world_of(opened)
+    trained = []
+    for settings in ({}, {"in_sample": True}):
+        policy = guided(opened, scorer, world, **settings)
+        impala = Impala(policy, BatchEngine(world, 8), ImpalaConfig(steps=64, batch_size=8))
+        assert (impala._unroll.task is None) == bool(settings)
+        impala.update()
+        trained.append(torch.cat([parameter.flatten() for parameter in policy.parameters()]))
+    assert not torch.equal(*trained)
+
+
+def test_scripted_players_do_not_remember_the_recipes_of_train_tasks(opened, scorer):
+    world = world_of(opened)
+    honest = make_sources(["u", "v"], scorer, tasks=world.tasks)
+    memory = make_sources(["u", "v"], scorer.whole)
+    success = {
+        name: Evaluator(world)(player).success.mean()
+        for name, player in (
+            ("honest", knowledge_player(honest)),
+            ("memory", knowledge_player(memory)),
+        )
+    }
+    assert success["memory"] > success["honest"] + 0.1
+
+
+def test_a_run_says_that_its_scorer_is_cross_fitted_and_comes_back_the_same(folder, opened, tmp_path: Path, caplog):
+    trainer = ImpalaConfig(steps=1_024, batch_size=32, eval_every=0, checkpoint_every=512)
+    config = AgentConfig("kitchen", str(folder), TaskConfig(distractors=3), PolicyConfig(**SMALL), trainer)
+    done = train_agent(config, tmp_path / "whole").folder
+    assert not caplog.records
+    run = json.loads((done / "run.json").read_text())
+    assert run["cross_fitted"] == FOLDS
+    model = json.loads((folder / "run.json").read_text())["outputs"]
+    assert run["inputs"]["scorer_folds"] == model["folds.safetensors"]
+    assert "cross-fitted in 3 folds" in (done / "README.md").read_text()
+    agent = open_agent(done)
+    assert agent.policy.reads_task
+    found = Evaluator(world_of(opened))(PolicyPlayer(agent.policy)).figures()
+    assert found == agent.evaluation.success["train"]
+    saved = load_policy(save_policy(tmp_path / "saved", agent.policy))
+    assert Evaluator(world_of(opened))(PolicyPlayer(saved)).figures() == found
+    player_of(agent.policy, "kg-only")(BatchEngine(world_of(opened), 4), np.random.default_rng(0))
+    assert len(explain_episodes(agent.policy, world_of(opened), episodes=2)) == 2
+
+    def press(step, total, figures):
+        if step == 512:
+            import signal
+
+            signal.raise_signal(signal.SIGINT)
+
+    frequent = replace(config, trainer=replace(trainer, log_every=512))
+    whole = train_agent(frequent, tmp_path / "again").folder
+    interrupted = train_agent(frequent, tmp_path / "resumed", progress=press)
+    assert interrupted.interrupted
+    resumed = resume_agent(interrupted.folder).folder
+    assert (resumed / "policy.safetensors").read_bytes() == (whole / "policy.safetensors").read_bytes()
+
+
+def test_explanations_show_the_scores_that_the_policy_learned_on(opened, scorer):
+    world = world_of(opened)
+    policy = guided(opened, scorer, world)
+    (episode,) = explain_episodes(policy, world, episodes=1)
+    (source,) = make_sources(["v"], scorer, ScoreView("ranks", "observed", opened.split.partial), tasks=world.tasks)
+    goal = torch.tensor([policy.id_of(episode.goal)])
+    table = torch.tensor([[policy.id_of(slot.entity) for slot in episode.steps[0].slots]])
+    expected = source(goal, goal, table, torch.tensor([0]))[0].tolist()
+    assert [slot.sources["v"] for slot in episode.steps[0].slots] == pytest.approx(expected, rel=1e-5)
+
+
+@pytest.mark.parametrize("in_sample", [False, True])
+def test_a_run_on_memory_says_so(folder, tmp_path: Path, caplog, in_sample: bool):
+    if not in_sample:
+        config = ComplExConfig(dim=4, epochs=1, n3=0.1, folds=0)
+        folder = train_links(LinksConfig("kitchen", config), tmp_path / "model").folder
+    policy = PolicyConfig(**SMALL, in_sample=in_sample)
+    trainer = ImpalaConfig(steps=64, batch_size=32, eval_every=0)
+    done = train_agent(AgentConfig("kitchen", str(folder), policy=policy, trainer=trainer), tmp_path / "run").folder
+    assert "answered from memory" in caplog.text
+    assert ("`in_sample` is set" if in_sample else "no folds") in caplog.text
+    assert "cross_fitted" not in json.loads((done / "run.json").read_text())
+    assert "answered from memory" in (done / "README.md").read_text()
+    assert not load_policy(done).reads_task
+
+
+def test_in_sample_needs_a_scorer():
+    with pytest.raises(ConfigError, match="`in_sample` says how to use a scorer"):
+        AgentConfig("kitchen", policy=PolicyConfig(in_sample=True))
+
+
+# --- wrappers and other libraries ------------------------------------------------------------------------------------
+
+
+def test_wrappers_give_the_scores_of_models_that_have_not_seen_the_task(opened, scorer):
+    world = world_of(opened)
+    sources = make_sources(["u", "v"], scorer, tasks=world.tasks)
+    of_all = make_sources(["u", "v"], scorer.whole)
+    env = KGScoreObservation(gym.make("WordCraft-v0", graph=world), sources)
+    vector = gym.make_vec("WordCraft-v0", 6, vectorization_mode="vector_entry_point", graph=world)
+    envs = VectorKGScoreObservation(vector, sources)
+    seen, _ = env.reset(seed=0)
+    several, infos = envs.reset(seed=0)
+    for observations, tasks in ((seen, [env.unwrapped.state.task]), (several, infos["task"])):
+        state = [torch.as_tensor(np.atleast_1d(observations[key])) for key in ("goal", "selection")]
+        state.append(torch.as_tensor(np.atleast_2d(observations["table"])))
+        expected = sources[1](*state, torch.as_tensor(tasks))
+        np.testing.assert_array_equal(np.atleast_2d(observations["v"]), expected.numpy())
+        assert not np.array_equal(np.atleast_2d(observations["v"]), of_all[1](*state).numpy())
+
+
+def test_a_wrapper_refuses_sources_that_cannot_be_honest_about_its_tasks(opened, scorer):
+    world = world_of(opened)
+    env = gym.make("WordCraft-v0", graph=world)
+    with pytest.raises(LeakError, match="Make it with the `tasks`"):
+        KGScoreObservation(env, make_sources(["u", "v"], scorer))
+    KGScoreObservation(gym.make("WordCraft-v0", graph=world.variant(part="test")), make_sources(["u", "v"], scorer))
+    other = OpenedGraph(opened.graph, make_split(opened.graph, SplitConfig(seed=1)), "kitchen")
+    with pytest.raises(GraphMismatchError, match="in none of the folds"):
+        KGScoreObservation(
+            gym.make("WordCraft-v0", graph=world_of(other)), make_sources(["u"], scorer, tasks=world.tasks)
+        )
+
+
+def test_a_wrapper_asks_about_its_own_tasks_whatever_else_the_sources_were_asked(opened, scorer):
+    world, deep = world_of(opened), world_of(opened, depth=2, num_tasks=30)
+    sources = make_sources(["v"], scorer, tasks=world.tasks)
+    env = KGScoreObservation(gym.make("WordCraft-v0", graph=world), sources)
+    expected, _ = env.reset(seed=3)
+    sources[0].bind(deep.tasks)
+    found, _ = env.reset(seed=3)
+    np.testing.assert_array_equal(found["v"], expected["v"])
+
+
+@pytest.mark.parametrize("part", ["train", "test"])
+def test_observations_can_have_the_number_of_the_task(opened, part: str):
+    world = world_of(opened, part)
+    number = len(world_of(opened).tasks)
+    env = TaskObservation(gym.make("WordCraft-v0", graph=world))
+    seen, _ = env.reset(seed=0)
+    assert env.observation_space.contains(seen)
+    assert env.observation_space["task"].n == number + 1
+    assert seen["task"] == (env.unwrapped.state.task if part == "train" else number)
+    assert env.action_masks().sum() == seen["action_mask"].sum()
+
+
+def test_stable_baselines_learns_on_scores_of_models_that_have_not_seen_the_task(opened, scorer):
+    pytest.importorskip("sb3_contrib")
+    ours = importlib.import_module("wordcraft_kg.agents.sb3")
+    library = importlib.import_module("stable_baselines3")
+    world = world_of(opened)
+    network = guided(opened, scorer, world)
+    plain = gym.make("WordCraft-v0", graph=world)
+    with pytest.raises(ConfigError, match=r"TaskObservation\(env\)"):
+        library.PPO(ours.SB3Policy, plain, policy_kwargs={"network": network}, device="cpu")
+    env = TaskObservation(plain)
+    model = library.PPO(
+        ours.SB3Policy, env, policy_kwargs={"network": network}, device="cpu", n_steps=32, batch_size=16
+    )
+    seen, _ = env.reset(seed=0)
+    rows = {key: torch.as_tensor(np.asarray(value))[None] for key, value in seen.items()}
+    state = rows["goal"], rows["selection"], rows["table"]
+    asked = model.policy.get_distribution(rows).distribution.probs
+    expected = torch.softmax(network(*state, task=rows["task"]).logits, dim=1)
+    torch.testing.assert_close(asked, expected)
+    assert not torch.allclose(asked, torch.softmax(network(*state).logits, dim=1))
+    model.learn(64)
+    copied = copy.deepcopy(model.policy.network)
+    Evaluator(world, draws=1)(PolicyPlayer(copied))

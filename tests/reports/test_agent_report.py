@@ -9,6 +9,7 @@ import jsonschema
 import msgspec
 import numpy as np
 import pytest
+import torch
 
 from wordcraft_kg.agents.agent_folder import OpenedAgent, open_agent
 from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
@@ -21,7 +22,11 @@ from wordcraft_kg.envs.world import World
 from wordcraft_kg.errors import ConfigError, GraphMismatchError
 from wordcraft_kg.graphs.folder import open_graph
 from wordcraft_kg.graphs.splits import SplitConfig
+from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
+from wordcraft_kg.models.links.training import train_links
 from wordcraft_kg.models.policies.config import PolicyConfig
+from wordcraft_kg.models.scorers.cross_fitting import models_of_tasks
+from wordcraft_kg.models.scorers.folder import load_scorer
 from wordcraft_kg.records import as_values
 from wordcraft_kg.reports.agent_report import make_agent_report, report_schema, slot_rows
 from wordcraft_kg.reports.report import Report, render, write_report
@@ -261,3 +266,34 @@ def test_agents_of_another_depth_cannot_be_compared(agents: list[OpenedAgent]) -
     other = replace(agents[1], config=replace(agents[1].config, tasks=TaskConfig(depth=2, distractors=2)))
     with pytest.raises(ConfigError, match="plays with depth 2"):
         make_agent_report({"a": [agents[0]], "b": [other]})
+
+
+def test_train_tasks_are_ranked_by_the_scores_that_the_agent_saw_and_the_page_says_how(tmp_path) -> None:
+    links = ComplExConfig(dim=8, epochs=6, n3=0.1, folds=3)
+    model = train_links(LinksConfig("kitchen", links), tmp_path / "model").folder
+    agents = []
+    for name, in_sample in (("honest", False), ("memory", True)):
+        config = AgentConfig("kitchen", str(model), TASKS, PolicyConfig(in_sample=in_sample), TRAINER)
+        train_agent(config, tmp_path / name)
+        agents.append(open_agent(tmp_path / name))
+    report = make_agent_report(group_agents(agents), part="train", draws=1)
+    world = World(agents[0].opened, TASKS.environment("train"))
+    scorer, size = load_scorer(model), world.graph.num_entities
+    models = models_of_tasks(scorer.of_recipe, world.tasks)
+    expected = []
+    for goal, plans, number in zip(world.tasks.goals.tolist(), world.tasks.plans, models.tolist(), strict=True):
+        one = scorer.left_out(number - 1) if number <= 3 else None
+        row = torch.zeros(size) if one is None else one.table(1)[:, goal]
+        pairs = [[*world.graph.recipes[plan[-1], :2].tolist()] for plan in plans]
+        rank = [
+            max(float((row > row[part]).sum() + ((row == row[part]).sum() + 1) / 2) for part in pair) for pair in pairs
+        ]
+        expected.append(np.ceil(min(rank)))
+    honest, memory = (entry.slices["link_rank"][0] for entry in report.view.agents)
+    assert honest.slice == memory.slice
+    assert honest.tasks == sum(rank <= 3 for rank in expected) < memory.tasks
+    assert [entry.cross_fitted for entry in report.view.agents] == [3, 0]
+    html = render(report)
+    honest_note = r"On train tasks <b>honest</b> is scored\s+.*out of sample.*, by a model of the other folds \(3\)"
+    for note in (honest_note, r"On train tasks <b>memory</b> is scored\s+from memory"):
+        assert re.search(note, html)

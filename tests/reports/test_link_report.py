@@ -893,3 +893,28 @@ def test_numbers_in_the_report_are_plain(values: Values):
     found = leaves(values)
     assert {type(leaf) for leaf in found} <= {int, float, str, bool, type(None)}
     assert all(math.isfinite(leaf) for leaf in found if isinstance(leaf, float))
+
+
+# --- memory ----------------------------------------------------------------------------------------------------------
+
+
+def test_a_cross_fitted_model_shows_what_it_remembers_beside_what_it_can_tell(kitchen_model):
+    report = make_link_report(kitchen_model.scorer, kitchen_model.opened)
+    memory, record = values_of(report)["memory"], kitchen_model.scorer.record
+    assert memory == {
+        "folds": 5,
+        "queries": record.queries,
+        "in_sample_mrr": record.in_sample_mrr,
+        "left_out_mrr": record.mrr,
+        "test_mrr": values_of(report)["metrics"]["all"]["mrr"],
+    }
+    assert memory["in_sample_mrr"] > memory["left_out_mrr"] + 0.2
+    html = render(report)
+    assert "Memory and generalisation" in html
+    assert f"{record.mrr:.3f}" in html
+    for others in (
+        make_link_report(kitchen_model.scorer.whole, kitchen_model.opened),
+        make_link_report(kitchen_model.scorer, kitchen_model.opened, kg="full"),
+    ):
+        assert values_of(others)["memory"] is None
+        assert "Memory and generalisation" not in render(others)

@@ -83,6 +83,9 @@ def _text(view: "LinkView", folder: Path) -> list[str]:
         rows += [
             ("no near-synonym", f"{_figures(row)}  (recipes that no train recipe nearly repeats)") for row in others
         ]
+        if view.memory:
+            left_out = f"MRR {view.memory.left_out_mrr:.3f} on train triples left out of training"
+            rows.append(("cross-fitted", f"{left_out} ({view.memory.in_sample_mrr:.3f} where they were in it)"))
         if view.leaked_left_out:
             rows.append(("with leaked", _with_leaked(view)))
     return [first, *aligned(rows), f"wrote {folder}/   open {folder / 'index.html'}"]

@@ -152,6 +152,7 @@ class AgentEntry(Record):
     Attributes:
         settings: settings that differ from the defaults.
         kg: knowledge graph that its scorer was trained on; None without a scorer.
+        cross_fitted: number of folds of its scorer; 0 if train tasks were scored by a model that has seen them.
         trained_with: number of distractors in training.
         success: success by the number of distractors.
         outcomes: share of each ending, by the number of distractors.
@@ -168,6 +169,7 @@ class AgentEntry(Record):
     checkpoints: tuple[str, ...]
     settings: dict[str, str]
     kg: KG | None
+    cross_fitted: Count
     trained_with: Count
     steps: tuple[int, ...]
     seconds: tuple[float | None, ...]
@@ -429,6 +431,7 @@ def _entry(
         checkpoints=tuple(agent.checkpoint for agent in members),
         settings={key: str(value) for key, value in config.differing().items() if key not in ("seed", "graph")},
         kg=members[0].run.kg,
+        cross_fitted=members[0].run.cross_fitted,
         trained_with=config.tasks.distractors,
         steps=tuple(agent.metrics[-1].step if agent.metrics else 0 for agent in members),
         seconds=tuple(agent.metrics[-1].seconds if agent.metrics else None for agent in members),
@@ -574,7 +577,7 @@ def _slices(
         "train_recipes": list(binned(made, TRAIN_RECIPES)),
         "layer": [(NEVER, layer < 0), *binned(layer, LAYERS)],
     }
-    ranks = _link_ranks(agent, goals, [tasks.plans[task] for task in played.tolist()])
+    ranks = _link_ranks(agent, tasks, played)
     if ranks is not None:
         groups["link_rank"] = list(binned(ranks, LINK_RANKS))
     found = {
@@ -588,21 +591,32 @@ def _slices(
     return {name: rows for name, rows in found.items() if rows}
 
 
-def _link_ranks(agent: OpenedAgent, goals: Ids, plans: Sequence[Sequence[Sequence[int]]]) -> Ids | None:
-    """Return for each task the rank by v of the worse ingredient among all entities, the best over its plans."""
+def _link_ranks(agent: OpenedAgent, tasks: TaskSet, played: Ids) -> Ids | None:
+    """Return for each task the rank by v of the worse ingredient among all entities, the best over its plans.
+
+    v is what the agent saw of the task: a cross-fitted scorer answers train tasks by the model of their fold.
+    """
     if ComponentOf.label.name not in agent.policy.sources:
         return None
     source = agent.policy.sources[ComponentOf.label.name]
-    recipes, size = agent.opened.graph.recipes, agent.opened.graph.num_entities
+    assert isinstance(source, ComponentOf)
+    recipes, size, goals = agent.opened.graph.recipes, agent.opened.graph.num_entities, tasks.goals[played]
+    models = np.zeros_like(goals)
+    by_task = source.reads_task and tasks.part in ("train", "all")
+    if by_task:
+        source.bind(tasks)
+        models = source.model_of_task.cpu().numpy()[played]
     everything, nothing = torch.arange(size)[None], torch.tensor([size])
     ranks = np.empty(len(goals))
-    order = np.argsort(goals, kind="stable")
+    questions = goals * (int(models.max(initial=0)) + 1) + models
+    order = np.argsort(questions, kind="stable")
     # Goal by goal: the scores of all goals at once would not fit where they are computed from embeddings.
-    for tasks in np.split(order, np.flatnonzero(np.diff(goals[order])) + 1):
-        row = source(torch.tensor([int(goals[tasks[0]])]), nothing, everything)[0].numpy()
-        for task in tasks.tolist():
-            parts = (recipes[plan[-1], :2] for plan in plans[task])
-            ranks[task] = min(max(_mean_rank(row, row[part]) for part in pair) for pair in parts)
+    for rows in np.split(order, np.flatnonzero(np.diff(questions[order])) + 1):
+        goal, task = (torch.from_numpy(ids[rows[:1]]) for ids in (goals, played))
+        scores = source(goal, nothing, everything, task if by_task else None)[0].numpy()
+        for row in rows.tolist():
+            parts = (recipes[plan[-1], :2] for plan in tasks.plans[played[row]])
+            ranks[row] = min(max(_mean_rank(scores, scores[part]) for part in pair) for pair in parts)
     return np.ceil(ranks).astype(np.int64)
 
 

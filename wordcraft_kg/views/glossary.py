@@ -76,6 +76,12 @@ GLOSSARY: dict[str, Term] = {
         "An ingredient that replaces another one of a train recipe with the same result and has nearly the same word "
         "vector. Such a test recipe is paraphrase more than prediction.",
     ),
+    "cross_fitted": Term(
+        "Links",
+        "cross-fitted",
+        "Train recipes are scored by a model that was trained without them: they are cut into folds, and each fold has"
+        " a model of all others. Without it an agent learns on answers from memory, and trusts them too much.",
+    ),
     "query": Term(
         "Links", "query", "A triple without its head or without its tail; the model ranks all entities for it."
     ),

@@ -26,6 +26,7 @@ from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.triples import COMBINES_WITH, RELATIONS, Relation, is_in
 from wordcraft_kg.models.links.records import TraceRow
 from wordcraft_kg.models.scorers.config import MAX_QUERIES
+from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
 from wordcraft_kg.models.scorers.facts import FrequencyScorer
 from wordcraft_kg.models.scorers.features import glove_features
 from wordcraft_kg.models.scorers.near_synonyms import NEAR_SYNONYM, near_synonym_recipes, near_synonym_triples
@@ -178,6 +179,24 @@ class Neighbours(Record):
     neighbours: tuple[str, ...]
 
 
+class Memory(Record):
+    """What a model remembers and what it can tell: MRR of train triples with and without them in training.
+
+    Attributes:
+        folds: number of folds of the train recipes.
+        queries: number of queries for train triples that no recipe outside their fold gives.
+        in_sample_mrr: MRR of the model of all train recipes, which has seen them.
+        left_out_mrr: MRR of the models that have been trained without the fold: a forecast of ``test_mrr``.
+        test_mrr: MRR of the unseen test triples.
+    """
+
+    folds: Count
+    queries: Count
+    in_sample_mrr: Share
+    left_out_mrr: Share
+    test_mrr: Share
+
+
 class LinkView(Record):
     """The link-prediction report (``report.json``).
 
@@ -188,6 +207,7 @@ class LinkView(Record):
         without_pairs: whether the graph has too many entities for the parts that need the scores of all pairs.
         leaked_left_out: number of triples of the test recipes that training contains; they are not evaluated.
         metrics: filtered metrics with realistic ties.
+        memory: what a cross-fitted model remembers and what it can tell; None for others.
         with_leaked: metrics if the leaked triples were evaluated too.
         baselines: metrics of baselines by name.
         comparisons: the model against each baseline, the best baseline first.
@@ -216,6 +236,7 @@ class LinkView(Record):
     checks: Annotated[tuple[Check, ...], msgspec.Meta(min_length=2)]
     metrics: Slices
     ties: Ties
+    memory: Memory | None
     with_leaked: RankingMetrics
     baselines: dict[str, Slices]
     comparisons: Annotated[tuple[Comparison, ...], msgspec.Meta(min_length=1)]
@@ -416,6 +437,7 @@ def view_links(
             # Unfiltered, all entities compete.
             ranking_metrics(ranks.assign(candidates=graph.num_entities), "raw_rank"),
         ),
+        memory=_memory(judged),
         with_leaked=_with_leaked(judged),
         baselines=_baselines(judged, seed),
         comparisons=_comparisons(judged, seed),
@@ -501,6 +523,16 @@ def _with_leaked(judged: JudgedLinks) -> RankingMetrics:
     leaked = sampled(leaked, round(len(leaked) * len(judged.queries) / judged.population))
     ranks = rank_triples(judged.scorer, leaked, judged.graph.triples)
     return ranking_metrics(pd.concat([judged.ranks, ranks], ignore_index=True) if len(ranks) else judged.ranks)
+
+
+def _memory(judged: JudgedLinks) -> Memory | None:
+    scorer, test_mrr = judged.scorer, ranking_metrics(judged.ranks).mrr
+    if judged.is_full or not isinstance(scorer, CrossFitted):
+        return None
+    record = scorer.record
+    if record.mrr is None or record.in_sample_mrr is None or test_mrr is None:
+        return None
+    return Memory(record.count, record.queries, record.in_sample_mrr, record.mrr, test_mrr)
 
 
 def _baselines(judged: JudgedLinks, seed: int) -> dict[str, Slices]:

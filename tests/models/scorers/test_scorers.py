@@ -28,6 +28,7 @@ from wordcraft_kg.models.links.config import ComplExConfig, LinkModelConfig
 from wordcraft_kg.models.scorers import folder as scorer_folder
 from wordcraft_kg.models.scorers import limits
 from wordcraft_kg.models.scorers.embeddings import ComplExScorer
+from wordcraft_kg.models.scorers.factors import FactorsScorer
 from wordcraft_kg.models.scorers.facts import FrequencyScorer, SymbolicScorer
 from wordcraft_kg.models.scorers.folder import load_scorer, make_scorer
 from wordcraft_kg.models.scorers.neighbours import NeighbourScorer
@@ -54,6 +55,7 @@ COMPLEX = ComplExScorer(embeddings(), GRAPH.entities, GRAPH.hash)
 SCORERS: dict[str, Scorer] = {
     "complex": COMPLEX,
     "table": COMPLEX.to_table(),
+    "factors": FactorsScorer([COMPLEX.factors(0), COMPLEX.factors(1)], GRAPH.entities, GRAPH.hash),
     "symbolic": SymbolicScorer(GRAPH, GRAPH.triples),
     "frequency": FrequencyScorer(GRAPH, GRAPH.triples[::2]),
     "votes": VoteScorer(GRAPH, GRAPH.recipes[::2]),
@@ -103,6 +105,9 @@ def shapes_of(*shapes: tuple[int, ...]) -> npst.BroadcastableShapes:
 @example(shapes=shapes_of((3, 1), (1, 3), (1, 3)), seed=0)
 @example(shapes=shapes_of((1, 3), (1, 3), (3, 1)), seed=0)
 @example(shapes=shapes_of((3, 1), (3,), (1, 3)), seed=0)
+@example(shapes=shapes_of((3, 1), (3, 1), (1, 4)), seed=0)
+@example(shapes=shapes_of((1, 4), (3, 1), (3, 1)), seed=0)
+@example(shapes=shapes_of((1, 4), (3, 1), (1, 1)), seed=0)
 def test_scores_of_any_broadcastable_ids_equal_single_scores(name, shapes, seed):
     scorer, rng = SCORERS[name], np.random.default_rng(seed)
     sizes = (SIZE, len(RELATIONS), SIZE)

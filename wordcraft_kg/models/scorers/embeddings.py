@@ -5,7 +5,6 @@ from typing import Any
 
 import torch
 
-from wordcraft_kg.graphs.triples import RELATIONS
 from wordcraft_kg.models.scorers.scorer import Scorer
 from wordcraft_kg.models.scorers.tables import TableScorer
 
@@ -50,8 +49,7 @@ class ComplExScorer(Scorer):
 
     def to_table(self) -> TableScorer:
         """Score everything once."""
-        scores = torch.stack([self.table(relation) for relation in range(len(RELATIONS))])
-        return TableScorer(scores, self.entities, self.graph_hash, device=self.device, name=self.name)
+        return TableScorer.of(self)
 
 
 def real_dot(queries: torch.Tensor, candidates: torch.Tensor) -> torch.Tensor:

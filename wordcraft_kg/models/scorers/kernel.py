@@ -1,5 +1,7 @@
 """The recipe kernel: links predicted in closed form from how alike entities are."""
 
+from typing import Any
+
 import numpy as np
 import torch
 from torch import Tensor
@@ -18,7 +20,7 @@ def kernel_regression(kernel: Tensor, links: Tensor, ridge: float = RIDGE) -> Te
     With ``k = V diag(w) Vᵀ`` it is ``V [(w wᵀ) / (w wᵀ + λ) ∘ (Vᵀ Y V)] Vᵀ``: an E x E problem, not an E² x E² one.
 
     Args:
-        kernel: shape (E, E), positive semi-definite.
+        kernel: shape (E, E), symmetric; negative eigenvalues are taken as 0.
         links: Y, shape (E, E).
         ridge: λ.
 
@@ -41,17 +43,29 @@ def completion(recipes: Ids, num_entities: int) -> Tensor:
         recipes: shape (n, 3).
         num_entities: E.
     """
-    table = torch.zeros(num_entities, num_entities)
-    ordered = recipes[np.argsort(recipes[:, 2], kind="stable")]
-    for of_result in np.split(ordered, np.flatnonzero(np.diff(ordered[:, 2])) + 1):
-        ids, place = np.unique(of_result[:, :2], return_inverse=True)
-        one, other = torch.from_numpy(place.reshape(-1, 2)).T
-        pairs = torch.zeros(len(ids), len(ids))
-        pairs[one, other] = pairs[other, one] = 1
-        scale = pairs.sum(1).clamp(min=1).rsqrt()
-        pairs = scale[:, None] * pairs * scale
-        table[np.ix_(ids, ids)] += pairs @ pairs @ pairs
-    return table
+    nodes, pairs = completion_paths(recipes, num_entities)
+    return torch.from_numpy((nodes.T @ (pairs @ (pairs @ (pairs @ nodes)))).toarray().astype(np.float32))
+
+
+def completion_paths(recipes: Ids, num_entities: int) -> tuple[Any, Any]:
+    """Return G and R with ``completion = Gᵀ R³ G``, both sparse, so that it can multiply without being computed.
+
+    A node is an entity as an ingredient of one result: ``G[node, entity]`` is 1, shape (N, E), and R, shape (N, N), has
+    the ``R_c`` of all results as blocks on its diagonal.
+    """
+    from scipy import sparse
+
+    a, b, result = recipes.T
+    cells, place = np.unique(
+        np.concatenate([result, result]) * num_entities + np.concatenate([a, b]), return_inverse=True
+    )
+    one, other = place.reshape(2, -1)
+    count = len(cells)
+    ends = np.unique(np.concatenate([one * count + other, other * count + one]))
+    pairs = sparse.csr_array((np.ones(len(ends)), np.divmod(ends, max(count, 1))), shape=(count, count))
+    scale = sparse.diags_array(np.asarray(pairs.sum(axis=1)).clip(1) ** -0.5)
+    nodes = sparse.csr_array((np.ones(count), (np.arange(count), cells % num_entities)), shape=(count, num_entities))
+    return nodes, (scale @ pairs @ scale).tocsr()
 
 
 def link_matrices(recipes: Ids, num_entities: int) -> tuple[Tensor, Tensor]:

@@ -55,7 +55,10 @@ def cosines(vectors: Tensor) -> Tensor:
 
 
 def similarity(recipes: Ids, text: Tensor) -> Tensor:
-    """Return ``k(x, y) = cos(profiles) + 0.2 max(0, cos(words))²``, shape (E, E), positive semi-definite.
+    """Return ``k(x, y) = cos(profiles) + 0.2 max(0, cos(words))²``, shape (E, E).
+
+    Without words it is positive semi-definite. Squares of positive cosines need not be: vectors of few dimensions can
+    give it negative eigenvalues, which :func:`~wordcraft_kg.models.scorers.kernel.kernel_regression` takes as 0.
 
     Args:
         recipes: shape (n, 3), those that may be looked at.

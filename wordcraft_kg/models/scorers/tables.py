@@ -5,6 +5,7 @@ from typing import Any
 
 import torch
 
+from wordcraft_kg.graphs.triples import RELATIONS
 from wordcraft_kg.models.scorers.scorer import Scorer
 
 
@@ -15,6 +16,12 @@ class TableScorer(Scorer):
         """Keep ``scores``, shape (R, E, E), float, indexed by relation, head, tail."""
         super().__init__(entities, graph_hash, **kwargs)
         self.scores = scores.to(self.device, torch.float32).contiguous()
+
+    @classmethod
+    def of(cls, scorer: Scorer) -> "TableScorer":
+        """Return what looks up all that a scorer scores."""
+        scores = torch.stack([scorer.table(relation) for relation in range(len(RELATIONS))])
+        return TableScorer(scores, scorer.entities, scorer.graph_hash, device=scorer.device, name=scorer.name)
 
     def _score(self, heads: torch.Tensor, relations: torch.Tensor, tails: torch.Tensor) -> torch.Tensor:
         size = len(self.entities)

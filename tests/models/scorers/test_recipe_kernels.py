@@ -1,0 +1,371 @@
+"""The recipe kernel and the recipe-to-recipe kernel against slow references, and what holds for any recipes."""
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+from kernel_oracles import explicit_ridge, slow_completion, slow_profiles, slow_recipe_scores, slow_similarity
+
+from wordcraft_kg.errors import ConfigError
+from wordcraft_kg.graphs import RecipeGraph
+from wordcraft_kg.graphs.triples import recipe_triples
+from wordcraft_kg.models.scorers import kernel_scorer as kernel_scorer_module
+from wordcraft_kg.models.scorers import recipe_kernel as recipe_kernel_module
+from wordcraft_kg.models.scorers.kernel import completion, kernel_regression, link_matrices
+from wordcraft_kg.models.scorers.kernel_scorer import KernelScorer, LowRankKernelScorer, kernel_scorer
+from wordcraft_kg.models.scorers.low_rank_kernel import (
+    SMOOTHING,
+    Product,
+    Term,
+    factored_sum,
+    smoothed,
+    spread,
+    two_step,
+)
+from wordcraft_kg.models.scorers.protocol import FactoredScorer
+from wordcraft_kg.models.scorers.recipe_kernel import RecipeKernel
+from wordcraft_kg.models.scorers.similarity import cosines, normalised, profiles, similarity
+from wordcraft_kg.models.scorers.similarity_rows import SimilarityRows
+from wordcraft_kg.statistics import standardised
+
+SIZE = 9
+"""Entities; the last one is in no recipe."""
+
+
+def drawn_recipes(seed: int, count: int = 14) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    rows = rng.integers(SIZE - 1, size=(count, 3))
+    rows[0, 1] = rows[0, 0]  # a recipe of one entity twice
+    rows[1] = rows[2]  # and one that is there twice
+    return rows
+
+
+def drawn_vectors(seed: int) -> np.ndarray:
+    vectors = np.random.default_rng([seed, 1]).standard_normal((SIZE, 4)).astype(np.float32)
+    vectors[3] = 0  # a word without a vector
+    return vectors
+
+
+CASES = [
+    pytest.param(drawn_recipes(0), id="drawn"),
+    pytest.param(drawn_recipes(1, 40), id="many"),
+    pytest.param(np.array([[2, 2, 2]]), id="one entity makes itself"),
+    pytest.param(np.zeros((0, 3), dtype=np.int64), id="none"),
+]
+any_recipes = pytest.mark.parametrize("recipes", CASES)
+
+
+def graph_of(recipes: np.ndarray) -> RecipeGraph:
+    """A graph whose ids are those of the rows, with every entity in it."""
+    rows = np.concatenate([recipes, [[i, i, i] for i in range(SIZE)]])
+    return RecipeGraph.from_recipes([tuple(f"e{i}" for i in row) for row in rows], name="drawn")
+
+
+# --- similarity ------------------------------------------------------------------------------------------------------
+
+
+@any_recipes
+def test_profiles_are_the_damped_rows_of_links_and_contexts(recipes: np.ndarray):
+    found = profiles(recipes, SIZE)
+    expected = slow_profiles(recipes.tolist(), SIZE)
+    gram = [[sum(v * other.get(c, 0) for c, v in row.items()) for other in expected] for row in expected]
+    np.testing.assert_allclose((found @ found.T).toarray(), gram, atol=1e-12)
+    # The contexts, and with them all that has no counterpart elsewhere, have the right lengths too.
+    lengths = sorted(round(v, 9) for row in expected for v in row.values())
+    np.testing.assert_allclose(sorted(found.data), lengths, atol=1e-8)
+
+
+@any_recipes
+def test_the_similarity_is_that_of_profiles_and_words(recipes: np.ndarray):
+    vectors = drawn_vectors(0)
+    found = similarity(recipes, cosines(torch.tensor(vectors)))
+    np.testing.assert_allclose(found.numpy(), slow_similarity(recipes.tolist(), vectors), atol=1e-6)
+
+
+@given(seed=st.integers(0, 10_000), count=st.integers(3, 40))
+def test_the_similarity_without_words_is_positive_semi_definite_and_follows_a_renaming(seed: int, count: int):
+    recipes, nothing = drawn_recipes(seed, count), torch.zeros(SIZE, SIZE)
+    kernel = similarity(recipes, nothing)
+    assert torch.linalg.eigvalsh(kernel.double())[0] > -1e-6
+    renaming = np.random.default_rng(seed).permutation(SIZE)
+    renamed = similarity(renaming[recipes], nothing)
+    torch.testing.assert_close(renamed[np.ix_(renaming, renaming)], kernel)
+
+
+def test_words_of_few_dimensions_can_make_the_similarity_indefinite_and_the_regression_does_without():
+    angles = np.random.default_rng(0).random(60) * 2 * np.pi
+    kernel = similarity(
+        np.zeros((0, 3), dtype=np.int64), cosines(torch.tensor(np.stack([np.cos(angles), np.sin(angles)], 1)))
+    )
+    values, vectors = torch.linalg.eigh(kernel.double())
+    assert values[0] < -0.01
+    cut = (vectors * values.clamp(min=0)) @ vectors.T
+    links = torch.eye(60)
+    torch.testing.assert_close(
+        kernel_regression(kernel, links), kernel_regression(cut.float(), links), atol=1e-5, rtol=0
+    )
+
+
+def test_an_entity_is_as_similar_to_itself_as_can_be_and_one_of_no_recipe_to_nothing():
+    alike = normalised(similarity(drawn_recipes(0), torch.zeros(SIZE, SIZE)))
+    torch.testing.assert_close(alike.diagonal()[:-1], torch.ones(SIZE - 1))
+    assert alike.max() <= 1 + 1e-6
+    assert not alike[-1].any()
+    assert not alike[:, -1].any()
+
+
+@any_recipes
+@pytest.mark.parametrize("with_words", [True, False])
+def test_rows_of_the_similarity_are_those_of_the_whole(recipes: np.ndarray, with_words: bool):
+    vectors = drawn_vectors(0)
+    rows = SimilarityRows.of(recipes, SIZE, vectors if with_words else None)
+    whole = similarity(recipes, cosines(torch.tensor(vectors)) * with_words)
+    some = torch.tensor([4, 8, 0, 4])
+    torch.testing.assert_close(rows.rows(some), whole[some], atol=1e-6, rtol=0)
+    torch.testing.assert_close(rows.normalised_rows(some), normalised(whole)[some], atol=1e-6, rtol=0)
+    torch.testing.assert_close(rows.diagonal, whole.diagonal(), atol=1e-6, rtol=0)
+
+
+@pytest.mark.parametrize("dimensions", [0, 2, 30], ids=["no words", "few dimensions", "many dimensions"])
+def test_products_with_the_similarity_need_no_matrix(dimensions: int, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("wordcraft_kg.models.scorers.similarity_rows.CELLS", 3 * SIZE)
+    rng = np.random.default_rng(0)
+    vectors = rng.standard_normal((SIZE, dimensions)).astype(np.float32)
+    rows = SimilarityRows.of(drawn_recipes(0), SIZE, vectors)
+    block = rng.standard_normal((SIZE, 5)).astype(np.float32)
+    # Negative cosines count there too.
+    whole = similarity(drawn_recipes(0), cosines(torch.tensor(vectors)).abs()).numpy()
+    np.testing.assert_allclose(rows.times(block), whole @ block, atol=1e-5)
+
+
+# --- regression and completion ---------------------------------------------------------------------------------------
+
+
+@given(seed=st.integers(0, 10_000), ridge=st.sampled_from([0.1, 1.0, 7.0]))
+def test_kernel_regression_is_the_explicit_ridge_on_all_pairs(seed: int, ridge: float):
+    rng = np.random.default_rng(seed)
+    parts, links = rng.standard_normal((5, 7)), (rng.random((5, 5)) < 0.4).astype(float)
+    kernel = parts @ parts.T / 7
+    found = kernel_regression(torch.from_numpy(kernel), torch.from_numpy(links), ridge)
+    np.testing.assert_allclose(found.numpy(), explicit_ridge(kernel, links, ridge), atol=1e-5)
+
+
+@any_recipes
+def test_completion_counts_paths_of_three_pairs_of_the_same_result(recipes: np.ndarray):
+    np.testing.assert_allclose(completion(recipes, SIZE).numpy(), slow_completion(recipes.tolist(), SIZE), atol=1e-6)
+
+
+def test_completion_suggests_the_fourth_pair_of_three():
+    table = completion(np.array([[0, 1, 4], [1, 2, 4], [2, 3, 4], [0, 5, 6]]), 7)
+    assert table[0, 3] > 0  # 0 + 1, 2 + 1 and 2 + 3 make 4
+    assert table[3, 5] == 0
+
+
+@any_recipes
+def test_link_matrices_hold_the_triples(recipes: np.ndarray):
+    tables = torch.stack(link_matrices(recipes, SIZE))
+    expected = {(r, h, t) for h, r, t in recipe_triples(recipes).tolist()}
+    assert {tuple(cell) for cell in torch.nonzero(tables).tolist()} == expected
+
+
+# --- low rank --------------------------------------------------------------------------------------------------------
+
+
+def test_smoothing_solves_the_ridge_regression():
+    rows = SimilarityRows.of(drawn_recipes(0), SIZE, drawn_vectors(0))
+    kernel = rows.times(np.eye(SIZE, dtype=np.float32)).astype(float)
+    block = np.random.default_rng(0).standard_normal((SIZE, 6)).astype(np.float32)
+    block[:, 2] = 0
+    expected = kernel @ np.linalg.solve(kernel + SMOOTHING * np.eye(SIZE), block)
+    np.testing.assert_allclose(smoothed(rows, block), expected, atol=5e-3)
+
+
+def test_two_steps_smooth_heads_and_tails():
+    rows = SimilarityRows.of(drawn_recipes(0), SIZE)
+    kernel = rows.times(np.eye(SIZE, dtype=np.float32)).astype(float)
+    smooth = kernel @ np.linalg.inv(kernel + SMOOTHING * np.eye(SIZE))
+    links = link_matrices(drawn_recipes(0), SIZE)[1].numpy()
+    found = two_step(rows, links)(np.eye(SIZE, dtype=np.float32))
+    np.testing.assert_allclose(found, smooth @ links @ smooth, atol=1e-2)
+
+
+def _term(weight: float, matrix: np.ndarray) -> Term:
+    def times(matrix: np.ndarray) -> Product:
+        return lambda block: (matrix @ block).astype(np.float32)
+
+    return Term(weight, times(matrix), times(matrix.T))
+
+
+def test_a_sum_of_terms_is_factored_as_well_as_its_rank_allows():
+    rng = np.random.default_rng(0)
+    one, other = (rng.standard_normal((60, 8)) @ rng.standard_normal((8, 60)) for _ in range(2))
+    terms = [_term(1.0, one), _term(0.5, other)]
+    drawn = rng.standard_normal((60, 30)).astype(np.float32)
+    left, right = factored_sum(terms, drawn)
+    scales = [w / spread((m @ drawn).astype(np.float32)) for w, m in ((1.0, one), (0.5, other))]
+    np.testing.assert_allclose(left @ right.T, scales[0] * one + scales[1] * other, atol=1e-3)
+    assert spread((one @ drawn).astype(np.float32)) == pytest.approx(np.sqrt((one**2).mean()), rel=0.3)
+
+
+# --- scorers ---------------------------------------------------------------------------------------------------------
+
+
+def test_the_kernel_scorer_is_the_sum_of_standardised_parts():
+    recipes, vectors = drawn_recipes(1, 40), drawn_vectors(0)
+    graph = graph_of(recipes)
+    scorer = KernelScorer(graph, recipes, vectors)
+    kernel = similarity(recipes, cosines(torch.tensor(vectors)))
+    combines, component = (
+        standardised(kernel_regression(kernel, links).numpy()) for links in link_matrices(recipes, SIZE)
+    )
+    combines = combines + 0.5 * standardised(completion(recipes, SIZE).numpy())
+    np.testing.assert_allclose(scorer.table("combinesWith").numpy(), combines, atol=1e-4)
+    np.testing.assert_allclose(scorer.table("componentOf").numpy(), component, atol=1e-4)
+    assert (scorer.name, scorer.graph_hash) == ("recipe kernel", graph.hash)
+
+
+@any_recipes
+@pytest.mark.parametrize("kind", [KernelScorer, LowRankKernelScorer])
+def test_scorers_of_any_recipes_are_finite_and_the_same_again(kind: type, recipes: np.ndarray):
+    graph = graph_of(recipes)
+    for vectors in (None, drawn_vectors(0)):
+        tables = [torch.stack([kind(graph, recipes, vectors).table(r) for r in (0, 1)]) for _ in range(2)]
+        assert torch.isfinite(tables[0]).all()
+        assert torch.equal(*tables)
+
+
+def test_the_low_rank_scorer_of_full_rank_ranks_like_two_steps_and_completion(kitchen: RecipeGraph):
+    recipes = kitchen.recipes
+    scorer = LowRankKernelScorer(kitchen, recipes, rank=kitchen.num_entities)
+    rows = SimilarityRows.of(recipes, kitchen.num_entities)
+    kernel = rows.times(np.eye(len(rows), dtype=np.float32)).astype(float)
+    smooth = kernel @ np.linalg.inv(kernel + SMOOTHING * np.eye(len(rows)))
+    expected = [smooth @ links.numpy().astype(float) @ smooth for links in link_matrices(recipes, len(rows))]
+    paths = completion(recipes, len(rows)).numpy().astype(float)
+    expected[0] = expected[0] / np.sqrt((expected[0] ** 2).mean()) + 0.5 * paths / np.sqrt((paths**2).mean())
+    for relation in (0, 1):
+        found = scorer.table(relation).numpy()
+        # The scale of each term is estimated from as many random directions as there are entities.
+        assert np.corrcoef(found.ravel(), expected[relation].ravel())[0, 1] > 0.995
+    assert isinstance(scorer, FactoredScorer)
+
+
+def test_a_lower_rank_loses_a_part_and_another_seed_finds_the_same(kitchen: RecipeGraph):
+    tables = {
+        (rank, seed): LowRankKernelScorer(kitchen, kitchen.recipes, rank=rank, seed=seed).table("componentOf").numpy()
+        for rank in (10, 40)
+        for seed in (0, 1)
+    }
+    whole = LowRankKernelScorer(kitchen, kitchen.recipes, rank=kitchen.num_entities).table("componentOf").numpy()
+    lost = {key: np.corrcoef(table.ravel(), whole.ravel())[0, 1] for key, table in tables.items()}
+    assert lost[10, 0] < lost[40, 0]
+    assert lost[10, 1] < lost[40, 1]
+    assert min(lost[40, 0], lost[40, 1]) > 0.9
+
+
+def test_the_scorer_is_a_table_where_it_fits_and_factors_above(kitchen: RecipeGraph, monkeypatch: pytest.MonkeyPatch):
+    assert type(kernel_scorer(kitchen, kitchen.recipes)) is KernelScorer
+    monkeypatch.setattr(kernel_scorer_module, "TABLE_LIMIT", 1_000)
+    assert type(kernel_scorer(kitchen, kitchen.recipes)) is LowRankKernelScorer
+
+
+def test_a_table_that_is_too_large_and_vectors_of_another_graph_are_refused(
+    kitchen: RecipeGraph, monkeypatch: pytest.MonkeyPatch
+):
+    for kind in (KernelScorer, LowRankKernelScorer, RecipeKernel):
+        with pytest.raises(ConfigError, match=r"`vectors` have shape \(3, 4\); expected a row for each of the 80"):
+            kind(kitchen, kitchen.recipes, np.zeros((3, 4)))
+    with pytest.raises(ConfigError, match="`rank`"):
+        LowRankKernelScorer(kitchen, kitchen.recipes, rank=0)
+    monkeypatch.setattr("wordcraft_kg.models.scorers.limits.TABLE_LIMIT", 1_000)
+    with pytest.raises(ConfigError, match="the recipe kernel as a table needs"):
+        KernelScorer(kitchen, kitchen.recipes)
+
+
+# --- recipe to recipe ------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(params=["table", "rows"])
+def way(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
+    """Whether similarities come from a table, or row by row as in graphs that are too large for one."""
+    if request.param == "rows":
+        monkeypatch.setattr(recipe_kernel_module, "TABLE_LIMIT", 100)
+        monkeypatch.setattr(recipe_kernel_module, "CELLS", 8 * SIZE)
+        monkeypatch.setattr("wordcraft_kg.models.scorers.similarity_rows.CELLS", 2 * SIZE)
+    return request.param
+
+
+@any_recipes
+def test_recipes_are_scored_by_all_known_recipes_that_are_like_them(recipes: np.ndarray, way: str):
+    kernel = RecipeKernel(graph_of(recipes), recipes, drawn_vectors(0))
+    alike = slow_similarity(recipes.tolist(), drawn_vectors(0))
+    asked = [list(range(len(recipes)))] * SIZE
+    every = torch.arange(SIZE)
+    found = kernel.score_recipes(every[:, None, None], every[:, None], every)
+    for a, b, c in np.random.default_rng(0).integers(SIZE, size=(60, 3)).tolist():
+        expected = sum(slow_recipe_scores(recipes.tolist(), alike, asked, a, b, c).values())
+        assert float(found[a, b, c]) == pytest.approx(expected, abs=1e-5)
+    torch.testing.assert_close(found, found.transpose(0, 1))
+
+
+def test_only_recipes_of_the_results_most_like_it_are_asked_its_own_first(way: str):
+    recipes, vectors, limit = drawn_recipes(1, 40), drawn_vectors(0), 7
+    kernel = RecipeKernel(graph_of(recipes), recipes, vectors, neighbours=limit)
+    similar = slow_similarity(recipes.tolist(), vectors)
+    for c in range(SIZE):
+        alike = [similar[c, r] ** 2 / (similar[c, c] * similar[r, r]) + (c == r) for r in range(SIZE)]
+        order = sorted(range(len(recipes)), key=lambda row: (-alike[recipes[row, 2]], recipes[row, 2], row))
+        assert sorted({int(recipes[row, 2]) for row in order[:limit]}) == sorted(
+            {int(recipes[row, 2]) for row in kernel._asked[c].tolist()}
+        )
+        assert kernel._asked[c].tolist() == order[:limit]
+
+
+def test_the_recipes_of_a_result_come_before_those_of_its_twin():
+    recipes = np.array([[0, 1, 2], [0, 1, 3]])  # nothing tells 2 and 3 apart
+    kernel = RecipeKernel(graph_of(recipes), recipes, neighbours=1)
+    assert [kernel.speaking_for(0, 1, c)[0].recipe for c in (2, 3)] == [0, 1]
+
+
+def test_the_recipes_that_speak_add_up_to_the_score(way: str):
+    recipes, vectors = drawn_recipes(1, 40), drawn_vectors(0)
+    kernel = RecipeKernel(graph_of(recipes), recipes, vectors)
+    alike = slow_similarity(recipes.tolist(), vectors)
+    asked = [list(range(len(recipes)))] * SIZE
+    for a, b, c in [(0, 1, 2), (3, 3, 4), (7, 2, 2)]:
+        spoke = kernel.speaking_for(a, b, c, limit=100)
+        expected = slow_recipe_scores(recipes.tolist(), alike, asked, a, b, c)
+        assert {row: pytest.approx(weight, abs=1e-5) for row, weight in spoke} == {
+            row: weight for row, weight in expected.items() if weight > 0
+        }
+        assert [weight for _, weight in spoke] == sorted((weight for _, weight in spoke), reverse=True)
+        assert sum(weight for _, weight in spoke) == pytest.approx(float(kernel.score_recipes(a, b, c)), abs=1e-5)
+        assert kernel.speaking_for(a, b, c, limit=2) == spoke[:2]
+
+
+def test_a_known_recipe_speaks_for_itself_most():
+    recipes = np.unique(np.sort(drawn_recipes(1, 40)[:, :2], axis=1), axis=0)
+    recipes = np.column_stack([recipes, np.arange(len(recipes)) % (SIZE - 1)])
+    kernel = RecipeKernel(graph_of(recipes), recipes)
+    scores = kernel.score_recipes(*(torch.from_numpy(column.copy()) for column in recipes.T))
+    assert bool((scores >= 1 - 1e-5).all())
+    a, b, c = recipes[5].tolist()
+    assert kernel.speaking_for(b, a, c)[0].recipe == 5
+
+
+def test_without_recipes_nobody_speaks():
+    kernel = RecipeKernel(graph_of(drawn_recipes(0)), np.zeros((0, 3), dtype=np.int64), drawn_vectors(0))
+    assert float(kernel.score_recipes(0, 1, 2)) == 0
+    assert kernel.speaking_for(0, 1, 2) == []
+
+
+def test_ids_broadcast_and_no_ids_give_no_scores(way: str):
+    kernel = RecipeKernel(graph_of(drawn_recipes(0)), drawn_recipes(0))
+    assert kernel.score_recipes(torch.zeros(2, 1, dtype=torch.int64), torch.arange(3), 4).shape == (2, 3)
+    assert kernel.score_recipes(0, torch.zeros(0, dtype=torch.int64), 4).shape == (0,)
+
+
+def test_asking_nobody_is_refused():
+    with pytest.raises(ConfigError, match="`neighbours`"):
+        RecipeKernel(graph_of(drawn_recipes(0)), drawn_recipes(0), neighbours=0)

@@ -1,0 +1,69 @@
+"""Scores that are products of factors, for graphs whose table of scores would be too large."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import torch
+
+from wordcraft_kg.graphs.triples import RELATIONS
+from wordcraft_kg.models.scorers.scorer import Scorer
+
+PAIRS = 2**14
+"""Pairs whose factors are looked up at once."""
+
+
+def factor_names() -> list[tuple[str, str]]:
+    """Return what the two tensors of each relation are called in a model folder."""
+    return [(f"{relation}_left", f"{relation}_right") for relation in RELATIONS]
+
+
+class FactorsScorer(Scorer):
+    """Computes the score of a pair in relation r as ``left_r[head] · right_r[tail]`` on demand.
+
+    Any bilinear scorer can be written so (RESCAL, DistMult, ComplEx, a kernel of low rank).
+    """
+
+    def __init__(
+        self,
+        factors: Sequence[tuple[torch.Tensor, torch.Tensor]],
+        entities: Sequence[str],
+        graph_hash: str,
+        **kwargs: Any,
+    ):
+        """Keep ``left`` and ``right`` of each relation, shape (E, m), where m may differ between relations."""
+        super().__init__(entities, graph_hash, **kwargs)
+        self._factors = [
+            (left.to(self.device, torch.float32), right.to(self.device, torch.float32)) for left, right in factors
+        ]
+
+    def factors(self, relation: int | str) -> tuple[torch.Tensor, torch.Tensor]:
+        """Return ``left`` and ``right``, shape (E, m): the score of a pair is ``left[head] · right[tail]``."""
+        return self._factors[int(self.relation_ids(relation))]
+
+    def table(self, relation: int | str) -> torch.Tensor:  # noqa: D102 - inherited
+        left, right = self.factors(relation)
+        return left @ right.T
+
+    def _score(self, heads: torch.Tensor, relations: torch.Tensor, tails: torch.Tensor) -> torch.Tensor:
+        scores = torch.empty(torch.broadcast_shapes(heads.shape, relations.shape, tails.shape), device=self.device)
+        # All tails of some heads, or all heads of some tails, take one matrix product for each relation.
+        by_row = relations.ndim == 0 or (relations.ndim == 2 and relations.shape[1] == 1)
+        is_grid = by_row and heads.ndim == tails.ndim == 2 and {heads.shape[1], tails.shape[0]} == {1}
+        is_turned = by_row and heads.ndim == tails.ndim == 2 and {heads.shape[0], tails.shape[1]} == {1}
+        if is_grid or is_turned:
+            of_row = relations.reshape(-1).expand(len(scores))
+            for relation in of_row.unique().tolist():
+                left, right = self.factors(relation)
+                rows = of_row == relation
+                if is_grid:
+                    scores[rows] = left[heads.expand(len(scores), 1)[rows, 0]] @ right[tails[0]].T
+                else:
+                    scores[rows] = right[tails.expand(len(scores), 1)[rows, 0]] @ left[heads[0]].T
+            return scores
+        ids = [part.expand(scores.shape).reshape(-1) for part in (heads, relations, tails)]
+        flat = scores.view(-1)
+        for relation in range(len(RELATIONS)):
+            left, right = self.factors(relation)
+            for some in torch.nonzero(ids[1] == relation).flatten().split(PAIRS):
+                flat[some] = (left[ids[0][some]] * right[ids[2][some]]).sum(-1)
+        return scores

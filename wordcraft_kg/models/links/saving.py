@@ -13,9 +13,10 @@ from wordcraft_kg.graphs.triples import RELATIONS
 from wordcraft_kg.models.links.config import SavedConfig
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
 from wordcraft_kg.models.scorers.embeddings import ComplExScorer
+from wordcraft_kg.models.scorers.factors import factor_names
 from wordcraft_kg.models.scorers.folder import ScorerKind, Vocabulary
 from wordcraft_kg.models.scorers.limits import TABLE_LIMIT, table_bytes
-from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
+from wordcraft_kg.models.scorers.protocol import FactoredScorer, TripleScorer, check_scorer
 from wordcraft_kg.records import as_values
 from wordcraft_kg.runs.cards import front_matter
 from wordcraft_kg.runs.config_file import CONFIG_FILE
@@ -37,8 +38,9 @@ def save_scorer(
     """Write a scorer of your own as a model folder, which every command then takes like one that was trained here.
 
     The folder holds the scores of all triples, or the embeddings of a
-    :class:`~wordcraft_kg.models.scorers.embeddings.ComplExScorer`, and says that it was not trained here. Of a
-    cross-fitted scorer it holds the one of all train recipes, without the folds.
+    :class:`~wordcraft_kg.models.scorers.embeddings.ComplExScorer`, or, where a table of the scores would be too large,
+    the factors of a :class:`~wordcraft_kg.models.scorers.protocol.FactoredScorer`. It says that it was not trained
+    here. Of a cross-fitted scorer it holds the one of all train recipes, without the folds.
 
     Args:
         folder: folder to write.
@@ -94,12 +96,18 @@ def _tensors_of(scorer: TripleScorer) -> tuple[ScorerKind, dict[str, Tensor]]:
         scorer = scorer.whole
     if isinstance(scorer, ComplExScorer):
         kind, tensors = "complex", scorer.embeddings()
+    elif isinstance(scorer, FactoredScorer) and table_bytes(len(scorer.entities)) > TABLE_LIMIT:
+        kind, tensors = "factors", {}
+        for names, relation in zip(factor_names(), RELATIONS, strict=True):
+            parts = scorer.factors(RELATIONS.index(relation))
+            tensors |= zip(names, (part.to("cpu", torch.float32) for part in parts), strict=True)
     else:
         size = len(scorer.entities)
         if table_bytes(size) > TABLE_LIMIT:
             raise ConfigError(
                 f"the scores of all triples of {size:,} entities take {len(RELATIONS) * size**2 * 4 / 2**20:,.0f} MiB; "
-                f"expected at most {TABLE_LIMIT / 2**20:.0f} MiB. Only a ComplExScorer can be saved without them."
+                f"expected at most {TABLE_LIMIT / 2**20:.0f} MiB. Only a ComplExScorer, or a scorer with "
+                "`factors`, can be saved without them."
             )
         tables = [scorer.table(relation).to("cpu", torch.float32) for relation in range(len(RELATIONS))]
         for relation, table in zip(RELATIONS, tables, strict=True):

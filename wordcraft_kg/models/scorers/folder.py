@@ -12,6 +12,7 @@ from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.triples import RELATIONS
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted, FoldsRecord
 from wordcraft_kg.models.scorers.embeddings import ComplExScorer
+from wordcraft_kg.models.scorers.factors import FactorsScorer, factor_names
 from wordcraft_kg.models.scorers.limits import TABLE_LIMIT, table_bytes
 from wordcraft_kg.models.scorers.protocol import check_scorer
 from wordcraft_kg.models.scorers.scorer import Scorer
@@ -25,8 +26,8 @@ FOLDS_RECORD, FOLDS_TENSORS = "folds.json", "folds.safetensors"
 OF_RECIPE = "of_recipe"
 """The tensor that says which recipe is in which fold."""
 
-ScorerKind = Literal["complex", "table"]
-"""What a scorer is stored as: embeddings, or the scores themselves."""
+ScorerKind = Literal["complex", "factors", "table"]
+"""What a scorer is stored as: embeddings, the factors of its scores, or the scores themselves."""
 
 
 class Vocabulary(Record, frozen=True, kw_only=True):
@@ -122,6 +123,8 @@ def _check_shapes(vocabulary: Vocabulary, tensors: dict[str, torch.Tensor]) -> N
         dim = tensors["entity_real"].shape[-1]
         rows = {"entity": size, "relation": relations}
         expected = {f"{what}_{part}": (rows[what], dim) for what in rows for part in ("real", "imag")}
+    elif vocabulary.scorer == "factors":
+        expected = {name: (size, tensors[left].shape[-1]) for left, right in factor_names() for name in (left, right)}
     for name, shape in expected.items():
         if tensors[name].dtype != torch.float32:
             raise ValueError(f"{name} is of {tensors[name].dtype}, not {torch.float32}")
@@ -147,5 +150,10 @@ def make_scorer(
     """
     if kind == "table":
         return TableScorer(tensors["scores"], entities, graph_hash, **settings)
-    scorer = ComplExScorer(tensors, entities, graph_hash, **settings)
-    return scorer.to_table() if table_bytes(len(entities)) <= TABLE_LIMIT else scorer
+    scorer: Scorer
+    if kind == "factors":
+        factors = [(tensors[left], tensors[right]) for left, right in factor_names()]
+        scorer = FactorsScorer(factors, entities, graph_hash, **settings)
+    else:
+        scorer = ComplExScorer(tensors, entities, graph_hash, **settings)
+    return TableScorer.of(scorer) if table_bytes(len(entities)) <= TABLE_LIMIT else scorer

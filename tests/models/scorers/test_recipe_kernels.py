@@ -8,10 +8,11 @@ from hypothesis import strategies as st
 from kernel_oracles import explicit_ridge, slow_completion, slow_profiles, slow_recipe_scores, slow_similarity
 
 from wordcraft_kg.errors import ConfigError
-from wordcraft_kg.graphs import RecipeGraph
+from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_book
 from wordcraft_kg.graphs.triples import recipe_triples
 from wordcraft_kg.models.scorers import kernel_scorer as kernel_scorer_module
 from wordcraft_kg.models.scorers import recipe_kernel as recipe_kernel_module
+from wordcraft_kg.models.scorers.features import glove_features
 from wordcraft_kg.models.scorers.kernel import completion, kernel_regression, link_matrices
 from wordcraft_kg.models.scorers.kernel_scorer import KernelScorer, LowRankKernelScorer, kernel_scorer
 from wordcraft_kg.models.scorers.low_rank_kernel import (
@@ -23,7 +24,9 @@ from wordcraft_kg.models.scorers.low_rank_kernel import (
     spread,
     two_step,
 )
+from wordcraft_kg.models.scorers.neighbours import NeighbourScorer
 from wordcraft_kg.models.scorers.protocol import FactoredScorer
+from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples
 from wordcraft_kg.models.scorers.recipe_kernel import RecipeKernel
 from wordcraft_kg.models.scorers.similarity import cosines, normalised, profiles, similarity
 from wordcraft_kg.models.scorers.similarity_rows import SimilarityRows
@@ -369,3 +372,27 @@ def test_ids_broadcast_and_no_ids_give_no_scores(way: str):
 def test_asking_nobody_is_refused():
     with pytest.raises(ConfigError, match="`neighbours`"):
         RecipeKernel(graph_of(drawn_recipes(0)), drawn_recipes(0), neighbours=0)
+
+
+# --- on real books ---------------------------------------------------------------------------------------------------
+
+
+def judged(graph: RecipeGraph, seed: int) -> tuple[float, float]:
+    """Validation MRR of the recipe kernel and of the neighbour rule."""
+    split = make_split(graph, SplitConfig(seed=seed, valid_ratio=0.1))
+    vectors = glove_features(graph.entities).vectors
+    scorers = KernelScorer(graph, split.recipes("train"), vectors), NeighbourScorer(graph, split.partial)
+    ranks = [rank_triples(scorer, split.held_out("valid"), graph.triples) for scorer in scorers]
+    return mean_reciprocal_rank(ranks[0]), mean_reciprocal_rank(ranks[1])
+
+
+def test_the_kernel_predicts_unseen_links_of_everyday_better_than_neighbours():
+    kernel, neighbours = judged(RecipeGraph.from_book(open_book("everyday")), seed=10)
+    assert kernel == pytest.approx(0.247, abs=0.003)
+    assert neighbours == pytest.approx(0.163, abs=0.003)
+
+
+def test_the_kernel_predicts_unseen_links_of_little_alchemy(alchemy: RecipeGraph):
+    kernel, neighbours = judged(alchemy, seed=11)
+    assert kernel == pytest.approx(0.349, abs=0.003)
+    assert neighbours == pytest.approx(0.216, abs=0.003)

@@ -70,6 +70,7 @@ class LowRankKernelScorer(FactorsScorer):
     gradients are enough for it. It and the completion are scaled by their root mean square, and their sum is factored
     by a seeded randomised singular value decomposition. Of the scores themselves it is the best approximation of that
     rank, up to what the random directions miss; cutting the kernel instead, whose spectrum is flat, would lose more.
+    What is lost may differ between (a, b) and (b, a), so combinesWith is only nearly symmetric.
     """
 
     def __init__(

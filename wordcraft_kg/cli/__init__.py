@@ -32,6 +32,7 @@ COMMANDS = {
     "Link prediction": [
         "train-complex",
         "train-links",
+        "train-recipes",
         "link-models",
         "tune-links",
         "import-pykeen",

@@ -21,6 +21,7 @@ def resume(run: Run, *, graph: str | None = None, epochs: int | None = None, out
     """
     from wordcraft_kg.agents.config import AgentConfig
     from wordcraft_kg.cli.training import finished_without_report, report, report_agent
+    from wordcraft_kg.models.recipes.config import RecipesConfig
     from wordcraft_kg.runs.record import read_run
 
     if read_run(run).kind == AgentConfig.command:
@@ -32,6 +33,13 @@ def resume(run: Run, *, graph: str | None = None, epochs: int | None = None, out
             return report_agent(finished, graph, output)
         progress = output.progress("agent", unit="step")
         return report_agent(resume_agent(run, graph=graph, progress=progress), graph, output)
+    if read_run(run).kind == RecipesConfig.command:
+        from wordcraft_kg.cli.training import report_recipes
+        from wordcraft_kg.models.recipes.training import resume_recipes
+
+        if epochs is not None:
+            raise ConfigError("--epochs is for link predictors; a recipe scorer has none.")
+        return report_recipes(resume_recipes(run, graph=graph, progress=output.progress("resumed", unit="fit")), output)
     from wordcraft_kg.models.links.training import resume_links
 
     return report(resume_links(run, graph=graph, epochs=epochs, progress=output.progress("resumed")), output)

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from wordcraft_kg.agents.config import AgentConfig
     from wordcraft_kg.agents.training import TrainedAgent
     from wordcraft_kg.models.links.training import TrainedLinks
+    from wordcraft_kg.models.recipes.training import TrainedRecipes
 
 T = TypeVar("T", "TrainedAgent", "TrainedLinks")
 Values = dict[str, Any]
@@ -131,6 +132,20 @@ def _train_links_seeds(
     ]
     following = f"wordcraft-kg compare-links {parent} ANOTHER"
     output.result({"out": str(parent), "seeds": values}, [*aligned(rows), f"wrote {parent}/   next: {following}"])
+    return 0
+
+
+def report_recipes(trained: "TrainedRecipes", output: Output) -> int:
+    """Print the outcome of a recipe scorer's fit and return 0."""
+    metrics = trained.metrics
+    rows = [("fitted", f"{metrics.recipes:,} recipes ({metrics.kg} graph)"), ("time", f"{metrics.seconds:.1f} s")]
+    if metrics.fold_mrr is not None:
+        figures = f"{metrics.fold_mrr:.3f} where they were not in the fit, {metrics.fold_in_sample_mrr:.3f} where"
+        rows.append(("folds", f"{metrics.folds}; MRR of train triples {figures} they were"))
+    output.result(
+        {"out": str(trained.folder), **as_values(metrics)},
+        [*aligned(rows), f"wrote {trained.folder}/   next: wordcraft-kg evaluate-links {trained.folder}"],
+    )
     return 0
 
 

@@ -158,9 +158,15 @@ GLOSSARY: dict[str, Term] = {
     ),
     "u": Term("Agents", "combination score", "The scorer's combinesWith score of a slot with the entity in hand.", "u"),
     "v": Term("Agents", "ingredient score", "The scorer's componentOf score of a slot with the goal.", "v"),
-    "lambda": Term("Agents", "mixing weight", "How much a source counts, which the agent learns: λα, λu, λv.", "λ"),
+    "w": Term(
+        "Agents",
+        "recipe score",
+        "How plausible it is that a slot and the entity in hand make the goal; with an empty hand, with its best partner.",
+        "w",
+    ),
+    "lambda": Term("Agents", "mixing weight", "How much a source counts, which the agent learns: λα, λu, λv, λw.", "λ"),
     "beta": Term(
-        "Agents", "logit", "The sum of a slot's scores, each times its mixing weight: λα·α + λu·u + λv·v.", "β"
+        "Agents", "logit", "The sum of a slot's scores, each times its mixing weight: λα·α + λu·u + λv·v + λw·w.", "β"
     ),
     "pi": Term("Agents", "probability", "Chance of a slot to be picked in training: the softmax of the logits.", "π"),
     "value": Term("Agents", "state value", "The return that the agent expects from here on.", "V"),

@@ -13,6 +13,8 @@ from wordcraft_kg.errors import ConfigError, GraphMismatchError, SplitError
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.models.links.config import ComplExConfig, LinkSettings, SavedConfig
 from wordcraft_kg.models.links.folder import OpenedModel
+from wordcraft_kg.models.links.records import LinkMetrics
+from wordcraft_kg.models.recipes.config import RecipesConfig
 from wordcraft_kg.models.scorers.config import MAX_QUERIES
 from wordcraft_kg.models.scorers.ranking import (
     MIN_TRIPLES,
@@ -188,10 +190,11 @@ def _check_alike(reference: OpenedModel, contender: Contender) -> None:
             )
 
 
-def _asked_for(run: OpenedModel) -> LinkSettings | SavedConfig:
+def _asked_for(run: OpenedModel) -> LinkSettings | SavedConfig | RecipesConfig:
     """Return a run's settings but for the seed, and for what each seed chose for itself."""
     settings = run.settings
-    if isinstance(settings, ComplExConfig) and run.metrics is not None and run.metrics.choice is not None:
+    if isinstance(run.metrics, LinkMetrics) and run.metrics.choice is not None:
+        assert isinstance(settings, ComplExConfig)
         settings = replace(settings, n3=None, popularity=None)
     return settings if isinstance(settings, SavedConfig) else replace(settings, seed=0)
 

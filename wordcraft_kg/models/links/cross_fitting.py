@@ -7,40 +7,30 @@ or on the order.
 
 import functools
 import logging
-import multiprocessing
-import os
-import signal
-import sys
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from multiprocessing.connection import Connection, wait
-from multiprocessing.process import BaseProcess
 from pathlib import Path
-from types import ModuleType
 
-import safetensors.torch
 import torch
 
-from wordcraft_kg.artefacts import dump_json, write_atomically
-from wordcraft_kg.errors import ArtefactError, ConfigError, TrainingError, WordCraftKGError, reason
+from wordcraft_kg.errors import ArtefactError, ConfigError
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.folds import Folds, make_folds
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.graphs.triples import is_in, recipe_triples, triples_hash
+from wordcraft_kg.graphs.triples import triples_hash
 from wordcraft_kg.models.links.builders import scorer_tensors
 from wordcraft_kg.models.links.config import FOLDS, ComplExConfig, LinkSettings
 from wordcraft_kg.models.links.fitting import fit
 from wordcraft_kg.models.links.pykeen_bridge import triples_factory
 from wordcraft_kg.models.links.records import FoldDone
-from wordcraft_kg.models.scorers.cross_fitting import Fold, FoldsRecord
-from wordcraft_kg.models.scorers.folder import FOLDS_RECORD, FOLDS_TENSORS, OF_RECIPE, ScorerKind, make_scorer
+from wordcraft_kg.models.scorers.cross_fitting import FoldsRecord
+from wordcraft_kg.models.scorers.fold_files import write_folds
+from wordcraft_kg.models.scorers.folder import FOLDS_RECORD, FOLDS_TENSORS
 from wordcraft_kg.models.scorers.limits import TABLE_LIMIT, table_bytes
-from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples, sampled_for
 from wordcraft_kg.models.scorers.scorer import Scorer
-from wordcraft_kg.records import as_values
 from wordcraft_kg.runs.checkpoints import Checkpoints
+from wordcraft_kg.runs.side_by_side import cores, side_by_side
 from wordcraft_kg.tensors import copied
 
 FOLD_OUTPUTS = (FOLDS_RECORD, FOLDS_TENSORS)
@@ -136,12 +126,12 @@ def train_folds(
             epochs[fold] = epoch
         after_epoch(sum(epochs.values()), settings.epochs * len(jobs))
 
-    workers = min(len(waiting), max(_cores() // settings.threads, 1))
+    workers = min(len(waiting), max(cores() // settings.threads, 1))
     if seconds < LONG or torch.device(settings.device).type != "cpu" or workers == 1:
         for job in waiting:
             job.train(functools.partial(note, job.fold))
     else:
-        _side_by_side(waiting, workers, note)
+        side_by_side(waiting, workers, note)
 
 
 def _is_done(job: _Job) -> bool:
@@ -155,117 +145,12 @@ def _is_done(job: _Job) -> bool:
         return False
 
 
-def _cores() -> int:
-    """Return the number of cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+def write_link_folds(folder: Path, folds: Folds, whole: Scorer) -> FoldsRecord:
+    """Write the files of the folds, all of which are trained; return what is known of them."""
+    kept = _kept(folder)
 
+    def part(fold: int) -> tuple[str, dict[str, torch.Tensor]]:
+        found = kept.read(fold)
+        return found.progress.trained_on, found.tensors
 
-def _side_by_side(jobs: Sequence[_Job], workers: int, note: Callable[..., None]) -> None:
-    """Train in processes of their own: PyKEEN seeds global generators, which threads would share.
-
-    They are ended, not asked to end, when anything goes wrong or the user presses Ctrl-C: an epoch may take minutes.
-    """
-    running = dict(_started(jobs[number::workers]) for number in range(workers))
-    try:
-        while running:
-            for ready in wait(list(running), timeout=0.2):
-                assert isinstance(ready, Connection)
-                try:
-                    message = ready.recv()
-                except EOFError:  # it has no more to say: it is done, or was killed
-                    process = running.pop(ready)
-                    process.join()
-                    if process.exitcode:
-                        raise TrainingError(
-                            f"a process that trained folds ended with code {process.exitcode}; perhaps there is too "
-                            "little memory for several at once. Take more `threads`, or fewer `folds`."
-                        ) from None
-                    continue
-                if isinstance(message, Exception):
-                    raise message
-                note(*message)
-            note()
-    finally:
-        for process in running.values():
-            process.terminate()
-            process.join()
-
-
-def _started(jobs: Sequence[_Job]) -> tuple[Connection, BaseProcess]:
-    """Start a process for some jobs; what it has to say comes from the connection."""
-    context = multiprocessing.get_context("spawn")
-    receiver, sender = context.Pipe(duplex=False)
-    process = context.Process(target=_work, args=(sender, jobs), daemon=True)
-    with _own_start():
-        process.start()
-    sender.close()
-    return receiver, process
-
-
-@contextmanager
-def _own_start() -> Iterator[None]:
-    """Keep the caller's program and Ctrl-C out of a process that starts in this block.
-
-    A new process would import the program that was started, and thereby run it if it has no ``__main__`` guard; ours
-    needs nothing of it. Ctrl-C on a terminal goes to all processes; this one hears it and ends the others.
-    """
-    program = sys.modules["__main__"]
-    sys.modules["__main__"] = ModuleType("__main__")
-    can_block = hasattr(signal, "pthread_sigmask")
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT]) if can_block else set()
-    try:
-        yield
-    finally:
-        sys.modules["__main__"] = program
-        if can_block:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-def _work(connection: Connection, jobs: Sequence[_Job]) -> None:
-    """Do jobs in a process of its own: send fold and number of each epoch, or the error that ended it."""
-    with suppress(BrokenPipeError):  # nobody is there any more
-        try:
-            for job in jobs:
-                job.train(lambda epoch, fold=job.fold: connection.send((fold, epoch)))  # type: ignore[misc]
-        except WordCraftKGError as error:
-            connection.send(error)
-        except Exception as error:
-            connection.send(TrainingError(f"a fold could not be trained ({reason(error)})."))
-
-
-def write_folds(folder: Path, folds: Folds, whole: Scorer) -> FoldsRecord:
-    """Write the files of the folds, all of which are trained; return what is known of them.
-
-    Args:
-        folder: folder of the run.
-        folds: the folds.
-        whole: the scorer of all train recipes.
-    """
-    graph, kept = folds.split.graph, _kept(folder)
-    tensors = {OF_RECIPE: torch.from_numpy(folds.of_recipe.copy())}
-    found = []
-    for number in range(folds.count):
-        part = kept.read(number)
-        tensors |= {f"fold{number}.{name}": tensor for name, tensor in part.tensors.items()}
-        trained_on = folds.triples([number])
-        own = recipe_triples(graph.recipes[folds.of_recipe == number])
-        queries = sampled_for(graph, own[~is_in(own, trained_on, graph.num_entities)])
-        kind: ScorerKind = "table" if "scores" in part.tensors else "complex"
-        others = make_scorer(kind, part.tensors, graph.entities, graph.hash)
-        mrr, in_sample = (
-            mean_reciprocal_rank(rank_triples(scorer, queries, graph.triples)) if len(queries) else None
-            for scorer in (others, whole)
-        )
-        found.append(
-            Fold(
-                trained_on=part.progress.trained_on,
-                triples=len(trained_on),
-                queries=2 * len(queries),
-                mrr=mrr,
-                in_sample_mrr=in_sample,
-            )
-        )
-    record = FoldsRecord(seed=folds.seed, hash=folds.hash, folds=tuple(found))
-    write_atomically(folder / FOLDS_TENSORS, safetensors.torch.save(tensors))
-    write_atomically(folder / FOLDS_RECORD, dump_json(as_values(record)))
-    return record
+    return write_folds(folder, folds, whole, part)

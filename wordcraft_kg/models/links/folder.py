@@ -6,6 +6,8 @@ from pathlib import Path
 from wordcraft_kg.graphs.folder import KG, OpenedGraph
 from wordcraft_kg.models.links.config import LinksConfig, LinkSettings, SavedConfig
 from wordcraft_kg.models.links.records import LinkMetrics, TraceRow
+from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
+from wordcraft_kg.models.recipes.records import RecipeMetrics
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
 from wordcraft_kg.models.scorers.folder import load_scorer
 from wordcraft_kg.models.scorers.scorer import Scorer
@@ -29,9 +31,9 @@ class OpenedModel:
 
     scorer: Scorer
     opened: OpenedGraph
-    settings: LinkSettings | SavedConfig
+    settings: LinkSettings | SavedConfig | RecipesConfig
     run: RunRecord
-    metrics: LinkMetrics | None
+    metrics: LinkMetrics | RecipeMetrics | None
     trace: list[TraceRow]
 
     @property
@@ -45,6 +47,14 @@ class OpenedModel:
         metrics = self.metrics
         if isinstance(self.settings, SavedConfig):
             facts = {"trained by": "someone else, and saved as a model folder", "what it is": self.settings.origin}
+        elif isinstance(metrics, RecipeMetrics):
+            facts = {
+                "trained by": " ".join(self.run.argv),
+                "what it is": f"rankers on what {metrics.recipes:,} recipes say about recipes held out of them",
+                "training": f"{metrics.seconds:.1f} s",
+                "settings": ", ".join(f"{name} {value}" for name, value in vars(self.settings).items()),
+                **({"cross-fitted": _cross_fitted(metrics)} if metrics.folds else {}),
+            }
         elif metrics is not None:
             facts = {
                 "trained by": " ".join(self.run.argv),
@@ -62,7 +72,7 @@ class OpenedModel:
         }
 
 
-def _cross_fitted(metrics: LinkMetrics) -> str:
+def _cross_fitted(metrics: LinkMetrics | RecipeMetrics) -> str:
     if metrics.fold_mrr is None:
         return f"{metrics.folds} folds"
     return (
@@ -94,6 +104,13 @@ def open_model(folder: str | Path, graph: str | None = None) -> OpenedModel:
     if run.kind == SavedConfig.command:
         saved = SavedConfig.read(folder)
         return OpenedModel(scorer, open_run_graph(folder, run, graph or saved.graph), saved, run, None, [])
+    if run.kind == RecipesConfig.command:
+        of_recipes = RecipeScorerConfig.read(folder)
+        opened = open_run_graph(folder, run, graph or of_recipes.graph)
+        if isinstance(scorer, CrossFitted):
+            scorer.check_split(opened.split)
+        figures = parse_record(verified_bytes(folder, run, "metrics.json"), RecipeMetrics, folder / "metrics.json")
+        return OpenedModel(scorer, opened, of_recipes.settings, run, figures, [])
     config = LinksConfig.read(folder)
     opened = open_run_graph(folder, run, graph or config.graph)
     if isinstance(scorer, CrossFitted):

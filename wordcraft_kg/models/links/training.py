@@ -15,7 +15,7 @@ from wordcraft_kg.graphs.folds import Folds, make_folds
 from wordcraft_kg.graphs.triples import RELATIONS
 from wordcraft_kg.models.links.builders import check_table_fits, make_training_loop
 from wordcraft_kg.models.links.config import CONFIGS, ComplExConfig, LinkModelConfig, LinksConfig, LinkSettings
-from wordcraft_kg.models.links.cross_fitting import FOLD_OUTPUTS, decided_folds, train_folds, write_folds
+from wordcraft_kg.models.links.cross_fitting import FOLD_OUTPUTS, decided_folds, train_folds, write_link_folds
 from wordcraft_kg.models.links.epochs import Epochs
 from wordcraft_kg.models.links.fitting import train_epochs
 from wordcraft_kg.models.links.pykeen_bridge import pykeen_guard, quiet_pykeen, seed_everything, triples_factory
@@ -252,7 +252,7 @@ def _train(
                 raise
             run.interrupt()
             return TrainedLinks(run.path, metrics.epochs, None)
-        record = write_folds(run.path, folds, scorer)
+        record = write_link_folds(run.path, folds, scorer)
         metrics = with_folds(run.path, metrics, record)
         outputs += FOLD_OUTPUTS
     run.finish(outputs, model_card(opened, settings, metrics))

@@ -1,6 +1,6 @@
 """The scorer of a model folder."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal
@@ -15,6 +15,7 @@ from wordcraft_kg.models.scorers.embeddings import ComplExScorer
 from wordcraft_kg.models.scorers.factors import FactorsScorer, factor_names
 from wordcraft_kg.models.scorers.limits import TABLE_LIMIT, table_bytes
 from wordcraft_kg.models.scorers.protocol import check_scorer
+from wordcraft_kg.models.scorers.recipes import RecipeScorer
 from wordcraft_kg.models.scorers.scorer import Scorer
 from wordcraft_kg.models.scorers.tables import TableScorer
 from wordcraft_kg.records import Record, parse_record
@@ -26,8 +27,8 @@ FOLDS_RECORD, FOLDS_TENSORS = "folds.json", "folds.safetensors"
 OF_RECIPE = "of_recipe"
 """The tensor that says which recipe is in which fold."""
 
-ScorerKind = Literal["complex", "factors", "table"]
-"""What a scorer is stored as: embeddings, the factors of its scores, or the scores themselves."""
+ScorerKind = Literal["complex", "factors", "table", "recipes"]
+"""What a scorer is stored as: embeddings, the factors of its scores, the scores themselves, or what recipes say."""
 
 
 class Vocabulary(Record, frozen=True, kw_only=True):
@@ -117,6 +118,8 @@ def _cross_fitted(folder: Path, run: RunRecord, scorer: Scorer, vocabulary: Voca
 
 def _check_shapes(vocabulary: Vocabulary, tensors: dict[str, torch.Tensor]) -> None:
     """Raise KeyError or ValueError if the tensors are not those of the vocabulary, or not 32-bit floats."""
+    if vocabulary.scorer == "recipes":
+        return  # it checks them itself
     size, relations = len(vocabulary.entities), len(RELATIONS)
     expected: dict[str, tuple[int, ...]] = {"scores": (relations, size, size)}
     if vocabulary.scorer == "complex":
@@ -130,6 +133,11 @@ def _check_shapes(vocabulary: Vocabulary, tensors: dict[str, torch.Tensor]) -> N
             raise ValueError(f"{name} is of {tensors[name].dtype}, not {torch.float32}")
         if tensors[name].shape != shape:
             raise ValueError(f"{name} has shape {tuple(tensors[name].shape)}, its vocabulary needs {shape}")
+
+
+def kind_of(tensors: Mapping[str, torch.Tensor]) -> ScorerKind:
+    """Return the kind of scorer that tensors are of."""
+    return "recipes" if "speaking" in tensors else "table" if "scores" in tensors else "complex"
 
 
 def make_scorer(
@@ -148,6 +156,8 @@ def make_scorer(
         KeyError: if a tensor is missing.
         ValueError: if one does not fit the entities.
     """
+    if kind == "recipes":
+        return RecipeScorer(tensors, entities, graph_hash, **settings)
     if kind == "table":
         return TableScorer(tensors["scores"], entities, graph_hash, **settings)
     scorer: Scorer

@@ -24,3 +24,20 @@ def check_table(what: str, num_entities: int) -> None:
             f"{what} needs the scores of all pairs of {num_entities:,} entities, {needed / 2**30:,.1f} GiB; "
             f"expected at most {TABLE_LIMIT / 2**30:.2f} GiB. Take a smaller graph."
         )
+
+
+MAX_DENSE = 4_000
+"""Entities up to which kernels are dense: about twenty tables of all pairs are held at once, and E³ operations done."""
+
+
+def check_dense(what: str, num_entities: int) -> None:
+    """Refuse what needs dense kernels where the graph is too large for them.
+
+    Raises:
+        ConfigError: saying how many entities there are.
+    """
+    if num_entities > MAX_DENSE:
+        raise ConfigError(
+            f"{what} compares each two of {num_entities:,} entities; expected at most {MAX_DENSE:,}. Take ComplEx "
+            "(wordcraft-kg train-complex), or a smaller graph."
+        )

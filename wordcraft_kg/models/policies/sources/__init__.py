@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 SOURCES = {
     "u": "combines_with:CombinesWith",
     "v": "component_of:ComponentOf",
+    "w": "recipe:BestRecipe",
 }
 """Module and class of each source by name, in the order in which policies mix them."""
 

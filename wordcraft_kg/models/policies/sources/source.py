@@ -110,87 +110,43 @@ class Source(nn.Module, ABC):
         """
 
 
-class PairSource(Source):
-    """Scores each slot's entity with a key, the goal or the entity held: by a table of all pairs, or by factors.
+class FoldedSource(Source):
+    """A source that, of a cross-fitted scorer, asks for each task a model that has not seen its recipes.
 
-    Of a cross-fitted scorer there are K + 2 tables, or factors: the first axis of each buffer says which model they
-    are of, see :func:`~wordcraft_kg.models.scorers.cross_fitting.seen_by_models`; those of no model are 0. The task
-    decides which one is asked; without a task it is that of all train recipes.
+    Models are numbered as in :func:`~wordcraft_kg.models.scorers.cross_fitting.seen_by_models`.
 
     Attributes:
-        scores: buffer of a table, shape (E + 1, E + 1): by key, by the slot's entity; 0 for nothing.
-        left: buffer of factors, like those below, see :class:`~wordcraft_kg.models.scorers.scales.ScaledFactors`;
-            shape (E + 1, m), by the slot's entity; 0 for nothing.
-        right: shape (E + 1, m), by the key; 0 for nothing.
-        shift: shape (), what is taken off each product.
-        dropped: shape (E + 1,), bool.
-        itself: shape ().
         fold_of_recipe: buffer of a cross-fitted scorer only, shape (num_recipes,), int64; empty if the source was made
             without tasks, and so without the models of the folds.
         model_of_task: which model answers each task that is bound, and then that of all train recipes, shape (N + 1,).
             Not saved: it belongs to the tasks.
     """
 
-    scores: Tensor
-    left: Tensor
-    right: Tensor
-    shift: Tensor
-    dropped: Tensor
-    itself: Tensor
     fold_of_recipe: Tensor
     model_of_task: Tensor
 
-    def __init__(self, num_entities: int, constants: Mapping[str, Tensor]):
-        """Take the buffers, either ``scores`` or those of factors, and ``fold_of_recipe`` of a cross-fitted scorer."""
+    def __init__(self, num_entities: int, fold_of_recipe: Tensor | None):
+        """Take the fold of each recipe, None if the scorer is not cross-fitted."""
         super().__init__(num_entities)
-        self.is_table = "scores" in constants
-        self.reads_task = "fold_of_recipe" in constants
-        for name in ("scores",) if self.is_table else ("left", "right", "shift", "dropped", "itself"):
-            self.register_buffer(name, constants[name])
-        if self.reads_task:
-            self.register_buffer("fold_of_recipe", constants["fold_of_recipe"])
+        self.reads_task = fold_of_recipe is not None
+        if fold_of_recipe is not None:
+            self.register_buffer("fold_of_recipe", fold_of_recipe)
             self.register_buffer("model_of_task", torch.zeros(0, dtype=torch.int64), persistent=False)
         self.bound_to = ""  # hash of the tasks
 
-    @classmethod
-    def of_pairs(cls, scorer: TripleScorer, relation: int, view: ScoreView, *, self_edges: SelfEdges = "keep") -> Self:
-        """Return the source of a scorer's scores of all pairs in one relation, slot's entity first, then key."""
-        size = len(scorer.entities)
-        constants = _constants(scorer, relation, replace(view, self_edges=self_edges))
-        if not isinstance(scorer, CrossFitted):
-            return cls(size, constants)
-        of_recipe = torch.empty(0, dtype=torch.int64)
+    @staticmethod
+    def folds_of(scorer: CrossFitted, view: ScoreView) -> Tensor:
+        """Return the fold of each recipe for a source that is made with tasks; empty for one that is not."""
+        if view.tasks is None:
+            return torch.empty(0, dtype=torch.int64)
+        check_scorer(scorer, view.tasks.graph)
+        return torch.from_numpy(scorer.of_recipe.copy())
+
+    def bound(self, view: ScoreView) -> Self:
+        """Return itself, bound to the tasks of a view if it has any."""
         if view.tasks is not None:
-            graph = view.tasks.graph
-            check_scorer(scorer, graph)
-            of_folds = [
-                _constants(
-                    scorer.left_out(fold),
-                    relation,
-                    replace(view, self_edges=self_edges, observed=scorer.trained_on(fold, graph)),
-                )
-                for fold in range(scorer.count)
-            ]
-            of_nothing = {name: torch.zeros_like(tensor) for name, tensor in constants.items()}
-            models = (constants, *of_folds, of_nothing)
-            constants = {name: torch.stack([model[name] for model in models]) for name in constants}
-            of_recipe = torch.from_numpy(scorer.of_recipe.copy())
-        source = cls(size, {**constants, "fold_of_recipe": of_recipe})
-        if view.tasks is not None:
-            source.bind(view.tasks)
-        return source
-
-    @classmethod
-    def restored(cls, num_entities: int, constants: Mapping[str, Tensor]) -> Self:  # noqa: D102 - inherited
-        return cls(num_entities, {name: torch.zeros_like(tensor) for name, tensor in constants.items()})
-
-    @classmethod
-    def num_bytes(cls, num_entities: int) -> int:  # noqa: D102 - inherited
-        return (num_entities + 1) ** 2 * 4
-
-    @abstractmethod
-    def key(self, goal: Tensor, selection: Tensor) -> Tensor:
-        """Return the entity whose scores are asked for, shape (B,)."""
+            self.bind(view.tasks)
+        return self
 
     def bind(self, tasks: TaskSet) -> None:  # noqa: D102 - inherited
         if not self.reads_task or tasks.hash == self.bound_to:
@@ -210,24 +166,7 @@ class PairSource(Source):
         self.model_of_task = torch.from_numpy(np.append(models, 0)).to(self.fold_of_recipe.device)
         self.bound_to = tasks.hash
 
-    def forward(self, goal: Tensor, selection: Tensor, table: Tensor, task: Tensor | None = None) -> Tensor:  # noqa: D102 - inherited
-        key = self.key(goal, selection)[:, None]
-        rows, width = table, self.num_entities + 1
-        model = self._model(task)
-        if self.is_table:
-            cells = torch.add(table, key if model is None else key + width * model[:, None], alpha=width)
-            return self.scores.view(-1).index_select(0, cells.reshape(-1)).view(cells.shape)
-        shift, itself, keys = self.shift, self.itself, key[:, 0]
-        if self.left.ndim == 3:  # there are several models
-            model = torch.zeros_like(goal) if model is None else model
-            shift, itself = shift[model][:, None], itself[model][:, None]
-            rows, keys = table + width * model[:, None], keys + width * model
-        slots = self.left.flatten(0, -2).index_select(0, rows.reshape(-1)).view(*table.shape, -1)
-        scores = torch.bmm(slots, self.right.flatten(0, -2)[keys][:, :, None])[:, :, 0] - shift
-        scores = torch.where((table == key) & self.dropped.view(-1)[rows], itself, scores)
-        return scores.masked_fill((table == self.num_entities) | (key == self.num_entities), 0)
-
-    def _model(self, task: Tensor | None) -> Tensor | None:
+    def model_of(self, task: Tensor | None) -> Tensor | None:
         """Return the model that answers each state, shape (B,); None for that of all train recipes.
 
         Raises:
@@ -242,6 +181,90 @@ class PairSource(Source):
                 "has not seen a task's: bind it to the tasks first, such as those of the environment's world."
             )
         return self.model_of_task.index_select(0, task)
+
+
+class PairSource(FoldedSource):
+    """Scores each slot's entity with a key, the goal or the entity held: by a table of all pairs, or by factors.
+
+    Of a cross-fitted scorer there are K + 2 tables, or factors: the first axis of each buffer says which model they
+    are of, see :func:`~wordcraft_kg.models.scorers.cross_fitting.seen_by_models`; those of no model are 0. The task
+    decides which one is asked; without a task it is that of all train recipes.
+
+    Attributes:
+        scores: buffer of a table, shape (E + 1, E + 1): by key, by the slot's entity; 0 for nothing.
+        left: buffer of factors, like those below, see :class:`~wordcraft_kg.models.scorers.scales.ScaledFactors`;
+            shape (E + 1, m), by the slot's entity; 0 for nothing.
+        right: shape (E + 1, m), by the key; 0 for nothing.
+        shift: shape (), what is taken off each product.
+        dropped: shape (E + 1,), bool.
+        itself: shape ().
+    """
+
+    scores: Tensor
+    left: Tensor
+    right: Tensor
+    shift: Tensor
+    dropped: Tensor
+    itself: Tensor
+
+    def __init__(self, num_entities: int, constants: Mapping[str, Tensor]):
+        """Take the buffers, either ``scores`` or those of factors, and ``fold_of_recipe`` of a cross-fitted scorer."""
+        super().__init__(num_entities, constants.get("fold_of_recipe"))
+        self.is_table = "scores" in constants
+        for name in ("scores",) if self.is_table else ("left", "right", "shift", "dropped", "itself"):
+            self.register_buffer(name, constants[name])
+
+    @classmethod
+    def of_pairs(cls, scorer: TripleScorer, relation: int, view: ScoreView, *, self_edges: SelfEdges = "keep") -> Self:
+        """Return the source of a scorer's scores of all pairs in one relation, slot's entity first, then key."""
+        size = len(scorer.entities)
+        constants = _constants(scorer, relation, replace(view, self_edges=self_edges))
+        if not isinstance(scorer, CrossFitted):
+            return cls(size, constants)
+        of_recipe = cls.folds_of(scorer, view)
+        if view.tasks is not None:
+            graph = view.tasks.graph
+            of_folds = [
+                _constants(
+                    scorer.left_out(fold),
+                    relation,
+                    replace(view, self_edges=self_edges, observed=scorer.trained_on(fold, graph)),
+                )
+                for fold in range(scorer.count)
+            ]
+            of_nothing = {name: torch.zeros_like(tensor) for name, tensor in constants.items()}
+            models = (constants, *of_folds, of_nothing)
+            constants = {name: torch.stack([model[name] for model in models]) for name in constants}
+        return cls(size, {**constants, "fold_of_recipe": of_recipe}).bound(view)
+
+    @classmethod
+    def restored(cls, num_entities: int, constants: Mapping[str, Tensor]) -> Self:  # noqa: D102 - inherited
+        return cls(num_entities, {name: torch.zeros_like(tensor) for name, tensor in constants.items()})
+
+    @classmethod
+    def num_bytes(cls, num_entities: int) -> int:  # noqa: D102 - inherited
+        return (num_entities + 1) ** 2 * 4
+
+    @abstractmethod
+    def key(self, goal: Tensor, selection: Tensor) -> Tensor:
+        """Return the entity whose scores are asked for, shape (B,)."""
+
+    def forward(self, goal: Tensor, selection: Tensor, table: Tensor, task: Tensor | None = None) -> Tensor:  # noqa: D102 - inherited
+        key = self.key(goal, selection)[:, None]
+        rows, width = table, self.num_entities + 1
+        model = self.model_of(task)
+        if self.is_table:
+            cells = torch.add(table, key if model is None else key + width * model[:, None], alpha=width)
+            return self.scores.view(-1).index_select(0, cells.reshape(-1)).view(cells.shape)
+        shift, itself, keys = self.shift, self.itself, key[:, 0]
+        if self.left.ndim == 3:  # there are several models
+            model = torch.zeros_like(goal) if model is None else model
+            shift, itself = shift[model][:, None], itself[model][:, None]
+            rows, keys = table + width * model[:, None], keys + width * model
+        slots = self.left.flatten(0, -2).index_select(0, rows.reshape(-1)).view(*table.shape, -1)
+        scores = torch.bmm(slots, self.right.flatten(0, -2)[keys][:, :, None])[:, :, 0] - shift
+        scores = torch.where((table == key) & self.dropped.view(-1)[rows], itself, scores)
+        return scores.masked_fill((table == self.num_entities) | (key == self.num_entities), 0)
 
 
 def _constants(scorer: TripleScorer, relation: int, view: ScoreView) -> dict[str, Tensor]:

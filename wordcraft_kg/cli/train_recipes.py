@@ -1,0 +1,45 @@
+"""``wordcraft-kg train-recipes``."""
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from wordcraft_kg.cli.completion import Book
+from wordcraft_kg.cli.console import Flag, Output
+from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
+from wordcraft_kg.runs.folder import check_run_output
+
+EXAMPLES = (
+    "wordcraft-kg train-recipes everyday --out models/everyday-recipes",
+    "wordcraft-kg train-recipes everyday --folds 10 --out models/everyday-recipes-10",
+    "wordcraft-kg train-recipes everyday --features one-hot --out models/everyday-no-words",
+)
+
+
+def train_recipes(
+    graph: Book,
+    *,
+    settings: Annotated[RecipesConfig, Parameter(name="*")] = RecipesConfig(),
+    out: Path | None = None,
+    force: Flag = False,
+    output: Output = Output(),
+) -> int:
+    """Fit a recipe-level scorer: how plausible is it that a pair makes a result, and which train recipes say so?
+
+    It serves agents as a third source of knowledge (train-agent --use u,v,w) and predicts links as well.
+
+    Args:
+        graph: graph folder, recipe book or known book's name.
+        settings: settings of the fit.
+        out: model folder to write. Default: models/<graph's name>-recipes.
+        force: replace the folder if it exists.
+    """
+    if out is not None:
+        check_run_output(out, force=force)  # before torch takes seconds to import
+    from wordcraft_kg.cli.training import report_recipes
+    from wordcraft_kg.models.recipes.training import train_recipes as train
+
+    config = RecipeScorerConfig(graph, settings)
+    progress = output.progress(f"{settings.kg} graph", unit="fit")
+    return report_recipes(train(config, out, force=force, progress=progress), output)

@@ -1,0 +1,105 @@
+"""w: whether a slot is part of a pair that makes the goal."""
+
+from collections.abc import Mapping
+from typing import Self
+
+import torch
+from torch import Tensor
+
+from wordcraft_kg.errors import ConfigError
+from wordcraft_kg.models.policies.sources import Label
+from wordcraft_kg.models.policies.sources.source import FoldedSource, ScoreView
+from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
+from wordcraft_kg.models.scorers.pair_features import BUFFERS, RecipeKnowledge
+from wordcraft_kg.models.scorers.protocol import TripleScorer
+from wordcraft_kg.models.scorers.recipes import RecipeScorer
+
+
+class BestRecipe(FoldedSource):
+    """``w_i = S(e_i, e_s -> e_g)``; while nothing is held, ``w_i = max_j S(e_i, e_j -> e_g)`` over the table.
+
+    S is the score of a recipe, in nats, so w needs no common scale. A triple says who goes with whom or what goes into
+    what; only a recipe says that it is these two that make the goal.
+
+    Attributes:
+        knowledge: tables and rankers; of a cross-fitted scorer those of K + 1 models.
+    """
+
+    label = Label("w", "w", "makes the goal with its best partner")
+
+    def __init__(self, num_entities: int, knowledge: RecipeKnowledge, fold_of_recipe: Tensor | None = None):
+        """Take the knowledge, and the fold of each recipe if the scorer is cross-fitted."""
+        super().__init__(num_entities, fold_of_recipe)
+        self.knowledge = knowledge
+        self._last: tuple[tuple[Tensor, Tensor, Tensor], Tensor] | None = None
+
+    @classmethod
+    def of_scorer(cls, scorer: TripleScorer, view: ScoreView) -> "BestRecipe":  # noqa: D102 - inherited
+        whole = scorer.whole if isinstance(scorer, CrossFitted) else scorer
+        if not isinstance(whole, RecipeScorer):
+            raise ConfigError(
+                "`use` w needs scores of recipes, and this scorer has scores of links only. Train one with "
+                "`wordcraft-kg train-recipes`, or leave out w."
+            )
+        size = len(scorer.entities)
+        if not isinstance(scorer, CrossFitted):
+            return cls(size, RecipeKnowledge(whole.knowledge.constants()))
+        models = [whole]
+        of_recipe = cls.folds_of(scorer, view)
+        if view.tasks is not None:
+            for fold in range(scorer.count):
+                scorer.trained_on(fold, view.tasks.graph)  # or it is refused
+                left_out = scorer.left_out(fold)
+                assert isinstance(left_out, RecipeScorer)
+                models.append(left_out)
+        return cls(size, RecipeKnowledge.stacked([model.knowledge for model in models]), of_recipe).bound(view)
+
+    @classmethod
+    def restored(cls, num_entities: int, constants: Mapping[str, Tensor]) -> Self:  # noqa: D102 - inherited
+        empty = {name: torch.zeros_like(constants[f"knowledge.{name}"]) for name in BUFFERS}
+        of_recipe = constants.get("fold_of_recipe")
+        return cls(num_entities, RecipeKnowledge(empty), None if of_recipe is None else torch.zeros_like(of_recipe))
+
+    @classmethod
+    def num_bytes(cls, num_entities: int) -> int:  # noqa: D102 - inherited
+        return 14 * (num_entities + 1) ** 2
+
+    def forward(self, goal: Tensor, selection: Tensor, table: Tensor, task: Tensor | None = None) -> Tensor:  # noqa: D102 - inherited
+        model = self.model_of(task)
+        models = len(self.knowledge.bias)
+        if model is None:
+            scores = self._scores(goal, table, torch.zeros_like(goal))
+        else:  # the one after the last knows nothing
+            scores = self._scores(goal, table, model.clamp(max=models - 1))
+        is_held = (table == selection[:, None]) & (table != self.num_entities)
+        with_held = scores[torch.arange(len(table), device=table.device), is_held.int().argmax(1)]
+        best = torch.where((selection == self.num_entities)[:, None], scores.amax(-1), with_held)
+        if not is_held.any(1)[selection != self.num_entities].all():
+            best = torch.where(is_held.any(1)[:, None], best, self._with_absent(goal, selection, table, model, best))
+        best = best.masked_fill(table == self.num_entities, 0)
+        return best if model is None else best.masked_fill((model == models)[:, None], 0)
+
+    def _with_absent(
+        self, goal: Tensor, selection: Tensor, table: Tensor, model: Tensor | None, best: Tensor
+    ) -> Tensor:
+        """Return the scores with an entity that is held but not on the table; ``best`` where nothing is held."""
+        asked = torch.zeros_like(goal) if model is None else model.clamp(max=len(self.knowledge.bias) - 1)
+        wider = torch.cat([table, selection[:, None]], dim=1)
+        scores = self.knowledge(goal, wider, asked)[:, -1, :-1]
+        return torch.where((selection == self.num_entities)[:, None], best, scores)
+
+    def _scores(self, goal: Tensor, table: Tensor, model: Tensor) -> Tensor:
+        """Return the scores of all pairs on the tables, shape (B, A, A).
+
+        Most tables are asked for twice in a row, before and after the first pick, so the last ones are kept.
+        """
+        asked = goal, table, model
+        if self._last is not None and all(
+            one.shape == other.shape and torch.equal(one, other)
+            for one, other in zip(self._last[0], asked, strict=True)
+        ):
+            return self._last[1]
+        scores = self.knowledge(*asked)
+        if not torch.compiler.is_compiling():
+            self._last = (goal.clone(), table.clone(), model.clone()), scores
+        return scores

@@ -1,0 +1,81 @@
+"""All that follows from recipes in closed form, with which the rankers begin."""
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from wordcraft_kg.graphs.arrays import Ids
+from wordcraft_kg.models.scorers.kernel import COMPLETION, completion, kernel_regression, link_matrices
+from wordcraft_kg.models.scorers.similarity import TEXT, normalised, similarity
+from wordcraft_kg.statistics import standardised
+
+
+@dataclass(frozen=True, eq=False)
+class Base:
+    """What some recipes say, in tables of shape (E, E).
+
+    Attributes:
+        recipes: shape (n, 3): the recipes.
+        text: cosines of words.
+        kernel: how alike entities are, by what recipes do with them and by words.
+        structure: the same without words.
+        alike: the normalised kernel, squared.
+        words_like: the positive cosines of words to the power 4.
+        combines, components: the links that the recipes give, 1 or 0.
+        completed: see :func:`~wordcraft_kg.models.scorers.kernel.completion`.
+        pairs, parts: combinesWith and componentOf as the kernel predicts them, standardised.
+    """
+
+    recipes: Ids
+    text: Tensor
+    kernel: Tensor
+    structure: Tensor
+    alike: Tensor
+    words_like: Tensor
+    combines: Tensor
+    components: Tensor
+    completed: Tensor
+    pairs: Tensor
+    parts: Tensor
+
+    @classmethod
+    def of(cls, recipes: Ids, text: Tensor) -> "Base":
+        """Compute everything; ``text`` are the cosines of all entities' words, zeros without words."""
+        size = len(text)
+        kernel = similarity(recipes, text)
+        combines, components = link_matrices(recipes, size)
+        completed = completion(recipes, size)
+        pairs = _standardised(kernel_regression(kernel, combines)) + COMPLETION * _standardised(completed)
+        return cls(
+            recipes=recipes,
+            text=text,
+            kernel=kernel,
+            structure=kernel - TEXT * text.clamp(min=0) ** 2,
+            alike=normalised(kernel) ** 2,
+            words_like=text.clamp(min=0) ** 4,
+            combines=combines,
+            components=components,
+            completed=completed,
+            pairs=pairs,
+            parts=_standardised(kernel_regression(kernel, components)),
+        )
+
+    @property
+    def first(self) -> Tensor:
+        """One ingredient of each recipe, shape (n,)."""
+        return torch.from_numpy(self.recipes[:, 0].copy())
+
+    @property
+    def second(self) -> Tensor:
+        """The other ingredient of each recipe, shape (n,)."""
+        return torch.from_numpy(self.recipes[:, 1].copy())
+
+    @property
+    def result(self) -> Tensor:
+        """The result of each recipe, shape (n,)."""
+        return torch.from_numpy(self.recipes[:, 2].copy())
+
+
+def _standardised(table: Tensor) -> Tensor:
+    return torch.from_numpy(standardised(table.numpy())).float()

@@ -1,0 +1,186 @@
+"""Fitting a recipe scorer: two rankers on what recipes say about recipes that were held out of them.
+
+For each fold the features come from the recipes of the other folds, and the ranker learns which of them to trust. It is
+then used with the features of all recipes, as in stacking (Wolpert 1992; van der Laan, Polley and Hubbard 2007). The
+scorer that leaves a fold out is fitted in the same way on the remaining folds, so that nothing of it has seen the fold.
+"""
+
+from collections.abc import Callable, Collection
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from wordcraft_kg.graphs.arrays import Ids
+from wordcraft_kg.graphs.folds import Folds
+from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, is_in, recipe_triples
+from wordcraft_kg.models.recipes.base import Base
+from wordcraft_kg.models.recipes.link_features import link_features
+from wordcraft_kg.models.recipes.ranker import Batch, Ranker, fit_ranker
+from wordcraft_kg.models.scorers.pair_features import RecipeKnowledge, knowledge_of, pairs_of
+
+LINK_QUERIES = 300
+"""Queries for each fold, relation and side."""
+LINK_BATCH = 32
+LINK_EPOCHS = 15
+LINK_RATE = 5e-3
+TABLES = (8, 2)
+"""Distractors of the tables that a recipe is posed on."""
+PAIR_BATCH = 256
+PAIR_EPOCHS = 30
+PAIR_RATE = 1e-2
+
+
+def fit_recipe_scorer(
+    folds: Folds,
+    text: Tensor,
+    *,
+    left_out: Collection[int] = (),
+    seed: int = 0,
+    after: Callable[[], None] = lambda: None,
+) -> RecipeKnowledge:
+    """Fit a recipe scorer on the train recipes but those of the folds left out.
+
+    Args:
+        folds: folds of the train recipes; those that are not left out take turns at being held out.
+        text: cosines of the entities' words, shape (E, E); zeros without words.
+        left_out: folds that nothing may be known of.
+        seed: seed of the rankers and of the tables.
+        after: called after each fold's turn; what it raises ends the fit.
+    """
+    recipes = folds.split.graph.recipes
+    turns = [fold for fold in range(folds.count) if fold not in left_out]
+    rng = np.random.default_rng([seed, *sorted(left_out)])
+    generator = torch.Generator().manual_seed(int(rng.integers(2**31)))
+    bases = [Base.of(recipes[folds.seen([*left_out, fold])], text) for fold in turns]
+    rankers = _link_rankers(folds, bases, turns, left_out, rng, generator, after)
+    whole = Base.of(recipes[folds.seen(left_out)], text)
+    examples = [
+        _examples(_knowledge(base, rankers), recipes[folds.of_recipe == fold], whole.recipes, rng)
+        for fold, base in zip(turns, bases, strict=True)
+    ]
+    features, competes, is_right = (torch.cat(parts) for parts in zip(*examples, strict=True))
+    ranker = _pair_ranker(features, competes, is_right, generator)
+    return _knowledge(whole, rankers).with_ranker(vars(ranker))
+
+
+def _knowledge(base: Base, rankers: tuple[Ranker, Ranker]) -> RecipeKnowledge:
+    links = tuple(_scored(ranker, features) for ranker, features in zip(rankers, link_features(base), strict=True))
+    return knowledge_of(
+        base.recipes, base.kernel, base.text, (base.pairs, base.parts), (links[0], links[1]), base.combines
+    )
+
+
+def _scored(ranker: Ranker, features: Tensor) -> Tensor:
+    return torch.cat([ranker(rows) for rows in features.split(64)])
+
+
+# --- links -----------------------------------------------------------------------------------------------------------
+
+
+def _link_rankers(
+    folds: Folds,
+    bases: list[Base],
+    turns: list[int],
+    left_out: Collection[int],
+    rng: np.random.Generator,
+    generator: torch.Generator,
+    after: Callable[[], None],
+) -> tuple[Ranker, Ranker]:
+    """Fit the rankers of both relations on links that only the fold held out has."""
+    recipes, size = folds.split.graph.recipes, folds.split.graph.num_entities
+    known = torch.zeros(2, size, size, dtype=torch.bool)
+    heads, relations, tails = torch.from_numpy(folds.triples(left_out).copy()).T
+    known[relations, heads, tails] = True
+    batches: tuple[list[Batch], list[Batch]] = ([], [])
+    moments: tuple[list[Tensor], list[Tensor]] = ([], [])
+    for fold, base in zip(turns, bases, strict=True):
+        new = recipe_triples(recipes[folds.of_recipe == fold])
+        new = new[~is_in(new, folds.triples([*left_out, fold]), size)]
+        for relation, features in zip((COMBINES_WITH, COMPONENT_OF), link_features(base), strict=True):
+            moments[relation].append(features.flatten(0, 1)[::7])
+            # combinesWith is symmetric, so its queries for heads are those for tails.
+            for side in ("tail",) if relation == COMBINES_WITH else ("tail", "head"):
+                asked = new[new[:, 1] == relation]
+                asked = asked[np.sort(rng.permutation(len(asked))[:LINK_QUERIES])]
+                rng.shuffle(asked)
+                for part in np.array_split(asked, max(1, round(len(asked) / LINK_BATCH))):
+                    if len(part):
+                        batches[relation].append(_link_batch(features, known[relation], part, side))
+        after()
+    fitted = []
+    for of_relation, seen in zip(batches, moments, strict=True):
+        together = torch.cat(seen)
+        mean, deviation = together.mean(0), together.std(0)
+        fitted.append(
+            fit_ranker(of_relation, mean, deviation, epochs=LINK_EPOCHS, learning_rate=LINK_RATE, generator=generator)
+        )
+        after()
+    return fitted[0], fitted[1]
+
+
+def _link_batch(features: Tensor, known: Tensor, asked: Ids, side: str) -> Batch:
+    heads, tails = torch.from_numpy(asked[:, 0].copy()), torch.from_numpy(asked[:, 2].copy())
+    if side == "tail":
+        rows, others, target = features[heads], known[heads], tails
+    else:
+        rows, others, target = features[:, tails].transpose(0, 1).contiguous(), known[:, tails].T, heads
+    is_right = torch.zeros_like(others).scatter(1, target[:, None], True)
+    return rows, ~others | is_right, is_right
+
+
+# --- pairs -----------------------------------------------------------------------------------------------------------
+
+
+def _examples(knowledge: RecipeKnowledge, held_out: Ids, known: Ids, rng: np.random.Generator) -> Batch:
+    """Pose recipes on tables with distractors; every pair that a known recipe gives is right."""
+    size = knowledge.num_entities
+    weights = 1.0 + np.bincount(np.concatenate([known[:, 0], known[known[:, 0] != known[:, 1], 1]]), minlength=size)
+    slots = 2 + max(TABLES)
+    table = np.full((len(TABLES) * len(held_out), slots), size)
+    for number, distractors in enumerate(TABLES):
+        rows = slice(number * len(held_out), (number + 1) * len(held_out))
+        table[rows] = _tables(held_out, distractors, slots, weights, rng)
+    goal = torch.from_numpy(np.tile(held_out[:, 2], len(TABLES)))
+    tables = torch.from_numpy(table)
+    one, other = pairs_of(slots, tables.device)
+    a, b = tables[:, one], tables[:, other]
+    model = torch.zeros_like(goal)
+    features = torch.cat(
+        [knowledge.features(*part) for part in zip(goal.split(512), tables.split(512), model.split(512), strict=True)]
+    )
+    competes = (a < size) & (b < size)
+    keys = torch.unique(_keys(torch.from_numpy(known.copy()), size))
+    pair = torch.stack([torch.minimum(a, b), torch.maximum(a, b), goal[:, None].expand_as(a)], dim=-1)
+    asked = _keys(pair, size)
+    place = torch.searchsorted(keys, asked).clamp(max=len(keys) - 1)
+    return features, competes, (keys[place] == asked) & competes
+
+
+def _keys(recipes: Tensor, size: int) -> Tensor:
+    """Return a number for each recipe, shape (..., 3) -> (...)."""
+    one, other, result = recipes.unbind(-1)
+    return (one * (size + 1) + other) * (size + 1) + result
+
+
+def _tables(recipes: Ids, distractors: int, slots: int, weights: np.ndarray, rng: np.random.Generator) -> Ids:
+    """Return the ingredients of recipes and distractors, drawn like the environment's, shape (n, slots)."""
+    size = len(weights)
+    keys = rng.exponential(size=(len(recipes), size)) / weights
+    np.put_along_axis(keys, recipes, np.inf, axis=1)
+    amount = min(distractors, size - 3)
+    drawn = np.argsort(keys, axis=1)[:, :amount]
+    table = np.full((len(recipes), slots), size)
+    table[:, :2] = recipes[:, :2]
+    table[recipes[:, 0] == recipes[:, 1], 1] = size
+    table[:, 2 : 2 + amount] = drawn
+    return table
+
+
+def _pair_ranker(features: Tensor, competes: Tensor, is_right: Tensor, generator: torch.Generator) -> Ranker:
+    flat = features[competes]
+    order = torch.randperm(len(features), generator=generator)
+    batches = [(features[rows], competes[rows], is_right[rows]) for rows in order.split(PAIR_BATCH)]
+    return fit_ranker(
+        batches, flat.mean(0), flat.std(0), epochs=PAIR_EPOCHS, learning_rate=PAIR_RATE, generator=generator
+    )

@@ -1,0 +1,30 @@
+"""Records that the folder of a recipe scorer holds beside its tensors."""
+
+from wordcraft_kg.graphs.folder import KG
+from wordcraft_kg.records import Count, Hash, Record, Share
+
+
+class FitDone(Record, frozen=True, kw_only=True):
+    """What is recorded beside the tensors of a fit until the run is done: the hash of its triples."""
+
+    trained_on: Hash
+
+
+class RecipeMetrics(Record, frozen=True, kw_only=True):
+    """``metrics.json``: the figures of a recipe scorer.
+
+    Attributes:
+        kg: recipes that it was fitted on: partial or full.
+        recipes: their number.
+        seconds: time of all fits.
+        folds: number of folds of cross-fitting.
+        fold_mrr: MRR of triples of the train recipes by models that have not seen them, None without folds.
+        fold_in_sample_mrr: MRR of the same triples by the model of all train recipes.
+    """
+
+    kg: KG
+    recipes: Count
+    seconds: float
+    folds: Count
+    fold_mrr: Share | None
+    fold_in_sample_mrr: Share | None

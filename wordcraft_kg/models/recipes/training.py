@@ -1,0 +1,274 @@
+"""Fitting a recipe scorer into a model folder: one on all train recipes, and one without each fold.
+
+All are fitted in the same way, side by side where cores allow, and each is kept as soon as it is done, so that an
+interrupted run goes on with those that are missing.
+"""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+import safetensors.torch
+import torch
+from threadpoolctl import threadpool_limits
+from torch import Tensor
+
+from wordcraft_kg.artefacts import dump_json, write_atomically
+from wordcraft_kg.errors import ArtefactError, ConfigError
+from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
+from wordcraft_kg.graphs.folds import Folds, make_folds
+from wordcraft_kg.graphs.recipe_graph import RecipeGraph
+from wordcraft_kg.graphs.splits import SplitConfig, make_split
+from wordcraft_kg.graphs.triples import RELATIONS, triples_hash
+from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
+from wordcraft_kg.models.recipes.fitting import fit_recipe_scorer
+from wordcraft_kg.models.recipes.records import FitDone, RecipeMetrics
+from wordcraft_kg.models.recipes.results import model_card
+from wordcraft_kg.models.scorers.features import make_features
+from wordcraft_kg.models.scorers.fold_files import write_folds
+from wordcraft_kg.models.scorers.folder import FOLDS_RECORD, FOLDS_TENSORS, Vocabulary
+from wordcraft_kg.models.scorers.limits import check_dense
+from wordcraft_kg.models.scorers.recipes import RecipeScorer
+from wordcraft_kg.models.scorers.similarity import cosines
+from wordcraft_kg.records import as_values
+from wordcraft_kg.runs.checkpoints import Checkpoints
+from wordcraft_kg.runs.folder import Progress, RunFolder, RunKind, check_run_output, new_run, resumed_run
+from wordcraft_kg.runs.inputs import open_run_graph
+from wordcraft_kg.runs.progress import shown
+from wordcraft_kg.runs.record import verified_bytes
+from wordcraft_kg.runs.side_by_side import cores, side_by_side
+
+RECIPES = RunKind((RecipesConfig.command,), unit="fit", progress=FitDone, judged_by="evaluate-links")
+OUTPUTS = ("model.safetensors", "vocabulary.json", "config.toml", "metrics.json")
+ALONE = 1_000
+"""Recipes up to which one process fits all: starting another one takes as long as a fit."""
+
+
+@dataclass(frozen=True)
+class TrainedRecipes:
+    """The outcome of a run.
+
+    Attributes:
+        folder: folder of the model.
+        metrics: content of ``metrics.json``.
+    """
+
+    folder: Path
+    metrics: RecipeMetrics
+
+
+def train_recipes(
+    config: RecipeScorerConfig,
+    out: str | Path | None = None,
+    *,
+    force: bool = False,
+    progress: Progress | bool | None = None,
+) -> TrainedRecipes:
+    """Fit a recipe scorer and write its model folder.
+
+    Args:
+        config: graph and settings.
+        out: the folder to write. Default: ``models/<graph's name>-recipes``.
+        force: replace the folder if it exists.
+        progress: called after each step of a fit; True shows a bar.
+
+    Raises:
+        OutputExistsError: if ``out`` exists and ``force`` is False.
+        ConfigError: if the settings do not fit the graph.
+        KeyboardInterrupt: after Ctrl-C, saying how to go on.
+
+    Example:
+        >>> trained = train_recipes(RecipeScorerConfig("kitchen", RecipesConfig(folds=2)), "models/kitchen-recipes")
+        >>> load_scorer(trained.folder).whole.score_recipes("flour", "water", "dough").shape
+        torch.Size([])
+    """
+    opened = open_graph(config.graph)
+    folder = config.default_folder(opened.graph.name) if out is None else Path(out)
+    check_run_output(folder, force=force)
+    folds = _folds(opened, config.settings)
+    text, features = _text(opened.graph, config.settings)
+    with shown(progress, "recipes", RECIPES.unit) as report, new_run(folder, RECIPES, force=force) as run:
+        inputs = {"graph": opened.graph.hash, "split": opened.split.hash, "features": features}
+        if config.settings.kg == "partial":
+            inputs["folds"] = folds.hash
+        run.begin(config, config.settings, inputs=inputs)
+        return _fit(run, opened, config, folds, text, report)
+
+
+def resume_recipes(
+    folder: str | Path, *, graph: str | None = None, progress: Progress | bool | None = None
+) -> TrainedRecipes:
+    """Go on with a run that was interrupted: fits that are done are kept.
+
+    Args:
+        folder: folder of the model.
+        graph: where the graph is now, if it has moved.
+        progress: called after each step of a fit; True shows a bar.
+
+    Raises:
+        ArtefactError: if there is nothing to resume, it is damaged, or another process is training it.
+        GraphMismatchError: if the graph or its split is not the one that the run began with.
+    """
+    with shown(progress, "recipes", RECIPES.unit) as report, resumed_run(Path(folder), RECIPES) as run:
+        verified_bytes(run.path, run.record, "config.toml")
+        config = RecipeScorerConfig.read(run.path)
+        config = replace(config, graph=graph or config.graph)
+        opened = open_run_graph(run.path, run.record, config.graph)
+        folds = _folds(opened, config.settings)
+        text, features = _text(opened.graph, config.settings)
+        if features != run.record.inputs["features"]:
+            raise ArtefactError(f"`features` {config.settings.features} have changed since '{folder}' was begun.")
+        run.go_on(config)
+        return _fit(run, opened, config, folds, text, report)
+
+
+def _folds(opened: OpenedGraph, settings: RecipesConfig) -> Folds:
+    """Return the folds of the recipes that are learned from.
+
+    Raises:
+        ConfigError: if there is no partial graph, or the graph is too large or too small.
+    """
+    check_dense("a recipe scorer", opened.graph.num_entities)
+    split = opened.split
+    if settings.kg == "full":
+        split = make_split(opened.graph, SplitConfig("none"))
+    elif split.config.kind == "none":
+        raise ConfigError(
+            "the split of this graph holds nothing out, so there is no partial graph to learn from. Use `kg` full, or "
+            "build the graph with another split, such as by-recipe."
+        )
+    # A fold is left out while the others take turns.
+    if settings.kg == "partial" and settings.folds < 3:
+        raise ConfigError("`folds` 2: expected 3 or more, because one is left out while rankers learn on the others.")
+    return make_folds(split, settings.folds)
+
+
+def _text(graph: RecipeGraph, settings: RecipesConfig) -> tuple[Tensor, str]:
+    """Return the cosines of words, shape (E, E), and the hash of their vectors."""
+    features = make_features(settings.features, graph.entities, allow_missing=settings.allow_missing)
+    if features.is_one_hot:
+        return torch.zeros(graph.num_entities, graph.num_entities), features.sha256
+    return cosines(torch.tensor(features.vectors)), features.sha256
+
+
+@dataclass(frozen=True)
+class _Job:
+    """A fit; number 0 leaves nothing out, and number k + 1 leaves out fold k."""
+
+    folder: Path
+    fold: int
+    folds: Folds
+    text: Tensor
+    settings: RecipesConfig
+
+    @property
+    def left_out(self) -> tuple[int, ...]:
+        return (self.fold - 1,) if self.fold else ()
+
+    @property
+    def done(self) -> FitDone:
+        return FitDone(trained_on=triples_hash(self.folds.triples(self.left_out)))
+
+    def train(self, after: Callable[[int], None]) -> None:
+        before, steps = torch.get_num_threads(), 0
+
+        def step() -> None:
+            nonlocal steps
+            steps += 1
+            after(steps)
+
+        torch.set_num_threads(self.settings.threads)
+        try:
+            with threadpool_limits(self.settings.threads):
+                knowledge = fit_recipe_scorer(
+                    self.folds, self.text, left_out=self.left_out, seed=self.settings.seed, after=step
+                )
+        finally:
+            torch.set_num_threads(before)
+        recipes = torch.from_numpy(self.folds.split.graph.recipes[self.folds.seen(self.left_out)].astype("int32"))
+        tensors = {**knowledge.constants(), "recipes": recipes}
+        _kept(self.folder).save(self.fold, tensors, self.done)
+
+
+def _kept(folder: Path) -> Checkpoints[FitDone]:
+    return Checkpoints(folder, RECIPES.unit, FitDone, kept=None)
+
+
+def _fit(
+    run: RunFolder[FitDone],
+    opened: OpenedGraph,
+    config: RecipeScorerConfig,
+    folds: Folds,
+    text: Tensor,
+    progress: Progress | None,
+) -> TrainedRecipes:
+    settings, began = config.settings, time.perf_counter()
+    is_partial = settings.kg == "partial"
+    jobs = [_Job(run.path, number, folds, text, settings) for number in range(1 + folds.count * is_partial)]
+    kept = _kept(run.path)
+    waiting = [job for job in jobs if job.fold not in kept.records()]
+    total = len(jobs) * (settings.folds + 3)
+    so_far = dict.fromkeys((job.fold for job in jobs if job not in waiting), settings.folds + 3)
+
+    def note(fold: int | None = None, steps: int = 0) -> None:
+        if run.interrupted.is_set():
+            raise KeyboardInterrupt
+        if fold is not None:
+            so_far[fold] = steps
+            if progress:
+                progress(sum(so_far.values()), total, {})
+
+    workers = min(len(waiting), max(cores() // settings.threads, 1))
+    if workers > 1 and len(folds.split.recipes("train")) > ALONE:
+        side_by_side(waiting, workers, note)
+    else:
+        for job in waiting:
+            job.train(partial(note, job.fold))
+    if progress:
+        progress(total, total, {})
+    return _finish(run, opened, config, folds, kept, time.perf_counter() - began)
+
+
+def _finish(
+    run: RunFolder[FitDone],
+    opened: OpenedGraph,
+    config: RecipeScorerConfig,
+    folds: Folds,
+    kept: Checkpoints[FitDone],
+    seconds: float,
+) -> TrainedRecipes:
+    """Write the results of fits that are all done."""
+    graph, settings = opened.graph, config.settings
+    tensors = kept.read(0).tensors
+    vocabulary = Vocabulary(
+        format="wordcraft-kg vocabulary 1",
+        scorer="recipes",
+        graph=graph.hash,
+        entities=graph.entities,
+        relations=RELATIONS,
+    )
+    write_atomically(run.path / "model.safetensors", safetensors.torch.save(tensors))
+    write_atomically(run.path / "vocabulary.json", dump_json(as_values(vocabulary)))
+    outputs: tuple[str, ...] = OUTPUTS
+    record = None
+    if settings.kg == "partial":
+
+        def part(fold: int) -> tuple[str, dict[str, Tensor]]:
+            found = kept.read(fold + 1)
+            return found.progress.trained_on, found.tensors
+
+        record = write_folds(run.path, folds, RecipeScorer(tensors, graph.entities, graph.hash), part)
+        outputs += (FOLDS_RECORD, FOLDS_TENSORS)
+    metrics = RecipeMetrics(
+        kg=settings.kg,
+        recipes=len(tensors["recipes"]),
+        seconds=round(seconds, 3),
+        folds=record.count if record else 0,
+        fold_mrr=record.mrr if record else None,
+        fold_in_sample_mrr=record.in_sample_mrr if record else None,
+    )
+    write_atomically(run.path / "metrics.json", dump_json(as_values(metrics)))
+    run.finish(outputs, model_card(opened, config, metrics))
+    return TrainedRecipes(run.path, metrics)

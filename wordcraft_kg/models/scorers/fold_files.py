@@ -1,0 +1,56 @@
+"""Writing the folds of a cross-fitted scorer: their tensors, and how well each predicts what it has not seen."""
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import safetensors.torch
+import torch
+
+from wordcraft_kg.artefacts import dump_json, write_atomically
+from wordcraft_kg.graphs.folds import Folds
+from wordcraft_kg.graphs.triples import is_in, recipe_triples
+from wordcraft_kg.models.scorers.cross_fitting import Fold, FoldsRecord
+from wordcraft_kg.models.scorers.folder import FOLDS_RECORD, FOLDS_TENSORS, OF_RECIPE, kind_of, make_scorer
+from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples, sampled_for
+from wordcraft_kg.models.scorers.scorer import Scorer
+from wordcraft_kg.records import as_values
+
+
+def write_folds(
+    folder: Path, folds: Folds, whole: Scorer, part: Callable[[int], tuple[str, Mapping[str, torch.Tensor]]]
+) -> FoldsRecord:
+    """Write the files of the folds; return what is known of them.
+
+    Args:
+        folder: folder of the model.
+        folds: the folds.
+        whole: the scorer of all train recipes.
+        part: returns the hash of the training triples and the tensors of the model without a fold.
+    """
+    graph = folds.split.graph
+    tensors = {OF_RECIPE: torch.from_numpy(folds.of_recipe.copy())}
+    found = []
+    for number in range(folds.count):
+        trained_on, own_tensors = part(number)
+        tensors |= {f"fold{number}.{name}": tensor for name, tensor in own_tensors.items()}
+        seen = folds.triples([number])
+        own = recipe_triples(graph.recipes[folds.of_recipe == number])
+        queries = sampled_for(graph, own[~is_in(own, seen, graph.num_entities)])
+        others = make_scorer(kind_of(own_tensors), dict(own_tensors), graph.entities, graph.hash)
+        mrr, in_sample = (
+            mean_reciprocal_rank(rank_triples(scorer, queries, graph.triples)) if len(queries) else None
+            for scorer in (others, whole)
+        )
+        found.append(
+            Fold(
+                trained_on=trained_on,
+                triples=len(seen),
+                queries=2 * len(queries),
+                mrr=mrr,
+                in_sample_mrr=in_sample,
+            )
+        )
+    record = FoldsRecord(seed=folds.seed, hash=folds.hash, folds=tuple(found))
+    write_atomically(folder / FOLDS_TENSORS, safetensors.torch.save(tensors))
+    write_atomically(folder / FOLDS_RECORD, dump_json(as_values(record)))
+    return record

@@ -1,0 +1,156 @@
+"""Recipe-level scores: how plausible it is that a pair makes a result, and which train recipes say so."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple, Protocol, runtime_checkable
+
+import torch
+from torch import Tensor
+
+from wordcraft_kg.graphs.recipes import Recipe
+from wordcraft_kg.graphs.triples import COMBINES_WITH
+from wordcraft_kg.models.scorers.pair_features import BUFFERS, EVIDENCE, FEATURES, RecipeKnowledge
+from wordcraft_kg.models.scorers.protocol import TripleScorer
+from wordcraft_kg.models.scorers.scorer import EntityIds, Scorer
+
+ROWS = 4_096
+"""Recipes scored at a time."""
+
+
+class Witness(NamedTuple):
+    """A recipe that speaks for another one.
+
+    Attributes:
+        recipe: labels.
+        weight: how like the other it is, 1 for the same: the product of the similarities of both ingredients and of
+            the result, each between 0 and 1.
+    """
+
+    recipe: Recipe
+    weight: float
+
+
+@runtime_checkable
+class RecipeScores(TripleScorer, Protocol):
+    """A scorer that scores recipes, too."""
+
+    def score_recipes(self, ingredients: EntityIds, others: EntityIds, results: EntityIds) -> Tensor:
+        """Return how plausible it is that each pair makes a result; ids broadcast, the order of a pair is no matter."""
+        ...
+
+    def speaking_for(self, ingredient: str, other: str, result: str, limit: int = 5) -> list[Witness]:
+        """Return the recipes that speak for a recipe, the most alike first."""
+        ...
+
+
+class RecipeScorer(Scorer):
+    """The learned scorer of recipes and links: rankers on what train recipes say about recipes held out of them.
+
+    A score of a recipe is in nats: the log-odds, up to a constant, that among the pairs on a table it is this one that
+    makes the goal. Scores of links are those of the link ranker.
+
+    Attributes:
+        knowledge: tables and rankers.
+        recipes: shape (n, 3), the recipes that it has been trained on.
+    """
+
+    def __init__(self, tensors: Mapping[str, Tensor], entities: Sequence[str], graph_hash: str, **kwargs: Any):
+        """Take the tensors that :meth:`tensors` returns.
+
+        Raises:
+            KeyError: if one is missing.
+            ValueError: if one has another shape or type than the entities ask for.
+        """
+        super().__init__(entities, graph_hash, **kwargs)
+        _check(tensors, len(self.entities))
+        self.knowledge = RecipeKnowledge(tensors).to(self.device).requires_grad_(False)
+        self.recipes = tensors["recipes"]
+
+    def tensors(self) -> dict[str, Tensor]:
+        """Return the tensors that it can be made from again."""
+        return {**self.knowledge.constants(), "recipes": self.recipes}
+
+    def _score(self, heads: Tensor, relations: Tensor, tails: Tensor) -> Tensor:
+        of_pairs, of_parts = (self.knowledge.pairs[0, ..., 1], self.knowledge.parts[0, ..., 1])
+        return torch.where(relations == COMBINES_WITH, of_pairs[heads, tails], of_parts[heads, tails]).float()
+
+    def table(self, relation: int | str) -> Tensor:  # noqa: D102 - inherited
+        is_pair = int(self.relation_ids(relation)) == COMBINES_WITH
+        return (self.knowledge.pairs if is_pair else self.knowledge.parts)[0, :-1, :-1, 1].float()
+
+    def score_recipes(self, ingredients: EntityIds, others: EntityIds, results: EntityIds) -> Tensor:
+        """Return how plausible it is that each pair makes a result.
+
+        Args:
+            ingredients: one entity, a sequence, or a tensor of ids of any shape.
+            others: the other ingredients.
+            results: what they make; the three broadcast against each other.
+
+        Returns:
+            float32, of the broadcast shape, nats.
+
+        Raises:
+            UnknownEntityError: for a label or id that the scorer does not know.
+        """
+        ids = torch.broadcast_tensors(*(self.entity_ids(part) for part in (ingredients, others, results)))
+        a, b, result = (part.reshape(-1) for part in ids)
+        found = [
+            self.knowledge(goal, torch.stack(pair, dim=1), torch.zeros_like(goal))[:, 0, 1]
+            for goal, *pair in zip(result.split(ROWS), a.split(ROWS), b.split(ROWS), strict=True)
+        ]
+        return torch.cat(found).view(ids[0].shape)
+
+    def speaking_for(self, ingredient: str, other: str, result: str, limit: int = 5) -> list[Witness]:
+        """Return the recipes that speak for a recipe, the most alike first.
+
+        Args:
+            ingredient: label.
+            other: label of the other ingredient.
+            result: label of what they make.
+            limit: the most recipes to return.
+
+        Raises:
+            UnknownEntityError: for a label that the scorer does not know.
+        """
+        alike = self.knowledge.alike[0].float().clamp(0, 1)
+        a, b, goal = self.entity_ids([ingredient, other, result]).tolist()
+        one, two, made = self.recipes.long().to(self.device).T
+        both = torch.maximum(alike[a, one] * alike[b, two], alike[a, two] * alike[b, one])
+        weights = alike[goal, made] * both
+        best = torch.sort(weights, descending=True, stable=True).indices[:limit].tolist()
+        labels = self.entities
+        return [
+            Witness(Recipe(*(labels[entity] for entity in self.recipes[row].tolist())), float(weights[row]))
+            for row in best
+            if weights[row] > 0
+        ]
+
+
+def _check(tensors: Mapping[str, Tensor], size: int) -> None:
+    """Refuse tensors that are not those of one model of E entities."""
+    hidden = tensors["first"].shape[-1]
+    square = (size + 1, size + 1)
+    expected: dict[str, tuple[tuple[int, ...], torch.dtype]] = {
+        "parts": ((1, *square, 2), torch.half),
+        "pairs": ((1, *square, 3), torch.half),
+        "alike": ((1, *square), torch.half),
+        "words": (square, torch.half),
+        "counts": ((1, size + 1, 2), torch.float32),
+        "speaking": ((1, size + 1, EVIDENCE, 3), torch.int16),
+        "first": ((1, len(FEATURES), hidden), torch.float32),
+        "first_bias": ((1, hidden), torch.float32),
+        "second": ((1, hidden), torch.float32),
+        "bias": ((1,), torch.float32),
+        "recipes": ((len(tensors["recipes"]), 3), torch.int32),
+    }
+    assert {*expected} == {*BUFFERS, "recipes"}
+    for name, (shape, kind) in expected.items():
+        found = tensors[name]
+        if found.shape != shape or found.dtype != kind:
+            raise ValueError(
+                f"{name} is of {found.dtype} and shape {tuple(found.shape)}; its vocabulary needs {kind} and {shape}"
+            )
+        if found.dtype.is_floating_point and not bool(torch.isfinite(found).all()):
+            raise ValueError(f"{name} holds numbers that are not finite")
+    for name in ("speaking", "recipes"):
+        if tensors[name].numel() and not 0 <= int(tensors[name].min()) <= int(tensors[name].max()) <= size:
+            raise ValueError(f"{name} holds ids that no entity has")

@@ -161,7 +161,7 @@ GLOSSARY: dict[str, Term] = {
     "w": Term(
         "Agents",
         "recipe score",
-        "How plausible it is that a slot and the entity in hand make the goal; with an empty hand, with its best partner.",
+        "How plausible it is that a slot and the entity in hand make the goal; with an empty hand, its best partner.",
         "w",
     ),
     "lambda": Term("Agents", "mixing weight", "How much a source counts, which the agent learns: λα, λu, λv, λw.", "λ"),

@@ -15,7 +15,7 @@ from torch import Tensor, nn
 
 from wordcraft_kg.agents.config import ImpalaConfig
 from wordcraft_kg.agents.losses import baseline_loss, entropy, policy_gradient_loss
-from wordcraft_kg.agents.states import bind_tasks, has_train_recipes, states_of
+from wordcraft_kg.agents.states import bind_tasks, states_of
 from wordcraft_kg.agents.vtrace import v_trace
 from wordcraft_kg.envs.batch import GOAL, BatchEngine
 from wordcraft_kg.errors import ConfigError, TrainingError
@@ -55,7 +55,7 @@ class Unroll(NamedTuple):
     Attributes:
         goal, selection: shape (T + 1, B), int64.
         table: shape (T + 1, B, A), int64.
-        task: shape (T + 1, B), int64; None unless a source's scores depend on it.
+        opinions: shape (T + 1, B, S, A): what the sources say, which the learner need not ask again; None without any.
         actions: shape (T, B), int64.
         log_probs: shape (T, B): log-probabilities of the actions under the acting policy.
         rewards, discounts: shape (T, B).
@@ -65,7 +65,7 @@ class Unroll(NamedTuple):
     goal: Tensor
     selection: Tensor
     table: Tensor
-    task: Tensor | None
+    opinions: Tensor | None
     actions: Tensor
     log_probs: Tensor
     rewards: Tensor
@@ -116,13 +116,13 @@ class Impala:
         check_memory("policy_lag", config.policy_lag, "that many policies", 4 * len(self._flat) * lag)
         self._generator = torch.Generator(self.device).manual_seed(config.seed)
         self._snapshots: deque[Weights] = deque(maxlen=config.policy_lag + 1)
-        self._reads_task = policy.reads_task and has_train_recipes(engine)
         time, batch, slots = config.unroll, config.batch_size, engine.num_slots
         self._unroll = Unroll(
             goal=self._empty(time + 1, batch, dtype=torch.int64),
             selection=self._empty(time + 1, batch, dtype=torch.int64),
             table=self._empty(time + 1, batch, slots, dtype=torch.int64),
-            task=self._empty(time + 1, batch, dtype=torch.int64) if self._reads_task else None,
+            # Those of the last states stay 0: their values do not depend on them.
+            opinions=self._empty(time + 1, batch, len(policy.sources), slots).zero_() if policy.sources else None,
             actions=self._empty(time, batch, dtype=torch.int64),
             log_probs=self._empty(time, batch),
             rewards=self._empty(time, batch),
@@ -251,8 +251,8 @@ class Impala:
         noise = torch.rand(self.config.unroll, engine.num_envs, generator=self._generator, device=self.device)
         for t in range(self.config.unroll):
             self._observe(t)
-            task = None if unroll.task is None else unroll.task[t]
-            state = unroll.goal[t], unroll.selection[t], unroll.table[t], task
+            opinions = None if unroll.opinions is None else unroll.opinions[t]
+            state = unroll.goal[t], unroll.selection[t], unroll.table[t], opinions
             actions, log_probs = self._act(weights, *state, noise[t])
             unroll.actions[t], unroll.log_probs[t] = actions, log_probs
             slots: Any = actions if engine.arrays.on_device else actions.numpy()
@@ -266,15 +266,16 @@ class Impala:
     def _observe(self, t: int) -> None:
         unroll, states = self._unroll, states_of(self.engine)
         unroll.goal[t], unroll.selection[t], unroll.table[t] = states.goal, states.selection, states.table
-        if unroll.task is not None:
-            assert states.task is not None
-            unroll.task[t] = states.task
+        opinions = self.policy.opinions(*states) if t < self.config.unroll else None
+        if opinions is not None:
+            assert unroll.opinions is not None
+            unroll.opinions[t] = opinions
 
     def _choose(
-        self, weights: Weights, goal: Tensor, selection: Tensor, table: Tensor, task: Tensor | None, noise: Tensor
+        self, weights: Weights, goal: Tensor, selection: Tensor, table: Tensor, opinions: Tensor | None, noise: Tensor
     ) -> tuple[Tensor, Tensor]:
         """Draw actions with one uniform number each; return them and their log-probabilities, shape (B,) each."""
-        log_probs = log_policy(self.policy(goal, selection, table, weights, task).logits)
+        log_probs = log_policy(self.policy(goal, selection, table, weights, opinions=opinions).logits)
         shares = log_probs.exp().cumsum(0)
         # The first slot at which the cumulative probability exceeds the number; a slot of probability 0 never is.
         actions = (shares <= noise * shares[-1]).sum(0)
@@ -292,11 +293,11 @@ class Impala:
         """
         config, time = self.config, self.config.unroll
         num_states = time + 1 if is_cut else time
-        goal, selection, table, task = (
-            None if ids is None else ids[:num_states].flatten(0, 1)
-            for ids in (unroll.goal, unroll.selection, unroll.table, unroll.task)
+        goal, selection, table, opinions = (
+            None if part is None else part[:num_states].flatten(0, 1)
+            for part in (unroll.goal, unroll.selection, unroll.table, unroll.opinions)
         )
-        output = self.policy(goal, selection, table, weights, task)
+        output = self.policy(goal, selection, table, weights, opinions=opinions)
         acted = unroll.actions.numel()
         log_policies = log_policy(output.logits[:acted])
         log_probs = log_policies.gather(0, unroll.actions.view(1, -1)).view_as(unroll.log_probs)

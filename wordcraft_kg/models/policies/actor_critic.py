@@ -50,6 +50,7 @@ class AttentionPolicy(Policy):
         table: Tensor,
         weights: Weights | None = None,
         task: Tensor | None = None,
+        opinions: Tensor | None = None,
     ) -> PolicyOutput:
         weights = weights or self.weights()
         mask = table != self.num_entities
@@ -58,10 +59,10 @@ class AttentionPolicy(Policy):
         is_softmax = self.config.value_readout == "softmax"
         state = slots.sum(masked_softmax(alpha, mask) if is_softmax else alpha.masked_fill(~mask, 0), self.num_entities)
         value = _mlp(state, weights, "value")[:, 0]
-        if not self.sources:
+        opinions = self.opinions(goal, selection, table, task) if opinions is None else opinions
+        if opinions is None:
             return PolicyOutput(alpha.masked_fill(~mask, -torch.inf), value)
-        opinions = [source(goal, selection, table, task) for source in self.sources.values()]
-        sources = torch.stack(opinions if self.config.kg_only else [alpha, *opinions], dim=1)
+        sources = opinions if self.config.kg_only else torch.cat([alpha[:, None], opinions], dim=1)
         lambdas = _mlp(state, weights, "mixture")
         if self.config.mixing == "softmax":
             lambdas = torch.softmax(lambdas, dim=1)

@@ -38,6 +38,7 @@ class MLPPolicy(Policy):
         table: Tensor,
         weights: Weights | None = None,
         task: Tensor | None = None,
+        opinions: Tensor | None = None,
     ) -> PolicyOutput:
         if table.shape[1] != self.num_slots:
             raise ConfigError(

@@ -104,6 +104,7 @@ class Policy(nn.Module):
         table: Tensor,
         weights: Weights | None = None,
         task: Tensor | None = None,
+        opinions: Tensor | None = None,
     ) -> PolicyOutput:
         """Return logits and value of states.
 
@@ -114,8 +115,19 @@ class Policy(nn.Module):
             weights: result of :meth:`weights`; None computes it.
             task: shape (B,), int64: number of the task among those of :meth:`bind`, or their number for another task;
                 None for tasks without train recipes, or if :attr:`reads_task` is False.
+            opinions: result of :meth:`opinions`; None computes it.
         """
         raise NotImplementedError
+
+    @torch.no_grad()
+    def opinions(self, goal: Tensor, selection: Tensor, table: Tensor, task: Tensor | None = None) -> Tensor | None:
+        """Return the scores of the sources, which no training changes, to compute them once for many calls.
+
+        States are those of :meth:`forward`; the result has shape (B, S, A), or is None without sources.
+        """
+        if not self.sources:
+            return None
+        return torch.stack([source(goal, selection, table, task) for source in self.sources.values()], dim=1)
 
     @torch.no_grad()
     def act(

@@ -66,9 +66,7 @@ def fit_recipe_scorer(
 
 def _knowledge(base: Base, rankers: tuple[Ranker, Ranker]) -> RecipeKnowledge:
     links = tuple(_scored(ranker, features) for ranker, features in zip(rankers, link_features(base), strict=True))
-    return knowledge_of(
-        base.recipes, base.kernel, base.text, (base.pairs, base.parts), (links[0], links[1]), base.combines
-    )
+    return knowledge_of(base.recipes, base.kernel, base.text, (base.pairs, base.parts), (links[0], links[1]))
 
 
 def _scored(ranker: Ranker, features: Tensor) -> Tensor:
@@ -147,7 +145,10 @@ def _examples(knowledge: RecipeKnowledge, held_out: Ids, known: Ids, rng: np.ran
     a, b = tables[:, one], tables[:, other]
     model = torch.zeros_like(goal)
     features = torch.cat(
-        [knowledge.features(*part) for part in zip(goal.split(512), tables.split(512), model.split(512), strict=True)]
+        [
+            knowledge.features(*part).permute(1, 2, 0)
+            for part in zip(goal.split(512), tables.split(512), model.split(512), strict=True)
+        ]
     )
     competes = (a < size) & (b < size)
     keys = torch.unique(_keys(torch.from_numpy(known.copy()), size))

@@ -7,10 +7,11 @@ depends on three entities, the evidence, is a sum over the few recipes whose res
 from collections.abc import Mapping, Sequence
 from typing import Self
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 
-from wordcraft_kg.graphs.arrays import Ids
+from wordcraft_kg.graphs.arrays import Ids, padded
 from wordcraft_kg.models.scorers.similarity import normalised
 
 FEATURES = (
@@ -26,6 +27,7 @@ FEATURES = (
     "pair",
     "pair_link",
     "known",
+    "makes",
     "words_pair",
     "itself",
     "made",
@@ -41,20 +43,18 @@ FEATURES = (
 | words_sum, words_min | cosines of the words of a and c, b and c |
 | uses_* | log(1 + recipes that use a), and b |
 | pair, pair_link | combinesWith(a, b) by the kernel and by the link ranker |
-| known | a + b is known to make something |
+| known, makes | a + b is known to make something; to make c |
 | words_pair, itself | cosine of the words of a and b; a is b |
 | made | log(1 + recipes of c) |
 | evidence | log of the recipe-to-recipe kernel, see :class:`RecipeKnowledge` |
 | words_evidence | the same with cosines of words instead |
 """
-EVIDENCE = 48
-"""Recipes that may speak for a goal: those whose results are most like it, its own first."""
+EVIDENCE = 16
+"""Recipes that may speak for a goal: those whose results are most like it. More of them change no figure."""
 FLOOR = 1e-4
 """Added to evidence before the logarithm."""
-EXACT = 2.0
-"""How much an entity is like itself, where 1 would do: what is remembered then stands out from what is concluded."""
-_SHARED = ("words",)
-"""Buffers that all models of a stack have in common."""
+WORDS_POWER = 4
+"""To which cosines of words are raised for evidence, so that only near synonyms count."""
 
 
 class RecipeKnowledge(nn.Module):
@@ -66,8 +66,10 @@ class RecipeKnowledge(nn.Module):
 
     Attributes:
         parts: shape (M, E + 1, E + 1, 2), half: by ingredient and goal, the kernel's componentOf and the link ranker's.
-        pairs: shape (M, E + 1, E + 1, 3), half: the kernel's combinesWith, the link ranker's, and whether it is known.
-        alike: shape (M, E + 1, E + 1), half: k, with :data:`EXACT` on the diagonal.
+        pairs: shape (M, E + 1, E + 1, 2), half: the kernel's combinesWith and the link ranker's.
+        numbers: shape (M, E + 1, E + 1), int32: the number of a known pair, 0 for one that is not known.
+        results: shape (M, N + 1, L), int32: what each known pair makes; E for nothing more.
+        alike: shape (M, E + 1, E + 1), half: k.
         words: shape (E + 1, E + 1), half: cosines of words.
         counts: shape (M, E + 1, 2): log(1 + recipes that use an entity), log(1 + recipes that make it).
         speaking: shape (M, E + 1, R, 3), int16: the recipes that may speak for a goal, by k of their results; E for
@@ -77,6 +79,8 @@ class RecipeKnowledge(nn.Module):
 
     parts: Tensor
     pairs: Tensor
+    numbers: Tensor
+    results: Tensor
     alike: Tensor
     words: Tensor
     counts: Tensor
@@ -85,6 +89,7 @@ class RecipeKnowledge(nn.Module):
     first_bias: Tensor
     second: Tensor
     bias: Tensor
+    _words_alike: Tensor
 
     def __init__(self, constants: Mapping[str, Tensor]):
         """Take the buffers."""
@@ -92,22 +97,30 @@ class RecipeKnowledge(nn.Module):
         for name in BUFFERS:
             self.register_buffer(name, constants[name])
         self.num_entities = len(self.words) - 1
+        self.register_buffer("_words_alike", torch.empty(0), persistent=False)
 
     @classmethod
     def stacked(cls, models: Sequence["RecipeKnowledge"]) -> Self:
         """Return the models of several as one."""
-        return cls(
-            {
-                name: getattr(models[0], name)
-                if name in _SHARED
-                else torch.cat([getattr(model, name) for model in models])
-                for name in BUFFERS
-            }
-        )
+        nothing = models[0].num_entities
+        shape = [max(model.results.shape[axis] for model in models) for axis in (1, 2)]
+
+        def joined(name: str) -> Tensor:
+            parts = [getattr(model, name) for model in models]
+            if name == "words":
+                return parts[0]
+            if name == "results":
+                parts = [
+                    nn.functional.pad(part, (0, shape[1] - part.shape[2], 0, shape[0] - part.shape[1]), value=nothing)
+                    for part in parts
+                ]
+            return torch.cat(parts)
+
+        return cls({name: joined(name) for name in BUFFERS})
 
     def constants(self) -> dict[str, Tensor]:
         """Return the buffers by name."""
-        return dict(self.named_buffers())
+        return {name: getattr(self, name) for name in BUFFERS}
 
     def with_ranker(self, weights: Mapping[str, Tensor]) -> Self:
         """Return the same knowledge of one model with another ranker."""
@@ -122,76 +135,89 @@ class RecipeKnowledge(nn.Module):
             model: shape (B,), int64: the model that answers.
 
         Returns:
-            shape (B, P, F): pairs in the order of :func:`pairs_of`.
+            shape (F, B, P): pairs in the order of :func:`pairs_of`. Features come first because the products of the
+            ranker want them so.
         """
         width = self.num_entities + 1
         slots = table.shape[1]
         one, other = pairs_of(slots, table.device)
         rows = (model * width)[:, None] + table
         a, b = table.index_select(1, one), table.index_select(1, other)
-        with_goal = _rows(self.parts, rows * width + goal[:, None])
-        words = self.words.view(-1)
-        word_with_goal = _rows(words, table * width + goal[:, None])
-        uses, made = self.counts.view(-1, 2)[rows][..., 0], self.counts.view(-1, 2)[model * width + goal][:, 1]
-        of_pair = _rows(self.pairs, rows.index_select(1, one) * width + b)
-        word_of_pair = _rows(words, a * width + b)
-        part_a, part_b = with_goal.index_select(1, one), with_goal.index_select(1, other)
-        least = torch.minimum(part_a, part_b)
-        words_a, words_b = word_with_goal.index_select(1, one), word_with_goal.index_select(1, other)
-        uses_a, uses_b = uses.index_select(1, one), uses.index_select(1, other)
-        sums = part_a + part_b
+        cells = rows.index_select(1, one) * width + b
+        part, link = _rows(self.parts, rows * width + goal[:, None]).unbind(-1)
+        words = _rows(self.words, table * width + goal[:, None])
+        uses = self.counts.view(-1, 2)[:, 0].index_select(0, rows.reshape(-1)).view(rows.shape)
+        made = self.counts.view(-1, 2)[:, 1].index_select(0, model * width + goal)
+        pair, pair_link = _rows(self.pairs, cells).unbind(-1)
+        number = self.numbers.view(-1).index_select(0, cells.view(-1)).view(cells.shape)
+        known_results = self.results.flatten(0, 1).index_select(
+            0, (number + (model * self.results.shape[1])[:, None]).view(-1)
+        )
+        makes = (known_results.view(*number.shape, -1) == goal[:, None, None]).any(-1)
+
+        def both(of_slots: Tensor) -> tuple[Tensor, Tensor]:
+            return of_slots.index_select(1, one), of_slots.index_select(1, other)
+
+        (part_a, part_b), (link_a, link_b), (words_a, words_b), (uses_a, uses_b) = map(both, (part, link, words, uses))
         evidence = [each.flatten(1).index_select(1, one * slots + other) for each in self._evidence(goal, table, model)]
         return torch.stack(
             [
-                sums[..., 0],
-                least[..., 0],
-                torch.maximum(part_a[..., 0], part_b[..., 0]),
-                sums[..., 1],
-                least[..., 1],
+                part_a + part_b,
+                torch.minimum(part_a, part_b),
+                torch.maximum(part_a, part_b),
+                link_a + link_b,
+                torch.minimum(link_a, link_b),
                 words_a + words_b,
                 torch.minimum(words_a, words_b),
                 uses_a + uses_b,
                 torch.minimum(uses_a, uses_b),
-                *of_pair.unbind(-1),
-                word_of_pair,
+                pair,
+                pair_link,
+                (number > 0).float(),
+                makes.float(),
+                _rows(self.words, a * width + b),
                 (a == b).float(),
                 made[:, None].expand(-1, len(one)),
                 *((each + FLOOR).log() for each in evidence),
-            ],
-            dim=-1,
+            ]
         )
 
     def _evidence(self, goal: Tensor, table: Tensor, model: Tensor) -> tuple[Tensor, Tensor]:
         """Return the evidence for each two slots, by what recipes do and by words, two of shape (B, A, A)."""
         width = self.num_entities + 1
-        speaking = self.speaking.view(-1, *self.speaking.shape[2:])[model * width + goal].long()
-        rows = ((model * width)[:, None] + table) * width
-        result = (model * width + goal)[:, None] * width + speaking[..., 2]
-        by_deeds = self.alike.view(-1)
+        speaking = self.speaking.flatten(0, 1).index_select(0, model * width + goal).long()
+        first, second, result = speaking.unbind(-1)
+        rows = (model * width)[:, None] + table
 
-        def summed(like: Tensor, rows: Tensor, result: Tensor, power: int) -> Tensor:
-            weight = _rows(like, result).clamp(min=0) ** power
-            one, other = (
-                _rows(like, rows[:, :, None] + speaking[:, None, :, part]).clamp(min=0) ** power for part in (0, 1)
-            )
+        def summed(like: Tensor, rows: Tensor, goal: Tensor) -> Tensor:
+            weight = _rows(like, goal[:, None] * width + result)
+            one, other = (_rows(like, (rows * width)[:, :, None] + part[:, None]) for part in (first, second))
             both = torch.bmm(one * weight[:, None], other.transpose(1, 2))
             return both + both.transpose(1, 2)
 
-        by_words = summed(self.words.view(-1), table * width, goal[:, None] * width + speaking[..., 2], 4)
-        return summed(by_deeds, rows, result, 1), by_words
+        return summed(self.alike, rows, model * width + goal), summed(self._words_like(), table, goal)
+
+    def _words_like(self) -> Tensor:
+        """Return the powers of cosines of words, which are made when they are first asked for."""
+        if not len(self._words_alike):
+            self._words_alike = (self.words.float().clamp(min=0) ** WORDS_POWER).half()
+        return self._words_alike
 
     def forward(self, goal: Tensor, table: Tensor, model: Tensor) -> Tensor:
         """Return the score of each two slots for the goal, shape (B, A, A), nats; -inf where one is empty."""
-        features = self.features(goal, table, model)
-        hidden = torch.relu(torch.baddbmm(self.first_bias[model][:, None], features, self.first[model]))
-        scores = torch.bmm(hidden, self.second[model][:, :, None])[..., 0] + self.bias[model][:, None]
+        features = self.features(goal, table, model).transpose(0, 1)
+        first = self.first.transpose(1, 2).index_select(0, model)
+        hidden = torch.baddbmm(self.first_bias.index_select(0, model)[:, :, None], first, features).relu_()
+        scores = torch.bmm(self.second.index_select(0, model)[:, None], hidden)[:, 0]
+        scores = (scores + self.bias.index_select(0, model)[:, None]).index_select(
+            1, _square(table.shape[1], table.device)
+        )
         is_empty = table == self.num_entities
-        scores = scores.index_select(1, _square(table.shape[1], table.device)).view(*table.shape, -1)
-        return scores.masked_fill(is_empty[:, :, None] | is_empty[:, None], -torch.inf)
+        return scores.view(*table.shape, -1).masked_fill(is_empty[:, :, None] | is_empty[:, None], -torch.inf)
 
 
 RANKER = ("first", "first_bias", "second", "bias")
-BUFFERS = ("parts", "pairs", "alike", "words", "counts", "speaking", *RANKER)
+BUFFERS = ("parts", "pairs", "numbers", "results", "alike", "words", "counts", "speaking", *RANKER)
 
 
 def knowledge_of(
@@ -200,7 +226,6 @@ def knowledge_of(
     text: Tensor,
     tables: tuple[Tensor, Tensor],
     links: tuple[Tensor, Tensor],
-    known: Tensor,
 ) -> RecipeKnowledge:
     """Return the knowledge of one model, with a ranker of zeros.
 
@@ -210,22 +235,22 @@ def knowledge_of(
         text: cosines of words, shape (E, E).
         tables: the kernel's combinesWith and componentOf, two of shape (E, E).
         links: the link ranker's.
-        known: the combinesWith links of the recipes, shape (E, E).
     """
     size = len(text)
     alike = normalised(kernel) ** 2
-    alike.fill_diagonal_(EXACT)
     counts = torch.zeros(size + 1, 2)
     users, makers = torch.from_numpy(recipes[:, :2].ravel().copy()), torch.from_numpy(recipes[:, 2].copy())
     counts[:-1, 0], counts[:-1, 1] = (torch.bincount(ids, minlength=size)[:size].log1p() for ids in (users, makers))
     speaking = torch.full((size + 1, EVIDENCE, 3), size, dtype=torch.int16)
-    if len(recipes):
-        nearest = torch.sort(alike[:, makers], dim=1, descending=True, stable=True).indices[:, :EVIDENCE]
-        speaking[:-1, : nearest.shape[1]] = torch.from_numpy(recipes.astype("int16"))[nearest]
+    nearest = torch.sort(alike[:, makers], dim=1, descending=True, stable=True).indices[:, :EVIDENCE]
+    speaking[:-1, : nearest.shape[1]] = torch.from_numpy(recipes.astype("int16"))[nearest]
+    numbers, results = _known_pairs(recipes, size)
     return RecipeKnowledge(
         {
             "parts": _padded(torch.stack([tables[1], links[1]], dim=-1))[None],
-            "pairs": _padded(torch.stack([tables[0], links[0], known], dim=-1))[None],
+            "pairs": _padded(torch.stack([tables[0], links[0]], dim=-1))[None],
+            "numbers": numbers[None],
+            "results": results[None],
             "alike": _padded(alike)[None],
             "words": _padded(text),
             "counts": counts[None],
@@ -236,6 +261,18 @@ def knowledge_of(
             "bias": torch.zeros(1),
         }
     )
+
+
+def _known_pairs(recipes: Ids, size: int) -> tuple[Tensor, Tensor]:
+    """Return the number of each known pair and what it makes, see :class:`RecipeKnowledge`."""
+    pairs, number = np.unique(recipes[:, :2], axis=0, return_inverse=True)
+    of_pair: list[list[int]] = [[] for _ in range(len(pairs) + 1)]
+    for pair, result in zip(number.reshape(-1).tolist(), recipes[:, 2].tolist(), strict=True):
+        of_pair[pair + 1].append(result)
+    numbers = torch.zeros(size + 1, size + 1, dtype=torch.int32)
+    one, other = torch.from_numpy(pairs.copy()).T
+    numbers[one, other] = numbers[other, one] = torch.arange(1, len(pairs) + 1, dtype=torch.int32)
+    return numbers, torch.from_numpy(padded(of_pair, size, 1)).int()
 
 
 def pairs_of(slots: int, device: torch.device) -> tuple[Tensor, Tensor]:
@@ -254,7 +291,7 @@ def _square(slots: int, device: torch.device) -> Tensor:
 
 def _rows(table: Tensor, cells: Tensor) -> Tensor:
     """Return cells of a table of halves as floats; each may be a row of several numbers."""
-    numbers = table.shape[3:]
+    numbers = table.shape[3:]  # of a cell
     flat = table.reshape(-1, *numbers)
     return flat.index_select(0, cells.reshape(-1)).view(*cells.shape, *numbers).float()
 

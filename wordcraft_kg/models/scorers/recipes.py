@@ -111,7 +111,7 @@ class RecipeScorer(Scorer):
         Raises:
             UnknownEntityError: for a label that the scorer does not know.
         """
-        alike = self.knowledge.alike[0].float().clamp(0, 1)
+        alike = self.knowledge.alike[0].float()
         a, b, goal = self.entity_ids([ingredient, other, result]).tolist()
         one, two, made = self.recipes.long().to(self.device).T
         both = torch.maximum(alike[a, one] * alike[b, two], alike[a, two] * alike[b, one])
@@ -131,7 +131,9 @@ def _check(tensors: Mapping[str, Tensor], size: int) -> None:
     square = (size + 1, size + 1)
     expected: dict[str, tuple[tuple[int, ...], torch.dtype]] = {
         "parts": ((1, *square, 2), torch.half),
-        "pairs": ((1, *square, 3), torch.half),
+        "pairs": ((1, *square, 2), torch.half),
+        "numbers": ((1, *square), torch.int32),
+        "results": ((1, *tensors["results"].shape[1:]), torch.int32),
         "alike": ((1, *square), torch.half),
         "words": (square, torch.half),
         "counts": ((1, size + 1, 2), torch.float32),
@@ -151,6 +153,10 @@ def _check(tensors: Mapping[str, Tensor], size: int) -> None:
             )
         if found.dtype.is_floating_point and not bool(torch.isfinite(found).all()):
             raise ValueError(f"{name} holds numbers that are not finite")
-    for name in ("speaking", "recipes"):
-        if tensors[name].numel() and not 0 <= int(tensors[name].min()) <= int(tensors[name].max()) <= size:
-            raise ValueError(f"{name} holds ids that no entity has")
+    for name, high in (("speaking", size), ("recipes", size - 1), ("results", size), ("numbers", _last(tensors))):
+        if tensors[name].numel() and not 0 <= int(tensors[name].min()) <= int(tensors[name].max()) <= high:
+            raise ValueError(f"{name} holds numbers outside 0 .. {high}")
+
+
+def _last(tensors: Mapping[str, Tensor]) -> int:
+    return tensors["results"].shape[1] - 1

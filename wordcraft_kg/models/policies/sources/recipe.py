@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import Self
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from wordcraft_kg.errors import ConfigError
 from wordcraft_kg.models.policies.sources import Label
@@ -62,7 +62,7 @@ class BestRecipe(FoldedSource):
 
     @classmethod
     def num_bytes(cls, num_entities: int) -> int:  # noqa: D102 - inherited
-        return 14 * (num_entities + 1) ** 2
+        return 16 * (num_entities + 1) ** 2
 
     def forward(self, goal: Tensor, selection: Tensor, table: Tensor, task: Tensor | None = None) -> Tensor:  # noqa: D102 - inherited
         model = self.model_of(task)
@@ -91,15 +91,18 @@ class BestRecipe(FoldedSource):
     def _scores(self, goal: Tensor, table: Tensor, model: Tensor) -> Tensor:
         """Return the scores of all pairs on the tables, shape (B, A, A).
 
-        Most tables are asked for twice in a row, before and after the first pick, so the last ones are kept.
+        Most tables are asked for twice in a row, before and after the first pick, so the last ones are kept. Slots that
+        are empty in all tables, which come last, are left out.
         """
-        asked = goal, table, model
+        slots = table.shape[1]
+        used = int((table != self.num_entities).any(0).nonzero().max()) + 1
+        asked = goal, table[:, :used], model
         if self._last is not None and all(
             one.shape == other.shape and torch.equal(one, other)
             for one, other in zip(self._last[0], asked, strict=True)
         ):
             return self._last[1]
-        scores = self.knowledge(*asked)
-        if not torch.compiler.is_compiling():
-            self._last = (goal.clone(), table.clone(), model.clone()), scores
+        rest = slots - used
+        scores = nn.functional.pad(self.knowledge(*asked), (0, rest, 0, rest), value=-torch.inf)
+        self._last = (goal.clone(), asked[1].clone(), model.clone()), scores
         return scores

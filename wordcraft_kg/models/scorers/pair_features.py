@@ -16,13 +16,12 @@ from wordcraft_kg.models.scorers.similarity import normalised
 
 FEATURES = (
     "part_sum",
-    "part_min",
-    "part_max",
     "link_sum",
-    "link_min",
     "words_sum",
-    "words_min",
     "uses_sum",
+    "part_min",
+    "link_min",
+    "words_min",
     "uses_min",
     "pair",
     "pair_link",
@@ -34,7 +33,7 @@ FEATURES = (
     "evidence",
     "words_evidence",
 )
-"""The features of a pair (a, b) and a goal c, in the order of the ranker's weights.
+"""The features of a pair (a, b) and a goal c, in the order of the ranker's weights; sums and minima are over a and b.
 
 | feature | meaning |
 |---|---|
@@ -47,7 +46,7 @@ FEATURES = (
 | words_pair, itself | cosine of the words of a and b; a is b |
 | made | log(1 + recipes of c) |
 | evidence | log of the recipe-to-recipe kernel, see :class:`RecipeKnowledge` |
-| words_evidence | the same with cosines of words instead |
+| words_evidence | the same with powers of cosines of words instead |
 """
 EVIDENCE = 16
 """Recipes that may speak for a goal: those whose results are most like it. More of them change no figure."""
@@ -146,44 +145,30 @@ class RecipeKnowledge(nn.Module):
         cells = rows.index_select(1, one) * width + b
         part, link = _rows(self.parts, rows * width + goal[:, None]).unbind(-1)
         words = _rows(self.words, table * width + goal[:, None])
-        uses = self.counts.view(-1, 2)[:, 0].index_select(0, rows.reshape(-1)).view(rows.shape)
-        made = self.counts.view(-1, 2)[:, 1].index_select(0, model * width + goal)
+        uses = self.counts[:, :, 0].flatten().index_select(0, rows.view(-1)).view(rows.shape)
+        of_slots = torch.stack([part, link, words, uses])
+        of_a, of_b = of_slots.index_select(2, one), of_slots.index_select(2, other)
         pair, pair_link = _rows(self.pairs, cells).unbind(-1)
         number = self.numbers.view(-1).index_select(0, cells.view(-1)).view(cells.shape)
         known_results = self.results.flatten(0, 1).index_select(
             0, (number + (model * self.results.shape[1])[:, None]).view(-1)
         )
         makes = (known_results.view(*number.shape, -1) == goal[:, None, None]).any(-1)
+        made = self.counts[:, :, 1].flatten().index_select(0, model * width + goal)
+        evidence = self._evidence(goal, table, model).flatten(2).index_select(2, one * slots + other)
+        rest = [
+            pair,
+            pair_link,
+            number > 0,
+            makes,
+            _rows(self.words, a * width + b),
+            a == b,
+            made[:, None].expand_as(a),
+        ]
+        return torch.cat([of_a + of_b, torch.minimum(of_a, of_b), torch.stack(rest), evidence.add(FLOOR).log()])
 
-        def both(of_slots: Tensor) -> tuple[Tensor, Tensor]:
-            return of_slots.index_select(1, one), of_slots.index_select(1, other)
-
-        (part_a, part_b), (link_a, link_b), (words_a, words_b), (uses_a, uses_b) = map(both, (part, link, words, uses))
-        evidence = [each.flatten(1).index_select(1, one * slots + other) for each in self._evidence(goal, table, model)]
-        return torch.stack(
-            [
-                part_a + part_b,
-                torch.minimum(part_a, part_b),
-                torch.maximum(part_a, part_b),
-                link_a + link_b,
-                torch.minimum(link_a, link_b),
-                words_a + words_b,
-                torch.minimum(words_a, words_b),
-                uses_a + uses_b,
-                torch.minimum(uses_a, uses_b),
-                pair,
-                pair_link,
-                (number > 0).float(),
-                makes.float(),
-                _rows(self.words, a * width + b),
-                (a == b).float(),
-                made[:, None].expand(-1, len(one)),
-                *((each + FLOOR).log() for each in evidence),
-            ]
-        )
-
-    def _evidence(self, goal: Tensor, table: Tensor, model: Tensor) -> tuple[Tensor, Tensor]:
-        """Return the evidence for each two slots, by what recipes do and by words, two of shape (B, A, A)."""
+    def _evidence(self, goal: Tensor, table: Tensor, model: Tensor) -> Tensor:
+        """Return the evidence for each two slots, by what recipes do and by words, shape (2, B, A, A)."""
         width = self.num_entities + 1
         speaking = self.speaking.flatten(0, 1).index_select(0, model * width + goal).long()
         first, second, result = speaking.unbind(-1)
@@ -191,11 +176,13 @@ class RecipeKnowledge(nn.Module):
 
         def summed(like: Tensor, rows: Tensor, goal: Tensor) -> Tensor:
             weight = _rows(like, goal[:, None] * width + result)
-            one, other = (_rows(like, (rows * width)[:, :, None] + part[:, None]) for part in (first, second))
-            both = torch.bmm(one * weight[:, None], other.transpose(1, 2))
-            return both + both.transpose(1, 2)
+            rows = (rows * width)[:, :, None]
+            one, other = _rows(like, rows + first[:, None]), _rows(like, rows + second[:, None])
+            return torch.bmm(one * weight[:, None], other.transpose(1, 2))
 
-        return summed(self.alike, rows, model * width + goal), summed(self._words_like(), table, goal)
+        by_recipes = summed(self.alike, rows, model * width + goal)
+        both = torch.stack([by_recipes, summed(self._words_like(), table, goal)])
+        return both + both.transpose(2, 3)
 
     def _words_like(self) -> Tensor:
         """Return the powers of cosines of words, which are made when they are first asked for."""

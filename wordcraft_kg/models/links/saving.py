@@ -9,12 +9,14 @@ from torch import Tensor
 from wordcraft_kg.artefacts import dump_json, staged_folder, with_a_name, write_atomically
 from wordcraft_kg.errors import ConfigError, GraphMismatchError
 from wordcraft_kg.graphs.folder import KG, OpenedGraph
+from wordcraft_kg.graphs.folds import Folds
 from wordcraft_kg.graphs.triples import RELATIONS
 from wordcraft_kg.models.links.config import SavedConfig
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
 from wordcraft_kg.models.scorers.embeddings import ComplExScorer
 from wordcraft_kg.models.scorers.factors import factor_names
-from wordcraft_kg.models.scorers.folder import ScorerKind, Vocabulary
+from wordcraft_kg.models.scorers.fold_files import write_folds
+from wordcraft_kg.models.scorers.folder import FOLDS_RECORD, FOLDS_TENSORS, ScorerKind, Vocabulary
 from wordcraft_kg.models.scorers.limits import TABLE_LIMIT, table_bytes
 from wordcraft_kg.models.scorers.protocol import FactoredScorer, TripleScorer, check_scorer
 from wordcraft_kg.records import as_values
@@ -37,10 +39,12 @@ def save_scorer(
 ) -> Path:
     """Write a scorer of your own as a model folder, which every command then takes like one that was trained here.
 
+    With folds, see :func:`~wordcraft_kg.models.scorers.cross_fitting.cross_fit`, agents learn on honest scores.
+
     The folder holds the scores of all triples, or the embeddings of a
     :class:`~wordcraft_kg.models.scorers.embeddings.ComplExScorer`, or, where a table of the scores would be too large,
     the factors of a :class:`~wordcraft_kg.models.scorers.protocol.FactoredScorer`. It says that it was not trained
-    here. Of a cross-fitted scorer it holds the one of all train recipes, without the folds.
+    here.
 
     Args:
         folder: folder to write.
@@ -86,8 +90,22 @@ def save_scorer(
         write_atomically(staging / "vocabulary.json", dump_json(as_values(vocabulary)))
         write_atomically(staging / "README.md", _model_card(config, opened))
         inputs = {"graph": opened.graph.hash, "split": opened.split.hash}
-        end_run(staging, start_run(staging, config.command, inputs=inputs), "done", OUTPUTS)
+        outputs: tuple[str, ...] = OUTPUTS
+        if isinstance(scorer, CrossFitted):
+            inputs["folds"], outputs = scorer.record.hash, (*OUTPUTS, FOLDS_RECORD, FOLDS_TENSORS)
+            _write_folds(staging, scorer, opened)
+        end_run(staging, start_run(staging, config.command, inputs=inputs), "done", outputs)
     return out
+
+
+def _write_folds(folder: Path, scorer: CrossFitted, opened: OpenedGraph) -> None:
+    scorer.check_split(opened.split)
+
+    def part(fold: int) -> tuple[str, dict[str, Tensor]]:
+        scorer.trained_on(fold, opened.graph)  # or it is refused
+        return scorer.record.folds[fold].trained_on, _tensors_of(scorer.left_out(fold))[1]
+
+    write_folds(folder, Folds(opened.split, scorer.count, scorer.record.seed, scorer.of_recipe), scorer.whole, part)
 
 
 def _tensors_of(scorer: TripleScorer) -> tuple[ScorerKind, dict[str, Tensor]]:

@@ -22,7 +22,7 @@ from wordcraft_kg.models.scorers.pair_features import RecipeKnowledge, knowledge
 LINK_QUERIES = 300
 """Queries for each fold, relation and side."""
 LINK_BATCH = 32
-LINK_EPOCHS = 15
+LINK_EPOCHS = 10
 LINK_RATE = 5e-3
 TABLES = (8, 2)
 """Distractors of the tables that a recipe is posed on."""

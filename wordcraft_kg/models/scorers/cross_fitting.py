@@ -9,6 +9,7 @@ Source: Wolpert 1992 (stacking); Breiman 1996; van der Laan, Polley and Hubbard 
 """
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 
 from wordcraft_kg.errors import GraphMismatchError, LeakError
 from wordcraft_kg.graphs.arrays import Ids, frozen
-from wordcraft_kg.graphs.folds import OUTSIDE, SEVERAL, Folds, fold_of_tasks
+from wordcraft_kg.graphs.folds import OUTSIDE, SEVERAL, Folds, fold_of_tasks, make_folds
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.splits import Split
 from wordcraft_kg.graphs.tasks import TaskSet
@@ -157,6 +158,36 @@ class CrossFitted(Scorer):
             f"the folds of {self.name} are not those of the split {split.hash[:12]} of '{split.graph.name}'. Train it "
             "on this split, or use the split that it was trained on."
         )
+
+
+def cross_fit(split: Split, make: Callable[[Ids], Scorer], *, folds: int = 5) -> CrossFitted:
+    """Return a scorer of all train recipes, with one for each fold that is made without it.
+
+    Args:
+        split: the split whose train recipes are taken.
+        make: makes a scorer of the split's graph from some of its recipes, shape (n, 3), and from nothing else.
+        folds: number of folds.
+
+    Raises:
+        ConfigError: for fewer than two folds, or more than can be.
+
+    Example:
+        >>> from wordcraft_kg.models.scorers.votes import VoteScorer
+        >>> split = open_graph("kitchen").split
+        >>> cross_fit(split, lambda recipes: VoteScorer(split.graph, recipes), folds=3).count
+        3
+    """
+    cut, recipes = make_folds(split, folds), split.graph.recipes
+    of_folds = [
+        Fold(trained_on=triples_hash(triples), triples=len(triples), queries=0, mrr=None, in_sample_mrr=None)
+        for triples in (cut.triples([fold]) for fold in range(folds))
+    ]
+    return CrossFitted(
+        make(recipes[cut.seen()]),
+        [partial(make, recipes[cut.seen([fold])]) for fold in range(folds)],
+        cut.of_recipe.copy(),
+        FoldsRecord(seed=cut.seed, hash=cut.hash, folds=tuple(of_folds)),
+    )
 
 
 def seen_by_models(of_recipe: Ids) -> NDArray[np.bool_]:

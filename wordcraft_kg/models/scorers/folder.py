@@ -137,7 +137,8 @@ def _check_shapes(vocabulary: Vocabulary, tensors: dict[str, torch.Tensor]) -> N
 
 def kind_of(tensors: Mapping[str, torch.Tensor]) -> ScorerKind:
     """Return the kind of scorer that tensors are of."""
-    return "recipes" if "speaking" in tensors else "table" if "scores" in tensors else "complex"
+    marks: dict[str, ScorerKind] = {"speaking": "recipes", "scores": "table", factor_names()[0][0]: "factors"}
+    return next((kind for name, kind in marks.items() if name in tensors), "complex")
 
 
 def make_scorer(

@@ -1,0 +1,205 @@
+"""Does a partial graph help an agent? Scorer x use x distractors x split x book, with leak-free MRR beside success.
+
+    python benchmarks/partial_graph.py everyday little-alchemy-2
+    python benchmarks/partial_graph.py everyday --splits by-goal --distractors 1 --only "no graph;recipes, u v w"
+
+For each split a ComplEx and a recipe scorer are trained on the partial graph, and scorers that learn nothing are made
+of it; all are cross-fitted, with five folds, and "ComplEx, in-sample" is the same model read as the paper reads it.
+Success is that of the greedy agent on the test tasks (five draws of distractors); the interval is over the trainings,
+which differ in split and seed, and the difference to no graph is that of the same split and seed. Whatever is there
+already, in --out, is not made again, so that a long run can be interrupted.
+"""
+
+import argparse
+import json
+import multiprocessing
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from wordcraft_kg.artefacts import write_atomically
+from wordcraft_kg.statistics import stratified_bootstrap
+
+SPLITS = ("by-recipe", "by-slot", "by-goal")
+U_V = {"use": "u,v"}
+VARIANTS: dict[str, tuple[str | None, dict[str, object]]] = {
+    "no graph": (None, {}),
+    "facts, u v": ("facts", U_V),
+    "neighbours, u v": ("neighbours", U_V),
+    "kernel, u v": ("kernel", U_V),
+    "ComplEx in-sample, u v": ("complex", {**U_V, "in_sample": True}),
+    "ComplEx, u v": ("complex", U_V),
+    "recipes, u v": ("recipes", U_V),
+    "recipes, u v w": ("recipes", {"use": "u,v,w"}),
+    "recipes, w alone": ("recipes", {"use": "w", "kg_only": True}),
+}
+"""Scorer, and settings of the policy."""
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A training."""
+
+    home: Path
+    variant: str
+    distractors: int
+    seed: int
+    steps: int
+
+    @property
+    def folder(self) -> Path:
+        name = f"{self.variant}-{self.distractors}-{self.steps}-{self.seed}".replace(" ", "-").replace(",", "")
+        return self.home / "runs" / name
+
+
+def build(book: str, home: Path, kind: str, seed: int) -> None:
+    """Make the graph and the scorers of a split, as far as they are not there."""
+    from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_book, open_graph
+    from wordcraft_kg.graphs.folder import write_graph_folder
+    from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
+    from wordcraft_kg.models.links.saving import save_scorer
+    from wordcraft_kg.models.links.training import train_links
+    from wordcraft_kg.models.recipes.config import RecipeScorerConfig
+    from wordcraft_kg.models.recipes.training import train_recipes
+    from wordcraft_kg.models.scorers.cross_fitting import cross_fit
+
+    graph = home / "graph"
+    if not graph.exists():
+        recipes = open_book(book)
+        write_graph_folder(graph, recipes, make_split(RecipeGraph.from_book(recipes), SplitConfig(kind, seed=seed)))
+    opened = open_graph(graph)
+    for name, make in own_scorers(opened.graph).items():
+        if not (home / name).exists():
+            save_scorer(home / name, cross_fit(opened.split, make), opened, kg="partial", origin=name)
+    if not (home / "complex").exists():
+        train_links(LinksConfig(str(graph), ComplExConfig()), home / "complex")
+    if not (home / "recipes").exists():
+        train_recipes(RecipeScorerConfig(str(graph)), home / "recipes")
+    figures = home / "mrr.json"
+    if not figures.exists():
+        write_atomically(figures, json.dumps(judge(home)))
+
+
+def own_scorers(graph):  # type: ignore[no-untyped-def]
+    """Return what makes each scorer that learns nothing."""
+    import torch
+
+    from wordcraft_kg.graphs.triples import recipe_triples
+    from wordcraft_kg.models.recipes.base import Base
+    from wordcraft_kg.models.scorers.facts import SymbolicScorer
+    from wordcraft_kg.models.scorers.features import glove_features
+    from wordcraft_kg.models.scorers.neighbours import NeighbourScorer
+    from wordcraft_kg.models.scorers.similarity import cosines
+    from wordcraft_kg.models.scorers.tables import TableScorer
+
+    text = cosines(torch.tensor(glove_features(graph.entities).vectors))
+
+    def kernel(recipes):  # type: ignore[no-untyped-def]
+        base = Base.of(recipes, text)
+        return TableScorer(torch.stack([base.pairs, base.parts]), graph.entities, graph.hash)
+
+    return {
+        "facts": lambda recipes: SymbolicScorer(graph, recipe_triples(recipes)),
+        "neighbours": lambda recipes: NeighbourScorer(graph, recipe_triples(recipes)),
+        "kernel": kernel,
+    }
+
+
+def judge(home: Path) -> dict[str, float]:
+    """Return the leak-free MRR of each scorer."""
+    from wordcraft_kg.models.links.folder import open_model
+    from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples
+
+    found = {}
+    for name in sorted({scorer for scorer, _ in VARIANTS.values() if scorer}):
+        model = open_model(home / name)
+        graph, split = model.opened.graph, model.opened.split
+        found[name] = mean_reciprocal_rank(rank_triples(model.scorer, split.held_out("test"), graph.triples))
+    return found
+
+
+def train(cell: Cell) -> float:
+    """Train an agent, if it is not there, and return its success on the test tasks."""
+    from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
+    from wordcraft_kg.agents.training import train_agent
+    from wordcraft_kg.models.policies.config import PolicyConfig
+
+    figures = cell.folder.with_suffix(".json")
+    if not figures.exists():
+        scorer, settings = VARIANTS[cell.variant]
+        config = AgentConfig(
+            str(cell.home / "graph"),
+            None if scorer is None else str(cell.home / scorer),
+            TaskConfig(distractors=cell.distractors),
+            PolicyConfig(**settings),  # type: ignore[arg-type]
+            ImpalaConfig(steps=cell.steps, seed=cell.seed, eval_every=0, checkpoint_every=cell.steps),
+        )
+        trained = train_agent(config, cell.folder, force=True)
+        assert trained.summary is not None
+        found = {part: success.mean for part, success in trained.summary.success.items()}
+        write_atomically(figures, json.dumps(found | {"steps_per_second": trained.summary.steps_per_second}))
+        for file in ("constants.safetensors", "episodes.jsonl"):
+            (cell.folder / file).unlink()  # tens of megabytes each
+    return float(json.loads(figures.read_text())["test"])
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("books", nargs="+")
+    parser.add_argument("--splits", default=",".join(SPLITS))
+    parser.add_argument("--split-seeds", type=int, default=3)
+    parser.add_argument("--seeds", type=int, default=5)
+    parser.add_argument("--distractors", default="8,1")
+    parser.add_argument("--steps", type=int, default=3_000_000)
+    parser.add_argument("--only", help="variants, semicolons separate")
+    parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--out", type=Path, default=Path("benchmarks/runs/partial-graph"))
+    options = parser.parse_args()
+    variants = options.only.split(";") if options.only else list(VARIANTS)
+    distractors = [int(amount) for amount in options.distractors.split(",")]
+    for book in options.books:
+        for kind in options.splits.split(","):
+            homes = [options.out / f"{Path(book).stem}-{kind}-{seed}" for seed in range(options.split_seeds)]
+            for seed, home in enumerate(homes):
+                build(book, home, kind, seed)
+            rows = [
+                Cell(home, variant, amount, seed, options.steps)
+                for amount in distractors
+                for variant in variants
+                for home in homes
+                for seed in range(options.seeds)
+            ]
+            context = multiprocessing.get_context("spawn")
+            with ProcessPoolExecutor(options.jobs, mp_context=context) as pool:
+                success = dict(zip(rows, pool.map(train, rows), strict=True))
+            print("\n".join(table(Path(book).stem, kind, variants, distractors, success)), flush=True)
+
+
+def table(
+    book: str, kind: str, variants: list[str], distractors: list[int], success: dict[Cell, float]
+) -> Iterator[str]:
+    """Yield the lines of a book and a kind of split."""
+    cells = list(success)
+    yield f"\n{book}, {kind}: {cells[0].steps:,} steps, {len({(c.home, c.seed) for c in cells})} trainings of each"
+    yield "".join([f"{'':26}{'MRR':>6}", *(f"{f'{amount} distractors':>24}{'- none':>9}" for amount in distractors)])
+    for variant in variants:
+        scorer = VARIANTS[variant][0]
+        mrr = (
+            [json.loads((home / "mrr.json").read_text())[scorer] for home in {c.home for c in cells}] if scorer else []
+        )
+        line = f"{variant:26}{f'{np.mean(mrr):.3f}' if mrr else '':>6}"
+        for amount in distractors:
+            of = [cell for cell in cells if (cell.variant, cell.distractors) == (variant, amount)]
+            values = [success[cell] for cell in of]
+            interval = stratified_bootstrap(values, np.mean)
+            shown = f"[{interval[0]:.3f}, {interval[1]:.3f}]" if interval else ""
+            none = [success.get(Cell(c.home, "no graph", amount, c.seed, c.steps), np.nan) for c in of]
+            line += f"{np.mean(values):8.3f} {shown:>15}{np.mean(np.subtract(values, none)):>+9.3f}"
+        yield line
+
+
+if __name__ == "__main__":
+    main()

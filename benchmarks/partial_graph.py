@@ -85,26 +85,17 @@ def build(book: str, home: Path, kind: str, seed: int) -> None:
 
 def own_scorers(graph):  # type: ignore[no-untyped-def]
     """Return what makes each scorer that learns nothing."""
-    import torch
-
     from wordcraft_kg.graphs.triples import recipe_triples
-    from wordcraft_kg.models.recipes.base import Base
     from wordcraft_kg.models.scorers.facts import SymbolicScorer
     from wordcraft_kg.models.scorers.features import glove_features
+    from wordcraft_kg.models.scorers.kernel_scorer import KernelScorer
     from wordcraft_kg.models.scorers.neighbours import NeighbourScorer
-    from wordcraft_kg.models.scorers.similarity import cosines
-    from wordcraft_kg.models.scorers.tables import TableScorer
 
-    text = cosines(torch.tensor(glove_features(graph.entities).vectors))
-
-    def kernel(recipes):  # type: ignore[no-untyped-def]
-        base = Base.of(recipes, text)
-        return TableScorer(torch.stack([base.pairs, base.parts]), graph.entities, graph.hash)
-
+    vectors = glove_features(graph.entities).vectors
     return {
         "facts": lambda recipes: SymbolicScorer(graph, recipe_triples(recipes)),
         "neighbours": lambda recipes: NeighbourScorer(graph, recipe_triples(recipes)),
-        "kernel": kernel,
+        "kernel": lambda recipes: KernelScorer(graph, recipes, vectors),
     }
 
 

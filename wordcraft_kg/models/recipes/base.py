@@ -6,9 +6,9 @@ import torch
 from torch import Tensor
 
 from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.models.scorers.kernel import COMPLETION, completion, kernel_regression, link_matrices
+from wordcraft_kg.models.scorers.kernel import completion, link_matrices
+from wordcraft_kg.models.scorers.kernel_scorer import kernel_scores
 from wordcraft_kg.models.scorers.similarity import TEXT, normalised, similarity
-from wordcraft_kg.statistics import standardised
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,8 +45,7 @@ class Base:
         size = len(text)
         kernel = similarity(recipes, text)
         combines, components = link_matrices(recipes, size)
-        completed = completion(recipes, size)
-        pairs = _standardised(kernel_regression(kernel, combines)) + COMPLETION * _standardised(completed)
+        pairs, parts = kernel_scores(recipes, kernel)
         return cls(
             recipes=recipes,
             text=text,
@@ -56,9 +55,9 @@ class Base:
             words_like=text.clamp(min=0) ** 4,
             combines=combines,
             components=components,
-            completed=completed,
+            completed=completion(recipes, size),
             pairs=pairs,
-            parts=_standardised(kernel_regression(kernel, components)),
+            parts=parts,
         )
 
     @property
@@ -75,7 +74,3 @@ class Base:
     def result(self) -> Tensor:
         """The result of each recipe, shape (n,)."""
         return torch.from_numpy(self.recipes[:, 2].copy())
-
-
-def _standardised(table: Tensor) -> Tensor:
-    return torch.from_numpy(standardised(table.numpy())).float()

@@ -54,13 +54,18 @@ class KernelScorer(TableScorer):
         check_table("the recipe kernel as a table", size)
         check_vectors(vectors, size)
         alike = torch.zeros(size, size) if vectors is None else cosines(torch.tensor(vectors, dtype=torch.float32))
-        kernel = similarity(recipes, alike)
-        combines, component = (
-            standardised(kernel_regression(kernel, links).numpy()) for links in link_matrices(recipes, size)
-        )
-        combines = combines + COMPLETION * standardised(completion(recipes, size).numpy())
-        scores = torch.from_numpy(np.stack([combines, component]))
-        super().__init__(scores, graph.entities, graph.hash, **{"name": NAME, **kwargs})
+        scores = kernel_scores(recipes, similarity(recipes, alike))
+        super().__init__(torch.stack(scores), graph.entities, graph.hash, **{"name": NAME, **kwargs})
+
+
+def kernel_scores(recipes: Ids, kernel: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    """Return the scores of all combinesWith and componentOf links by a kernel, two of shape (E, E), row = head."""
+    size = len(kernel)
+    combines, component = (
+        standardised(kernel_regression(kernel, links).numpy()) for links in link_matrices(recipes, size)
+    )
+    combines += COMPLETION * standardised(completion(recipes, size).numpy())
+    return torch.from_numpy(combines).float(), torch.from_numpy(component).float()
 
 
 class LowRankKernelScorer(FactorsScorer):

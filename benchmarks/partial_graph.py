@@ -74,10 +74,10 @@ def build(book: str, home: Path, kind: str, seed: int) -> None:
     for name, make in own_scorers(opened.graph).items():
         if not (home / name).exists():
             save_scorer(home / name, cross_fit(opened.split, make), opened, kg="partial", origin=name)
-    if not (home / "complex").exists():
-        train_links(LinksConfig(str(graph), ComplExConfig()), home / "complex")
-    if not (home / "recipes").exists():
-        train_recipes(RecipeScorerConfig(str(graph)), home / "recipes")
+    if not is_done(home / "complex"):
+        train_links(LinksConfig(str(graph), ComplExConfig()), home / "complex", force=True)
+    if not is_done(home / "recipes"):
+        train_recipes(RecipeScorerConfig(str(graph)), home / "recipes", force=True)
     figures = home / "mrr.json"
     if not figures.exists():
         write_atomically(figures, json.dumps(judge(home)))
@@ -97,6 +97,17 @@ def own_scorers(graph):  # type: ignore[no-untyped-def]
         "neighbours": lambda recipes: NeighbourScorer(graph, recipe_triples(recipes)),
         "kernel": lambda recipes: KernelScorer(graph, recipes, vectors),
     }
+
+
+def is_done(folder: Path) -> bool:
+    """Return whether a finished model is there."""
+    from wordcraft_kg.errors import ArtefactError
+    from wordcraft_kg.runs.record import read_run
+
+    try:
+        return read_run(folder).status == "done"
+    except ArtefactError:
+        return False
 
 
 def judge(home: Path) -> dict[str, float]:

@@ -15,8 +15,9 @@ import json
 import multiprocessing
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -158,16 +159,18 @@ def main() -> None:
     parser.add_argument("--steps", type=int, default=3_000_000)
     parser.add_argument("--only", help="variants, semicolons separate")
     parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--json", type=Path, help="file to write the figures to")
     parser.add_argument("--out", type=Path, default=Path("benchmarks/runs/partial-graph"))
     options = parser.parse_args()
     variants = options.only.split(";") if options.only else list(VARIANTS)
+    found: list[dict[str, Any]] = []
     distractors = [int(amount) for amount in options.distractors.split(",")]
     for book in options.books:
         for kind in options.splits.split(","):
             homes = [options.out / f"{Path(book).stem}-{kind}-{seed}" for seed in range(options.split_seeds)]
             for seed, home in enumerate(homes):
                 build(book, home, kind, seed)
-            rows = [
+            cells = [
                 Cell(home, variant, amount, seed, options.steps)
                 for amount in distractors
                 for variant in variants
@@ -176,30 +179,50 @@ def main() -> None:
             ]
             context = multiprocessing.get_context("spawn")
             with ProcessPoolExecutor(options.jobs, mp_context=context) as pool:
-                success = dict(zip(rows, pool.map(train, rows), strict=True))
-            print("\n".join(table(Path(book).stem, kind, variants, distractors, success)), flush=True)
+                success = dict(zip(cells, pool.map(train, cells), strict=True))
+            rows = list(rows_of(Path(book).stem, kind, variants, success))
+            print("\n".join(lines_of(rows)), flush=True)
+            found += rows
+    if options.json:
+        write_atomically(options.json, json.dumps(found, indent=1) + "\n")
 
 
-def table(
-    book: str, kind: str, variants: list[str], distractors: list[int], success: dict[Cell, float]
-) -> Iterator[str]:
-    """Yield the lines of a book and a kind of split."""
-    cells = list(success)
-    yield f"\n{book}, {kind}: {cells[0].steps:,} steps, {len({(c.home, c.seed) for c in cells})} trainings of each"
-    yield "".join([f"{'':26}{'MRR':>6}", *(f"{f'{amount} distractors':>24}{'- none':>9}" for amount in distractors)])
+def rows_of(book: str, kind: str, variants: list[str], success: dict[Cell, float]) -> Iterator[dict[str, Any]]:
+    """Yield the figures of each variant and number of distractors."""
     for variant in variants:
         scorer = VARIANTS[variant][0]
-        mrr = (
-            [json.loads((home / "mrr.json").read_text())[scorer] for home in {c.home for c in cells}] if scorer else []
-        )
-        line = f"{variant:26}{f'{np.mean(mrr):.3f}' if mrr else '':>6}"
-        for amount in distractors:
-            of = [cell for cell in cells if (cell.variant, cell.distractors) == (variant, amount)]
+        for amount in dict.fromkeys(cell.distractors for cell in success):
+            of = [cell for cell in success if (cell.variant, cell.distractors) == (variant, amount)]
             values = [success[cell] for cell in of]
-            interval = stratified_bootstrap(values, np.mean)
-            shown = f"[{interval[0]:.3f}, {interval[1]:.3f}]" if interval else ""
-            none = [success.get(Cell(c.home, "no graph", amount, c.seed, c.steps), np.nan) for c in of]
-            line += f"{np.mean(values):8.3f} {shown:>15}{np.mean(np.subtract(values, none)):>+9.3f}"
+            none = [success.get(replace(cell, variant="no graph"), np.nan) for cell in of]
+            mrr = [json.loads((cell.home / "mrr.json").read_text())[scorer] for cell in of] if scorer else []
+            yield {
+                "book": book,
+                "split": kind,
+                "variant": variant,
+                "distractors": amount,
+                "steps": of[0].steps,
+                "trainings": len(of),
+                "mrr": round(float(np.mean(mrr)), 4) if mrr else None,
+                "success": round(float(np.mean(values)), 4),
+                "interval": stratified_bootstrap(values, np.mean),
+                "more_than_no_graph": round(float(np.mean(np.subtract(values, none))), 4),
+                "least_more_than_no_graph": round(float(np.min(np.subtract(values, none))), 4),
+            }
+
+
+def lines_of(rows: list[dict[str, Any]]) -> Iterator[str]:
+    """Yield a table of the figures of a book and a kind of split."""
+    first = rows[0]
+    yield f"\n{first['book']}, {first['split']}: {first['steps']:,} steps, {first['trainings']} trainings of each"
+    amounts = list(dict.fromkeys(row["distractors"] for row in rows))
+    yield "".join([f"{'':26}{'MRR':>6}", *(f"{f'{amount} distractors':>24}{'- none':>9}" for amount in amounts)])
+    for variant in dict.fromkeys(row["variant"] for row in rows):
+        of = [row for row in rows if row["variant"] == variant]
+        line = f"{variant:26}{'' if of[0]['mrr'] is None else format(of[0]['mrr'], '.3f'):>6}"
+        for row in of:
+            shown = "[{:.3f}, {:.3f}]".format(*row["interval"]) if row["interval"] else ""
+            line += f"{row['success']:8.3f} {shown:>15}{row['more_than_no_graph']:>+9.3f}"
         yield line
 
 

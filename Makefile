@@ -9,7 +9,7 @@ AGENT := --steps 1000000
 .PHONY: help install demo test slow lint format docs site clean
 
 help:
-	@echo "make demo     set up, then book -> graph -> ComplEx -> agents -> reports, on the book everyday"
+	@echo "make demo     set up, then book -> graph -> scorers -> agents -> reports, on the book everyday"
 	@echo "make test     set up, then the tests"
 	@echo "make install  set up .venv only"
 	@echo "make slow     the tests that take minutes"
@@ -30,14 +30,19 @@ demo: install
 	$(BIN)/wordcraft-kg build-graph everyday --out $(DEMO)/graphs/everyday --force
 	$(BIN)/wordcraft-kg train-complex $(DEMO)/graphs/everyday --kg partial --out $(DEMO)/models/everyday-partial --force
 	$(BIN)/wordcraft-kg train-complex $(DEMO)/graphs/everyday --kg full --out $(DEMO)/models/everyday-full --force
+	$(BIN)/wordcraft-kg train-recipes $(DEMO)/graphs/everyday --out $(DEMO)/models/everyday-recipes --force
 	$(BIN)/wordcraft-kg evaluate-links $(DEMO)/models/everyday-partial
 	$(BIN)/wordcraft-kg evaluate-links $(DEMO)/models/everyday-full
-	$(BIN)/wordcraft-kg score $(DEMO)/models/everyday-partial _ componentOf bread --top 5
+	$(BIN)/wordcraft-kg evaluate-links $(DEMO)/models/everyday-recipes
+	$(BIN)/wordcraft-kg score $(DEMO)/models/everyday-recipes flour + water
 	$(BIN)/wordcraft-kg train-agent $(DEMO)/graphs/everyday $(AGENT) --out $(DEMO)/runs/no-kg --force
 	$(BIN)/wordcraft-kg train-agent $(DEMO)/graphs/everyday $(AGENT) --scorer $(DEMO)/models/everyday-partial \
 		--out $(DEMO)/runs/partial --force
-	$(BIN)/wordcraft-kg compare-agents $(DEMO)/runs/no-kg $(DEMO)/runs/partial --out $(DEMO)/reports/agents --force
-	$(BIN)/wordcraft-kg explain $(DEMO)/runs/partial --episodes 1
+	$(BIN)/wordcraft-kg train-agent $(DEMO)/graphs/everyday $(AGENT) --scorer $(DEMO)/models/everyday-recipes \
+		--use u,v,w --out $(DEMO)/runs/recipes --force
+	$(BIN)/wordcraft-kg compare-agents $(DEMO)/runs/no-kg $(DEMO)/runs/partial $(DEMO)/runs/recipes \
+		--out $(DEMO)/reports/agents --force
+	$(BIN)/wordcraft-kg explain $(DEMO)/runs/recipes --episodes 1
 
 test: install
 	$(BIN)/python -m pytest -m "not slow" --numprocesses auto

@@ -58,6 +58,7 @@ lint: install
 	$(BIN)/lint-imports --no-logo
 	$(BIN)/python docs/make_commands.py --check
 	$(BIN)/python docs/make_glossary.py --check
+	$(BIN)/python docs/make_partial_graph.py --check
 
 format: install
 	$(BIN)/ruff check --fix .
@@ -66,6 +67,7 @@ format: install
 docs: install
 	$(BIN)/python docs/make_commands.py
 	$(BIN)/python docs/make_glossary.py
+	$(BIN)/python docs/make_partial_graph.py
 
 site: install
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable ".[docs]"

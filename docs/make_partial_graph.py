@@ -1,0 +1,131 @@
+"""Write the tables of docs/partial-graph.md and its picture from docs/partial-graph.json.
+
+    python docs/make_partial_graph.py [--check]
+
+The figures are those of ``benchmarks/partial_graph.py --json``. With ``--check`` nothing is written, and the exit code
+is 1 if something would be.
+"""
+
+import json
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+HERE = Path(__file__).parent
+SOURCE, PAGE, PICTURE = HERE / "partial-graph.json", HERE / "partial-graph.md", HERE / "images" / "partial_graph.svg"
+BEGIN, END = "<!-- figures -->\n", "<!-- end of figures -->"
+BOOKS = {"alchemy2": "Little Alchemy 2", "little-alchemy-2": "Little Alchemy 2", "everyday": "`everyday`"}
+NAMES = {
+    "no graph": "no graph",
+    "facts, u v": "facts, u v",
+    "neighbours, u v": "neighbour rule, u v",
+    "kernel, u v": "recipe kernel, u v",
+    "ComplEx in-sample, u v": "ComplEx in-sample, u v",
+    "ComplEx, u v": "ComplEx, u v",
+    "recipes, u v": "recipe scorer, u v",
+    "recipes, u v w": "**recipe scorer, u v w**",
+    "recipes, w alone": "recipe scorer, w alone",
+}
+SHOWN = ("no graph", "ComplEx in-sample, u v", "ComplEx, u v", "recipes, u v w")
+"""What the picture shows."""
+COLOURS = {8: "#0072b2", 1: "#d55e00"}
+Row = dict[str, Any]
+
+
+def groups(rows: list[Row]) -> dict[tuple[str, str, int], list[Row]]:
+    """Return the rows of each book, split and number of steps."""
+    found: dict[tuple[str, str, int], list[Row]] = {}
+    for row in rows:
+        found.setdefault((row["book"], row["split"], row["steps"]), []).append(row)
+    return found
+
+
+def tables(rows: list[Row]) -> Iterator[str]:
+    """Yield the lines of all tables."""
+    for (book, split, steps), of in groups(rows).items():
+        amounts = list(dict.fromkeys(row["distractors"] for row in of))
+        trainings = max(row["trainings"] for row in of)
+        yield f"{BOOKS[book]}, {split}, {steps:,} steps, {trainings} training{'s' * (trainings > 1)} of each:"
+        yield ""
+        yield "| | MRR |" + "".join(f" {amount} distractor{'s' * (amount > 1)} | more |" for amount in amounts)
+        yield "|---|---|" + "---|---|" * len(amounts)
+        for variant in dict.fromkeys(row["variant"] for row in of):
+            cells = [row for row in of if row["variant"] == variant]
+            mrr = cells[0]["mrr"]
+            line = f"| {NAMES[variant]} | {'' if mrr is None else _figure(mrr)} |"
+            for row in cells:
+                more = "" if variant == "no graph" else f"{row['more_than_no_graph']:+.3f}".replace("0.", ".")
+                line += f" {_with_interval(row)} | {more} |"
+            yield line
+        yield ""
+
+
+def _figure(value: float) -> str:
+    return f"{value:.3f}".removeprefix("0")
+
+
+def _with_interval(row: Row) -> str:
+    interval = row["interval"]
+    ends = f" [{_figure(interval[0])}, {_figure(interval[1])}]" if interval else ""
+    return _figure(row["success"]) + ends
+
+
+def picture(rows: list[Row]) -> str:
+    """Return a panel for each book and split: success with 8 and with 1 distractor, a line for each variant."""
+    panels = {key: [row for row in of if row["variant"] in SHOWN] for key, of in groups(rows).items()}
+    panels = {key: of for key, of in panels.items() if len({row["variant"] for row in of}) == len(SHOWN)}
+    width, left, top, line, columns = 420, 150, 64, 22, 2
+    height = line * len(SHOWN) + 46
+    total = top + height * -(-len(panels) // columns)
+    parts = [
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width * columns} {total}" '
+        'font-family="system-ui, sans-serif" font-size="12">',
+        "<title>Success on test tasks with and without knowledge from a partial graph</title>",
+        f'<rect width="{width * columns}" height="{total}" fill="#ffffff"/>',
+        '<text x="14" y="24" font-size="16" fill="#1b1f24">Success on the tasks of unseen recipes</text>',
+    ]
+    for place, (amount, colour) in enumerate(COLOURS.items()):
+        x = 18 + 150 * place
+        parts.append(f'<circle cx="{x}" cy="44" r="5" fill="{colour}"/>')
+        parts.append(f'<text x="{x + 10}" y="48" fill="#1b1f24">{amount} distractor{"s" * (amount > 1)}</text>')
+    for number, ((book, split, _), of) in enumerate(panels.items()):
+        x0, y0 = width * (number % columns), top + height * (number // columns)
+        scale = width - left - 40
+        title = f"{BOOKS[book].strip('`')}, {split}"
+        parts.append(f'<text x="{x0 + 14}" y="{y0 + 14}" font-weight="600" fill="#1b1f24">{title}</text>')
+        for tick in (0, 0.25, 0.5, 0.75, 1):
+            x = x0 + left + scale * tick
+            bottom = y0 + 24 + line * len(SHOWN)
+            parts.append(f'<line x1="{x:.1f}" x2="{x:.1f}" y1="{y0 + 22}" y2="{bottom}" stroke="#d0d7de"/>')
+            parts.append(f'<text x="{x:.1f}" y="{bottom + 13}" text-anchor="middle" fill="#57606a">{tick:g}</text>')
+        for row in of:
+            y = y0 + 36 + line * SHOWN.index(row["variant"])
+            colour = COLOURS[row["distractors"]]
+            x = x0 + left + scale * row["success"]
+            if row["interval"]:
+                low, high = (x0 + left + scale * end for end in row["interval"])
+                parts.append(
+                    f'<line x1="{low:.1f}" x2="{high:.1f}" y1="{y}" y2="{y}" stroke="{colour}" stroke-width="2"/>'
+                )
+            parts.append(f'<circle cx="{x:.1f}" cy="{y}" r="5" fill="{colour}"/>')
+            parts.append(
+                f'<text x="{x:.1f}" y="{y - 7}" text-anchor="middle" font-size="10" fill="{colour}">'
+                f"{_figure(row['success'])}</text>"
+            )
+        for place, variant in enumerate(SHOWN):
+            name = NAMES[variant].strip("*")
+            y = y0 + 40 + line * place
+            parts.append(f'<text x="{x0 + left - 12}" y="{y}" text-anchor="end" fill="#1b1f24">{name}</text>')
+    return "\n".join([*parts, "</svg>"]) + "\n"
+
+
+if __name__ == "__main__":
+    figures = json.loads(SOURCE.read_text(encoding="utf-8"))
+    before, _, rest = PAGE.read_text(encoding="utf-8").partition(BEGIN)
+    page = before + BEGIN + "\n" + "\n".join(tables(figures)) + END + rest.partition(END)[2]
+    for path, text in ((PAGE, page), (PICTURE, picture(figures))):
+        if "--check" not in sys.argv:
+            path.write_text(text, encoding="utf-8")
+        elif not path.exists() or path.read_text(encoding="utf-8") != text:
+            sys.exit(f"{path.name} is not up to date; run `make docs`")

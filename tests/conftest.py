@@ -83,6 +83,16 @@ def kitchen() -> RecipeGraph:
 
 
 @pytest.fixture(scope="session")
+def recipes_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A recipe scorer of the kitchen with three folds; read only."""
+    from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
+    from wordcraft_kg.models.recipes.training import train_recipes
+
+    out = tmp_path_factory.mktemp("models") / "kitchen-recipes"
+    return train_recipes(RecipeScorerConfig("kitchen", RecipesConfig(folds=3)), out).folder
+
+
+@pytest.fixture(scope="session")
 def alchemy_path() -> Path:
     path = Path(DATA_FOLDER or "") / OFFICIAL_FILE
     if not DATA_FOLDER or not path.is_file():

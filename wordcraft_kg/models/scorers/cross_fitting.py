@@ -23,7 +23,8 @@ from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.splits import Split
 from wordcraft_kg.graphs.tasks import TaskSet
 from wordcraft_kg.graphs.triples import recipe_triples, triples_hash
-from wordcraft_kg.models.scorers.protocol import FactoredScorer
+from wordcraft_kg.models.scorers.protocol import FactoredScorer, TripleScorer
+from wordcraft_kg.models.scorers.recipes import RecipeScorer
 from wordcraft_kg.models.scorers.scorer import Scorer
 from wordcraft_kg.records import Count, Hash, Record, Share
 
@@ -136,8 +137,11 @@ class CrossFitted(Scorer):
                 f"the folds of {self.name} are of {len(self.of_recipe):,} recipes but '{graph.name}' has "
                 f"{graph.num_recipes:,}. Train it on this graph, or use the graph that it was trained on."
             )
-        triples = recipe_triples(graph.recipes[seen_by_models(self.of_recipe)[1 + fold]])
-        if triples_hash(triples) != self.record.folds[fold].trained_on:
+        recipes = graph.recipes[seen_by_models(self.of_recipe)[1 + fold]]
+        triples = recipe_triples(recipes)
+        left_out = self.left_out(fold)
+        is_other = isinstance(left_out, RecipeScorer) and not np.array_equal(left_out.recipes.cpu().numpy(), recipes)
+        if is_other or triples_hash(triples) != self.record.folds[fold].trained_on:
             raise LeakError(
                 f"fold {fold} of {self.name} was trained on other triples than those of the recipes outside it, so it "
                 "may have seen what it is to be asked for. Train it again."
@@ -188,6 +192,11 @@ def cross_fit(split: Split, make: Callable[[Ids], Scorer], *, folds: int = 5) ->
         cut.of_recipe.copy(),
         FoldsRecord(seed=cut.seed, hash=cut.hash, folds=tuple(of_folds)),
     )
+
+
+def whole_of(scorer: TripleScorer) -> TripleScorer:
+    """Return the scorer of all train recipes; any scorer that is not cross-fitted is one itself."""
+    return scorer.whole if isinstance(scorer, CrossFitted) else scorer
 
 
 def seen_by_models(of_recipe: Ids) -> NDArray[np.bool_]:

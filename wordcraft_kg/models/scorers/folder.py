@@ -15,7 +15,7 @@ from wordcraft_kg.models.scorers.embeddings import ComplExScorer
 from wordcraft_kg.models.scorers.factors import FactorsScorer, factor_names
 from wordcraft_kg.models.scorers.limits import TABLE_LIMIT, table_bytes
 from wordcraft_kg.models.scorers.protocol import check_scorer
-from wordcraft_kg.models.scorers.recipes import RecipeScorer
+from wordcraft_kg.models.scorers.recipes import RecipeScorer, check_tensors
 from wordcraft_kg.models.scorers.scorer import Scorer
 from wordcraft_kg.models.scorers.tables import TableScorer
 from wordcraft_kg.records import Record, parse_record
@@ -117,9 +117,10 @@ def _cross_fitted(folder: Path, run: RunRecord, scorer: Scorer, vocabulary: Voca
 
 
 def _check_shapes(vocabulary: Vocabulary, tensors: dict[str, torch.Tensor]) -> None:
-    """Raise KeyError or ValueError if the tensors are not those of the vocabulary, or not 32-bit floats."""
+    """Raise KeyError or ValueError if the tensors are not those of the vocabulary, or of another type."""
     if vocabulary.scorer == "recipes":
-        return  # it checks them itself
+        check_tensors(tensors, len(vocabulary.entities))
+        return
     size, relations = len(vocabulary.entities), len(RELATIONS)
     expected: dict[str, tuple[int, ...]] = {"scores": (relations, size, size)}
     if vocabulary.scorer == "complex":

@@ -5,7 +5,7 @@ depends on three entities, the evidence, is a sum over the few recipes whose res
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 import torch
@@ -54,6 +54,21 @@ FLOOR = 1e-4
 """Added to evidence before the logarithm."""
 WORDS_POWER = 4
 """To which cosines of words are raised for evidence, so that only near synonyms count."""
+
+
+class Speaking(NamedTuple):
+    """A recipe that speaks for another one.
+
+    Attributes:
+        recipe: ids.
+        weight: how like the other it is, 1 for the same: the product of the similarities k of both ingredients, in the
+            order that fits better, and of the result.
+        share: its share of the evidence for the other one.
+    """
+
+    recipe: tuple[int, int, int]
+    weight: float
+    share: float
 
 
 class RecipeKnowledge(nn.Module):
@@ -153,7 +168,7 @@ class RecipeKnowledge(nn.Module):
         known_results = self.results.flatten(0, 1).index_select(
             0, (number + (model * self.results.shape[1])[:, None]).view(-1)
         )
-        makes = (known_results.view(*number.shape, -1) == goal[:, None, None]).any(-1)
+        makes = (known_results.view(*number.shape, self.results.shape[2]) == goal[:, None, None]).any(-1)
         made = self.counts[:, :, 1].flatten().index_select(0, model * width + goal)
         evidence = self._evidence(goal, table, model).flatten(2).index_select(2, one * slots + other)
         rest = [
@@ -190,6 +205,30 @@ class RecipeKnowledge(nn.Module):
             self._words_alike = (self.words.float().clamp(min=0) ** WORDS_POWER).half()
         return self._words_alike
 
+    def speaking_for(self, a: int, b: int, goal: int, *, model: int = 0, limit: int = 5) -> list[Speaking]:
+        """Return the recipes that the evidence for one recipe comes from, those with most of it first.
+
+        Args:
+            a: an ingredient.
+            b: the other one.
+            goal: the result.
+            model: the model that answers.
+            limit: the most recipes to return; those that say nothing are left out.
+        """
+        speaking, alike = self.speaking[model, goal].long(), self.alike[model]
+        one, other, result = speaking.T
+        like_goal = alike[goal, result].float()
+        orders = torch.stack([alike[a, one].float() * alike[b, other], alike[a, other].float() * alike[b, one]])
+        evidence, weights = like_goal * orders.sum(0), (like_goal * orders.amax(0)).clamp(max=1)
+        shares = evidence / evidence.sum().clamp(min=torch.finfo(evidence.dtype).tiny)
+        first = torch.sort(evidence, descending=True, stable=True).indices[:limit].tolist()
+        found = []
+        for row in first:
+            if weights[row] > 0:
+                ids = speaking[row].tolist()
+                found.append(Speaking((ids[0], ids[1], ids[2]), float(weights[row]), float(shares[row])))
+        return found
+
     def forward(self, goal: Tensor, table: Tensor, model: Tensor) -> Tensor:
         """Return the score of each two slots for the goal, shape (B, A, A), nats; -inf where one is empty."""
         features = self.features(goal, table, model).transpose(0, 1)
@@ -200,7 +239,8 @@ class RecipeKnowledge(nn.Module):
             1, _square(table.shape[1], table.device)
         )
         is_empty = table == self.num_entities
-        return scores.view(*table.shape, -1).masked_fill(is_empty[:, :, None] | is_empty[:, None], -torch.inf)
+        scores = scores.view(*table.shape, table.shape[1])
+        return scores.masked_fill(is_empty[:, :, None] | is_empty[:, None], -torch.inf)
 
 
 RANKER = ("first", "first_bias", "second", "bias")

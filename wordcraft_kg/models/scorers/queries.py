@@ -1,8 +1,9 @@
-"""What a scorer is asked: a triple, or one with an open slot; read from arguments or from a file."""
+"""What a scorer is asked: a triple or a recipe, or one with an open slot; read from arguments or from a file."""
 
 import csv
 import io
-from collections.abc import Collection, Iterator
+import re
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,6 +14,11 @@ from wordcraft_kg.settings import nearest
 OPEN = ("_", "?")
 """How an open slot is written; ``_`` needs no quotes in a shell, where ``?`` stands for any file of one letter."""
 HEADER = ["head", "relation", "tail"]
+RECIPE_HEADER = ["ingredient_a", "ingredient_b", "result"]
+"""The header of a file of recipe queries; without a header a file is one of triples."""
+PLUS, MAKES = "+", ("=", "->", "→")
+"""Signs of a recipe query, ``a + b = c``; ``=`` and ``+`` need no quotes in a shell, where ``>`` writes a file."""
+_SIGN = re.compile(r"\s*(\+|=|->|→)\s*")
 
 
 @dataclass(frozen=True)
@@ -36,15 +42,13 @@ class Query:
             UnknownEntityError: for an unknown entity or relation, with the nearest ones.
             ConfigError: if both slots are open.
         """
-        slots = [None if slot in ("", *OPEN) and slot not in entities else slot for slot in (head, tail)]
+        slots = _slots((head, tail), entities)
         if slots == [None, None]:
             raise ConfigError("both slots are open: name the head or the tail.")
         if relation not in RELATIONS:
             hint = nearest(relation, RELATIONS)
             raise UnknownEntityError(f"no relation '{relation}'; expected one of {', '.join(RELATIONS)}.{hint}")
-        for slot in slots:
-            if slot is not None and slot not in entities:
-                raise UnknownEntityError(f"no entity '{slot}'.{nearest(slot, list(entities))}")
+        _check_known(slots, entities)
         return cls(slots[0], relation, slots[1], line)
 
     @property
@@ -53,30 +57,120 @@ class Query:
         return self.head is None or self.tail is None
 
 
-def read_queries(path: Path, entities: Collection[str]) -> list[Query]:
-    """Read queries from a CSV or TSV file of three columns, head, relation and tail; a header is optional.
+@dataclass(frozen=True)
+class RecipeQuery:
+    """A recipe of labels in which an ingredient or the result may be open (None).
 
-    Columns are separated by tabs if the first line has one, without quotes, as in a graph folder's ``triples/``; else
-    by commas. Blank lines are skipped.
+    Attributes:
+        line: line of the file that it was read from, from 1.
+    """
+
+    ingredient_a: str | None
+    ingredient_b: str | None
+    result: str | None
+    line: int | None = None
+
+    @classmethod
+    def of(cls, a: str, b: str, result: str, entities: Collection[str], *, line: int | None = None) -> "RecipeQuery":
+        """Check a query as it was typed; open slots are those of :meth:`Query.of`.
+
+        Raises:
+            UnknownEntityError: for an unknown entity, with the nearest ones.
+            ConfigError: if more than one slot is open.
+        """
+        slots = _slots((a, b, result), entities)
+        if slots.count(None) > 1:
+            shown = f"{slots[0] or '_'} + {slots[1] or '_'} = {slots[2] or '_'}"
+            raise ConfigError(f"more than one slot of {shown} is open: leave one open, an ingredient or the result.")
+        _check_known(slots, entities)
+        return cls(slots[0], slots[1], slots[2], line)
+
+    @property
+    def slots(self) -> tuple[str | None, str | None, str | None]:
+        """Both ingredients and the result."""
+        return self.ingredient_a, self.ingredient_b, self.result
+
+    @property
+    def is_open(self) -> bool:
+        """Whether a slot is open."""
+        return None in self.slots
+
+
+def parse_query(words: Sequence[str], entities: Collection[str]) -> Query | RecipeQuery:
+    """Read a query from the arguments of a command line.
+
+    A triple is ``head relation [tail]``. A recipe is ``a + b``, ``a + b c`` or ``a + b = c``, in one argument or in
+    several; ``->`` and ``→`` mean ``=``. An argument that is a label is never taken apart.
+
+    Raises:
+        UnknownEntityError: for an unknown entity or relation, with the nearest ones.
+        ConfigError: if it is neither, or has more than one open slot.
+    """
+    shown = " ".join(words)
+    pieces: list[str] = []
+    if not any(word in RELATIONS for word in words):
+        for word in words:
+            pieces += [word] if word in entities else [piece for piece in _SIGN.split(word) if piece]
+    signs = (PLUS, *MAKES)
+    if any(piece in signs for piece in pieces):
+        if len(pieces) > 3 and pieces[3] in MAKES:
+            del pieces[3]
+        labels = pieces[:1] + pieces[2:]
+        if len(labels) not in (2, 3) or pieces[1] != PLUS or any(label in signs for label in labels):
+            raise ConfigError(
+                f"'{shown}' is no recipe; expected a + b for its results, a + b = c, or _ + b = c for its partners. "
+                "Write a label of several words in quotes."
+            )
+        return RecipeQuery.of(labels[0], labels[1], labels[2] if len(labels) == 3 else "", entities)
+    if len(words) not in (2, 3):
+        raise ConfigError(
+            f"'{shown}' is no query; expected a head, a relation and perhaps a tail, or a recipe such as a + b. Write "
+            "a label of several words in quotes."
+        )
+    return Query.of(words[0], words[1], words[2] if len(words) == 3 else "", entities)
+
+
+def _slots(typed: Sequence[str], entities: Collection[str]) -> list[str | None]:
+    return [None if slot in ("", *OPEN) and slot not in entities else slot for slot in typed]
+
+
+def _check_known(slots: Sequence[str | None], entities: Collection[str]) -> None:
+    for slot in slots:
+        if slot is not None and slot not in entities:
+            raise UnknownEntityError(f"no entity '{slot}'.{nearest(slot, list(entities))}")
+
+
+def read_queries(path: Path, entities: Collection[str]) -> list[Query] | list[RecipeQuery]:
+    """Read queries from a CSV or TSV file of three columns: head, relation and tail, or those of a recipe.
+
+    A header is optional for triples, and :data:`RECIPE_HEADER` says that they are recipes. Columns are separated by
+    tabs if the first line has one, without quotes, as in a graph folder's ``triples/``; else by commas. Blank lines
+    are skipped.
 
     Raises:
         QueryFileError: if the file cannot be read, naming the line if one is wrong.
     """
     queries: list[Query] = []
-    for line, cells in _rows(path):
-        if cells == HEADER and not queries:
+    recipes: list[RecipeQuery] = []
+    header = HEADER
+    for number, (line, cells) in enumerate(_rows(path)):
+        if number == 0 and cells in (HEADER, RECIPE_HEADER):
+            header = cells
             continue
         where = f"{path}, line {line}"
-        if len(cells) != len(HEADER):
+        if len(cells) != len(header):
             shown = ",".join(cells)[:80]
-            raise QueryFileError(f"{where}: '{shown}' has {len(cells)} columns; expected {', '.join(HEADER)}.")
+            raise QueryFileError(f"{where}: '{shown}' has {len(cells)} columns; expected {', '.join(header)}.")
         try:
-            queries.append(Query.of(cells[0], cells[1], cells[2], entities, line=line))
+            if header == HEADER:
+                queries.append(Query.of(cells[0], cells[1], cells[2], entities, line=line))
+            else:
+                recipes.append(RecipeQuery.of(cells[0], cells[1], cells[2], entities, line=line))
         except WordCraftKGError as error:
             raise QueryFileError(f"{where}: {error}") from None
-    if not queries:
-        raise QueryFileError(f"{path} has no query; expected lines of {', '.join(HEADER)}.")
-    return queries
+    if not queries and not recipes:
+        raise QueryFileError(f"{path} has no query; expected lines of {', '.join(header)}.")
+    return recipes or queries
 
 
 def _rows(path: Path) -> Iterator[tuple[int, list[str]]]:

@@ -1,44 +1,64 @@
 """Recipe-level scores: how plausible it is that a pair makes a result, and which train recipes say so."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import torch
 from torch import Tensor
 
 from wordcraft_kg.graphs.recipes import Recipe
 from wordcraft_kg.graphs.triples import COMBINES_WITH
-from wordcraft_kg.models.scorers.pair_features import BUFFERS, EVIDENCE, FEATURES, RecipeKnowledge
+from wordcraft_kg.models.scorers.pair_features import BUFFERS, EVIDENCE, FEATURES, RecipeKnowledge, Speaking
 from wordcraft_kg.models.scorers.protocol import TripleScorer
 from wordcraft_kg.models.scorers.scorer import EntityIds, Scorer
+from wordcraft_kg.records import Record, Share
 
 ROWS = 4_096
 """Recipes scored at a time."""
 
 
-class Witness(NamedTuple):
-    """A recipe that speaks for another one.
+class Witness(Record):
+    """A recipe that speaks for another one, see :class:`~wordcraft_kg.models.scorers.pair_features.Speaking`.
 
     Attributes:
-        recipe: labels.
-        weight: how like the other it is, 1 for the same: the product of the similarities of both ingredients and of
-            the result, each between 0 and 1.
+        weight: how like the other it is, 1 for the same.
+        share: its share of the evidence for the other one.
     """
 
-    recipe: Recipe
-    weight: float
+    ingredient_a: str
+    ingredient_b: str
+    result: str
+    weight: Share
+    share: Share
+
+    @classmethod
+    def of(cls, speaking: Speaking, entities: Sequence[str]) -> "Witness":
+        """Give the ids their labels."""
+        a, b, result = (entities[entity] for entity in speaking.recipe)
+        return cls(a, b, result, speaking.weight, speaking.share)
+
+    @property
+    def recipe(self) -> Recipe:
+        """The recipe, as a value of its own."""
+        return Recipe(self.ingredient_a, self.ingredient_b, self.result)
 
 
 @runtime_checkable
 class RecipeScores(TripleScorer, Protocol):
-    """A scorer that scores recipes, too."""
+    """A scorer that scores recipes, too.
+
+    Attributes:
+        recipes: shape (n, 3), the recipes that it has been trained on.
+    """
+
+    recipes: Tensor
 
     def score_recipes(self, ingredients: EntityIds, others: EntityIds, results: EntityIds) -> Tensor:
         """Return how plausible it is that each pair makes a result; ids broadcast, the order of a pair is no matter."""
         ...
 
     def speaking_for(self, ingredient: str, other: str, result: str, limit: int = 5) -> list[Witness]:
-        """Return the recipes that speak for a recipe, the most alike first."""
+        """Return the recipes that speak for a recipe, those that say most first."""
         ...
 
 
@@ -61,7 +81,7 @@ class RecipeScorer(Scorer):
             ValueError: if one has another shape or type than the entities ask for.
         """
         super().__init__(entities, graph_hash, **kwargs)
-        _check(tensors, len(self.entities))
+        check_tensors(tensors, len(self.entities))
         self.knowledge = RecipeKnowledge(tensors).to(self.device).requires_grad_(False)
         self.recipes = tensors["recipes"]
 
@@ -100,7 +120,10 @@ class RecipeScorer(Scorer):
         return torch.cat(found).view(ids[0].shape)
 
     def speaking_for(self, ingredient: str, other: str, result: str, limit: int = 5) -> list[Witness]:
-        """Return the recipes that speak for a recipe, the most alike first.
+        """Return the recipes that speak for a recipe, those with the largest share of the evidence first.
+
+        These are train recipes, and the recipe itself if it is one. Evidence is one of the features that a score rests
+        on, see :data:`~wordcraft_kg.models.scorers.pair_features.FEATURES`.
 
         Args:
             ingredient: label.
@@ -111,29 +134,26 @@ class RecipeScorer(Scorer):
         Raises:
             UnknownEntityError: for a label that the scorer does not know.
         """
-        alike = self.knowledge.alike[0].float()
         a, b, goal = self.entity_ids([ingredient, other, result]).tolist()
-        one, two, made = self.recipes.long().to(self.device).T
-        both = torch.maximum(alike[a, one] * alike[b, two], alike[a, two] * alike[b, one])
-        weights = alike[goal, made] * both
-        best = torch.sort(weights, descending=True, stable=True).indices[:limit].tolist()
-        labels = self.entities
-        return [
-            Witness(Recipe(*(labels[entity] for entity in self.recipes[row].tolist())), float(weights[row]))
-            for row in best
-            if weights[row] > 0
-        ]
+        found = self.knowledge.speaking_for(a, b, goal, limit=limit)
+        return [Witness.of(speaking, self.entities) for speaking in found]
 
 
-def _check(tensors: Mapping[str, Tensor], size: int) -> None:
-    """Refuse tensors that are not those of one model of E entities."""
-    hidden = tensors["first"].shape[-1]
+def check_tensors(tensors: Mapping[str, Tensor], size: int) -> None:
+    """Refuse tensors that are not those of one model of E entities.
+
+    Raises:
+        KeyError: if one is missing.
+        ValueError: if one has another shape or type, or holds what it cannot.
+    """
+    hidden = tensors["first"].shape[-1] if tensors["first"].ndim else 0
+    known = tuple(tensors["results"].shape[1:]) if tensors["results"].ndim == 3 else (1, 1)
     square = (size + 1, size + 1)
     expected: dict[str, tuple[tuple[int, ...], torch.dtype]] = {
         "parts": ((1, *square, 2), torch.half),
         "pairs": ((1, *square, 2), torch.half),
         "numbers": ((1, *square), torch.int32),
-        "results": ((1, *tensors["results"].shape[1:]), torch.int32),
+        "results": ((1, *known), torch.int32),
         "alike": ((1, *square), torch.half),
         "words": (square, torch.half),
         "counts": ((1, size + 1, 2), torch.float32),
@@ -153,10 +173,6 @@ def _check(tensors: Mapping[str, Tensor], size: int) -> None:
             )
         if found.dtype.is_floating_point and not bool(torch.isfinite(found).all()):
             raise ValueError(f"{name} holds numbers that are not finite")
-    for name, high in (("speaking", size), ("recipes", size - 1), ("results", size), ("numbers", _last(tensors))):
+    for name, high in (("speaking", size), ("recipes", size - 1), ("results", size), ("numbers", known[0] - 1)):
         if tensors[name].numel() and not 0 <= int(tensors[name].min()) <= int(tensors[name].max()) <= high:
             raise ValueError(f"{name} holds numbers outside 0 .. {high}")
-
-
-def _last(tensors: Mapping[str, Tensor]) -> int:
-    return tensors["results"].shape[1] - 1

@@ -8,8 +8,8 @@ from torch import Tensor, nn
 
 from wordcraft_kg.errors import ConfigError
 from wordcraft_kg.models.policies.sources import Label
-from wordcraft_kg.models.policies.sources.source import FoldedSource, ScoreView
-from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
+from wordcraft_kg.models.policies.sources.source import Evidence, FoldedSource, ScoreView
+from wordcraft_kg.models.scorers.cross_fitting import CrossFitted, whole_of
 from wordcraft_kg.models.scorers.pair_features import BUFFERS, RecipeKnowledge
 from wordcraft_kg.models.scorers.protocol import TripleScorer
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
@@ -35,7 +35,7 @@ class BestRecipe(FoldedSource):
 
     @classmethod
     def of_scorer(cls, scorer: TripleScorer, view: ScoreView) -> "BestRecipe":  # noqa: D102 - inherited
-        whole = scorer.whole if isinstance(scorer, CrossFitted) else scorer
+        whole = whole_of(scorer)
         if not isinstance(whole, RecipeScorer):
             raise ConfigError(
                 "`use` w needs scores of recipes, and this scorer has scores of links only. Train one with "
@@ -78,6 +78,28 @@ class BestRecipe(FoldedSource):
             best = torch.where(is_held.any(1)[:, None], best, self._with_absent(goal, selection, table, model, best))
         best = best.masked_fill(table == self.num_entities, 0)
         return best if model is None else best.masked_fill((model == models)[:, None], 0)
+
+    def evidence(  # noqa: D102 - inherited
+        self, goal: Tensor, selection: Tensor, table: Tensor, task: Tensor | None = None, *, limit: int = 3
+    ) -> tuple[Evidence | None, ...]:
+        found = self.model_of(task)
+        model = 0 if found is None else int(found)
+        if model == len(self.knowledge.bias):  # knows nothing
+            return (None,) * table.shape[1]
+        if int(selection) == self.num_entities:
+            best = self._scores(goal, table, torch.full_like(goal, model))[0].argmax(1)
+            partners = table[0, best].tolist()
+        else:
+            partners = [int(selection)] * table.shape[1]
+        return tuple(
+            None
+            if entity == self.num_entities
+            else Evidence(
+                partner,
+                tuple(self.knowledge.speaking_for(entity, partner, int(goal), model=model, limit=limit)),
+            )
+            for entity, partner in zip(table[0].tolist(), partners, strict=True)
+        )
 
     def _with_absent(
         self, goal: Tensor, selection: Tensor, table: Tensor, model: Tensor | None, best: Tensor

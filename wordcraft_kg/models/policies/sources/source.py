@@ -3,7 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 import torch
@@ -16,6 +16,7 @@ from wordcraft_kg.models.policies.sources import Label, source_class
 from wordcraft_kg.models.scorers.config import Scale, SelfEdges
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted, models_of_tasks
 from wordcraft_kg.models.scorers.limits import TABLE_LIMIT
+from wordcraft_kg.models.scorers.pair_features import Speaking
 from wordcraft_kg.models.scorers.protocol import FactoredScorer, TripleScorer, check_scorer
 from wordcraft_kg.models.scorers.scales import FACTORED_SCALES, scaled_factors, scaled_table
 from wordcraft_kg.settings import check_memory
@@ -108,6 +109,32 @@ class Source(nn.Module, ABC):
         Returns:
             shape (B, A), float32; 0 for an empty slot.
         """
+
+    def evidence(
+        self, goal: Tensor, selection: Tensor, table: Tensor, task: Tensor | None = None, *, limit: int = 3
+    ) -> "tuple[Evidence | None, ...]":
+        """Return what speaks for each slot of one state; None for a slot of which the source cannot tell.
+
+        Args:
+            goal: shape (1,), as in :meth:`forward`.
+            selection: shape (1,).
+            table: shape (1, A).
+            task: shape (1,), or None.
+            limit: the most recipes for a slot.
+        """
+        return (None,) * table.shape[1]
+
+
+class Evidence(NamedTuple):
+    """What speaks for picking a slot.
+
+    Attributes:
+        partner: the entity that the slot is thought to go with.
+        speaking: recipes, those that say most first; none if no recipe says anything.
+    """
+
+    partner: int
+    speaking: tuple[Speaking, ...]
 
 
 class FoldedSource(Source):

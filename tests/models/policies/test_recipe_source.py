@@ -1,0 +1,159 @@
+"""w: the score of a slot's recipe with the entity held or with its best partner, and which recipes speak for it."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from wordcraft_kg.agents.states import states_of
+from wordcraft_kg.envs.batch import BatchEngine
+from wordcraft_kg.envs.config import WordCraftConfig
+from wordcraft_kg.envs.world import World
+from wordcraft_kg.errors import ConfigError
+from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
+from wordcraft_kg.graphs.folds import OUTSIDE
+from wordcraft_kg.models.policies.sources.recipe import BestRecipe
+from wordcraft_kg.models.policies.sources.source import Source, make_sources
+from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
+from wordcraft_kg.models.scorers.folder import load_scorer
+from wordcraft_kg.models.scorers.recipes import RecipeScorer
+from wordcraft_kg.models.scorers.tables import TableScorer
+
+
+@pytest.fixture(scope="module")
+def opened() -> OpenedGraph:
+    return open_graph("kitchen")
+
+
+@pytest.fixture(scope="module")
+def cross_fitted(recipes_folder: Path) -> CrossFitted:
+    found = load_scorer(recipes_folder)
+    assert isinstance(found, CrossFitted)
+    return found
+
+
+@pytest.fixture(scope="module")
+def scorer(cross_fitted: CrossFitted) -> RecipeScorer:
+    assert isinstance(cross_fitted.whole, RecipeScorer)
+    return cross_fitted.whole
+
+
+@pytest.fixture(scope="module")
+def w(scorer: RecipeScorer) -> Source:
+    (source,) = make_sources(["w"], scorer)
+    return source
+
+
+def states(size: int, rows: int = 40, slots: int = 6) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+    """Goals, hands and tables: empty hands, entities on the table and not on it, empty slots, the same one twice."""
+    rng = np.random.default_rng(0)
+    goal = torch.from_numpy(rng.integers(size, size=rows))
+    table = torch.from_numpy(rng.integers(size, size=(rows, slots)))
+    table[::3, 4:] = size
+    table[::5, 1] = table[::5, 0]
+    selection = torch.full((rows,), size)
+    selection[::4] = table[::4, 2]
+    selection[1::4] = torch.from_numpy(rng.integers(size, size=len(selection[1::4])))
+    return goal, selection, table
+
+
+def slow_w(scorer: RecipeScorer, goal: int, held: int, table: list[int]) -> list[float]:
+    """W by its definition, slot by slot; empty slots have 0."""
+    size = len(scorer.entities)
+    there = [entity for entity in table if entity != size]
+    scores = []
+    for entity in table:
+        partners = [held] if held != size else there
+        of_partners = [float(scorer.score_recipes(entity, one, goal)) for one in partners] if entity != size else [0.0]
+        scores.append(max(of_partners))
+    return scores
+
+
+def test_w_is_the_score_with_the_entity_held_or_with_the_best_partner(w: Source, scorer: RecipeScorer):
+    goal, selection, table = states(w.num_entities)
+    found = w(goal, selection, table)
+    for row in range(len(goal)):
+        expected = slow_w(scorer, int(goal[row]), int(selection[row]), table[row].tolist())
+        torch.testing.assert_close(found[row], torch.tensor(expected), rtol=1e-4, atol=1e-4)
+        single = w(goal[row : row + 1], selection[row : row + 1], table[row : row + 1])
+        torch.testing.assert_close(single[0], found[row], rtol=1e-4, atol=1e-4)
+
+
+def test_permuting_the_slots_permutes_w(w: Source):
+    goal, selection, table = states(w.num_entities)
+    order = torch.tensor([3, 0, 5, 1, 4, 2])
+    torch.testing.assert_close(
+        w(goal, selection, table[:, order]), w(goal, selection, table)[:, order], rtol=1e-4, atol=1e-4
+    )
+
+
+def test_the_scores_that_are_kept_do_not_answer_for_another_state(scorer: RecipeScorer):
+    (kept,) = make_sources(["w"], scorer)
+    goal, selection, table = states(kept.num_entities)
+    first = kept(goal, selection, table)
+    changed = table.clone()
+    changed[:, 0] = (changed[:, 0] + 1) % kept.num_entities
+    (fresh,) = make_sources(["w"], scorer)
+    torch.testing.assert_close(kept(goal, selection, changed), fresh(goal, selection, changed), rtol=0, atol=0)
+    torch.testing.assert_close(kept(goal, selection, table), first, rtol=0, atol=0)
+    table[:, 0] = changed[:, 0]  # in place, as an engine does
+    torch.testing.assert_close(kept(goal, selection, table), fresh(goal, selection, table), rtol=0, atol=0)
+
+
+def test_train_tasks_have_w_and_evidence_of_the_scorer_without_their_recipes(
+    cross_fitted: CrossFitted, opened: OpenedGraph
+):
+    world = World(opened, WordCraftConfig(part="all", num_distractors=3))
+    (source,) = make_sources(["w"], cross_fitted, tasks=world.tasks)
+    engine = BatchEngine(world, len(world.tasks), seed=0)
+    engine.pose(np.arange(len(world.tasks)))
+    state = states_of(engine)
+    found = source(*state)
+    seen = set()
+    for row in range(0, len(world.tasks), 4):
+        folds = {int(cross_fitted.of_recipe[step]) for plan in world.tasks.plans[row] for step in plan} - {OUTSIDE}
+        one = state.rows(row, row + 1)
+        evidence = source.evidence(*one)
+        seen.add(len(folds))
+        if len(folds) > 1:  # every model has seen one of its recipes
+            assert not found[row].any()
+            assert evidence == (None,) * len(evidence)
+            continue
+        model = cross_fitted.left_out(*folds) if folds else cross_fitted.whole
+        assert isinstance(model, RecipeScorer)
+        table = one.table[0].tolist()
+        expected = slow_w(model, int(one.goal), source.num_entities, table)
+        torch.testing.assert_close(found[row], torch.tensor(expected), rtol=1e-4, atol=1e-4)
+        plans = {tuple(opened.graph.recipes[plan[-1]].tolist()) for plan in world.tasks.plans[row]}
+        for slot, entity in enumerate(table):
+            told = evidence[slot]
+            assert (told is None) == (entity == source.num_entities)
+            if told is None:
+                continue
+            score = float(model.score_recipes(entity, told.partner, int(one.goal)))
+            assert score == pytest.approx(expected[slot], abs=1e-3)
+            labels = [model.entities[part] for part in (entity, told.partner, int(one.goal))]
+            spoken = [tuple(model.entities[part] for part in speaking.recipe) for speaking in told.speaking]
+            assert spoken == [tuple(witness.recipe) for witness in model.speaking_for(*labels, limit=3)]
+            assert not plans & {speaking.recipe for speaking in told.speaking}
+    assert seen == {0, 1, 2}
+
+
+def test_the_partner_of_a_slot_is_the_entity_held(w: Source):
+    nothing = w.num_entities
+    goal, selection, table = torch.tensor([7]), torch.tensor([3]), torch.tensor([[3, 4, nothing, 5]])
+    evidence = w.evidence(goal, selection, table, limit=2)
+    assert [told and told.partner for told in evidence] == [3, 3, None, 3]
+    assert all(len(told.speaking) <= 2 for told in evidence if told)
+
+
+def test_sources_of_links_have_no_evidence_and_a_scorer_of_links_has_no_w(scorer: RecipeScorer):
+    links = TableScorer(
+        torch.stack([scorer.table(0), scorer.table(1)]), scorer.entities, scorer.graph_hash, name="links"
+    )
+    (v,) = make_sources(["v"], links)
+    goal, selection, table = states(v.num_entities, rows=1)
+    assert v.evidence(goal, selection, table) == (None,) * 6
+    with pytest.raises(ConfigError, match="needs scores of recipes"):
+        BestRecipe.of_scorer(links, None)

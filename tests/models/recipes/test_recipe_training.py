@@ -1,0 +1,222 @@
+"""Fitting recipe scorers: the same bytes again, nothing of a fold left out, and what a spoilt folder says."""
+
+import json
+import shutil
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import safetensors.torch
+import torch
+from link_helpers import contents, interrupt_after, random_graph
+
+from wordcraft_kg.artefacts import sha256_of
+from wordcraft_kg.envs.config import WordCraftConfig
+from wordcraft_kg.envs.world import World
+from wordcraft_kg.errors import ArtefactError, ConfigError, GraphMismatchError, LeakError
+from wordcraft_kg.graphs import RecipeGraph, SplitConfig
+from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
+from wordcraft_kg.graphs.folds import OUTSIDE, Folds, make_folds
+from wordcraft_kg.graphs.splits import Draw, Split, make_split
+from wordcraft_kg.models.policies.sources.source import make_sources
+from wordcraft_kg.models.recipes import training
+from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
+from wordcraft_kg.models.recipes.fitting import fit_recipe_scorer
+from wordcraft_kg.models.recipes.training import resume_recipes, train_recipes
+from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
+from wordcraft_kg.models.scorers.folder import load_scorer
+from wordcraft_kg.models.scorers.recipes import RecipeScorer, RecipeScores
+from wordcraft_kg.models.scorers.similarity import cosines
+
+FILES = ["model.safetensors", "folds.safetensors", "folds.json", "vocabulary.json", "config.toml"]
+SMALL = RecipesConfig(folds=3, features="one-hot")
+
+
+@pytest.fixture(scope="module")
+def opened() -> OpenedGraph:
+    return open_graph("kitchen")
+
+
+@pytest.fixture(scope="module")
+def book(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A book so small that a fit takes a moment."""
+    path = tmp_path_factory.mktemp("books") / "small.csv"
+    graph = random_graph(1, 12, 60)
+    rows = [",".join(graph.entities[entity] for entity in row) for row in graph.recipes.tolist()]
+    path.write_text("\n".join(["ingredient_a,ingredient_b,result", *rows]))
+    return path
+
+
+@pytest.fixture(scope="module")
+def small(book: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A recipe scorer of that book; read only."""
+    return train_recipes(RecipeScorerConfig(str(book), SMALL), tmp_path_factory.mktemp("models") / "small").folder
+
+
+@pytest.fixture
+def spoilt(small: Path, tmp_path: Path) -> Callable[..., CrossFitted]:
+    """Load a copy of the model whose folds were changed, as if they had been written that way."""
+
+    def spoil(change: Callable[[dict[str, torch.Tensor]], object]) -> CrossFitted:
+        folder = Path(shutil.copytree(small, tmp_path / "spoilt"))
+        tensors = safetensors.torch.load_file(folder / "folds.safetensors")
+        change(tensors)
+        safetensors.torch.save_file(tensors, folder / "folds.safetensors")
+        run = json.loads((folder / "run.json").read_text())
+        run["outputs"]["folds.safetensors"] = sha256_of(folder / "folds.safetensors")
+        (folder / "run.json").write_text(json.dumps(run))
+        scorer = load_scorer(folder)
+        assert isinstance(scorer, CrossFitted)
+        return scorer
+
+    return spoil
+
+
+def same_files(one: Path, other: Path) -> bool:
+    return [contents(one)[name] for name in FILES] == [contents(other)[name] for name in FILES]
+
+
+# --- the same again --------------------------------------------------------------------------------------------------
+
+
+def test_the_same_settings_give_the_same_bytes(book: Path, small: Path):
+    config, state = RecipeScorerConfig(str(book), SMALL), torch.get_rng_state()
+    assert same_files(small, train_recipes(config, small.parent / "again").folder)
+    assert torch.equal(torch.get_rng_state(), state)
+    other = train_recipes(replace(config, settings=replace(SMALL, seed=1)), small.parent / "other").folder
+    assert contents(small)["model.safetensors"] != contents(other)["model.safetensors"]
+
+
+@pytest.mark.slow
+def test_fits_side_by_side_are_those_of_one_after_the_other(book: Path, small: Path, monkeypatch: pytest.MonkeyPatch):
+    side_by_side, started = training.side_by_side, []
+    monkeypatch.setattr(training, "ALONE", 0)
+    monkeypatch.setattr(training, "cores", lambda: 2)
+    monkeypatch.setattr(
+        training, "side_by_side", lambda jobs, *options: started.append(len(jobs)) or side_by_side(jobs, *options)
+    )
+    assert same_files(small, train_recipes(RecipeScorerConfig(str(book), SMALL), small.parent / "side-by-side").folder)
+    assert started == [4]
+
+
+def test_an_interrupted_run_goes_on_with_the_fits_that_are_missing(
+    book: Path, small: Path, monkeypatch: pytest.MonkeyPatch
+):
+    steps = SMALL.folds + 3
+    folder = small.parent / "interrupted"  # so that the path to the book is the same
+    with pytest.raises(KeyboardInterrupt):
+        train_recipes(RecipeScorerConfig(str(book), SMALL), folder, progress=interrupt_after(2 * steps))
+    assert json.loads((folder / "run.json").read_text())["status"] == "interrupted"
+    with pytest.raises(ArtefactError, match="interrupted, not done"):
+        load_scorer(folder)
+    fitted = []
+    fit = fit_recipe_scorer
+    monkeypatch.setattr(
+        training,
+        "fit_recipe_scorer",
+        lambda *args, **options: fitted.append(options["left_out"]) or fit(*args, **options),
+    )
+    resume_recipes(folder)
+    assert 0 < len(fitted) < 4
+    assert () not in fitted
+    assert same_files(folder, small)
+
+
+# --- what is held out ------------------------------------------------------------------------------------------------
+
+
+def folds_of(graph: RecipeGraph, fold_of: dict[tuple[str, ...], int]) -> Folds:
+    """Folds by the labels of recipes; those that are not named are the test part."""
+    of_recipe = np.array([fold_of.get(graph.labels(row), OUTSIDE) for row in graph.recipes.tolist()], dtype=np.int64)
+    parts = np.where(of_recipe == OUTSIDE, 2, 0).astype(np.int8)
+    return Folds(Split(graph, SplitConfig(), Draw(parts)), 3, 0, of_recipe)
+
+
+def same_tensors(one: dict[str, torch.Tensor], other: dict[str, torch.Tensor]) -> bool:
+    assert one.keys() == other.keys()
+    return all(torch.equal(one[name], other[name]) for name in one)
+
+
+@pytest.mark.parametrize("what", ["removed", "changed", "a test recipe changed"])
+def test_what_a_fold_holds_changes_nothing_of_the_scorer_without_it(what: str):
+    graph = random_graph(2, 12, 60)
+    folds = make_folds(make_split(graph, SplitConfig()), 3)
+    fold_of = {graph.labels(row): int(fold) for row, fold in zip(graph.recipes.tolist(), folds.of_recipe, strict=True)}
+    book = [graph.labels(row) for row in graph.recipes.tolist()]
+    text = cosines(torch.randn(graph.num_entities, 5, generator=torch.Generator().manual_seed(0)))
+    fold = OUTSIDE if what == "a test recipe changed" else 1
+    a, b, result = book.pop(next(row for row, recipe in enumerate(book) if fold_of[recipe] == fold))
+    del fold_of[a, b, result]
+    if what != "removed":
+        made = next(label for label in graph.entities if (a, b, label) not in book and label != result)
+        book.append((a, b, made))
+        fold_of[a, b, made] = fold
+    other = RecipeGraph.from_recipes(book, base=[])
+    assert other.entities == graph.entities
+    changed = folds_of(other, fold_of)
+    for left_out in ((), (0,), (1,)):
+        before, after = (fit_recipe_scorer(each, text, left_out=left_out).constants() for each in (folds, changed))
+        assert same_tensors(before, after) == (fold == OUTSIDE or left_out == (1,))
+
+
+def test_each_fold_has_the_scorer_of_all_other_train_recipes(recipes_folder: Path, opened: OpenedGraph):
+    scorer, folds = load_scorer(recipes_folder, graph=opened.graph), make_folds(opened.split, 3)
+    assert isinstance(scorer, CrossFitted)
+    assert isinstance(scorer.whole, RecipeScores)
+    np.testing.assert_array_equal(scorer.whole.recipes, opened.split.recipes("train"))
+    for fold in range(3):
+        left_out = scorer.left_out(fold)
+        assert isinstance(left_out, RecipeScorer)
+        seen = opened.graph.recipes[folds.seen([fold])]
+        np.testing.assert_array_equal(left_out.recipes, seen)
+        speaking = {tuple(recipe) for recipe in left_out.knowledge.speaking[0, :-1].flatten(0, 1).tolist()}
+        assert speaking <= {tuple(recipe) for recipe in seen.tolist()}
+        np.testing.assert_array_equal(scorer.trained_on(fold, opened.graph), folds.triples([fold]))
+
+
+# --- spoilt folders --------------------------------------------------------------------------------------------------
+
+
+def swap(tensors: dict[str, torch.Tensor]) -> None:
+    for name in [name.removeprefix("fold0.") for name in tensors if name.startswith("fold0.")]:
+        one, other = f"fold0.{name}", f"fold1.{name}"
+        tensors[one], tensors[other] = tensors[other], tensors[one]
+
+
+def test_the_scorer_of_another_fold_is_a_leak(spoilt: Callable[..., CrossFitted], book: Path):
+    scorer, opened = spoilt(swap), open_graph(book)
+    with pytest.raises(LeakError, match="fold 0 of spoilt was trained on other triples"):
+        scorer.trained_on(0, opened.graph)
+    scorer.trained_on(2, opened.graph)
+    tasks = World(opened, WordCraftConfig(part="train", num_distractors=1)).tasks
+    for names in (["w"], ["u", "v"]):
+        with pytest.raises(LeakError, match="was trained on other triples"):
+            make_sources(names, scorer, tasks=tasks)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda tensors: tensors.pop("fold1.parts"),
+        lambda tensors: tensors.__setitem__("fold1.pairs", torch.zeros(1, 2, 2, 3).half()),
+        lambda tensors: tensors.__setitem__("fold1.first", torch.zeros(())),
+        lambda tensors: tensors.__setitem__("fold1.recipes", tensors["fold1.recipes"].long()),
+        lambda tensors: tensors["fold1.speaking"].fill_(99),
+    ],
+)
+def test_a_missing_or_damaged_fold_is_named(spoilt: Callable[..., CrossFitted], change):
+    with pytest.raises(ArtefactError, match=r"fold 1 of 3 is missing or damaged in .*folds\.safetensors"):
+        spoilt(change)
+
+
+def test_a_scorer_of_another_graph_is_refused(small: Path, opened: OpenedGraph):
+    with pytest.raises(GraphMismatchError, match="was trained on graph"):
+        load_scorer(small, graph=opened.graph)
+
+
+def test_two_folds_are_too_few_to_leave_one_out(book: Path, tmp_path: Path):
+    with pytest.raises(ConfigError, match="expected 3 or more"):
+        train_recipes(RecipeScorerConfig(str(book), RecipesConfig(folds=2, features="one-hot")), tmp_path / "model")
+    assert not (tmp_path / "model").exists()

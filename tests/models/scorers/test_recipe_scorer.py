@@ -1,0 +1,88 @@
+"""The recipe scorer as others use it: scores of recipes and of links, and the recipes that speak for one."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from wordcraft_kg.errors import UnknownEntityError
+from wordcraft_kg.graphs import Recipe
+from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
+from wordcraft_kg.models.scorers.cross_fitting import CrossFitted, whole_of
+from wordcraft_kg.models.scorers.folder import load_scorer
+from wordcraft_kg.models.scorers.recipes import RecipeScorer, RecipeScores
+
+
+@pytest.fixture(scope="module")
+def cross_fitted(recipes_folder: Path) -> CrossFitted:
+    found = load_scorer(recipes_folder)
+    assert isinstance(found, CrossFitted)
+    return found
+
+
+@pytest.fixture(scope="module")
+def scorer(cross_fitted: CrossFitted) -> RecipeScorer:
+    found = whole_of(cross_fitted)
+    assert isinstance(found, RecipeScorer)
+    assert isinstance(found, RecipeScores)
+    assert whole_of(found) is found
+    return found
+
+
+def test_a_recipe_has_one_score_however_it_is_asked(scorer: RecipeScorer):
+    size = len(scorer.entities)
+    rng = np.random.default_rng(0)
+    a, b, results = (torch.from_numpy(rng.integers(size, size=50)) for _ in range(3))
+    b[:5] = a[:5]
+    scores = scorer.score_recipes(a, b, results)
+    assert (scores.shape, scores.dtype) == ((50,), torch.float32)
+    torch.testing.assert_close(scorer.score_recipes(b, a, results), scores, rtol=0, atol=0)
+    for row in range(0, 50, 7):
+        labels = [scorer.entities[int(ids[row])] for ids in (a, b, results)]
+        torch.testing.assert_close(scorer.score_recipes(*labels), scores[row], rtol=1e-4, atol=1e-4)
+    everything = torch.arange(size)
+    grid = scorer.score_recipes(a[:3, None], b[:3, None], everything)
+    assert grid.shape == (3, size)
+    torch.testing.assert_close(grid[torch.arange(3), results[:3]], scores[:3], rtol=1e-4, atol=1e-4)
+    assert scorer.score_recipes([], [], []).shape == (0,)
+    with pytest.raises(UnknownEntityError, match="no entity 'waater' in kitchen-recipes"):
+        scorer.score_recipes("waater", "flour", "dough")
+
+
+def test_scores_of_links_are_those_of_the_link_ranker(scorer: RecipeScorer, cross_fitted: CrossFitted):
+    everything = torch.arange(len(scorer.entities))
+    for relation in (COMBINES_WITH, COMPONENT_OF):
+        table = scorer.table(relation)
+        torch.testing.assert_close(table, scorer.score(everything[:, None], relation, everything), rtol=0, atol=0)
+        torch.testing.assert_close(cross_fitted.table(relation), table, rtol=0, atol=0)
+    pairs = scorer.table(COMBINES_WITH)
+    torch.testing.assert_close(pairs, pairs.T, rtol=0, atol=0)
+    assert not torch.equal(pairs, scorer.table(COMPONENT_OF))
+
+
+def test_a_scorer_made_from_its_tensors_scores_the_same(scorer: RecipeScorer):
+    again = RecipeScorer(scorer.tensors(), scorer.entities, scorer.graph_hash)
+    a, b, results = torch.randint(len(scorer.entities), (3, 200), generator=torch.Generator().manual_seed(0))
+    torch.testing.assert_close(again.score_recipes(a, b, results), scorer.score_recipes(a, b, results), rtol=0, atol=0)
+    assert again.speaking_for("flour", "water", "dough") == scorer.speaking_for("flour", "water", "dough")
+
+
+def test_a_known_recipe_speaks_for_itself_and_the_scorer_without_it_names_others(
+    scorer: RecipeScorer, cross_fitted: CrossFitted, kitchen
+):
+    known = {Recipe(*kitchen.labels(row)) for row in scorer.recipes.tolist()}
+    row = next(row for row, fold in enumerate(cross_fitted.of_recipe) if fold == 1)
+    a, b, result = kitchen.labels(kitchen.recipes[row])
+    first, *others = scorer.speaking_for(a, b, result)
+    assert (first.recipe, first.weight) == ((a, b, result), 1)
+    assert [one.share for one in others] == sorted((one.share for one in others), reverse=True)
+    assert scorer.speaking_for(b, a, result) == [first, *others]
+    left_out = cross_fitted.left_out(1)
+    assert isinstance(left_out, RecipeScorer)
+    found = left_out.speaking_for(a, b, result, limit=100)
+    assert found
+    assert {one.recipe for one in found} <= known - {Recipe(a, b, result)}
+    assert all(0 < one.weight <= 1 and 0 < one.share <= 1 for one in found)
+    with pytest.raises(UnknownEntityError, match="waater"):
+        scorer.speaking_for("waater", b, result)

@@ -99,6 +99,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     # A large book makes millions of small objects that all stay: collecting garbage would take longer than making them.
     gc.set_threshold(200_000, 20, 100)
     tokens = list(sys.argv[1:] if arguments is None else arguments)
+    tokens = ["→" if token == "->" else token for token in tokens]  # of a recipe; it is no option
     if tokens[:1] == ["help"]:
         tokens = [*tokens[1:2], "--help"]
     name = next((token for token in tokens if token in ALL), None)

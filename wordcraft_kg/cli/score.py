@@ -5,7 +5,7 @@ import io
 import logging
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
@@ -16,14 +16,22 @@ from wordcraft_kg.settings import whole
 
 if TYPE_CHECKING:
     from wordcraft_kg.graphs.folder import KG
-    from wordcraft_kg.models.scorers.queries import Query
-    from wordcraft_kg.views.scores import ScoredRow, ScoringModel
+    from wordcraft_kg.models.scorers.queries import Query, RecipeQuery
+    from wordcraft_kg.records import Record
+    from wordcraft_kg.views.recipe_scores import ScoredRecipe, ScoredRecipeRow
+    from wordcraft_kg.views.scores import ScoringModel
 
 EXAMPLES = (
     "wordcraft-kg score models/everyday flour combinesWith water",
     "wordcraft-kg score models/everyday _ componentOf bread --top 5 --new-only",
     "wordcraft-kg score models/everyday --in pairs.csv --out scores.csv",
+    "wordcraft-kg score models/everyday-recipes flour + water",
+    "wordcraft-kg score models/everyday-recipes _ + water = dough",
 )
+
+
+EXPLAINED = 3
+"""Answers for which the recipes that speak for them are shown."""
 
 
 def score(
@@ -31,7 +39,7 @@ def score(
     head: str | None = None,
     relation: str | None = None,
     tail: str = "",
-    *,
+    *rest: str,
     top: int = 10,
     new_only: Flag = False,
     queries: Annotated[Path | None, Parameter(name="--in")] = None,
@@ -40,29 +48,39 @@ def score(
     graph: str | None = None,
     output: Output = Output(),
 ) -> None:
-    """Score a triple, list the best entities for an open slot, or do so for each line of a file.
+    """Score a triple or a recipe, list the best entities for an open slot, or do so for each line of a file.
 
-    Each triple is marked by the recipes that give it: train, valid, test, or new if no recipe of the book does.
+    Each triple, or recipe, is marked by the recipes that give it: train, valid, test, or new if no recipe of the book
+    does.
+
+    With a model of train-recipes, a + b lists what a pair makes, a + b = c (or a + b c) scores a recipe, and _ + b = c
+    lists the partners of b. It says which train recipes speak for an answer, and what it remembers from its training.
 
     Args:
         model: model folder.
         head: entity, or _ for an open slot. An entity called _ or ? takes precedence; then write the other one.
         relation: combinesWith or componentOf.
         tail: entity, or _ for an open slot, which is the default.
+        rest: what else there is of a recipe such as a + b = c, which may also be one argument.
         top: number of entities to list for an open slot.
-        new_only: leave out the triples that the book has already.
-        queries: CSV or TSV file of head, relation and tail; a slot that is empty or _ is open.
+        new_only: leave out the triples, or recipes, that the book has already.
+        queries: CSV or TSV file of head, relation and tail, or with the header ingredient_a,ingredient_b,result; a
+            slot that is empty or _ is open.
         out: CSV or TSV file to write the scores of --in to. Default: show them.
         force: replace that file if it exists.
         graph: where the graph is now, if it has moved since the training.
     """
     from wordcraft_kg.cli.failures import with_options
-    from wordcraft_kg.models.scorers.queries import Query, read_queries
+    from wordcraft_kg.models.scorers.queries import Query, parse_query, read_queries
     from wordcraft_kg.views.scores import ScoringModel
 
     whole("top", top, 1)
-    if (queries is None) == (head is None or relation is None):
-        raise ConfigError("score needs a head, a relation and perhaps a tail, or a file of them with --in.")
+    words = [word for word in (head, relation) if word is not None] + [word for word in (tail, *rest) if word]
+    is_recipe = any("+" in word for word in words)
+    if (queries is None) != bool(words) or (queries is None and not is_recipe and (head is None or relation is None)):
+        raise ConfigError(
+            "score needs a head, a relation and perhaps a tail, or a recipe such as a + b, or a file of them with --in."
+        )
     if queries is None and out is not None:
         raise ConfigError(f"--out {out}: only the scores of a file are written; give one with --in.")
     loaded = ScoringModel.open(model, graph, needs_graph=new_only)
@@ -72,9 +90,11 @@ def score(
     if queries is not None:
         _score_file(loaded, read_queries(queries, entities), top, new_only, out, force, output)
         return
-    assert head is not None
-    assert relation is not None
-    _score_query(loaded, Query.of(head, relation, tail, entities), top, new_only, output)
+    query = parse_query(words, entities)
+    if isinstance(query, Query):
+        _score_query(loaded, query, top, new_only, output)
+    else:
+        _score_recipe(loaded, query, top, new_only, output)
 
 
 def _score_query(model: "ScoringModel", query: "Query", top: int, new_only: bool, output: Output) -> None:
@@ -88,8 +108,7 @@ def _score_query(model: "ScoringModel", query: "Query", top: int, new_only: bool
         )
         output.result(slot, [*lines, *_note(slot.trained_on, (best.known for best in slot.top))])
         return
-    if new_only:
-        raise ConfigError("--new-only chooses among several triples; leave a slot open or give a file with --in.")
+    _refuse_new_only(new_only)
     triple = view_triple(model, query)
     text = [
         f"{triple.score:.4f}  {triple.head} {triple.relation} {triple.tail}"
@@ -101,9 +120,32 @@ def _score_query(model: "ScoringModel", query: "Query", top: int, new_only: bool
     output.result(triple, text)
 
 
+def _score_recipe(model: "ScoringModel", query: "RecipeQuery", top: int, new_only: bool, output: Output) -> None:
+    from wordcraft_kg.views.recipe_scores import RecipeScoring, view_open_recipe, view_recipe
+
+    scoring = RecipeScoring.of(model)
+    if query.is_open:
+        view = view_open_recipe(scoring, query, top, new_only=new_only)
+        lines = [line for number, best in enumerate(view.top) for line in _recipe(best, explained=number < EXPLAINED)]
+        output.result(view, [*lines, *_recipe_notes(view.trained_on, view.top)])
+        return
+    _refuse_new_only(new_only)
+    recipe = view_recipe(scoring, query)
+    ranks = (
+        f"rank among all {len(scoring.scorer.entities):,} entities, unfiltered: result {recipe.rank_as_result:,}, "
+        f"{recipe.ingredient_a} {recipe.rank_as_ingredient_a:,}, {recipe.ingredient_b} {recipe.rank_as_ingredient_b:,}"
+    )
+    output.result(recipe, [*_recipe(recipe, explained=True), ranks, *_recipe_notes(recipe.trained_on, [recipe])])
+
+
+def _refuse_new_only(new_only: bool) -> None:
+    if new_only:
+        raise ConfigError("--new-only chooses among several; leave a slot open or give a file with --in.")
+
+
 def _score_file(
     model: "ScoringModel",
-    queries: "Sequence[Query]",
+    queries: "list[Query] | list[RecipeQuery]",
     top: int,
     new_only: bool,
     out: Path | None,
@@ -111,21 +153,38 @@ def _score_file(
     output: Output,
 ) -> None:
     from wordcraft_kg.artefacts import staged_file, write_atomically
-    from wordcraft_kg.views.scores import score_queries, view_file
+    from wordcraft_kg.models.scorers.queries import RecipeQuery
+    from wordcraft_kg.views import recipe_scores, scores
+
+    # A file holds queries of one kind.
+    recipes = [query for query in queries if isinstance(query, RecipeQuery)]
+    triples = [query for query in queries if not isinstance(query, RecipeQuery)]
+    scoring = recipe_scores.RecipeScoring.of(model) if recipes else None
+
+    def answered() -> tuple[list[Any], list[str], list[str]]:
+        """Return the rows, their lines, and what must be said about them."""
+        if scoring is None:
+            rows = list(scores.score_queries(model, triples, top, new_only=new_only))
+            lines = [_line(row.score, row.known, row.head, row.relation, row.tail) for row in rows]
+            return rows, lines, _note(model.kg, (row.known for row in rows))
+        found = list(recipe_scores.score_recipe_queries(scoring, recipes, top, new_only=new_only))
+        return found, [_recipe_line(row) for row in found], _recipe_notes(model.kg, found)
+
+    def view(rows: list[Any]) -> "Record":
+        if scoring is None:
+            return scores.view_file(model, triples, rows, out)
+        return recipe_scores.view_recipe_file(scoring, recipes, rows, out)
 
     if out is None:
-        rows = list(score_queries(model, queries, top, new_only=new_only))
-        lines = (_line(row.score, row.known, row.head, row.relation, row.tail) for row in rows)
-        output.result(view_file(model, queries, rows), [*lines, *_note(model.kg, (row.known for row in rows))])
+        rows, lines, notes = answered()
+        output.result(view(rows), [*lines, *notes])
         return
     with staged_file(out, force=force) as file:
-        rows = list(score_queries(model, queries, top, new_only=new_only))
-        write_atomically(file, _table(rows, "\t" if out.suffix.lower() in (".tsv", ".tab") else ","))
-    note = _note(model.kg, (row.known for row in rows))
-    output.result(
-        view_file(model, queries, rows, out),
-        [*note, f"wrote {out}: {len(rows):,} scores of {len(queries):,} queries"],
-    )
+        rows, _, notes = answered()
+        kind = scores.ScoredRow if scoring is None else recipe_scores.ScoredRecipeRow
+        delimiter = "\t" if out.suffix.lower() in (".tsv", ".tab") else ","
+        write_atomically(file, _table(kind.__struct_fields__, rows, delimiter))
+    output.result(view(rows), [*notes, f"wrote {out}: {len(rows):,} scores of {len(queries):,} queries"])
 
 
 def _line(score: float, known: str | None, head: str, relation: str, tail: str) -> str:
@@ -139,17 +198,45 @@ def _note(kg: "KG | None", known: Iterable[str | None]) -> list[str]:
     return []
 
 
-def _table(rows: "Sequence[ScoredRow]", delimiter: str) -> Iterator[str]:
+def _recipe(recipe: "ScoredRecipe", *, explained: bool) -> Iterator[str]:
+    from wordcraft_kg.views.recipe_scores import because
+
+    yield _recipe_line(recipe)
+    if explained and recipe.because:
+        yield f"{'':9}  because {because(recipe.because)}"
+
+
+def _recipe_line(recipe: "ScoredRecipe | ScoredRecipeRow") -> str:
+    score, known = f"{recipe.score:9.4f}  ", f"{recipe.known:<5}  " if recipe.known else ""
+    memory = "   (memory)" if recipe.memory else ""
+    return f"{score}{known}{recipe.ingredient_a} + {recipe.ingredient_b} -> {recipe.result}{memory}"
+
+
+def _recipe_notes(kg: "KG | None", recipes: "Sequence[ScoredRecipe | ScoredRecipeRow]") -> list[str]:
+    """Return what must be said about recipes that a scorer remembers."""
+    notes = _note(kg, (recipe.known for recipe in recipes))
+    if any(recipe.memory for recipe in recipes):
+        notes = ["(memory): the scorer was trained on this recipe, so its score is no prediction.", *notes]
+    return notes
+
+
+def _table(columns: Sequence[str], rows: "Iterable[Record]", delimiter: str) -> Iterator[str]:
     """Yield the lines of a file of scores; where a value is None, its cell is empty."""
     buffer = io.StringIO()
     if delimiter == "\t":  # labels hold no tab
         writer = csv.writer(buffer, delimiter=delimiter, lineterminator="\n", quoting=csv.QUOTE_NONE, quotechar=None)
     else:
         writer = csv.writer(buffer, lineterminator="\n")
-    writer.writerow(["line", "head", "relation", "tail", "score", "rank", "known"])
+    writer.writerow(columns)
     for row in rows:
-        writer.writerow([row.line, row.head, row.relation, row.tail, f"{row.score:.9g}", row.rank, row.known])
+        writer.writerow([_cell(getattr(row, column)) for column in columns])
         yield buffer.getvalue()
         buffer.seek(0)
         buffer.truncate()
     yield buffer.getvalue()
+
+
+def _cell(value: Any) -> Any:
+    if isinstance(value, bool):
+        return str(value).lower()
+    return f"{value:.9g}" if isinstance(value, float) else value

@@ -1,0 +1,223 @@
+"""Recipe scores on the command line: what a pair makes, why, what is remembered, and why an agent picked something."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+
+from wordcraft_kg.cli import main
+from wordcraft_kg.graphs.folder import open_graph
+from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
+from wordcraft_kg.models.scorers.folder import load_scorer
+from wordcraft_kg.models.scorers.queries import RecipeQuery, parse_query
+from wordcraft_kg.models.scorers.recipes import RecipeScorer
+
+LABELS = {"flour", "water", "dough", "cocoa bean", "c++", "_x", "a->b"}
+NOTE = "the scorer was trained on this recipe"
+
+
+def values(outcome: Any) -> dict[str, Any]:
+    assert outcome.code == 0, outcome.err
+    found = json.loads(outcome.out)
+    assert isinstance(found, dict)
+    return found
+
+
+def refused(outcome: Any, kind: str) -> str:
+    assert (outcome.code, outcome.out, outcome.kind) == (1, "", kind)
+    assert "Traceback" not in outcome.err
+    return str(outcome.err)
+
+
+@pytest.fixture(scope="module")
+def scorer(recipes_folder: Path) -> RecipeScorer:
+    found = load_scorer(recipes_folder)
+    assert isinstance(found, CrossFitted)
+    assert isinstance(found.whole, RecipeScorer)
+    return found.whole
+
+
+def in_part(part: str) -> tuple[str, str, str]:
+    """A recipe of the kitchen that is in a part."""
+    opened = open_graph("kitchen")
+    a, b, result = opened.graph.labels(opened.split.recipes(part)[3])
+    return a, b, result
+
+
+# --- what is asked ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("words", "slots"),
+    [
+        (["flour", "+", "water"], ("flour", "water", None)),
+        (["flour+water"], ("flour", "water", None)),
+        (["flour + water"], ("flour", "water", None)),
+        (["flour", "+", "water", "="], ("flour", "water", None)),
+        (["flour", "+", "water", "=", "_"], ("flour", "water", None)),
+        (["flour", "+", "water", "dough"], ("flour", "water", "dough")),
+        (["flour", "+", "water", "=", "dough"], ("flour", "water", "dough")),
+        (["flour", "+", "water", "→", "dough"], ("flour", "water", "dough")),
+        (["flour + water -> dough"], ("flour", "water", "dough")),
+        (["flour+water=dough"], ("flour", "water", "dough")),
+        (["_", "+", "water", "dough"], (None, "water", "dough")),
+        (["water", "+", "?", "=", "dough"], ("water", None, "dough")),
+        (["_+water=dough"], (None, "water", "dough")),
+        (["cocoa bean", "+", "water"], ("cocoa bean", "water", None)),
+        (["cocoa bean+water=cocoa bean"], ("cocoa bean", "water", "cocoa bean")),
+        (["c++", "+", "a->b", "_x"], ("c++", "a->b", "_x")),
+    ],
+)
+def test_a_recipe_may_be_written_in_many_ways(words: list[str], slots: tuple[str | None, ...]):
+    query = parse_query(words, LABELS)
+    assert isinstance(query, RecipeQuery)
+    assert query.slots == slots
+
+
+@pytest.mark.parametrize(
+    ("words", "kind", "said"),
+    [
+        (["flour", "+", "waater"], "UnknownEntityError", "no entity 'waater'. Did you mean 'water'"),
+        (["_", "+", "water"], "ConfigError", "more than one slot of _ + water = _ is open"),
+        (["_", "+", "_", "=", "dough"], "ConfigError", "more than one slot of _ + _ = dough is open"),
+        (["flour", "+"], "ConfigError", "'flour +' is no recipe"),
+        (["flour", "water", "+"], "ConfigError", "'flour water +' is no recipe"),
+        (["flour", "+", "water", "+", "dough"], "ConfigError", "is no recipe"),
+        (["flour", "+", "water", "dough", "bread"], "ConfigError", "Write a label of several words in quotes"),
+        (["flour", "combinesWith", "water", "+"], "ConfigError", "is no query"),
+        (["flour"], "ConfigError", "a recipe such as a + b"),
+    ],
+)
+def test_what_is_no_recipe_is_said(run, recipes_folder: Path, words: list[str], kind: str, said: str):
+    assert said in refused(run("score", recipes_folder, *words), kind)
+
+
+def test_a_scorer_of_links_has_no_scores_of_recipes(run, tmp_path: Path):
+    command = ["train-complex", "kitchen", "--dim", "4", "--epochs", "1", "--folds", "0", "--out", str(tmp_path / "m")]
+    assert main([*command, "--quiet"]) == 0
+    assert "train-recipes" in refused(run("score", tmp_path / "m", "flour + water"), "ConfigError")
+    (tmp_path / "in.csv").write_text("ingredient_a,ingredient_b,result\nflour,water,\n")
+    assert "train-recipes" in refused(run("score", tmp_path / "m", "--in", tmp_path / "in.csv"), "ConfigError")
+
+
+# --- what is answered ------------------------------------------------------------------------------------------------
+
+
+def test_results_of_a_pair_are_ranked_marked_and_explained(run, recipes_folder: Path, scorer: RecipeScorer):
+    a, b, result = in_part("train")
+    found = values(run("score", recipes_folder, f"{a} + {b}", "--json", "--top", "5"))
+    assert (found["ingredient_a"], found["ingredient_b"], found["result"]) == (a, b, None)
+    assert found["trained_on"] == "partial"
+    scores = scorer.score_recipes(a, b, torch.arange(len(scorer.entities)))
+    best = scores.sort(descending=True, stable=True).indices[:5].tolist()
+    assert [row["result"] for row in found["top"]] == [scorer.entities[entity] for entity in best]
+    assert [row["score"] for row in found["top"]] == pytest.approx(scores[best].tolist(), rel=1e-4)
+    opened = open_graph("kitchen")
+    for row in found["top"]:
+        recipe = (row["ingredient_a"], row["ingredient_b"], row["result"])
+        parts = [
+            part
+            for part in ("train", "test")
+            for known in opened.split.recipes(part)
+            if opened.graph.labels(known) == (*sorted(recipe[:2]), recipe[2])
+        ]
+        assert row["known"] == (parts or ["new"])[0]
+        assert row["memory"] == (row["known"] == "train")
+        spoken = scorer.speaking_for(*recipe, limit=3)
+        assert [tuple(one.values()) for one in row["because"]] == [
+            (*one.recipe, pytest.approx(one.weight), pytest.approx(one.share)) for one in spoken
+        ]
+    lines = run("score", recipes_folder, a, "+", b, "--top", "5").out.splitlines()
+    assert sum(" because " in line for line in lines) == 3
+    marked = [line for line in lines if line.endswith("(memory)")]
+    assert any(f"train  {a} + {b} -> {result}" in line for line in marked)
+    assert NOTE in lines[-1]
+
+
+def test_a_recipe_has_a_score_and_ranks_and_memory_is_what_it_was_trained_on(
+    run, recipes_folder: Path, scorer: RecipeScorer
+):
+    everything = torch.arange(len(scorer.entities))
+    for part, memory in (("train", True), ("test", False)):
+        a, b, result = in_part(part)
+        found = values(run("score", recipes_folder, b, "+", a, "=", result, "--json"))
+        assert (found["known"], found["memory"]) == (part, memory)
+        score = float(scorer.score_recipes(a, b, result))
+        assert found["score"] == pytest.approx(score, abs=1e-4)
+        for rank, scores in (
+            ("rank_as_result", scorer.score_recipes(a, b, everything)),
+            ("rank_as_ingredient_a", scorer.score_recipes(everything, a, result)),
+            ("rank_as_ingredient_b", scorer.score_recipes(everything, b, result)),
+        ):
+            assert (
+                abs(found[rank] - 1 - int((scores > score + 1e-4).sum()))
+                <= int((scores - score).abs().lt(1e-3).sum()) - 1
+            )
+        out = run("score", recipes_folder, b, "+", a, "=", result).out
+        assert (NOTE in out) == memory
+    assert "leave a slot open" in refused(run("score", recipes_folder, a, "+", b, result, "--new-only"), "ConfigError")
+
+
+def test_partners_are_listed_and_new_ones_only_if_asked(run, recipes_folder: Path, scorer: RecipeScorer):
+    a, b, result = in_part("train")
+    for words, name in ((("_", "+", b, result), "ingredient_a"), ((b, "+", "_", "=", result), "ingredient_b")):
+        found = values(run("score", recipes_folder, *words, "--json", "--top", "80"))
+        scores = scorer.score_recipes(torch.arange(80), b, result)
+        assert len(found["top"]) == 80
+        assert [row["score"] for row in found["top"]] == pytest.approx(
+            scores.sort(descending=True).values.tolist(), abs=1e-3
+        )
+        assert a in [row[name] for row in found["top"] if row["memory"]]
+        new = values(run("score", recipes_folder, *words, "--json", "--top", "80", "--new-only"))["top"]
+        assert new == [row for row in found["top"] if row["known"] == "new"]
+        assert 0 < len(new) < 80
+
+
+def test_triples_are_still_asked_for_as_before(run, recipes_folder: Path, scorer: RecipeScorer):
+    found = values(run("score", recipes_folder, "flour", "combinesWith", "water", "--json"))
+    assert found["score"] == pytest.approx(float(scorer.score("flour", 0, "water")), abs=1e-4)
+    assert values(run("score", recipes_folder, "", "componentOf", "bread", "--json"))["head"] is None
+
+
+@pytest.mark.parametrize("ending", ["csv", "tsv"])
+def test_a_file_of_recipes_gives_what_single_ones_give(run, recipes_folder: Path, tmp_path: Path, ending: str):
+    (a, b, result), (c, d, other) = in_part("train"), in_part("test")
+    queries = tmp_path / "in.csv"
+    queries.write_text(
+        f"ingredient_a,ingredient_b,result\n{a},{b},{result}\n\n{c},{d},\n_,{d},{other}\n{d},{c},{other}\n"
+    )
+    command = ("score", recipes_folder, "--in", queries, "--top", "3")
+    found = values(run(*command, "--json"))
+    assert (found["queries"], found["found"]) == (4, 8)
+    assert [(row["line"], row["rank"]) for row in found["rows"]] == [
+        (2, None), *((line, rank) for line in (4, 5) for rank in (1, 2, 3)), (6, None),
+    ]  # fmt: skip
+    single = values(run("score", recipes_folder, a, "+", b, result, "--json"))
+    top = values(run("score", recipes_folder, c, "+", d, "--top", "3", "--json"))["top"]
+    for row, expected in zip(found["rows"][:4], [single, *top], strict=True):
+        for name in ("ingredient_a", "ingredient_b", "result", "known", "memory"):
+            assert row[name] == expected[name]
+        assert row["score"] == pytest.approx(expected["score"], abs=1e-4)
+    out = tmp_path / f"out.{ending}"
+    assert values(run(*command, "--out", out, "--json"))["out"] == str(out)
+    header, *lines = [line.split("," if ending == "csv" else "\t") for line in out.read_text().splitlines()]
+    assert header == ["line", "ingredient_a", "ingredient_b", "result", "score", "rank", "known", "memory"]
+    assert [line[1:4] for line in lines] == [[row[name] for name in header[1:4]] for row in found["rows"]]
+    assert [line[7] for line in lines] == [str(row["memory"]).lower() for row in found["rows"]]
+    rows = values(run(*command, "--new-only", "--json"))["rows"]
+    assert {row["known"] for row in rows} == {"new"}
+    queries.write_text("ingredient_a,ingredient_b,result\nflour,waater,\n")
+    assert "in.csv, line 2: no entity 'waater'" in refused(run(*command), "QueryFileError")
+
+
+def test_without_its_graph_memory_is_still_known(run, tmp_path: Path, scorer: RecipeScorer):
+    from wordcraft_kg.views.recipe_scores import RecipeScoring, view_open_recipe
+    from wordcraft_kg.views.scores import ScoringModel
+
+    a, b, result = in_part("train")
+    model = ScoringModel(scorer, None, None, "no graph")
+    view = view_open_recipe(RecipeScoring.of(model), RecipeQuery(a, b, None), 80)
+    assert {row.known for row in view.top} == {None}
+    assert result in [row.result for row in view.top if row.memory]

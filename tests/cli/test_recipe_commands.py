@@ -221,3 +221,32 @@ def test_without_its_graph_memory_is_still_known(run, tmp_path: Path, scorer: Re
     view = view_open_recipe(RecipeScoring.of(model), RecipeQuery(a, b, None), 80)
     assert {row.known for row in view.top} == {None}
     assert result in [row.result for row in view.top if row.memory]
+
+
+# --- why an agent picked what it picked ------------------------------------------------------------------------------
+
+
+def test_explain_and_the_report_name_the_recipes_that_speak_for_a_pair(run, recipes_folder: Path, tmp_path: Path):
+    agent = tmp_path / "agent"
+    settings = ("--use", "u,v,w", "--steps", "512", "--features", "random", "--distractors", "3")
+    assert run("train-agent", "kitchen", "--scorer", recipes_folder, *settings, "--out", agent).code == 0
+    explained = values(run("explain", agent, "--part", "train", "--episodes", "4", "--json"))
+    for episode in explained["episodes"]:
+        for step in episode["steps"]:
+            labels = {slot["entity"] for slot in step["slots"]}
+            for slot in step["slots"]:
+                evidence = slot["evidence"]
+                if evidence is None:  # every model has seen the task
+                    continue
+                assert evidence["source"] == "w"
+                assert evidence["partner"] in ({step["held"]} if step["held"] else labels)
+                spoken = {
+                    f"{one['ingredient_a']} + {one['ingredient_b']} -> {one['result']}" for one in evidence["because"]
+                }
+                assert not spoken & {recipe for plan in episode["plans"] for recipe in plan}
+    assert any(slot["evidence"] for one in explained["episodes"] for step in one["steps"] for slot in step["slots"])
+    text = run("explain", agent, "--episodes", "2").out
+    assert sum(line.startswith("  w: ") for line in text.splitlines()) >= 2
+    page = (agent / "report" / "index.html").read_text()
+    assert "because</abbr>" in page
+    assert page.count('<ul class="note">') == 4  # two episodes of two picks

@@ -1,6 +1,7 @@
 """Why an agent picked what it picked: every logit of an episode, split into the contributions of the sources."""
 
 import copy
+from collections.abc import Sequence
 from typing import Annotated, Any
 
 import msgspec
@@ -8,16 +9,36 @@ import numpy as np
 import torch
 
 from wordcraft_kg.agents.evaluation import EVALUATION_SEED, PolicyPlayer
-from wordcraft_kg.agents.states import bind_tasks, states_of
+from wordcraft_kg.agents.states import States, bind_tasks, states_of
 from wordcraft_kg.envs.batch import OUTCOMES, BatchEngine
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.errors import TaskError, UnknownEntityError
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.models.policies.policy import Policy
 from wordcraft_kg.models.policies.sources import ALPHA
+from wordcraft_kg.models.policies.sources.source import Source
+from wordcraft_kg.models.scorers.recipes import Witness
 from wordcraft_kg.progress import steps
 from wordcraft_kg.records import Record, Share
 from wordcraft_kg.settings import nearest
+
+TOLD = 3
+"""Pairs of each pick for which the recipes that speak for them are told."""
+
+
+class SlotEvidence(Record):
+    """Which train recipes say that a slot is part of a pair that makes the goal.
+
+    Attributes:
+        source: name of the source that says so.
+        partner: the entity that it goes with: the one held, or its best partner on the table.
+        because: the recipes that speak for the pair, those that say most first. For a train task of a cross-fitted
+            scorer they are those of a model that has not seen the task's recipes.
+    """
+
+    source: str
+    partner: str
+    because: tuple[Witness, ...]
 
 
 class ExplainedSlot(Record):
@@ -30,6 +51,7 @@ class ExplainedSlot(Record):
         contributions: λ · value for each source; they add up to ``logit``.
         logit: β.
         probability: π.
+        evidence: what speaks for it; None unless a source scores recipes and knows something of the task.
     """
 
     entity: str
@@ -38,6 +60,7 @@ class ExplainedSlot(Record):
     contributions: dict[str, float]
     logit: float
     probability: Share
+    evidence: SlotEvidence | None = None
 
 
 class ExplainedStep(Record):
@@ -49,6 +72,14 @@ class ExplainedStep(Record):
     picked: str
     made: tuple[str, ...]
     slots: Annotated[tuple[ExplainedSlot, ...], msgspec.Meta(min_length=1)]
+
+    def told(self, limit: int = TOLD) -> list[tuple[str, SlotEvidence]]:
+        """Return the entities of highest logit with what speaks for them; of two that name each other, the first."""
+        pairs: dict[frozenset[str], tuple[str, SlotEvidence]] = {}
+        for slot in sorted(self.slots, key=lambda slot: -slot.logit):
+            if slot.evidence is not None and slot.evidence.because:
+                pairs.setdefault(frozenset((slot.entity, slot.evidence.partner)), (slot.entity, slot.evidence))
+        return list(pairs.values())[:limit]
 
 
 class ExplainedEpisode(Record):
@@ -117,10 +148,12 @@ def _explain(exact: Policy, player: PolicyPlayer, engine: BatchEngine, row: int)
     outcome = 0
     while engine.attempts_left[row] > 0:
         state = states_of(engine).rows(row, row + 1)
+        # The engine's memory, which the step below changes.
         goal, selection, table = state.goal.clone(), state.selection.clone(), state.table.clone()
         slots = player(engine, rng)
         with torch.no_grad():
             output = exact(goal, selection, table, task=state.task)
+            evidence = _evidence(exact, state, graph.entities)
         there = [label for label in table[0].tolist() if label != nothing]
         outcome = int(engine.step_once(slots).outcome[row])
         after = [label for label in engine.table[row].tolist() if label != nothing]
@@ -131,7 +164,7 @@ def _explain(exact: Policy, player: PolicyPlayer, engine: BatchEngine, row: int)
                 lambdas=dict(zip(names, output.lambdas[0].tolist(), strict=True)) if output.lambdas is not None else {},
                 picked=graph.entities[table[0, slots[row]]],
                 made=graph.labels(after[len(there) :]),
-                slots=_slots(exact, output, graph.labels(there), parts),
+                slots=_slots(exact, output, graph.labels(there), parts, evidence),
             )
         )
     return ExplainedEpisode(
@@ -143,7 +176,25 @@ def _explain(exact: Policy, player: PolicyPlayer, engine: BatchEngine, row: int)
     )
 
 
-def _slots(exact: Policy, output: Any, labels: tuple[str, ...], parts: set[str]) -> tuple[ExplainedSlot, ...]:
+def _evidence(exact: Policy, state: States, entities: Sequence[str]) -> list[SlotEvidence | None]:
+    """Return what speaks for each slot of one state, by the first source that can tell."""
+    told: list[SlotEvidence | None] = [None] * state.table.shape[1]
+    for name, source in exact.sources.items():
+        assert isinstance(source, Source)
+        for slot, found in enumerate(source.evidence(*state)):
+            if found is not None and told[slot] is None:
+                because = tuple(Witness.of(speaking, entities) for speaking in found.speaking)
+                told[slot] = SlotEvidence(name, entities[found.partner], because)
+    return told
+
+
+def _slots(
+    exact: Policy,
+    output: Any,
+    labels: tuple[str, ...],
+    parts: set[str],
+    evidence: Sequence[SlotEvidence | None],
+) -> tuple[ExplainedSlot, ...]:
     size = len(labels)
     logits = output.logits[0, :size]
     probabilities = torch.softmax(output.logits[0], dim=0)[:size]
@@ -159,5 +210,5 @@ def _slots(exact: Policy, output: Any, labels: tuple[str, ...], parts: set[str])
                 name: value * weight for (name, value), weight in zip(sources.items(), lambdas, strict=True)
             }
         logit, probability = float(logits[i]), float(probabilities[i])
-        rows.append(ExplainedSlot(label, label in parts, sources, contributions, logit, probability))
+        rows.append(ExplainedSlot(label, label in parts, sources, contributions, logit, probability, evidence[i]))
     return tuple(rows)

@@ -27,7 +27,9 @@ def explain(
     graph: str | None = None,
     output: Output = Output(),
 ) -> None:
-    """Show why an agent picked what it picked: each logit, split into the contributions of attention, u and v.
+    """Show why an agent picked what it picked: each logit, split into the contributions of attention and knowledge.
+
+    With recipe scores (w) it says for the best slots with which partner, and which train recipes speak for the pair.
 
     Args:
         run: run folder.
@@ -57,6 +59,7 @@ def _text(number: int, episode: "ExplainedEpisode") -> Iterator[str]:
 
 def _step(step: "ExplainedStep") -> Iterator[str]:
     from wordcraft_kg.models.policies.sources import label_of
+    from wordcraft_kg.views.recipe_scores import because
 
     weights = "  ".join(f"{label_of(name).coefficient} {value:.2f}" for name, value in step.lambdas.items())
     yield from ("", f"  holding {step.held or 'nothing'}   V {step.value:.2f}   {weights}".rstrip())
@@ -71,5 +74,7 @@ def _step(step: "ExplainedStep") -> Iterator[str]:
         figures = [*slot.sources.values(), *(slot.contributions.values() if step.lambdas else ())]
         cells = "".join(f"{figure:>8.2f}" for figure in (*figures, slot.logit))
         yield f"  {label:<{width}}{cells}{slot.probability:>8.1%}"
+    for entity, found in step.told():
+        yield f"  {label_of(found.source).symbol}: {entity} + {found.partner} because {because(found.because)}"
     if step.made:
         yield f"  made {', '.join(step.made)}"

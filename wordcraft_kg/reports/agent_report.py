@@ -14,6 +14,7 @@ from wordcraft_kg.reports import charts
 from wordcraft_kg.reports.report import Report
 from wordcraft_kg.views.agents import NEVER, AgentEntry, AgentsView, Figure, Groups, Slice, view_agents
 from wordcraft_kg.views.glossary import GLOSSARY
+from wordcraft_kg.views.recipe_scores import because
 
 MIN_SEEDS = 5
 """With fewer seeds the page warns that another seed may give another figure."""
@@ -60,6 +61,7 @@ def make_agent_report(
         shown={
             "min_seeds": MIN_SEEDS,
             "label_of": label_of,
+            "because": because,
             "column_labels": column_labels,
             "slot_rows": slot_rows,
             "colours": COLOURS,

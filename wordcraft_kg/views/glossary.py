@@ -164,6 +164,12 @@ GLOSSARY: dict[str, Term] = {
         "How plausible it is that a slot and the entity in hand make the goal; with an empty hand, its best partner.",
         "w",
     ),
+    "evidence": Term(
+        "Agents",
+        "evidence",
+        "What known recipes say about another one, on which its recipe score rests among others. Each is shown with "
+        "how like it is (both ingredients and the result; 1 is the same) and its share of all that is said.",
+    ),
     "lambda": Term("Agents", "mixing weight", "How much a source counts, which the agent learns: λα, λu, λv, λw.", "λ"),
     "beta": Term(
         "Agents", "logit", "The sum of a slot's scores, each times its mixing weight: λα·α + λu·u + λv·v + λw·w.", "β"

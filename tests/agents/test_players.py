@@ -19,11 +19,13 @@ from wordcraft_kg.agents.players import (
 from wordcraft_kg.envs.batch import BatchEngine
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.errors import GraphMismatchError
+from wordcraft_kg.errors import GraphMismatchError, LeakError
 from wordcraft_kg.graphs import SplitConfig, make_split, open_graph
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.models.policies.sources.source import make_sources
+from wordcraft_kg.models.scorers.cross_fitting import whole_of
 from wordcraft_kg.models.scorers.facts import FrequencyScorer, SymbolicScorer
+from wordcraft_kg.models.scorers.folder import load_scorer
 from wordcraft_kg.models.scorers.tables import TableScorer
 from wordcraft_kg.statistics import task_bootstrap, wilson_interval
 
@@ -147,6 +149,22 @@ def test_a_scorer_of_facts_plays_like_the_facts(opened):
     scored = scorer_players(graph, SymbolicScorer(graph, graph.triples), graph.triples)["v"]
     table = play_all(World(opened, WordCraftConfig(part="test")), {"facts": facts, "scorer": scored}, (4,), draws=20)
     assert success(table, "facts", 4) == pytest.approx(success(table, "scorer", 4), abs=1e-9)
+
+
+def test_a_scorer_of_recipes_plays_the_pair_whose_recipe_scores_highest(opened, recipes_folder):
+    scorer = load_scorer(recipes_folder)
+    players = scorer_players(opened.graph, scorer, opened.split.partial)
+    test = World(opened, WordCraftConfig(part="test"))
+    table = play_all(
+        test, {"by pairs": pair_player(whole_of(scorer).score_recipes), "w": players["w, best pair"]}, (1, 8), draws=3
+    )
+    for distractors in (1, 8):
+        assert success(table, "w", distractors) == pytest.approx(success(table, "by pairs", distractors), abs=0.02)
+    assert success(table, "w", 8) > 0.5
+    with pytest.raises(LeakError, match="answer train tasks from memory"):
+        play_all(World(opened, WordCraftConfig(part="train")), {"w": players["w, best pair"]}, (1,), draws=1)
+    links = SymbolicScorer(opened.graph, opened.split.partial)
+    assert "w, best pair" not in scorer_players(opened.graph, links, opened.split.partial)
 
 
 @pytest.mark.parametrize("known", [0, 1, 400, 10_000])

@@ -18,8 +18,10 @@ from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.splits import Split
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
 from wordcraft_kg.models.policies.sources.source import ScoreView, make_sources
+from wordcraft_kg.models.scorers.cross_fitting import whole_of
 from wordcraft_kg.models.scorers.facts import SymbolicScorer
 from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
+from wordcraft_kg.models.scorers.recipes import RecipeScorer
 from wordcraft_kg.models.scorers.scales import SelfEdges
 from wordcraft_kg.models.scorers.votes import VoteScorer
 from wordcraft_kg.progress import steps
@@ -163,6 +165,8 @@ def knowledge_players(split: Split) -> dict[str, Player]:
 def scorer_players(graph: RecipeGraph, scorer: TripleScorer, observed: Ids) -> dict[str, Player]:
     """Return players that use a scorer's standardised scores: v, u, and u+v with three treatments of self edges.
 
+    A scorer of recipes has another one, which picks the pair whose recipe scores highest.
+
     Raises:
         GraphMismatchError: if the scorer belongs to another graph.
     """
@@ -171,13 +175,15 @@ def scorer_players(graph: RecipeGraph, scorer: TripleScorer, observed: Ids) -> d
     def of(*names: str, self_edges: SelfEdges = "keep") -> Player:
         return knowledge_player(make_sources(names, scorer, ScoreView("standardise", self_edges, observed)))
 
-    return {
+    players = {
         "v": of("v"),
         "u": of("u"),
         "u+v, self edges kept": of("u", "v"),
         "u+v, self edges observed": of("u", "v", self_edges="observed"),
         "u+v, self edges dropped": of("u", "v", self_edges="drop"),
     }
+    # By its source, so that no train task is played from memory.
+    return players | ({"w, best pair": of("w")} if isinstance(whole_of(scorer), RecipeScorer) else {})
 
 
 class PlayerSuccess(Record):

@@ -26,14 +26,12 @@ from wordcraft_kg.models.links.pykeen_bridge import triples_factory
 from wordcraft_kg.models.links.records import FoldDone
 from wordcraft_kg.models.scorers.cross_fitting import FoldsRecord
 from wordcraft_kg.models.scorers.fold_files import write_folds
-from wordcraft_kg.models.scorers.folder import FOLDS_RECORD, FOLDS_TENSORS
 from wordcraft_kg.models.scorers.limits import TABLE_LIMIT, table_bytes
 from wordcraft_kg.models.scorers.scorer import Scorer
 from wordcraft_kg.runs.checkpoints import Checkpoints
 from wordcraft_kg.runs.side_by_side import cores, side_by_side
 from wordcraft_kg.tensors import copied
 
-FOLD_OUTPUTS = (FOLDS_RECORD, FOLDS_TENSORS)
 LONG = 10.0
 """Seconds of a training from which its folds are trained side by side: a process takes some to import its libraries."""
 

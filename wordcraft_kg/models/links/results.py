@@ -91,6 +91,10 @@ def _cross_fitting(metrics: LinkMetrics) -> str:
     return f"\n- cross-fitted: {metrics.folds} more models, each trained without one part of the train recipes{figures}"
 
 
+def _probabilities(metrics: LinkMetrics) -> str:
+    return "; `scorer.probability` gives those of triples outside training" if metrics.folds else ""
+
+
 def model_card(opened: OpenedGraph, settings: LinkSettings, metrics: LinkMetrics) -> str:
     """Return the ``README.md`` of a model folder."""
     name = "ComplEx" if isinstance(settings, ComplExConfig) else settings.model
@@ -111,7 +115,7 @@ Scores triples (head, relation, tail) with the relations `combinesWith` and `com
 {metrics.train_mrr:.3f}{chosen}{_objective(settings)}{_cross_fitting(metrics)}
 
 `config.toml` reproduces it; `run.json` names the versions that made it. Its quality on unseen triples is what
-`wordcraft-kg evaluate-links` reports, not the figure above. Scores are not calibrated probabilities.
+`wordcraft-kg evaluate-links` reports, not the figure above. Scores are not probabilities{_probabilities(metrics)}.
 
 ```python
 from wordcraft_kg import load_scorer

@@ -16,7 +16,7 @@ from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
 from wordcraft_kg.models.scorers.embeddings import ComplExScorer
 from wordcraft_kg.models.scorers.factors import factor_names
 from wordcraft_kg.models.scorers.fold_files import write_folds
-from wordcraft_kg.models.scorers.folder import FOLDS_RECORD, FOLDS_TENSORS, ScorerKind, Vocabulary
+from wordcraft_kg.models.scorers.folder import FOLD_OUTPUTS, ScorerKind, Vocabulary
 from wordcraft_kg.models.scorers.limits import TABLE_LIMIT, table_bytes
 from wordcraft_kg.models.scorers.protocol import FactoredScorer, TripleScorer, check_scorer
 from wordcraft_kg.records import as_values
@@ -92,7 +92,7 @@ def save_scorer(
         inputs = {"graph": opened.graph.hash, "split": opened.split.hash}
         outputs: tuple[str, ...] = OUTPUTS
         if isinstance(scorer, CrossFitted):
-            inputs["folds"], outputs = scorer.record.hash, (*OUTPUTS, FOLDS_RECORD, FOLDS_TENSORS)
+            inputs["folds"], outputs = scorer.record.hash, (*OUTPUTS, *FOLD_OUTPUTS)
             _write_folds(staging, scorer, opened)
         end_run(staging, start_run(staging, config.command, inputs=inputs), "done", outputs)
     return out

@@ -15,13 +15,14 @@ from wordcraft_kg.graphs.folds import Folds, make_folds
 from wordcraft_kg.graphs.triples import RELATIONS
 from wordcraft_kg.models.links.builders import check_table_fits, make_training_loop
 from wordcraft_kg.models.links.config import CONFIGS, ComplExConfig, LinkModelConfig, LinksConfig, LinkSettings
-from wordcraft_kg.models.links.cross_fitting import FOLD_OUTPUTS, decided_folds, train_folds, write_link_folds
+from wordcraft_kg.models.links.cross_fitting import decided_folds, train_folds, write_link_folds
 from wordcraft_kg.models.links.epochs import Epochs
 from wordcraft_kg.models.links.fitting import train_epochs
 from wordcraft_kg.models.links.pykeen_bridge import pykeen_guard, quiet_pykeen, seed_everything, triples_factory
 from wordcraft_kg.models.links.records import Choice, LinkMetrics, LinkProgress
 from wordcraft_kg.models.links.regularisation import choose
 from wordcraft_kg.models.links.results import OUTPUTS, model_card, with_folds, write_results
+from wordcraft_kg.models.scorers.folder import FOLD_OUTPUTS
 from wordcraft_kg.records import as_values, parse_record
 from wordcraft_kg.runs.checkpoints import Checkpoint
 from wordcraft_kg.runs.folder import Progress, RunFolder, RunKind, check_run_output, new_run, resumed_run

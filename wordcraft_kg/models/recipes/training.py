@@ -28,7 +28,7 @@ from wordcraft_kg.models.recipes.records import FitDone, RecipeMetrics
 from wordcraft_kg.models.recipes.results import model_card
 from wordcraft_kg.models.scorers.features import make_features
 from wordcraft_kg.models.scorers.fold_files import write_folds
-from wordcraft_kg.models.scorers.folder import FOLDS_RECORD, FOLDS_TENSORS, Vocabulary
+from wordcraft_kg.models.scorers.folder import FOLD_OUTPUTS, Vocabulary
 from wordcraft_kg.models.scorers.limits import check_dense
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
 from wordcraft_kg.models.scorers.similarity import cosines
@@ -260,7 +260,7 @@ def _finish(
             return found.progress.trained_on, found.tensors
 
         record = write_folds(run.path, folds, RecipeScorer(tensors, graph.entities, graph.hash), part)
-        outputs += (FOLDS_RECORD, FOLDS_TENSORS)
+        outputs += FOLD_OUTPUTS
     metrics = RecipeMetrics(
         kg=settings.kg,
         recipes=len(tensors["recipes"]),

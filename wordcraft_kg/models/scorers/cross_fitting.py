@@ -16,16 +16,17 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from wordcraft_kg.errors import GraphMismatchError, LeakError
+from wordcraft_kg.errors import ConfigError, GraphMismatchError, LeakError
 from wordcraft_kg.graphs.arrays import Ids, frozen
 from wordcraft_kg.graphs.folds import OUTSIDE, SEVERAL, Folds, fold_of_tasks, make_folds
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.splits import Split
 from wordcraft_kg.graphs.tasks import TaskSet
 from wordcraft_kg.graphs.triples import recipe_triples, triples_hash
+from wordcraft_kg.models.scorers.calibration import Probabilities
 from wordcraft_kg.models.scorers.protocol import FactoredScorer, TripleScorer
-from wordcraft_kg.models.scorers.recipes import RecipeScorer
-from wordcraft_kg.models.scorers.scorer import Scorer
+from wordcraft_kg.models.scorers.recipes import RecipeScorer, RecipeScores
+from wordcraft_kg.models.scorers.scorer import EntityIds, RelationIds, Scorer
 from wordcraft_kg.records import Count, Hash, Record, Share
 
 
@@ -96,12 +97,20 @@ class CrossFitted(Scorer):
         whole: the scorer of all train recipes.
         record: what is known of the folds.
         of_recipe: fold of each recipe, shape (num_recipes,); :data:`~wordcraft_kg.graphs.folds.OUTSIDE` outside train.
+        probabilities: what makes probabilities of scores; None in folders of before.
     """
 
-    def __init__(self, whole: Scorer, folds: Sequence[Callable[[], Scorer]], of_recipe: Ids, record: FoldsRecord):
+    def __init__(
+        self,
+        whole: Scorer,
+        folds: Sequence[Callable[[], Scorer]],
+        of_recipe: Ids,
+        record: FoldsRecord,
+        probabilities: Probabilities | None = None,
+    ):
         """Take the scorer of all train recipes and, for each fold, what makes that of all others when it is needed."""
         super().__init__(whole.entities, whole.graph_hash, whole.device, whole.name)
-        self.whole, self.record = whole, record
+        self.whole, self.record, self.probabilities = whole, record, probabilities
         self.of_recipe = frozen(np.asarray(of_recipe, dtype=np.int64))
         self._makers = tuple(folds)
         self._made: dict[int, Scorer] = {}
@@ -118,6 +127,48 @@ class CrossFitted(Scorer):
 
     def table(self, relation: int | str) -> torch.Tensor:  # noqa: D102 - inherited
         return self.whole.table(relation)
+
+    def probability(self, heads: EntityIds, relations: RelationIds, tails: EntityIds) -> torch.Tensor:
+        """Return how probable triples are that training does not contain; of those it contains it says nothing.
+
+        Args:
+            heads: as for :meth:`score`.
+            relations: as for :meth:`score`.
+            tails: as for :meth:`score`; the three broadcast against each other.
+
+        Returns:
+            float32, of the broadcast shape: the chance that a recipe of the book, outside the train part, gives the
+            triple. See :mod:`~wordcraft_kg.models.scorers.calibration`.
+
+        Raises:
+            ConfigError: if the folder holds no calibration.
+        """
+        if self.probabilities is None:
+            raise ConfigError(f"{self.name} says nothing of probabilities. Train it again, with folds, to have them.")
+        ids = self.entity_ids(heads), self.relation_ids(relations), self.entity_ids(tails)
+        return self.probabilities.of(self._score(*ids), *ids)
+
+    def result_probabilities(self, ingredients: EntityIds, others: EntityIds) -> torch.Tensor:
+        """Return what pairs make, if they make something.
+
+        Args:
+            ingredients: one entity, a sequence, or a tensor of ids of any shape.
+            others: the other ingredients; both broadcast against each other.
+
+        Returns:
+            float32, of the broadcast shape and one axis more of E results, whose sum is 1.
+
+        Raises:
+            ConfigError: if the scorer scores no recipes, or the folder holds no calibration.
+        """
+        temperature = self.probabilities.temperature if self.probabilities else None
+        if temperature is None or not isinstance(self.whole, RecipeScores):
+            raise ConfigError(
+                f"{self.name} says nothing of what a pair makes. Take a model of wordcraft-kg train-recipes."
+            )
+        a, b = (self.entity_ids(part)[..., None] for part in (ingredients, others))
+        scores = self.whole.score_recipes(a, b, torch.arange(len(self.entities), device=self.device))
+        return torch.softmax(scores / temperature, dim=-1)
 
     def left_out(self, fold: int) -> Scorer:
         """Return the scorer that has been trained on all train recipes but those of a fold."""

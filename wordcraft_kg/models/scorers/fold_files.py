@@ -1,4 +1,4 @@
-"""Writing the folds of a cross-fitted scorer: their tensors, and how well each predicts what it has not seen."""
+"""Writing the folds of a cross-fitted scorer: their tensors, and what each says of recipes that it has not seen."""
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -9,8 +9,9 @@ import torch
 from wordcraft_kg.artefacts import dump_json, write_atomically
 from wordcraft_kg.graphs.folds import Folds
 from wordcraft_kg.graphs.triples import is_in, recipe_triples
+from wordcraft_kg.models.scorers.calibration import fit_probabilities, predictions
 from wordcraft_kg.models.scorers.cross_fitting import Fold, FoldsRecord
-from wordcraft_kg.models.scorers.folder import FOLDS_RECORD, FOLDS_TENSORS, OF_RECIPE, kind_of, make_scorer
+from wordcraft_kg.models.scorers.folder import CALIBRATION, FOLDS_RECORD, FOLDS_TENSORS, OF_RECIPE, kind_of, make_scorer
 from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples, sampled_for
 from wordcraft_kg.models.scorers.scorer import Scorer
 from wordcraft_kg.records import as_values
@@ -29,7 +30,7 @@ def write_folds(
     """
     graph = folds.split.graph
     tensors = {OF_RECIPE: torch.from_numpy(folds.of_recipe.copy())}
-    found = []
+    found, seen_by = [], []
     for number in range(folds.count):
         trained_on, own_tensors = part(number)
         tensors |= {f"fold{number}.{name}": tensor for name, tensor in own_tensors.items()}
@@ -37,6 +38,7 @@ def write_folds(
         own = recipe_triples(graph.recipes[folds.of_recipe == number])
         queries = sampled_for(graph, own[~is_in(own, seen, graph.num_entities)])
         others = make_scorer(kind_of(own_tensors), dict(own_tensors), graph.entities, graph.hash)
+        seen_by.append(predictions(others, folds, number))
         mrr, in_sample = (
             mean_reciprocal_rank(rank_triples(scorer, queries, graph.triples)) if len(queries) else None
             for scorer in (others, whole)
@@ -51,6 +53,7 @@ def write_folds(
             )
         )
     record = FoldsRecord(seed=folds.seed, hash=folds.hash, folds=tuple(found))
+    write_atomically(folder / CALIBRATION, dump_json(as_values(fit_probabilities(whole, folds, seen_by))))
     write_atomically(folder / FOLDS_TENSORS, safetensors.torch.save(tensors))
     write_atomically(folder / FOLDS_RECORD, dump_json(as_values(record)))
     return record

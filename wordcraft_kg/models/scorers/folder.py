@@ -10,6 +10,7 @@ import torch
 from wordcraft_kg.errors import ArtefactError, GraphMismatchError, reason
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.triples import RELATIONS
+from wordcraft_kg.models.scorers.calibration import Probabilities
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted, FoldsRecord
 from wordcraft_kg.models.scorers.embeddings import ComplExScorer
 from wordcraft_kg.models.scorers.factors import FactorsScorer, factor_names
@@ -22,8 +23,10 @@ from wordcraft_kg.records import Record, parse_record
 from wordcraft_kg.runs.record import RunRecord, read_finished_run, verified_bytes
 from wordcraft_kg.tensors import read_tensors, with_prefix
 
-FOLDS_RECORD, FOLDS_TENSORS = "folds.json", "folds.safetensors"
-"""The folds of a cross-fitted model: what is known of them, and their tensors ``fold0.entity_real``, ..."""
+FOLDS_RECORD, FOLDS_TENSORS, CALIBRATION = "folds.json", "folds.safetensors", "calibration.json"
+"""The folds of a cross-fitted model: what is known of them, their tensors ``fold0.entity_real``, ..., and what makes
+probabilities of scores."""
+FOLD_OUTPUTS = (FOLDS_RECORD, FOLDS_TENSORS, CALIBRATION)
 OF_RECIPE = "of_recipe"
 """The tensor that says which recipe is in which fold."""
 
@@ -113,7 +116,11 @@ def _cross_fitted(folder: Path, run: RunRecord, scorer: Scorer, vocabulary: Voca
         makers.append(partial(make_scorer, vocabulary.scorer, part, entities, graph_hash, **settings))
     if OF_RECIPE not in tensors or tensors[OF_RECIPE].ndim != 1:
         raise ArtefactError(f"{path} does not say which recipe is in which fold. Train again, or restore a copy.")
-    return CrossFitted(scorer, makers, tensors[OF_RECIPE].numpy(), record)
+    probabilities = None
+    if CALIBRATION in run.outputs:  # folders of before have none
+        path = folder / CALIBRATION
+        probabilities = parse_record(verified_bytes(folder, run, CALIBRATION), Probabilities, path)
+    return CrossFitted(scorer, makers, tensors[OF_RECIPE].numpy(), record, probabilities)
 
 
 def _check_shapes(vocabulary: Vocabulary, tensors: dict[str, torch.Tensor]) -> None:

@@ -1,0 +1,288 @@
+"""Scores as probabilities: what is recovered, what is never looked at, and what is said where nothing can be fitted."""
+
+import json
+import shutil
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+import torch
+from link_helpers import train
+from scipy.special import expit
+
+from wordcraft_kg.artefacts import sha256_of
+from wordcraft_kg.errors import ArtefactError, ConfigError
+from wordcraft_kg.graphs import RecipeGraph, Split
+from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
+from wordcraft_kg.graphs.folds import Folds, make_folds
+from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, is_in
+from wordcraft_kg.models.links.config import ComplExConfig
+from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
+from wordcraft_kg.models.recipes.training import train_recipes
+from wordcraft_kg.models.scorers import calibration
+from wordcraft_kg.models.scorers.calibration import (
+    SEGMENTS,
+    Curve,
+    Probabilities,
+    fit_curve,
+    fit_probabilities,
+    known_share,
+    place_of,
+    predictions,
+)
+from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
+from wordcraft_kg.models.scorers.folder import load_scorer
+from wordcraft_kg.models.scorers.tables import TableScorer
+
+CENTRES = np.arange(-calibration.END, calibration.END + calibration.WIDTH / 2, calibration.WIDTH)
+
+
+@pytest.fixture(scope="module")
+def folder(opened_kitchen: OpenedGraph, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A cross-fitted ComplEx of the kitchen; read only."""
+    settings = ComplExConfig(dim=16, epochs=15, n3=0.1, popularity=1.0, folds=3)
+    return train(opened_kitchen, settings, tmp_path_factory.mktemp("models") / "folded").folder
+
+
+@pytest.fixture(scope="module")
+def scorer(folder: Path) -> CrossFitted:
+    found = load_scorer(folder)
+    assert isinstance(found, CrossFitted)
+    return found
+
+
+@pytest.fixture(scope="module")
+def folds(scorer: CrossFitted, opened_kitchen: OpenedGraph) -> Folds:
+    return make_folds(opened_kitchen.split, scorer.count, scorer.record.seed)
+
+
+def fitted(scorer: CrossFitted, folds: Folds) -> Probabilities:
+    return fit_probabilities(
+        scorer.whole, folds, [predictions(scorer.left_out(fold), folds, fold) for fold in range(folds.count)]
+    )
+
+
+def counts(chances: np.ndarray, share: float, folds: int = 2, amount: float = 4_000.0) -> tuple[np.ndarray, np.ndarray]:
+    """Expected counts where the true triples have these chances, and a share of them is known."""
+    weights = amount * np.exp(-((CENTRES / 3) ** 2))
+    true = np.tile(weights * chances * share, (folds, 1))
+    return true, np.tile(weights, (folds, 1)) - true
+
+
+# --- fitting ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("share", [0.3, 0.8])
+def test_slopes_and_the_intercept_of_the_unseen_are_recovered(share: float):
+    low, high = SEGMENTS
+    part = [np.minimum(CENTRES, low), np.clip(CENTRES - low, 0, high - low), np.maximum(CENTRES - high, 0)]
+    slopes = (1.2, 0.6, 0.3)
+    true, others = counts(expit(-5 + sum(b * x for b, x in zip(slopes, part, strict=True))), share)
+    curve = fit_curve(true, others, share)
+    assert curve.slopes == pytest.approx(slopes, abs=0.02)
+    # Of the triples that are true, the known ones are not among those that the whole model is asked for.
+    assert curve.intercept == pytest.approx(-5 + np.log(1 - share), abs=0.02)
+    assert curve.reason == ""
+
+
+def test_known_triples_are_as_many_as_the_unseen_ones_times_the_odds_of_the_share():
+    """By Bayes: of T true triples c T are known; the others, (1 - c) T, are what the probabilities must add up to."""
+    share = 0.4
+    true, others = counts(expit(-4 + 1.0 * CENTRES), share)
+    curve = fit_curve(true, others, share, slopes=1)
+    unseen = others.sum(axis=0)  # what the model of all train recipes has not seen
+    assert unseen @ curve.probability(CENTRES) == pytest.approx(true.sum() * (1 - share) / share, rel=0.01)
+
+
+@pytest.mark.parametrize("slope", [-1.0, 0.0])
+def test_a_higher_score_is_never_less_probable(slope: float):
+    true, others = counts(expit(-4 + slope * CENTRES), 0.5)
+    curve = fit_curve(true, others, 0.5)
+    assert curve.slopes == ()
+    assert "no better" in curve.reason
+    assert np.ptp(curve.probability(CENTRES)) == 0
+    assert curve.probability(CENTRES)[0] == pytest.approx(curve.rate)
+
+
+@pytest.mark.parametrize("known", [0, 5, "all"])
+def test_a_fold_of_one_class_has_its_base_rate_and_says_why(known: int | str):
+    others = np.zeros((2, len(CENTRES)))
+    true = np.zeros((2, len(CENTRES)))
+    if known == "all":
+        true[:, 100:200] = 1
+    else:
+        others[:, 100:600] = 1
+        true[0, 700] = known
+    curve = fit_curve(true, others, 0.5)
+    assert "too few" in curve.reason
+    assert curve.slopes == ()
+    assert 0 < curve.rate <= 0.5
+    assert curve.probability(np.array([-20.0, 20.0])) == pytest.approx(curve.rate)
+
+
+def test_places_are_log_odds_of_ranks_with_ties_halved():
+    among = np.array([1.0, 2.0, 2.0, 3.0])
+    ranks = [1 - sum((x > s) + 0.5 * (x == s) for x in among) / 4 for s in (0.0, 1.0, 2.0, 3.0, 4.0)]
+    found = place_of(np.array([0.0, 1.0, 2.0, 3.0, 4.0]), among)
+    expected = [(4 * rank + 0.5) / 5 for rank in ranks]
+    clipped = np.clip(expected, 0.1, 0.9)
+    np.testing.assert_allclose(found, np.log(clipped / (1 - clipped)))
+    assert place_of(np.array([7.0]), np.full(5, 7.0)) == pytest.approx(0)
+
+
+# --- what is counted -------------------------------------------------------------------------------------------------
+
+
+def test_every_triple_outside_training_is_counted_once_and_the_others_not(scorer: CrossFitted, folds: Folds):
+    size, train_triples = len(scorer.entities), folds.triples()
+    known = {tuple(row) for row in train_triples.tolist()}
+    for fold in range(folds.count):
+        seen = predictions(scorer.left_out(fold), folds, fold)
+        trained_on = {tuple(row) for row in folds.triples([fold]).tolist()}
+        true, others = np.zeros((2, 2)), np.zeros((2, 2))
+        for head in range(size):
+            for relation in (COMBINES_WITH, COMPONENT_OF):
+                for tail in range(size):
+                    triple = (head, relation, tail)
+                    if triple in known - trained_on:
+                        true[relation, int(head == tail)] += 1
+                    elif triple not in known:
+                        others[relation, int(head == tail)] += 1
+        np.testing.assert_array_equal(seen.true.sum(axis=-1), true)
+        np.testing.assert_array_equal(seen.others.sum(axis=-1), others)
+
+
+def test_a_sample_of_pairs_stands_for_all(scorer: CrossFitted, folds: Folds, monkeypatch: pytest.MonkeyPatch):
+    everything = predictions(scorer.left_out(0), folds, 0)
+    monkeypatch.setattr(calibration, "MAX_CELLS", 4_000)
+    sample = predictions(scorer.left_out(0), folds, 0)
+    np.testing.assert_array_equal(sample.true.sum(axis=-1), everything.true.sum(axis=-1))
+    np.testing.assert_allclose(sample.others.sum(axis=-1), everything.others.sum(axis=-1), rtol=0.03)
+    again = predictions(scorer.left_out(0), folds, 0)
+    np.testing.assert_array_equal(sample.others, again.others)
+
+
+def test_recipes_outside_train_change_nothing_but_by_their_number(scorer: CrossFitted, folds: Folds):
+    """The results of all test recipes are replaced; only what is looked at could change."""
+    graph, split = folds.split.graph, folds.split
+    recipes, outside = graph.recipes.copy(), ~split.is_in("train")
+    recipes[outside, 2] = (recipes[outside, 2] + 7) % graph.num_entities
+    other = RecipeGraph.__new__(RecipeGraph)
+    other.__dict__.update({**graph.__dict__, "recipes": recipes})
+    swapped = Split.__new__(Split)
+    swapped.__dict__.update({**split.__dict__, "graph": other})
+    changed = Folds(swapped, folds.count, folds.seed, folds.of_recipe)
+    assert fitted(scorer, changed) == fitted(scorer, folds) == scorer.probabilities
+
+
+def test_the_share_that_is_known_follows_from_the_number_of_recipes(folds: Folds):
+    train_recipes, outside = folds.split.is_in("train").sum(), (~folds.split.is_in("train")).sum()
+    plain = 1 / (1 + outside * folds.count / train_recipes)
+    # A fold keeps all recipes of its pairs, so all its pairs are new; but the more recipes are known, the fewer are its
+    # new ingredients of a result.
+    assert known_share(folds, COMBINES_WITH) == pytest.approx(plain)
+    assert plain + 0.01 < known_share(folds, COMPONENT_OF) < plain + 0.15
+
+
+# --- probabilities of a scorer ---------------------------------------------------------------------------------------
+
+
+def test_probabilities_rise_with_scores_and_add_up_to_about_the_unseen_triples(
+    scorer: CrossFitted, opened_kitchen: OpenedGraph
+):
+    split, size = opened_kitchen.split, len(scorer.entities)
+    everything = torch.arange(size)
+    for relation in (COMBINES_WITH, COMPONENT_OF):
+        scores = scorer.table(relation).flatten()
+        chances = scorer.probability(everything[:, None], relation, everything[None, :])
+        assert chances.shape == (size, size)
+        assert chances.dtype == torch.float32
+        different = ~torch.eye(size, dtype=torch.bool).flatten()
+        order = torch.argsort(scores[different])
+        assert bool((chances.flatten()[different][order].diff() >= 0).all())
+        known = torch.zeros(size, size, dtype=torch.bool)
+        partial = split.partial[split.partial[:, 1] == relation]
+        known[partial[:, 0], partial[:, 2]] = True
+        unseen = opened_kitchen.graph.triples
+        unseen = unseen[(unseen[:, 1] == relation) & ~is_in(unseen, split.partial, size)]
+        assert float(chances[~known].sum()) == pytest.approx(len(unseen), rel=0.35)
+
+
+def test_pairs_of_an_entity_with_itself_have_a_rate_of_their_own(scorer: CrossFitted):
+    assert scorer.probabilities is not None
+    first = scorer.probabilities.relations[0]
+    own = Curve(intercept=-1.0, slopes=(), rate=0.25, true=1, cells=4)
+    changed = msgspec.structs.replace(first, itself=own)
+    found = Probabilities(relations=(changed, scorer.probabilities.relations[1]))
+    ids = torch.tensor([0, 1])
+    chances = found.of(scorer.table(0)[:2, :2], ids[:, None], torch.tensor(0), ids[None])
+    assert chances.diagonal().tolist() == pytest.approx([expit(-1.0)] * 2)
+    assert chances[0, 1] == scorer.probability(0, 0, 1) != chances[0, 0]
+
+
+def test_the_record_is_an_output_and_a_folder_without_it_loads_as_before(folder: Path, tmp_path: Path):
+    copy = Path(shutil.copytree(folder, tmp_path / "copy"))
+    run = json.loads((copy / "run.json").read_text())
+    assert run["outputs"]["calibration.json"] == sha256_of(copy / "calibration.json")
+    (copy / "calibration.json").write_text("{}")
+    with pytest.raises(ArtefactError, match=r"calibration\.json"):
+        load_scorer(copy)
+    (copy / "calibration.json").unlink()
+    del run["outputs"]["calibration.json"]
+    (copy / "run.json").write_text(json.dumps(run))
+    before = load_scorer(copy)
+    assert isinstance(before, CrossFitted)
+    torch.testing.assert_close(before.table(0), load_scorer(folder).table(0), rtol=0, atol=0)
+    with pytest.raises(ConfigError, match="says nothing of probabilities"):
+        before.probability(0, 0, 1)
+
+
+def test_a_scorer_without_recipe_scores_says_nothing_of_results(scorer: CrossFitted):
+    with pytest.raises(ConfigError, match="what a pair makes"):
+        scorer.result_probabilities(0, 1)
+
+
+def test_constant_scores_have_the_base_rate(folds: Folds):
+    size = folds.split.graph.num_entities
+    scorer = TableScorer(torch.ones(2, size, size), folds.split.graph.entities, folds.split.graph.hash)
+    found = fit_probabilities(scorer, folds, [predictions(scorer, folds, fold) for fold in range(folds.count)])
+    for curves in found.relations:
+        assert "no better" in curves.distinct.reason
+    ids = torch.arange(size)
+    chances = found.of(scorer.table(1), ids[:, None], torch.tensor(1), ids[None])
+    assert float(chances[0, 1]) == pytest.approx(found.relations[1].distinct.rate)
+
+
+# --- results of a pair -----------------------------------------------------------------------------------------------
+
+
+def test_shares_of_results_are_a_softmax_with_the_best_temperature(tmp_path: Path):
+    trained = train_recipes(
+        RecipeScorerConfig("kitchen", RecipesConfig(folds=3, features="one-hot")), tmp_path / "model"
+    )
+    scorer = load_scorer(trained.folder)
+    assert isinstance(scorer, CrossFitted)
+    assert scorer.probabilities is not None
+    temperature = scorer.probabilities.temperature
+    assert temperature is not None
+    found = scorer.result_probabilities(["water", "fire"], "flour")
+    assert found.shape == (2, len(scorer.entities))
+    torch.testing.assert_close(found.sum(dim=-1), torch.ones(2))
+    scores = scorer.whole.score_recipes("water", "flour", torch.arange(len(scorer.entities)))
+    torch.testing.assert_close(found[0], torch.softmax(scores / temperature, dim=0))
+    opened = open_graph("kitchen")
+    folds = make_folds(opened.split, 3, scorer.record.seed)
+    seen = [predictions(scorer.left_out(fold), folds, fold) for fold in range(3)]
+
+    def loss(value: float) -> float:
+        total = 0.0
+        for part in seen:
+            for row, right in zip(part.results, part.right, strict=True):
+                chances = np.exp(row / value - (row / value).max())
+                total -= np.log(chances[right].sum() / chances.sum())
+        return total
+
+    best = loss(temperature)
+    assert best < min(loss(temperature * 0.9), loss(temperature * 1.1))
+    assert sum(part.right.sum() for part in seen) >= 3

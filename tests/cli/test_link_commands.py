@@ -24,6 +24,8 @@ from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_book
 from wordcraft_kg.graphs.folder import open_graph, write_graph_folder
 from wordcraft_kg.graphs.splits import Split
 from wordcraft_kg.graphs.triples import RELATIONS
+from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
+from wordcraft_kg.models.scorers.folder import load_scorer
 from wordcraft_kg.models.scorers.ranking import RankingMetrics
 
 Run = Callable[..., Any]
@@ -557,7 +559,7 @@ def test_score_lists_the_best_entities_of_an_open_slot(run: Run, trained: Path, 
     assert (values["head"], values["tail"]) == (head or None, tail or None)
     assert [(row["entity"], row["score"]) for row in values["top"]] == expected
     text = run("score", trained / "one", *arguments, "--top", "3").out.splitlines()
-    assert [line.split(maxsplit=2)[2] for line in text] == [
+    assert [line.split(maxsplit=2)[2].split("   ")[0] for line in text] == [
         f"{head or name} componentOf {tail or name}" for name, _ in expected
     ]
 
@@ -583,6 +585,32 @@ def test_score_says_which_recipes_give_each_triple(run: Run, trained: Path):
     assert [line.split()[1] for line in lines] == parts
     for triple, part in list(known.items())[::97]:
         assert one_object(run("score", trained / "one", *triple, "--json"))["known"] == part
+
+
+def test_score_says_how_probable_triples_outside_training_are(run: Run, tmp_path: Path):
+    build(tmp_path / "graph")
+    run("train-complex", tmp_path / "graph", *TINY, "--folds", "3", "--out", tmp_path / "model")
+    model, scorer = tmp_path / "model", load_scorer(tmp_path / "model")
+    assert isinstance(scorer, CrossFitted)
+    found = one_object(run("score", model, "_", "componentOf", "bread", "--top", "80", "--json"))["top"]
+    for row in found:
+        known = row["known"] == "train"
+        expected = None if known else float(scorer.probability(row["entity"], "componentOf", "bread"))
+        assert row["probability"] == (None if expected is None else pytest.approx(expected))
+    lines = run("score", model, "_", "componentOf", "bread", "--top", "80").out.splitlines()
+    assert [line.endswith(" %") for line in lines] == [row["known"] != "train" for row in found]
+    new = next(row for row in found if row["known"] == "new")
+    single = run("score", model, new["entity"], "componentOf", "bread").out
+    assert f"probability {100 * new['probability']:.2g} %" in single
+    queries = tmp_path / "queries.csv"
+    queries.write_text(f"head,relation,tail\n{new['entity']},componentOf,bread\n_,componentOf,bread\n")
+    rows = one_object(run("score", model, "--in", queries, "--top", "80", "--json"))["rows"]
+    assert rows[0]["probability"] == pytest.approx(new["probability"])
+    assert [row["probability"] for row in rows[1:]] == [row["probability"] for row in found]
+    run("score", model, "--in", queries, "--out", tmp_path / "scores.csv")
+    header, first, *_ = (tmp_path / "scores.csv").read_text().splitlines()
+    assert header.endswith(",known,probability")
+    assert float(first.rsplit(",", 1)[1]) == pytest.approx(new["probability"], rel=1e-4)
 
 
 def test_validation_triples_are_known_as_such(run: Run, tmp_path: Path):
@@ -673,7 +701,7 @@ def test_the_scores_of_a_file_go_to_a_file(run: Run, trained: Path, tmp_path: Pa
     assert one_object(run(*command, "--json"))["out"] == str(out)
     rows = one_object(run(*command[:6], "--json"))["rows"]
     header, *lines = [line.split("," if ending == "csv" else "\t") for line in out.read_text().splitlines()]
-    assert header == ["line", "head", "relation", "tail", "score", "rank", "known"]
+    assert header == ["line", "head", "relation", "tail", "score", "rank", "known", "probability"]
     assert [line[1:4] for line in lines] == [[row["head"], row["relation"], row["tail"]] for row in rows]
     assert [np.float32(line[4]) for line in lines] == [np.float32(row["score"]) for row in rows]
     assert [line[5] for line in lines] == ["" if row["rank"] is None else str(row["rank"]) for row in rows]

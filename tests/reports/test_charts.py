@@ -51,6 +51,7 @@ CHARTS = {
         [label, "b"], {label: [(0.5, 0.4, 0.6), None], "two": [(0.5, None, None)] * 2}, label, label, label
     ),
     "reliability": lambda label: charts.reliability([(0.1, 0.2, 5), (0.3, 0.3, 5)], label),
+    "log_reliability": lambda label: charts.log_reliability({label: [(0.1, 0.2, 0.1, 0.3, 5)]}, label),
     "points": lambda label: charts.labelled_points(
         np.array([[0.0, 1.0], [2.0, 3.0]]), [label, "b"], [0, 9], [0, 1], label
     ),
@@ -468,6 +469,34 @@ def test_a_reliability_chart_holds_its_points_and_the_diagonal(points):
     for circle in root.iter("circle"):
         assert 0 <= float(circle.get("cx")) <= WIDTH
         assert 0 <= float(circle.get("cy")) <= HEIGHT
+
+
+@pytest.mark.parametrize(
+    "points",
+    [
+        [],
+        [(0.001, 0.0, 0.0, 0.002, 900)],
+        [(1.0, 1.0, 0.2, 1.0, 1)],
+        [(1e-9, 1e-4, 0.0, 0.1, 3), (0.9, 0.0, 0.0, 0.5, 2)],
+    ],
+)
+def test_a_logarithmic_reliability_chart_keeps_all_points_on_its_axes(points):
+    root = parse(charts.log_reliability({"a": points, "b": []}, "d"))
+    assert len(list(root.iter("circle"))) == len(points)
+    assert [line.get("class") for line in root.iter("polyline")].count("diagonal") == 1
+    for circle in root.iter("circle"):
+        assert 0 <= float(circle.get("cx")) <= WIDTH
+        assert 0 <= float(circle.get("cy")) <= HEIGHT
+    for line in root.iter("line"):
+        assert 0 <= float(line.get("y1")) <= HEIGHT
+        assert 0 <= float(line.get("y2")) <= HEIGHT
+
+
+def test_a_tenth_is_as_far_from_a_hundredth_as_from_one():
+    root = parse(charts.log_reliability({"a": [(p, p, p, p, 1) for p in (0.01, 0.1, 1.0)]}, "d"))
+    x, y = (np.array([float(circle.get(at)) for circle in root.iter("circle")]) for at in ("cx", "cy"))
+    np.testing.assert_allclose(np.diff(x, 2), 0, atol=0.2)
+    np.testing.assert_allclose(np.diff(y, 2), 0, atol=0.2)
 
 
 def test_groups_beyond_the_colours_are_grey_on_a_map():

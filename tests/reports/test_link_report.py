@@ -918,3 +918,54 @@ def test_a_cross_fitted_model_shows_what_it_remembers_beside_what_it_can_tell(ki
     ):
         assert values_of(others)["memory"] is None
         assert "Memory and generalisation" not in render(others)
+
+
+# --- probabilities ---------------------------------------------------------------------------------------------------
+
+
+def test_predicted_probabilities_are_compared_with_the_recipes_outside_train(kitchen_model):
+    opened, scorer = kitchen_model.opened, kitchen_model.scorer
+    report = make_link_report(scorer, opened)
+    known = {tuple(row) for row in opened.split.partial.tolist()}
+    given = {tuple(row) for row in opened.graph.triples.tolist()}
+    entities = range(opened.graph.num_entities)
+    rows = values_of(report)["probabilities"]
+    assert [(row["relation"], row["pairs"]) for row in rows] == [
+        (relation, pairs) for relation in ("combinesWith", "componentOf") for pairs in ("distinct", "itself")
+    ]
+    for row in rows:
+        relation = ("combinesWith", "componentOf").index(row["relation"])
+        asked = [
+            (head, relation, tail)
+            for head in entities
+            for tail in entities
+            if (head, relation, tail) not in known
+            and (head == tail) == (row["pairs"] == "itself")
+            and (relation == 1 or tail <= head)
+        ]
+        chances = scorer.probability(*torch.tensor(asked).T).double().numpy()
+        is_true = np.array([triple in given for triple in asked])
+        assert (row["triples"], row["observed"]) == (len(asked), is_true.sum())
+        assert row["expected"] == pytest.approx(chances.sum())
+        assert row["log_loss"] == pytest.approx(-np.log(np.where(is_true, chances, 1 - chances)).mean())
+        base = np.where(is_true, row["base_rate"], 1 - row["base_rate"])
+        assert row["base_log_loss"] == pytest.approx(-np.log(base).mean())
+        assert sum(found["triples"] for found in row["bins"]) == len(asked)
+        assert sum(found["triples"] * found["observed"] for found in row["bins"]) == pytest.approx(is_true.sum())
+        assert all(found["low"] <= found["observed"] <= found["high"] for found in row["bins"])
+        means = [found["probability"] for found in row["bins"]]
+        assert means == sorted(means)
+    assert rows[0]["log_loss"] < rows[0]["base_log_loss"]
+
+
+def test_probabilities_are_shown_with_what_has_its_base_rate_only(kitchen_model):
+    report = make_link_report(kitchen_model.scorer, kitchen_model.opened)
+    html = render(report)
+    assert ">Probabilities<" in html
+    assert "of an entity with itself has its base rate" in " ".join(html.split())
+    for others in (
+        make_link_report(kitchen_model.scorer.whole, kitchen_model.opened),
+        make_link_report(kitchen_model.scorer, kitchen_model.opened, kg="full"),
+    ):
+        assert values_of(others)["probabilities"] == []
+        assert ">Probabilities<" not in render(others)

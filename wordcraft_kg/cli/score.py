@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from wordcraft_kg.models.scorers.queries import Query, RecipeQuery
     from wordcraft_kg.records import Record
     from wordcraft_kg.views.recipe_scores import ScoredRecipe, ScoredRecipeRow
-    from wordcraft_kg.views.scores import ScoringModel
+    from wordcraft_kg.views.scores import ScoredEntity, ScoredRow, ScoringModel
 
 EXAMPLES = (
     "wordcraft-kg score models/everyday flour combinesWith water",
@@ -51,7 +51,7 @@ def score(
     """Score a triple or a recipe, list the best entities for an open slot, or do so for each line of a file.
 
     Each triple, or recipe, is marked by the recipes that give it: train, valid, test, or new if no recipe of the book
-    does.
+    does. A model with folds says how probable those are that its training does not contain.
 
     With a model of train-recipes, a + b lists what a pair makes, a + b = c (or a + b c) scores a recipe, and _ + b = c
     lists the partners of b. It says which train recipes speak for an answer, and what it remembers from its training.
@@ -102,17 +102,15 @@ def _score_query(model: "ScoringModel", query: "Query", top: int, new_only: bool
 
     if query.is_open:
         slot = view_open_slot(model, query, top, new_only=new_only)
-        lines = (
-            _line(best.score, best.known, slot.head or best.entity, slot.relation, slot.tail or best.entity)
-            for best in slot.top
-        )
+        lines = (_line(best, slot.head or best.entity, slot.relation, slot.tail or best.entity) for best in slot.top)
         output.result(slot, [*lines, *_note(slot.trained_on, (best.known for best in slot.top))])
         return
     _refuse_new_only(new_only)
     triple = view_triple(model, query)
     text = [
         f"{triple.score:.4f}  {triple.head} {triple.relation} {triple.tail}"
-        + (f"   known: {triple.known}" if triple.known else ""),
+        + (f"   known: {triple.known}" if triple.known else "")
+        + (f"   probability {_chance(triple.probability)}" if triple.probability is not None else ""),
         f"rank among all {len(model.scorer.entities):,} entities, unfiltered: "
         f"tail {triple.rank_as_tail:,}, head {triple.rank_as_head:,}",
         *_note(triple.trained_on, [triple.known]),
@@ -165,7 +163,7 @@ def _score_file(
         """Return the rows, their lines, and what must be said about them."""
         if scoring is None:
             rows = list(scores.score_queries(model, triples, top, new_only=new_only))
-            lines = [_line(row.score, row.known, row.head, row.relation, row.tail) for row in rows]
+            lines = [_line(row, row.head, row.relation, row.tail) for row in rows]
             return rows, lines, _note(model.kg, (row.known for row in rows))
         found = list(recipe_scores.score_recipe_queries(scoring, recipes, top, new_only=new_only))
         return found, [_recipe_line(row) for row in found], _recipe_notes(model.kg, found)
@@ -187,8 +185,14 @@ def _score_file(
     output.result(view(rows), [*notes, f"wrote {out}: {len(rows):,} scores of {len(queries):,} queries"])
 
 
-def _line(score: float, known: str | None, head: str, relation: str, tail: str) -> str:
-    return f"{score:9.4f}  " + (f"{known:<5}  " if known else "") + f"{head} {relation} {tail}"
+def _line(found: "ScoredEntity | ScoredRow", head: str, relation: str, tail: str) -> str:
+    known = f"{found.known:<5}  " if found.known else ""
+    chance = "" if found.probability is None else f"   {_chance(found.probability)}"
+    return f"{found.score:9.4f}  {known}{head} {relation} {tail}{chance}"
+
+
+def _chance(probability: float) -> str:
+    return f"{100 * probability:.2g} %"
 
 
 def _note(kg: "KG | None", known: Iterable[str | None]) -> list[str]:

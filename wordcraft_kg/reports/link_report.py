@@ -100,7 +100,12 @@ def make_link_report(
     return Report(
         view,
         "link_report.html.j2",
-        {**_pictures_of_ranks(view), **_pictures_of_training(view), **pictures_of_entities},
+        {
+            **_pictures_of_ranks(view),
+            **_pictures_of_probabilities(view),
+            **_pictures_of_training(view),
+            **pictures_of_entities,
+        },
         shown={
             "relations": RELATIONS,
             "players": PLAYERS,
@@ -115,6 +120,19 @@ def make_link_report(
 def report_schema() -> dict[str, Any]:
     """Return the JSON Schema of ``report.json``."""
     return schema_of(LinkView, "urn:wordcraft-kg:link-report:1", "wordcraft-kg link-prediction report")
+
+
+def _pictures_of_probabilities(view: LinkView) -> dict[str, Markup]:
+    if not view.probabilities:
+        return {}
+    series = {
+        f"{row.relation}{', itself' if row.pairs == 'itself' else ''}": [
+            (found.probability, found.observed, found.low, found.high, found.triples) for found in row.bins
+        ]
+        for row in view.probabilities
+        if not row.reason
+    }
+    return {"probabilities": charts.log_reliability(series, "Share of true triples against their probability")}
 
 
 def _pictures_of_ranks(view: LinkView) -> dict[str, Markup]:

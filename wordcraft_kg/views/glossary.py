@@ -123,6 +123,22 @@ GLOSSARY: dict[str, Term] = {
         "Expected calibration error: how far the confidence of the best candidate is from how often it is right, "
         "on average.",
     ),
+    "calibrated": Term(
+        "Links",
+        "probability",
+        "Of a triple that training does not contain: the chance that a recipe of the book gives it. Of those that get "
+        "10 %, about a tenth should be true (calibrated).",
+    ),
+    "base_rate": Term(
+        "Links",
+        "base rate",
+        "The share of true ones among all triples outside training: the probability without looking at any score.",
+    ),
+    "log_loss": Term(
+        "Links",
+        "log loss",
+        "Mean of -log of the probability that was given to what turned out to be the case, in nats: lower is better.",
+    ),
     "frequency": Term(
         "Links",
         "frequency rule",

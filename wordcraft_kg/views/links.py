@@ -51,6 +51,7 @@ from wordcraft_kg.records import Count, Hash, Record, Share
 from wordcraft_kg.settings import refuse, whole
 from wordcraft_kg.statistics import bootstrap, interval
 from wordcraft_kg.views.bins import OPEN_END, Bounds, binned
+from wordcraft_kg.views.probabilities import Reliability, view_probabilities
 
 LISTED = 8
 MAP_LIMIT = 3_000
@@ -208,6 +209,7 @@ class LinkView(Record):
         leaked_left_out: number of triples of the test recipes that training contains; they are not evaluated.
         metrics: filtered metrics with realistic ties.
         memory: what a cross-fitted model remembers and what it can tell; None for others.
+        probabilities: how the probabilities of a cross-fitted model agree with what is true; empty for others.
         with_leaked: metrics if the leaked triples were evaluated too.
         baselines: metrics of baselines by name.
         comparisons: the model against each baseline, the best baseline first.
@@ -237,6 +239,7 @@ class LinkView(Record):
     metrics: Slices
     ties: Ties
     memory: Memory | None
+    probabilities: tuple[Reliability, ...]
     with_leaked: RankingMetrics
     baselines: dict[str, Slices]
     comparisons: Annotated[tuple[Comparison, ...], msgspec.Meta(min_length=1)]
@@ -438,6 +441,7 @@ def view_links(
             ranking_metrics(ranks.assign(candidates=graph.num_entities), "raw_rank"),
         ),
         memory=_memory(judged),
+        probabilities=_probabilities(judged),
         with_leaked=_with_leaked(judged),
         baselines=_baselines(judged, seed),
         comparisons=_comparisons(judged, seed),
@@ -523,6 +527,12 @@ def _with_leaked(judged: JudgedLinks) -> RankingMetrics:
     leaked = sampled(leaked, round(len(leaked) * len(judged.queries) / judged.population))
     ranks = rank_triples(judged.scorer, leaked, judged.graph.triples)
     return ranking_metrics(pd.concat([judged.ranks, ranks], ignore_index=True) if len(ranks) else judged.ranks)
+
+
+def _probabilities(judged: JudgedLinks) -> tuple[Reliability, ...]:
+    if judged.is_full or not judged.has_table or not isinstance(judged.scorer, CrossFitted):
+        return ()
+    return view_probabilities(judged.scorer, judged.opened.split)
 
 
 def _memory(judged: JudgedLinks) -> Memory | None:

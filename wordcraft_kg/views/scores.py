@@ -15,10 +15,11 @@ from wordcraft_kg.graphs.folder import KG
 from wordcraft_kg.graphs.splits import PARTS, Split
 from wordcraft_kg.graphs.triples import RELATIONS
 from wordcraft_kg.models.links.folder import open_model
+from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
 from wordcraft_kg.models.scorers.folder import load_scorer
 from wordcraft_kg.models.scorers.queries import Query
 from wordcraft_kg.models.scorers.scorer import Scorer
-from wordcraft_kg.records import Count, Record
+from wordcraft_kg.records import Count, Record, Share
 
 Known = Literal["train", "valid", "test", "new"]
 """The part whose recipes give a triple (train if several do), or ``new`` if no recipe does."""
@@ -31,6 +32,7 @@ class ScoredTriple(Record):
 
     Attributes:
         known: see :data:`Known`; None without the graph.
+        probability: of a triple that training does not contain; None for others, and without a calibration.
         trained_on: ``full`` if the model was trained on the recipes of all parts, ``partial`` if on those of the train
             part; None if that is not recorded.
     """
@@ -43,6 +45,7 @@ class ScoredTriple(Record):
     rank_as_tail: int
     rank_as_head: int
     trained_on: KG | None
+    probability: Share | None = None
 
 
 class ScoredEntity(Record):
@@ -51,6 +54,7 @@ class ScoredEntity(Record):
     entity: str
     score: float
     known: Known | None
+    probability: Share | None = None
 
 
 class OpenSlot(Record):
@@ -78,6 +82,7 @@ class ScoredRow(Record):
     score: float
     rank: int | None
     known: Known | None
+    probability: Share | None = None
 
 
 class ScoredFile(Record, omit_defaults=True):
@@ -128,6 +133,14 @@ class ScoringModel:
         names: tuple[Known, ...] = (*PARTS, "new")  # type: ignore[assignment]
         return [names[part] for part in self.split.part_of(triples).tolist()]
 
+    def probabilities(self, triples: Ids, known: Sequence[Known | None]) -> list[float | None]:
+        """Return the probability of each of the triples, shape (T, 3); None for those of train recipes, see `known`."""
+        scorer = self.scorer
+        if not isinstance(scorer, CrossFitted) or scorer.probabilities is None:
+            return [None] * len(triples)
+        found = scorer.probability(*torch.from_numpy(triples.copy()).T).tolist()
+        return [None if part == "train" else value for value, part in zip(found, known, strict=True)]
+
     def answers(self, query: Query, top: int, *, new_only: bool = False) -> list[ScoredEntity]:
         """Return the best entities for an open slot, best first; with ``new_only`` those that no recipe gives."""
         everything = torch.arange(len(self.scorer.entities))
@@ -139,10 +152,11 @@ class ScoringModel:
         heads, tails = (
             order if slot is None else int(self.scorer.entity_ids(slot)) for slot in (query.head, query.tail)
         )
-        known = self.known(_triples(heads, RELATIONS.index(query.relation), tails))
-        found = zip(order.tolist(), known, strict=True)
-        kept = [(entity, part) for entity, part in found if not new_only or part == "new"][:top]
-        return [ScoredEntity(self.scorer.entities[entity], float(scores[entity]), part) for entity, part in kept]
+        triples = _triples(heads, RELATIONS.index(query.relation), tails)
+        known = self.known(triples)
+        found = zip(order.tolist(), known, self.probabilities(triples, known), strict=True)
+        kept = [(entity, *rest) for entity, *rest in found if not new_only or rest[0] == "new"][:top]
+        return [ScoredEntity(self.scorer.entities[entity], float(scores[entity]), *rest) for entity, *rest in kept]
 
 
 def _triples(heads: Ids | int, relation: int | Ids, tails: Ids | int) -> Ids:
@@ -154,7 +168,8 @@ def view_triple(model: ScoringModel, query: Query) -> ScoredTriple:
     """Score a triple."""
     scorer, (head, relation, tail) = model.scorer, _labels(query)
     ids = (int(scorer.entity_ids(head)), RELATIONS.index(relation), int(scorer.entity_ids(tail)))
-    (known,) = model.known(_triples(*ids))
+    triple = _triples(*ids)
+    (known,) = model.known(triple)
     tails, heads = (scorer.top(head, relation, None, limit=None), scorer.top(None, relation, tail, limit=None))
     return ScoredTriple(
         head=head,
@@ -165,6 +180,7 @@ def view_triple(model: ScoringModel, query: Query) -> ScoredTriple:
         rank_as_tail=1 + [name for name, _ in tails].index(tail),
         rank_as_head=1 + [name for name, _ in heads].index(head),
         trained_on=model.kg,
+        probability=model.probabilities(triple, [known])[0],
     )
 
 
@@ -181,22 +197,25 @@ def score_queries(
     triples = [query for query in queries if not query.is_open]
     scores: Iterator[float] = iter(())
     known: Iterator[Known | None] = iter(())
+    chances: Iterator[float | None] = iter(())
     if triples:
         scorer, columns = model.scorer, list(zip(*map(_labels, triples), strict=True))
         heads, tails = (scorer.entity_ids(columns[i]) for i in (0, 2))
         relations = torch.tensor([RELATIONS.index(label) for label in columns[1]])
         scores = iter(scorer.score(heads, relations, tails).tolist())
-        known = iter(model.known(_triples(heads.cpu().numpy(), relations.numpy(), tails.cpu().numpy())))
+        ids = _triples(heads.cpu().numpy(), relations.numpy(), tails.cpu().numpy())
+        parts = model.known(ids)
+        known, chances = iter(parts), iter(model.probabilities(ids, parts))
     for query in queries:
         line = query.line or 0
         if not query.is_open:
-            score, part = next(scores), next(known)
+            score, part, chance = next(scores), next(known), next(chances)
             if not new_only or part == "new":
-                yield ScoredRow(line, *_labels(query), score, None, part)
+                yield ScoredRow(line, *_labels(query), score, None, part, chance)
             continue
         for rank, best in enumerate(model.answers(query, top, new_only=new_only), start=1):
             head, tail = (best.entity if slot is None else slot for slot in (query.head, query.tail))
-            yield ScoredRow(line, head, query.relation, tail, best.score, rank, best.known)
+            yield ScoredRow(line, head, query.relation, tail, best.score, rank, best.known, best.probability)
 
 
 def view_file(

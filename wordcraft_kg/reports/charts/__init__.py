@@ -7,7 +7,7 @@ Colours (``series-0``, ``series-1``, ..., ``series-other``) and the dashes of :f
 from wordcraft_kg.reports.charts.intervals import intervals
 from wordcraft_kg.reports.charts.palette import COLOURS
 from wordcraft_kg.reports.charts.pictures import contribution_bar, labelled_points, matrix_image
-from wordcraft_kg.reports.charts.series import curves, dots, grouped_bars, reliability
+from wordcraft_kg.reports.charts.series import curves, dots, grouped_bars, log_reliability, reliability
 
 __all__ = [
     "COLOURS",
@@ -17,6 +17,7 @@ __all__ = [
     "grouped_bars",
     "intervals",
     "labelled_points",
+    "log_reliability",
     "matrix_image",
     "reliability",
 ]

@@ -8,7 +8,7 @@ from typing import Any
 from markupsafe import Markup
 
 from wordcraft_kg.reports.charts.palette import COLOURS
-from wordcraft_kg.reports.charts.plot import ABOVE, LETTER, LONGEST_NAME, WIDTH, Plot
+from wordcraft_kg.reports.charts.plot import ABOVE, LEFT, LETTER, LONGEST_NAME, WIDTH, Plot
 from wordcraft_kg.reports.charts.scales import Estimate, amounts, estimate, round_ticks, shortened
 
 DASHES = 4
@@ -154,6 +154,36 @@ def reliability(points: Sequence[tuple[float, float, int]], description: str) ->
         plot.circle(x, y, 4, "series-0", f"confidence {x:.3f}, right {y:.3f}, {count} queries")
     plot.titles("confidence of the best candidate", "share that is right")
     return plot.done()
+
+
+def log_reliability(series: Mapping[str, Sequence[tuple[float, float, float, float, int]]], description: str) -> Markup:
+    """Draw observed shares against probabilities, both on logarithmic axes, with the diagonal of perfect agreement.
+
+    Args:
+        series: by name, points of probability, observed share, both bounds of its interval, and number. A share of 0 is
+            drawn at the lower end of the axis.
+        description: text for readers who cannot see it.
+    """
+    points = [point for values in series.values() for point in values]
+    positive = [value for x, y, *_ in points for value in (x, y) if value > 0]
+    lowest = math.floor(math.log10(max(min(positive, default=0.1), 1e-6)))
+
+    def place(value: float) -> float:
+        return math.log10(max(value, 10.0**lowest))
+
+    plot = Plot((lowest, 0), (lowest, 0), description, top=ABOVE, left=LEFT + 8)
+    ticks = range(lowest, 1)
+    plot.y_ticks(ticks, lambda value: f"{10.0**value:.10g}")
+    plot.x_labels([(value, f"{10.0**value:.10g}") for value in ticks])
+    plot.polyline([(lowest, lowest), (0, 0)], "diagonal")
+    for number, (name, values) in enumerate(series.items()):
+        plot.polyline([(place(x), place(y)) for x, y, *_ in values], f"line series-{number % COLOURS}")
+        for x, y, low, high, count in values:
+            plot.whisker(place(x), place(low), place(high), f"whisker series-{number % COLOURS}")
+            title = f"{name}: probability {x:.2g}, true {y:.2g} [{low:.2g}, {high:.2g}], {count:,} triples"
+            plot.marker(plot.x(place(x)), plot.y(place(y)), number, title)
+    plot.titles("probability", "")
+    return plot.done(list(series))
 
 
 def _runs_with_bounds(points: Sequence[CurvePoint]) -> list[list[tuple[float, float, float]]]:

@@ -320,13 +320,15 @@ def interval(means: NDArray[np.float64], level: float = 0.95) -> tuple[float, fl
     return float(low), float(high)
 
 
-def standardised(table: NDArray[np.floating]) -> NDArray[np.float64]:
+def standardised(table: NDArray[np.floating], among: NDArray[np.integer] | None = None) -> NDArray[np.float64]:
     """Return scores of all pairs, shape (E, E), with mean 0 and standard deviation 1 over pairs of different entities.
 
-    Scores of entities with themselves are scaled as well but do not count, because they are often far from the others.
+    Scores of entities with themselves are scaled as well but do not count, because they are often far from the others;
+    nor do, if only some entities count, pairs that are not ``among`` them.
     """
     scores = np.asarray(table, dtype=np.float64)
-    different = scores[~np.eye(len(scores), dtype=bool)]
+    counted = scores if among is None else scores[np.ix_(among, among)]
+    different = counted[~np.eye(len(counted), dtype=bool)]
     deviation = different.std()
     if deviation <= 1e-12 * np.abs(different).max(initial=0):  # equal up to rounding, which must not be amplified
         deviation = 1.0

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -15,8 +16,12 @@ from wordcraft_kg.models.scorers.similarity import TEXT, normalised, similarity
 class Base:
     """What some recipes say, in tables of shape (E, E).
 
+    An entity of no recipe is described by its words alone and says nothing of the others: however many of them are
+    added, the rows of the others stay.
+
     Attributes:
         recipes: shape (n, 3): the recipes.
+        seen: ids of the entities that occur in them.
         text: cosines of words.
         kernel: how alike entities are, by what recipes do with them and by words.
         structure: the same without words.
@@ -28,6 +33,7 @@ class Base:
     """
 
     recipes: Ids
+    seen: Tensor
     text: Tensor
     kernel: Tensor
     structure: Tensor
@@ -45,9 +51,12 @@ class Base:
         size = len(text)
         kernel = similarity(recipes, text)
         combines, components = link_matrices(recipes, size)
-        pairs, parts = kernel_scores(recipes, kernel)
+        # Without recipes there is nothing to learn, from whomsoever.
+        seen = torch.from_numpy(np.unique(recipes) if len(recipes) else np.arange(size))
+        pairs, parts = kernel_scores(recipes, kernel, seen)
         return cls(
             recipes=recipes,
+            seen=seen,
             text=text,
             kernel=kernel,
             structure=kernel - TEXT * text.clamp(min=0) ** 2,

@@ -13,17 +13,21 @@ from torch import Tensor
 
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folds import Folds
-from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, is_in, recipe_triples
+from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS, is_in, recipe_triples
 from wordcraft_kg.models.recipes.base import Base
 from wordcraft_kg.models.recipes.link_features import link_features
 from wordcraft_kg.models.recipes.ranker import Batch, Ranker, fit_ranker
 from wordcraft_kg.models.scorers.pair_features import RecipeKnowledge, knowledge_of, pairs_of
 
+LinkRankers = tuple[Ranker, Ranker]
+"""Those of combinesWith and of componentOf."""
 LINK_QUERIES = 300
 """Queries for each fold, relation and side."""
 LINK_BATCH = 32
 LINK_EPOCHS = 10
 LINK_RATE = 5e-3
+UNKNOWN = 0.1
+"""Share of the entities that are held out once."""
 TABLES = (8, 2)
 """Distractors of the tables that a recipe is posed on."""
 PAIR_BATCH = 256
@@ -38,8 +42,8 @@ def fit_recipe_scorer(
     left_out: Collection[int] = (),
     seed: int = 0,
     after: Callable[[], None] = lambda: None,
-) -> RecipeKnowledge:
-    """Fit a recipe scorer on the train recipes but those of the folds left out.
+) -> tuple[RecipeKnowledge, LinkRankers]:
+    """Fit a recipe scorer on the train recipes but those of the folds left out; return it and its link rankers.
 
     Args:
         folds: folds of the train recipes; those that are not left out take turns at being held out.
@@ -52,21 +56,34 @@ def fit_recipe_scorer(
     turns = [fold for fold in range(folds.count) if fold not in left_out]
     rng = np.random.default_rng([seed, *sorted(left_out)])
     generator = torch.Generator().manual_seed(int(rng.integers(2**31)))
-    bases = [Base.of(recipes[folds.seen([*left_out, fold])], text) for fold in turns]
-    rankers = _link_rankers(folds, bases, turns, left_out, rng, generator, after)
+    bases, rankers = fit_link_rankers(folds, text, left_out=left_out, rng=rng, generator=generator, after=after)
     whole = Base.of(recipes[folds.seen(left_out)], text)
     examples = [
-        _examples(_knowledge(base, rankers), recipes[folds.of_recipe == fold], whole.recipes, rng)
+        _examples(knowledge_from(base, rankers), recipes[folds.of_recipe == fold], whole.recipes, rng)
         for fold, base in zip(turns, bases, strict=True)
     ]
     features, competes, is_right = (torch.cat(parts) for parts in zip(*examples, strict=True))
     ranker = _pair_ranker(features, competes, is_right, generator)
-    return _knowledge(whole, rankers).with_ranker(vars(ranker))
+    return knowledge_from(whole, rankers).with_ranker(vars(ranker)), rankers
 
 
-def _knowledge(base: Base, rankers: tuple[Ranker, Ranker]) -> RecipeKnowledge:
+def knowledge_from(base: Base, rankers: LinkRankers) -> RecipeKnowledge:
+    """Return what recipes and the link rankers of both relations say, with a ranker of pairs that is all zeros."""
     links = tuple(_scored(ranker, features) for ranker, features in zip(rankers, link_features(base), strict=True))
     return knowledge_of(base.recipes, base.kernel, base.text, (base.pairs, base.parts), (links[0], links[1]))
+
+
+def scorer_tensors(knowledge: RecipeKnowledge, rankers: LinkRankers, recipes: Ids) -> dict[str, Tensor]:
+    """Return the tensors of a scorer: what it knows, its link rankers, and the recipes that it has seen, (n, 3)."""
+    return {
+        **knowledge.constants(),
+        **{
+            f"{relation}.{name}": weights
+            for relation, ranker in zip(RELATIONS, rankers, strict=True)
+            for name, weights in vars(ranker).items()
+        },
+        "recipes": torch.from_numpy(recipes.astype("int32")),
+    }
 
 
 def _scored(ranker: Ranker, features: Tensor) -> Tensor:
@@ -76,25 +93,42 @@ def _scored(ranker: Ranker, features: Tensor) -> Tensor:
 # --- links -----------------------------------------------------------------------------------------------------------
 
 
-def _link_rankers(
+def fit_link_rankers(
     folds: Folds,
-    bases: list[Base],
-    turns: list[int],
-    left_out: Collection[int],
+    text: Tensor,
+    *,
+    left_out: Collection[int] = (),
     rng: np.random.Generator,
     generator: torch.Generator,
-    after: Callable[[], None],
-) -> tuple[Ranker, Ranker]:
-    """Fit the rankers of both relations on links that only the fold held out has."""
+    after: Callable[[], None] = lambda: None,
+) -> tuple[list[Base], LinkRankers]:
+    """Fit the rankers of both relations on links that only the fold held out has, and on those of unknown entities.
+
+    Args:
+        folds: folds of the train recipes; those that are not left out take turns at being held out.
+        text: cosines of the entities' words, shape (E, E); zeros without words.
+        left_out: folds that nothing may be known of.
+        rng: draws queries and the unknown entities.
+        generator: draws the first weights of the rankers.
+        after: called after each fold's turn and each fit.
+
+    Returns:
+        what the recipes outside each of these folds say, and the rankers.
+    """
     recipes, size = folds.split.graph.recipes, folds.split.graph.num_entities
+    turns = [fold for fold in range(folds.count) if fold not in left_out]
+    bases = [Base.of(recipes[folds.seen([*left_out, fold])], text) for fold in turns]
     known = torch.zeros(2, size, size, dtype=torch.bool)
     heads, relations, tails = torch.from_numpy(folds.triples(left_out).copy()).T
     known[relations, heads, tails] = True
     batches: tuple[list[Batch], list[Batch]] = ([], [])
     moments: tuple[list[Tensor], list[Tensor]] = ([], [])
-    for fold, base in zip(turns, bases, strict=True):
-        new = recipe_triples(recipes[folds.of_recipe == fold])
-        new = new[~is_in(new, folds.triples([*left_out, fold]), size)]
+    nobody = torch.zeros(size, dtype=torch.bool)
+    asked_of = [
+        (base, _new_triples(recipes[folds.of_recipe == fold], base.recipes, size), nobody)
+        for fold, base in zip(turns, bases, strict=True)
+    ]
+    for base, new, unknown in (*asked_of, _unknown_entities(recipes[folds.seen(left_out)], bases[0].text, rng)):
         for relation, features in zip((COMBINES_WITH, COMPONENT_OF), link_features(base), strict=True):
             moments[relation].append(features.flatten(0, 1)[::7])
             # combinesWith is symmetric, so its queries for heads are those for tails.
@@ -104,7 +138,7 @@ def _link_rankers(
                 rng.shuffle(asked)
                 for part in np.array_split(asked, max(1, round(len(asked) / LINK_BATCH))):
                     if len(part):
-                        batches[relation].append(_link_batch(features, known[relation], part, side))
+                        batches[relation].append(_link_batch(features, known[relation], unknown, part, side))
         after()
     fitted = []
     for of_relation, seen in zip(batches, moments, strict=True):
@@ -114,15 +148,44 @@ def _link_rankers(
             fit_ranker(of_relation, mean, deviation, epochs=LINK_EPOCHS, learning_rate=LINK_RATE, generator=generator)
         )
         after()
-    return fitted[0], fitted[1]
+    return bases, (fitted[0], fitted[1])
 
 
-def _link_batch(features: Tensor, known: Tensor, asked: Ids, side: str) -> Batch:
+def _new_triples(held_out: Ids, seen: Ids, size: int) -> Ids:
+    """Return the triples of recipes that were held out, shape (T, 3), without those that others give."""
+    new = recipe_triples(held_out)
+    return new[~is_in(new, recipe_triples(seen), size)]
+
+
+def _unknown_entities(recipes: Ids, text: Tensor, rng: np.random.Generator) -> tuple[Base, Ids, Tensor]:
+    """Hold out some entities with all their recipes, so that the rankers learn what words alone are worth.
+
+    Returns:
+        what the other recipes say; the links between an entity that was held out and one that was not, (T, 3); and
+        which entities were held out, (E,).
+    """
+    entities = np.unique(recipes)
+    taken = rng.permutation(entities)[: round(UNKNOWN * len(entities))]
+    is_left = ~np.isin(recipes, taken).any(axis=1)
+    triples = recipe_triples(recipes[~is_left])
+    head_taken, tail_taken = (np.isin(triples[:, side], taken) for side in (0, 2))
+    unknown = torch.zeros(len(text), dtype=torch.bool)
+    unknown[torch.from_numpy(taken)] = True
+    return Base.of(recipes[is_left], text), triples[head_taken != tail_taken], unknown
+
+
+def _link_batch(features: Tensor, known: Tensor, unknown: Tensor, asked: Ids, side: str) -> Batch:
+    """Return the queries of one side; where the answer is an unknown entity, only such ones compete.
+
+    If the others did as well, all of whose links are known and left out, a ranker would learn that it is always one
+    that it does not know.
+    """
     heads, tails = torch.from_numpy(asked[:, 0].copy()), torch.from_numpy(asked[:, 2].copy())
     if side == "tail":
         rows, others, target = features[heads], known[heads], tails
     else:
         rows, others, target = features[:, tails].transpose(0, 1).contiguous(), known[:, tails].T, heads
+    others = others | (unknown[target][:, None] & ~unknown)
     is_right = torch.zeros_like(others).scatter(1, target[:, None], True)
     return rows, ~others | is_right, is_right
 

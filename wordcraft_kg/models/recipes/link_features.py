@@ -37,7 +37,7 @@ def _of_pairs(base: Base) -> list[Tensor]:
         (degree[:, None] - degree).abs(),
         made[:, None] + made,
         torch.eye(len(combines)),
-        torch.diag((base.alike @ combines.diagonal()) / base.alike.sum(1).clamp(min=FLOOR)),
+        torch.diag((base.alike @ combines.diagonal()) / base.alike[:, base.seen].sum(1).clamp(min=FLOOR)),
     ]
 
 

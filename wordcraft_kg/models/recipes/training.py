@@ -23,7 +23,7 @@ from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.splits import SplitConfig, make_split
 from wordcraft_kg.graphs.triples import RELATIONS, triples_hash
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
-from wordcraft_kg.models.recipes.fitting import fit_recipe_scorer
+from wordcraft_kg.models.recipes.fitting import fit_recipe_scorer, scorer_tensors
 from wordcraft_kg.models.recipes.records import FitDone, RecipeMetrics
 from wordcraft_kg.models.recipes.results import model_card
 from wordcraft_kg.models.scorers.features import make_features
@@ -182,14 +182,13 @@ class _Job:
         torch.set_num_threads(self.settings.threads)
         try:
             with threadpool_limits(self.settings.threads):
-                knowledge = fit_recipe_scorer(
+                knowledge, rankers = fit_recipe_scorer(
                     self.folds, self.text, left_out=self.left_out, seed=self.settings.seed, after=step
                 )
         finally:
             torch.set_num_threads(before)
-        recipes = torch.from_numpy(self.folds.split.graph.recipes[self.folds.seen(self.left_out)].astype("int32"))
-        tensors = {**knowledge.constants(), "recipes": recipes}
-        _kept(self.folder).save(self.fold, tensors, self.done)
+        recipes = self.folds.split.graph.recipes[self.folds.seen(self.left_out)]
+        _kept(self.folder).save(self.fold, scorer_tensors(knowledge, rankers, recipes), self.done)
 
 
 def _kept(folder: Path) -> Checkpoints[FitDone]:

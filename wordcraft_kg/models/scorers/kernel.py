@@ -14,23 +14,29 @@ COMPLETION = 0.5
 """Weight of the completion term beside the regression, both standardised."""
 
 
-def kernel_regression(kernel: Tensor, links: Tensor, ridge: float = RIDGE) -> Tensor:
+def kernel_regression(kernel: Tensor, links: Tensor, seen: Tensor | None = None, ridge: float = RIDGE) -> Tensor:
     """Return the ridge regression of links on the product kernel ``k((x, y), (x', y')) = k(x, x') k(y, y')``.
 
     With ``k = V diag(w) Vᵀ`` it is ``V [(w wᵀ) / (w wᵀ + λ) ∘ (Vᵀ Y V)] Vᵀ``: an E x E problem, not an E² x E² one.
+    Entities that are not among those seen are predicted only: ``K A Kᵀ`` with the kernel K between all entities and
+    those seen, and the A that the links of the latter give. That they have no links is then no evidence against links.
 
     Args:
         kernel: shape (E, E), symmetric; negative eigenvalues are taken as 0.
         links: Y, shape (E, E).
+        seen: ids of the entities to learn from; all by default.
         ridge: λ.
 
     Source: Stock et al. 2018, "A comparative study of pairwise learning methods based on kernel ridge regression";
     Pahikkala et al. 2013 (Kronecker kernels).
     """
-    values, vectors = torch.linalg.eigh(kernel.double())
+    seen = torch.arange(len(kernel)) if seen is None else seen
+    kernel = kernel.double()[:, seen]
+    values, vectors = torch.linalg.eigh(kernel[seen])
     weights = values.clamp(min=0)[:, None] * values.clamp(min=0)
-    inner = vectors.T @ links.double() @ vectors
-    return (vectors @ (weights / (weights + ridge) * inner) @ vectors.T).float()
+    inner = vectors.T @ links.double()[seen][:, seen] @ vectors
+    factor = kernel @ (vectors * (values > 0))
+    return (factor @ (inner / (weights + ridge)) @ factor.T).float()
 
 
 def completion(recipes: Ids, num_entities: int) -> Tensor:

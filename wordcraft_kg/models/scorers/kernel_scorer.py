@@ -58,13 +58,20 @@ class KernelScorer(TableScorer):
         super().__init__(torch.stack(scores), graph.entities, graph.hash, **{"name": NAME, **kwargs})
 
 
-def kernel_scores(recipes: Ids, kernel: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-    """Return the scores of all combinesWith and componentOf links by a kernel, two of shape (E, E), row = head."""
+def kernel_scores(
+    recipes: Ids, kernel: torch.Tensor, seen: torch.Tensor | None = None
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """Return the scores of all combinesWith and componentOf links by a kernel, two of shape (E, E), row = head.
+
+    Only entities that are seen, by default all, are learned from and standardised by.
+    """
     size = len(kernel)
-    combines, component = (
-        standardised(kernel_regression(kernel, links).numpy()) for links in link_matrices(recipes, size)
-    )
-    combines += COMPLETION * standardised(completion(recipes, size).numpy())
+
+    def scaled(table: torch.Tensor) -> NDArray[np.float64]:
+        return standardised(table.numpy(), None if seen is None else seen.numpy())
+
+    combines, component = (scaled(kernel_regression(kernel, links, seen)) for links in link_matrices(recipes, size))
+    combines += COMPLETION * scaled(completion(recipes, size))
     return torch.from_numpy(combines).float(), torch.from_numpy(component).float()
 
 

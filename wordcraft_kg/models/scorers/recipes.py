@@ -7,11 +7,12 @@ import torch
 from torch import Tensor
 
 from wordcraft_kg.graphs.recipes import Recipe
-from wordcraft_kg.graphs.triples import COMBINES_WITH
-from wordcraft_kg.models.scorers.pair_features import BUFFERS, EVIDENCE, FEATURES, RecipeKnowledge, Speaking
+from wordcraft_kg.graphs.triples import COMBINES_WITH, RELATIONS
+from wordcraft_kg.models.scorers.pair_features import BUFFERS, EVIDENCE, FEATURES, RANKER, RecipeKnowledge, Speaking
 from wordcraft_kg.models.scorers.protocol import TripleScorer
 from wordcraft_kg.models.scorers.scorer import EntityIds, Scorer
 from wordcraft_kg.records import Record, Share
+from wordcraft_kg.tensors import with_prefix
 
 ROWS = 4_096
 """Recipes scored at a time."""
@@ -71,6 +72,7 @@ class RecipeScorer(Scorer):
     Attributes:
         knowledge: tables and rankers.
         recipes: shape (n, 3), the recipes that it has been trained on.
+        link_rankers: weights of the link rankers by relation, with which entities that are not in the graph are scored.
     """
 
     def __init__(self, tensors: Mapping[str, Tensor], entities: Sequence[str], graph_hash: str, **kwargs: Any):
@@ -84,10 +86,14 @@ class RecipeScorer(Scorer):
         check_tensors(tensors, len(self.entities))
         self.knowledge = RecipeKnowledge(tensors).to(self.device).requires_grad_(False)
         self.recipes = tensors["recipes"]
+        self.link_rankers = {relation: with_prefix(tensors, f"{relation}.") for relation in RELATIONS}
 
     def tensors(self) -> dict[str, Tensor]:
         """Return the tensors that it can be made from again."""
-        return {**self.knowledge.constants(), "recipes": self.recipes}
+        links = {
+            f"{of}.{name}": weights for of, ranker in self.link_rankers.items() for name, weights in ranker.items()
+        }
+        return {**self.knowledge.constants(), **links, "recipes": self.recipes}
 
     def _score(self, heads: Tensor, relations: Tensor, tails: Tensor) -> Tensor:
         of_pairs, of_parts = (self.knowledge.pairs[0, ..., 1], self.knowledge.parts[0, ..., 1])
@@ -165,6 +171,10 @@ def check_tensors(tensors: Mapping[str, Tensor], size: int) -> None:
         "recipes": ((len(tensors["recipes"]), 3), torch.int32),
     }
     assert {*expected} == {*BUFFERS, "recipes"}
+    for relation in RELATIONS:
+        links, width = tensors[f"{relation}.first"].shape
+        shapes = {"first": (links, width), "first_bias": (width,), "second": (width,), "bias": ()}
+        expected |= {f"{relation}.{name}": (shapes[name], torch.float32) for name in RANKER}
     for name, (shape, kind) in expected.items():
         found = tensors[name]
         if found.shape != shape or found.dtype != kind:

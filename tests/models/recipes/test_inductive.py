@@ -1,0 +1,250 @@
+"""Entities that the graph does not have, scored by the words of their labels."""
+
+import shutil
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from wordcraft_kg.errors import ArtefactError, ConfigError, UnknownEntityError
+from wordcraft_kg.graphs import RecipeGraph
+from wordcraft_kg.graphs.folder import OpenedGraph
+from wordcraft_kg.models.recipes import fitting
+from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
+from wordcraft_kg.models.recipes.inductive import extended, with_words
+from wordcraft_kg.models.recipes.training import train_recipes
+from wordcraft_kg.models.scorers.folder import load_scorer
+from wordcraft_kg.models.scorers.kernel import kernel_regression
+from wordcraft_kg.models.scorers.recipes import RecipeScorer
+from wordcraft_kg.models.scorers.similarity import cosines
+from wordcraft_kg.statistics import standardised
+
+DIMENSIONS = 8
+NEW = ("naan", "muffin", "cheese cake")
+
+
+@pytest.fixture(scope="module")
+def vectors(opened_kitchen: OpenedGraph, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A file of vectors of all words of the kitchen and of `naan`, which has that of `bread`, and `muffin`."""
+    rng = np.random.default_rng(0)
+    words = sorted({word for label in opened_kitchen.graph.entities for word in label.split()} | {"muffin"})
+    rows = {word: " ".join(f"{x:.6f}" for x in rng.normal(size=DIMENSIONS)) for word in words}
+    rows["naan"] = rows["bread"]
+    path = tmp_path_factory.mktemp("vectors") / "words.txt"
+    path.write_text("".join(f"{word} {row}\n" for word, row in rows.items()))
+    return path
+
+
+@pytest.fixture(scope="module")
+def folder(opened_kitchen: OpenedGraph, vectors: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    settings = RecipesConfig(kg="full", folds=2, features=str(vectors))
+    out = tmp_path_factory.mktemp("models") / "kitchen-recipes"
+    return train_recipes(RecipeScorerConfig(opened_kitchen.source, settings), out).folder
+
+
+@pytest.fixture(scope="module")
+def scorer(folder: Path) -> RecipeScorer:
+    loaded = load_scorer(folder)
+    assert isinstance(loaded, RecipeScorer)
+    return loaded
+
+
+def wider(folder: Path, scorer: RecipeScorer, labels: Sequence[str] = NEW) -> RecipeScorer:
+    return with_words(folder, scorer, labels)
+
+
+# --- what stays ------------------------------------------------------------------------------------------------------
+
+
+def test_new_entities_leave_the_scores_of_the_others_as_they_are(folder: Path, scorer: RecipeScorer):
+    size = len(scorer.entities)
+    more = wider(folder, scorer)
+    for relation in ("combinesWith", "componentOf"):
+        before, after = scorer.table(relation), more.table(relation)[:size, :size]
+        torch.testing.assert_close(after, before, rtol=1e-3, atol=1e-3 * float(before.std()))
+    ids = torch.randint(size, (3, 500), generator=torch.Generator().manual_seed(0))
+    before, after = scorer.score_recipes(*ids), more.score_recipes(*ids)
+    torch.testing.assert_close(after, before, rtol=1e-3, atol=1e-2 * float(before.std()))
+
+
+def test_many_new_entities_leave_the_scores_of_the_others_as_they_are(scorer: RecipeScorer):
+    size, amount = len(scorer.entities), 120
+    generator = torch.Generator().manual_seed(1)
+    text = cosines(torch.randn(size + amount, DIMENSIONS, generator=generator))
+    few = extended(scorer, ["first"], text[: size + 1, : size + 1])
+    many = extended(scorer, ["first", *(f"new {i}" for i in range(amount - 1))], text)
+    for relation in ("combinesWith", "componentOf"):
+        before, after = few.table(relation), many.table(relation)[: size + 1, : size + 1]
+        torch.testing.assert_close(after, before, rtol=1e-3, atol=1e-3 * float(before.std()))
+
+
+def test_the_order_of_new_entities_does_not_matter(folder: Path, scorer: RecipeScorer):
+    one, other = wider(folder, scorer, NEW), wider(folder, scorer, NEW[::-1])
+    for label in NEW:
+        for relation in ("combinesWith", "componentOf"):
+            torch.testing.assert_close(
+                one.score(label, relation, scorer.entities), other.score(label, relation, scorer.entities)
+            )
+
+
+def test_an_entity_of_no_recipe_is_scored_in_the_graph_as_out_of_it(opened_kitchen: OpenedGraph, scorer: RecipeScorer):
+    """The same tables follow for an entity that stands in the vocabulary of the graph but in none of its recipes."""
+    size = len(scorer.entities)
+    text = cosines(torch.randn(size + 1, DIMENSIONS, generator=torch.Generator().manual_seed(2)))
+    recipes = opened_kitchen.graph.recipes
+    middle = 40  # the new entity is in the middle of the vocabulary instead of at its end
+    order = np.insert(np.arange(size), middle, size)
+    inside = fitting.Base.of(recipes + (recipes >= middle), text[order][:, order])
+    outside = fitting.Base.of(recipes, text)
+    for table in ("pairs", "parts", "alike", "completed"):
+        torch.testing.assert_close(getattr(inside, table), getattr(outside, table)[order][:, order])
+
+
+# --- what words say --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("model", ["bread", "water", "milk"])
+def test_a_new_entity_goes_where_one_with_the_same_words_goes(scorer: RecipeScorer, model: str):
+    size, twin = len(scorer.entities), scorer.entities.index(model)
+    text = torch.eye(size + 1)
+    text[size, twin] = text[twin, size] = 1
+    more = extended(scorer, ["twin"], text)
+    recipes = scorer.recipes
+    made = torch.unique(recipes[(recipes[:, :2] == twin).any(1), 2]).long()
+    row = more.knowledge.parts[0, size, :size, 0]  # by the kernel: the ranker learned from words without a meaning
+    ranks = (row[None] > row[made][:, None]).sum(1)
+    assert float(ranks.float().mean()) < size / 4  # half of all by chance
+
+
+def test_a_recipe_with_a_new_entity_is_scored_and_explained(folder: Path, scorer: RecipeScorer):
+    more = wider(folder, scorer)
+    scores = more.score_recipes("naan", "cheese", list(more.entities))
+    assert scores.shape == (len(scorer.entities) + len(NEW),)
+    assert torch.isfinite(scores).all()
+    assert all("naan" not in witness.recipe for witness in more.speaking_for("naan", "cheese", "sandwich"))
+
+
+def test_a_label_is_known_by_some_of_its_words(folder: Path, scorer: RecipeScorer):
+    assert "bread rrzzqq" in wider(folder, scorer, ["bread rrzzqq"]).entities
+
+
+def test_kernel_regression_of_those_seen_is_ridge_regression_on_their_pairs():
+    rng = np.random.default_rng(0)
+    factor = torch.tensor(rng.normal(size=(6, 6)))
+    kernel = factor @ factor.T
+    links = torch.tensor(rng.integers(0, 2, (6, 6)).astype(float))
+    seen, ridge = [0, 2, 3, 5], 0.7
+    pairs = [(x, y) for x in seen for y in seen]
+    gram = torch.tensor([[kernel[x, s] * kernel[y, t] for s, t in pairs] for x, y in pairs])
+    weights = torch.linalg.solve(gram + ridge * torch.eye(16), torch.tensor([links[pair] for pair in pairs]))
+    expected = torch.zeros(6, 6, dtype=torch.float64)
+    for x in range(6):
+        for y in range(6):
+            expected[x, y] = sum(w * kernel[x, s] * kernel[y, t] for w, (s, t) in zip(weights, pairs, strict=True))
+    found = kernel_regression(kernel.float(), links.float(), torch.tensor(seen), ridge)
+    torch.testing.assert_close(found, expected.float(), rtol=1e-3, atol=1e-3)
+
+
+def test_moments_are_those_of_pairs_among_the_entities_that_count():
+    table = np.random.default_rng(0).normal(size=(5, 5))
+    among = [0, 1, 4]
+    counted = np.array([table[x, y] for x in among for y in among if x != y])
+    np.testing.assert_allclose(
+        standardised(table, np.array(among)), (table - counted.mean()) / counted.std(), rtol=1e-12
+    )
+
+
+# --- what the rankers learn from -------------------------------------------------------------------------------------
+
+
+def test_unknown_entities_are_in_no_recipe_that_their_links_are_predicted_from(opened_kitchen: OpenedGraph):
+    recipes, size = opened_kitchen.graph.recipes, opened_kitchen.graph.num_entities
+    base, triples, unknown = fitting._unknown_entities(recipes, torch.zeros(size, size), np.random.default_rng(0))
+    assert int(unknown.sum()) == 8
+    assert not unknown[torch.from_numpy(base.recipes)].any()
+    assert len(triples)
+    is_unknown = unknown.numpy()
+    assert (is_unknown[triples[:, 0]] != is_unknown[triples[:, 2]]).all()
+
+
+def test_where_the_answer_is_an_unknown_entity_only_these_compete():
+    features, known = torch.randn(5, 5, 3), torch.zeros(5, 5, dtype=torch.bool)
+    known[0, 4] = True
+    unknown = torch.tensor([False, False, False, True, True])
+    asked = np.array([[0, 0, 3], [3, 0, 1]])
+    _, competes, is_right = fitting._link_batch(features, known, unknown, asked, "tail")
+    assert competes.tolist() == [[False, False, False, True, False], [True] * 5]
+    assert is_right.nonzero().tolist() == [[0, 3], [1, 1]]
+
+
+# --- refusals --------------------------------------------------------------------------------------------------------
+
+
+def test_a_word_without_a_vector_is_named_with_the_nearest_entities(folder: Path, scorer: RecipeScorer):
+    with pytest.raises(UnknownEntityError, match=r"'flouur'.*'flour'.*vector in .*words.txt"):
+        wider(folder, scorer, ["naan", "flouur"])
+
+
+def test_a_link_predictor_knows_the_entities_of_its_graph_only(complex_folder: Path):
+    with pytest.raises(UnknownEntityError, match=r"'naan'.*train-recipes"):
+        with_words(complex_folder, load_scorer(complex_folder), ["naan"])
+    with pytest.raises(ConfigError, match="train-recipes"):
+        extended(load_scorer(complex_folder), ["naan"], torch.zeros(81, 81))
+
+
+@pytest.mark.parametrize("features", ["one-hot", "shuffled:glove"])
+def test_features_that_are_no_words_say_nothing_of_new_ones(opened_kitchen: OpenedGraph, tmp_path: Path, features: str):
+    settings = RecipesConfig(kg="full", folds=2, features=features)
+    trained = train_recipes(RecipeScorerConfig(opened_kitchen.source, settings), tmp_path / "model")
+    with pytest.raises(UnknownEntityError, match=rf"'naan'.*{features}.*glove"):
+        with_words(trained.folder, load_scorer(trained.folder), ["naan"])
+
+
+def test_vectors_that_have_changed_are_refused(folder: Path, scorer: RecipeScorer, vectors: Path, tmp_path: Path):
+    before = vectors.read_text()
+    try:
+        first, _, rest = before.partition("\n")
+        vectors.write_text(f"{first}1\n{rest}")
+        with pytest.raises(ArtefactError, match="not those that"):
+            wider(folder, scorer)
+    finally:
+        vectors.write_text(before)
+    assert wider(folder, scorer)
+
+
+def test_labels_that_are_not_new_or_not_labels_are_refused(scorer: RecipeScorer):
+    text = torch.zeros(82, 82)
+    for labels in (["naan", "naan"], ["naan", "flour"]):
+        with pytest.raises(ConfigError, match=f"'{labels[1]}'"):
+            extended(scorer, labels, text)
+    with pytest.raises(ValueError, match="blank"):
+        extended(scorer, ["naan", " "], text)
+    with pytest.raises(ConfigError, match="81"):
+        extended(scorer, ["naan"], text)
+
+
+def test_damaged_link_rankers_are_refused(folder: Path, scorer: RecipeScorer, tmp_path: Path):
+    tensors = scorer.tensors()
+    del tensors["componentOf.second"]
+    with pytest.raises(KeyError):
+        RecipeScorer(tensors, scorer.entities, scorer.graph_hash)
+    tensors = scorer.tensors() | {"combinesWith.second": torch.zeros(3)}
+    with pytest.raises(ValueError, match=r"combinesWith\.second"):
+        RecipeScorer(tensors, scorer.entities, scorer.graph_hash)
+    swapped = scorer.tensors() | {"combinesWith.first": torch.zeros(5, 32)}
+    with pytest.raises(ArtefactError, match="link rankers"):
+        extended(RecipeScorer(swapped, scorer.entities, scorer.graph_hash), ["naan"], torch.zeros(81, 81))
+
+
+def test_a_folder_that_was_copied_answers_the_same(folder: Path, scorer: RecipeScorer, tmp_path: Path):
+    copy = shutil.copytree(folder, tmp_path / "copy")
+    loaded = load_scorer(copy)
+    one, other = wider(folder, scorer), with_words(copy, loaded, NEW)
+    assert torch.equal(one.table("componentOf"), other.table("componentOf"))
+
+
+def test_the_extended_scorer_is_not_of_the_graph(folder: Path, scorer: RecipeScorer, opened_kitchen: OpenedGraph):
+    graph: RecipeGraph = opened_kitchen.graph
+    assert wider(folder, scorer).graph_hash != graph.hash

@@ -1,0 +1,125 @@
+"""Entities that the graph does not have, scored by the words of their labels.
+
+All that a recipe scorer knows follows from the recipes, the words of the labels and a few weights. An entity of no
+recipe has words only, and they are enough: what is alike by words is expected to do alike. In the literature this is
+inductive link prediction, in contrast to the transductive one, whose entities are all known from training.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import torch
+from torch import Tensor
+
+from wordcraft_kg.errors import ArtefactError, ConfigError, UnknownEntityError
+from wordcraft_kg.feature_spec import FeatureSpec
+from wordcraft_kg.graphs.recipes import check_label
+from wordcraft_kg.models.recipes.base import Base
+from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
+from wordcraft_kg.models.recipes.fitting import knowledge_from, scorer_tensors
+from wordcraft_kg.models.recipes.ranker import Ranker
+from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
+from wordcraft_kg.models.scorers.features import make_features
+from wordcraft_kg.models.scorers.limits import check_dense
+from wordcraft_kg.models.scorers.pair_features import RANKER
+from wordcraft_kg.models.scorers.recipes import RecipeScorer
+from wordcraft_kg.models.scorers.scorer import Scorer
+from wordcraft_kg.models.scorers.similarity import cosines
+from wordcraft_kg.runs.record import read_finished_run, verified_bytes
+from wordcraft_kg.settings import nearest
+
+
+def extended(scorer: Scorer, labels: Sequence[str], text: Tensor) -> RecipeScorer:
+    """Return a recipe scorer with more entities, of which only words are known.
+
+    It has the recipes and rankers of the other, and the scores of the other's entities stay what they are, up to the
+    rounding of tables of 16 bits.
+
+    Args:
+        scorer: a recipe scorer of E entities; of a cross-fitted one that of all train recipes.
+        labels: of the n new entities, whose ids follow those of the others.
+        text: cosines of the words of all, in the order of ids, shape (E + n, E + n).
+
+    Raises:
+        ConfigError: if it is a scorer of another kind, a label is none or not new, or the entities are too many.
+        ArtefactError: if its link rankers do not fit the features of links.
+    """
+    whole = scorer.whole if isinstance(scorer, CrossFitted) else scorer
+    if not isinstance(whole, RecipeScorer):
+        raise ConfigError(f"{scorer.name} is no recipe scorer; expected one of `wordcraft-kg train-recipes`.")
+    entities = (*whole.entities, *(check_label(label, "a new entity") for label in labels))
+    if len({*entities}) < len(entities):
+        repeated = next(label for label in reversed(entities) if entities.count(label) > 1)
+        raise ConfigError(f"'{repeated}' is given as a new entity, but it is there already; expected each label once.")
+    if text.shape != (len(entities), len(entities)):
+        raise ConfigError(f"text of shape {tuple(text.shape)}: expected cosines of all {len(entities)} entities.")
+    check_dense("a recipe scorer", len(entities))
+    rankers = tuple(Ranker(**weights) for weights in whole.link_rankers.values())
+    recipes = whole.recipes.numpy().astype("int64")
+    try:
+        knowledge = knowledge_from(Base.of(recipes, text), (rankers[0], rankers[1]))
+    except RuntimeError:  # a product of matrices that do not fit
+        raise ArtefactError(f"the link rankers of {scorer.name} are damaged. Train it again.") from None
+    ranker = {name: weights[0].cpu() for name, weights in whole.knowledge.constants().items() if name in RANKER}
+    return RecipeScorer(
+        scorer_tensors(knowledge.with_ranker(ranker), (rankers[0], rankers[1]), recipes),
+        entities,
+        f"{whole.graph_hash} and {len(labels)} more",
+        device=whole.device,
+        name=scorer.name,
+    )
+
+
+def with_words(
+    folder: str | Path, scorer: Scorer, labels: Sequence[str], *, where: Callable[[str], str] = lambda label: ""
+) -> RecipeScorer:
+    """Return the scorer of a model folder with entities that its graph does not have, from their words.
+
+    Args:
+        folder: folder written by ``train-recipes``.
+        scorer: its scorer.
+        labels: of the new entities, each once.
+        where: returns with what an error about one of them begins.
+
+    Raises:
+        UnknownEntityError: if the model can say nothing of entities that are not in its graph, or not of one of these.
+        ArtefactError: if the folder is damaged, or the vectors of words are not those that it was trained with.
+
+    Example:
+        >>> scorer = with_words("models/kitchen-recipes", load_scorer("models/kitchen-recipes"), ["pancake"])
+        >>> scorer.score("flour", "componentOf", "pancake").shape
+        torch.Size([])
+    """
+
+    def unknown(label: str, why: str) -> UnknownEntityError:
+        return UnknownEntityError(f"{where(label)}no entity '{label}'.{nearest(label, scorer.entities)} {why}")
+
+    folder = Path(folder)
+    run = read_finished_run(folder, "a model of train-recipes", "model.safetensors")
+    if run.kind != RecipesConfig.command:
+        raise unknown(
+            labels[0],
+            "This model knows the entities of its graph only; one of `wordcraft-kg train-recipes` scores others by "
+            "their words.",
+        )
+    verified_bytes(folder, run, "config.toml")
+    settings = RecipeScorerConfig.read(folder).settings
+    spec = FeatureSpec.parse(settings.features)
+    if spec.prefix or spec.source in ("one-hot", "random"):
+        why = f"The `features` of this model, {settings.features}, give it no words"
+        if spec.prefix:
+            why = f"The `features` of this model, {settings.features}, give it the words of other entities"
+        raise unknown(labels[0], f"{why}; train one with glove or a file of vectors.")
+    size = len(scorer.entities)
+    features = make_features(settings.features, (*scorer.entities, *labels), allow_missing=True)
+    before = replace(features, vectors=features.vectors[:size].copy(), known=features.known[:size].copy())
+    if before.sha256 != run.inputs.get("features"):
+        raise ArtefactError(
+            f"`features` {settings.features} are not those that '{folder}' was trained with, so new words cannot be "
+            "compared with its entities. Restore the file of vectors, or train again."
+        )
+    for label, is_known in zip(labels, features.known[size:], strict=True):
+        if not is_known:
+            raise unknown(label, f"No word of it has a vector in {settings.features}.")
+    return extended(scorer, labels, cosines(torch.tensor(features.vectors)))

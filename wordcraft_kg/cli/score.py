@@ -55,6 +55,7 @@ def score(
 
     With a model of train-recipes, a + b lists what a pair makes, a + b = c (or a + b c) scores a recipe, and _ + b = c
     lists the partners of b. It says which train recipes speak for an answer, and what it remembers from its training.
+    It also scores entities that are not in the graph, by the words of their labels, and says so.
 
     Args:
         model: model folder.
@@ -72,6 +73,7 @@ def score(
     """
     from wordcraft_kg.cli.failures import with_options
     from wordcraft_kg.models.scorers.queries import Query, parse_query, read_queries
+    from wordcraft_kg.views.new_words import AnyLabel, with_new_words
     from wordcraft_kg.views.scores import ScoringModel
 
     whole("top", top, 1)
@@ -86,11 +88,13 @@ def score(
     loaded = ScoringModel.open(model, graph, needs_graph=new_only)
     if loaded.split is None:
         logging.getLogger(__name__).warning("not shown which triples are known: %s", with_options(loaded.missing))
-    entities = frozenset(loaded.scorer.entities)
+    entities = AnyLabel(loaded.scorer.entities)
     if queries is not None:
-        _score_file(loaded, read_queries(queries, entities), top, new_only, out, force, output)
+        asked = read_queries(queries, entities)
+        _score_file(with_new_words(loaded, model, asked, queries), asked, top, new_only, out, force, output)
         return
-    query = parse_query(words, entities)
+    query = parse_query(words, frozenset(loaded.scorer.entities), entities)
+    loaded = with_new_words(loaded, model, [query])
     if isinstance(query, Query):
         _score_query(loaded, query, top, new_only, output)
     else:
@@ -98,12 +102,15 @@ def score(
 
 
 def _score_query(model: "ScoringModel", query: "Query", top: int, new_only: bool, output: Output) -> None:
+    from wordcraft_kg.views.new_words import note_of_words
     from wordcraft_kg.views.scores import view_open_slot, view_triple
+
+    words = note_of_words(model)
 
     if query.is_open:
         slot = view_open_slot(model, query, top, new_only=new_only)
         lines = (_line(best, slot.head or best.entity, slot.relation, slot.tail or best.entity) for best in slot.top)
-        output.result(slot, [*lines, *_note(slot.trained_on, (best.known for best in slot.top))])
+        output.result(slot, [*lines, *words, *_note(slot.trained_on, (best.known for best in slot.top))])
         return
     _refuse_new_only(new_only)
     triple = view_triple(model, query)
@@ -113,19 +120,21 @@ def _score_query(model: "ScoringModel", query: "Query", top: int, new_only: bool
         + (f"   probability {_chance(triple.probability)}" if triple.probability is not None else ""),
         f"rank among all {len(model.scorer.entities):,} entities, unfiltered: "
         f"tail {triple.rank_as_tail:,}, head {triple.rank_as_head:,}",
+        *words,
         *_note(triple.trained_on, [triple.known]),
     ]
     output.result(triple, text)
 
 
 def _score_recipe(model: "ScoringModel", query: "RecipeQuery", top: int, new_only: bool, output: Output) -> None:
+    from wordcraft_kg.views.new_words import note_of_words
     from wordcraft_kg.views.recipe_scores import RecipeScoring, view_open_recipe, view_recipe
 
     scoring = RecipeScoring.of(model)
     if query.is_open:
         view = view_open_recipe(scoring, query, top, new_only=new_only)
         lines = [line for number, best in enumerate(view.top) for line in _recipe(best, explained=number < EXPLAINED)]
-        output.result(view, [*lines, *_recipe_notes(view.trained_on, view.top)])
+        output.result(view, [*lines, *note_of_words(model), *_recipe_notes(view.trained_on, view.top)])
         return
     _refuse_new_only(new_only)
     recipe = view_recipe(scoring, query)
@@ -133,7 +142,10 @@ def _score_recipe(model: "ScoringModel", query: "RecipeQuery", top: int, new_onl
         f"rank among all {len(scoring.scorer.entities):,} entities, unfiltered: result {recipe.rank_as_result:,}, "
         f"{recipe.ingredient_a} {recipe.rank_as_ingredient_a:,}, {recipe.ingredient_b} {recipe.rank_as_ingredient_b:,}"
     )
-    output.result(recipe, [*_recipe(recipe, explained=True), ranks, *_recipe_notes(recipe.trained_on, [recipe])])
+    output.result(
+        recipe,
+        [*_recipe(recipe, explained=True), ranks, *note_of_words(model), *_recipe_notes(recipe.trained_on, [recipe])],
+    )
 
 
 def _refuse_new_only(new_only: bool) -> None:
@@ -153,6 +165,7 @@ def _score_file(
     from wordcraft_kg.artefacts import staged_file, write_atomically
     from wordcraft_kg.models.scorers.queries import RecipeQuery
     from wordcraft_kg.views import recipe_scores, scores
+    from wordcraft_kg.views.new_words import note_of_words
 
     # A file holds queries of one kind.
     recipes = [query for query in queries if isinstance(query, RecipeQuery)]
@@ -173,16 +186,18 @@ def _score_file(
             return scores.view_file(model, triples, rows, out)
         return recipe_scores.view_recipe_file(scoring, recipes, rows, out)
 
+    words = note_of_words(model)
+
     if out is None:
         rows, lines, notes = answered()
-        output.result(view(rows), [*lines, *notes])
+        output.result(view(rows), [*lines, *words, *notes])
         return
     with staged_file(out, force=force) as file:
         rows, _, notes = answered()
         kind = scores.ScoredRow if scoring is None else recipe_scores.ScoredRecipeRow
         delimiter = "\t" if out.suffix.lower() in (".tsv", ".tab") else ","
         write_atomically(file, _table(kind.__struct_fields__, rows, delimiter))
-    output.result(view(rows), [*notes, f"wrote {out}: {len(rows):,} scores of {len(queries):,} queries"])
+    output.result(view(rows), [*words, *notes, f"wrote {out}: {len(rows):,} scores of {len(queries):,} queries"])
 
 
 def _line(found: "ScoredEntity | ScoredRow", head: str, relation: str, tail: str) -> str:

@@ -35,6 +35,7 @@ class ScoredTriple(Record):
         probability: of a triple that training does not contain; None for others, and without a calibration.
         trained_on: ``full`` if the model was trained on the recipes of all parts, ``partial`` if on those of the train
             part; None if that is not recorded.
+        by_words: entities of the query that are not in the graph and were scored by their words alone.
     """
 
     head: str
@@ -46,6 +47,7 @@ class ScoredTriple(Record):
     rank_as_head: int
     trained_on: KG | None
     probability: Share | None = None
+    by_words: tuple[str, ...] = ()
 
 
 class ScoredEntity(Record):
@@ -65,6 +67,7 @@ class OpenSlot(Record):
     tail: str | None
     top: tuple[ScoredEntity, ...]
     trained_on: KG | None
+    by_words: tuple[str, ...]
 
 
 class ScoredRow(Record):
@@ -91,6 +94,7 @@ class ScoredFile(Record, omit_defaults=True):
     queries: Count
     found: Count
     trained_on: KG | None
+    by_words: tuple[str, ...] = ()
     rows: tuple[ScoredRow, ...] = ()
     out: str | None = None
 
@@ -104,12 +108,14 @@ class ScoringModel:
         split: split of its graph; None without the graph.
         kg: what it was trained on; None if that is not recorded.
         missing: why there is no graph.
+        by_words: entities that are not in the graph, the last ones of the scorer; ``views/new_words.py`` adds them.
     """
 
     scorer: Scorer
     split: Split | None
     kg: KG | None
     missing: str = ""
+    by_words: tuple[str, ...] = ()
 
     @classmethod
     def open(cls, folder: Path, graph: str | None = None, *, needs_graph: bool = False) -> "ScoringModel":
@@ -131,7 +137,11 @@ class ScoringModel:
         if self.split is None:
             return [None] * len(triples)
         names: tuple[Known, ...] = (*PARTS, "new")  # type: ignore[assignment]
-        return [names[part] for part in self.split.part_of(triples).tolist()]
+        # An entity that the graph does not have is in no recipe; -1 is the last name.
+        is_in_graph = (triples < self.split.graph.num_entities).all(axis=1)
+        part = np.full(len(triples), -1)
+        part[is_in_graph] = self.split.part_of(triples[is_in_graph])
+        return [names[number] for number in part.tolist()]
 
     def probabilities(self, triples: Ids, known: Sequence[Known | None]) -> list[float | None]:
         """Return the probability of each of the triples, shape (T, 3); None for those of train recipes, see `known`."""
@@ -181,13 +191,14 @@ def view_triple(model: ScoringModel, query: Query) -> ScoredTriple:
         rank_as_head=1 + [name for name, _ in heads].index(head),
         trained_on=model.kg,
         probability=model.probabilities(triple, [known])[0],
+        by_words=model.by_words,
     )
 
 
 def view_open_slot(model: ScoringModel, query: Query, top: int, *, new_only: bool = False) -> OpenSlot:
     """List the best entities for the open slot of a query."""
     best = tuple(model.answers(query, top, new_only=new_only))
-    return OpenSlot(query.head, query.relation, query.tail, best, model.kg)
+    return OpenSlot(query.head, query.relation, query.tail, best, model.kg, model.by_words)
 
 
 def score_queries(
@@ -222,7 +233,7 @@ def view_file(
     model: ScoringModel, queries: Sequence[Query], rows: Sequence[ScoredRow], out: Path | None = None
 ) -> ScoredFile:
     """Return the scores of a file of queries, or where they are."""
-    view = ScoredFile(len(queries), len(rows), model.kg, tuple(rows))
+    view = ScoredFile(len(queries), len(rows), model.kg, model.by_words, tuple(rows))
     return view if out is None else msgspec.structs.replace(view, rows=(), out=str(out))
 
 

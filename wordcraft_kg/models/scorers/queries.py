@@ -56,6 +56,11 @@ class Query:
         """Whether a slot is open."""
         return self.head is None or self.tail is None
 
+    @property
+    def labels(self) -> list[str]:
+        """The entities that it names."""
+        return [slot for slot in (self.head, self.tail) if slot is not None]
+
 
 @dataclass(frozen=True)
 class RecipeQuery:
@@ -95,18 +100,30 @@ class RecipeQuery:
         """Whether a slot is open."""
         return None in self.slots
 
+    @property
+    def labels(self) -> list[str]:
+        """The entities that it names."""
+        return [slot for slot in (self.ingredient_a, self.ingredient_b, self.result) if slot is not None]
 
-def parse_query(words: Sequence[str], entities: Collection[str]) -> Query | RecipeQuery:
+
+def parse_query(
+    words: Sequence[str], entities: Collection[str], allowed: Collection[str] | None = None
+) -> Query | RecipeQuery:
     """Read a query from the arguments of a command line.
 
     A triple is ``head relation [tail]``. A recipe is ``a + b``, ``a + b c`` or ``a + b = c``, in one argument or in
     several; ``->`` and ``→`` mean ``=``. An argument that is a label is never taken apart.
 
+    Args:
+        words: the arguments.
+        entities: the entities of the graph.
+        allowed: entities that may be named. Default: those of the graph.
+
     Raises:
         UnknownEntityError: for an unknown entity or relation, with the nearest ones.
         ConfigError: if it is neither, or has more than one open slot.
     """
-    shown = " ".join(words)
+    shown, allowed = " ".join(words), entities if allowed is None else allowed
     pieces: list[str] = []
     if not any(word in RELATIONS for word in words):
         for word in words:
@@ -121,13 +138,13 @@ def parse_query(words: Sequence[str], entities: Collection[str]) -> Query | Reci
                 f"'{shown}' is no recipe; expected a + b for its results, a + b = c, or _ + b = c for its partners. "
                 "Write a label of several words in quotes."
             )
-        return RecipeQuery.of(labels[0], labels[1], labels[2] if len(labels) == 3 else "", entities)
+        return RecipeQuery.of(labels[0], labels[1], labels[2] if len(labels) == 3 else "", allowed)
     if len(words) not in (2, 3):
         raise ConfigError(
             f"'{shown}' is no query; expected a head, a relation and perhaps a tail, or a recipe such as a + b. Write "
             "a label of several words in quotes."
         )
-    return Query.of(words[0], words[1], words[2] if len(words) == 3 else "", entities)
+    return Query.of(words[0], words[1], words[2] if len(words) == 3 else "", allowed)
 
 
 def _slots(typed: Sequence[str], entities: Collection[str]) -> list[str | None]:

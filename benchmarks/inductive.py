@@ -1,0 +1,179 @@
+"""What words say about entities that no recipe knows, and about goals that no recipe makes.
+
+    python benchmarks/inductive.py removed everyday little-alchemy-2   # entities taken out of the graph
+    python benchmarks/inductive.py splits everyday little-alchemy-2    # with words, without, and with those of others
+
+`removed` draws 30 entities of at least three recipes, fits the link rankers of a recipe scorer on the recipes without
+any of them (and without what only occurs with them), and then scores their links by words. Two questions are ranked,
+filtered: which of all entities goes with, goes into or is made of the new one ("of it"), and which of the new ones is
+it that a link of a known entity leads to ("it"). The columns: the link rankers, the kernel alone, the rankers with each
+new entity having the words of another one, the frequency in the remaining recipes, and chance.
+
+`splits` fits them on the train recipes and ranks the unseen triples of the validation part.
+"""
+
+import argparse
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_book
+from wordcraft_kg.graphs.arrays import Ids
+from wordcraft_kg.graphs.folds import Folds, make_folds
+from wordcraft_kg.graphs.triples import COMPONENT_OF, RELATIONS, recipe_triples
+from wordcraft_kg.models.recipes.base import Base
+from wordcraft_kg.models.recipes.fitting import LinkRankers, fit_link_rankers, knowledge_from, scorer_tensors
+from wordcraft_kg.models.recipes.inductive import extended
+from wordcraft_kg.models.recipes.link_features import link_features
+from wordcraft_kg.models.scorers.facts import FrequencyScorer
+from wordcraft_kg.models.scorers.features import make_features
+from wordcraft_kg.models.scorers.protocol import TripleScorer
+from wordcraft_kg.models.scorers.ranking import (
+    mean_reciprocal_rank,
+    random_reciprocal_ranks,
+    rank_triples,
+    slice_masks,
+)
+from wordcraft_kg.models.scorers.recipes import RecipeScorer
+from wordcraft_kg.models.scorers.similarity import cosines
+from wordcraft_kg.models.scorers.tables import TableScorer
+
+FOLDS = 5
+MIN_RECIPES = 3
+KERNEL, RANKERS = 0, 1
+"""Columns of the tables of a recipe scorer."""
+FEATURES = ("glove", "one-hot", "shuffled:glove")
+
+
+def words(spec: str, labels: Sequence[str]) -> torch.Tensor:
+    """Return the cosines of words, shape (E, E)."""
+    features = make_features(spec, labels)
+    if features.is_one_hot:
+        return torch.zeros(len(labels), len(labels))
+    return cosines(torch.tensor(features.vectors))
+
+
+def fit_links(folds: Folds, text: torch.Tensor) -> LinkRankers:
+    return fit_link_rankers(folds, text, rng=np.random.default_rng(0), generator=torch.Generator().manual_seed(0))[1]
+
+
+# --- entities taken out ----------------------------------------------------------------------------------------------
+
+
+def without(graph: RecipeGraph, amount: int, seed: int) -> tuple[RecipeGraph, NDArray[np.bool_]]:
+    """Return the graph without some entities, and which recipes it has left of the whole."""
+    recipes = graph.recipes
+    uses = np.bincount(np.concatenate([np.unique(row) for row in recipes]), minlength=graph.num_entities)
+    taken = np.random.default_rng(seed).permutation(np.flatnonzero(uses >= MIN_RECIPES))[:amount]
+    left = ~np.isin(recipes, taken).any(axis=1)
+    rows = graph.recipe_labels(recipes[left])
+    return RecipeGraph.from_recipes(rows, name=f"{graph.name} without {amount}"), left
+
+
+def scored_by_words(graph: RecipeGraph, rest: RecipeGraph, seed: int) -> list[TripleScorer]:
+    """Return scorers of the whole graph that know the recipes of the rest only: rankers, kernel, words of others."""
+    new = [label for label in graph.entities if label not in rest]
+    order = np.array([graph.id_of(label) for label in (*rest.entities, *new)])
+    known = order[: rest.num_entities]
+    text = words("glove", graph.entities)
+    folds = make_folds(make_split(rest, SplitConfig("none")), FOLDS)
+    of_rest = text[known][:, known]
+    rankers = fit_links(folds, of_rest)
+    knowledge = knowledge_from(Base.of(rest.recipes, of_rest), rankers)
+    scorer = RecipeScorer(scorer_tensors(knowledge, rankers, rest.recipes), rest.entities, rest.hash)
+    exchanged = np.concatenate([known, np.random.default_rng(seed).permutation(order[len(known) :])])
+
+    def scorer_of(order_of_words: Ids, column: int) -> TripleScorer:
+        wider = extended(scorer, new, text[order_of_words][:, order_of_words]).knowledge
+        tables = torch.stack([wider.pairs[0, ..., column], wider.parts[0, ..., column]]).float()
+        back = np.argsort(order)
+        return TableScorer(tables[:, back][:, :, back], graph.entities, graph.hash)
+
+    return [scorer_of(order, RANKERS), scorer_of(order, KERNEL), scorer_of(exchanged, RANKERS)]
+
+
+def removed(graph: RecipeGraph, amount: int, seed: int) -> Iterator[tuple[str, int, list[float]]]:
+    """Yield the questions asked, their number, and the MRR of each scorer."""
+    rest, left = without(graph, amount, seed)
+    is_new = np.array([label not in rest for label in graph.entities])
+    triples = recipe_triples(graph.recipes[~left])
+    triples = triples[is_new[triples[:, 0]] != is_new[triples[:, 2]]]
+    scorers = [*scored_by_words(graph, rest, seed), FrequencyScorer(graph, recipe_triples(graph.recipes[left]))]
+    # Links between entities of the rest are no candidates: "it" is one of the new ones.
+    old = np.flatnonzero(~is_new)
+    among_old = np.stack(np.meshgrid(old, range(len(RELATIONS)), old, indexing="ij"), axis=-1).reshape(-1, 3)
+    known = np.concatenate([graph.triples, among_old])
+    ranks = [rank_triples(scorer, triples, known) for scorer in scorers]
+    asked = ranks[0]
+    is_tail = (asked["side"] == "tail").to_numpy()
+    asks_new = is_new[np.where(is_tail, asked["tail"], asked["head"])]
+    parts = (asked["relation"] == COMPONENT_OF).to_numpy()
+    questions = {
+        "of it: goes with": ~asks_new & ~parts,
+        "of it: goes into": ~asks_new & parts & is_tail,
+        "of it: is made of": ~asks_new & parts & ~is_tail,
+        "of it": ~asks_new,
+        "it": asks_new,
+    }
+    for name, mask in questions.items():
+        found = [mean_reciprocal_rank(each[mask]) for each in ranks]
+        yield name, int(mask.sum()), [*found, float(random_reciprocal_ranks(asked[mask]).mean())]
+
+
+def test_removed(graph: RecipeGraph, amount: int, seeds: Sequence[int]) -> None:
+    columns = ("rankers", "kernel", "words of others", "frequency", "chance")
+    print(f"{graph.name}: {amount} entities taken out; MRR    queries" + "".join(f"{name:>17}" for name in columns))
+    found: dict[str, list[tuple[int, list[float]]]] = {}
+    for seed in seeds:
+        for name, queries, figures in removed(graph, amount, seed):
+            found.setdefault(name, []).append((queries, figures))
+    for name, rows in found.items():
+        means = np.average([figures for _, figures in rows], axis=0, weights=[queries for queries, _ in rows])
+        print(f"{name:<42}{sum(queries for queries, _ in rows):>10}" + "".join(f"{mean:17.3f}" for mean in means))
+        for seed, (queries, figures) in zip(seeds, rows, strict=True):
+            print(f"{f'  seed {seed}':<42}{queries:>10}" + "".join(f"{figure:17.3f}" for figure in figures), flush=True)
+
+
+# --- splits ----------------------------------------------------------------------------------------------------------
+
+
+def test_splits(graph: RecipeGraph, kinds: Sequence[str], seeds: Sequence[int]) -> None:
+    for kind in kinds:
+        for spec in FEATURES:
+            rows = []
+            for seed in seeds:
+                split = make_split(graph, SplitConfig(kind, seed=seed, valid_ratio=0.1))
+                text = words(spec, graph.entities)
+                rankers = fit_links(make_folds(split, FOLDS), text)
+                features = link_features(Base.of(split.recipes("train"), text))
+                tables = [ranker(links) for ranker, links in zip(rankers, features, strict=True)]
+                scorer = TableScorer(torch.stack(tables), graph.entities, graph.hash)
+                ranks = rank_triples(scorer, split.held_out("valid"), graph.triples)
+                masks = slice_masks(ranks)
+                rows.append([mean_reciprocal_rank(ranks[masks[name]]) for name in ("all", *RELATIONS)])
+            means = np.mean(rows, axis=0)
+            each = " ".join(f"{row[0]:.3f}" for row in rows)
+            print(
+                f"{graph.name}, {kind}, {spec}: validation MRR {means[0]:.3f} ({each}), "
+                + ", ".join(f"{name} {mean:.3f}" for name, mean in zip(RELATIONS, means[1:], strict=True)),
+                flush=True,
+            )
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("what", choices=["removed", "splits"])
+    parser.add_argument("books", nargs="+")
+    parser.add_argument("--amount", type=int, default=30)
+    parser.add_argument("--seeds", type=int, nargs="+", default=[10, 11])
+    parser.add_argument("--kinds", nargs="+", default=["by-recipe", "by-slot", "by-goal"])
+    arguments = parser.parse_args()
+    torch.set_num_threads(1)
+    for book in arguments.books:
+        graph = RecipeGraph.from_book(open_book(book))
+        if arguments.what == "removed":
+            test_removed(graph, arguments.amount, arguments.seeds)
+        else:
+            test_splits(graph, arguments.kinds, arguments.seeds)

@@ -14,7 +14,7 @@ COMPLETION = 0.5
 """Weight of the completion term beside the regression, both standardised."""
 
 
-def kernel_regression(kernel: Tensor, links: Tensor, seen: Tensor | None = None, ridge: float = RIDGE) -> Tensor:
+def kernel_regression(kernel: Tensor, links: Tensor, ridge: float = RIDGE, seen: Tensor | None = None) -> Tensor:
     """Return the ridge regression of links on the product kernel ``k((x, y), (x', y')) = k(x, x') k(y, y')``.
 
     With ``k = V diag(w) Vᵀ`` it is ``V [(w wᵀ) / (w wᵀ + λ) ∘ (Vᵀ Y V)] Vᵀ``: an E x E problem, not an E² x E² one.
@@ -24,8 +24,8 @@ def kernel_regression(kernel: Tensor, links: Tensor, seen: Tensor | None = None,
     Args:
         kernel: shape (E, E), symmetric; negative eigenvalues are taken as 0.
         links: Y, shape (E, E).
-        seen: ids of the entities to learn from; all by default.
         ridge: λ.
+        seen: ids of the entities to learn from; all by default.
 
     Source: Stock et al. 2018, "A comparative study of pairwise learning methods based on kernel ridge regression";
     Pahikkala et al. 2013 (Kronecker kernels).

@@ -70,7 +70,9 @@ def kernel_scores(
     def scaled(table: torch.Tensor) -> NDArray[np.float64]:
         return standardised(table.numpy(), None if seen is None else seen.numpy())
 
-    combines, component = (scaled(kernel_regression(kernel, links, seen)) for links in link_matrices(recipes, size))
+    combines, component = (
+        scaled(kernel_regression(kernel, links, seen=seen)) for links in link_matrices(recipes, size)
+    )
     combines += COMPLETION * scaled(completion(recipes, size))
     return torch.from_numpy(combines).float(), torch.from_numpy(component).float()
 

@@ -82,6 +82,12 @@ GLOSSARY: dict[str, Term] = {
         "Train recipes are scored by a model that was trained without them: they are cut into folds, and each fold has"
         " a model of all others. Without it an agent learns on answers from memory, and trusts them too much.",
     ),
+    "inductive": Term(
+        "Links",
+        "inductive",
+        "Of entities that the graph does not have, from the words of their labels; transductive is what knows the"
+        " entities of its graph only.",
+    ),
     "query": Term(
         "Links", "query", "A triple without its head or without its tail; the model ranks all entities for it."
     ),

@@ -23,10 +23,11 @@ from wordcraft_kg.graphs.splits import Draw, Split, make_split
 from wordcraft_kg.models.policies.sources.source import make_sources
 from wordcraft_kg.models.recipes import training
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
-from wordcraft_kg.models.recipes.fitting import fit_recipe_scorer
+from wordcraft_kg.models.recipes.fitting import LinkRankers, fit_recipe_scorer
 from wordcraft_kg.models.recipes.training import resume_recipes, train_recipes
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
 from wordcraft_kg.models.scorers.folder import load_scorer
+from wordcraft_kg.models.scorers.pair_features import RecipeKnowledge
 from wordcraft_kg.models.scorers.recipes import RecipeScorer, RecipeScores
 from wordcraft_kg.models.scorers.similarity import cosines
 
@@ -134,6 +135,15 @@ def folds_of(graph: RecipeGraph, fold_of: dict[tuple[str, ...], int]) -> Folds:
     return Folds(Split(graph, SplitConfig(), Draw(parts)), 3, 0, of_recipe)
 
 
+def fitted(found: tuple[RecipeKnowledge, LinkRankers]) -> dict[str, torch.Tensor]:
+    """All tensors of a fit."""
+    knowledge, rankers = found
+    of_links = {
+        f"{number}.{name}": tensor for number, ranker in enumerate(rankers) for name, tensor in vars(ranker).items()
+    }
+    return knowledge.constants() | of_links
+
+
 def same_tensors(one: dict[str, torch.Tensor], other: dict[str, torch.Tensor]) -> bool:
     assert one.keys() == other.keys()
     return all(torch.equal(one[name], other[name]) for name in one)
@@ -157,7 +167,7 @@ def test_what_a_fold_holds_changes_nothing_of_the_scorer_without_it(what: str):
     assert other.entities == graph.entities
     changed = folds_of(other, fold_of)
     for left_out in ((), (0,), (1,)):
-        before, after = (fit_recipe_scorer(each, text, left_out=left_out).constants() for each in (folds, changed))
+        before, after = (fitted(fit_recipe_scorer(each, text, left_out=left_out)) for each in (folds, changed))
         assert same_tensors(before, after) == (fold == OUTSIDE or left_out == (1,))
 
 

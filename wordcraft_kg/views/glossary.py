@@ -131,7 +131,7 @@ GLOSSARY: dict[str, Term] = {
     ),
     "calibrated": Term(
         "Links",
-        "probability",
+        "probability of a triple",
         "Of a triple that training does not contain: the chance that a recipe of the book gives it. Of those that get "
         "10 %, about a tenth should be true (calibrated).",
     ),

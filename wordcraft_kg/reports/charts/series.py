@@ -166,7 +166,7 @@ def log_reliability(series: Mapping[str, Sequence[tuple[float, float, float, flo
     """
     points = [point for values in series.values() for point in values]
     positive = [value for x, y, *_ in points for value in (x, y) if value > 0]
-    lowest = math.floor(math.log10(max(min(positive, default=0.1), 1e-6)))
+    lowest = min(math.floor(math.log10(max(min(positive, default=0.1), 1e-6))), -1)
 
     def place(value: float) -> float:
         return math.log10(max(value, 10.0**lowest))

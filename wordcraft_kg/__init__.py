@@ -37,6 +37,9 @@ if TYPE_CHECKING:
     from wordcraft_kg.models.policies.config import PolicyConfig
     from wordcraft_kg.models.policies.folder import load_policy, save_policy
     from wordcraft_kg.models.policies.sources.source import make_sources
+    from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
+    from wordcraft_kg.models.recipes.training import train_recipes
+    from wordcraft_kg.models.scorers.cross_fitting import cross_fit
     from wordcraft_kg.models.scorers.folder import load_scorer
     from wordcraft_kg.runs.trackers import Tracker
 
@@ -50,11 +53,14 @@ _MODULES = {
     "LinksConfig": "models.links.config",
     "PolicyConfig": "models.policies.config",
     "RecipeGraph": "graphs.recipe_graph",
+    "RecipeScorerConfig": "models.recipes.config",
+    "RecipesConfig": "models.recipes.config",
     "SplitConfig": "graphs.splits",
     "TaskConfig": "agents.config",
     "Tracker": "runs.trackers",
     "WordCraftConfig": "envs.config",
     "World": "envs.world",
+    "cross_fit": "models.scorers.cross_fitting",
     "evaluate": "agents.evaluation",
     "from_pykeen": "models.links.pykeen_import",
     "load_policy": "models.policies.folder",
@@ -69,6 +75,7 @@ _MODULES = {
     "save_scorer": "models.links.saving",
     "train_agent": "agents.training",
     "train_links": "models.links.training",
+    "train_recipes": "models.recipes.training",
 }
 
 __all__ = [
@@ -79,11 +86,14 @@ __all__ = [
     "LinksConfig",
     "PolicyConfig",
     "RecipeGraph",
+    "RecipeScorerConfig",
+    "RecipesConfig",
     "SplitConfig",
     "TaskConfig",
     "Tracker",
     "WordCraftConfig",
     "World",
+    "cross_fit",
     "evaluate",
     "from_pykeen",
     "load_policy",
@@ -98,6 +108,7 @@ __all__ = [
     "save_scorer",
     "train_agent",
     "train_links",
+    "train_recipes",
 ]
 
 

@@ -46,7 +46,8 @@ from wordcraft_kg.runs.record import end_run, start_run
         (
             ["train", "kitchen"],
             [
-                'error: Unknown command "train". Did you mean "train-complex", "train-links", or "train-agent"?',
+                'error: Unknown command "train". Did you mean "train-complex", "train-links", "train-recipes", or '
+                '"train-agent"?',
                 "`wordcraft-kg --help` lists all commands.",
             ],
         ),
@@ -241,7 +242,7 @@ def test_the_completion_script_is_valid_bash_and_completes_commands_and_options(
         return bash("-c", f'{program}; printf "%s\\n" "${{COMPREPLY[@]}}"').stdout.split()
 
     assert set(ALL) <= set(completed("wordcraft-kg", ""))
-    assert completed("wordcraft-kg", "train-") == ["train-agent", "train-complex", "train-links"]
+    assert completed("wordcraft-kg", "train-") == ["train-agent", "train-complex", "train-links", "train-recipes"]
     assert completed("wordcraft-kg", "build-graph", "--train-r") == ["--train-ratio"]
     assert completed("wordcraft-kg", "build-graph", "--split", "by-g") == ["by-goal", "by-goal-terminals"]
 

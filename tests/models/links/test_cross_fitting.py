@@ -34,6 +34,7 @@ from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
 from wordcraft_kg.models.scorers.folder import load_scorer, make_scorer
 from wordcraft_kg.models.scorers.protocol import FactoredScorer
 from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples
+from wordcraft_kg.runs import side_by_side
 
 SHORT = ComplExConfig(dim=8, epochs=4, n3=0.1, popularity=1.0, folds=3)
 FILES = ["folds.json", "folds.safetensors"]
@@ -283,7 +284,7 @@ from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
 from wordcraft_kg.models.links.training import train_links
 
 cross_fitting.LONG = 0.0
-cross_fitting._cores = lambda: 2
+cross_fitting.cores = lambda: 2
 print("the program ran")
 config = ComplExConfig(dim=8, epochs=4, n3=0.1, popularity=1.0, folds=3)
 train_links(LinksConfig("kitchen", config), Path(sys.argv[1]))
@@ -302,11 +303,11 @@ def test_an_error_and_the_death_of_a_process_are_told(
     opened_kitchen: OpenedGraph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     folds = make_folds(opened_kitchen.split, 3)
-    monkeypatch.setattr(cross_fitting, "_cores", lambda: 2)
+    monkeypatch.setattr(cross_fitting, "cores", lambda: 2)
     options = {"seconds": 100.0, "after_epoch": lambda done, total: None}
     with pytest.raises(ConfigError, match="nosuch"):
         cross_fitting.train_folds(tmp_path, folds, LinkModelConfig(model="nosuch", epochs=1), **options)
-    monkeypatch.setattr(cross_fitting, "_work", sys.exit)  # its argument is a connection: exit code 1
+    monkeypatch.setattr(side_by_side, "_work", sys.exit)  # its argument is a connection: exit code 1
     with pytest.raises(TrainingError, match="ended with code 1"):
         cross_fitting.train_folds(tmp_path, folds, SHORT, **options)
 
@@ -316,7 +317,7 @@ def test_ctrl_c_ends_the_processes_at_once(
 ):
     import multiprocessing
 
-    monkeypatch.setattr(cross_fitting, "_cores", lambda: 2)
+    monkeypatch.setattr(cross_fitting, "cores", lambda: 2)
 
     def press(done: int, total: int) -> None:
         assert len(multiprocessing.active_children()) == 2

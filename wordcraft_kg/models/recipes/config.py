@@ -55,6 +55,10 @@ class RecipeScorerConfig:
     Attributes:
         graph: graph folder, recipe book's file or known book's name.
         settings: how it is fitted.
+
+    Example:
+        >>> RecipeScorerConfig("kitchen", RecipesConfig(folds=3)).command
+        'train-recipes'
     """
 
     graph: str

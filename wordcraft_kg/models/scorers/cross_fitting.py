@@ -227,9 +227,9 @@ def cross_fit(split: Split, make: Callable[[Ids], Scorer], *, folds: int = 5) ->
         ConfigError: for fewer than two folds, or more than can be.
 
     Example:
-        >>> from wordcraft_kg.models.scorers.votes import VoteScorer
+        >>> from wordcraft_kg.models.scorers.kernel_scorer import KernelScorer
         >>> split = open_graph("kitchen").split
-        >>> cross_fit(split, lambda recipes: VoteScorer(split.graph, recipes), folds=3).count
+        >>> cross_fit(split, lambda recipes: KernelScorer(split.graph, recipes), folds=3).count
         3
     """
     cut, recipes = make_folds(split, folds), split.graph.recipes

@@ -207,7 +207,7 @@ def _line(found: "ScoredEntity | ScoredRow", head: str, relation: str, tail: str
 
 
 def _chance(probability: float) -> str:
-    return f"{100 * probability:.2g} %"
+    return "> 99 %" if probability > 0.99 else f"{100 * probability:.2g} %"
 
 
 def _note(kg: "KG | None", known: Iterable[str | None]) -> list[str]:
@@ -228,7 +228,9 @@ def _recipe(recipe: "ScoredRecipe", *, explained: bool) -> Iterator[str]:
 def _recipe_line(recipe: "ScoredRecipe | ScoredRecipeRow") -> str:
     score, known = f"{recipe.score:9.4f}  ", f"{recipe.known:<5}  " if recipe.known else ""
     memory = "   (memory)" if recipe.memory else ""
-    return f"{score}{known}{recipe.ingredient_a} + {recipe.ingredient_b} -> {recipe.result}{memory}"
+    share = getattr(recipe, "probability", None)
+    chance = "" if share is None else f"   {_chance(share)}"
+    return f"{score}{known}{recipe.ingredient_a} + {recipe.ingredient_b} -> {recipe.result}{chance}{memory}"
 
 
 def _recipe_notes(kg: "KG | None", recipes: "Sequence[ScoredRecipe | ScoredRecipeRow]") -> list[str]:

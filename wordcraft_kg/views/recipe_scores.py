@@ -13,10 +13,10 @@ from wordcraft_kg.errors import ConfigError
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folder import KG
 from wordcraft_kg.graphs.splits import Part
-from wordcraft_kg.models.scorers.cross_fitting import whole_of
+from wordcraft_kg.models.scorers.cross_fitting import CrossFitted, whole_of
 from wordcraft_kg.models.scorers.queries import RecipeQuery
 from wordcraft_kg.models.scorers.recipes import RecipeScores, Witness
-from wordcraft_kg.records import Count, Record
+from wordcraft_kg.records import Count, Record, Share
 from wordcraft_kg.views.scores import Known, ScoringModel
 
 Key = tuple[int, int, int]
@@ -34,6 +34,8 @@ class ScoredRecipe(Record):
         known: the part that it is in, or ``new`` if the book does not have it; None without the graph.
         memory: whether the scorer was trained on it, so that its score says nothing about others.
         because: the recipes that speak for it, those that say most first.
+        probability: where results of a pair are asked for, how probable this one is, if the pair makes something; None
+            elsewhere, and without a calibration.
     """
 
     ingredient_a: str
@@ -43,6 +45,7 @@ class ScoredRecipe(Record):
     known: Known | None
     memory: bool
     because: tuple[Witness, ...]
+    probability: Share | None
 
 
 class RankedRecipe(ScoredRecipe):
@@ -158,7 +161,7 @@ class RecipeScoring:
         for row, score, known, memory in zip(rows, scores, self.known(rows), self.memory(rows), strict=True):
             a, b, result = self.labels(row)
             because = tuple(self.scorer.speaking_for(a, b, result, limit=SPEAKING))
-            yield ScoredRecipe(a, b, result, score, known, memory, because)
+            yield ScoredRecipe(a, b, result, score, known, memory, because, None)
 
     def labels(self, row: Ids) -> tuple[str, str, str]:
         """Return the labels of a recipe, shape (3,)."""
@@ -192,7 +195,12 @@ def view_recipe(scoring: RecipeScoring, query: RecipeQuery) -> RankedRecipe:
 
 def view_open_recipe(scoring: RecipeScoring, query: RecipeQuery, top: int, *, new_only: bool = False) -> OpenRecipe:
     """List the best entities for the open slot of a recipe."""
-    best = tuple(scoring.recipes(*scoring.best(query, top, new_only=new_only)))
+    rows, scores = scoring.best(query, top, new_only=new_only)
+    best = tuple(scoring.recipes(rows, scores))
+    scorer = scoring.model.scorer
+    if query.result is None and isinstance(scorer, CrossFitted) and scorer.probabilities is not None:
+        shares = scorer.result_probabilities(*query.labels)[rows[:, 2]].tolist()
+        best = tuple(msgspec.structs.replace(one, probability=share) for one, share in zip(best, shares, strict=True))
     return OpenRecipe(*query.slots, best, scoring.model.kg)
 
 

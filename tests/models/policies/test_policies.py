@@ -536,7 +536,7 @@ def test_a_size_below_one_or_not_whole_is_an_error_that_names_the_setting(settin
     assert getattr(PolicyConfig(**{setting: 1}), setting) == 1
 
 
-@pytest.mark.parametrize("use", ["", " ", "w", "u,", "u,w", "uv", "U", "u;v"])
+@pytest.mark.parametrize("use", ["", " ", "x", "u,", "u,x", "uv", "U", "u;v"])
 def test_an_unknown_source_is_an_error_that_names_the_setting(use: str):
     with pytest.raises(ConfigError, match=re.escape(f"`use` '{use}': expected") + ".*u, v"):
         PolicyConfig(use=use)

@@ -16,6 +16,7 @@ from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.splits import Split
+from wordcraft_kg.graphs.tasks import TaskSet
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
 from wordcraft_kg.models.policies.sources.source import ScoreView, make_sources
 from wordcraft_kg.models.scorers.cross_fitting import whole_of
@@ -32,7 +33,7 @@ from wordcraft_kg.statistics import task_bootstrap
 Player = Callable[[BatchEngine, np.random.Generator], Ids]
 SlotScores = Callable[[Tensor, Tensor, Tensor, Tensor | None], Tensor]
 """Scores of slots by goal, selection, table and task, such as a source's."""
-RecipeScores = Callable[[Tensor, Tensor, Tensor], Tensor]
+RecipeFunction = Callable[[Tensor, Tensor, Tensor], Tensor]
 """Scores of recipes ``a + b -> c`` by the ids of a, b and c, which broadcast against each other."""
 CELLS = 200_000
 """Pairs of slots that are scored at a time: there are A² of them in a state of A slots."""
@@ -78,7 +79,7 @@ def knowledge_player(sources: Sequence[SlotScores]) -> Player:
     return pick
 
 
-def pair_player(score_recipes: RecipeScores) -> Player:
+def pair_player(score_recipes: RecipeFunction) -> Player:
     """Return a player that picks the pair most likely to make the goal, if possible of two different entities.
 
     With an empty hand the score of a slot is that of its best pair on the table.
@@ -131,7 +132,7 @@ def fact_sources(graph: RecipeGraph, triples: Ids) -> dict[str, SlotScores]:
     return {"u": u, "v": v}
 
 
-def fact_recipes(graph: RecipeGraph, triples: Ids) -> RecipeScores:
+def fact_recipes(graph: RecipeGraph, triples: Ids) -> RecipeFunction:
     """Return how many of the links between a, b and c a set of triples has, from 0 to 3."""
     facts = SymbolicScorer(graph, triples)
 
@@ -162,10 +163,18 @@ def knowledge_players(split: Split) -> dict[str, Player]:
     }
 
 
-def scorer_players(graph: RecipeGraph, scorer: TripleScorer, observed: Ids) -> dict[str, Player]:
+def scorer_players(
+    graph: RecipeGraph, scorer: TripleScorer, observed: Ids, tasks: TaskSet | None = None
+) -> dict[str, Player]:
     """Return players that use a scorer's standardised scores: v, u, and u+v with three treatments of self edges.
 
     A scorer of recipes has another one, which picks the pair whose recipe scores highest.
+
+    Args:
+        graph: the graph.
+        scorer: the scorer.
+        observed: triples that it was trained on, shape (T, 3).
+        tasks: tasks that will be played, which a cross-fitted scorer needs to know if they need train recipes.
 
     Raises:
         GraphMismatchError: if the scorer belongs to another graph.
@@ -173,7 +182,8 @@ def scorer_players(graph: RecipeGraph, scorer: TripleScorer, observed: Ids) -> d
     check_scorer(scorer, graph)
 
     def of(*names: str, self_edges: SelfEdges = "keep") -> Player:
-        return knowledge_player(make_sources(names, scorer, ScoreView("standardise", self_edges, observed)))
+        view = ScoreView("standardise", self_edges, observed)
+        return knowledge_player(make_sources(names, scorer, view, tasks=tasks))
 
     players = {
         "v": of("v"),

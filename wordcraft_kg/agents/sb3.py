@@ -16,8 +16,9 @@ import torch
 from gymnasium import spaces
 from torch import Tensor
 
-from wordcraft_kg.errors import ActionError, ConfigError, MissingExtraError
+from wordcraft_kg.errors import ActionError, ConfigError, LeakError, MissingExtraError
 from wordcraft_kg.models.policies.policy import Policy, PolicyOutput
+from wordcraft_kg.models.policies.sources.source import FoldedSource
 
 try:
     from sb3_contrib.common.maskable.policies import MaskableActorCriticPolicy
@@ -74,6 +75,7 @@ class _NetworkPolicy(BasePolicy):
             optimizer_kwargs=optimizer_kwargs,
         )
         self.network = copy.deepcopy(network)
+        self._tasks = self._bound_to()
         self.optimizer = self.optimizer_class(self.parameters(), lr=lr_schedule(1), **self.optimizer_kwargs)
 
     def forward(
@@ -134,8 +136,22 @@ class _NetworkPolicy(BasePolicy):
     def _ask(self, obs: Observations) -> PolicyOutput:
         # Some versions keep ids as floats in their rollout buffers, and single numbers as rows of one.
         goal, selection = obs["goal"].long().reshape(-1), obs["selection"].long().reshape(-1)
+        if self._bound_to() != self._tasks:
+            raise LeakError(
+                "the policy was bound to other tasks since its training began, so the numbers of this environment's "
+                "tasks would mean others. Bind it again: model.policy.network.bind(world.tasks)."
+            )
         task = obs["task"].long().reshape(-1) if self.network.reads_task else None
         return self.network(goal, selection, obs["table"].long(), task=task)
+
+    def _bound_to(self) -> list[str]:
+        """Return the hashes of the tasks whose numbers the sources take."""
+        return [source.bound_to for source in _folded(self.network)]
+
+
+def _folded(network: Policy) -> list[FoldedSource]:
+    """Return the sources whose scores depend on the task."""
+    return [source for source in network.sources.values() if isinstance(source, FoldedSource) and source.reads_task]
 
 
 class SB3Policy(_NetworkPolicy, ActorCriticPolicy):
@@ -188,4 +204,10 @@ def _check_spaces(observation_space: spaces.Space[Any], action_space: spaces.Spa
         raise ConfigError(
             "the policy's scorer is cross-fitted: which of its models has not seen a task depends on the task, and the "
             "observations do not have it. Wrap the environment: TaskObservation(env)."
+        )
+    amounts = {len(source.model_of_task) for source in _folded(network) if source.bound_to}
+    if isinstance(task, spaces.Discrete) and amounts and amounts != {task.n}:
+        raise ConfigError(
+            f"the policy was made for {max(amounts) - 1:,} tasks but the environment has {task.n - 1:,}. Make it with "
+            "the `tasks` of this environment's world."
         )

@@ -28,7 +28,7 @@ from wordcraft_kg.models.links.folder import open_model
 from wordcraft_kg.models.policies.folder import make_policy, write_constants
 from wordcraft_kg.models.policies.policy import Policy
 from wordcraft_kg.models.policies.sources.source import pairs_need_factors
-from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
+from wordcraft_kg.models.scorers.cross_fitting import CrossFitted, whole_of
 from wordcraft_kg.models.scorers.folder import FOLDS_TENSORS
 from wordcraft_kg.runs.checkpoints import Checkpoint
 from wordcraft_kg.runs.folder import Progress, RunFolder, check_run_output, new_run, resumed_run
@@ -107,7 +107,8 @@ def train_agent(
         model = open_model(Path(config.scorer), opened.source)
         scorer, kg = model.scorer, model.kg
         # Refused now, if it has to be: the tasks of a large graph take a while.
-        pairs_need_factors(config.policy.sources, scorer, config.policy.scale)
+        asked = whole_of(scorer) if config.policy.in_sample else scorer
+        pairs_need_factors(config.policy.sources, asked, config.policy.scale)
         observed = opened.triples(kg)
         inputs["scorer"] = model.run.outputs["model.safetensors"]
         if isinstance(scorer, CrossFitted) and not config.policy.in_sample:

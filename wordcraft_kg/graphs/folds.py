@@ -101,7 +101,7 @@ def make_folds(split: Split, count: int, seed: int = 0) -> Folds:
     units, of_row = np.unique(units_of(split.graph, split.config.kind)[rows], return_inverse=True)
     if count > len(units):
         raise refuse(
-            "folds", count, f"2 to {len(units):,}, the number of units of the train recipes that a fold can hold"
+            "folds", count, f"2 to {len(units):,}, as many as there are train pairs, goals or groups to keep together"
         )
     fold_of_unit = np.empty(len(units), dtype=np.int64)
     fold_of_unit[np.random.default_rng([seed, count]).permutation(len(units))] = np.arange(len(units)) % count

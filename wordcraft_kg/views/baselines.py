@@ -56,12 +56,13 @@ def view_baselines(
         progress: see :func:`~wordcraft_kg.agents.players.play_all`.
     """
     players = knowledge_players(opened.split)
+    world = World(opened, config)
     if model is not None:
         name, trained = model
-        named = scorer_players(opened.graph, trained.scorer, opened.triples(trained.kg))
+        tasks = world.tasks if config.part in ("train", "all") else None
+        named = scorer_players(opened.graph, trained.scorer, opened.triples(trained.kg), tasks)
         oracle = players.pop("recipe oracle")
         players |= {f"{name}, {kind}": player for kind, player in named.items()} | {"recipe oracle": oracle}
-    world = World(opened, config)
     rows = play_all(world, players, distractors, draws=draws, seed=seed, progress=progress)
     return Baselines(
         graph=graph,

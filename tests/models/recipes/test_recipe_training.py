@@ -230,3 +230,21 @@ def test_two_folds_are_too_few_to_leave_one_out(book: Path, tmp_path: Path):
     with pytest.raises(ConfigError, match="expected 3 or more"):
         train_recipes(RecipeScorerConfig(str(book), RecipesConfig(folds=2, features="one-hot")), tmp_path / "model")
     assert not (tmp_path / "model").exists()
+
+
+def test_w_is_restored_from_its_constants_and_a_kept_table_is_not_mistaken_for_another(opened, small, book):
+    from wordcraft_kg.models.policies.sources import source_class
+
+    scorer = load_scorer(small)
+    world = World(str(book), WordCraftConfig(num_distractors=2))
+    (full,) = make_sources(["w"], scorer, tasks=world.tasks)
+    restored = source_class("w").restored(full.num_entities, full.state_dict())
+    restored.load_state_dict(full.state_dict())
+    nothing = full.num_entities
+    goal, held = torch.tensor([3, 4]), torch.tensor([nothing, 1])
+    table = torch.tensor([[0, 1, 2, nothing], [1, 2, 5, nothing]])
+    expected = full(goal, held, table)
+    assert torch.equal(restored(goal, held, table), expected)
+    wider = torch.cat([table, torch.full((2, 3), nothing)], dim=1)
+    assert torch.equal(full(goal, held, wider), torch.nn.functional.pad(expected, (0, 3)))
+    assert not full(goal, held, torch.full_like(table, nothing)).any()

@@ -98,7 +98,7 @@ def open_model(folder: str | Path, graph: str | None = None) -> OpenedModel:
         ('partial', 'kitchen')
     """
     folder = Path(folder)
-    run = read_finished_run(folder, "a model of train-complex or train-links", "model.safetensors")
+    run = read_finished_run(folder, "a model of train-complex, train-links or train-recipes", "model.safetensors")
     scorer = load_scorer(folder)
     verified_bytes(folder, run, "config.toml")
     if run.kind == SavedConfig.command:

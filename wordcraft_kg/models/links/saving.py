@@ -19,6 +19,7 @@ from wordcraft_kg.models.scorers.fold_files import write_folds
 from wordcraft_kg.models.scorers.folder import FOLD_OUTPUTS, ScorerKind, Vocabulary
 from wordcraft_kg.models.scorers.limits import TABLE_LIMIT, table_bytes
 from wordcraft_kg.models.scorers.protocol import FactoredScorer, TripleScorer, check_scorer
+from wordcraft_kg.models.scorers.recipes import RecipeScorer
 from wordcraft_kg.records import as_values
 from wordcraft_kg.runs.cards import front_matter
 from wordcraft_kg.runs.config_file import CONFIG_FILE
@@ -112,6 +113,8 @@ def _tensors_of(scorer: TripleScorer) -> tuple[ScorerKind, dict[str, Tensor]]:
     kind: ScorerKind = "table"
     if isinstance(scorer, CrossFitted):
         scorer = scorer.whole
+    if isinstance(scorer, RecipeScorer):
+        return "recipes", scorer.tensors()
     if isinstance(scorer, ComplExScorer):
         kind, tensors = "complex", scorer.embeddings()
     elif isinstance(scorer, FactoredScorer) and table_bytes(len(scorer.entities)) > TABLE_LIMIT:

@@ -130,7 +130,7 @@ def fit_link_rankers(
     ]
     for base, new, unknown in (*asked_of, _unknown_entities(recipes[folds.seen(left_out)], bases[0].text, rng)):
         for relation, features in zip((COMBINES_WITH, COMPONENT_OF), link_features(base), strict=True):
-            moments[relation].append(features.flatten(0, 1)[::7])
+            moments[relation].append(features.flatten(0, 1)[::7].clone())  # a view would keep all
             # combinesWith is symmetric, so its queries for heads are those for tails.
             for side in ("tail",) if relation == COMBINES_WITH else ("tail", "head"):
                 asked = new[new[:, 1] == relation]

@@ -4,6 +4,7 @@ All are fitted in the same way, side by side where cores allow, and each is kept
 interrupted run goes on with those that are missing.
 """
 
+import logging
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -195,6 +196,17 @@ def _kept(folder: Path) -> Checkpoints[FitDone]:
     return Checkpoints(folder, RECIPES.unit, FitDone, kept=None)
 
 
+def _is_done(kept: Checkpoints[FitDone], job: _Job) -> bool:
+    """Return whether a fit is there, whole, and of the same recipes."""
+    if job.fold not in kept.records():
+        return False
+    try:
+        return kept.read(job.fold).progress == job.done
+    except ArtefactError as error:
+        logging.getLogger(__name__).warning("%s Fitting it again.", error)
+        return False
+
+
 def _fit(
     run: RunFolder[FitDone],
     opened: OpenedGraph,
@@ -207,7 +219,7 @@ def _fit(
     is_partial = settings.kg == "partial"
     jobs = [_Job(run.path, number, folds, text, settings) for number in range(1 + folds.count * is_partial)]
     kept = _kept(run.path)
-    waiting = [job for job in jobs if job.fold not in kept.records()]
+    waiting = [job for job in jobs if not _is_done(kept, job)]
     total = len(jobs) * (settings.folds + 3)
     so_far = dict.fromkeys((job.fold for job in jobs if job not in waiting), settings.folds + 3)
 

@@ -224,7 +224,7 @@ def cross_fit(split: Split, make: Callable[[Ids], Scorer], *, folds: int = 5) ->
         folds: number of folds.
 
     Raises:
-        ConfigError: for fewer than two folds, or more than can be.
+        ConfigError: for fewer than two folds, or more than can be, or a split without a test part.
 
     Example:
         >>> from wordcraft_kg.models.scorers.kernel_scorer import KernelScorer
@@ -232,6 +232,11 @@ def cross_fit(split: Split, make: Callable[[Ids], Scorer], *, folds: int = 5) ->
         >>> cross_fit(split, lambda recipes: KernelScorer(split.graph, recipes), folds=3).count
         3
     """
+    if split.config.kind == "none":
+        raise ConfigError(
+            "this split holds nothing out, so no recipe is unknown to a scorer of all. Take another split, such as "
+            "by-recipe."
+        )
     cut, recipes = make_folds(split, folds), split.graph.recipes
     of_folds = [
         Fold(trained_on=triples_hash(triples), triples=len(triples), queries=0, mrr=None, in_sample_mrr=None)

@@ -40,7 +40,7 @@ def write_folds(
         others = make_scorer(kind_of(own_tensors), dict(own_tensors), graph.entities, graph.hash)
         seen_by.append(predictions(others, folds, number))
         mrr, in_sample = (
-            mean_reciprocal_rank(rank_triples(scorer, queries, graph.triples)) if len(queries) else None
+            mean_reciprocal_rank(rank_triples(scorer, queries, folds.triples())) if len(queries) else None
             for scorer in (others, whole)
         )
         found.append(

@@ -55,7 +55,7 @@ def load_scorer(folder: str | Path, *, graph: RecipeGraph | None = None, device:
     """Load the scorer of a model folder.
 
     Args:
-        folder: folder written by ``train-complex`` or ``train-links``.
+        folder: folder written by ``train-complex``, ``train-links`` or ``train-recipes``.
         graph: if given, the scorer must belong to it.
         device: torch device to score on.
 
@@ -72,7 +72,7 @@ def load_scorer(folder: str | Path, *, graph: RecipeGraph | None = None, device:
         torch.Size([2])
     """
     folder = Path(folder)
-    run = read_finished_run(folder, "a model of train-complex or train-links", "model.safetensors")
+    run = read_finished_run(folder, "a model of train-complex, train-links or train-recipes", "model.safetensors")
     tensors = read_tensors(folder / "model.safetensors", verified_bytes(folder, run, "model.safetensors"))
     scorer: Scorer
     path = folder / "vocabulary.json"

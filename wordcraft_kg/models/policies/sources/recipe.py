@@ -52,7 +52,7 @@ class BestRecipe(FoldedSource):
                 left_out = scorer.left_out(fold)
                 assert isinstance(left_out, RecipeScorer)
                 models.append(left_out)
-        return cls(size, RecipeKnowledge.stacked([model.knowledge for model in models]), of_recipe).bound(view)
+        return cls(size, RecipeKnowledge.stacked([model.knowledge for model in models]).cpu(), of_recipe).bound(view)
 
     @classmethod
     def restored(cls, num_entities: int, constants: Mapping[str, Tensor]) -> Self:  # noqa: D102 - inherited
@@ -116,15 +116,16 @@ class BestRecipe(FoldedSource):
         Most tables are asked for twice in a row, before and after the first pick, so the last ones are kept. Slots that
         are empty in all tables, which come last, are left out.
         """
-        slots = table.shape[1]
-        used = int((table != self.num_entities).any(0).nonzero().max()) + 1
+        slots, is_used = table.shape[1], (table != self.num_entities).any(0)
+        used = int(is_used.nonzero().max()) + 1 if is_used.any() else 0
         asked = goal, table[:, :used], model
-        if self._last is not None and all(
-            one.shape == other.shape and torch.equal(one, other)
-            for one, other in zip(self._last[0], asked, strict=True)
-        ):
+        if self._last is not None and self._last[1].shape[-1] == slots and all(map(_is_same, self._last[0], asked)):
             return self._last[1]
         rest = slots - used
         scores = nn.functional.pad(self.knowledge(*asked), (0, rest, 0, rest), value=-torch.inf)
         self._last = (goal.clone(), asked[1].clone(), model.clone()), scores
         return scores
+
+
+def _is_same(one: Tensor, other: Tensor) -> bool:
+    return one.shape == other.shape and one.device == other.device and torch.equal(one, other)

@@ -331,7 +331,8 @@ def pairs_need_factors(names: Iterable[str], scorer: TripleScorer, scale: Scale)
     )
     if not isinstance(scorer, FactoredScorer):
         raise ConfigError(
-            f"{cost}; only the scores of ComplEx and DistMult can be computed without. Train one of these."
+            f"{cost}; only the scores of ComplEx, DistMult and the recipe kernel of low rank can be computed without. "
+            "Take one of these."
         )
     if scale not in FACTORED_SCALES:
         raise ConfigError(f"`scale` {scale}: {cost}. Choose {' or '.join(FACTORED_SCALES)}, which need none.")

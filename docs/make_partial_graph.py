@@ -75,8 +75,8 @@ def picture(rows: list[Row]) -> str:
     """Return a panel for each book and split: success with 8 and with 1 distractor, a line for each variant."""
     panels = {key: [row for row in of if row["variant"] in SHOWN] for key, of in groups(rows).items()}
     panels = {key: of for key, of in panels.items() if len({row["variant"] for row in of}) == len(SHOWN)}
-    width, left, top, line, columns = 420, 150, 64, 22, 2
-    height = line * len(SHOWN) + 46
+    width, left, top, line, columns = 430, 176, 64, 28, 2
+    height = line * len(SHOWN) + 60
     total = top + height * -(-len(panels) // columns)
     parts = [
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width * columns} {total}" '
@@ -96,11 +96,11 @@ def picture(rows: list[Row]) -> str:
         parts.append(f'<text x="{x0 + 14}" y="{y0 + 14}" font-weight="600" fill="#1b1f24">{title}</text>')
         for tick in (0, 0.25, 0.5, 0.75, 1):
             x = x0 + left + scale * tick
-            bottom = y0 + 24 + line * len(SHOWN)
+            bottom = y0 + 28 + line * len(SHOWN)
             parts.append(f'<line x1="{x:.1f}" x2="{x:.1f}" y1="{y0 + 22}" y2="{bottom}" stroke="#d0d7de"/>')
             parts.append(f'<text x="{x:.1f}" y="{bottom + 13}" text-anchor="middle" fill="#57606a">{tick:g}</text>')
         for row in of:
-            y = y0 + 36 + line * SHOWN.index(row["variant"])
+            y = y0 + 42 + line * SHOWN.index(row["variant"])
             colour = COLOURS[row["distractors"]]
             x = x0 + left + scale * row["success"]
             if row["interval"]:
@@ -115,7 +115,7 @@ def picture(rows: list[Row]) -> str:
             )
         for place, variant in enumerate(SHOWN):
             name = NAMES[variant].strip("*")
-            y = y0 + 40 + line * place
+            y = y0 + 46 + line * place
             parts.append(f'<text x="{x0 + left - 12}" y="{y}" text-anchor="end" fill="#1b1f24">{name}</text>')
     return "\n".join([*parts, "</svg>"]) + "\n"
 

@@ -15,7 +15,12 @@ from typing import Any
 HERE = Path(__file__).parent
 SOURCE, PAGE, PICTURE = HERE / "partial-graph.json", HERE / "partial-graph.md", HERE / "images" / "partial_graph.svg"
 BEGIN, END = "<!-- figures -->\n", "<!-- end of figures -->"
-BOOKS = {"alchemy2": "Little Alchemy 2", "little-alchemy-2": "Little Alchemy 2", "everyday": "`everyday`"}
+BOOKS = {
+    "alchemy2": "Little Alchemy 2",
+    "little-alchemy-2": "Little Alchemy 2",
+    "everyday": "`everyday`",
+    "everyday-700": "700 recipes of `everyday`",
+}
 NAMES = {
     "no graph": "no graph",
     "facts, u v": "facts, u v",

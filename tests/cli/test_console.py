@@ -163,7 +163,7 @@ IS = {
     "file": "is a file",
     "nothing": "does not exist",
 }
-RUN, MODEL = "expected a run of train-agent", "expected a model of train-complex or train-links"
+RUN, MODEL = "expected a run of train-agent", "expected a model of train-complex, train-links or train-recipes"
 
 
 @pytest.mark.parametrize(

@@ -40,7 +40,7 @@ def evaluate_links(
     from wordcraft_kg.runs.record import read_finished_run
 
     folder = out or model / "report"
-    read_finished_run(model, "a model of train-complex or train-links", "model.safetensors")
+    read_finished_run(model, "a model of train-complex, train-links or train-recipes", "model.safetensors")
     check_output(folder, force=force)
     from wordcraft_kg.models.links.folder import open_model
     from wordcraft_kg.reports.link_report import make_link_report

@@ -81,7 +81,7 @@ def train_recipes(
         KeyboardInterrupt: after Ctrl-C, saying how to go on.
 
     Example:
-        >>> trained = train_recipes(RecipeScorerConfig("kitchen", RecipesConfig(folds=2)), "models/kitchen-recipes")
+        >>> trained = train_recipes(RecipeScorerConfig("kitchen", RecipesConfig(folds=3)), "models/kitchen-recipes")
         >>> load_scorer(trained.folder).whole.score_recipes("flour", "water", "dough").shape
         torch.Size([])
     """

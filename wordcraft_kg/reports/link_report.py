@@ -29,6 +29,7 @@ PLAYERS = {
     "u": "combination scores alone (u)",
     "u+v, self edges kept": "both (u + v), self edges kept",
     "u+v, self edges observed": "both (u + v), self edges where training has them",
+    "w, best pair": "recipes (w): the best pair",
     "u+v, self edges dropped": "both (u + v), self edges dropped",
     "random": "any slot at random",
     "recipe oracle": "recipe oracle",

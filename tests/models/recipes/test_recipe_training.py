@@ -248,3 +248,14 @@ def test_w_is_restored_from_its_constants_and_a_kept_table_is_not_mistaken_for_a
     wider = torch.cat([table, torch.full((2, 3), nothing)], dim=1)
     assert torch.equal(full(goal, held, wider), torch.nn.functional.pad(expected, (0, 3)))
     assert not full(goal, held, torch.full_like(table, nothing)).any()
+
+
+def test_the_link_report_of_a_recipe_scorer_is_written(small, book):
+    from wordcraft_kg.agents.players import scorer_players
+    from wordcraft_kg.models.links.folder import open_model
+    from wordcraft_kg.reports.link_report import PLAYERS
+
+    model = open_model(small, str(book))
+    players = scorer_players(model.opened.graph, model.scorer, model.opened.split.partial)
+    assert "w, best pair" in players
+    assert {*players} <= {*PLAYERS}

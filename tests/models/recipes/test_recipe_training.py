@@ -239,10 +239,11 @@ def test_w_is_restored_from_its_constants_and_a_kept_table_is_not_mistaken_for_a
     world = World(str(book), WordCraftConfig(num_distractors=2))
     (full,) = make_sources(["w"], scorer, tasks=world.tasks)
     restored = source_class("w").restored(full.num_entities, full.state_dict())
-    restored.load_state_dict(full.state_dict())
     nothing = full.num_entities
     goal, held = torch.tensor([3, 4]), torch.tensor([nothing, 1])
     table = torch.tensor([[0, 1, 2, nothing], [1, 2, 5, nothing]])
+    assert not restored(goal, held, table).any()
+    restored.load_state_dict(full.state_dict())
     expected = full(goal, held, table)
     assert torch.equal(restored(goal, held, table), expected)
     wider = torch.cat([table, torch.full((2, 3), nothing)], dim=1)

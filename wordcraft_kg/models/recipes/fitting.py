@@ -232,7 +232,7 @@ def _tables(recipes: Ids, distractors: int, slots: int, weights: np.ndarray, rng
     size = len(weights)
     keys = rng.exponential(size=(len(recipes), size)) / weights
     np.put_along_axis(keys, recipes, np.inf, axis=1)
-    amount = min(distractors, size - 3)
+    amount = max(min(distractors, size - 3), 0)
     drawn = np.argsort(keys, axis=1)[:, :amount]
     table = np.full((len(recipes), slots), size)
     table[:, :2] = recipes[:, :2]

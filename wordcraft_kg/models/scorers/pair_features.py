@@ -112,6 +112,7 @@ class RecipeKnowledge(nn.Module):
             self.register_buffer(name, constants[name])
         self.num_entities = len(self.words) - 1
         self.register_buffer("_words_alike", torch.empty(0), persistent=False)
+        self.register_load_state_dict_post_hook(_forget)
 
     @classmethod
     def stacked(cls, models: Sequence["RecipeKnowledge"]) -> Self:
@@ -241,6 +242,12 @@ class RecipeKnowledge(nn.Module):
         is_empty = table == self.num_entities
         scores = scores.view(*table.shape, table.shape[1])
         return scores.masked_fill(is_empty[:, :, None] | is_empty[:, None], -torch.inf)
+
+
+def _forget(knowledge: nn.Module, _: object) -> None:
+    """Drop what was made of other constants."""
+    assert isinstance(knowledge, RecipeKnowledge)
+    knowledge._words_alike = torch.empty(0)
 
 
 RANKER = ("first", "first_bias", "second", "bias")

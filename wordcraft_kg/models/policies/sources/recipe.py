@@ -32,6 +32,7 @@ class BestRecipe(FoldedSource):
         super().__init__(num_entities, fold_of_recipe)
         self.knowledge = knowledge
         self._last: tuple[tuple[Tensor, Tensor, Tensor], Tensor] | None = None
+        self.register_load_state_dict_post_hook(_forget)
 
     @classmethod
     def of_scorer(cls, scorer: TripleScorer, view: ScoreView) -> "BestRecipe":  # noqa: D102 - inherited
@@ -43,7 +44,7 @@ class BestRecipe(FoldedSource):
             )
         size = len(scorer.entities)
         if not isinstance(scorer, CrossFitted):
-            return cls(size, RecipeKnowledge(whole.knowledge.constants()))
+            return cls(size, RecipeKnowledge(whole.knowledge.constants()).cpu())
         models = [whole]
         of_recipe = cls.folds_of(scorer, view)
         if view.tasks is not None:
@@ -125,6 +126,12 @@ class BestRecipe(FoldedSource):
         scores = nn.functional.pad(self.knowledge(*asked), (0, rest, 0, rest), value=-torch.inf)
         self._last = (goal.clone(), asked[1].clone(), model.clone()), scores
         return scores
+
+
+def _forget(source: nn.Module, _: object) -> None:
+    """Drop what was kept of other constants."""
+    assert isinstance(source, BestRecipe)
+    source._last = None
 
 
 def _is_same(one: Tensor, other: Tensor) -> bool:

@@ -1,0 +1,246 @@
+"""What a study compares, as data: variants of an agent, the settings that are crossed with them, and seeds.
+
+A study is a TOML file; the built-in ones, the paper's figures among them, lie in ``studies/``. Every setting is an
+option of a command that does the same by hand: ``build-graph`` (``book``, ``split``, ``split_seed``, ``train_ratio``,
+``valid_ratio``), ``train-agent``, and the training commands of scorers.
+"""
+
+import tomllib
+from dataclasses import fields
+from importlib.resources import files
+from itertools import product
+from pathlib import Path
+from typing import Any, Literal
+
+import msgspec
+
+from wordcraft_kg.agents.config import ImpalaConfig, TaskConfig
+from wordcraft_kg.artefacts import read_small_file
+from wordcraft_kg.errors import ConfigError
+from wordcraft_kg.graphs.splits import SplitConfig
+from wordcraft_kg.models.links.config import CONFIGS
+from wordcraft_kg.models.policies.config import PolicyConfig
+from wordcraft_kg.models.recipes.config import RecipesConfig
+from wordcraft_kg.records import Record
+from wordcraft_kg.settings import nearest, whole
+
+Value = str | int | float | bool
+Values = dict[str, Value]
+Drawing = Literal["curves", "bars", "dose"]
+"""Success by step of training; final success of each variant; final success by the MRR of the scorer."""
+
+OF_GRAPH = {
+    "book": "book",
+    "split": "kind",
+    "split_seed": "seed",
+    "train_ratio": "train_ratio",
+    "valid_ratio": "valid_ratio",
+}
+"""Settings of the graph by option: ``book``, and the field of :class:`SplitConfig`."""
+OF_AGENT = {field.name: kind for kind in (TaskConfig, PolicyConfig, ImpalaConfig) for field in fields(kind)}
+"""Settings of an agent, and which part of them each belongs to."""
+SCORER = "scorer"
+"""The setting that names a scorer of the study; ``scorer.epochs`` is a setting of the scorer itself."""
+PLAIN_SCORERS = ("facts", "neighbours", "kernel")
+"""Scorers that are made of the train recipes without training; they have no settings but ``kg``."""
+SCORER_SETTINGS: dict[str, frozenset[str]] = {
+    **{name: frozenset({"kg"}) for name in PLAIN_SCORERS},
+    **{
+        command: frozenset(field.name for field in fields(kind))
+        for command, kind in {**CONFIGS, RecipesConfig.command: RecipesConfig}.items()
+    },
+}
+"""Settings of each kind of scorer."""
+NO_SETTINGS = ("seed", "checkpoint_every")
+"""Options that a study gives itself, or that change no figure."""
+
+
+class Study(Record, omit_defaults=True):
+    """A study as its file has it.
+
+    Attributes:
+        title: what is compared, in a line.
+        about: what it asks, and how to read it.
+        source: where the comparison comes from, such as a figure of the paper.
+        seeds: number of trainings of each cell, with seeds from 0; scorers without a seed of their own take the same.
+        drawing: how its figure shows it.
+        reference: the variant with which the others are compared. Default: the first.
+        settings: settings of all trainings.
+        grid: settings that are crossed, by name: a list of values each.
+        scorers: scorers by name: ``command`` (train-complex, train-links, train-recipes, facts, neighbours or kernel),
+            and settings.
+        variants: settings of each variant, by its name.
+    """
+
+    title: str
+    variants: dict[str, Values]
+    about: str = ""
+    source: str = ""
+    seeds: int = 5
+    drawing: Drawing = "curves"
+    reference: str = ""
+    settings: Values = msgspec.field(default_factory=dict)
+    grid: dict[str, list[Value]] = msgspec.field(default_factory=dict)
+    scorers: dict[str, Values] = msgspec.field(default_factory=dict)
+
+
+class Cell(Record, frozen=True):
+    """A training of a study.
+
+    Attributes:
+        variant: name of the variant.
+        values: the grid's values, by setting.
+        seed: seed of the agent, and of its scorer unless that has one of its own.
+        settings: all settings that are given, those of the grid, of the study and of the variant.
+    """
+
+    variant: str
+    values: Values
+    seed: int
+    settings: Values
+
+
+def built_in() -> list[str]:
+    """Return the names of the studies that come with the package."""
+    return sorted(path.name.removesuffix(".toml") for path in _studies().iterdir() if path.name.endswith(".toml"))
+
+
+def _studies() -> Any:
+    return files("wordcraft_kg.experiments") / "studies"
+
+
+def read_study(source: str | Path) -> Study:
+    """Read a study, and check it as far as it can be without its books.
+
+    Args:
+        source: a TOML file, or the name of a built-in study.
+
+    Raises:
+        ConfigError: if there is no such study, or naming the setting that is unknown, wrong or contradictory.
+
+    Example:
+        >>> read_study("knowledge").drawing
+        'curves'
+    """
+    if str(source) in built_in():
+        text = (_studies() / f"{source}.toml").read_text(encoding="utf-8")
+    else:
+        path = Path(source)
+        if not path.is_file():
+            raise ConfigError(
+                f"'{source}': no such file, and no study of that name; there are {', '.join(built_in())}."
+                f"{nearest(str(source), built_in())}"
+            )
+        try:
+            text = read_small_file(path).decode()
+        except UnicodeDecodeError as error:
+            raise ConfigError(f"{source}: not UTF-8 ({error.reason}).") from None
+    return parse_study(text, str(source))
+
+
+def parse_study(text: str, source: str) -> Study:
+    """Read a study from the text of a TOML file; ``source`` is its name in errors.
+
+    Raises:
+        ConfigError: naming what is wrong.
+    """
+    try:
+        values = tomllib.loads(text)
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        raise ConfigError(f"{source}: not a TOML file ({error}).") from None
+    _known(source, "", values, Study.__struct_fields__)
+    try:
+        study = msgspec.convert(values, Study)
+    except msgspec.ValidationError as error:
+        raise ConfigError(f"{source}: {str(error).replace('`', chr(39))}.") from None
+    check_study(study, source)
+    return study
+
+
+def check_study(study: Study, source: str = "study") -> None:
+    """Check a study's names and settings.
+
+    Raises:
+        ConfigError: naming the first that is unknown, wrong or contradictory.
+    """
+    whole("seeds", study.seeds, 1, 1_000)
+    if not study.variants:
+        raise ConfigError(f'{source}: no variants; expected at least one table [variants."a name"].')
+    if study.reference and study.reference not in study.variants:
+        raise ConfigError(
+            f"{source}: reference '{study.reference}' is no variant; there are {', '.join(study.variants)}."
+            f"{nearest(study.reference, study.variants)}"
+        )
+    for name, scorer in study.scorers.items():
+        command = scorer.get("command")
+        if command not in SCORER_SETTINGS:
+            hint = nearest(str(command), SCORER_SETTINGS)
+            raise ConfigError(
+                f"{source}: scorers.{name} has command {command!r}; expected one of {', '.join(SCORER_SETTINGS)}.{hint}"
+            )
+        _known(source, f"scorers.{name}.", scorer, {"command", *SCORER_SETTINGS[str(command)]})
+    tables: dict[str, dict[str, Any]] = {"settings.": study.settings, "grid.": study.grid}
+    tables |= {f"variants.{name}.": settings for name, settings in study.variants.items()}
+    of_scorers = {f"{SCORER}.{name}" for known in SCORER_SETTINGS.values() for name in known}
+    known = {SCORER, *OF_GRAPH, *OF_AGENT, *of_scorers} - set(NO_SETTINGS)
+    for where, table in tables.items():
+        _known(source, where, table, known)
+        for name in table:
+            if where.startswith("variants.") and name in study.grid:
+                raise ConfigError(f"{source}: {where}{name} is also in the grid; a variant cannot fix what is varied.")
+    for name, values in study.grid.items():
+        if not values:
+            raise ConfigError(f"{source}: grid.{name} is empty; expected at least one value.")
+        for value in values:
+            if values.count(value) > 1:
+                raise ConfigError(f"{source}: grid.{name} has {value!r} twice.")
+    for cell in cells_of(study):
+        _check_scorer(study, cell, source)
+    _refuse_equal_variants(study, source)
+
+
+def _known(source: str, where: str, table: Any, known: Any) -> None:
+    for name in table:
+        if name not in known:
+            raise ConfigError(f"{source}: unknown setting '{where}{name}'.{nearest(str(name), known)}")
+
+
+def _check_scorer(study: Study, cell: Cell, source: str) -> None:
+    name = cell.settings.get(SCORER)
+    if name is None:
+        return
+    if name not in study.scorers:
+        raise ConfigError(
+            f"{source}: variant '{cell.variant}' names the scorer {name!r}; there are "
+            f"{', '.join(study.scorers) or 'none'}.{nearest(str(name), study.scorers)}"
+        )
+
+
+def _refuse_equal_variants(study: Study, source: str) -> None:
+    seen: dict[str, str] = {}
+    for name, settings in study.variants.items():
+        key = msgspec.json.encode({**study.settings, **settings}, order="sorted").decode()
+        if key in seen:
+            raise ConfigError(f"{source}: variants '{seen[key]}' and '{name}' are equal; give each once.")
+        seen[key] = name
+
+
+def cells_of(study: Study) -> list[Cell]:
+    """Return the trainings of a study: the grid, in each of its points all variants, and of each all seeds.
+
+    Settings ``scorer.NAME`` of a cell without a scorer are left out: it is the same training for all their values.
+    """
+    found = []
+    for point in product(*study.grid.values()):
+        values = dict(zip(study.grid, point, strict=True))
+        for name, settings in study.variants.items():
+            merged = {**study.settings, **values, **settings}
+            if SCORER not in merged:
+                merged = {key: value for key, value in merged.items() if not key.startswith(f"{SCORER}.")}
+            found += [Cell(name, values, seed, merged) for seed in range(study.seeds)]
+    return found
+
+
+def split_of(settings: Values) -> SplitConfig:
+    """Return how a cell's graph is split."""
+    return SplitConfig(**{OF_GRAPH[name]: settings[name] for name in OF_GRAPH if name != "book" and name in settings})  # type: ignore[arg-type]

@@ -1,0 +1,62 @@
+"""The pieces of work that a study consists of, each addressed by what goes into it."""
+
+import hashlib
+import json
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Literal
+
+Kind = Literal["graphs", "scorers", "runs"]
+"""What a task makes, which is also the folder of the results folder that holds it."""
+Ending = Literal["done", "failed", "interrupted"]
+
+
+@dataclass(frozen=True)
+class Task:
+    """A piece of work: a graph folder, a model folder or the run folder of an agent.
+
+    Attributes:
+        kind: what it makes.
+        settings: everything that decides the outcome, as plain values; inputs by their addresses.
+        title: what it is, in a line for people; not part of the address.
+        needs: addresses of the tasks whose folders it reads.
+        threads: CPU threads that it computes with.
+        device: torch device that it computes on.
+    """
+
+    kind: Kind
+    settings: dict[str, Any]
+    title: str
+    needs: tuple[str, ...] = ()
+    threads: int = 1
+    device: str = "cpu"
+
+    @cached_property
+    def address(self) -> str:
+        """Folder inside the results folder: the kind, and a hash of the settings."""
+        text = json.dumps(self.settings, sort_keys=True, ensure_ascii=False, allow_nan=False)
+        return f"{self.kind}/{hashlib.sha256(text.encode()).hexdigest()[:16]}"
+
+    def folder(self, root: Path) -> Path:
+        """Return its folder inside a results folder."""
+        return root / self.address
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a task ended.
+
+    Attributes:
+        address: address of the task.
+        ending: done, failed, or interrupted: it can go on.
+        error: what went wrong, in a line.
+        detail: the traceback of an error that is no user's.
+        disk_full: whether the disk was full, so that there is no point in going on.
+    """
+
+    address: str
+    ending: Ending
+    error: str = ""
+    detail: str = ""
+    disk_full: bool = False

@@ -10,7 +10,7 @@ from dataclasses import fields
 from importlib.resources import files
 from itertools import product
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import msgspec
 
@@ -28,6 +28,9 @@ Value = str | int | float | bool
 Values = dict[str, Value]
 Drawing = Literal["curves", "bars", "dose"]
 """Success by step of training; final success of each variant; final success by the MRR of the scorer."""
+
+Expected = Literal["more", "less", "comparable", "varies"]
+Measure = Literal["success", "early", "steps", "same_twice"]
 
 OF_GRAPH = {
     "book": "book",
@@ -55,6 +58,38 @@ NO_SETTINGS = ("seed", "checkpoint_every")
 """Options that a study gives itself, or that change no figure."""
 
 
+class Claim(Record, frozen=True, omit_defaults=True):
+    """What somebody says of two variants, in a form that can be held against results.
+
+    Attributes:
+        text: the claim, in a sentence.
+        source: who says it, and where.
+        left: a variant.
+        right: the variant with which it is compared.
+        than: a value with which it is compared instead of a variant.
+        expected: more or less than the other, or comparable (closer to it than ``by``); or varies: at some points of
+            the grid left is better, at others right.
+        by: how much more or less at least, for a claim such as "drastically"; how close, for comparable. In the unit of
+            the measure.
+        measure: success at the end on test tasks; early: success after a tenth of the steps; steps: environment steps
+            until a curve reaches 95 % of where the right one ends, as a share of all steps; same_twice: share of the
+            test episodes that end with a pair of an entity with itself that does not make the goal.
+        at: points of the grid that the claim is about, by some of their values; all of them if there are none.
+        right_at: values in which the point of ``right`` differs from that of ``left``.
+    """
+
+    text: str
+    left: str
+    right: str = ""
+    than: float | None = None
+    expected: Expected = "more"
+    by: Annotated[float, msgspec.Meta(ge=0)] = 0.0
+    measure: Measure = "success"
+    at: Values = msgspec.field(default_factory=dict)
+    right_at: Values = msgspec.field(default_factory=dict)
+    source: str = ""
+
+
 class Study(Record, omit_defaults=True):
     """A study as its file has it.
 
@@ -67,9 +102,12 @@ class Study(Record, omit_defaults=True):
         reference: the variant with which the others are compared. Default: the first.
         settings: settings of all trainings.
         grid: settings that are crossed, by name: a list of values each.
+        points: conditions that are more than a cross of values: a table of settings each, all with the same names; they
+            are crossed with the grid. Default: none.
         scorers: scorers by name: ``command`` (train-complex, train-links, train-recipes, facts, neighbours or kernel),
             and settings.
         variants: settings of each variant, by its name.
+        claims: what is said to come out, to be held against what does.
     """
 
     title: str
@@ -81,7 +119,9 @@ class Study(Record, omit_defaults=True):
     reference: str = ""
     settings: Values = msgspec.field(default_factory=dict)
     grid: dict[str, list[Value]] = msgspec.field(default_factory=dict)
+    points: list[Values] = msgspec.field(default_factory=list)
     scorers: dict[str, Values] = msgspec.field(default_factory=dict)
+    claims: list[Claim] = msgspec.field(default_factory=list)
 
 
 class Cell(Record, frozen=True):
@@ -180,13 +220,15 @@ def check_study(study: Study, source: str = "study") -> None:
             )
         _known(source, f"scorers.{name}.", scorer, {"command", *SCORER_SETTINGS[str(command)]})
     tables: dict[str, dict[str, Any]] = {"settings.": study.settings, "grid.": study.grid}
+    tables |= {f"points[{number}].": point for number, point in enumerate(study.points)}
     tables |= {f"variants.{name}.": settings for name, settings in study.variants.items()}
     of_scorers = {f"{SCORER}.{name}" for known in SCORER_SETTINGS.values() for name in known}
     known = {SCORER, *OF_GRAPH, *OF_AGENT, *of_scorers} - set(NO_SETTINGS)
+    varied = {*study.grid, *(name for point in study.points for name in point)}
     for where, table in tables.items():
         _known(source, where, table, known)
         for name in table:
-            if where.startswith("variants.") and name in study.grid:
+            if where.startswith("variants.") and name in varied:
                 raise ConfigError(f"{source}: {where}{name} is also in the grid; a variant cannot fix what is varied.")
     for name, values in study.grid.items():
         if not values:
@@ -194,9 +236,54 @@ def check_study(study: Study, source: str = "study") -> None:
         for value in values:
             if values.count(value) > 1:
                 raise ConfigError(f"{source}: grid.{name} has {value!r} twice.")
+    _check_points(study, source)
     for cell in cells_of(study):
         _check_scorer(study, cell, source)
     _refuse_equal_variants(study, source)
+    for claim in study.claims:
+        _check_claim(study, claim, source)
+
+
+def _check_points(study: Study, source: str) -> None:
+    for number, point in enumerate(study.points):
+        if point.keys() != study.points[0].keys():
+            raise ConfigError(
+                f"{source}: points[{number}] has {', '.join(point) or 'nothing'}, points[0] has "
+                f"{', '.join(study.points[0]) or 'nothing'}; expected the same settings in all."
+            )
+        if point in study.points[:number]:
+            raise ConfigError(f"{source}: points[{number}] is there twice.")
+        for name in point:
+            if name in study.grid:
+                raise ConfigError(f"{source}: points[{number}].{name} is also in the grid; give it in one of them.")
+
+
+def _check_claim(study: Study, claim: Claim, source: str) -> None:
+    where = f"{source}: claim {claim.text!r}"
+    if (claim.than is None) == (not claim.right):
+        raise ConfigError(f"{where} needs either 'right', a variant, or 'than', a value.")
+    for variant in (claim.left, claim.right):
+        if variant and variant not in study.variants:
+            hint = nearest(variant, study.variants)
+            raise ConfigError(f"{where} names no variant: {variant!r}; there are {', '.join(study.variants)}.{hint}")
+    if claim.expected == "comparable" and not claim.by:
+        raise ConfigError(f"{where} needs 'by': how close is comparable?")
+    if claim.measure == "steps" and not claim.right:
+        raise ConfigError(f"{where}: steps are counted until the curve of a variant is reached; give 'right'.")
+    for values in (claim.at, {**claim.at, **claim.right_at}):
+        if not points_at(study, values):
+            raise ConfigError(f"{where} is about {values}; there is no such point in the grid.")
+
+
+def points_of(study: Study) -> list[Values]:
+    """Return the points of a study's grid, in order: the conditions, each crossed with the values of the grid."""
+    crossed = [dict(zip(study.grid, point, strict=True)) for point in product(*study.grid.values())]
+    return [{**point, **values} for point in study.points or [{}] for values in crossed]
+
+
+def points_at(study: Study, values: Values) -> list[Values]:
+    """Return the points that have certain values."""
+    return [point for point in points_of(study) if values.items() <= point.items()]
 
 
 def _known(source: str, where: str, table: Any, known: Any) -> None:
@@ -231,8 +318,7 @@ def cells_of(study: Study) -> list[Cell]:
     Settings ``scorer.NAME`` of a cell without a scorer are left out: it is the same training for all their values.
     """
     found = []
-    for point in product(*study.grid.values()):
-        values = dict(zip(study.grid, point, strict=True))
+    for values in points_of(study):
         for name, settings in study.variants.items():
             merged = {**study.settings, **values, **settings}
             if SCORER not in merged:

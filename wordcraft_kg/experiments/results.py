@@ -32,6 +32,7 @@ class RunResult(Record, frozen=True):
         graph: number of the graph in :attr:`StudyResults.graphs`.
         success: share of episodes in which the greedy agent made the goal, by part (train, test).
         by_plan: share in which the last pair of a plan made it, by part.
+        endings: share of episodes on test tasks by how they ended, see :data:`~wordcraft_kg.agents.evaluation.ENDINGS`.
         won: successes of each test task in the order of the tasks, a digit each: of ``draws`` draws of distractors.
         draws: draws of distractors for each task.
         curve: success on test tasks during training.
@@ -48,6 +49,7 @@ class RunResult(Record, frozen=True):
     graph: int
     success: dict[str, Share]
     by_plan: dict[str, Share]
+    endings: dict[str, Share]
     won: str
     draws: int
     curve: Curve

@@ -66,14 +66,14 @@ def _started(jobs: Sequence[Job]) -> tuple[Connection, BaseProcess]:
     context = multiprocessing.get_context("spawn")
     receiver, sender = context.Pipe(duplex=False)
     process = context.Process(target=_work, args=(sender, jobs), daemon=True)
-    with _own_start():
+    with own_start():
         process.start()
     sender.close()
     return receiver, process
 
 
 @contextmanager
-def _own_start() -> Iterator[None]:
+def own_start() -> Iterator[None]:
     """Keep the caller's program and Ctrl-C out of a process that starts in this block.
 
     A new process would import the program that was started, and thereby run it if it has no ``__main__`` guard; ours

@@ -1,0 +1,189 @@
+"""What follows from a study: its trainings, and the graphs and scorers that they share, each of them once."""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields, replace
+from typing import Any
+
+from wordcraft_kg.agents.config import OF_SCORER, AgentConfig, ImpalaConfig, TaskConfig
+from wordcraft_kg.errors import ConfigError, SplitError
+from wordcraft_kg.experiments.study import (
+    OF_AGENT,
+    OF_GRAPH,
+    SCORER,
+    SCORER_SETTINGS,
+    Cell,
+    Study,
+    Values,
+    cells_of,
+    split_of,
+)
+from wordcraft_kg.experiments.tasks import Task
+from wordcraft_kg.graphs.folder import default_split
+from wordcraft_kg.graphs.library import open_book
+from wordcraft_kg.graphs.recipe_graph import RecipeGraph
+from wordcraft_kg.graphs.splits import make_split
+from wordcraft_kg.models.links.config import CONFIGS
+from wordcraft_kg.models.policies.config import PolicyConfig
+from wordcraft_kg.models.recipes.config import RecipesConfig
+from wordcraft_kg.settings import nearest
+
+DEFAULTS = 1
+"""Version of the defaults of all settings: a default that changes gives other results, which need other addresses."""
+CURVE_POINTS = 20
+"""Points of a learning curve; each takes about as long as 10,000 steps."""
+CONFIG_OF = {**CONFIGS, RecipesConfig.command: RecipesConfig}
+"""Settings of scorers that are trained, by command."""
+PART_OF_AGENT = {"tasks": TaskConfig, "policy": PolicyConfig, "trainer": ImpalaConfig}
+
+
+@dataclass(frozen=True)
+class Plan:
+    """All that a study consists of.
+
+    Attributes:
+        name: name of the study.
+        study: the study.
+        cells: its trainings.
+        runs: address of the run of each cell; equal trainings share one.
+        tasks: all tasks by address; each after those that it needs.
+        books: where the recipe book of each graph is, by the graph's address.
+    """
+
+    name: str
+    study: Study
+    cells: tuple[Cell, ...]
+    runs: tuple[str, ...]
+    tasks: Mapping[str, Task]
+    books: Mapping[str, str]
+
+
+def make_plan(study: Study, name: str) -> Plan:
+    """Return what follows from a study.
+
+    Raises:
+        ConfigError: naming the variant and the setting that is out of range, or does not fit another.
+        RecipeFileError: if a book is not there.
+    """
+    planner = _Planner(study)
+    cells = cells_of(study)
+    runs = tuple(planner.run(cell) for cell in cells)
+    return Plan(name, study, tuple(cells), runs, planner.tasks, planner.books)
+
+
+class _Planner:
+    """Makes the tasks of cells; what several cells share is made once."""
+
+    def __init__(self, study: Study):
+        self.study = study
+        self.tasks: dict[str, Task] = {}
+        self.books: dict[str, str] = {}
+        self._graphs: dict[str, RecipeGraph] = {}
+        self._made: dict[str, str] = {}
+
+    def run(self, cell: Cell) -> str:
+        """Return the address of a cell's run."""
+        try:
+            graph = self._graph(cell.settings)
+            scorer = self._scorer(cell, graph)
+            return self._agent(cell, graph, scorer)
+        except (ConfigError, SplitError) as error:
+            raise ConfigError(f"variant '{cell.variant}'{_values(cell.values)}: {error}") from None
+
+    def _add(self, task: Task) -> str:
+        return self.tasks.setdefault(task.address, task).address
+
+    def _graph(self, settings: Values) -> str:
+        source = str(settings.get("book", "everyday"))
+        given = {name: settings[name] for name in OF_GRAPH if name in settings}
+        key = repr(given)
+        if key not in self._made:
+            if source not in self._graphs:
+                self._graphs[source] = RecipeGraph.from_book(open_book(source))
+            graph, config = self._graphs[source], split_of(settings)
+            # Fails here if the split cannot be; a book that is too small for any is played without one, as elsewhere.
+            split = make_split(graph, config) if len(given) > 1 else default_split(graph)
+            task = Task(
+                "graphs",
+                {"defaults": DEFAULTS, "graph": graph.hash, "name": graph.name, "split": asdict(split.config)},
+                f"graph {graph.name}, {split.config.kind}, seed {split.config.seed}",
+            )
+            self._made[key] = self._add(task)
+            self.books[task.address] = source
+        return self._made[key]
+
+    def _scorer(self, cell: Cell, graph: str) -> str | None:
+        """Return the address of a cell's scorer; one that would learn from nothing says nothing, so there is none."""
+        name = cell.settings.get(SCORER)
+        if name is None:
+            return None
+        own = {key.removeprefix(f"{SCORER}."): v for key, v in cell.settings.items() if key.startswith(f"{SCORER}.")}
+        settings = {**self.study.scorers[str(name)], **own}
+        command = str(settings.pop("command"))
+        unknown = settings.keys() - SCORER_SETTINGS[command]
+        if unknown:
+            wrong = min(unknown)
+            raise ConfigError(f"{command} has no setting '{SCORER}.{wrong}'.{nearest(wrong, SCORER_SETTINGS[command])}")
+        if settings.get("share") == 0:
+            return None
+        threads, device = 1, "cpu"
+        if command in CONFIG_OF:
+            settings.setdefault("seed", cell.seed)
+            config = CONFIG_OF[command](**settings)  # type: ignore[arg-type]
+            threads, device = config.threads, config.device
+            settings = _not_default(settings, CONFIG_OF[command])
+        return self._add(
+            Task(
+                "scorers",
+                {"defaults": DEFAULTS, "graph": graph, "command": command, "settings": settings},
+                f"{command}{_values(settings)} on {self.tasks[graph].title}",
+                (graph,),
+                threads,
+                device,
+            )
+        )
+
+    def _agent(self, cell: Cell, graph: str, scorer: str | None) -> str:
+        given = {name: value for name, value in cell.settings.items() if name in OF_AGENT}
+        if scorer is None and SCORER in cell.settings:
+            given = {name: value for name, value in given.items() if name not in OF_SCORER}
+        given["seed"] = cell.seed
+        if "eval_every" not in given:
+            steps = int(given.get("steps", ImpalaConfig.steps))
+            given["eval_every"] = max(steps // CURVE_POINTS, 1)
+        config = agent_config(given, graph, scorer)
+        settings: dict[str, Any] = {}
+        for kind in PART_OF_AGENT.values():
+            settings |= _not_default(given, kind)
+        return self._add(
+            Task(
+                "runs",
+                {"defaults": DEFAULTS, "graph": graph, "scorer": scorer, "settings": settings},
+                f"{cell.variant}{_values(cell.values)}, seed {cell.seed}",
+                (graph,) if scorer is None else (graph, scorer),
+                config.trainer.threads,
+                config.trainer.device,
+            )
+        )
+
+
+def agent_config(settings: Mapping[str, Any], graph: str, scorer: str | None) -> AgentConfig:
+    """Return the settings of an agent from those that are given.
+
+    Raises:
+        ConfigError: for a value out of range.
+    """
+    parts = {
+        name: kind(**{field.name: settings[field.name] for field in fields(kind) if field.name in settings})
+        for name, kind in PART_OF_AGENT.items()
+    }
+    return replace(AgentConfig(graph, scorer), **parts)
+
+
+def _not_default(settings: Mapping[str, Any], kind: type) -> dict[str, Any]:
+    """Return the settings of a kind that are not at its default, which give the same result as none."""
+    defaults = {field.name: field.default for field in fields(kind)}
+    return {name: settings[name] for name in defaults if name in settings and settings[name] != defaults[name]}
+
+
+def _values(values: Mapping[str, Any]) -> str:
+    return "".join(f", {name} {value}" for name, value in values.items())

@@ -10,13 +10,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from wordcraft_kg import statistics as intervals
 from wordcraft_kg.errors import ConfigError
 from wordcraft_kg.statistics import (
     interquartile_mean,
     paired_difference,
     probability_of_improvement,
     probability_of_improvement_interval,
+    samples,
     stratified_bootstrap,
     task_bootstrap,
     wilson_interval,
@@ -139,7 +139,7 @@ def test_equal_seeds_have_an_interval_without_width():
 def test_bounds_are_right_however_many_draws_are_held_at_once(monkeypatch: pytest.MonkeyPatch):
     exact = [float(np.mean(drawn)) for drawn in all_resamples(SCORES)]
     for chunk in (1, 13, 600):
-        monkeypatch.setattr(intervals, "CHUNK", chunk)
+        monkeypatch.setattr(samples, "CHUNK", chunk)
         assert_between_quantiles(stratified_bootstrap(SCORES, np.mean, draws=5_001), exact, 0.95, 0.015)
 
 

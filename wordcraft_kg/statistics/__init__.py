@@ -1,24 +1,36 @@
 """Confidence intervals of success rates, and statistics that compare agents trained with several seeds."""
 
 from wordcraft_kg.statistics.clusters import bootstrap, interval
+from wordcraft_kg.statistics.comparisons import holm, permutation_p_value, smallest_p_value
+from wordcraft_kg.statistics.correlation import correlation
+from wordcraft_kg.statistics.profiles import performance_profile, performance_profile_band
 from wordcraft_kg.statistics.runs import (
     interquartile_mean,
     probability_of_improvement,
     probability_of_improvement_interval,
+    resampled_means,
     stratified_bootstrap,
 )
 from wordcraft_kg.statistics.samples import Interval
 from wordcraft_kg.statistics.scale import standardised
-from wordcraft_kg.statistics.tasks import paired_difference, task_bootstrap, wilson_interval
+from wordcraft_kg.statistics.tasks import crossed_bootstrap, paired_difference, task_bootstrap, wilson_interval
 
 __all__ = [
     "Interval",
     "bootstrap",
+    "correlation",
+    "crossed_bootstrap",
+    "holm",
     "interquartile_mean",
     "interval",
     "paired_difference",
+    "performance_profile",
+    "performance_profile_band",
+    "permutation_p_value",
     "probability_of_improvement",
     "probability_of_improvement_interval",
+    "resampled_means",
+    "smallest_p_value",
     "standardised",
     "stratified_bootstrap",
     "task_bootstrap",

@@ -6,6 +6,7 @@ from typing import Any, overload
 import numpy as np
 from numpy.typing import ArrayLike
 
+from wordcraft_kg.settings import MAX_SIZE, whole
 from wordcraft_kg.statistics.samples import Scores, by_seed, finite, pair, percentiles
 
 
@@ -124,3 +125,24 @@ def _win_rate(x: Scores, y: Scores) -> Scores:
     # Signs are 1, 0, -1 for won, tied, lost.
     signs = np.sign(x[..., :, None, :] - y[..., None, :, :])
     return np.asarray((1 + signs.mean(axis=(-3, -2, -1))) / 2)
+
+
+def resampled_means(scores: ArrayLike, *, draws: int = 2000, seed: int = 0) -> Scores:
+    """Return means over resampled runs: whole rows are drawn, so that what belongs to a run stays together.
+
+    Args:
+        scores: shape (S runs, K), such as the points of their learning curves.
+        draws: resamples, from 1.
+        seed: of the resampling.
+
+    Returns:
+        shape (draws, K), float.
+
+    Raises:
+        ConfigError: if scores are missing, not finite or of another shape, or a setting is out of range.
+    """
+    draws, seed = whole("draws", draws, 1, MAX_SIZE), whole("seed", seed, 0)
+    table = by_seed("scores", scores)
+    size = len(table)
+    chosen = np.random.default_rng(seed).multinomial(size, np.full(size, 1 / size), size=draws)
+    return np.asarray(chosen @ table / size)

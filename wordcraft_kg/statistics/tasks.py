@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 
 from wordcraft_kg.errors import ConfigError
 from wordcraft_kg.settings import MAX_SIZE, whole
+from wordcraft_kg.statistics import samples
 from wordcraft_kg.statistics.samples import Interval, check_level, finite
 
 
@@ -114,3 +115,45 @@ def paired_difference(x: ArrayLike, y: ArrayLike, *, level: float = 0.95, draws:
     drawn = np.random.default_rng(seed).multinomial(len(a), tasks / len(a), size=draws)
     low, high = np.quantile(drawn @ values / len(a), [(1 - level) / 2, (1 + level) / 2])
     return float(values @ tasks / len(a)), float(low), float(high)
+
+
+def crossed_bootstrap(
+    scores: ArrayLike, *, level: float = 0.95, draws: int = 2000, seed: int = 0
+) -> tuple[float, float]:
+    """Return the interval of a mean over seeds and tasks, resampling both: of other seeds, and of other such tasks.
+
+    Every run plays the same tasks, so rows and columns are resampled whole and independently of each other:
+    ``m* = 1/(S K) sum_i sum_k s_(r_i)(c_k)``, r_i uniform over 1..S and c_k over 1..K. The bounds are the quantiles of
+    m* over the draws. For scores that are differences of two agents, seed by seed and task by task, it is the interval
+    of the mean difference.
+
+    A single seed cannot be resampled: the interval is then one over tasks. With few seeds the part that they
+    contribute is too narrow, as in :func:`~wordcraft_kg.statistics.stratified_bootstrap`. Where all scores are
+    equal, the width is zero.
+
+    Args:
+        scores: shape (S seeds, K tasks): the success rate of each run on each task.
+        level: of confidence, between 0 and 1.
+        draws: resamples, from 1.
+        seed: of the resampling.
+
+    Raises:
+        ConfigError: if scores are missing, not finite or of another shape, or a setting is out of range.
+
+    Source: Owen 2007, "The pigeonhole bootstrap".
+    """
+    check_level(level)
+    draws, seed = whole("draws", draws, 1, MAX_SIZE), whole("seed", seed, 0)
+    table = finite("scores", scores)
+    if table.ndim != 2:
+        raise ConfigError(f"scores of shape {table.shape}: expected (seeds, tasks).")
+    rng = np.random.default_rng(seed)
+    size, number = table.shape
+    means = np.empty(draws)
+    chunk = max(1, samples.CHUNK // number)
+    for start in range(0, draws, chunk):
+        count = min(chunk, draws - start)
+        by_task = rng.multinomial(size, np.full(size, 1 / size), size=count) @ table
+        means[start : start + count] = np.take_along_axis(by_task, rng.integers(number, size=(count, number)), 1).sum(1)
+    low, high = np.quantile(means / (size * number), [(1 - level) / 2, (1 + level) / 2])
+    return float(low), float(high)

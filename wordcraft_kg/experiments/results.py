@@ -1,11 +1,12 @@
 """What came out of a study: one record, small enough to be kept beside a page that shows it."""
 
+import json
 from typing import Annotated, Literal
 
 import msgspec
 
 from wordcraft_kg.experiments.study import Study, Values
-from wordcraft_kg.records import Count, Hash, Record, Share
+from wordcraft_kg.records import Count, Hash, Record, Share, as_values
 
 Curve = tuple[tuple[int, float], ...]
 """Points of (environment steps, success)."""
@@ -91,3 +92,10 @@ class StudyResults(Record, frozen=True):
     runs: tuple[RunResult, ...]
     missing: tuple[Missing, ...]
     hours: Annotated[float, msgspec.Meta(ge=0)]
+
+
+def results_text(results: StudyResults) -> str:
+    """Return results as JSON with a line for each run: small, and what changes can be seen."""
+    values = as_values(results)
+    runs = ",\n".join(json.dumps(run, ensure_ascii=False, separators=(",", ":")) for run in values.pop("runs"))
+    return f'{json.dumps(values, ensure_ascii=False)[:-1]}, "runs": [\n{runs}\n]}}\n'

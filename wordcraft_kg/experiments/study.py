@@ -64,6 +64,7 @@ class Claim(Record, frozen=True, omit_defaults=True):
     Attributes:
         text: the claim, in a sentence.
         source: who says it, and where.
+        note: what is known of why it comes out otherwise, if it does.
         left: a variant.
         right: the variant with which it is compared.
         than: a value with which it is compared instead of a variant.
@@ -88,6 +89,7 @@ class Claim(Record, frozen=True, omit_defaults=True):
     at: Values = msgspec.field(default_factory=dict)
     right_at: Values = msgspec.field(default_factory=dict)
     source: str = ""
+    note: str = ""
 
 
 class Study(Record, omit_defaults=True):

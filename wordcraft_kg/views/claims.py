@@ -253,7 +253,7 @@ def _rule(claim: Claim, measured: Sequence[Measured]) -> tuple[Verdict, str]:
     if high < 0:
         return "not reproduced", f"it is {opposite}"
     if high < (claim.by or SAME):
-        return "not reproduced", f"no difference of {claim.by or SAME:g}"
+        return "not reproduced", f"not {word} by {claim.by or SAME:g}"
     return "undecided", "the interval is too wide"
 
 

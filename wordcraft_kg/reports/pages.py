@@ -12,6 +12,7 @@ import jinja2
 from markupsafe import Markup
 
 from wordcraft_kg.reports.charts import palette
+from wordcraft_kg.reports.charts.figure import resolved
 from wordcraft_kg.views.glossary import GLOSSARY, Term
 
 
@@ -62,6 +63,11 @@ def render_page(template: str, *, data: Sequence[str] = (), **values: Any) -> st
     outline = Outline()
     shown = {"outline": outline, "heading": outline.heading, "term": outline.term, "data": data}
     return _environment().get_template(template).render(**shown, **values)
+
+
+def chart_style() -> str:
+    """Return the style sheet's rules for charts, for figures that are files of their own."""
+    return resolved(_environment().get_template("chart.css.j2").render())
 
 
 @cache

@@ -26,6 +26,7 @@ class Report(Generic[V]):
         pictures: pictures by the names that the template uses.
         shown: other values that the template uses.
         tables: further tables by file name.
+        files: further files by name, such as figures.
     """
 
     view: V
@@ -33,17 +34,18 @@ class Report(Generic[V]):
     pictures: Mapping[str, Any]
     shown: Mapping[str, Any] = field(default_factory=dict)
     tables: "Mapping[str, pd.DataFrame]" = field(default_factory=dict)
+    files: Mapping[str, str | bytes] = field(default_factory=dict)
 
 
 def render(report: Report[Any]) -> str:
     """Return a report as one self-contained HTML page."""
-    data = ("report.json", *report.tables)
+    data = ("report.json", *report.tables, *report.files)
     return render_page(report.template, data=data, report=report.view, pictures=report.pictures, **report.shown)
 
 
 @stage("writing the report")
 def write_report(report: Report[Any], out: Path, *, force: bool = False) -> None:
-    """Write ``index.html``, ``report.json`` and the tables into a folder.
+    """Write ``index.html``, ``report.json`` the tables and further files into a folder.
 
     Raises:
         ValueError: if a number of the view is not finite or out of its bounds; nothing is written then.
@@ -54,3 +56,5 @@ def write_report(report: Report[Any], out: Path, *, force: bool = False) -> None
         write_atomically(folder / "index.html", render(report))
         for name, table in report.tables.items():
             write_atomically(folder / name, table.to_csv(index=False, lineterminator="\n", float_format="%.6g"))
+        for name, content in report.files.items():
+            write_atomically(folder / name, content)

@@ -13,7 +13,7 @@ LEFT, RIGHT, TOP, BOTTOM = 46, 12, 12, 42
 LINE_HEIGHT = 13
 LETTER = 6.3
 """Width of a letter in the charts' 11 px text."""
-LONGEST_NAME = 26
+LONGEST_NAME = 28
 """Letters of a name; longer ones are cut, but complete in the tooltip."""
 ABOVE = 28
 """Margin above the axes that has room for a title or a legend."""

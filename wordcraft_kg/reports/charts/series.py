@@ -59,7 +59,8 @@ def curves(
         description: text for readers who cannot see it.
         percent: y is a share, and its axis goes from 0 to 100 %; otherwise the axis is fitted to the data.
         dashed: names of the curves to be dashed, such as those of train tasks; the others are solid. By default each
-            colour has its own pattern, so that curves differ without colour too.
+            colour has its own pattern, so that curves differ without colour too; where colours come again, their
+            patterns are others.
         colours: numbers of colours by name, for curves that share one; by default a curve's place in ``series``.
         labels: text at the end by name, for curves that share one; a curve without a text is not
             labelled, and all are thin. By default, each has its name.
@@ -79,13 +80,14 @@ def curves(
     plot.y_ticks(y_ticks, dict(zip(y_ticks, y_texts, strict=True)).__getitem__)
     x_ticks = [value for value in round_ticks(first, last) if first <= value <= last]
     plot.x_labels(list(zip(x_ticks, amounts(x_ticks), strict=True)))
-    number = {name: (colours or {}).get(name, i) % COLOURS for i, name in enumerate(series)}
+    places = {name: (colours or {}).get(name, i) for i, name in enumerate(series)}
+    number = {name: place % COLOURS for name, place in places.items()}
     for name, points in series.items():
         for run in _runs_with_bounds(points):
             plot.band(run, f"band series-{number[name]}", f"whisker series-{number[name]}")
     drawn = {name: points for name, points in series.items() if points}
     for name, points in drawn.items():
-        dash = f"dash-{number[name] % DASHES}" if dashed is None else "dashed" if name in dashed else "dash-0"
+        dash = pattern(places[name]) if dashed is None else "dashed" if name in dashed else "dash-0"
         thin = "" if labels is None else " thin"
         plot.polyline([point[:2] for point in points], f"line series-{number[name]} {dash}{thin}", name)
     for name, points in drawn.items():
@@ -98,6 +100,11 @@ def curves(
     plot.end_labels([(x, y, names[name], texts[name], f"series-{number[name]}") for name, x, y in ends])
     plot.titles(x_title, y_title)
     return plot.done()
+
+
+def pattern(place: int) -> str:
+    """Return the dashes of a curve by its place."""
+    return f"dash-{(place + place // COLOURS) % DASHES}"
 
 
 def dots(

@@ -1,0 +1,121 @@
+"""Charts as a figure of its own: a file that needs no page, as SVG, and the same as PNG and PDF."""
+
+import re
+from collections.abc import Sequence
+from functools import cache
+from html import escape
+from typing import TYPE_CHECKING
+
+from wordcraft_kg.errors import MissingExtraError
+from wordcraft_kg.reports.charts.palette import LIGHT
+from wordcraft_kg.reports.charts.plot import LETTER
+from wordcraft_kg.reports.charts.scales import shortened
+
+if TYPE_CHECKING:
+    from types import ModuleType
+
+INK = {"ink": "#1b1f24", "soft": "#59636e", "line": "#d1d9e0", "other": "#8c959f", "page": "#ffffff"}
+"""Colours of the page's style sheet on a white page."""
+FONTS = "Helvetica, Arial, 'Liberation Sans', 'DejaVu Sans', sans-serif"
+PANEL, MARGIN, HEAD, CAPTION = 460, 16, 40, 22
+HOVERED = re.compile(r'<circle [^>]*class="hit">.*?</circle>')
+"""Points that show their tooltip under the pointer, and nothing otherwise."""
+PIXELS = 200
+"""Pixels of a PNG in an inch; a panel is 460 points wide."""
+
+
+def figure(title: str, panels: Sequence[tuple[str, str]], style: str) -> str:
+    """Return charts side by side, two in a row, as one SVG file with its style inside.
+
+    Args:
+        title: above all panels.
+        panels: a caption and a chart each.
+        style: the page's rules for charts, see :func:`resolved`.
+    """
+    columns = min(len(panels), 2) or 1
+    width = MARGIN + columns * (PANEL + MARGIN)
+    rows = [panels[i : i + columns] for i in range(0, len(panels), columns)]
+    letters = int((width - 2 * MARGIN) / (LETTER * 1.3))
+    parts = [
+        f'<text x="{MARGIN}" y="26" style="font-size: 15px; font-weight: 600">'
+        f"{escape(shortened(title, letters))}</text>"
+    ]
+    top = HEAD
+    for row in rows:
+        height = max((_height(chart) for _, chart in row), default=0)
+        for column, (caption, chart) in enumerate(row):
+            left = MARGIN + column * (PANEL + MARGIN)
+            if caption:
+                shown = escape(shortened(caption, int(PANEL / LETTER)))
+                parts.append(f'<text x="{left}" y="{top + 14}" style="font-weight: 600">{shown}</text>')
+            place = f'x="{left}" y="{top + CAPTION}" width="{PANEL}" height="{_height(chart)}" '
+            parts.append(HOVERED.sub("", str(chart)).replace("<svg ", f"<svg {place}", 1))
+        top += CAPTION + height + MARGIN
+    head = (
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {top}" width="{width}" height="{top}" '
+        f'font-family="{FONTS}">'
+    )
+    page = f'<rect width="{width}" height="{top}" fill="{INK["page"]}"/>'
+    return "\n".join([head, f"<title>{escape(title)}</title>", f"<style>\n{style}</style>", page, *parts, "</svg>\n"])
+
+
+def _height(chart: str) -> int:
+    found = re.search(r'viewBox="0 0 [\d.]+ (\d+)', chart)
+    return int(found[1]) if found else 0
+
+
+def resolved(style: str) -> str:
+    """Return CSS rules with the colours of a white page in the place of variables and mixtures.
+
+    Renderers of SVG files know neither ``var()`` nor ``color-mix()``.
+    """
+    values = INK | {f"s{number}": colour for number, colour in enumerate(LIGHT)}
+    plain = re.sub(r"var\(--(\w+)\)", lambda match: values[match[1]], style)
+    return re.sub(r"color-mix\(in srgb, (#\w{6}) (\d+)%, (#\w{6})\)", _mixed, plain)
+
+
+def _mixed(match: re.Match[str]) -> str:
+    share = int(match[2]) / 100
+    pairs = zip(bytes.fromhex(match[1][1:]), bytes.fromhex(match[3][1:]), strict=True)
+    return "#" + "".join(f"{round(share * one + (1 - share) * other):02x}" for one, other in pairs)
+
+
+def as_png(svg: str) -> bytes:
+    """Return a figure as a picture.
+
+    Raises:
+        MissingExtraError: if the extra ``figures`` is not installed.
+    """
+    return _rendered(svg, "png")
+
+
+def as_pdf(svg: str) -> bytes:
+    """Return a figure as a page of its size, lines and letters kept as such.
+
+    Raises:
+        MissingExtraError: if the extra ``figures`` is not installed.
+    """
+    return _rendered(svg, "pdf")
+
+
+def _rendered(svg: str, kind: str) -> bytes:
+    found = _typst().compile(
+        {
+            "main.typ": b'#set page(width: auto, height: auto, margin: 0pt)\n#image("figure.svg")',
+            "figure.svg": svg.encode(),
+        },
+        format=kind,
+        ppi=float(PIXELS),
+    )
+    return bytes(found)
+
+
+@cache
+def _typst() -> "ModuleType":
+    try:
+        import typst
+    except ImportError:
+        raise MissingExtraError(
+            "figures as PNG and PDF need Typst: pip install 'wordcraft-kg[figures]'. SVG files need nothing."
+        ) from None
+    return typst

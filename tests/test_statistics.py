@@ -12,11 +12,19 @@ from hypothesis.extra.numpy import arrays
 
 from wordcraft_kg.errors import ConfigError
 from wordcraft_kg.statistics import (
+    correlation,
+    crossed_bootstrap,
+    holm,
     interquartile_mean,
     paired_difference,
+    performance_profile,
+    performance_profile_band,
+    permutation_p_value,
     probability_of_improvement,
     probability_of_improvement_interval,
+    resampled_means,
     samples,
+    smallest_p_value,
     stratified_bootstrap,
     task_bootstrap,
     wilson_interval,
@@ -398,3 +406,156 @@ def test_a_paired_difference_is_that_of_a_slow_bootstrap() -> None:
 def test_a_paired_difference_of_other_tasks_is_an_error() -> None:
     with pytest.raises(ConfigError, match="of the same tasks"):
         paired_difference(np.zeros((3, 1)), np.zeros((4, 1)))
+
+
+def all_crossed_means(table: np.ndarray) -> list[float]:
+    """The mean of every table made of rows and columns drawn with replacement."""
+    rows, columns = (list(itertools.product(range(size), repeat=size)) for size in table.shape)
+    return [float(np.mean(table[np.ix_(r, c)])) for r in rows for c in columns]
+
+
+def test_crossed_bootstrap_draws_rows_and_columns() -> None:
+    table = np.array([[0.1, 0.9, 0.4], [0.3, 0.6, 0.8], [0.0, 0.7, 0.2]])
+    means = all_crossed_means(table)
+    found = crossed_bootstrap(table, draws=20_000)
+    assert_between_quantiles(found, means, 0.95)
+
+
+@pytest.mark.parametrize("chunk", [1, 7, 10**6])
+def test_crossed_bootstrap_does_not_depend_on_how_many_draws_are_held_at_once(
+    chunk: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    table = np.random.default_rng(0).random((4, 30))
+    expected = crossed_bootstrap(table)
+    monkeypatch.setattr(samples, "CHUNK", chunk * 30)
+    assert crossed_bootstrap(table) == pytest.approx(expected, abs=0.02)
+
+
+def test_crossed_bootstrap_of_one_seed_is_that_of_its_tasks() -> None:
+    table = np.random.default_rng(0).integers(0, 2, (60, 1))
+    assert crossed_bootstrap(table.T, draws=20_000) == pytest.approx(task_bootstrap(table, draws=20_000), abs=0.01)
+
+
+def test_an_interval_over_seeds_and_tasks_covers_other_seeds_and_tasks() -> None:
+    """Both vary: the mean of all agents on all tasks is covered nearly as often as the level says."""
+    rng = np.random.default_rng(0)
+    hits = {"crossed": 0, "tasks": 0}
+    for number in range(200):
+        rates = 0.5 + rng.normal(0, 0.05, (10, 1)) + rng.normal(0, 0.2, (1, 60)) + rng.normal(0, 0.05, (10, 60))
+        low, high = crossed_bootstrap(rates, draws=400, seed=number)
+        hits["crossed"] += low <= 0.5 <= high
+        low, high = crossed_bootstrap(rates.mean(axis=0, keepdims=True), draws=400, seed=number)
+        hits["tasks"] += low <= 0.5 <= high
+    assert 0.88 <= hits["crossed"] / 200 <= 1
+    assert hits["tasks"] < hits["crossed"]
+
+
+@pytest.mark.parametrize("bad", [[0.1, 0.2], [], [[math.nan]]])
+def test_crossed_bootstrap_refuses_what_is_no_table(bad: list[object]) -> None:
+    with pytest.raises(ConfigError, match="scores"):
+        crossed_bootstrap(bad)
+
+
+def test_resampled_means_keep_rows_together() -> None:
+    drawn = resampled_means([[0.0, 10.0], [1.0, 11.0], [2.0, 12.0]], draws=500)
+    assert drawn.shape == (500, 2)
+    np.testing.assert_allclose(drawn[:, 1] - drawn[:, 0], 10)
+    possible = {round(sum(rows) / 3, 9) for rows in itertools.product(range(3), repeat=3)}
+    assert {round(value, 9) for value in drawn[:, 0]} == possible
+
+
+def test_performance_profile_is_the_share_of_runs_above() -> None:
+    found = performance_profile(SCORES, [0.0, 0.4, 6.5, 8.0])
+    assert found.tolist() == pytest.approx([1.0, (1 / 3 + 1) / 2, (0 + 1 / 3) / 2, 0.0])
+
+
+def test_the_area_under_a_profile_is_the_mean() -> None:
+    scores = np.random.default_rng(0).random((7, 3))
+    taus = (np.arange(20_000) + 0.5) / 20_000
+    assert performance_profile(scores, taus).mean() == pytest.approx(scores.mean(), abs=1e-4)
+
+
+def test_the_band_of_a_profile_is_that_of_all_resamples_within_strata() -> None:
+    scores, taus = np.array([[0.1, 0.5], [0.4, 0.7], [0.9, 0.6]]), [0.05, 0.45, 0.65, 0.95]
+    band = performance_profile_band(scores, taus, draws=20_000)
+    assert band is not None
+    for t, tau in enumerate(taus):
+        shares = [float((drawn > tau).mean()) for drawn in all_resamples(scores)]
+        assert_between_quantiles((band[0, t], band[1, t]), shares, 0.95)
+    assert performance_profile_band(scores[:1], taus) is None
+
+
+def p_value_by_hand(x: Sequence[float], y: Sequence[float]) -> float:
+    everything, seen, hits, ways = [*x, *y], abs(np.mean(x) - np.mean(y)), 0, 0
+    for chosen in itertools.permutations(range(len(everything))):
+        ours = [everything[i] for i in chosen[: len(x)]]
+        theirs = [everything[i] for i in chosen[len(x) :]]
+        hits += abs(np.mean(ours) - np.mean(theirs)) >= seen - 1e-9
+        ways += 1
+    return hits / ways
+
+
+@pytest.mark.parametrize(
+    ("x", "y"), [([0.1, 0.2, 0.3], [0.15, 0.5, 0.6]), ([1, 2], [3, 4, 5, 6]), ([0.1, 0.1], [0.1, 0.3]), ([0.3], [0.4])]
+)
+def test_permutation_p_value_counts_all_ways_to_deal_the_runs(x: list[float], y: list[float]) -> None:
+    assert permutation_p_value(x, y) == pytest.approx(p_value_by_hand(x, y))
+
+
+def test_permutation_p_value_is_exact_under_the_null() -> None:
+    """Of runs of one agent, at most 10 % have a p-value of .1 or less."""
+    rng = np.random.default_rng(0)
+    values = np.array([permutation_p_value(*rng.exponential(size=(2, 4))) for _ in range(1_000)])
+    for level in (0.1, 0.3, 0.5):
+        assert (values <= level).mean() <= level + 0.03
+
+
+def test_random_ways_are_near_all_of_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    from wordcraft_kg.statistics import comparisons
+
+    x, y = [0.1, 0.2, 0.35, 0.4, 0.6], [0.3, 0.5, 0.55, 0.7, 0.8]
+    exact = permutation_p_value(x, y)
+    monkeypatch.setattr(comparisons, "MOST_EXACT", 10)
+    assert permutation_p_value(x, y, draws=20_000) == pytest.approx(exact, abs=0.01)
+    assert permutation_p_value([0.0] * 5, [1.0] * 5, draws=99) >= 1 / 100  # never zero
+
+
+@pytest.mark.parametrize(("size", "other"), [(3, 3), (5, 5), (2, 4)])
+def test_the_smallest_p_value_is_that_of_runs_that_do_not_overlap(size: int, other: int) -> None:
+    found = permutation_p_value(np.arange(size) / 10, 100 + np.arange(other) ** 2)
+    assert found == pytest.approx(smallest_p_value(size, other))
+
+
+def test_holm_corrects_the_smallest_most() -> None:
+    assert holm([0.01, 0.04, 0.03, 0.005]) == pytest.approx([0.03, 0.06, 0.06, 0.02])
+    assert holm([0.6, 0.9]) == [1.0, 1.0]
+    assert holm([]) == []
+    with pytest.raises(ConfigError, match=r"1\.5"):
+        holm([1.5])
+
+
+@given(st.lists(st.floats(0, 1), max_size=8))
+def test_holm_is_never_stricter_than_bonferroni_and_keeps_the_order(values: list[float]) -> None:
+    found = holm(values)
+    assert all(p <= q <= min(1.0, len(values) * p) + 1e-12 for p, q in zip(values, found, strict=True))
+    assert [found[i] for i in np.argsort(values, kind="stable")] == sorted(found)
+
+
+@pytest.mark.parametrize("kind", ["pearson", "spearman"])
+def test_correlation_is_scipys_and_resamples_whole_cells(kind: str) -> None:
+    import scipy.stats
+
+    x, y = [0.1, 0.4, 0.5, 0.9], [2.0, 1.0, 5.0, 5.0]
+    theirs = {"pearson": scipy.stats.pearsonr, "spearman": scipy.stats.spearmanr}[kind]
+    value, low, high = correlation(x, y, kind, draws=20_000) or (0, 0, 0)
+    assert value == pytest.approx(theirs(x, y).statistic)
+    drawn = [([x[i] for i in rows], [y[i] for i in rows]) for rows in itertools.product(range(4), repeat=4)]
+    values = [theirs(a, b).statistic for a, b in drawn if len(set(a)) > 1 and len(set(b)) > 1]
+    assert_between_quantiles((low, high), values, 0.95)
+
+
+def test_correlation_needs_three_cells_that_vary() -> None:
+    assert correlation([1, 2], [1, 2]) is None
+    assert correlation([1, 1, 1], [1, 2, 3]) is None
+    with pytest.raises(ConfigError, match="one number for each cell"):
+        correlation([1, 2, 3], [1, 2])

@@ -1,18 +1,23 @@
 """Charts as inline SVG and pictures as inline PNG: they parse, hold their data, and survive awkward data."""
 
 import base64
+import io
 import itertools
 import re
 import struct
+import sys
 import xml.etree.ElementTree as ET
 import zlib
 
 import numpy as np
 import pytest
 
+from wordcraft_kg.errors import MissingExtraError
 from wordcraft_kg.reports import charts
 from wordcraft_kg.reports.charts.plot import BOTTOM, HEIGHT, WIDTH
 from wordcraft_kg.reports.charts.scales import round_ticks, spread
+from wordcraft_kg.reports.charts.standalone import as_pdf, as_png, resolved
+from wordcraft_kg.reports.pages import chart_style
 
 LABEL = "<b>&\"'</b>"
 
@@ -49,6 +54,16 @@ CHARTS = {
     ),
     "dots": lambda label: charts.dots(
         [label, "b"], {label: [(0.5, 0.4, 0.6), None], "two": [(0.5, None, None)] * 2}, label, label, label
+    ),
+    "profiles": lambda label: charts.profiles(
+        {label: [(0.0, 1.0, 0.8, 1.0), (1.0, 0.0, 0.0, 0.0)], "two": [(0.0, 0.5, None, None)]}, label, label, label
+    ),
+    "scatter": lambda label: charts.scatter(
+        {label: [(label, (0.1, 0.05, 0.2), (0.5, 0.4, 0.6)), ("b", (0.3, None, None), (0.6, None, None))]},
+        label,
+        label,
+        label,
+        level=(label, 0.3),
     ),
     "reliability": lambda label: charts.reliability([(0.1, 0.2, 5), (0.3, 0.3, 5)], label),
     "log_reliability": lambda label: charts.log_reliability({label: [(0.1, 0.2, 0.1, 0.3, 5)]}, label),
@@ -259,7 +274,7 @@ def test_long_names_have_room_and_very_long_ones_are_cut():
     long, longer = "random embeddings, dim 50", "random embeddings of 50 dimensions, 8 distractors"
     root = parse(charts.curves({"a": straight(0.9), long: straight(0.7), longer: straight(0.5)}, "", "", ""))
     labels = end_labels(root)
-    assert list(labels) == ["a", long, "random embeddings of 50 d…"]
+    assert list(labels) == ["a", long, "random embeddings of 50 dim…"]
     for text, (x, _) in labels.items():
         assert x + 6 * len(text) <= WIDTH
     assert of_text(root, "series-2")[0].find("title").text == longer
@@ -621,3 +636,89 @@ def test_a_series_without_any_share_keeps_its_colour_and_is_not_in_the_legend():
     root = parse(charts.dots(["x"], {"a": [None], "b": estimates(0.5)}, "", "", ""))
     assert "a" not in [text.text for text in root.iter("text")]
     assert colours(of_class(root, "whisker")) == ["series-1"]
+
+
+def test_a_figure_has_its_panels_side_by_side() -> None:
+    chart = charts.reliability([(0.1, 0.2, 5)], "")
+    root = parse(charts.figure("Title", [(name, chart) for name in "abc"], "svg text { fill: red; }"))
+    panels = [child for child in root if child.tag.endswith("svg")]
+    places = [(float(panel.get("x", "")), float(panel.get("y", ""))) for panel in panels]
+    assert places[0][1] == places[1][1] < places[2][1]
+    assert places[0][0] == places[2][0] < places[1][0]
+    _, _, width, height = map(float, root.get("viewBox", "").split())
+    for panel, (x, y) in zip(panels, places, strict=True):
+        assert x + float(panel.get("width", "")) <= width
+        assert y + float(panel.get("height", "")) <= height
+
+
+def test_a_figure_is_well_formed_and_escapes_its_texts() -> None:
+    root = parse(charts.figure(LABEL, [(LABEL, charts.reliability([(0.1, 0.2, 5)], LABEL))], ""))
+    assert root.get("aria-label") == LABEL
+    assert [child.text for child in root if child.tag.endswith("text")] == [LABEL, LABEL]
+
+
+def test_a_figure_holds_its_own_style_without_what_only_browsers_know() -> None:
+    svg = charts.figure("Title", [("", charts.reliability([(0.1, 0.2, 5)], ""))], chart_style())
+    assert ".line.series-0" in svg
+    assert "#0072b2" in svg
+    assert "var(" not in svg
+    assert "color-mix" not in svg
+    assert "{{" not in svg
+
+
+def test_mixed_colours_are_those_of_a_browser() -> None:
+    assert resolved("fill: color-mix(in srgb, var(--s0) 50%, #000000);") == "fill: #003959;"
+
+
+def test_a_figure_has_no_points_that_only_show_on_hovering() -> None:
+    chart = charts.curves({"a": [(0, 0.5, None, None), (1, 0.6, None, None)]}, "", "", "")
+    assert 'class="hit"' in chart
+    assert 'class="hit"' not in charts.figure("", [("", chart)], "")
+
+
+def test_curves_beyond_the_colours_have_other_dashes() -> None:
+    series = {f"curve {i}": [(0, 0.0, None, None), (1, i / 16, None, None)] for i in range(16)}
+    lines = [line.get("class") for line in parse(charts.curves(series, "", "", "")).iter() if line.tag == "polyline"]
+    assert len(lines) == len(set(lines)) == 16
+
+
+def test_a_scatter_has_a_whisker_for_each_interval_and_labels_that_do_not_overlap() -> None:
+    points = [(f"share {i}", (i / 10, i / 10 - 0.01, i / 10 + 0.01), (0.5, 0.4, 0.6)) for i in range(1, 6)]
+    root = parse(charts.scatter({"a": points, "b": [("x", (0.3, None, None), (0.5, None, None))]}, "", "", ""))
+    assert sum("whisker" in child.get("class", "") for child in root) == 2 * 5
+    labels = [child for child in root if (child.text or "").startswith("share")]
+    assert len(labels) >= 3
+    ends = [(float(label.get("x", "")), len(label.text or "") * 5.5) for label in labels]
+    assert all(left + width / 2 <= right - other / 2 for (left, width), (right, other) in itertools.pairwise(ends))
+
+
+def test_profiles_name_the_best_first() -> None:
+    low, high = ([(0.0, share, None, None), (1.0, 0.0, None, None)] for share in (0.5, 1.0))
+    root = parse(charts.profiles({"low": low, "high": high}, "", "", ""))
+    named = {"".join(child.itertext()): float(child.get("y", "")) for child in root if child.tag == "text"}
+    assert named["highhigh"] < named["lowlow"]
+
+
+@pytest.mark.parametrize("kind", ["png", "pdf"])
+def test_figures_are_rendered_as_pictures_and_pages(kind: str) -> None:
+    pytest.importorskip("typst", reason="needs the extra figures")
+    svg = charts.figure("A title", [("", charts.reliability([(0.1, 0.2, 5)], ""))], chart_style())
+    content = {"png": as_png, "pdf": as_pdf}[kind](svg)
+    assert content.startswith({"png": b"\x89PNG", "pdf": b"%PDF"}[kind])
+
+
+def test_a_picture_has_the_colours_of_the_style() -> None:
+    """Classes are resolved by the renderer: a curve is blue, not black."""
+    pytest.importorskip("typst", reason="needs the extra figures")
+    image = pytest.importorskip("PIL.Image")
+    chart = charts.curves({"a": [(0, 0.2, 0.1, 0.3), (1, 0.6, 0.5, 0.7)]}, "", "", "", percent=True)
+    pixels = image.open(io.BytesIO(as_png(charts.figure("", [("", chart)], chart_style())))).convert("RGB")
+    colours = {colour for _, colour in pixels.getcolors(2**24)}
+    assert (0x00, 0x72, 0xB2) in colours
+    assert (255, 255, 255) in colours
+
+
+def test_without_the_extra_the_error_names_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "typst", None)
+    with pytest.raises(MissingExtraError, match=r"wordcraft-kg\[figures\]"):
+        as_png("<svg/>")

@@ -12,7 +12,7 @@ import jinja2
 from markupsafe import Markup
 
 from wordcraft_kg.reports.charts import palette
-from wordcraft_kg.reports.charts.figure import resolved
+from wordcraft_kg.reports.charts.standalone import resolved
 from wordcraft_kg.views.glossary import GLOSSARY, Term
 
 

@@ -7,8 +7,8 @@ from markupsafe import Markup
 
 from wordcraft_kg.errors import MissingExtraError
 from wordcraft_kg.reports import charts
-from wordcraft_kg.reports.charts.figure import as_pdf, as_png
 from wordcraft_kg.reports.charts.scales import Estimate
+from wordcraft_kg.reports.charts.standalone import as_pdf, as_png
 from wordcraft_kg.reports.pages import chart_style
 from wordcraft_kg.reports.report import Report, write_report
 from wordcraft_kg.reports.study_tables import as_csv, as_latex, as_markdown, notes, tables_of, with_bounds

@@ -4,13 +4,13 @@ Colours (``series-0``, ``series-1``, ..., ``series-other``) and the dashes of :f
 ``dashed``) are CSS classes that the page's style sheet defines from :mod:`~wordcraft_kg.reports.charts.palette`.
 """
 
-from wordcraft_kg.reports.charts.figure import figure
 from wordcraft_kg.reports.charts.intervals import intervals
 from wordcraft_kg.reports.charts.palette import COLOURS
 from wordcraft_kg.reports.charts.pictures import contribution_bar, labelled_points, matrix_image
 from wordcraft_kg.reports.charts.profiles import profiles
 from wordcraft_kg.reports.charts.scatter import scatter
 from wordcraft_kg.reports.charts.series import curves, dots, grouped_bars, log_reliability, reliability
+from wordcraft_kg.reports.charts.standalone import figure
 
 __all__ = [
     "COLOURS",

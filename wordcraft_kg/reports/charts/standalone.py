@@ -2,7 +2,6 @@
 
 import re
 from collections.abc import Sequence
-from functools import cache
 from html import escape
 from typing import TYPE_CHECKING
 
@@ -53,7 +52,7 @@ def figure(title: str, panels: Sequence[tuple[str, str]], style: str) -> str:
         top += CAPTION + height + MARGIN
     head = (
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {top}" width="{width}" height="{top}" '
-        f'font-family="{FONTS}">'
+        f'role="img" aria-label="{escape(title)}" font-family="{FONTS}">'
     )
     page = f'<rect width="{width}" height="{top}" fill="{INK["page"]}"/>'
     return "\n".join([head, f"<title>{escape(title)}</title>", f"<style>\n{style}</style>", page, *parts, "</svg>\n"])
@@ -110,7 +109,6 @@ def _rendered(svg: str, kind: str) -> bytes:
     return bytes(found)
 
 
-@cache
 def _typst() -> "ModuleType":
     try:
         import typst

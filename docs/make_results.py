@@ -8,6 +8,7 @@ studies of a results folder (``wordcraft-kg reproduce``) into docs/results/, a f
 and nothing of a book.
 """
 
+import re
 import sys
 from collections import Counter
 from collections.abc import Iterable, Iterator
@@ -32,6 +33,8 @@ MOST_BYTES = 2 * 1024 * 1024
 """Of all committed results together."""
 ORDER = ("embeddings", "knowledge", "sources", "alone", "splits", "depth2", "csrl", "dose")
 BOOKS = {"little-alchemy-2": "Little Alchemy 2", "everyday": "`everyday`"}
+FOLDERS = re.compile(r"(?<![\w.])/(?:[^\s/]+/)+")
+"""The folders of an absolute path."""
 MEASURES = {
     "success": "",
     "early": "after a tenth of the steps: ",
@@ -57,12 +60,15 @@ def current(results: StudyResults) -> Study:
 
 def without_paths(results: StudyResults) -> StudyResults:
     """Return results in which no path of the machine is left, but only the last part of each."""
-    words = [word if "=" in word else PurePath(word).name for word in results.command.split()]
-    settings = {
-        name: PurePath(value).name if name == "book" else value for name, value in results.study.settings.items()
-    }
-    study = msgspec.structs.replace(results.study, settings=settings)
-    return msgspec.structs.replace(results, command=" ".join(words), study=study)
+    settings = results.study.settings
+    if "book" in settings:
+        settings = settings | {"book": FOLDERS.sub("", str(settings["book"]))}
+    return msgspec.structs.replace(
+        results,
+        command=FOLDERS.sub("", results.command),
+        study=msgspec.structs.replace(results.study, settings=settings),
+        missing=tuple(msgspec.structs.replace(lost, why=FOLDERS.sub("", lost.why)) for lost in results.missing),
+    )
 
 
 def take(folder: Path, target: Path) -> None:

@@ -129,7 +129,10 @@ def test_claims_of_a_built_in_study_are_those_of_today(script):
 def test_no_path_of_the_machine_is_kept(script):
     study = msgspec.structs.replace(results_of(SOME).study, settings={"book": "/home/somebody/mine.json"})
     command = "wordcraft-kg reproduce all --book /home/somebody/mine.json --out /tmp/results --seeds 3"
-    text = results_text(script.without_paths(results_of(SOME, study=study, command=command)))
+    lost = Missing("guided", {"distractors": 1}, 0, "/home/somebody/results/runs/1/run.json is damaged: train again.")
+    results = results_of(SOME, study=study, command=command, missing=(lost,))
+    text = results_text(script.without_paths(results))
+    assert '"run.json is damaged: train again."' in text
     assert "/home" not in text
     assert "/tmp" not in text
     assert "--book mine.json --out results --seeds 3" in text

@@ -41,6 +41,9 @@ IN_ORDER = (
     "load_policy",
     "save_policy",
     "evaluate",
+    "read_study",
+    "Study",
+    "run_study",
 )
 """Each example may use what those before it have written."""
 

@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     from wordcraft_kg.agents.training import train_agent
     from wordcraft_kg.envs.config import WordCraftConfig
     from wordcraft_kg.envs.world import World
+    from wordcraft_kg.experiments.running import run_study
+    from wordcraft_kg.experiments.study import Study, read_study
     from wordcraft_kg.graphs.folder import open_graph
     from wordcraft_kg.graphs.library import open_book
     from wordcraft_kg.graphs.recipe_graph import RecipeGraph
@@ -56,6 +58,7 @@ _MODULES = {
     "RecipeScorerConfig": "models.recipes.config",
     "RecipesConfig": "models.recipes.config",
     "SplitConfig": "graphs.splits",
+    "Study": "experiments.study",
     "TaskConfig": "agents.config",
     "Tracker": "runs.trackers",
     "WordCraftConfig": "envs.config",
@@ -71,6 +74,8 @@ _MODULES = {
     "open_book": "graphs.library",
     "open_graph": "graphs.folder",
     "open_model": "models.links.folder",
+    "read_study": "experiments.study",
+    "run_study": "experiments.running",
     "save_policy": "models.policies.folder",
     "save_scorer": "models.links.saving",
     "train_agent": "agents.training",
@@ -89,6 +94,7 @@ __all__ = [
     "RecipeScorerConfig",
     "RecipesConfig",
     "SplitConfig",
+    "Study",
     "TaskConfig",
     "Tracker",
     "WordCraftConfig",
@@ -104,6 +110,8 @@ __all__ = [
     "open_book",
     "open_graph",
     "open_model",
+    "read_study",
+    "run_study",
     "save_policy",
     "save_scorer",
     "train_agent",

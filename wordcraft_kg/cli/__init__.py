@@ -41,7 +41,7 @@ COMMANDS = {
         "score",
     ],
     "Agents": ["train-agent", "resume", "evaluate-agent", "explain", "compare-agents"],
-    "Studies": ["results"],
+    "Studies": ["reproduce", "sweep", "results"],
 }
 """Commands by group."""
 ALL = [name for names in COMMANDS.values() for name in names]

@@ -1,13 +1,14 @@
 """The engine: what of a study is missing is made, in the order that inputs demand, and nothing is made twice."""
 
 import logging
+import shutil
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from wordcraft_kg.errors import ArtefactError, WordCraftKGError
-from wordcraft_kg.experiments.perform import is_done, make_graph
+from wordcraft_kg.experiments.perform import check_whole, is_done, make_graph
 from wordcraft_kg.experiments.plan import Plan
 from wordcraft_kg.experiments.store import forget_failure, note_failure, own_results, write_plan
 from wordcraft_kg.experiments.tasks import Outcome, Task
@@ -65,7 +66,7 @@ def run_plan(
     Raises:
         ArtefactError: if another engine works in the folder.
         FullDiskError: if the disk is full.
-        KeyboardInterrupt: after Ctrl-C; trainings that ran have kept a checkpoint.
+        KeyboardInterrupt: after Ctrl-C, saying how to go on; trainings that ran have kept a checkpoint.
     """
     with own_results(root):
         write_plan(root, plan, command)
@@ -80,12 +81,15 @@ class _Engine:
         self._waiting: dict[str, Task] = {}
 
     def run(self, make_workers: Callable[[], Workers]) -> State:
-        for address, task in self.plan.tasks.items():
-            if self._is_there(task):
-                self._there.add(address)
-                self.state.kept += 1
-            else:
-                self._waiting[address] = task
+        tasks = self.plan.tasks
+        self._waiting = {address: task for address, task in tasks.items() if not self._is_there(task, is_done)}
+        needed = {tasks[address] for task in self._waiting.values() for address in task.needs}
+        for task in [task for task in needed if task.kind == "scorers" and task.address not in self._waiting]:
+            if not self._is_there(task, check_whole):
+                shutil.rmtree(task.folder(self.root))
+                self._waiting[task.address] = task
+        self._there = tasks.keys() - self._waiting.keys()
+        self.state.kept = len(self._there)
         for task in [task for task in self._waiting.values() if task.kind == "graphs"]:
             make_graph(task, self.root, self.plan.books[task.address])
             self._end(Outcome(self._taken(task).address, "done"))
@@ -93,14 +97,19 @@ class _Engine:
             workers = make_workers()
             try:
                 self._work(workers)
+            except KeyboardInterrupt:
+                done = self.state.kept + self.state.done
+                raise KeyboardInterrupt(
+                    f"interrupted; {done:,} of {len(tasks):,} tasks are done, the same command goes on with the others"
+                ) from None
             finally:
                 workers.stop()
         self._show()
         return self.state
 
-    def _is_there(self, task: Task) -> bool:
+    def _is_there(self, task: Task, check: Callable[[Task, Path], bool | None]) -> bool:
         try:
-            return is_done(task, self.root)
+            return check(task, self.root) is not False
         except ArtefactError as error:
             logging.getLogger(__name__).warning("%s It is made again now.", error)
             return False

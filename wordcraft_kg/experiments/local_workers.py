@@ -1,5 +1,6 @@
 """Processes of this machine that perform tasks, each bound to cores of its own where the system can do that."""
 
+import logging
 import multiprocessing
 import os
 import signal
@@ -157,6 +158,8 @@ def _work(connection: Connection, root: Path, perform: Perform, own: list[int], 
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if hasattr(signal, "pthread_sigmask"):
         signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])
+    # A study's settings are meant as they are, and hundreds of trainings would repeat the same warnings.
+    logging.getLogger("wordcraft_kg").setLevel(logging.ERROR)
     if own:
         os.sched_setaffinity(0, own)
     threading.Thread(target=_end_with, args=(parent,), daemon=True).start()

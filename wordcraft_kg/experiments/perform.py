@@ -45,6 +45,18 @@ def is_done(task: Task, root: Path) -> bool:
     return True
 
 
+def check_whole(task: Task, root: Path) -> None:
+    """Check the files of a finished scorer, which runs that are still to come will read.
+
+    Raises:
+        ArtefactError: if one is missing or damaged.
+    """
+    folder = task.folder(root)
+    run = read_run(folder)
+    for name in run.outputs:
+        verified_bytes(folder, run, name)
+
+
 def make_graph(task: Task, root: Path, book: str) -> None:
     """Write the graph folder of a task.
 

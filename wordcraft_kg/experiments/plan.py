@@ -65,9 +65,10 @@ def make_plan(study: Study, name: str) -> Plan:
         RecipeFileError: if a book is not there.
     """
     planner = _Planner(study)
-    cells = cells_of(study)
-    runs = tuple(planner.run(cell) for cell in cells)
-    return Plan(name, study, tuple(cells), runs, planner.tasks, planner.books)
+    cells = tuple(cells_of(study))
+    # All variants with their first seeds come first, so that a study that is interrupted says something of each.
+    runs = {number: planner.run(cells[number]) for number in sorted(range(len(cells)), key=lambda i: cells[i].seed)}
+    return Plan(name, study, cells, tuple(runs[number] for number in range(len(cells))), planner.tasks, planner.books)
 
 
 class _Planner:

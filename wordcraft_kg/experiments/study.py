@@ -110,6 +110,11 @@ class Study(Record, omit_defaults=True):
             and settings.
         variants: settings of each variant, by its name.
         claims: what is said to come out, to be held against what does.
+
+    Example:
+        >>> study = Study("Two policies", {"attention": {}, "mlp": {"policy": "mlp"}}, grid={"distractors": [1, 8]})
+        >>> len(study.variants) * len(study.grid["distractors"]) * study.seeds
+        20
     """
 
     title: str
@@ -197,6 +202,24 @@ def parse_study(text: str, source: str) -> Study:
         raise ConfigError(f"{source}: {str(error).replace('`', chr(39))}.") from None
     check_study(study, source)
     return study
+
+
+def adapted(study: Study, *, book: str | None = None, steps: int | None = None, seeds: int | None = None) -> Study:
+    """Return a study with another book, and other numbers of steps and seeds, where they are given.
+
+    Raises:
+        ConfigError: if what is given is varied by the study itself, or out of range.
+    """
+    given: Values = {name: value for name, value in (("book", book), ("steps", steps)) if value is not None}
+    for name in given:
+        tables: list[dict[str, Any]] = [study.grid, *study.points, *study.variants.values()]
+        if any(name in table for table in tables):
+            raise ConfigError(f"`{name}`: the study itself says which; change it there.")
+    found = msgspec.structs.replace(
+        study, settings={**study.settings, **given}, seeds=study.seeds if seeds is None else seeds
+    )
+    check_study(found)
+    return found
 
 
 def check_study(study: Study, source: str = "study") -> None:

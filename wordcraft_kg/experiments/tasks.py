@@ -12,7 +12,7 @@ Kind = Literal["graphs", "scorers", "runs"]
 Ending = Literal["done", "failed", "interrupted"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Task:
     """A piece of work: a graph folder, a model folder or the run folder of an agent.
 

@@ -1,0 +1,134 @@
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from wordcraft_kg.experiments.study import built_in
+
+STUDY = """
+title = "A comparison"
+seeds = 2
+[settings]
+book = "kitchen"
+steps = 512
+distractors = 2
+[scorers.plain]
+command = "kernel"
+[variants.none]
+[variants.guided]
+scorer = "plain"
+"""
+
+
+@pytest.fixture
+def study(tmp_path: Path) -> Path:
+    path = tmp_path / "study.toml"
+    path.write_text(STUDY)
+    return path
+
+
+def test_a_sweep_trains_what_is_missing_and_writes_its_results(run, study, tmp_path):
+    out = tmp_path / "results"
+    found = run("sweep", study, "--out", out, "--jobs", 1, "--json")
+    assert found.code == 0, found.err
+    assert json.loads(found.out)["studies"]["study"]["done"] == 6
+    results = json.loads((out / "reports/study/results.json").read_text())
+    assert [row["variant"] for row in results["runs"]] == ["none", "none", "guided", "guided"]
+    again = run("sweep", study, "--out", out, "--seeds", 1)
+    assert again.code == 0
+    assert "0 tasks done, 4 were there, 0 failed" in again.out
+
+
+def test_a_dry_run_lists_everything_and_does_nothing(run, study, tmp_path):
+    found = run("sweep", study, "--out", tmp_path / "results", "--dry-run")
+    assert found.code == 0
+    assert "1 graph, 4 runs, 1 scorer; about 0.0 hours of one core" in found.out
+    assert "guided, seed 1" in found.out
+    assert not (tmp_path / "results").exists()
+
+
+def test_the_list_has_every_study_with_hours_and_source(run):
+    found = run("reproduce", "list", "--json")
+    studies = json.loads(found.out)["studies"]
+    assert list(studies) == built_in()
+    assert all(study["hours"] > 0 and study["source"] for study in studies.values())
+
+
+def test_a_failed_task_makes_the_exit_code_1_and_is_named(run, study, tmp_path):
+    study.write_text(STUDY + '[variants.odd]\nfeatures = "glove:no-such-file.txt"\n')
+    found = run("sweep", study, "--out", tmp_path / "results", "--jobs", 1)
+    assert found.code == 1
+    assert "odd, seed 0: " in found.out
+    assert "no-such-file.txt" in found.out
+    assert "2 failed" in found.out
+    assert "Traceback" not in found.out + found.err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["reproduce", "knowlege"], "Did you mean 'knowledge'"),
+        (["reproduce", "knowledge", "--seeds", "0"], "--seeds 0: expected a whole number, 1 to 1000"),
+        (["reproduce", "knowledge", "--book", "nowhere"], "nowhere"),
+        (["reproduce", "embeddings", "--book", "kitchen", "--jobs", "0"], "--jobs 0"),
+        (["reproduce", "embeddings", "--book", "kitchen", "--address", "auto"], "give --engine ray too"),
+        (["sweep", "no-such-study.toml"], "no such file"),
+    ],
+)
+def test_bad_input_is_named(run, tmp_path, arguments, said):
+    found = run(*arguments, "--out", tmp_path / "results")
+    assert found.code == 1
+    assert said in found.err
+    assert not list((tmp_path).glob("results/runs/*"))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("distractors = 2", "distractor = 2", "unknown setting 'settings.distractor'. Did you mean 'distractors'"),
+        ("[variants.none]", '[variants.other]\nscorer = "plain"\n[variants.none]', "'other' and 'guided' are equal"),
+        ('[variants.none]\n[variants.guided]\nscorer = "plain"', "", "variants"),
+        ("title =", "title", "not a TOML file"),
+        ('command = "kernel"', 'command = "kernle"', "Did you mean 'kernel'"),
+        ('scorer = "plain"', 'scorer = "plan"', "Did you mean 'plain'"),
+    ],
+)
+def test_a_wrong_study_is_refused_before_anything_starts(run, study, tmp_path, old, new, said):
+    assert old in STUDY
+    study.write_text(STUDY.replace(old, new))
+    found = run("sweep", study, "--out", tmp_path / "results")
+    assert found.code == 1
+    assert said in found.err
+    assert not (tmp_path / "results").exists()
+
+
+def test_an_output_that_is_a_file_is_refused(run, study, tmp_path):
+    found = run("sweep", study, "--out", study)
+    assert found.code == 1
+    assert "is a file; expected a results folder" in found.err
+
+
+@pytest.mark.slow
+def test_a_study_that_is_interrupted_goes_on_and_ends_with_the_same_bytes(study, tmp_path):
+    study.write_text(STUDY.replace("steps = 512", "steps = 60000\neval_every = 6000"))
+    command = [sys.executable, "-m", "wordcraft_kg", "sweep", str(study), "--jobs", "2", "--out"]
+    subprocess.run([*command, str(tmp_path / "whole")], check=True)
+    process = subprocess.Popen([*command, str(tmp_path / "parts")], start_new_session=True, stderr=subprocess.PIPE)
+    while not list(tmp_path.glob("parts/runs/*/checkpoints/*.json")):
+        time.sleep(0.05)
+    os.killpg(process.pid, signal.SIGINT)
+    _, said = process.communicate(timeout=120)
+    assert process.returncode == 130
+    assert b"the same command goes on" in said
+    subprocess.run([*command, str(tmp_path / "parts")], check=True)
+    resumed = [json.loads(path.read_text()).get("resumed") for path in tmp_path.glob("parts/runs/*/run.json")]
+    assert any(resumed)
+    for name in ("policy.safetensors", "episodes.jsonl"):
+        whole = {path.parent.name: path.read_bytes() for path in tmp_path.glob(f"whole/runs/*/{name}")}
+        assert whole == {path.parent.name: path.read_bytes() for path in tmp_path.glob(f"parts/runs/*/{name}")}
+        assert len(whole) == 4

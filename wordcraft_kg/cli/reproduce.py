@@ -1,0 +1,81 @@
+"""``wordcraft-kg reproduce``."""
+
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from wordcraft_kg.cli.console import Output
+from wordcraft_kg.cli.studies import EngineOptions, run_studies
+
+EXAMPLES = (
+    "wordcraft-kg reproduce list",
+    "wordcraft-kg reproduce embeddings --out results",
+    "wordcraft-kg reproduce all --book everyday --steps 300000 --seeds 3 --jobs 2",
+)
+ALL, LIST = "all", "list"
+
+
+def reproduce(
+    study: str,
+    *,
+    books: Annotated[list[str] | None, Parameter(name="--book", negative=(), consume_multiple=False)] = None,
+    seeds: int | None = None,
+    steps: int | None = None,
+    engine: EngineOptions = EngineOptions(),
+    output: Output = Output(),
+) -> int:
+    """Make a figure of the paper or one of ours, with seeds: build, train, evaluate, draw; go on where it stopped.
+
+    Args:
+        study: name of a built-in study; all of them with all, and what there is with list.
+        books: recipe books, comma-separated. Default: the study's, which is little-alchemy-2.
+        seeds: number of trainings of each cell. Default: the study's.
+        steps: environment steps of each training. Default: the study's, which is the paper's 3,000,000.
+        engine: where and how it runs.
+    """
+    from wordcraft_kg.cli.console import split_labels
+    from wordcraft_kg.experiments.study import adapted, built_in, read_study
+
+    if study == LIST:
+        return _list(engine, output)
+    chosen = built_in() if study == ALL else [study]
+    found = {}
+    for name in chosen:
+        declared = read_study(name)
+        for book in split_labels(books or ()) or [str(declared.settings.get("book", "everyday"))]:
+            found[f"{name}-{_stem(book)}"] = adapted(declared, book=book, steps=steps, seeds=seeds)
+    return run_studies(found, engine, output)
+
+
+def _stem(book: str) -> str:
+    from pathlib import Path
+
+    return Path(book).stem
+
+
+def _list(engine: EngineOptions, output: Output) -> int:
+    """Print the built-in studies, with the hours that each still takes on this machine."""
+    from wordcraft_kg.errors import RecipeFileError
+    from wordcraft_kg.experiments.estimate import estimated_hours
+    from wordcraft_kg.experiments.plan import make_plan
+    from wordcraft_kg.experiments.study import adapted, built_in, cells_of, read_study
+
+    found, text = {}, []
+    width = max(map(len, built_in()))
+    for name in built_in():
+        study = read_study(name)
+        try:
+            plan = make_plan(study, name)
+        except RecipeFileError:  # the real book is not there; the built-in one is about as large
+            plan = make_plan(adapted(study, book="everyday"), name)
+        hours = estimated_hours(plan, engine.out) / engine.parallel(plan)
+        trainings = len(cells_of(study))
+        found[name] = {"title": study.title, "source": study.source, "trainings": trainings, "hours": round(hours, 2)}
+        text += [
+            f"{name:<{width}}  {study.title}: {trainings} trainings, about {hours:.1f} hours left on this machine",
+            f"{'':<{width}}  {study.source}",
+        ]
+    output.result(
+        {"studies": found}, [*text, "run one: wordcraft-kg reproduce NAME; a quick look: --steps 300000 --seeds 3"]
+    )
+    return 0

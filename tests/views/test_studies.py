@@ -131,7 +131,7 @@ def test_dose_response_is_apart_for_each_way_of_scoring_train_tasks(fabricate: F
     assert [(at.label, at.mrr, at.success) for at in folds.points] == [
         ("share 0.2", pytest.approx(0.105), pytest.approx(0.2)),
         ("share 0.5", pytest.approx(0.205), pytest.approx(0.5)),
-        ("share 1.0", pytest.approx(0.305), pytest.approx(0.7)),
+        ("share 1", pytest.approx(0.305), pytest.approx(0.7)),
     ]
     assert folds.points[0].mrr_range == pytest.approx((0.1, 0.11))
     assert folds.pearson is not None
@@ -139,7 +139,47 @@ def test_dose_response_is_apart_for_each_way_of_scoring_train_tasks(fabricate: F
     assert folds.spearman is not None
     assert folds.spearman.value == pytest.approx(1)
     assert memory.pearson is None  # success does not vary
+    assert folds.steps_spearman is None
     assert folds.without == pytest.approx(0.1)
+
+
+def test_steps_are_correlated_with_never_as_the_latest(fabricate: Fabricate) -> None:
+    """The better the scorer, the sooner its agent is where the reference ends; the worst one's never is."""
+    points = [({"distractors": 8}, {"no graph": ["50000"], **{name: ["55000"] for name in "abc"}})]
+    curves = {
+        "no graph": [[(10, 0.1), (20, 0.5)]],
+        "a": [[(10, 0.1), (20, 0.2)]],
+        "b": [[(10, 0.1), (20, 0.6)]],
+        "c": [[(10, 0.6), (20, 0.6)]],
+    }
+    mrr = {"a": 0.1, "b": 0.2, "c": 0.3}
+    (dose,) = view_study(fabricate(points, mrr=mrr, curves=curves, drawing="dose")).doses
+    assert [at.reached for at in dose.points] == [None, 20, 10]
+    assert dose.steps_spearman is not None
+    assert dose.steps_spearman.value == pytest.approx(-1)
+
+
+@pytest.mark.parametrize(
+    ("values", "label"),
+    [
+        ({"scorer.share": 0.1, "scorer.noise": 0.0}, "share 0.1"),
+        ({"scorer.share": 1.0, "scorer.noise": 0.3}, "noise 0.3"),
+        ({"scorer.share": 1.0, "scorer.noise": 0.0}, "share 1"),
+        ({"scorer.share": 0.5, "scorer.noise": 0.1}, "share 0.5, noise 0.1"),
+        ({}, "a"),
+    ],
+)
+def test_a_dose_is_labelled_by_what_is_not_whole(fabricate: Fabricate, values: dict[str, float], label: str) -> None:
+    (dose,) = view_study(fabricate([(values, {"a": NO_GRAPH})], mrr={"a": 0.1}, drawing="dose")).doses
+    assert dose.points[0].label == label
+
+
+def test_trainings_that_stand_at_several_points_count_once_in_a_profile(fabricate: Fabricate) -> None:
+    cells = {"a": NO_GRAPH}
+    results = fabricate([({"scorer.share": share}, cells) for share in (0.1, 0.5)])
+    same = tuple(msgspec.structs.replace(run, run=run.run[1:]) for run in results.runs)
+    once, twice = (view_study(msgspec.structs.replace(results, runs=runs)).profiles[0] for runs in (same[:5], same))
+    assert once == twice
 
 
 def test_a_view_has_a_place_for_each_of_its_values(fabricate: Fabricate) -> None:

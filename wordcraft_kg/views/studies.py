@@ -31,6 +31,8 @@ from wordcraft_kg.statistics import (
 Interval = tuple[float, float]
 TAUS = tuple(i / 50 for i in range(51))
 """Levels of success at which profiles are given."""
+EVERYTHING: Values = {"share": 1, "noise": 0}
+"""Settings of a scorer that learns from all recipes as they are."""
 
 
 class StudyCurvePoint(Record, array_like=True):
@@ -131,7 +133,7 @@ class PointFigures(Record):
 
 
 class Profile(Record):
-    """Share of a variant's runs, over all points of the grid, whose success is above each of the study's taus.
+    """Share of a variant's runs whose success is above each of the study's taus; each run of any point counts once.
 
     Attributes:
         shares: by tau.
@@ -183,6 +185,7 @@ class Dose(Record):
         points: by ascending MRR.
         pearson: correlation of MRR and success over the points; None for fewer than three.
         spearman: rank correlation.
+        steps_spearman: rank correlation of MRR and :attr:`DosePoint.reached`, where never counts as the latest.
         without: success of the reference, if it has no scorer.
     """
 
@@ -191,6 +194,7 @@ class Dose(Record):
     points: tuple[DosePoint, ...]
     pearson: Correlation | None
     spearman: Correlation | None
+    steps_spearman: Correlation | None
     without: Share | None
 
 
@@ -492,7 +496,9 @@ def _steps(value: float) -> int | None:
 def _profiles(cells: Sequence[Runs]) -> Iterator[Profile]:
     """Yield the profile of each variant over all points where it has runs, with the seeds that all of these have."""
     for variant in dict.fromkeys(name for runs in cells for name in runs):
-        of = [{run.seed: run.success["test"] for run in runs[variant]} for runs in cells if variant in runs]
+        # The same trainings may stand at several points, such as those of agents without a scorer.
+        distinct = {tuple(run.run for run in runs[variant]): runs[variant] for runs in cells if variant in runs}
+        of = [{run.seed: run.success["test"] for run in members} for members in distinct.values()]
         seeds = sorted(set.intersection(*map(set, of)))
         if not seeds:
             continue
@@ -516,9 +522,8 @@ def _doses(results: StudyResults, points: Sequence[PointFigures], reference: str
             in_sample = settings.get("in_sample") is True
             key = msgspec.json.encode((others, in_sample), order="sorted")
             _, _, found, bare = groups.setdefault(key, (others, in_sample, [], []))
-            label = ", ".join(f"{name.removeprefix(f'{SCORER}.')} {value}" for name, value in dose.items())
             named = DosePoint(
-                label=label or entry.variant,
+                label=_label(dose, entry.variant),
                 variant=entry.variant,
                 mrr=entry.mrr,
                 mrr_range=entry.mrr_range,
@@ -530,12 +535,27 @@ def _doses(results: StudyResults, points: Sequence[PointFigures], reference: str
             bare += without
     for values, in_sample, found, bare in groups.values():
         mrr, success = [at.mrr for at in found], [at.success for at in found]
-        pearson, spearman = correlation(mrr, success, "pearson"), correlation(mrr, success, "spearman")
+        latest = 1 + max((at.reached or 0 for at in found), default=0)
+        reached = [latest if at.reached is None else at.reached for at in found]
         yield Dose(
             values=values,
             in_sample=in_sample,
             points=tuple(sorted(found, key=lambda at: (at.mrr, at.label))),
-            pearson=Correlation(*pearson) if pearson else None,
-            spearman=Correlation(*spearman) if spearman else None,
+            pearson=_correlation(mrr, success, "pearson"),
+            spearman=_correlation(mrr, success, "spearman"),
+            steps_spearman=_correlation(mrr, reached, "spearman"),
             without=_mean(bare) if bare else None,
         )
+
+
+def _correlation(x: Sequence[float], y: Sequence[float], kind: Literal["pearson", "spearman"]) -> Correlation | None:
+    found = correlation(x, y, kind)
+    return Correlation(*found) if found else None
+
+
+def _label(dose: Values, variant: str) -> str:
+    """Return the settings of a scorer that are not those of one that learns from everything."""
+    values = {name.removeprefix(f"{SCORER}."): value for name, value in dose.items()}
+    told = {name: value for name, value in values.items() if value != EVERYTHING.get(name)} or values
+    shown = [f"{name} {value:g}" if isinstance(value, float) else f"{name} {value}" for name, value in told.items()]
+    return ", ".join(shown if told is not values else shown[:1]) or variant

@@ -8,7 +8,6 @@ from markupsafe import Markup
 from wordcraft_kg.reports.charts.palette import COLOURS
 from wordcraft_kg.reports.charts.plot import ABOVE, LETTER, LONGEST_NAME, Plot
 from wordcraft_kg.reports.charts.scales import Estimate, estimate, round_ticks, shortened
-from wordcraft_kg.reports.charts.series import pattern
 
 SMALL_LETTER = 5.5
 """Width of a letter in the charts' small text."""
@@ -22,7 +21,7 @@ def scatter(
     *,
     level: tuple[str, float] | None = None,
 ) -> Markup:
-    """Draw points with the whiskers of both their intervals, joined by ascending x, series labelled at the right end.
+    """Draw points with the whiskers of both their intervals; the name of a series stands right of its last point.
 
     Args:
         series: by name, points of label, x and y; y is a share. Labels stand above or below the points where they fit.
@@ -48,7 +47,6 @@ def scatter(
     for number, (name, unordered) in enumerate(series.items()):
         points = sorted(unordered, key=lambda point: point[1][0])
         colour = f"series-{number % COLOURS}"
-        plot.polyline([(x[0], y[0]) for _, x, y in points], f"line {colour} {pattern(number)} thin", name)
         for _, x, y in points:
             if x[1] is not None and x[2] is not None:
                 plot.polyline([(x[1], y[0]), (x[2], y[0])], f"whisker {colour}")

@@ -59,6 +59,7 @@ lint: install
 	$(BIN)/python docs/make_commands.py --check
 	$(BIN)/python docs/make_glossary.py --check
 	$(BIN)/python docs/make_partial_graph.py --check
+	$(BIN)/python docs/make_results.py --check
 
 format: install
 	$(BIN)/ruff check --fix .
@@ -68,6 +69,7 @@ docs: install
 	$(BIN)/python docs/make_commands.py
 	$(BIN)/python docs/make_glossary.py
 	$(BIN)/python docs/make_partial_graph.py
+	$(BIN)/python docs/make_results.py
 
 site: install
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable ".[docs]"

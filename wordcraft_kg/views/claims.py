@@ -75,6 +75,7 @@ class Judged(Record, frozen=True):
         text: the claim.
         source: who says it.
         sides: what is compared with what.
+        is_value: whether the right side is a value, not a variant.
         expected: what is claimed of the left side.
         by: the amount that is claimed.
         measure: what is measured.
@@ -87,6 +88,7 @@ class Judged(Record, frozen=True):
     text: str
     source: str
     sides: tuple[str, str]
+    is_value: bool
     expected: Expected
     by: float
     measure: Measure
@@ -143,9 +145,18 @@ def _judged(claim: Claim, verdict: Verdict, why: str, measured: tuple[Measured, 
     right = claim.right if claim.than is None else f"{claim.than:g}"
     if claim.right_at:
         right += f" with {_point(claim.right_at)}"
-    sides = (claim.left, right)
     return Judged(
-        claim.text, claim.source, sides, claim.expected, claim.by, claim.measure, verdict, why, note, measured
+        text=claim.text,
+        source=claim.source,
+        sides=(claim.left, right),
+        is_value=claim.than is not None,
+        expected=claim.expected,
+        by=claim.by,
+        measure=claim.measure,
+        verdict=verdict,
+        why=why,
+        note=note,
+        measured=measured,
     )
 
 

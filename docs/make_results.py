@@ -1,0 +1,296 @@
+"""Write docs/results.md and its pictures from the results in docs/results/.
+
+    python docs/make_results.py [--check]
+    python docs/make_results.py --take FOLDER
+
+With ``--check`` nothing is written, and the exit code is 1 if something would be. ``--take`` first copies the finished
+studies of a results folder (``wordcraft-kg reproduce``) into docs/results/, a file each; they hold figures and hashes,
+and nothing of a book.
+"""
+
+import re
+import sys
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from pathlib import Path, PurePath
+from typing import get_args
+
+import msgspec
+
+from wordcraft_kg.experiments.collect import collect_study
+from wordcraft_kg.experiments.results import StudyResults, results_text
+from wordcraft_kg.experiments.store import studies_of
+from wordcraft_kg.experiments.study import Study, Values, built_in, read_study
+from wordcraft_kg.records import read_record
+from wordcraft_kg.reports.study_report import study_figure
+from wordcraft_kg.views.claims import REACHED, Judged, Measured, Verdict, view_claims
+from wordcraft_kg.views.studies import Dose, PointFigures, StudyView, VariantFigures, title_of, view_study
+from wordcraft_kg.wording import counted
+
+HERE = Path(__file__).parent
+BEGIN, END = "<!-- results -->\n", "<!-- end of results -->"
+MOST_BYTES = 2 * 1024 * 1024
+"""Of all committed results together."""
+ORDER = ("embeddings", "knowledge", "sources", "alone", "splits", "depth2", "csrl", "dose")
+BOOKS = {"little-alchemy-2": "Little Alchemy 2", "everyday": "`everyday`"}
+FOLDERS = re.compile(r"(?<![\w.])/(?:[^\s/]+/)+")
+"""The folders of an absolute path."""
+MEASURES = {
+    "success": "",
+    "early": "after a tenth of the steps: ",
+    "steps": f"steps to {REACHED:.0%} of the other's end, as a share of all: ",
+    "same_twice": "ends with one entity twice: ",
+}
+
+
+def name_of(results: StudyResults) -> str:
+    """Return the name of the study without that of the book; `reproduce` joins the two."""
+    return results.name.removesuffix(f"-{book_of(results)}")
+
+
+def book_of(results: StudyResults) -> str:
+    """Return the name of the book; of several, that of the first graph."""
+    return PurePath(str(results.study.settings.get("book", results.graphs[0].name))).stem
+
+
+def current(results: StudyResults) -> Study:
+    """Return the study as the package has it now, whose claims and words may be newer; else as it was run."""
+    return read_study(name_of(results)) if name_of(results) in built_in() else results.study
+
+
+def without_paths(results: StudyResults) -> StudyResults:
+    """Return results in which no path of the machine is left, but only the last part of each."""
+    settings = results.study.settings
+    if "book" in settings:
+        settings = settings | {"book": FOLDERS.sub("", str(settings["book"]))}
+    return msgspec.structs.replace(
+        results,
+        command=FOLDERS.sub("", results.command),
+        study=msgspec.structs.replace(results.study, settings=settings),
+        missing=tuple(msgspec.structs.replace(lost, why=FOLDERS.sub("", lost.why)) for lost in results.missing),
+    )
+
+
+def take(folder: Path, target: Path) -> None:
+    """Copy the results of all studies of a results folder, as far as they are there."""
+    target.mkdir(parents=True, exist_ok=True)
+    for name in studies_of(folder):
+        results = collect_study(folder, name)
+        if results.runs:
+            (target / f"{name}.json").write_text(results_text(without_paths(results)), encoding="utf-8")
+
+
+def read_all(folder: Path) -> list[StudyResults]:
+    """Return the committed results in the order of the page."""
+    found = [read_record(path, StudyResults) for path in sorted(folder.glob("*.json"))]
+    size = sum(path.stat().st_size for path in folder.glob("*.json"))
+    if size > MOST_BYTES:
+        sys.exit(f"the results take {size:,} bytes; {MOST_BYTES:,} are the most to commit. Leave studies out.")
+    order = {name: number for number, name in enumerate(ORDER)}
+    books = {name: number for number, name in enumerate(BOOKS)}
+    return sorted(
+        found, key=lambda of: (order.get(name_of(of), len(order)), name_of(of), books.get(book_of(of), len(books)))
+    )
+
+
+def page(found: list[StudyResults]) -> Iterator[str]:
+    """Yield the lines of the page below its head."""
+    if not found:
+        yield "No study has been run yet: this page fills itself from the files in `docs/results/`."
+        return
+    views = [view_study(results) for results in found]
+    yield "| study | book | steps | seeds | trainings | missing | hours of one core |"
+    yield "|---|---|---|---|---|---|---|"
+    for results, view in zip(found, views, strict=True):
+        trainings = f"{len(results.runs)} | {len(results.missing) or ''}"
+        yield (
+            f"| [{current(results).title}](#{anchor(results)}) | {shown_book(results)} | {steps_of(view)} | "
+            f"{seeds_of(view)} | {trainings} | {results.hours:.1f} |"
+        )
+    yield ""
+    judged = [(results, view_claims(results, current(results).claims).claims) for results in found]
+    yield "## Claims"
+    yield ""
+    yield f"Of the paper: {verdicts(judged, of_paper=True)}. Of this project: {verdicts(judged, of_paper=False)}."
+    yield "Each claim counts at each point that it is about, on each book; [the rule](#how-to-read-this-page) is below."
+    yield ""
+    for results, claims in judged:
+        yield f"**{current(results).title}**, {shown_book(results)}"
+        yield ""
+        yield from claims_table(claims)
+        yield ""
+    for results, view in zip(found, views, strict=True):
+        yield from section(results, view)
+
+
+def verdicts(judged: list[tuple[StudyResults, tuple[Judged, ...]]], *, of_paper: bool) -> str:
+    """Return how many verdicts of each kind there are."""
+    counts = Counter(
+        claim.verdict for _, claims in judged for claim in claims if claim.source.startswith("paper") == of_paper
+    )
+    return ", ".join(f"{counts[verdict]} {verdict}" for verdict in get_args(Verdict) if counts[verdict]) or "none"
+
+
+def anchor(results: StudyResults) -> str:
+    """Return the anchor of a section; a heading's own would change with its words."""
+    return f"{name_of(results)}-{book_of(results)}"
+
+
+def shown_book(results: StudyResults) -> str:
+    """Return the name of the book for people."""
+    return BOOKS.get(book_of(results), book_of(results))
+
+
+def steps_of(view: StudyView) -> str:
+    """Return the steps of the trainings."""
+    return " to ".join(f"{steps:,}" for steps in _ends(entry.steps for entry in _entries(view)))
+
+
+def seeds_of(view: StudyView) -> str:
+    """Return how many seeds the cells have."""
+    return " to ".join(str(number) for number in _ends(len(entry.seeds) for entry in _entries(view)))
+
+
+def _ends(values: Iterable[int]) -> list[int]:
+    found = set(values)
+    return sorted({min(found), max(found)})
+
+
+def _entries(view: StudyView) -> list[VariantFigures]:
+    return [entry for point in view.points for entry in point.variants]
+
+
+def claims_table(claims: Iterable[Judged]) -> Iterator[str]:
+    """Yield the lines of a table of claims; the text of a claim is there once."""
+    yield "| claim | at | left against right: difference [95 %] | verdict |"
+    yield "|---|---|---|---|"
+    before = ""
+    for claim in claims:
+        text = f"{claim.text} *({claim.source})*" if claim.source else claim.text
+        where = "; ".join(title_of(measured.values) for measured in claim.measured)
+        figures = "<br>".join(measured_text(claim, measured) for measured in claim.measured)
+        verdict = f"**{claim.verdict}**: {claim.why}" + (f". {claim.note}" if claim.note else "")
+        yield f"| {'' if text == before else text} | {where} | {figures} | {verdict} |"
+        before = text
+
+
+def measured_text(claim: Judged, measured: Measured) -> str:
+    """Return the figures of a claim at a point."""
+    left, right = claim.sides
+    interval = "" if measured.low is None else f" [{signed(measured.low)}, {signed(measured.high)}]"
+    other = right if claim.is_value else f"*{right}* {share(measured.right)}"
+    size = counted(measured.seeds, "seed") + (f", {counted(measured.tasks, 'task')}" if measured.tasks else "")
+    sides = f"*{left}* {share(measured.left)} against {other}"
+    return f"{MEASURES[claim.measure]}{sides}: {signed(measured.difference)}{interval} ({size})"
+
+
+def share(value: float) -> str:
+    """Return a share in three digits, without the zero in front."""
+    return f"{value:.3f}".removeprefix("0")
+
+
+def signed(value: float | None) -> str:
+    """Return a difference of shares."""
+    return f"{value or 0:+.3f}".replace("0.", ".", 1)
+
+
+def section(results: StudyResults, view: StudyView) -> Iterator[str]:
+    """Yield the lines of a study: what it asks, its figures, and with what it was made."""
+    study = current(results)
+    yield f'<a id="{anchor(results)}"></a>'
+    yield ""
+    yield f"## {study.title}: {shown_book(results)}"
+    yield ""
+    yield f"{' '.join(study.about.split())} *{study.source}.*"
+    yield ""
+    yield f"![{study.title}: {shown_book(results).strip('`')}](images/results-{anchor(results)}.svg)"
+    yield ""
+    if view.doses:
+        for dose in view.doses:
+            yield from dose_table(dose)
+    else:
+        for point in view.points:
+            yield from point_table(view, point)
+    if results.missing:
+        yield f"Missing: {missing_text(results)}."
+        yield ""
+    graphs = [f"{of.name} `{of.hash[:12]}` ({of.kind}, split `{of.split[:12]}`)" for of in results.graphs]
+    versions = ", ".join(f"{name} {version}" for name, version in results.versions.items())
+    yield f"Made with `{results.command}`: {results.hours:.1f} hours of one core, on {', '.join(graphs)}; {versions}."
+    yield ""
+
+
+def point_table(view: StudyView, point: PointFigures) -> Iterator[str]:
+    """Yield the lines of a table of all variants at a point of the grid."""
+    has_mrr = any(entry.mrr is not None for entry in point.variants)
+    yield f"{point.title[0].upper()}{point.title[1:]}, {counted(point.tasks, 'test task')}:"
+    yield ""
+    yield f"| | seeds |{' MRR |' * has_mrr} success | more than {view.reference} | by its plan | on train tasks |"
+    yield f"|---|---|{'---|' * has_mrr}---|---|---|---|"
+    for entry in point.variants:
+        mrr = f" {'' if entry.mrr is None else share(entry.mrr)} |" * has_mrr
+        low, high = entry.interval
+        success = f"{share(entry.mean)} [{share(low)}, {share(high)}]"
+        more = ""
+        if entry.comparison:
+            low, high = entry.comparison.interval
+            more = f"{signed(entry.comparison.difference)} [{signed(low)}, {signed(high)}]"
+        train = "" if entry.train is None else share(entry.train)
+        yield (f"| {entry.variant} | {len(entry.seeds)} |{mrr} {success} | {more} | {share(entry.by_plan)} | {train} |")
+    yield ""
+
+
+def dose_table(dose: Dose) -> Iterator[str]:
+    """Yield the lines of a table of success by the scorer's MRR."""
+    how = "train tasks answered from memory" if dose.in_sample else "train tasks answered by models of other folds"
+    yield f"{how.capitalize()}{f', {title_of(dose.values)}' if dose.values else ''}:"
+    yield ""
+    yield "| scorer | MRR | success |"
+    yield "|---|---|---|"
+    if dose.without is not None:
+        yield f"| none |  | {share(dose.without)} |"
+    for at in dose.points:
+        low, high = at.interval
+        yield f"| {at.label} | {share(at.mrr)} | {share(at.success)} [{share(low)}, {share(high)}] |"
+    yield ""
+    if dose.pearson and dose.spearman:
+        said = [
+            f"{name} {correlation.value:+.2f} [{correlation.low:+.2f}, {correlation.high:+.2f}]"
+            for name, correlation in (("Pearson", dose.pearson), ("Spearman", dose.spearman))
+        ]
+        yield f"Correlation of MRR and success over these scorers, 95 % interval over them: {', '.join(said)}."
+        yield ""
+
+
+def missing_text(results: StudyResults) -> str:
+    """Return which trainings have no figures, and why."""
+    reasons: dict[str, list[tuple[str, Values, int]]] = {}
+    for lost in results.missing:
+        reasons.setdefault(lost.why, []).append((lost.variant, lost.values, lost.seed))
+    return "; ".join(
+        f"{counted(len(of), 'training')} ({why}), the first {of[0][0]}"
+        f"{f', {title_of(of[0][1])}' if of[0][1] else ''}, seed {of[0][2]}"
+        for why, of in reasons.items()
+    )
+
+
+def written(found: list[StudyResults], text: str) -> dict[str, str]:
+    """Return the page with its figures replaced, and the pictures, by path below docs/."""
+    before, _, rest = text.partition(BEGIN)
+    files = {"results.md": before + BEGIN + "\n" + "\n".join(page(found)) + "\n" + END + rest.partition(END)[2]}
+    for results in found:
+        title = f"{current(results).title}: {shown_book(results).strip('`')}"
+        view = msgspec.structs.replace(view_study(results), title=title)
+        files[f"images/results-{anchor(results)}.svg"] = study_figure(view)
+    return files
+
+
+if __name__ == "__main__":
+    if "--take" in sys.argv:
+        take(Path(sys.argv[sys.argv.index("--take") + 1]), HERE / "results")
+    for path, text in written(read_all(HERE / "results"), (HERE / "results.md").read_text(encoding="utf-8")).items():
+        target = HERE / path
+        if "--check" not in sys.argv:
+            target.write_text(text, encoding="utf-8")
+        elif not target.exists() or target.read_text(encoding="utf-8") != text:
+            sys.exit(f"{path} is not up to date; run `make docs`")

@@ -1,0 +1,174 @@
+"""The results page from fabricated results, whose figures are known."""
+
+import importlib.util
+import shutil
+import sys
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from wordcraft_kg.experiments.results import Missing, PlayedGraph, RunResult, StudyResults, results_text
+from wordcraft_kg.experiments.study import Claim, Study, built_in, parse_study, read_study
+
+DOCS = Path(__file__).parents[1] / "docs"
+HEAD = "# Results\n\n<!-- results -->\nold\n<!-- end of results -->\n\nThe end.\n"
+
+
+@pytest.fixture(scope="module")
+def script():
+    spec = importlib.util.spec_from_file_location("make_results", DOCS / "make_results.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def run_of(variant, digit, *, distractors=8, seed=0):
+    """Return a run with the same number of won draws, of five, in each of 100 tasks."""
+    return RunResult(
+        variant=variant,
+        values={"distractors": distractors},
+        seed=seed,
+        run=f"runs/{variant}-{distractors}-{seed}",
+        graph=0,
+        success={"train": 0.5, "test": digit / 5},
+        by_plan={"train": 0.5, "test": digit / 10},
+        endings={"goal": digit / 5, "same_twice": 0.0},
+        won=str(digit) * 100,
+        draws=5,
+        curve=((0, 0.0), (1000, digit / 5)),
+        mrr=0.25 if variant == "guided" else None,
+        steps=1000,
+        seconds=1.0,
+        steps_per_second=1000,
+    )
+
+
+def results_of(runs, **changed):
+    study = Study(
+        title="A fabricated study",
+        about="What it\nasks.",
+        source="A test",
+        variants={"none": {}, "guided": {"scorer": "partial"}},
+        scorers={"partial": {"command": "train-complex"}},
+        settings={"book": "everyday"},
+        grid={"distractors": [8, 1]},
+        claims=[Claim(text="Guided is better.", left="guided", right="none", source="paper, Somewhere")],
+    )
+    values = {
+        "format": "wordcraft-kg results 1",
+        "name": "fabricated-everyday",
+        "command": "wordcraft-kg sweep fabricated.toml",
+        "study": study,
+        "graphs": (PlayedGraph("everyday", "a" * 64, "by-recipe", 0, "b" * 64),),
+        "versions": {"torch": "2"},
+        "runs": tuple(runs),
+        "missing": (),
+        "hours": 1.25,
+    }
+    return StudyResults(**values | changed)
+
+
+SOME = [run_of(variant, digit, seed=seed) for variant, digit in (("none", 1), ("guided", 3)) for seed in range(2)]
+
+
+def text_of(script, *found):
+    return script.written(list(found), HEAD)["results.md"]
+
+
+def test_the_page_has_the_figures_of_each_variant_and_the_difference(script):
+    lines = text_of(script, results_of(SOME)).splitlines()
+    (guided,) = [line for line in lines if line.startswith("| guided |")]
+    assert guided == "| guided | 2 | .250 | .600 [.502, .691] | +.400 [+.400, +.400] | .300 | .500 |"
+    assert "8 distractors, 100 test tasks:" in lines[lines.index(guided) - 5]
+
+
+def test_the_page_says_steps_seeds_and_hours_at_its_top(script):
+    text = text_of(script, results_of(SOME))
+    row = "| [A fabricated study](#fabricated-everyday) | `everyday` | 1,000 | 2 | 4 |  | 1.2 |"
+    assert row in text
+    assert text.index(row) < text.index("## Claims")
+
+
+def test_a_claim_is_shown_with_its_figures_and_its_verdict(script):
+    text = text_of(script, results_of(SOME))
+    assert "Of the paper: 1 reproduced, 1 not run. Of this project: none." in text
+    figures = "*guided* .600 against *none* .200: +.400 [+.400, +.400] (2 seeds, 100 tasks)"
+    claim = f"| Guided is better. *(paper, Somewhere)* | 8 distractors | {figures} | **reproduced**: more |"
+    assert claim in text
+
+
+def test_what_is_missing_is_named_with_the_reason(script):
+    lost = tuple(Missing("guided", {"distractors": 1}, seed, "the disk was full") for seed in range(3))
+    text = text_of(script, results_of(SOME, missing=lost))
+    assert "Missing: 3 trainings (the disk was full), the first guided, 1 distractor, seed 0." in text
+    assert "**not run**: no runs of 'guided', distractors 1: the disk was full" in text
+
+
+def test_without_results_the_page_says_so_and_keeps_its_words(script):
+    text = text_of(script)
+    assert "No study has been run yet" in text
+    assert text.startswith("# Results\n")
+    assert text.endswith("The end.\n")
+    assert "old" not in text
+
+
+def test_each_study_has_a_picture(script):
+    files = script.written([results_of(SOME)], HEAD)
+    assert files["images/results-fabricated-everyday.svg"].startswith("<svg ")
+    assert "(images/results-fabricated-everyday.svg)" in files["results.md"]
+
+
+def test_claims_of_a_built_in_study_are_those_of_today(script):
+    old = msgspec.structs.replace(read_study("embeddings"), claims=[], title="An old title")
+    results = results_of(SOME, name="embeddings-little-alchemy-2", study=old)
+    assert script.current(results) == read_study("embeddings")
+    assert script.current(results_of(SOME)).title == "A fabricated study"
+
+
+def test_no_path_of_the_machine_is_kept(script):
+    study = msgspec.structs.replace(results_of(SOME).study, settings={"book": "/home/somebody/mine.json"})
+    command = "wordcraft-kg reproduce all --book /home/somebody/mine.json --out /tmp/results --seeds 3"
+    lost = Missing("guided", {"distractors": 1}, 0, "/home/somebody/results/runs/1/run.json is damaged: train again.")
+    results = results_of(SOME, study=study, command=command, missing=(lost,))
+    text = results_text(script.without_paths(results))
+    assert '"run.json is damaged: train again."' in text
+    assert "/home" not in text
+    assert "/tmp" not in text
+    assert "--book mine.json --out results --seeds 3" in text
+
+
+def test_more_than_is_fit_to_commit_is_refused(script, tmp_path, monkeypatch):
+    (tmp_path / "fabricated-everyday.json").write_text(results_text(results_of(SOME)))
+    assert script.read_all(tmp_path) == [results_of(SOME)]
+    monkeypatch.setattr(script, "MOST_BYTES", 1_000)
+    with pytest.raises(SystemExit, match="are the most to commit"):
+        script.read_all(tmp_path)
+
+
+def test_the_order_of_the_page_names_all_built_in_studies(script):
+    assert set(built_in()) <= set(script.ORDER)
+
+
+def test_the_study_of_the_guide_is_one():
+    guide = (DOCS / "studies.md").read_text(encoding="utf-8")
+    study = parse_study(guide.partition("```toml\n")[2].partition("```")[0], "docs/studies.md")
+    assert len(study.variants) * 2 * study.seeds == 18
+    listed = [line.split("`")[1] for line in guide.splitlines() if line.startswith("| `") and line.endswith(" |")]
+    assert set(built_in()) <= set(listed)
+
+
+def test_the_check_finds_a_page_that_is_out_of_date(tmp_path, monkeypatch):
+    shutil.copytree(DOCS, tmp_path / "docs")
+    script = tmp_path / "docs" / "make_results.py"
+    (tmp_path / "docs" / "results").mkdir(exist_ok=True)
+    (tmp_path / "docs" / "results" / "fabricated-everyday.json").write_text(results_text(results_of(SOME)))
+    monkeypatch.setattr(sys, "argv", [str(script), "--check"])
+    import runpy
+
+    with pytest.raises(SystemExit, match=r"results.md is not up to date"):
+        runpy.run_path(str(script), run_name="__main__")
+    monkeypatch.setattr(sys, "argv", [str(script)])
+    runpy.run_path(str(script), run_name="__main__")
+    monkeypatch.setattr(sys, "argv", [str(script), "--check"])
+    runpy.run_path(str(script), run_name="__main__")

@@ -199,15 +199,15 @@ def section(results: StudyResults, view: StudyView) -> Iterator[str]:
     study = current(results)
     yield f'<a id="{anchor(results)}"></a>'
     yield ""
-    yield f"## {study.title}: {shown_book(results)}"
+    yield f"## {study.title} ({shown_book(results)})"
     yield ""
     yield f"{' '.join(study.about.split())} *{study.source}.*"
     yield ""
-    yield f"![{study.title}: {shown_book(results).strip('`')}](images/results-{anchor(results)}.svg)"
+    yield f"![{study.title} ({shown_book(results).strip('`')})](images/results-{anchor(results)}.svg)"
     yield ""
     if view.doses:
         for dose in view.doses:
-            yield from dose_table(dose)
+            yield from dose_table(dose, view.reference)
     else:
         for point in view.points:
             yield from point_table(view, point)
@@ -240,25 +240,28 @@ def point_table(view: StudyView, point: PointFigures) -> Iterator[str]:
     yield ""
 
 
-def dose_table(dose: Dose) -> Iterator[str]:
+def dose_table(dose: Dose, reference: str) -> Iterator[str]:
     """Yield the lines of a table of success by the scorer's MRR."""
     how = "train tasks answered from memory" if dose.in_sample else "train tasks answered by models of other folds"
     yield f"{how.capitalize()}{f', {title_of(dose.values)}' if dose.values else ''}:"
     yield ""
-    yield "| scorer | MRR | success |"
-    yield "|---|---|---|"
+    yield f"| scorer | MRR | success | steps to where {reference} ends |"
+    yield "|---|---|---|---|"
     if dose.without is not None:
-        yield f"| none |  | {share(dose.without)} |"
+        yield f"| none |  | {share(dose.without)} |  |"
     for at in dose.points:
         low, high = at.interval
-        yield f"| {at.label} | {share(at.mrr)} | {share(at.success)} [{share(low)}, {share(high)}] |"
+        reached = "never" if at.reached is None else f"{at.reached:,}"
+        yield f"| {at.label} | {share(at.mrr)} | {share(at.success)} [{share(low)}, {share(high)}] | {reached} |"
     yield ""
-    if dose.pearson and dose.spearman:
-        said = [
-            f"{name} {correlation.value:+.2f} [{correlation.low:+.2f}, {correlation.high:+.2f}]"
-            for name, correlation in (("Pearson", dose.pearson), ("Spearman", dose.spearman))
-        ]
-        yield f"Correlation of MRR and success over these scorers, 95 % interval over them: {', '.join(said)}."
+    found = {
+        "of MRR and success, Pearson": dose.pearson,
+        "Spearman": dose.spearman,
+        "of MRR and steps, Spearman": dose.steps_spearman,
+    }
+    said = [f"{name} {of.value:+.2f} [{of.low:+.2f}, {of.high:+.2f}]" for name, of in found.items() if of]
+    if said:
+        yield f"Correlation over these scorers, with the 95 % interval over them: {', '.join(said)}."
         yield ""
 
 
@@ -279,7 +282,7 @@ def written(found: list[StudyResults], text: str) -> dict[str, str]:
     before, _, rest = text.partition(BEGIN)
     files = {"results.md": before + BEGIN + "\n" + "\n".join(page(found)) + "\n" + END + rest.partition(END)[2]}
     for results in found:
-        title = f"{current(results).title}: {shown_book(results).strip('`')}"
+        title = f"{current(results).title} ({shown_book(results).strip('`')})"
         view = msgspec.structs.replace(view_study(results), title=title)
         files[f"images/results-{anchor(results)}.svg"] = study_figure(view)
     return files

@@ -172,3 +172,23 @@ def test_the_check_finds_a_page_that_is_out_of_date(tmp_path, monkeypatch):
     runpy.run_path(str(script), run_name="__main__")
     monkeypatch.setattr(sys, "argv", [str(script), "--check"])
     runpy.run_path(str(script), run_name="__main__")
+
+
+def test_a_study_of_doses_shows_mrr_success_and_their_correlation(script):
+    study = msgspec.structs.replace(
+        results_of([]).study,
+        drawing="dose",
+        reference="none",
+        grid={"scorer.share": [0.2, 0.5, 1.0]},
+        settings={"book": "everyday", "distractors": 8},
+        claims=[],
+    )
+    runs = []
+    for dose, digit in ((0.2, 1), (0.5, 2), (1.0, 4)):
+        for variant, won, mrr in (("none", 1, None), ("guided", digit, dose / 2)):
+            run = msgspec.structs.replace(run_of(variant, won), values={"scorer.share": dose}, mrr=mrr)
+            runs.append(run)
+    text = text_of(script, results_of(runs, study=study))
+    assert "| none |  | .200 |  |" in text
+    assert "| share 0.5 | .250 | .400 [.309, .498] | 1,000 |" in text
+    assert "Correlation over these scorers, with the 95 % interval over them: of MRR and success, Pearson +1.00" in text

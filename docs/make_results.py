@@ -93,12 +93,11 @@ def read_all(folder: Path) -> list[StudyResults]:
     )
 
 
-def page(found: list[StudyResults]) -> Iterator[str]:
+def page(found: list[StudyResults], views: list[StudyView]) -> Iterator[str]:
     """Yield the lines of the page below its head."""
     if not found:
         yield "No study has been run yet: this page fills itself from the files in `docs/results/`."
         return
-    views = [view_study(results) for results in found]
     yield "| study | book | steps | seeds | trainings | missing | hours of one core |"
     yield "|---|---|---|---|---|---|---|"
     for results, view in zip(found, views, strict=True):
@@ -279,12 +278,12 @@ def missing_text(results: StudyResults) -> str:
 
 def written(found: list[StudyResults], text: str) -> dict[str, str]:
     """Return the page with its figures replaced, and the pictures, by path below docs/."""
+    views = [view_study(results) for results in found]
     before, _, rest = text.partition(BEGIN)
-    files = {"results.md": before + BEGIN + "\n" + "\n".join(page(found)) + "\n" + END + rest.partition(END)[2]}
-    for results in found:
+    files = {"results.md": before + BEGIN + "\n" + "\n".join(page(found, views)) + "\n" + END + rest.partition(END)[2]}
+    for results, view in zip(found, views, strict=True):
         title = f"{current(results).title} ({shown_book(results).strip('`')})"
-        view = msgspec.structs.replace(view_study(results), title=title)
-        files[f"images/results-{anchor(results)}.svg"] = study_figure(view)
+        files[f"images/results-{anchor(results)}.svg"] = study_figure(msgspec.structs.replace(view, title=title))
     return files
 
 

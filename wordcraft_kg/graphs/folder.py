@@ -8,6 +8,7 @@ from wordcraft_kg.artefacts import dump_json, read_json, staged_folder, what_is,
 from wordcraft_kg.errors import ArtefactError, RecipeFileError, SplitError
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.audit import Audit, audit
+from wordcraft_kg.graphs.doses import Dose
 from wordcraft_kg.graphs.frames import entities_frame
 from wordcraft_kg.graphs.library import open_book
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
@@ -36,6 +37,10 @@ class OpenedGraph:
     def triples(self, kg: KG) -> Ids:
         """Return the triples of the full or the partial knowledge graph, shape (T, 3), sorted."""
         return self.graph.triples if kg == "full" else self.split.partial
+
+    def dose(self, kg: KG) -> Dose:
+        """Return what a scorer of the full or the partial knowledge graph learns from, if nothing is left out."""
+        return Dose.of(self.graph, self.split.is_in("train") | (kg == "full"))
 
 
 @stage("writing the graph folder")

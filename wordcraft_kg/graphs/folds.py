@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from wordcraft_kg.errors import GraphMismatchError
 from wordcraft_kg.graphs.arrays import Ids, frozen
+from wordcraft_kg.graphs.doses import Dose
 from wordcraft_kg.graphs.splits import Split, units_of
 from wordcraft_kg.graphs.tasks import TaskSet
 from wordcraft_kg.graphs.triples import recipe_triples
@@ -32,20 +33,39 @@ class Folds:
         count: K.
         seed: seed of the draw.
         of_recipe: shape (num_recipes,), int64: fold of each recipe, :data:`OUTSIDE` for those outside train.
+        dose: what is learned from. Folds are those of all train recipes whatever the dose.
     """
 
-    def __init__(self, split: Split, count: int, seed: int, of_recipe: Ids):
-        """Bind a draw to its split; most callers want :func:`make_folds`."""
+    def __init__(self, split: Split, count: int, seed: int, of_recipe: Ids, dose: Dose | None = None):
+        """Bind a draw to its split; most callers want :func:`make_folds`. Without a dose all of train is learned."""
         self.split, self.count, self.seed = split, count, seed
         self.of_recipe = frozen(of_recipe)
+        self.dose = Dose.of(split.graph, split.is_in("train")) if dose is None else dose
+
+    def dosed(self, dose: Dose) -> "Folds":
+        """Return the same folds for another dose."""
+        return Folds(self.split, self.count, self.seed, self.of_recipe, dose)
+
+    @property
+    def is_dosed(self) -> bool:
+        """Whether anything but all train recipes as they are is learned from."""
+        return bool((self.dose.is_taught != self.split.is_in("train")).any() or self.dose.is_wrong.any())
 
     def seen(self, left_out: Collection[int] = ()) -> NDArray[np.bool_]:
-        """Return which recipes are in train and in none of the folds left out, shape (num_recipes,)."""
-        return self.split.is_in("train") & ~np.isin(self.of_recipe, list(left_out))
+        """Return which recipes are learned from and in none of the folds left out, shape (num_recipes,)."""
+        return self.dose.is_taught & ~np.isin(self.of_recipe, list(left_out))
+
+    def recipes(self, left_out: Collection[int] = ()) -> Ids:
+        """Return the recipes :meth:`seen`, as they are taught, shape (n, 3)."""
+        return self.dose.among(self.seen(left_out))
+
+    def recipes_of(self, fold: int) -> Ids:
+        """Return the recipes of a fold that are learned from, as they are taught, shape (n, 3)."""
+        return self.dose.among(self.of_recipe == fold)
 
     def triples(self, left_out: Collection[int] = ()) -> Ids:
         """Return the triples of the recipes :meth:`seen`, shape (T, 3), sorted."""
-        return frozen(recipe_triples(self.split.graph.recipes[self.seen(left_out)]))
+        return frozen(recipe_triples(self.recipes(left_out)))
 
     def of_tasks(self, tasks: TaskSet) -> Ids:
         """Return the fold in which all train recipes of a task's plans lie, shape (N,), see :func:`fold_of_tasks`."""

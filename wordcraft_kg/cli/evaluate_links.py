@@ -52,6 +52,7 @@ def evaluate_links(
         trained.scorer,
         trained.opened,
         kg=trained.kg,
+        dose=trained.dose,
         name=model.name,
         provenance=trained.provenance,
         trace=trained.trace,

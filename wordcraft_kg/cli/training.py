@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from wordcraft_kg.cli.console import Output, aligned, read_seeds
 from wordcraft_kg.errors import ConfigError
+from wordcraft_kg.graphs.doses import dose_words
 from wordcraft_kg.graphs.tasks import TaskPart
 from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
 from wordcraft_kg.records import as_values
@@ -17,7 +18,9 @@ from wordcraft_kg.runs.interruption import interruption_message
 if TYPE_CHECKING:
     from wordcraft_kg.agents.config import AgentConfig
     from wordcraft_kg.agents.training import TrainedAgent
+    from wordcraft_kg.models.links.records import LinkMetrics
     from wordcraft_kg.models.links.training import TrainedLinks
+    from wordcraft_kg.models.recipes.records import RecipeMetrics
     from wordcraft_kg.models.recipes.training import TrainedRecipes
 
 T = TypeVar("T", "TrainedAgent", "TrainedLinks")
@@ -48,6 +51,7 @@ def report(trained: "TrainedLinks", output: Output) -> int:
         raise KeyboardInterrupt(interruption_message(trained.folder, "epoch", trained.epoch))
     rows = [
         ("trained", f"{metrics.epochs} epochs on {metrics.triples:,} triples ({metrics.kg} graph)"),
+        *_learned_from(metrics),
         ("time", f"{metrics.seconds:.1f} s, {metrics.seconds_per_epoch:.3f} s per epoch"),
         ("parameters", f"{metrics.parameters:,}"),
         ("train MRR", f"{metrics.train_mrr:.3f} on its own training triples (memory)"),
@@ -73,6 +77,11 @@ def report(trained: "TrainedLinks", output: Output) -> int:
         [*aligned(rows), f"wrote {trained.folder}/   next: wordcraft-kg evaluate-links {trained.folder}"],
     )
     return 0
+
+
+def _learned_from(metrics: "LinkMetrics | RecipeMetrics") -> list[tuple[str, str]]:
+    words = dose_words(metrics.share, metrics.noise)
+    return [("from", words)] if words else []
 
 
 def _how_to_fit(config: LinksConfig) -> str:
@@ -138,7 +147,11 @@ def _train_links_seeds(
 def report_recipes(trained: "TrainedRecipes", output: Output) -> int:
     """Print the outcome of a recipe scorer's fit and return 0."""
     metrics = trained.metrics
-    rows = [("fitted", f"{metrics.recipes:,} recipes ({metrics.kg} graph)"), ("time", f"{metrics.seconds:.1f} s")]
+    rows = [
+        ("fitted", f"{metrics.recipes:,} recipes ({metrics.kg} graph)"),
+        *_learned_from(metrics),
+        ("time", f"{metrics.seconds:.1f} s"),
+    ]
     if metrics.fold_mrr is not None:
         figures = f"{metrics.fold_mrr:.3f} where they were not in the fit, {metrics.fold_in_sample_mrr:.3f} where"
         rows.append(("folds", f"{metrics.folds}; MRR of train triples {figures} they were"))

@@ -9,6 +9,7 @@ import numpy as np
 from markupsafe import Markup
 
 from wordcraft_kg.graphs.arrays import Ids
+from wordcraft_kg.graphs.doses import Dose
 from wordcraft_kg.graphs.folder import KG, OpenedGraph
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.triples import RELATIONS
@@ -72,6 +73,7 @@ def make_link_report(
     opened: OpenedGraph,
     *,
     kg: KG = "partial",
+    dose: Dose | None = None,
     name: str = "scorer",
     provenance: Mapping[str, str] | None = None,
     trace: Sequence[TraceRow] = (),
@@ -85,6 +87,7 @@ def make_link_report(
         opened: graph and split.
         kg: knowledge graph that the scorer was trained on, ``partial`` or ``full``; see
             :func:`~wordcraft_kg.views.links.judge_links`.
+        dose: the recipes that it was trained on, if these are not all of that graph.
         name: name of the scorer in the report.
         provenance: facts for the last section.
         trace: a row for each epoch.
@@ -94,7 +97,7 @@ def make_link_report(
     Raises:
         SplitError: if fewer than 30 triples are left to evaluate it on.
     """
-    judged = judge_links(scorer, opened, kg, max_queries=max_queries, seed=seed)
+    judged = judge_links(scorer, opened, kg, dose=dose, max_queries=max_queries, seed=seed)
     view = view_links(judged, name=name, provenance=provenance, trace=trace, seed=seed)
     communities = _communities(judged.graph, seed) if judged.has_table else None
     pictures_of_entities = _pictures_of_entities(judged, communities, seed) if communities else {}

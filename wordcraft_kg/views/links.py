@@ -20,6 +20,7 @@ from wordcraft_kg.envs.world import World
 from wordcraft_kg.errors import SplitError, WordCraftKGError
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.audit import Leakage, SplitSummary, leakage, split_summary
+from wordcraft_kg.graphs.doses import Dose
 from wordcraft_kg.graphs.folder import KG, OpenedGraph
 from wordcraft_kg.graphs.planner import layers
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
@@ -289,6 +290,7 @@ class JudgedLinks:
         population: number of triples that it could be evaluated on.
         queries: triples that it is evaluated on, shape (T, 3): all of them, or a uniform sample.
         ranks: a row for each query, see :func:`~wordcraft_kg.models.scorers.ranking.rank_triples`.
+        dose: the recipes that the scorer was trained on.
     """
 
     scorer: TripleScorer
@@ -297,6 +299,7 @@ class JudgedLinks:
     population: int
     queries: Ids
     ranks: pd.DataFrame
+    dose: Dose
 
     @property
     def graph(self) -> RecipeGraph:
@@ -311,7 +314,7 @@ class JudgedLinks:
     @property
     def trained_on(self) -> Ids:
         """The triples that the scorer has seen, shape (T, 3)."""
-        return self.opened.triples(self.kg)
+        return self.dose.triples
 
     @property
     def has_table(self) -> bool:
@@ -348,8 +351,7 @@ class JudgedLinks:
         """Rankings of the same queries by baselines that know the same triples, by name."""
         scorers: dict[str, TripleScorer] = {"frequency": FrequencyScorer(self.graph, self.trained_on)}
         if self.has_table:
-            recipes = self.graph.recipes if self.is_full else self.opened.split.recipes("train")
-            scorers["votes"] = VoteScorer(self.graph, recipes)
+            scorers["votes"] = VoteScorer(self.graph, self.dose.recipes)
             scorers["neighbours"] = NeighbourScorer(self.graph, self.trained_on)
         return {name: rank_triples(scorer, self.queries, self.graph.triples) for name, scorer in scorers.items()}
 
@@ -364,6 +366,7 @@ def judge_links(
     opened: OpenedGraph,
     kg: KG = "partial",
     *,
+    dose: Dose | None = None,
     max_queries: int = MAX_QUERIES,
     seed: int = 0,
 ) -> JudgedLinks:
@@ -376,6 +379,8 @@ def judge_links(
         scorer: a scorer of the graph.
         opened: graph and split.
         kg: knowledge graph that the scorer was trained on.
+        dose: the recipes that it was trained on, if these are not all of that graph. They change neither the triples
+            nor the filter, so figures of different doses can be compared.
         max_queries: most queries to rank, two for each triple; of more, a uniform sample of the triples is ranked. 0
             ranks all.
         seed: seed of that sample.
@@ -391,7 +396,7 @@ def judge_links(
     if len(queries) < MIN_TRIPLES:
         raise SplitError(_too_few(len(queries), opened, kg))
     ranks = rank_triples(scorer, queries, opened.graph.triples)
-    return JudgedLinks(scorer, opened, kg, len(everything), queries, ranks)
+    return JudgedLinks(scorer, opened, kg, len(everything), queries, ranks, dose or opened.dose(kg))
 
 
 def _too_few(found: int, opened: OpenedGraph, kg: KG) -> str:
@@ -487,11 +492,11 @@ def summarise_links(view: LinkView, report: str) -> LinkSummary:
 
 def _checks(judged: JudgedLinks) -> Iterator[Check]:
     """Yield the checks; a model of the full graph is not checked for leaks."""
-    graph, split = judged.graph, judged.opened.split
+    graph = judged.graph
     yield Check(
         "graph", "the model was trained on the graph that is evaluated", judged.scorer.graph_hash == graph.hash, ""
     )
-    uncovered = split.uncovered[:0] if judged.is_full else split.uncovered
+    uncovered = np.setdiff1d(np.arange(graph.num_entities) if not judged.is_full else [], judged.dose.recipes)
     listed = f"{len(uncovered)} do not ({', '.join(graph.labels(uncovered[:6]))}): their ranks are near chance"
     covered = not len(uncovered)
     yield Check("coverage", "every entity occurs in training", covered, "all do" if covered else listed)
@@ -500,7 +505,8 @@ def _checks(judged: JudgedLinks) -> Iterator[Check]:
     test = judged.queries
     symmetric = test[test[:, 1] == COMBINES_WITH]
     in_train, mirrored = (
-        int(np.sum(is_in(triples, split.partial, graph.num_entities))) for triples in (test, symmetric[:, [2, 1, 0]])
+        int(np.sum(is_in(triples, judged.trained_on, graph.num_entities)))
+        for triples in (test, symmetric[:, [2, 1, 0]])
     )
     no_leak = "no evaluated triple is in the training triples"
     yield Check("leak", no_leak, not in_train, f"{in_train} found")
@@ -532,7 +538,7 @@ def _with_leaked(judged: JudgedLinks) -> RankingMetrics:
 def _probabilities(judged: JudgedLinks) -> tuple[Reliability, ...]:
     if judged.is_full or not judged.has_table or not isinstance(judged.scorer, CrossFitted):
         return ()
-    return view_probabilities(judged.scorer, judged.opened.split)
+    return view_probabilities(judged.scorer, judged.graph, judged.trained_on)
 
 
 def _memory(judged: JudgedLinks) -> Memory | None:

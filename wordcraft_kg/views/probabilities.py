@@ -7,7 +7,7 @@ import torch
 from numpy.typing import NDArray
 
 from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.graphs.splits import Split
+from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.triples import COMBINES_WITH, RELATIONS, Relation
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
 from wordcraft_kg.records import Count, Record, Share
@@ -59,12 +59,12 @@ class Reliability(Record):
     bins: tuple[ReliabilityBin, ...]
 
 
-def view_probabilities(scorer: CrossFitted, split: Split) -> tuple[Reliability, ...]:
+def view_probabilities(scorer: CrossFitted, graph: RecipeGraph, trained_on: Ids) -> tuple[Reliability, ...]:
     """Compare predicted and observed for all triples outside training; empty for a scorer without probabilities."""
     if scorer.probabilities is None:
         return ()
-    size = split.graph.num_entities
-    known, given = (_cells(triples, size) for triples in (split.partial, split.graph.triples))
+    size = graph.num_entities
+    known, given = (_cells(triples, size) for triples in (trained_on, graph.triples))
     everything = torch.arange(size)
     itself = np.eye(size, dtype=bool)
     rows = []

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any, ClassVar, Literal, Self, get_args
 
 from wordcraft_kg.errors import ArtefactError, ConfigError
+from wordcraft_kg.graphs.doses import check_dose
 from wordcraft_kg.graphs.folder import KG
 from wordcraft_kg.records import Record
 from wordcraft_kg.runs.config_file import read_config, write_config
@@ -29,6 +30,9 @@ class TrainingConfig:
 
     Attributes:
         kg: triples to train on: partial (those of the train recipes) or full (all of them, test recipes included).
+        share: share of the train recipes to learn from, drawn with `seed`; those of a smaller share are among those of
+            a larger one.
+        noise: share of these recipes that get a wrong result, that of another one.
         epochs: passes over the triples.
         batch_size: triples per step.
         eval_every: epochs between rankings of the validation triples; 0 never ranks them.
@@ -38,7 +42,7 @@ class TrainingConfig:
         folds: parts of the train recipes for cross-fitting: for each, one more model is trained on all others, so that
             an agent's train tasks can be scored by a model that has not seen their recipes; 0 trains none. Default: 5
             on the partial graph, as far as it can be cut into so many; 0 on the full one.
-        seed: root seed of the initial parameters and the batches.
+        seed: root seed of the initial parameters, the batches and what `share` and `noise` draw.
         device: torch device to train on, such as cpu or cuda.
         threads: CPU threads; 1 is rarely slower for models this small, and much faster on a busy machine.
     """
@@ -46,6 +50,8 @@ class TrainingConfig:
     command: ClassVar[str]
 
     kg: KG = "partial"
+    share: float = 1.0
+    noise: float = 0.0
     epochs: int = 50
     batch_size: int = 512
     eval_every: int = 0
@@ -58,6 +64,7 @@ class TrainingConfig:
 
     def __post_init__(self) -> None:
         one_of("kg", self.kg, get_args(KG))
+        check_dose(self.kg, self.share, self.noise)
         for name, high in (
             ("epochs", None),
             ("checkpoint_every", None),

@@ -11,6 +11,7 @@ from pykeen.training import TrainingLoop
 from pykeen.training.callbacks import TrainingCallback
 from torch import Tensor
 
+from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.models.links.builders import scorer_tensors
 from wordcraft_kg.models.links.config import LinkSettings
@@ -40,16 +41,18 @@ class Epochs(TrainingCallback):
         self,
         run: RunFolder[LinkProgress],
         opened: OpenedGraph,
+        triples: Ids,
         settings: LinkSettings,
         progress: Progress | None,
         log: Log,
     ):
-        """Begin without any; :meth:`restore` returns to a checkpoint."""
+        """Begin without any, of a training on triples, shape (T, 3); :meth:`restore` returns to a checkpoint."""
         super().__init__()
-        self.run, self.opened, self.settings, self.report, self.log = run, opened, settings, progress, log
+        self.run, self.opened, self.triples, self.settings = run, opened, triples, settings
+        self.report, self.log = progress, log
         self.so_far = LinkProgress(seconds=0.0, best_mrr=None, best_epoch=None, has_stopped=False, trace=())
         self._valid = sampled_for(opened.graph, opened.split.held_out("valid")) if settings.eval_every else None
-        self._batches = -(-len(opened.triples(settings.kg)) // settings.batch_size)
+        self._batches = -(-len(triples) // settings.batch_size)
         self._batch = 0
         self._total = settings.epochs * (1 + (settings.folds or 0))
         self._best: dict[str, Tensor] = {}
@@ -129,11 +132,7 @@ class Epochs(TrainingCallback):
         """Return the filtered MRR of the validation triples."""
         self.model.eval()
         graph = self.opened.graph
-        scorer = make_scorer(
-            *scorer_tensors(self.settings, self.model, self.opened.triples(self.settings.kg)),
-            graph.entities,
-            graph.hash,
-        )
+        scorer = make_scorer(*scorer_tensors(self.settings, self.model, self.triples), graph.entities, graph.hash)
         ranks = rank_triples(scorer, self._valid, graph.triples)  # type: ignore[arg-type]
         self.model.train()
         return mean_reciprocal_rank(ranks)

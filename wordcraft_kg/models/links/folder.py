@@ -1,8 +1,12 @@
 """Opening a model folder for evaluation: its scorer, the graph and split that it was trained on, and its history."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
+from wordcraft_kg.errors import GraphMismatchError
+from wordcraft_kg.graphs.arrays import Ids
+from wordcraft_kg.graphs.doses import Dose, dose_words, is_dosed, make_dose
 from wordcraft_kg.graphs.folder import KG, OpenedGraph
 from wordcraft_kg.models.links.config import LinksConfig, LinkSettings, SavedConfig
 from wordcraft_kg.models.links.records import LinkMetrics, TraceRow
@@ -41,6 +45,32 @@ class OpenedModel:
         """What it was trained on: ``partial`` or ``full``."""
         return self.settings.kg
 
+    @cached_property
+    def dose(self) -> Dose:
+        """The recipes that it was trained on, as they were taught.
+
+        Raises:
+            GraphMismatchError: if they cannot be told: they are drawn again here, and are not those of the training.
+        """
+        settings, split = self.settings, self.opened.split
+        if isinstance(self.scorer, CrossFitted):
+            found = self.scorer.dose(split.graph)
+        elif isinstance(settings, SavedConfig) or not is_dosed(settings.share, settings.noise):
+            found = self.opened.dose(self.kg)
+        else:
+            found = make_dose(split, settings.share, settings.noise, settings.seed)
+        if self.run.inputs.get("dose", found.hash) != found.hash:
+            raise GraphMismatchError(
+                f"the model was trained on the recipes {self.run.inputs['dose'][:12]}, but `share` and `noise` give "
+                f"{found.hash[:12]}. Train it again with this version of NumPy."
+            )
+        return found
+
+    @property
+    def triples(self) -> Ids:
+        """The triples that it was trained on, shape (T, 3), sorted."""
+        return self.dose.triples
+
     @property
     def provenance(self) -> dict[str, str]:
         """Facts for a report."""
@@ -64,6 +94,10 @@ class OpenedModel:
                 **({"cross-fitted": _cross_fitted(metrics)} if metrics.folds else {}),
                 **({"regularisation chosen": str(metrics.choice)} if metrics.choice else {}),
             }
+        if not isinstance(self.settings, SavedConfig) and (
+            words := dose_words(self.settings.share, self.settings.noise)
+        ):
+            facts["learned from"] = words
         return {
             **facts,
             "finished": self.run.ended or "",

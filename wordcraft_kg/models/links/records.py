@@ -72,6 +72,8 @@ class LinkMetrics(Record, frozen=True, kw_only=True, omit_defaults=True):
 
     Attributes:
         kg: knowledge graph that it was trained on: partial or full.
+        share: share of the train recipes that it was trained on.
+        noise: share of these that had a wrong result.
         triples: number of training triples.
         epochs: number of epochs done.
         best_epoch: best epoch by validation MRR, None if nothing was validated.
@@ -90,6 +92,8 @@ class LinkMetrics(Record, frozen=True, kw_only=True, omit_defaults=True):
     """
 
     kg: KG
+    share: float = 1.0
+    noise: float = 0.0
     triples: int
     epochs: int
     best_epoch: int | None

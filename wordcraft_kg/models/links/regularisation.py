@@ -44,7 +44,13 @@ CAUTION = 0.05
 """Share of the best MRR that is given up for more popularity: the short trainings overfit less than the whole one."""
 
 
-def choose(opened: OpenedGraph, settings: LinkSettings, after_epoch: Callable[[int, int], None]) -> Choice | None:
+def choose(
+    opened: OpenedGraph,
+    settings: LinkSettings,
+    after_epoch: Callable[[int, int], None],
+    *,
+    recipes: Ids | None = None,
+) -> Choice | None:
     """Choose N3 weight and popularity if they are left open and the book is small, or popularity if it is large.
 
     A large book is one whose softmax is over a sample of the entities.
@@ -53,6 +59,7 @@ def choose(opened: OpenedGraph, settings: LinkSettings, after_epoch: Callable[[i
         opened: graph and split; only the train recipes are used.
         settings: those of the training.
         after_epoch: called with the number of epochs trained and their total; what it raises ends the choice.
+        recipes: those that are learned from, if these are not all train recipes, shape (n, 3).
 
     Returns:
         the candidate with the most popularity of those whose MRR of the held-out triples is nearly the best, with all
@@ -61,11 +68,12 @@ def choose(opened: OpenedGraph, settings: LinkSettings, after_epoch: Callable[[i
     split = opened.split
     if not isinstance(settings, ComplExConfig) or not settings.is_open:
         return None
-    is_small = int(split.is_in("train").sum()) <= SMALL
+    recipes = split.recipes("train") if recipes is None else recipes
+    is_small = len(recipes) <= SMALL
     if not is_small and not settings.negatives:
         return None
     weights = N3 if is_small else (N3_PARTIAL,)
-    folds = list(_folds(split, settings.seed, FOLDS if is_small else 1))
+    folds = list(_folds(split, recipes, settings.seed, FOLDS if is_small else 1))
     queries = 2 * sum(len(_queries(fold)) for fold in folds)
     if queries < 2 * MIN_TRIPLES:
         return None
@@ -97,11 +105,11 @@ def choose(opened: OpenedGraph, settings: LinkSettings, after_epoch: Callable[[i
     )
 
 
-def _folds(split: Split, seed: int, number: int) -> Iterator[Split]:
-    """Yield the splits of the train recipes that leave something to rank."""
+def _folds(split: Split, recipes: Ids, seed: int, number: int) -> Iterator[Split]:
+    """Yield the splits of the recipes that leave something to rank."""
     for fold_seed in range(seed, seed + number):
         try:
-            fold = split_of_train(split, HELD_OUT, fold_seed)
+            fold = split_of_train(split, HELD_OUT, fold_seed, recipes)
         except SplitError:  # on a book where most entities occur once, nothing can be held out
             continue
         if len(fold.held_out("test")):

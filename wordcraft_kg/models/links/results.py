@@ -7,6 +7,7 @@ from msgspec.structs import replace
 from pykeen.models import Model
 
 from wordcraft_kg.artefacts import dump_json, write_atomically
+from wordcraft_kg.graphs.doses import Dose, dose_words
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.triples import RELATIONS
 from wordcraft_kg.models.links.builders import scorer_tensors
@@ -26,14 +27,14 @@ OUTPUTS = ("model.safetensors", "vocabulary.json", "config.toml", "metrics.json"
 def write_results(
     folder: Path,
     model: Model,
-    opened: OpenedGraph,
+    dose: Dose,
     settings: LinkSettings,
     progress: LinkProgress,
     choice: Choice | None = None,
 ) -> tuple[Scorer, LinkMetrics]:
     """Write the files that a scorer is loaded from, the metrics and the trace; return scorer and metrics."""
     model.eval()
-    graph, triples = opened.graph, opened.triples(settings.kg)
+    graph, triples = dose.graph, dose.triples
     kind, tensors = scorer_tensors(settings, model, triples)
     vocabulary = Vocabulary(
         format="wordcraft-kg vocabulary 1",
@@ -48,6 +49,8 @@ def write_results(
     ranks = rank_triples(scorer, sample, triples)
     metrics = LinkMetrics(
         kg=settings.kg,
+        share=settings.share,
+        noise=settings.noise,
         triples=len(triples),
         epochs=len(progress.trace),
         best_epoch=progress.best_epoch,
@@ -98,10 +101,11 @@ def _probabilities(metrics: LinkMetrics) -> str:
 def model_card(opened: OpenedGraph, settings: LinkSettings, metrics: LinkMetrics) -> str:
     """Return the ``README.md`` of a model folder."""
     name = "ComplEx" if isinstance(settings, ComplExConfig) else settings.model
+    learned = dose_words(settings.share, settings.noise) or "the train recipes"
     seen = (
         "It was trained on all triples, including those of the test recipes: its scores show what it remembers."
         if settings.kg == "full"
-        else "It was trained on the triples of the train recipes only."
+        else f"It was trained on the triples of {learned} only."
     )
     chosen = f"\n- regularisation chosen: {metrics.choice}" if metrics.choice else ""
     return f"""{front_matter("knowledge-graph", "link-prediction")}

@@ -95,6 +95,8 @@ def save_scorer(
         if isinstance(scorer, CrossFitted):
             inputs["folds"], outputs = scorer.record.hash, (*OUTPUTS, *FOLD_OUTPUTS)
             _write_folds(staging, scorer, opened)
+            if scorer.taught is not None:
+                inputs["dose"] = scorer.dose(opened.graph).hash
         end_run(staging, start_run(staging, config.command, inputs=inputs), "done", outputs)
     return out
 
@@ -106,7 +108,9 @@ def _write_folds(folder: Path, scorer: CrossFitted, opened: OpenedGraph) -> None
         scorer.trained_on(fold, opened.graph)  # or it is refused
         return scorer.record.folds[fold].trained_on, _tensors_of(scorer.left_out(fold))[1]
 
-    write_folds(folder, Folds(opened.split, scorer.count, scorer.record.seed, scorer.of_recipe), scorer.whole, part)
+    dose = scorer.dose(opened.graph)
+    folds = Folds(opened.split, scorer.count, scorer.record.seed, scorer.of_recipe, dose)
+    write_folds(folder, folds, scorer.whole, part)
 
 
 def _tensors_of(scorer: TripleScorer) -> tuple[ScorerKind, dict[str, Tensor]]:

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from wordcraft_kg.artefacts import dump_json, write_atomically
 from wordcraft_kg.errors import ConfigError
+from wordcraft_kg.graphs.doses import Dose, is_dosed, make_dose
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
 from wordcraft_kg.graphs.folds import Folds, make_folds
 from wordcraft_kg.graphs.triples import RELATIONS
@@ -93,15 +94,18 @@ def train_links(
     check_run_output(folder, force=force)
     trackers = checked_trackers(trackers)
     _check_fit(opened, config.settings)
+    dose, folds = _learned(opened, config.settings)
     with shown(progress, "links", LINKS.unit) as report, new_run(folder, LINKS, force=force) as run:
-        config = _with_choice(run, opened, config, report)
+        config = _with_choice(run, opened, dose, config, report)
         files = [CHOICE] if (run.path / CHOICE).exists() else []
         inputs = {"graph": opened.graph.hash, "split": opened.split.hash}
-        if folds := _folds(opened, config.settings):
+        if is_dosed(config.settings.share, config.settings.noise):
+            inputs["dose"] = dose.hash
+        if folds:
             inputs["folds"] = folds.hash
         run.begin(config, config.settings, inputs=inputs, files=files, trackers=names_of(trackers))
         with tracking(run, trackers, config.values()) as log:
-            return _train(run, opened, config, report, log)
+            return _train(run, opened, dose, folds, config, report, log)
 
 
 def resume_links(
@@ -134,10 +138,11 @@ def resume_links(
             config = replace(config, settings=replace(config.settings, epochs=epochs))
         check_device(config.settings.device)
         _check_memory(opened, config.settings)
+        dose, folds = _learned(opened, config.settings)
         checkpoint = run.checkpoints.load()
         all_trackers = checked_trackers([*run.record.trackers, *trackers])
         with tracking(run, all_trackers, config.values(), checkpoint.number) as log:
-            return _train(run, opened, config, report, log, checkpoint)
+            return _train(run, opened, dose, folds, config, report, log, checkpoint)
 
 
 def _for_size(config: LinksConfig, num_entities: int) -> LinksConfig:
@@ -154,7 +159,7 @@ def _for_size(config: LinksConfig, num_entities: int) -> LinksConfig:
 
 
 def _with_choice(
-    run: RunFolder[LinkProgress], opened: OpenedGraph, config: LinksConfig, progress: Progress | None
+    run: RunFolder[LinkProgress], opened: OpenedGraph, dose: Dose, config: LinksConfig, progress: Progress | None
 ) -> LinksConfig:
     """Decide what regularisation is left open, before the run begins; where it is chosen, write ``choice.json``."""
     settings = config.settings
@@ -167,16 +172,25 @@ def _with_choice(
         if progress:
             progress(0, settings.epochs * (1 + (settings.folds or 0)), {"choosing weights": done / total})
 
-    choice = choose(opened, settings, after_epoch)
+    choice = choose(opened, settings, after_epoch, recipes=dose.recipes)
     if choice:
         write_atomically(run.path / CHOICE, dump_json(as_values(choice)), durable=True)
         settings = replace(settings, n3=choice.n3, popularity=choice.popularity)
     return replace(config, settings=settings.fixed())
 
 
-def _folds(opened: OpenedGraph, settings: LinkSettings) -> Folds | None:
-    """Return the folds; their draw does not depend on the settings, so all models of a split share it."""
-    return make_folds(opened.split, settings.folds) if settings.folds else None
+def _learned(opened: OpenedGraph, settings: LinkSettings) -> tuple[Dose, Folds | None]:
+    """Return what is learned from, and its folds; their draw depends on no setting, so all models of a split share it.
+
+    Raises:
+        ConfigError: if there are too few recipes for `share` and `noise`.
+    """
+    if settings.kg == "full":
+        return opened.dose("full"), None
+    folds = make_folds(opened.split, settings.folds) if settings.folds else None
+    of_recipe = folds.of_recipe if folds else None
+    dose = make_dose(opened.split, settings.share, settings.noise, settings.seed, of_recipe=of_recipe)
+    return dose, folds.dosed(dose) if folds else None
 
 
 def _read_choice(run: RunFolder[LinkProgress]) -> Choice | None:
@@ -217,6 +231,8 @@ def _check_memory(opened: OpenedGraph, settings: LinkSettings) -> None:
 def _train(
     run: RunFolder[LinkProgress],
     opened: OpenedGraph,
+    dose: Dose,
+    folds: Folds | None,
     config: LinksConfig,
     progress: Progress | None,
     log: Log,
@@ -224,10 +240,10 @@ def _train(
 ) -> TrainedLinks:
     """Train from the start, or from a checkpoint, until the end or the first Ctrl-C."""
     settings, choice = config.settings, _read_choice(run)
-    factory = triples_factory(opened.graph, opened.triples(settings.kg))
+    factory = triples_factory(opened.graph, dose.triples)
     with pykeen_guard(settings.seed, settings.threads), quiet_pykeen():
         loop = make_training_loop(settings, factory)
-        epochs = Epochs(run, opened, settings, progress, log)
+        epochs = Epochs(run, opened, dose.triples, settings, progress, log)
         if checkpoint is not None:
             with run.restoring():
                 epochs.restore(loop, checkpoint)
@@ -243,9 +259,9 @@ def _train(
             run.interrupt()
             return TrainedLinks(run.path, loop._epoch, None)
         epochs.restore_best(loop)
-        scorer, metrics = write_results(run.path, loop.model, opened, settings, epochs.so_far, choice)
+        scorer, metrics = write_results(run.path, loop.model, dose, settings, epochs.so_far, choice)
     outputs: tuple[str, ...] = OUTPUTS
-    if folds := _folds(opened, settings):
+    if folds:
         try:
             _cross_fit(run, folds, settings, metrics, progress)
         except KeyboardInterrupt:

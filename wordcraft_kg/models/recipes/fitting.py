@@ -52,14 +52,13 @@ def fit_recipe_scorer(
         seed: seed of the rankers and of the tables.
         after: called after each fold's turn; what it raises ends the fit.
     """
-    recipes = folds.split.graph.recipes
     turns = [fold for fold in range(folds.count) if fold not in left_out]
     rng = np.random.default_rng([seed, *sorted(left_out)])
     generator = torch.Generator().manual_seed(int(rng.integers(2**31)))
     bases, rankers = fit_link_rankers(folds, text, left_out=left_out, rng=rng, generator=generator, after=after)
-    whole = Base.of(recipes[folds.seen(left_out)], text)
+    whole = Base.of(folds.recipes(left_out), text)
     examples = [
-        _examples(knowledge_from(base, rankers), recipes[folds.of_recipe == fold], whole.recipes, rng)
+        _examples(knowledge_from(base, rankers), folds.recipes_of(fold), whole.recipes, rng)
         for fold, base in zip(turns, bases, strict=True)
     ]
     features, competes, is_right = (torch.cat(parts) for parts in zip(*examples, strict=True))
@@ -115,22 +114,25 @@ def fit_link_rankers(
     Returns:
         what the recipes outside each of these folds say, and the rankers.
     """
-    recipes, size = folds.split.graph.recipes, folds.split.graph.num_entities
+    size = folds.split.graph.num_entities
     turns = [fold for fold in range(folds.count) if fold not in left_out]
-    bases = [Base.of(recipes[folds.seen([*left_out, fold])], text) for fold in turns]
+    bases = [Base.of(folds.recipes([*left_out, fold]), text) for fold in turns]
     known = torch.zeros(2, size, size, dtype=torch.bool)
     heads, relations, tails = torch.from_numpy(folds.triples(left_out).copy()).T
     known[relations, heads, tails] = True
     batches: tuple[list[Batch], list[Batch]] = ([], [])
     moments: tuple[list[Tensor], list[Tensor]] = ([], [])
+    spans: tuple[list[Tensor], list[Tensor]] = ([], [])
     nobody = torch.zeros(size, dtype=torch.bool)
     asked_of = [
-        (base, _new_triples(recipes[folds.of_recipe == fold], base.recipes, size), nobody)
+        (base, _new_triples(folds.recipes_of(fold), base.recipes, size), nobody)
         for fold, base in zip(turns, bases, strict=True)
     ]
-    for base, new, unknown in (*asked_of, _unknown_entities(recipes[folds.seen(left_out)], bases[0].text, rng)):
+    for base, new, unknown in (*asked_of, _unknown_entities(folds.recipes(left_out), bases[0].text, rng)):
         for relation, features in zip((COMBINES_WITH, COMPONENT_OF), link_features(base), strict=True):
-            moments[relation].append(features.flatten(0, 1)[::7].clone())  # a view would keep all
+            cells = features.flatten(0, 1)
+            moments[relation].append(cells[::7].clone())  # a view would keep all
+            spans[relation].append(cells.amax(0) - cells.amin(0))
             # combinesWith is symmetric, so its queries for heads are those for tails.
             for side in ("tail",) if relation == COMBINES_WITH else ("tail", "head"):
                 asked = new[new[:, 1] == relation]
@@ -141,9 +143,11 @@ def fit_link_rankers(
                         batches[relation].append(_link_batch(features, known[relation], unknown, part, side))
         after()
     fitted = []
-    for of_relation, seen in zip(batches, moments, strict=True):
+    for of_relation, seen, span in zip(batches, moments, spans, strict=True):
         together = torch.cat(seen)
         mean, deviation = together.mean(0), together.std(0)
+        # A few recipes say so little that a sample may miss it; the weight of what seems constant would have no limit.
+        deviation = torch.where(deviation > 1e-6, deviation, torch.stack(span).amax(0))
         fitted.append(
             fit_ranker(of_relation, mean, deviation, epochs=LINK_EPOCHS, learning_rate=LINK_RATE, generator=generator)
         )

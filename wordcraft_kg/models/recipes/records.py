@@ -15,6 +15,8 @@ class RecipeMetrics(Record, frozen=True, kw_only=True):
 
     Attributes:
         kg: recipes that it was fitted on: partial or full.
+        share: share of the train recipes that it was fitted on.
+        noise: share of these that had a wrong result.
         recipes: their number.
         seconds: time of all fits.
         folds: number of folds of cross-fitting.
@@ -23,6 +25,8 @@ class RecipeMetrics(Record, frozen=True, kw_only=True):
     """
 
     kg: KG
+    share: float = 1.0
+    noise: float = 0.0
     recipes: Count
     seconds: float
     folds: Count

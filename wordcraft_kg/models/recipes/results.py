@@ -1,5 +1,6 @@
 """The model card of a recipe scorer."""
 
+from wordcraft_kg.graphs.doses import dose_words
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.models.recipes.config import RecipeScorerConfig
 from wordcraft_kg.models.recipes.records import RecipeMetrics
@@ -11,7 +12,7 @@ def model_card(opened: OpenedGraph, config: RecipeScorerConfig, metrics: RecipeM
     seen = (
         "It was fitted on all recipes, including the test recipes: its scores show what it remembers."
         if metrics.kg == "full"
-        else "It was fitted on the train recipes only."
+        else f"It was fitted on {dose_words(metrics.share, metrics.noise) or 'the train recipes'} only."
     )
     folds = (
         f"\n- {metrics.folds} folds: MRR {metrics.fold_mrr:.3f} of train triples by models that have not seen them, "

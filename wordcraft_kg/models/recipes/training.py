@@ -18,6 +18,7 @@ from torch import Tensor
 
 from wordcraft_kg.artefacts import dump_json, write_atomically
 from wordcraft_kg.errors import ArtefactError, ConfigError
+from wordcraft_kg.graphs.doses import is_dosed, make_dose
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
 from wordcraft_kg.graphs.folds import Folds, make_folds
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
@@ -94,6 +95,8 @@ def train_recipes(
         inputs = {"graph": opened.graph.hash, "split": opened.split.hash, "features": features}
         if config.settings.kg == "partial":
             inputs["folds"] = folds.hash
+        if is_dosed(config.settings.share, config.settings.noise):
+            inputs["dose"] = folds.dose.hash
         run.begin(config, config.settings, inputs=inputs)
         return _fit(run, opened, config, folds, text, report)
 
@@ -126,10 +129,10 @@ def resume_recipes(
 
 
 def _folds(opened: OpenedGraph, settings: RecipesConfig) -> Folds:
-    """Return the folds of the recipes that are learned from.
+    """Return the folds of the recipes, and which of them are learned from.
 
     Raises:
-        ConfigError: if there is no partial graph, or the graph is too large or too small.
+        ConfigError: if there is no partial graph, or the graph or the dose is too large or too small.
     """
     check_dense("a recipe scorer", opened.graph.num_entities)
     split = opened.split
@@ -143,7 +146,8 @@ def _folds(opened: OpenedGraph, settings: RecipesConfig) -> Folds:
     # A fold is left out while the others take turns.
     if settings.kg == "partial" and settings.folds < 3:
         raise ConfigError("`folds` 2: expected 3 or more, because one is left out while rankers learn on the others.")
-    return make_folds(split, settings.folds)
+    folds = make_folds(split, settings.folds)
+    return folds.dosed(make_dose(split, settings.share, settings.noise, settings.seed, of_recipe=folds.of_recipe))
 
 
 def _text(graph: RecipeGraph, settings: RecipesConfig) -> tuple[Tensor, str]:
@@ -188,7 +192,7 @@ class _Job:
                 )
         finally:
             torch.set_num_threads(before)
-        recipes = self.folds.split.graph.recipes[self.folds.seen(self.left_out)]
+        recipes = self.folds.recipes(self.left_out)
         _kept(self.folder).save(self.fold, scorer_tensors(knowledge, rankers, recipes), self.done)
 
 
@@ -232,7 +236,7 @@ def _fit(
                 progress(sum(so_far.values()), total, {})
 
     workers = min(len(waiting), max(cores() // settings.threads, 1))
-    if workers > 1 and len(folds.split.recipes("train")) > ALONE:
+    if workers > 1 and len(folds.recipes()) > ALONE:
         side_by_side(waiting, workers, note)
     else:
         for job in waiting:
@@ -274,6 +278,8 @@ def _finish(
         outputs += FOLD_OUTPUTS
     metrics = RecipeMetrics(
         kg=settings.kg,
+        share=settings.share,
+        noise=settings.noise,
         recipes=len(tensors["recipes"]),
         seconds=round(seconds, 3),
         folds=record.count if record else 0,

@@ -215,11 +215,11 @@ def known_share(folds: Folds, relation: int) -> float:
     ``m' = m (outside / n_fold) (K / (K - 1))^-p`` and p from the shares of both. No recipe outside train is looked at.
     """
     graph, count = folds.split.graph, folds.count
-    train = folds.split.is_in("train")
+    train = folds.seen()
     outside, of_fold = float(np.sum(~train)), float(np.sum(train)) / count
 
     def new(fold: int, *others: int) -> float:
-        own = recipe_triples(graph.recipes[folds.of_recipe == fold])
+        own = recipe_triples(folds.recipes_of(fold))
         own = own[own[:, 1] == relation]
         return float(np.sum(~is_in(own, folds.triples([fold, *others]), graph.num_entities)))
 
@@ -303,7 +303,7 @@ def _results(
     if not isinstance(scorer, RecipeScores):
         return None, None
     size = len(scorer.entities)
-    own = folds.split.graph.recipes[folds.of_recipe == fold]
+    own = folds.recipes_of(fold)
     pairs, of_recipe = np.unique(own[:, :2], axis=0, return_inverse=True)
     chosen = np.random.default_rng([seed, fold]).permutation(len(pairs))[: max(PAIRS // size, 1)]
     right = np.zeros((len(pairs), size), dtype=bool)

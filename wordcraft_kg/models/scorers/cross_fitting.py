@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from wordcraft_kg.errors import ConfigError, GraphMismatchError, LeakError
 from wordcraft_kg.graphs.arrays import Ids, frozen
+from wordcraft_kg.graphs.doses import Dose
 from wordcraft_kg.graphs.folds import OUTSIDE, SEVERAL, Folds, fold_of_tasks, make_folds
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.splits import Split
@@ -98,6 +99,8 @@ class CrossFitted(Scorer):
         record: what is known of the folds.
         of_recipe: fold of each recipe, shape (num_recipes,); :data:`~wordcraft_kg.graphs.folds.OUTSIDE` outside train.
         probabilities: what makes probabilities of scores; None in folders of before.
+        taught: the results that recipes were taught with, see :class:`~wordcraft_kg.graphs.doses.Dose`; None if all
+            train recipes were learned from as they are.
     """
 
     def __init__(
@@ -107,11 +110,13 @@ class CrossFitted(Scorer):
         of_recipe: Ids,
         record: FoldsRecord,
         probabilities: Probabilities | None = None,
+        taught: Ids | None = None,
     ):
         """Take the scorer of all train recipes and, for each fold, what makes that of all others when it is needed."""
         super().__init__(whole.entities, whole.graph_hash, whole.device, whole.name)
         self.whole, self.record, self.probabilities = whole, record, probabilities
         self.of_recipe = frozen(np.asarray(of_recipe, dtype=np.int64))
+        self.taught = None if taught is None else frozen(np.asarray(taught, dtype=np.int64))
         self._makers = tuple(folds)
         self._made: dict[int, Scorer] = {}
         if isinstance(whole, FactoredScorer):  # only then this scorer is one, too
@@ -176,11 +181,10 @@ class CrossFitted(Scorer):
             self._made[fold] = self._makers[fold]()
         return self._made[fold]
 
-    def trained_on(self, fold: int, graph: RecipeGraph) -> Ids:
-        """Return the triples that :meth:`left_out` has been trained on, shape (T, 3).
+    def dose(self, graph: RecipeGraph) -> Dose:
+        """Return what :attr:`whole` has been trained on.
 
         Raises:
-            LeakError: if it was trained on others than those of the recipes outside the fold.
             GraphMismatchError: if the folds are those of a graph with another number of recipes.
         """
         if len(self.of_recipe) != graph.num_recipes:
@@ -188,7 +192,16 @@ class CrossFitted(Scorer):
                 f"the folds of {self.name} are of {len(self.of_recipe):,} recipes but '{graph.name}' has "
                 f"{graph.num_recipes:,}. Train it on this graph, or use the graph that it was trained on."
             )
-        recipes = graph.recipes[seen_by_models(self.of_recipe)[1 + fold]]
+        return Dose.of(graph, self.of_recipe != OUTSIDE) if self.taught is None else Dose(graph, self.taught)
+
+    def trained_on(self, fold: int, graph: RecipeGraph) -> Ids:
+        """Return the triples that :meth:`left_out` has been trained on, shape (T, 3).
+
+        Raises:
+            LeakError: if it was trained on others than those of the recipes outside the fold.
+            GraphMismatchError: if the folds are those of a graph with another number of recipes.
+        """
+        recipes = self.dose(graph).among(seen_by_models(self.of_recipe)[1 + fold])
         triples = recipe_triples(recipes)
         left_out = self.left_out(fold)
         is_other = isinstance(left_out, RecipeScorer) and not np.array_equal(left_out.recipes.cpu().numpy(), recipes)
@@ -237,14 +250,14 @@ def cross_fit(split: Split, make: Callable[[Ids], Scorer], *, folds: int = 5) ->
             "this split holds nothing out, so no recipe is unknown to a scorer of all. Take another split, such as "
             "by-recipe."
         )
-    cut, recipes = make_folds(split, folds), split.graph.recipes
+    cut = make_folds(split, folds)
     of_folds = [
         Fold(trained_on=triples_hash(triples), triples=len(triples), queries=0, mrr=None, in_sample_mrr=None)
         for triples in (cut.triples([fold]) for fold in range(folds))
     ]
     return CrossFitted(
-        make(recipes[cut.seen()]),
-        [partial(make, recipes[cut.seen([fold])]) for fold in range(folds)],
+        make(cut.recipes()),
+        [partial(make, cut.recipes([fold])) for fold in range(folds)],
         cut.of_recipe.copy(),
         FoldsRecord(seed=cut.seed, hash=cut.hash, folds=tuple(of_folds)),
     )

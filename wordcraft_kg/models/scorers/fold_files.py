@@ -11,7 +11,15 @@ from wordcraft_kg.graphs.folds import Folds
 from wordcraft_kg.graphs.triples import is_in, recipe_triples
 from wordcraft_kg.models.scorers.calibration import fit_probabilities, predictions
 from wordcraft_kg.models.scorers.cross_fitting import Fold, FoldsRecord
-from wordcraft_kg.models.scorers.folder import CALIBRATION, FOLDS_RECORD, FOLDS_TENSORS, OF_RECIPE, kind_of, make_scorer
+from wordcraft_kg.models.scorers.folder import (
+    CALIBRATION,
+    FOLDS_RECORD,
+    FOLDS_TENSORS,
+    OF_RECIPE,
+    TAUGHT,
+    kind_of,
+    make_scorer,
+)
 from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples, sampled_for
 from wordcraft_kg.models.scorers.scorer import Scorer
 from wordcraft_kg.records import as_values
@@ -30,12 +38,14 @@ def write_folds(
     """
     graph = folds.split.graph
     tensors = {OF_RECIPE: torch.from_numpy(folds.of_recipe.copy())}
+    if folds.is_dosed:
+        tensors[TAUGHT] = torch.from_numpy(folds.dose.results.copy())
     found, seen_by = [], []
     for number in range(folds.count):
         trained_on, own_tensors = part(number)
         tensors |= {f"fold{number}.{name}": tensor for name, tensor in own_tensors.items()}
         seen = folds.triples([number])
-        own = recipe_triples(graph.recipes[folds.of_recipe == number])
+        own = recipe_triples(folds.recipes_of(number))
         queries = sampled_for(graph, own[~is_in(own, seen, graph.num_entities)])
         others = make_scorer(kind_of(own_tensors), dict(own_tensors), graph.entities, graph.hash)
         seen_by.append(predictions(others, folds, number))

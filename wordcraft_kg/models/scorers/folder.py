@@ -29,6 +29,8 @@ probabilities of scores."""
 FOLD_OUTPUTS = (FOLDS_RECORD, FOLDS_TENSORS, CALIBRATION)
 OF_RECIPE = "of_recipe"
 """The tensor that says which recipe is in which fold."""
+TAUGHT = "taught"
+"""The results of a dose, see :class:`~wordcraft_kg.graphs.doses.Dose`; absent if all train recipes were learned."""
 
 ScorerKind = Literal["complex", "factors", "table", "recipes"]
 """What a scorer is stored as: embeddings, the factors of its scores, the scores themselves, or what recipes say."""
@@ -116,11 +118,21 @@ def _cross_fitted(folder: Path, run: RunRecord, scorer: Scorer, vocabulary: Voca
         makers.append(partial(make_scorer, vocabulary.scorer, part, entities, graph_hash, **settings))
     if OF_RECIPE not in tensors or tensors[OF_RECIPE].ndim != 1:
         raise ArtefactError(f"{path} does not say which recipe is in which fold. Train again, or restore a copy.")
+    results = tensors.get(TAUGHT)
+    if results is not None and (results.shape != tensors[OF_RECIPE].shape or results.is_floating_point()):
+        raise ArtefactError(f"{path} does not say what each recipe was taught as. Train again, or restore a copy.")
     probabilities = None
     if CALIBRATION in run.outputs:  # folders of before have none
         path = folder / CALIBRATION
         probabilities = parse_record(verified_bytes(folder, run, CALIBRATION), Probabilities, path)
-    return CrossFitted(scorer, makers, tensors[OF_RECIPE].numpy(), record, probabilities)
+    return CrossFitted(
+        scorer,
+        makers,
+        tensors[OF_RECIPE].numpy(),
+        record,
+        probabilities,
+        taught=None if results is None else results.numpy(),
+    )
 
 
 def _check_shapes(vocabulary: Vocabulary, tensors: dict[str, torch.Tensor]) -> None:

@@ -1,0 +1,295 @@
+"""Scorers of a dose: what they were trained on, what they say of it, and that nothing of a fold comes in by it."""
+
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import safetensors.torch
+import torch
+from link_helpers import contents, interrupt_after, train
+
+from wordcraft_kg.agents import training as agents
+from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig
+from wordcraft_kg.artefacts import sha256_of
+from wordcraft_kg.errors import ArtefactError, ConfigError, GraphMismatchError, LeakError
+from wordcraft_kg.graphs.doses import make_dose
+from wordcraft_kg.graphs.folder import OpenedGraph
+from wordcraft_kg.graphs.folds import make_folds
+from wordcraft_kg.graphs.triples import is_in, recipe_triples, triples_hash
+from wordcraft_kg.models.links.builders import scorer_tensors
+from wordcraft_kg.models.links.config import ComplExConfig, LinkModelConfig
+from wordcraft_kg.models.links.fitting import fit
+from wordcraft_kg.models.links.folder import open_model
+from wordcraft_kg.models.links.pykeen_bridge import triples_factory
+from wordcraft_kg.models.links.regularisation import choose
+from wordcraft_kg.models.links.saving import save_scorer
+from wordcraft_kg.models.links.training import resume_links
+from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
+from wordcraft_kg.models.recipes.training import train_recipes
+from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
+from wordcraft_kg.models.scorers.facts import FrequencyScorer
+from wordcraft_kg.models.scorers.folder import load_scorer, make_scorer
+from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples
+from wordcraft_kg.views.links import judge_links, view_links
+
+SHORT = ComplExConfig(dim=8, epochs=4, n3=0.1, popularity=1.0, folds=3, share=0.5, noise=0.2, seed=1)
+PLAIN = replace(SHORT, folds=0)
+
+
+@pytest.fixture(scope="module")
+def dosed(opened_kitchen: OpenedGraph, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A cross-fitted ComplEx of half of the recipes, a fifth of them wrong; read only."""
+    return train(opened_kitchen, SHORT, tmp_path_factory.mktemp("models") / "dosed").folder
+
+
+@pytest.fixture(scope="module")
+def plain(opened_kitchen: OpenedGraph, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The same without folds; read only."""
+    return train(opened_kitchen, PLAIN, tmp_path_factory.mktemp("models") / "plain").folder
+
+
+def folds_of(opened: OpenedGraph):
+    folds = make_folds(opened.split, 3)
+    return folds.dosed(make_dose(opened.split, 0.5, 0.2, 1, of_recipe=folds.of_recipe))
+
+
+def test_each_model_is_that_of_the_triples_that_it_was_taught(dosed: Path, opened_kitchen: OpenedGraph):
+    scorer, folds, graph = load_scorer(dosed), folds_of(opened_kitchen), opened_kitchen.graph
+    assert isinstance(scorer, CrossFitted)
+    for fold, model in [((), scorer.whole), *(((fold,), scorer.left_out(fold)) for fold in range(3))]:
+        triples = folds.triples(fold)
+        fitted = fit(PLAIN, triples_factory(graph, triples), lambda epoch: None)
+        expected = make_scorer(*scorer_tensors(PLAIN, fitted, triples), graph.entities, graph.hash)
+        for relation in (0, 1):
+            torch.testing.assert_close(model.table(relation), expected.table(relation), rtol=0, atol=0)
+        if fold:
+            np.testing.assert_array_equal(scorer.trained_on(*fold, graph), triples)
+
+
+def test_the_folds_are_those_of_every_other_model_and_no_model_has_seen_its_own(
+    dosed: Path, opened_kitchen: OpenedGraph
+):
+    scorer, folds = load_scorer(dosed), folds_of(opened_kitchen)
+    assert isinstance(scorer, CrossFitted)
+    assert scorer.record.hash == make_folds(opened_kitchen.split, 3).hash
+    size = opened_kitchen.graph.num_entities
+    for fold in range(3):
+        seen = scorer.trained_on(fold, opened_kitchen.graph)
+        others = recipe_triples(folds.dose.among(folds.of_recipe != fold))
+        own = recipe_triples(folds.recipes_of(fold))
+        assert not is_in(own[~is_in(own, others, size)], seen, size).any()
+        # The results of a fold that no other one has are not known as results.
+        results, elsewhere = (set(part[:, 2].tolist()) for part in (folds.recipes_of(fold), folds.recipes([fold])))
+        assert not (results - elsewhere) & set(seen[seen[:, 1] == 1, 2].tolist())
+
+
+def test_an_opened_model_tells_what_it_was_trained_on(dosed: Path, plain: Path, opened_kitchen: OpenedGraph):
+    for folder, dose in (
+        (dosed, folds_of(opened_kitchen).dose),
+        (plain, make_dose(opened_kitchen.split, 0.5, 0.2, 1)),
+    ):
+        model = open_model(folder)
+        np.testing.assert_array_equal(model.dose.results, dose.results)
+        np.testing.assert_array_equal(model.triples, dose.triples)
+        assert model.run.inputs["dose"] == dose.hash
+        words = "50 % of the train recipes, 20 % of them with a wrong result"
+        assert model.provenance["learned from"] == words
+        assert f"of {words} only" in (folder / "README.md").read_text()
+        metrics = json.loads((folder / "metrics.json").read_text())
+        assert (metrics["share"], metrics["noise"], metrics["triples"]) == (0.5, 0.2, len(dose.triples))
+        ranks = rank_triples(model.scorer, dose.triples, dose.triples)
+        assert model.metrics.train_mrr == pytest.approx(mean_reciprocal_rank(ranks))
+
+
+def test_without_a_dose_nothing_is_said_of_one(complex_folder: Path, opened_kitchen: OpenedGraph, tmp_path: Path):
+    settings = replace(SHORT, share=1.0, noise=0.0)
+    folder = train(opened_kitchen, settings, tmp_path / "whole").folder
+    assert "taught" not in safetensors.torch.load_file(folder / "folds.safetensors")
+    model = open_model(folder)
+    assert "dose" not in model.run.inputs
+    assert "learned from" not in model.provenance
+    np.testing.assert_array_equal(model.triples, opened_kitchen.split.partial)
+    np.testing.assert_array_equal(open_model(complex_folder).triples, opened_kitchen.split.partial)
+
+
+def test_a_folder_from_before_there_were_doses_opens(opened_kitchen: OpenedGraph, tmp_path: Path):
+    folder = train(opened_kitchen, replace(PLAIN, share=1.0, noise=0.0), tmp_path / "old").folder
+    config, metrics = folder / "config.toml", folder / "metrics.json"
+    lines = config.read_text().splitlines()
+    kept = [line for line in lines if not line.startswith(("share", "noise"))]
+    assert len(kept) == len(lines) - 2
+    config.write_text("\n".join(kept))
+    figures = json.loads(metrics.read_text())
+    assert (figures.pop("share"), figures.pop("noise")) == (1, 0)
+    metrics.write_text(json.dumps(figures))
+    run = json.loads((folder / "run.json").read_text())
+    run["outputs"] |= {path.name: sha256_of(path) for path in (config, metrics)}
+    run["inputs"]["config.toml"] = sha256_of(config)
+    (folder / "run.json").write_text(json.dumps(run))
+    model = open_model(folder)
+    assert (model.settings.share, model.settings.noise, model.metrics.share) == (1.0, 0.0, 1.0)
+    np.testing.assert_array_equal(model.triples, opened_kitchen.split.partial)
+
+
+def spoilt(folder: Path, out: Path, change, inputs=None) -> Path:
+    folder = Path(shutil.copytree(folder, out))
+    path = folder / "folds.safetensors"
+    tensors = safetensors.torch.load_file(path)
+    change(tensors)
+    safetensors.torch.save_file(tensors, path)
+    run = json.loads((folder / "run.json").read_text())
+    run["outputs"][path.name] = sha256_of(path)
+    run["inputs"] |= inputs or {}
+    (folder / "run.json").write_text(json.dumps(run))
+    return folder
+
+
+def test_a_dose_that_is_not_the_one_of_the_training_is_a_leak(dosed: Path, opened_kitchen: OpenedGraph, tmp_path: Path):
+    def right_again(tensors):
+        tensors["taught"] = torch.from_numpy(folds_of(opened_kitchen).dose.graph.recipes[:, 2].copy())
+
+    model = open_model(spoilt(dosed, tmp_path / "spoilt", right_again))
+    with pytest.raises(LeakError, match="was trained on other triples"):
+        model.scorer.trained_on(0, opened_kitchen.graph)
+    with pytest.raises(GraphMismatchError, match="Train it again"):
+        _ = model.triples
+    with pytest.raises(LeakError, match="was trained on other triples"):
+        load_scorer(spoilt(dosed, tmp_path / "none", lambda tensors: tensors.pop("taught"))).trained_on(
+            0, opened_kitchen.graph
+        )
+
+
+@pytest.mark.parametrize("tensor", [torch.zeros(3, dtype=torch.int64), torch.zeros(271)])
+def test_a_damaged_dose_is_refused(dosed: Path, tmp_path: Path, tensor: torch.Tensor):
+    folder = spoilt(dosed, tmp_path / "spoilt", lambda tensors: tensors.update(taught=tensor))
+    with pytest.raises(ArtefactError, match="does not say what each recipe was taught as"):
+        load_scorer(folder)
+
+
+def test_a_dose_that_is_drawn_otherwise_now_is_refused(plain: Path, tmp_path: Path):
+    folder = Path(shutil.copytree(plain, tmp_path / "other"))
+    run = json.loads((folder / "run.json").read_text())
+    run["inputs"]["dose"] = "0" * 64
+    (folder / "run.json").write_text(json.dumps(run))
+    with pytest.raises(GraphMismatchError, match="was trained on the recipes 000000000000"):
+        _ = open_model(folder).triples
+
+
+def test_a_saved_copy_keeps_its_dose(dosed: Path, opened_kitchen: OpenedGraph, tmp_path: Path):
+    copy = open_model(save_scorer(tmp_path / "copy", load_scorer(dosed), opened_kitchen, kg="partial"))
+    np.testing.assert_array_equal(copy.triples, open_model(dosed).triples)
+    np.testing.assert_array_equal(
+        copy.scorer.trained_on(1, opened_kitchen.graph), folds_of(opened_kitchen).triples([1])
+    )
+
+
+def test_doses_are_judged_on_the_same_triples_and_baselines_know_what_the_model_knows(
+    dosed: Path, opened_kitchen: OpenedGraph
+):
+    model = open_model(dosed)
+    judged = judge_links(model.scorer, model.opened, dose=model.dose, max_queries=0)
+    graph, test = opened_kitchen.graph, opened_kitchen.split.held_out("test")
+    np.testing.assert_array_equal(judged.queries, test)
+    assert judged.ranks.equals(rank_triples(model.scorer, test, graph.triples))
+    known = rank_triples(FrequencyScorer(graph, model.triples), test, graph.triples)
+    assert judged.baseline_ranks["frequency"].equals(known)
+    assert not known.equals(rank_triples(FrequencyScorer(graph, opened_kitchen.split.partial), test, graph.triples))
+
+
+@pytest.mark.parametrize(("share", "noise"), [(0.1, 0.0), (1.0, 1.0)])
+def test_the_checks_of_a_report_are_those_of_the_dose(opened_kitchen: OpenedGraph, share: float, noise: float):
+    graph, dose = opened_kitchen.graph, make_dose(opened_kitchen.split, share, noise)
+    judged = judge_links(FrequencyScorer(graph, dose.triples), opened_kitchen, dose=dose)
+    checks = {check.id: check for check in view_links(judged).checks}
+    missing = np.setdiff1d(np.arange(graph.num_entities), dose.recipes)
+    assert checks["leak"].passed
+    assert checks["mirror"].passed
+    assert checks["coverage"].detail.startswith(f"{len(missing)} do not" if len(missing) else "all do")
+    assert bool(len(missing)) == (share < 1)
+    # And they can fail: a dose of the whole book holds the test triples.
+    leaky = judge_links(FrequencyScorer(graph, dose.triples), opened_kitchen, dose=opened_kitchen.dose("full"))
+    assert not {check.id: check for check in view_links(leaky).checks}["leak"].passed
+
+
+def test_an_agent_takes_the_self_edges_of_the_dose(dosed: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+    seen = {}
+
+    def stop(*args, observed, **options):
+        seen["observed"] = observed
+        raise ConfigError("enough")
+
+    monkeypatch.setattr(agents, "make_policy", stop)
+    config = AgentConfig("kitchen", str(dosed), trainer=ImpalaConfig(steps=512, eval_every=0))
+    with pytest.raises(ConfigError, match="enough"):
+        agents.train_agent(config, tmp_path / "run")
+    np.testing.assert_array_equal(seen["observed"], open_model(dosed).triples)
+
+
+def test_weights_are_chosen_on_the_dose(opened_kitchen: OpenedGraph, tmp_path: Path):
+    asked = replace(SHORT, n3=None, popularity=None, folds=0, share=0.9, noise=0.5)
+    model = open_model(train(opened_kitchen, asked, tmp_path / "chosen").folder)
+    asked = replace(asked, negatives=0)
+    found = choose(opened_kitchen, asked, lambda done, total: None, recipes=model.dose.recipes)
+    assert model.metrics.choice == found
+    assert found != choose(opened_kitchen, asked, lambda done, total: None)
+
+
+def test_an_interrupted_run_goes_on_with_the_same_dose(dosed: Path, opened_kitchen: OpenedGraph, tmp_path: Path):
+    run = train(opened_kitchen, SHORT, tmp_path / "run", progress=interrupt_after(2))
+    assert run.interrupted
+    resumed = resume_links(run.folder)
+    names = ["model.safetensors", "folds.safetensors", "folds.json"]
+    assert [contents(resumed.folder)[name] for name in names] == [contents(dosed)[name] for name in names]
+
+
+def test_other_link_predictors_learn_from_a_dose(opened_kitchen: OpenedGraph, tmp_path: Path):
+    settings = LinkModelConfig(model="distmult", dim=4, epochs=1, folds=0, share=0.1)
+    model = open_model(train(opened_kitchen, settings, tmp_path / "distmult").folder)
+    assert (len(model.dose.recipes), model.metrics.triples) == (26, len(model.triples))
+
+
+def test_a_recipe_scorer_knows_its_dose_and_no_more(opened_kitchen: OpenedGraph, tmp_path: Path):
+    settings = RecipesConfig(folds=3, features="one-hot", share=0.5, noise=0.2, seed=1)
+    trained = train_recipes(RecipeScorerConfig(opened_kitchen.source, settings), tmp_path / "recipes")
+    model, folds = open_model(trained.folder), folds_of(opened_kitchen)
+    np.testing.assert_array_equal(model.scorer.whole.recipes.numpy(), folds.dose.recipes)
+    np.testing.assert_array_equal(model.triples, folds.dose.triples)
+    for fold in range(3):
+        np.testing.assert_array_equal(model.scorer.left_out(fold).recipes.numpy(), folds.recipes([fold]))
+        np.testing.assert_array_equal(model.scorer.trained_on(fold, opened_kitchen.graph), folds.triples([fold]))
+        assert model.scorer.record.folds[fold].trained_on == triples_hash(folds.triples([fold]))
+    assert (model.metrics.recipes, model.metrics.share, model.metrics.noise) == (130, 0.5, 0.2)
+    assert "50 % of the train recipes, 20 % of them with a wrong result" in (trained.folder / "README.md").read_text()
+
+
+def test_a_handful_of_recipes_is_enough_for_a_recipe_scorer(opened_kitchen: OpenedGraph, tmp_path: Path):
+    settings = RecipesConfig(folds=3, features="one-hot", share=0.02)
+    trained = train_recipes(RecipeScorerConfig(opened_kitchen.source, settings), tmp_path / "few")
+    scorer = open_model(trained.folder).scorer
+    assert trained.metrics.recipes == 5
+    for relation in (0, 1):
+        assert torch.isfinite(scorer.table(relation)).all()
+        assert torch.isfinite(scorer.left_out(1).table(relation)).all()
+
+
+@pytest.mark.parametrize("kind", [ComplExConfig, LinkModelConfig, RecipesConfig])
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        *(("share", value) for value in (0, 1.5, float("nan"), -0.1, True, "half")),
+        *(("noise", value) for value in (-1, 1.01, float("nan"))),
+    ],
+)
+def test_a_share_or_noise_out_of_range_is_refused(kind, name: str, value):
+    with pytest.raises(ConfigError, match=f"`{name}` {value!r}: expected "):
+        kind(**{name: value})
+
+
+@pytest.mark.parametrize("kind", [ComplExConfig, LinkModelConfig, RecipesConfig])
+@pytest.mark.parametrize(("name", "value"), [("share", 0.5), ("noise", 0.5)])
+def test_the_full_graph_is_not_thinned_out(kind, name: str, value: float):
+    with pytest.raises(ConfigError, match=f"`{name}` 0.5 needs `kg` partial"):
+        kind(kg="full", **{name: value})

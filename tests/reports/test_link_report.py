@@ -22,6 +22,7 @@ import torch
 
 from wordcraft_kg.errors import ConfigError, OutputExistsError, SplitError
 from wordcraft_kg.graphs import SplitConfig, make_split
+from wordcraft_kg.graphs.doses import Dose
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
 from wordcraft_kg.graphs.splits import Split
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS, is_in, recipe_triples
@@ -429,7 +430,7 @@ def test_a_mirror_in_train_fails_the_mirror_check(kitchen_model: OpenedModel, mo
     # The mirror is put into train, and the triple itself remains the only one of the two that is evaluated.
     partial = np.concatenate([split.partial, [given_away[::-1]]])
     test = np.array([t for t in split.held_out("test").tolist() if t != given_away[::-1]])
-    monkeypatch.setattr(Split, "partial", property(lambda self: partial))
+    monkeypatch.setattr(Dose, "triples", property(lambda self: partial))
     monkeypatch.setattr(Split, "held_out", lambda self, part: test)
     values = values_of(make_link_report(kitchen_model.scorer, kitchen_model.opened))
     assert checks(values) == ALL_PASS | {"mirror": False}

@@ -19,7 +19,7 @@ from wordcraft_kg.experiments.study import Study
 from wordcraft_kg.settings import MAX_THREADS, whole
 
 if TYPE_CHECKING:
-    from rich.table import Table
+    from rich.console import Group
 
     from wordcraft_kg.experiments.engine import State, Watch
     from wordcraft_kg.experiments.plan import Plan
@@ -194,23 +194,23 @@ def _board(plan: "Plan", options: EngineOptions, output: Output) -> "Iterator[Wa
             yield lambda plan, state: live.update(_table(plan, state, began))
 
 
-def _table(plan: "Plan", state: "State", began: float) -> "Table":
-    """Return a table of what runs."""
+def _table(plan: "Plan", state: "State", began: float) -> "Group":
+    """Return lines that say what runs."""
+    from rich.console import Group
     from rich.table import Table
+    from rich.text import Text
 
     ended = state.done + len(state.failed)
-    left = (time.monotonic() - began) / ended * (state.left + len(state.running)) if ended else None
-    title = f"{plan.study.title}: {state.kept + ended:,} of {state.total:,} tasks"
-    table = Table(title=title, title_justify="left", expand=False)
-    table.add_column("running")
-    table.add_column("for", justify="right")
+    notes = [f"{plan.study.title}: {state.kept + ended:,} of {state.total:,} tasks"]
+    if state.failed:
+        notes.append(f"{len(state.failed):,} failed")
+    if ended:
+        left = (time.monotonic() - began) / ended * (state.left + len(state.running))
+        notes.append(f"about {_duration(left)} left")
+    table = Table.grid(padding=(0, 2))
     for address, since in state.running.items():
-        table.add_row(plan.tasks[address].title, _duration(time.monotonic() - since))
-    notes = [f"{len(state.failed)} failed"] if state.failed else []
-    notes += [f"about {_duration(left)} left"] if left is not None else []
-    table.caption = ", ".join([*notes, "Ctrl-C stops; the same command goes on"])
-    table.caption_justify = "left"
-    return table
+        table.add_row(" ", _duration(time.monotonic() - since), Text(plan.tasks[address].title, overflow="ellipsis"))
+    return Group(Text(", ".join(notes)), table, Text("Ctrl-C stops; the same command goes on", style="dim"))
 
 
 def _duration(seconds: float) -> str:

@@ -14,7 +14,7 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 
 from wordcraft_kg.experiments.tasks import Outcome, Task
-from wordcraft_kg.runs.side_by_side import cores, own_start
+from wordcraft_kg.runs.side_by_side import THREADS_VARIABLES, cores, own_start
 from wordcraft_kg.settings import MAX_THREADS, whole
 
 Perform = Callable[[Task, Path], Outcome]
@@ -141,13 +141,12 @@ def _cores_of(number: int, places: int, threads: int) -> list[int]:
 @contextmanager
 def _threads_of(threads: int) -> Iterator[None]:
     """Let a process that starts in this block compute with a number of threads: libraries read it once."""
-    names = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
-    before = {name: os.environ[name] for name in names if name in os.environ}
-    os.environ.update(dict.fromkeys(names, str(threads)))
+    before = {name: os.environ[name] for name in THREADS_VARIABLES if name in os.environ}
+    os.environ.update(dict.fromkeys(THREADS_VARIABLES, str(threads)))
     try:
         yield
     finally:
-        for name in names:
+        for name in THREADS_VARIABLES:
             os.environ.pop(name)
         os.environ.update(before)
 

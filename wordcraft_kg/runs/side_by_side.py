@@ -13,6 +13,11 @@ from typing import Protocol
 
 from wordcraft_kg.errors import TrainingError, WordCraftKGError, reason
 
+CORES_VARIABLE = "WORDCRAFT_KG_CORES"
+"""Environment variable: the number of cores that a process may use, where it is not bound to cores of its own."""
+THREADS_VARIABLES = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
+"""Environment variables from which libraries take their number of threads when they are loaded."""
+
 
 class Job(Protocol):
     """A piece of a training, which keeps what comes of it."""
@@ -27,6 +32,8 @@ class Job(Protocol):
 
 def cores() -> int:
     """Return the number of cores that this process may use."""
+    if (given := os.environ.get(CORES_VARIABLE, "")).isdecimal():
+        return max(int(given), 1)
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 

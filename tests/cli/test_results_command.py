@@ -28,7 +28,7 @@ def test_a_file_of_results_is_shown(run: Callable[..., Any], file: Path) -> None
     assert lines[:2] == ["Graphs: success on test tasks", "kitchen, by-recipe (5 test tasks)"]
     assert lines[2].startswith("  no graph  0.133 [")
     assert "  3 seeds  +0.600 [" in lines[3]
-    assert lines[3].endswith("P(better) 1.00  p 0.1")
+    assert lines[3].endswith("P(better) 1.00  p <.001")
 
 
 @pytest.mark.parametrize(

@@ -62,7 +62,7 @@ class EngineOptions:
         if self.engine == "ray":
             if self.jobs is not None:
                 raise ConfigError("`jobs` is of the local engine; a cluster takes as many as it has cores.")
-            from wordcraft_kg.experiments.ray_workers import RayWorkers  # type: ignore[import-not-found, unused-ignore]
+            from wordcraft_kg.experiments.ray_workers import RayWorkers
 
             return lambda: RayWorkers(self.out, self.address, work)
         if self.address is not None:

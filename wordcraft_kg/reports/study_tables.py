@@ -6,6 +6,7 @@ import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
+from wordcraft_kg.views.metrics import p_in_words
 from wordcraft_kg.views.studies import Interval, PointFigures, StudyView, VariantFigures
 
 NEVER = "never"
@@ -86,9 +87,9 @@ def _difference(at: VariantFigures) -> str:
 
 
 def _p_value(at: VariantFigures) -> str:
-    if at.comparison is None or at.comparison.p_corrected is None:
+    if at.comparison is None:
         return ""
-    return f"{at.comparison.p_corrected:.2g}"
+    return p_in_words(at.comparison.p_corrected)
 
 
 def _reached(at: VariantFigures) -> str:
@@ -187,10 +188,9 @@ def notes(view: StudyView) -> list[str]:
             "Reached after: environment steps until the mean learning curve reaches where that of "
             f"{view.reference} ends, with the interval over seeds."
         )
-    if view.smallest_p is not None:
         found.append(
-            f"p: permutation test over runs, corrected by Holm for {view.comparisons} comparisons; with so many of so "
-            f"few seeds it cannot be below {view.smallest_p:.2g}."
+            f"p: of no difference, from the interval of the difference, corrected by Holm for {view.comparisons} "
+            "comparisons."
         )
     return found
 

@@ -1,7 +1,7 @@
 """Confidence intervals of success rates, and statistics that compare agents trained with several seeds."""
 
 from wordcraft_kg.statistics.clusters import bootstrap, interval
-from wordcraft_kg.statistics.comparisons import holm, permutation_p_value, smallest_p_value
+from wordcraft_kg.statistics.comparisons import holm, interval_p_value
 from wordcraft_kg.statistics.correlation import correlation
 from wordcraft_kg.statistics.profiles import performance_profile, performance_profile_band
 from wordcraft_kg.statistics.runs import (
@@ -23,14 +23,13 @@ __all__ = [
     "holm",
     "interquartile_mean",
     "interval",
+    "interval_p_value",
     "paired_difference",
     "performance_profile",
     "performance_profile_band",
-    "permutation_p_value",
     "probability_of_improvement",
     "probability_of_improvement_interval",
     "resampled_means",
-    "smallest_p_value",
     "standardised",
     "stratified_bootstrap",
     "task_bootstrap",

@@ -1,68 +1,37 @@
-"""Tests of whether two agents differ, and what many of them at once are worth."""
+"""Whether differences are more than chance, and what many of them at once are worth."""
 
-import math
 from collections.abc import Sequence
-from itertools import combinations
-
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from statistics import NormalDist
 
 from wordcraft_kg.errors import ConfigError
-from wordcraft_kg.settings import MAX_SIZE, whole
-from wordcraft_kg.statistics.samples import finite
-
-MOST_EXACT = 20_000
-"""Most ways to deal runs to two agents that are all tried; two times 8 seeds have 12,870."""
+from wordcraft_kg.statistics.samples import check_level
 
 
-def permutation_p_value(x: ArrayLike, y: ArrayLike, *, draws: int = 20_000, seed: int = 0) -> float:
-    """Return the two-sided p-value of a difference of means between the runs of two agents.
+def interval_p_value(value: float, interval: tuple[float, float], *, level: float = 0.95) -> float:
+    """Return the two-sided p-value that belongs to an interval: of the hypothesis that the true value is 0.
 
-    If it did not matter which agent a run is of, all ways to deal the runs to the two would be equally likely. The
-    p-value is the share of those whose difference of means is at least as large as the one seen:
-    ``p = #{|mean(x*) - mean(y*)| >= |mean(x) - mean(y)|} / C(S + S', S)``. It is exact whatever the distribution, and
-    needs no normality. If there are too many ways, ``draws`` random ones and the one seen stand for them.
-
-    It asks about other trainings on the same tasks; seeds are not paired, since equal seeds of different agents share
-    no randomness that would make their runs alike. The smallest value that it can have for two times S seeds is
-    2 / C(2 S, S): .1 with 3 seeds, .029 with 4, .0079 with 5. With 3 seeds it can therefore never be below .05, and
-    with 5 seeds never after correcting for more than 6 comparisons; see :func:`smallest_p_value`.
+    An interval of a level is as wide as ``2 z`` standard errors, so ``p = 2 (1 - Phi(|value| / (width / 2 z)))``. Of a
+    bootstrap interval that is Wald's test with the bootstrap's standard error; it is about .05 where the interval just
+    reaches 0, and shares the faults of the interval: it is too small where that is too narrow, as with few seeds. An
+    exact test over runs alone would be of no use here: with 5 seeds its p-value is never below .0079, which any
+    correction for a dozen comparisons takes above .05.
 
     Args:
-        x: shape (S,), one score for each run.
-        y: shape (S',).
-        draws: random ways if not all are tried, from 1.
-        seed: of the drawing.
+        value: estimate of the difference.
+        interval: its lower and upper bound; of zero width if nothing varies.
+        level: of confidence of the interval.
 
     Raises:
-        ConfigError: if scores are missing, not finite or of another shape, or a setting is out of range.
+        ConfigError: if the level is out of range.
 
-    Source: Pitman 1937, "Significance tests which may be applied to samples from any populations"; Phipson and Smyth
-    2010, "Permutation p-values should never be zero", for the random ways.
+    Source: Efron and Tibshirani 1993, "An introduction to the bootstrap", section 12.
     """
-    draws, seed = whole("draws", draws, 1, MAX_SIZE), whole("seed", seed, 0)
-    a, b = finite("x", x), finite("y", y)
-    if a.ndim != 1 or b.ndim != 1:
-        raise ConfigError(f"x of shape {a.shape} and y of shape {b.shape}: expected one score for each run.")
-    everything = np.concatenate([a, b])
-    seen = abs(a.mean() - b.mean())
-    is_exact = math.comb(len(everything), len(a)) <= MOST_EXACT
-    chosen: NDArray[np.int64]
-    if is_exact:
-        chosen = np.array(list(combinations(range(len(everything)), len(a))))
-    else:
-        rng = np.random.default_rng(seed)
-        chosen = rng.permuted(np.tile(np.arange(len(everything)), (draws, 1)), axis=1)[:, : len(a)]
-    sums = everything[chosen].sum(axis=1)
-    differences = np.abs(sums / len(a) - (everything.sum() - sums) / len(b))
-    # Equal differences must count as such whatever the order in which they were summed up.
-    hits = int((differences >= seen - 1e-12 * max(1.0, float(np.abs(everything).max()))).sum())
-    return hits / len(chosen) if is_exact else (hits + 1) / (draws + 1)
-
-
-def smallest_p_value(size: int, other: int) -> float:
-    """Return the smallest value of :func:`permutation_p_value` for so many runs of each agent."""
-    return (2 if size == other else 1) / math.comb(size + other, size)
+    check_level(level)
+    z = NormalDist().inv_cdf((1 + level) / 2)
+    error = (interval[1] - interval[0]) / (2 * z)
+    if error == 0:
+        return 1.0 if value == 0 else 0.0
+    return 2 * NormalDist().cdf(-abs(value) / error)
 
 
 def holm(p_values: Sequence[float]) -> list[float]:

@@ -23,16 +23,17 @@ def lines_of(view: "StudyView", metric: Metric) -> Iterator[str]:
             line = f"  {entry.variant:<{width}}  {shown[entry.variant]:<{longest}}  {counted(len(entry.seeds), 'seed')}"
             yield (line + (_comparison(entry) if metric == "success" else "")).rstrip()
     if metric == "success":
-        yield "intervals: 95 % over seeds and tasks; differences to " + view.reference
-    if metric == "success" and view.smallest_p is not None:
-        yield (
-            f"p: permutation test over runs, corrected by Holm for {counted(view.comparisons, 'comparison')}; with "
-            f"these seeds {view.smallest_p:.2g} at the least"
-        )
+        of = f"of {view.comparisons} comparisons" if view.comparisons > 1 else "of the comparison"
+        yield f"intervals: 95 % over seeds and tasks; differences to {view.reference}; p {of}, corrected by Holm"
     if view.missing:
         first = view.missing[0]
         number = counted(len(view.missing), "training")
         yield f"{number} without figures; the first, {first.variant}, seed {first.seed}: {first.why}"
+
+
+def p_in_words(p: float) -> str:
+    """Return a p-value; below a thousandth its size says nothing that the data could tell."""
+    return "<.001" if p < 0.001 else f"{p:.2g}"
 
 
 def _where(point: "PointFigures") -> str:
@@ -45,8 +46,8 @@ def _comparison(entry: "VariantFigures") -> str:
     if found is None:
         return ""
     low, high = found.interval
-    p_value = "" if found.p_corrected is None else f"  p {found.p_corrected:.2g}"
-    return f"  {found.difference:+.3f} [{low:+.3f}, {high:+.3f}]  P(better) {found.p_better:.2f}{p_value}"
+    difference = f"{found.difference:+.3f} [{low:+.3f}, {high:+.3f}]"
+    return f"  {difference}  P(better) {found.p_better:.2f}  p {p_in_words(found.p_corrected)}"
 
 
 def _bounds(value: float | None, interval: "Interval | None") -> str:

@@ -17,13 +17,12 @@ from wordcraft_kg.statistics import (
     crossed_bootstrap,
     holm,
     interquartile_mean,
+    interval_p_value,
     performance_profile,
     performance_profile_band,
-    permutation_p_value,
     probability_of_improvement,
     probability_of_improvement_interval,
     resampled_means,
-    smallest_p_value,
     stratified_bootstrap,
     wilson_interval,
 )
@@ -53,7 +52,7 @@ class Comparison(Record):
         pairs: number of seeds that both have.
         p_better: probability that a run of the variant is better than one of the reference.
         p_better_interval: its 95 % interval over seeds; None for a single seed.
-        p_value: of the permutation test over runs; None for a single seed.
+        p_value: of no difference, from the interval.
         p_corrected: the same by Holm, over all comparisons of the study.
     """
 
@@ -62,8 +61,8 @@ class Comparison(Record):
     pairs: Annotated[int, msgspec.Meta(ge=1)]
     p_better: Share
     p_better_interval: Interval | None
-    p_value: Share | None
-    p_corrected: Share | None = None
+    p_value: Share
+    p_corrected: Share
 
 
 class VariantFigures(Record):
@@ -210,7 +209,6 @@ class StudyView(Record):
         doses: for studies of the drawing "dose": one for each way of scoring train tasks and each point of the other
             settings; otherwise none.
         comparisons: number of comparisons that p-values are corrected for.
-        smallest_p: smallest corrected p-value that the number of seeds allows; None without comparisons.
     """
 
     format: Literal["wordcraft-kg study report 1"]
@@ -226,7 +224,6 @@ class StudyView(Record):
     profiles: tuple[Profile, ...]
     doses: tuple[Dose, ...]
     comparisons: Count
-    smallest_p: Share | None
     missing: tuple[Missing, ...]
     versions: dict[str, str]
     hours: float
@@ -249,12 +246,6 @@ def view_study(results: StudyResults) -> StudyView:
     points = [_point(results, values, runs, reference) for values, runs in cells]
     points = _corrected(points)
     compared = [entry.comparison for point in points for entry in point.variants if entry.comparison]
-    floors = [
-        smallest_p_value(len(runs[entry.variant]), len(runs[reference]))
-        for point, (_, runs) in zip(points, cells, strict=True)
-        for entry in point.variants
-        if entry.comparison and entry.comparison.p_value is not None
-    ]
     return StudyView(
         format="wordcraft-kg study report 1",
         name=results.name,
@@ -269,7 +260,6 @@ def view_study(results: StudyResults) -> StudyView:
         profiles=tuple(_profiles([runs for _, runs in cells])),
         doses=tuple(_doses(results, points, reference)) if study.drawing == "dose" else (),
         comparisons=len(compared),
-        smallest_p=min(1.0, len(floors) * min(floors)) if floors else None,
         missing=results.missing,
         versions=results.versions,
         hours=results.hours,
@@ -420,24 +410,26 @@ def _comparison(members: list[RunResult], base: list[RunResult]) -> Comparison:
     pairs = [(run, by_seed[run.seed]) for run in members if run.seed in by_seed]
     differences = _table([run for run, _ in pairs]) - _table([run for _, run in pairs])
     ours, theirs = ([run.success["test"] for run in runs] for runs in (members, base))
-    several = len(ours) > 1 and len(theirs) > 1
+    difference, interval = float(differences.mean()), crossed_bootstrap(differences)
+    p_value = interval_p_value(difference, interval)
     return Comparison(
-        difference=float(differences.mean()),
-        interval=crossed_bootstrap(differences),
+        difference=difference,
+        interval=interval,
         pairs=len(pairs),
         p_better=probability_of_improvement(ours, theirs),
         p_better_interval=probability_of_improvement_interval(ours, theirs),
-        p_value=permutation_p_value(ours, theirs) if several else None,
+        p_value=p_value,
+        p_corrected=p_value,
     )
 
 
 def _corrected(points: Sequence[PointFigures]) -> list[PointFigures]:
     """Return the points with p-values corrected over all of them."""
     found = [entry.comparison for point in points for entry in point.variants]
-    corrected = iter(holm([c.p_value for c in found if c is not None and c.p_value is not None]))
+    corrected = iter(holm([comparison.p_value for comparison in found if comparison is not None]))
 
     def with_p(entry: VariantFigures) -> VariantFigures:
-        if entry.comparison is None or entry.comparison.p_value is None:
+        if entry.comparison is None:
             return entry
         comparison = msgspec.structs.replace(entry.comparison, p_corrected=next(corrected))
         return msgspec.structs.replace(entry, comparison=comparison)

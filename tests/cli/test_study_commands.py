@@ -132,3 +132,6 @@ def test_a_study_that_is_interrupted_goes_on_and_ends_with_the_same_bytes(study,
         whole = {path.parent.name: path.read_bytes() for path in tmp_path.glob(f"whole/runs/*/{name}")}
         assert whole == {path.parent.name: path.read_bytes() for path in tmp_path.glob(f"parts/runs/*/{name}")}
         assert len(whole) == 4
+    for name in ("table.csv", "table.md", "table.tex", "figure.svg"):
+        one, other = (tmp_path / folder / "reports" / "study" / name for folder in ("whole", "parts"))
+        assert one.read_bytes() == other.read_bytes()

@@ -140,7 +140,7 @@ def _plain(text: str) -> str:
 
 def as_latex(view: StudyView) -> str:
     r"""Return the tables in LaTeX, for ``\usepackage{booktabs}``."""
-    lines = ["% \\usepackage{booktabs}", f"% {' '.join(view.command.split())}"]
+    lines = ["% \\usepackage{booktabs}"]
     for table in tables_of(view):
         lines += [
             r"\begin{table}",
@@ -196,7 +196,10 @@ def notes(view: StudyView) -> list[str]:
 
 
 def as_csv(view: StudyView) -> str:
-    """Return all figures, a row for each variant at each point of the grid; what is not there is empty."""
+    """Return all figures, a row for each variant at each point of the grid; what is not there is empty.
+
+    Nothing is in it that the next training would change: equal results give equal bytes, wherever they were made.
+    """
     grid = list(dict.fromkeys(name for point in view.points for name in point.values))
     rows = [_values(point, entry, grid) for point in view.points for entry in point.variants]
     text = io.StringIO()
@@ -247,5 +250,4 @@ def _values(point: PointFigures, at: VariantFigures, grid: Sequence[str]) -> dic
         "steps_to_reference_low": reached[0] if reached else "",
         "steps_to_reference_high": reached[1] if reached else "",
         "steps": at.steps,
-        "seconds": at.seconds,
     }

@@ -23,7 +23,7 @@ from wordcraft_kg.experiments.store import studies_of
 from wordcraft_kg.experiments.study import Study, Values, built_in, read_study
 from wordcraft_kg.records import read_record
 from wordcraft_kg.reports.study_report import study_figure
-from wordcraft_kg.views.claims import REACHED, Judged, Measured, Verdict, view_claims
+from wordcraft_kg.views.claims import Judged, Verdict, in_words, share, signed, view_claims
 from wordcraft_kg.views.studies import Dose, PointFigures, StudyView, VariantFigures, title_of, view_study
 from wordcraft_kg.wording import counted
 
@@ -35,12 +35,6 @@ ORDER = ("embeddings", "knowledge", "sources", "alone", "splits", "depth2", "csr
 BOOKS = {"little-alchemy-2": "Little Alchemy 2", "everyday": "`everyday`"}
 FOLDERS = re.compile(r"(?<![\w.])/(?:[^\s/]+/)+")
 """The folders of an absolute path."""
-MEASURES = {
-    "success": "",
-    "early": "after a tenth of the steps: ",
-    "steps": f"steps to {REACHED:.0%} of the other's end, as a share of all: ",
-    "same_twice": "ends with one entity twice: ",
-}
 
 
 def name_of(results: StudyResults) -> str:
@@ -167,30 +161,10 @@ def claims_table(claims: Iterable[Judged]) -> Iterator[str]:
     for claim in claims:
         text = f"{claim.text} *({claim.source})*" if claim.source else claim.text
         where = "; ".join(title_of(measured.values) for measured in claim.measured)
-        figures = "<br>".join(measured_text(claim, measured) for measured in claim.measured)
+        figures = "<br>".join(in_words(claim, measured, mark="*") for measured in claim.measured)
         verdict = f"**{claim.verdict}**: {claim.why}" + (f". {claim.note}" if claim.note else "")
         yield f"| {'' if text == before else text} | {where} | {figures} | {verdict} |"
         before = text
-
-
-def measured_text(claim: Judged, measured: Measured) -> str:
-    """Return the figures of a claim at a point."""
-    left, right = claim.sides
-    interval = "" if measured.low is None else f" [{signed(measured.low)}, {signed(measured.high)}]"
-    other = right if claim.is_value else f"*{right}* {share(measured.right)}"
-    size = counted(measured.seeds, "seed") + (f", {counted(measured.tasks, 'task')}" if measured.tasks else "")
-    sides = f"*{left}* {share(measured.left)} against {other}"
-    return f"{MEASURES[claim.measure]}{sides}: {signed(measured.difference)}{interval} ({size})"
-
-
-def share(value: float) -> str:
-    """Return a share in three digits, without the zero in front."""
-    return f"{value:.3f}".removeprefix("0")
-
-
-def signed(value: float | None) -> str:
-    """Return a difference of shares."""
-    return f"{value or 0:+.3f}".replace("0.", ".", 1)
 
 
 def section(results: StudyResults, view: StudyView) -> Iterator[str]:

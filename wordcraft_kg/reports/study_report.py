@@ -12,6 +12,7 @@ from wordcraft_kg.reports.charts.standalone import as_pdf, as_png
 from wordcraft_kg.reports.pages import chart_style
 from wordcraft_kg.reports.report import Report, write_report
 from wordcraft_kg.reports.study_tables import as_csv, as_latex, as_markdown, notes, tables_of, with_bounds
+from wordcraft_kg.views.claims import in_words
 from wordcraft_kg.views.studies import Correlation, Dose, PointFigures, StudyView, title_of
 
 SUCCESS = "greedy success on test tasks"
@@ -41,7 +42,13 @@ def make_study_report(view: StudyView) -> Report[StudyView]:
         view,
         "study_report.html.j2",
         {"panels": panels, "profiles": profiles},
-        shown={"tables": tables_of(view), "notes": notes(view), "correlation": correlation_in_words},
+        shown={
+            "tables": tables_of(view),
+            "notes": notes(view),
+            "correlation": correlation_in_words,
+            "title": title_of,
+            "words": in_words,
+        },
         files={
             "table.csv": as_csv(view),
             "table.md": as_markdown(view),

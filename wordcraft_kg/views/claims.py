@@ -43,6 +43,13 @@ EARLY = 0.1
 REACHED = 0.95
 """Share of a curve's last point at which it counts as reached; the last percents are noise."""
 
+MEASURES = {
+    "success": "",
+    "early": "after a tenth of the steps: ",
+    "steps": f"steps to {REACHED:.0%} of the other's end, as a share of all: ",
+    "same_twice": "ends with one entity twice: ",
+}
+
 
 class Measured(Record, frozen=True):
     """The two sides of a claim at a point of the grid.
@@ -294,3 +301,23 @@ def _varies(
     if all(low >= -SAME and high <= SAME for low, high in intervals):
         return "not reproduced", f"no difference of {SAME:g} anywhere"
     return "undecided", "the intervals are too wide"
+
+
+def in_words(claim: Judged, measured: Measured, mark: str = "") -> str:
+    """Return the figures of a claim at a point; ``mark`` is put around the names of its sides."""
+    left, right = (f"{mark}{side}{mark}" for side in claim.sides)
+    interval = "" if measured.low is None else f" [{signed(measured.low)}, {signed(measured.high)}]"
+    other = claim.sides[1] if claim.is_value else f"{right} {share(measured.right)}"
+    size = counted(measured.seeds, "seed") + (f", {counted(measured.tasks, 'task')}" if measured.tasks else "")
+    sides = f"{left} {share(measured.left)} against {other}"
+    return f"{MEASURES[claim.measure]}{sides}: {signed(measured.difference)}{interval} ({size})"
+
+
+def share(value: float) -> str:
+    """Return a share in three digits, without the zero in front."""
+    return f"{value:.3f}".removeprefix("0")
+
+
+def signed(value: float | None) -> str:
+    """Return a difference of shares."""
+    return f"{value or 0:+.3f}".replace("0.", ".", 1)

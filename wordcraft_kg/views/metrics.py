@@ -13,6 +13,9 @@ Metric = Literal["success", "iqm", "by-plan", "train", "mrr", "steps"]
 
 def lines_of(view: "StudyView", metric: Metric) -> Iterator[str]:
     """Yield a study's title, and for each point of the grid a line for each variant."""
+    from wordcraft_kg.views.claims import in_words
+    from wordcraft_kg.views.studies import title_of
+
     yield f"{view.title}: {TITLES[metric]}"
     for point in view.points:
         yield f"{point.title} ({_where(point)})"
@@ -25,6 +28,13 @@ def lines_of(view: "StudyView", metric: Metric) -> Iterator[str]:
     if metric == "success":
         of = f"of {view.comparisons} comparisons" if view.comparisons > 1 else "of the comparison"
         yield f"intervals: 95 % over seeds and tasks; differences to {view.reference}; p {of}, corrected by Holm"
+    if metric == "success" and view.claims:
+        yield "claims"
+        width = max(len(claim.verdict) for claim in view.claims)
+        for claim in view.claims:
+            yield f"  {claim.verdict:<{width}}  {claim.text}"
+            for measured in claim.measured:
+                yield f"  {'':<{width}}  {title_of(measured.values)}: {in_words(claim, measured)}"
     if view.missing:
         first = view.missing[0]
         number = counted(len(view.missing), "training")

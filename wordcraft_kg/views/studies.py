@@ -26,6 +26,7 @@ from wordcraft_kg.statistics import (
     stratified_bootstrap,
     wilson_interval,
 )
+from wordcraft_kg.views.claims import Judged, view_claims
 
 Interval = tuple[float, float]
 TAUS = tuple(i / 50 for i in range(51))
@@ -209,6 +210,7 @@ class StudyView(Record):
         doses: for studies of the drawing "dose": one for each way of scoring train tasks and each point of the other
             settings; otherwise none.
         comparisons: number of comparisons that p-values are corrected for.
+        claims: what the study says comes out, and whether it does.
     """
 
     format: Literal["wordcraft-kg study report 1"]
@@ -224,6 +226,7 @@ class StudyView(Record):
     profiles: tuple[Profile, ...]
     doses: tuple[Dose, ...]
     comparisons: Count
+    claims: tuple[Judged, ...]
     missing: tuple[Missing, ...]
     versions: dict[str, str]
     hours: float
@@ -260,6 +263,7 @@ def view_study(results: StudyResults) -> StudyView:
         profiles=tuple(_profiles([runs for _, runs in cells])),
         doses=tuple(_doses(results, points, reference)) if study.drawing == "dose" else (),
         comparisons=len(compared),
+        claims=view_claims(results).claims,
         missing=results.missing,
         versions=results.versions,
         hours=results.hours,

@@ -15,6 +15,7 @@ import pytest
 
 from wordcraft_kg.errors import OutputExistsError
 from wordcraft_kg.experiments.results import Missing, StudyResults
+from wordcraft_kg.experiments.study import Claim
 from wordcraft_kg.records import schema_of
 from wordcraft_kg.reports.report import render
 from wordcraft_kg.reports.study_report import make_study_report, panels_of, study_figure, write_study_report
@@ -164,3 +165,16 @@ def test_bars_are_drawn_where_there_are_no_curves(fabricate: Fabricate) -> None:
     curves = {"no graph": [[(2000, 0.1)]] * 5}
     ((_, chart),) = panels_of(view_study(fabricate({"no graph": NO_GRAPH}, curves=curves)))
     assert "over seeds and tasks" in chart
+
+
+def test_the_page_says_of_each_claim_whether_it_holds(fabricate: Fabricate) -> None:
+    claims = [
+        Claim(text="Guided agents <b>are</b> better.", left="guided", right="no graph"),
+        Claim(text="They are worse.", left="guided", right="no graph", expected="less"),
+    ]
+    results = fabricate({"no graph": NO_GRAPH, "guided": GUIDED})
+    study = msgspec.structs.replace(results.study, claims=claims)
+    page = render(make_study_report(view_study(msgspec.structs.replace(results, study=study))))
+    assert "<h3>Guided agents &lt;b&gt;are&lt;/b&gt; better.</h3>" in page
+    assert page.index("<b>reproduced</b>: more") < page.index("<b>not reproduced</b>: it is more")
+    assert "guided .800 against no graph .200: +.600 [" in page

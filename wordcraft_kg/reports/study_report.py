@@ -1,6 +1,8 @@
 """The report of a study: tables, figures and a page from its view."""
 
 from collections.abc import Iterator
+from itertools import groupby
+from operator import attrgetter
 from pathlib import Path
 
 from markupsafe import Markup
@@ -48,6 +50,7 @@ def make_study_report(view: StudyView) -> Report[StudyView]:
             "correlation": correlation_in_words,
             "title": title_of,
             "words": in_words,
+            "claims": [list(same) for _, same in groupby(view.claims, key=attrgetter("text"))],
         },
         files={
             "table.csv": as_csv(view),

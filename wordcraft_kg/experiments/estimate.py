@@ -12,8 +12,10 @@ from wordcraft_kg.experiments.plan import Plan
 from wordcraft_kg.experiments.tasks import Task
 from wordcraft_kg.models.policies.config import PolicyConfig
 
-STEPS_PER_SECOND = {"none": 55_000, "u,v": 42_000, "w": 26_000}
-"""Of one core of an ordinary machine, with 8 distractors: without a scorer, with one, and with w among the sources."""
+STEPS_PER_SECOND = {"none": 55_000, "u,v": 42_000, "w": 26_000, "random": 20_000, "one-hot": 13_000}
+"""Of one core of an ordinary machine, with 8 distractors: without a scorer, with one, and with w among the sources; and
+without a scorer, but with vectors of more dimensions than GloVe's 50.
+"""
 SECONDS_OF_SCORER = {"train-complex": 70.0, "train-links": 120.0, "train-recipes": 50.0}
 """Of a book of 700 entities, with its folds."""
 START = 3.0
@@ -48,8 +50,11 @@ def _sort(task: Task) -> str:
         return str(task.settings["command"])
     if task.kind == "graphs":
         return task.kind
-    use = str(task.settings["settings"].get("use", PolicyConfig.use)) if len(task.needs) > 1 else "none"
-    return "w" if "w" in use else use if use == "none" else "u,v"
+    settings = task.settings["settings"]
+    if len(task.needs) > 1:
+        return "w" if "w" in settings.get("use", PolicyConfig.use) else "u,v"
+    features = settings.get("features", PolicyConfig.features)
+    return features if features in STEPS_PER_SECOND else "none"
 
 
 def _usual(task: Task) -> float:

@@ -7,13 +7,14 @@ from errno import ENOSPC
 from functools import partial
 from pathlib import Path
 
+import msgspec
 import pytest
 from small_study import Inline, pretend, run_small, small_plan
 
 from wordcraft_kg.errors import ArtefactError
 from wordcraft_kg.experiments.collect import collect_study
 from wordcraft_kg.experiments.engine import FullDiskError, run_plan
-from wordcraft_kg.experiments.figures import Figures, read_figures, write_figures
+from wordcraft_kg.experiments.figures import Figures, RunFigures, read_figures, write_figures
 from wordcraft_kg.experiments.local_workers import LocalWorkers
 from wordcraft_kg.experiments.perform import perform
 from wordcraft_kg.experiments.plan import agent_config
@@ -229,6 +230,24 @@ def test_workers_that_are_stopped_write_a_checkpoint_first(tmp_path):
     workers.stop()
     assert (tmp_path / "checkpoint").exists()
     assert multiprocessing.active_children() == []
+
+
+def test_a_run_without_test_tasks_is_missing_and_says_why(tmp_path):
+    plan = small_plan()
+
+    def work(task: Task, root: Path) -> Outcome:
+        outcome = pretend(task, root)
+        if task.address == plan.runs[0]:
+            path = task.folder(root)
+            write_figures(path, msgspec.structs.replace(read_figures(path, RunFigures), success={"train": 0.5}))
+        return outcome
+
+    run_small(tmp_path, plan, work)
+    results = collect_study(tmp_path, "small")
+    assert [(gap.variant, gap.seed, gap.why) for gap in results.missing] == [
+        ("none", 0, "the split has no test tasks of this kind")
+    ]
+    assert len(results.runs) == 7
 
 
 def test_figures_are_read_with_their_type(tmp_path):

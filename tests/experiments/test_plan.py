@@ -83,6 +83,7 @@ def test_defaults_are_those_that_addresses_stand_for():
     [
         ('[variants.odd]\nscorer = "partial"\nuse = "x"', "variant 'odd', distractors 2: `use` 'x'"),
         ('[variants.odd]\nkg_only = true', "`kg_only` says how to use a scorer"),
+        ('[variants.odd]\nsplit = "none"', "there are no test tasks to compare agents on"),
         ('[variants.odd]\nsplit = "by-gaol"', "Did you mean 'by-goal'"),
         ('[variants.odd]\nscorer = "partial"\n"scorer.model" = "rotate"', "no setting 'scorer.model'"),
     ],

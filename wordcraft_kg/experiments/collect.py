@@ -150,6 +150,8 @@ class _Collection:
             if not (folder / FIGURES_FILE).exists():
                 return failure_of(self.root, address) or "not trained yet"
             figures = read_figures(folder, RunFigures)
+            if "test" not in figures.success:
+                return "the split has no test tasks of this kind"
             if scorer is not None and scorer not in self._scorers:
                 self._scorers[scorer] = read_figures(self.root / scorer, ScorerFigures)
         except ArtefactError as error:

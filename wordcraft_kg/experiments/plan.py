@@ -103,6 +103,11 @@ class _Planner:
             graph, config = self._graphs[source], split_of(settings)
             # Fails here if the split cannot be; a book that is too small for any is played without one, as elsewhere.
             split = make_split(graph, config) if len(given) > 1 else default_split(graph)
+            if split.config.kind == "none":
+                raise ConfigError(
+                    f"the split of '{source}' holds nothing out, so there are no test tasks to compare agents on; give "
+                    "a `split` such as by-recipe, and a book that is large enough for it."
+                )
             task = Task(
                 "graphs",
                 {"defaults": DEFAULTS, "graph": graph.hash, "name": graph.name, "split": asdict(split.config)},

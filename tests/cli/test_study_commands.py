@@ -54,8 +54,10 @@ def test_a_dry_run_lists_everything_and_does_nothing(run, study, tmp_path):
 
 def test_the_list_has_every_study_with_hours_and_source(run):
     found = run("reproduce", "list", "--json")
-    studies = json.loads(found.out)["studies"]
+    values = json.loads(found.out)
+    studies = values["studies"]
     assert list(studies) == built_in()
+    assert 0 < values["hours"] < sum(study["hours"] for study in studies.values()), "they share trainings"
     assert all(study["hours"] > 0 and study["source"] for study in studies.values())
 
 

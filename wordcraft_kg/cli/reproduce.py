@@ -55,12 +55,17 @@ def _stem(book: str) -> str:
 
 def _list(engine: EngineOptions, output: Output) -> int:
     """Print the built-in studies, with the hours that each still takes on this machine."""
+    from dataclasses import replace
+
     from wordcraft_kg.errors import RecipeFileError
     from wordcraft_kg.experiments.estimate import estimated_hours
     from wordcraft_kg.experiments.plan import make_plan
     from wordcraft_kg.experiments.study import adapted, built_in, cells_of, read_study
+    from wordcraft_kg.experiments.tasks import Task
 
-    found, text = {}, []
+    found: dict[str, dict[str, object]] = {}
+    text: list[str] = []
+    tasks: dict[str, Task] = {}
     width = max(map(len, built_in()))
     for name in built_in():
         study = read_study(name)
@@ -68,6 +73,7 @@ def _list(engine: EngineOptions, output: Output) -> int:
             plan = make_plan(study, name)
         except RecipeFileError:  # the real book is not there; the built-in one is about as large
             plan = make_plan(adapted(study, book="everyday"), name)
+        tasks |= plan.tasks
         hours = estimated_hours(plan, engine.out) / engine.parallel(plan)
         trainings = len(cells_of(study))
         found[name] = {"title": study.title, "source": study.source, "trainings": trainings, "hours": round(hours, 2)}
@@ -75,7 +81,9 @@ def _list(engine: EngineOptions, output: Output) -> int:
             f"{name:<{width}}  {study.title}: {trainings} trainings, about {hours:.1f} hours left on this machine",
             f"{'':<{width}}  {study.source}",
         ]
-    output.result(
-        {"studies": found}, [*text, "run one: wordcraft-kg reproduce NAME; a quick look: --steps 300000 --seeds 3"]
-    )
+    everything = replace(plan, tasks=tasks)
+    hours = estimated_hours(everything, engine.out) / engine.parallel(everything)
+    text.append(f"{ALL:<{width}}  about {hours:.1f} hours left: what several studies need is made once")
+    text.append("run one: wordcraft-kg reproduce NAME; for a quick look: --steps 300000 --seeds 3")
+    output.result({"studies": found, "hours": round(hours, 2)}, text)
     return 0

@@ -42,6 +42,12 @@ def test_equal_trainings_have_one_address_in_all_studies():
     assert set(plan.runs).isdisjoint(make_plan(adapted(plan.study, book="paper-examples"), "x").runs)
 
 
+def test_a_split_counts_for_the_default_book_too():
+    text = 'title = "x"\nseeds = 1\n[grid]\nsplit = ["by-recipe", "by-goal"]\n[variants.none]'
+    tasks = make_plan(parse_study(text, "x"), "x").tasks.values()
+    assert [task.settings["split"]["kind"] for task in tasks if task.kind == "graphs"] == ["by-recipe", "by-goal"]
+
+
 def test_addresses_do_not_depend_on_the_hash_seed_or_the_machine():
     assert small_plan().runs[0] == "runs/96588143ccebf6ba"
 

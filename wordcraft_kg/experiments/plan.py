@@ -102,7 +102,7 @@ class _Planner:
                 self._graphs[source] = RecipeGraph.from_book(open_book(source))
             graph, config = self._graphs[source], split_of(settings)
             # Fails here if the split cannot be; a book that is too small for any is played without one, as elsewhere.
-            split = make_split(graph, config) if len(given) > 1 else default_split(graph)
+            split = make_split(graph, config) if given.keys() - {"book"} else default_split(graph)
             if split.config.kind == "none":
                 raise ConfigError(
                     f"the split of '{source}' holds nothing out, so there are no test tasks to compare agents on; give "

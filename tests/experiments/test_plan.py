@@ -42,6 +42,19 @@ def test_equal_trainings_have_one_address_in_all_studies():
     assert set(plan.runs).isdisjoint(make_plan(adapted(plan.study, book="paper-examples"), "x").runs)
 
 
+@pytest.mark.parametrize("scorer", [False, True])
+def test_a_file_of_vectors_that_changes_makes_other_trainings(tmp_path, scorer):
+    path = tmp_path / "vectors.txt"
+    own = f"features = '{path}'"
+    more = f"[variants.own]\nscorer = 'own'\n[scorers.own]\ncommand = 'train-recipes'\n{own}" if scorer else own
+    found = []
+    for content in ("a 1 2", "a 1 3", "a 1 2"):
+        path.write_text(content)
+        found.append(set(small_plan(more if scorer else f"[variants.own]\n{own}").runs))
+    assert found[0] == found[2]
+    assert len(found[0] & found[1]) == 8, "the runs of the other variants stay"
+
+
 def test_a_split_counts_for_the_default_book_too():
     text = 'title = "x"\nseeds = 1\n[grid]\nsplit = ["by-recipe", "by-goal"]\n[variants.none]'
     tasks = make_plan(parse_study(text, "x"), "x").tasks.values()
@@ -90,6 +103,13 @@ def test_defaults_are_those_that_addresses_stand_for():
         ('[variants.odd]\nscorer = "partial"\nuse = "x"', "variant 'odd', distractors 2: `use` 'x'"),
         ('[variants.odd]\nkg_only = true', "`kg_only` says how to use a scorer"),
         ('[variants.odd]\nsplit = "none"', "there are no test tasks to compare agents on"),
+        ('[variants.odd]\nuse = 3', "`use` 3: expected text"),
+        ('[variants.odd]\nunroll = "long"', "`unroll` 'long': expected a number"),
+        ('[variants.odd]\ntrain_ratio = "most"', "`train_ratio` 'most': expected a number"),
+        ('[variants.odd]\ncompile = 1', "`compile` 1: expected true or false"),
+        ('[variants.odd]\nfeatures = "glvoe"', "`features` 'glvoe': expected a file"),
+        ('[variants.odd]\nscorer = "odd"\n[scorers.odd]\ncommand = "facts"\nkg = "ful"', "Did you mean 'full'"),
+        ('[variants.odd]\nscorer = "odd"\n[scorers.odd]\ncommand = "train-links"\nmodel = 3', "`model` 3"),
         ('[variants.odd]\nsplit = "by-gaol"', "Did you mean 'by-goal'"),
         ('[variants.odd]\nscorer = "partial"\n"scorer.model" = "rotate"', "no setting 'scorer.model'"),
     ],

@@ -2,9 +2,11 @@
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields, replace
+from pathlib import Path
 from typing import Any
 
 from wordcraft_kg.agents.config import OF_SCORER, AgentConfig, ImpalaConfig, TaskConfig
+from wordcraft_kg.artefacts import sha256_of
 from wordcraft_kg.errors import ConfigError, SplitError
 from wordcraft_kg.experiments.study import (
     OF_AGENT,
@@ -13,19 +15,21 @@ from wordcraft_kg.experiments.study import (
     SCORER_SETTINGS,
     Cell,
     Study,
+    Value,
     Values,
     cells_of,
     split_of,
 )
 from wordcraft_kg.experiments.tasks import Task
+from wordcraft_kg.feature_spec import LEARNED, NAMES, SHUFFLED, VECTORS, FeatureSpec
 from wordcraft_kg.graphs.folder import default_split
 from wordcraft_kg.graphs.library import open_book
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.graphs.splits import make_split
+from wordcraft_kg.graphs.splits import SplitConfig, make_split
 from wordcraft_kg.models.links.config import CONFIGS
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.recipes.config import RecipesConfig
-from wordcraft_kg.settings import nearest
+from wordcraft_kg.settings import nearest, one_of, refuse, whole
 
 DEFAULTS = 1
 """Version of the defaults of all settings: a default that changes gives other results, which need other addresses."""
@@ -34,6 +38,15 @@ CURVE_POINTS = 20
 CONFIG_OF = {**CONFIGS, RecipesConfig.command: RecipesConfig}
 """Settings of scorers that are trained, by command."""
 PART_OF_AGENT = {"tasks": TaskConfig, "policy": PolicyConfig, "trainer": ImpalaConfig}
+
+
+def _defaults(kind: type) -> dict[str, Any]:
+    """Return the defaults of a kind's settings."""
+    return {field.name: field.default for field in fields(kind)}
+
+
+DEFAULTS_OF_AGENT = {name: value for kind in PART_OF_AGENT.values() for name, value in _defaults(kind).items()}
+DEFAULTS_OF_GRAPH = {name: _defaults(SplitConfig)[field] for name, field in OF_GRAPH.items() if name != "book"}
 
 
 @dataclass(frozen=True)
@@ -80,10 +93,12 @@ class _Planner:
         self.books: dict[str, str] = {}
         self._graphs: dict[str, RecipeGraph] = {}
         self._made: dict[str, str] = {}
+        self._files: dict[str, str] = {}
 
     def run(self, cell: Cell) -> str:
         """Return the address of a cell's run."""
         try:
+            _check_kinds(cell.settings, {"book": "", **DEFAULTS_OF_GRAPH, **DEFAULTS_OF_AGENT})
             graph = self._graph(cell.settings)
             scorer = self._scorer(cell, graph)
             return self._agent(cell, graph, scorer)
@@ -132,15 +147,19 @@ class _Planner:
         if settings.get("share") == 0:
             return None
         threads, device = 1, "cpu"
-        if command in CONFIG_OF:
+        if command not in CONFIG_OF:
+            one_of("kg", settings.get("kg", "partial"), ("partial", "full"))
+        else:
+            _check_kinds(settings, _defaults(CONFIG_OF[command]))
             settings.setdefault("seed", cell.seed)
             config = CONFIG_OF[command](**settings)  # type: ignore[arg-type]
             threads, device = config.threads, config.device
             settings = _not_default(settings, CONFIG_OF[command])
+        described = {"defaults": DEFAULTS, "graph": graph, "command": command, "settings": settings}
         return self._add(
             Task(
                 "scorers",
-                {"defaults": DEFAULTS, "graph": graph, "command": command, "settings": settings},
+                {**described, **self._content(settings.get("features"))},
                 f"{command}{_values(settings)} on {self.tasks[graph].title}",
                 (graph,),
                 threads,
@@ -154,22 +173,43 @@ class _Planner:
             given = {name: value for name, value in given.items() if name not in OF_SCORER}
         given["seed"] = cell.seed
         if "eval_every" not in given:
-            steps = int(given.get("steps", ImpalaConfig.steps))
+            steps = whole("steps", given.get("steps", ImpalaConfig.steps), 1)
             given["eval_every"] = max(steps // CURVE_POINTS, 1)
         config = agent_config(given, graph, scorer)
         settings: dict[str, Any] = {}
         for kind in PART_OF_AGENT.values():
             settings |= _not_default(given, kind)
+        described = {"defaults": DEFAULTS, "graph": graph, "scorer": scorer, "settings": settings}
         return self._add(
             Task(
                 "runs",
-                {"defaults": DEFAULTS, "graph": graph, "scorer": scorer, "settings": settings},
+                {**described, **self._content(settings.get("features"))},
                 f"{cell.variant}{_values(cell.values)}, seed {cell.seed}",
                 (graph,) if scorer is None else (graph, scorer),
                 config.trainer.threads,
                 config.trainer.device,
             )
         )
+
+    def _content(self, features: Value | None) -> dict[str, str]:
+        """Return the hash of a file of vectors, for the address: another content is another training.
+
+        Raises:
+            ConfigError: if there is no such file.
+        """
+        spec = FeatureSpec.parse(LEARNED if features is None else str(features))
+        if not spec.is_path:
+            return {}
+        path = Path(spec.source)
+        if not path.is_file():
+            names = (*NAMES, *(SHUFFLED + name for name in VECTORS))
+            expected = f"a file, or one of {', '.join(NAMES)}, the first three perhaps after '{SHUFFLED}'"
+            raise refuse("features", features, expected, nearest(str(features), names))
+        if spec.source not in self._files:
+            labels = [path.with_suffix(end) for end in (".labels.txt", ".txt")] if path.suffix.lower() == ".npy" else []
+            hashes = [sha256_of(file) for file in (path, *labels) if file.is_file()]
+            self._files[spec.source] = " ".join(hashes)
+        return {"content": self._files[spec.source]}
 
 
 def agent_config(settings: Mapping[str, Any], graph: str, scorer: str | None) -> AgentConfig:
@@ -185,9 +225,25 @@ def agent_config(settings: Mapping[str, Any], graph: str, scorer: str | None) ->
     return replace(AgentConfig(graph, scorer), **parts)
 
 
+def _check_kinds(settings: Mapping[str, Any], defaults: Mapping[str, Any]) -> None:
+    """Refuse values that are no number, no text or no truth value, as their defaults are; TOML may hold any.
+
+    Raises:
+        ConfigError: naming the setting; ranges are checked by what takes the setting.
+    """
+    for name, value in settings.items():
+        default = defaults.get(name)
+        if isinstance(default, str) and not isinstance(value, str):
+            raise refuse(name, value, "text, in quotes")
+        if isinstance(default, bool) and not isinstance(value, bool):
+            raise refuse(name, value, "true or false")
+        if isinstance(default, int | float) and isinstance(value, str):
+            raise refuse(name, value, "a number, without quotes")
+
+
 def _not_default(settings: Mapping[str, Any], kind: type) -> dict[str, Any]:
     """Return the settings of a kind that are not at its default, which give the same result as none."""
-    defaults = {field.name: field.default for field in fields(kind)}
+    defaults = _defaults(kind)
     return {name: settings[name] for name in defaults if name in settings and settings[name] != defaults[name]}
 
 

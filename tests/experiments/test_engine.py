@@ -1,6 +1,7 @@
 import json
 import multiprocessing
 import os
+import shutil
 import signal
 import time
 from errno import ENOSPC
@@ -21,6 +22,7 @@ from wordcraft_kg.experiments.plan import agent_config
 from wordcraft_kg.experiments.store import failure_of
 from wordcraft_kg.experiments.tasks import Outcome, Task
 from wordcraft_kg.records import as_values
+from wordcraft_kg.runs.record import end_run, start_run
 
 NO_FIGURES = Figures(seconds=1.0, versions={})
 
@@ -109,6 +111,30 @@ def test_a_damaged_scorer_that_is_still_needed_is_made_again(done, tmp_path):
     assert run_small(done).began == [], "nobody needs it any more"
     (done / plan.runs[2] / "figures.json").unlink()
     assert run_small(done).began == [scorer.title, "guided, distractors 2, seed 0"]
+
+
+def test_a_damaged_graph_that_is_still_needed_is_made_again(done):
+    plan = small_plan()
+    (done / plan.runs[0] / "figures.json").unlink()
+    graph = next(task for task in plan.tasks.values() if task.kind == "graphs").folder(done) / "graph.json"
+    before = graph.read_bytes()
+    graph.write_bytes(b"{")
+    assert run_small(done).began == ["none, distractors 2, seed 0"]
+    assert not collect_study(done, "small").missing
+    assert graph.read_bytes() == before
+
+
+def test_a_scorer_whose_checkpoint_is_damaged_is_begun_again(done, tmp_path):
+    plan = small_plan()
+    task = next(task for task in plan.tasks.values() if task.kind == "scorers")
+    shutil.copytree(done / "graphs", tmp_path / "graphs")
+    folder = task.folder(tmp_path)
+    folder.mkdir(parents=True)
+    end_run(folder, start_run(folder, "train-complex"), "interrupted")
+    (folder / "checkpoints").mkdir()
+    (folder / "checkpoints" / "fold.json").write_text("{")
+    outcome = perform(task, tmp_path)
+    assert outcome.ending == "done", outcome.error
 
 
 def test_a_failure_stops_nothing_but_what_needs_it_and_is_tried_again(tmp_path):

@@ -83,11 +83,12 @@ class _Engine:
     def run(self, make_workers: Callable[[], Workers]) -> State:
         tasks = self.plan.tasks
         self._waiting = {address: task for address, task in tasks.items() if not self._is_there(task, is_done)}
-        needed = {tasks[address] for task in self._waiting.values() for address in task.needs}
-        for task in [task for task in needed if task.kind == "scorers" and task.address not in self._waiting]:
-            if not self._is_there(task, check_whole):
-                shutil.rmtree(task.folder(self.root))
-                self._waiting[task.address] = task
+        for kind in ("scorers", "graphs"):  # a scorer that is made again needs its graph
+            needed = {tasks[address] for task in self._waiting.values() for address in task.needs}
+            for task in [task for task in needed if task.kind == kind and task.address not in self._waiting]:
+                if not self._is_there(task, check_whole):
+                    shutil.rmtree(task.folder(self.root))
+                    self._waiting[task.address] = task
         self._there = tasks.keys() - self._waiting.keys()
         self.state.kept = len(self._there)
         for task in [task for task in self._waiting.values() if task.kind == "graphs"]:

@@ -46,12 +46,15 @@ def is_done(task: Task, root: Path) -> bool:
 
 
 def check_whole(task: Task, root: Path) -> None:
-    """Check the files of a finished scorer, which runs that are still to come will read.
+    """Check the files of a graph or a finished scorer, which tasks that are still to come will read.
 
     Raises:
         ArtefactError: if one is missing or damaged.
     """
     folder = task.folder(root)
+    if task.kind == "graphs":
+        open_graph(str(folder))
+        return
     run = read_run(folder)
     for name in run.outputs:
         verified_bytes(folder, run, name)
@@ -187,33 +190,41 @@ def _digits(path: Path, part: str, draws: int) -> list[str]:
 
 def _scorer(task: Task, root: Path) -> bool:
     from wordcraft_kg.models.links.config import LinksConfig
-    from wordcraft_kg.models.links.training import resume_links, train_links
+    from wordcraft_kg.models.links.training import train_links
     from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
-    from wordcraft_kg.models.recipes.training import resume_recipes, train_recipes
+    from wordcraft_kg.models.recipes.training import train_recipes
 
     folder, graph = task.folder(root), str(root / task.needs[0])
     command, settings = task.settings["command"], task.settings["settings"]
     began, status = time.perf_counter(), _status(folder)
+    if status == "begun":
+        try:
+            if not _resume_scorer(folder, graph, command):
+                return False
+        except ArtefactError:  # its checkpoints are damaged
+            status = "nothing"
     if status == "nothing":
         shutil.rmtree(folder, ignore_errors=True)
-    if command not in CONFIG_OF:
-        if status != "done":
+        if command not in CONFIG_OF:
             _save_plain(folder, graph, command, settings)
-    elif command == RecipesConfig.command:
-        if status == "begun":
-            resume_recipes(folder, graph=graph)
-        elif status == "nothing":
+        elif command == RecipesConfig.command:
             train_recipes(RecipeScorerConfig(graph, RecipesConfig(**settings)), folder)
-    else:
-        trained = None
-        if status == "begun":
-            trained = resume_links(folder, graph=graph)
-        elif status == "nothing":
-            trained = train_links(LinksConfig(graph, CONFIG_OF[command](**settings)), folder)  # type: ignore[arg-type]
-        if trained is not None and trained.interrupted:
+        elif train_links(LinksConfig(graph, CONFIG_OF[command](**settings)), folder).interrupted:  # type: ignore[arg-type]
             return False
     write_figures(folder, _judged(folder, time.perf_counter() - began))
     return True
+
+
+def _resume_scorer(folder: Path, graph: str, command: str) -> bool:
+    """Go on with the training of a scorer; return whether it came to its end."""
+    from wordcraft_kg.models.links.training import resume_links
+    from wordcraft_kg.models.recipes.config import RecipesConfig
+    from wordcraft_kg.models.recipes.training import resume_recipes
+
+    if command == RecipesConfig.command:
+        resume_recipes(folder, graph=graph)
+        return True
+    return not resume_links(folder, graph=graph).interrupted
 
 
 def _save_plain(folder: Path, graph: str, name: str, settings: dict[str, str]) -> None:

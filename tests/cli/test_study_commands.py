@@ -62,11 +62,12 @@ def test_the_list_has_every_study_with_hours_and_source(run):
 
 
 def test_a_failed_task_makes_the_exit_code_1_and_is_named(run, study, tmp_path):
-    study.write_text(STUDY + '[variants.odd]\nfeatures = "glove:no-such-file.txt"\n')
+    (tmp_path / "few-words.txt").write_text("nothing 1 2\n")
+    study.write_text(STUDY + f"[variants.odd]\nfeatures = '{tmp_path / 'few-words.txt'}'\n")
     found = run("sweep", study, "--out", tmp_path / "results", "--jobs", 1)
     assert found.code == 1
     assert "odd, seed 0: " in found.out
-    assert "no-such-file.txt" in found.out
+    assert "few-words.txt" in found.out
     assert "2 failed" in found.out
     assert "Traceback" not in found.out + found.err
 
@@ -80,6 +81,8 @@ def test_a_failed_task_makes_the_exit_code_1_and_is_named(run, study, tmp_path):
         (["reproduce", "embeddings", "--book", "kitchen", "--jobs", "0"], "--jobs 0"),
         (["reproduce", "embeddings", "--book", "kitchen", "--address", "auto"], "give --engine ray too"),
         (["sweep", "no-such-study.toml"], "no such file"),
+        (["reproduce", "./study.toml"], "'./study.toml' is no built-in study"),
+        (["reproduce", "knowledge", "--book", "kitchen,./kitchen"], "two books are called 'kitchen'"),
     ],
 )
 def test_bad_input_is_named(run, tmp_path, arguments, said):

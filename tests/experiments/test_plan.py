@@ -120,6 +120,19 @@ def test_what_cannot_be_is_refused_before_anything_starts(more, said):
     assert said in str(raised.value)
 
 
+@pytest.mark.parametrize("more", ['policy = "attention"', '"scorer.dim" = 3', "distractors = 8"])
+def test_variants_that_differ_in_words_alone_are_refused(more):
+    text = 'title = "x"\n[settings]\nbook = "kitchen"\n[variants.plain]\n[variants.same]\n'
+    with pytest.raises(ConfigError, match="'plain' and 'same' are the same trainings"):
+        make_plan(parse_study(text + more, "x"), "x")
+
+
+@pytest.mark.parametrize("name", ["", "a/b", "../a", ".."])
+def test_a_name_that_leads_out_of_its_folder_is_refused(name):
+    with pytest.raises(ConfigError, match="cannot be called"):
+        small_plan(name=name)
+
+
 def test_a_book_that_is_not_there_is_refused_before_anything_starts():
     with pytest.raises(RecipeFileError, match="no-such-book"):
         make_plan(adapted(read_study("knowledge"), book="no-such-book"), "x")

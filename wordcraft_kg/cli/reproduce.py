@@ -1,11 +1,14 @@
 """``wordcraft-kg reproduce``."""
 
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
 from wordcraft_kg.cli.console import Output
 from wordcraft_kg.cli.studies import EngineOptions, run_studies
+
+if TYPE_CHECKING:
+    from wordcraft_kg.experiments.study import Study
 
 EXAMPLES = (
     "wordcraft-kg reproduce list",
@@ -34,16 +37,26 @@ def reproduce(
         engine: where and how it runs.
     """
     from wordcraft_kg.cli.console import split_labels
+    from wordcraft_kg.errors import ConfigError
     from wordcraft_kg.experiments.study import adapted, built_in, read_study
+    from wordcraft_kg.settings import nearest
 
     if study == LIST:
         return _list(engine, output)
+    if study not in (ALL, *built_in()):
+        raise ConfigError(
+            f"'{study}' is no built-in study; there are {', '.join(built_in())}.{nearest(study, built_in())} A file of "
+            "your own: wordcraft-kg sweep"
+        )
     chosen = built_in() if study == ALL else [study]
-    found = {}
+    found: dict[str, Study] = {}
     for name in chosen:
         declared = read_study(name)
         for book in split_labels(books or ()) or [str(declared.settings.get("book", "everyday"))]:
-            found[f"{name}-{_stem(book)}"] = adapted(declared, book=book, steps=steps, seeds=seeds)
+            full = f"{name}-{_stem(book)}"
+            if full in found:
+                raise ConfigError(f"`book`: two books are called '{_stem(book)}', and so would be their studies.")
+            found[full] = adapted(declared, book=book, steps=steps, seeds=seeds)
     return run_studies(found, engine, output)
 
 

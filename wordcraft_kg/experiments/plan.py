@@ -1,6 +1,6 @@
 """What follows from a study: its trainings, and the graphs and scorers that they share, each of them once."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -73,15 +73,34 @@ class Plan:
 def make_plan(study: Study, name: str) -> Plan:
     """Return what follows from a study.
 
+    Args:
+        study: the study.
+        name: its name in the results folder, that of a file there.
+
     Raises:
-        ConfigError: naming the variant and the setting that is out of range, or does not fit another.
+        ConfigError: if it cannot be such a name; naming the variant and the setting that is out of range, or does
+            not fit another; for two variants that are the same trainings.
         RecipeFileError: if a book is not there.
     """
+    if name in ("", "..") or Path(name).name != name:
+        raise ConfigError(f"a study cannot be called '{name}': its files have this name. Choose one without folders.")
     planner = _Planner(study)
     cells = tuple(cells_of(study))
     # All variants with their first seeds come first, so that a study that is interrupted says something of each.
     runs = {number: planner.run(cells[number]) for number in sorted(range(len(cells)), key=lambda i: cells[i].seed)}
+    _refuse_equal(cells, runs)
     return Plan(name, study, cells, tuple(runs[number] for number in range(len(cells))), planner.tasks, planner.books)
+
+
+def _refuse_equal(cells: Sequence[Cell], runs: Mapping[int, str]) -> None:
+    """Refuse variants that say the same in other words, such as a default: their comparison would be one of nothing."""
+    found: dict[str, list[str]] = {}
+    for number, cell in enumerate(cells):
+        found.setdefault(cell.variant, []).append(runs[number])
+    names: dict[tuple[str, ...], str] = {}
+    for name, addresses in found.items():
+        if (other := names.setdefault(tuple(addresses), name)) != name:
+            raise ConfigError(f"variants '{other}' and '{name}' are the same trainings; give each once.")
 
 
 class _Planner:

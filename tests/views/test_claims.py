@@ -208,6 +208,14 @@ def test_variants_that_played_other_tasks_are_not_compared():
     assert "different tasks" in judged.why
 
 
+def test_as_many_tasks_of_another_split_are_others():
+    results = results_of(a_run("left", 0.5), msgspec.structs.replace(a_run("right", 0.5), graph=1))
+    other = PlayedGraph("kitchen", "a" * 64, "by-goal", 0, "c" * 64)
+    (judged,) = judge(msgspec.structs.replace(results, graphs=(GRAPH, other)), CLAIM)
+    assert judged.verdict == "not run"
+    assert "different tasks" in judged.why
+
+
 def test_only_seeds_that_both_have_are_compared():
     runs = [a_run("left", 0.6, seed=seed) for seed in (0, 1)] + [a_run("right", 0.3, seed=seed) for seed in (1, 2)]
     (judged,) = judge(results_of(*runs), CLAIM)

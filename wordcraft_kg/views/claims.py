@@ -186,7 +186,9 @@ def _measure(results: StudyResults, claim: Claim, point: Values) -> Measured:
     if claim.measure == "success":
         a = np.array([_rates(run) for run, _ in pairs])
         others = [_rates(other) if other else np.full(a.shape[1], claim.than) for _, other in pairs]
-        if any(len(rates) != a.shape[1] for rates in others):
+        runs = [run for pair in pairs for run in pair if run]
+        graphs = [results.graphs[run.graph] for run in runs]
+        if len({(of.hash, of.split, len(run.won)) for of, run in zip(graphs, runs, strict=True)}) > 1:
             raise ConfigError(f"'{claim.left}' and '{claim.right}' were tested on different tasks, {_point(point)}")
         b, tasks = np.array(others), a.shape[1]
         interval: tuple[float, float] | None = crossed_bootstrap(a - b)

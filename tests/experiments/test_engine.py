@@ -10,16 +10,17 @@ from pathlib import Path
 
 import msgspec
 import pytest
-from small_study import Inline, pretend, run_small, small_plan
+from small_study import TEXT, Inline, pretend, run_small, small_plan
 
 from wordcraft_kg.errors import ArtefactError
-from wordcraft_kg.experiments.collect import collect_study
+from wordcraft_kg.experiments.collect import collect_runs, collect_study
 from wordcraft_kg.experiments.engine import FullDiskError, run_plan
 from wordcraft_kg.experiments.figures import Figures, RunFigures, read_figures, write_figures
 from wordcraft_kg.experiments.local_workers import LocalWorkers
 from wordcraft_kg.experiments.perform import perform
-from wordcraft_kg.experiments.plan import agent_config
+from wordcraft_kg.experiments.plan import agent_config, make_plan
 from wordcraft_kg.experiments.store import failure_of
+from wordcraft_kg.experiments.study import parse_study
 from wordcraft_kg.experiments.tasks import Outcome, Task
 from wordcraft_kg.records import as_values
 from wordcraft_kg.runs.record import end_run, start_run
@@ -71,6 +72,17 @@ def test_two_studies_share_what_is_equal(done):
     assert run_small(done, more).began == [
         f"more, distractors {amount}, seed {seed}" for seed in (0, 1) for amount in (2, 1)
     ]
+
+
+def test_settings_at_their_default_are_those_of_studies_that_say_them(tmp_path):
+    run_small(tmp_path, small_plan(name="silent"), pretend)
+    said = TEXT.replace("steps", 'policy = "attention"\nsteps') + '[variants.other]\nscorer = "partial"\nuse = "u"'
+    run_small(tmp_path, make_plan(parse_study(said.replace("seeds = 2", "seeds = 3"), "x"), "telling"), pretend)
+    found = collect_runs(tmp_path, ["scorer"])
+    assert found.study.grid == {"distractors": [2, 1], "use": ["u,v", "u"]}
+    assert len(found.runs) == 18
+    by_use = collect_runs(tmp_path, ["scorer", "use"]).study.variants
+    assert list(by_use) == ["none, none", "partial, u,v", "partial, u"]
 
 
 def test_processes_give_the_figures_of_one(done, tmp_path):

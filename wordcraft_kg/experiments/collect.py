@@ -3,11 +3,13 @@
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from wordcraft_kg.agents.config import OF_SCORER
 from wordcraft_kg.errors import ArtefactError, ConfigError
 from wordcraft_kg.experiments.figures import FIGURES_FILE, RunFigures, ScorerFigures, read_figures
+from wordcraft_kg.experiments.plan import CONFIG_OF, DEFAULTS_OF_AGENT, DEFAULTS_OF_GRAPH, defaults_of
 from wordcraft_kg.experiments.results import Missing, PlayedGraph, RunResult, StudyResults
 from wordcraft_kg.experiments.store import PlannedStudy, failure_of, read_plan, studies_of
-from wordcraft_kg.experiments.study import SCORER, Cell, Study, Value, Values
+from wordcraft_kg.experiments.study import NO_SETTINGS, SCORER, Cell, Study, Value, Values
 from wordcraft_kg.settings import nearest
 
 NONE = "none"
@@ -37,16 +39,19 @@ def collect_runs(root: Path, by: Sequence[str]) -> StudyResults:
         ArtefactError: if it is no results folder.
         ConfigError: if no run has such a setting.
     """
-    plans = {name: read_plan(root, name) for name in studies_of(root)}
     described: dict[str, tuple[Values, Cell, str | None]] = {}
-    for plan in plans.values():
+    given: dict[str, None] = {}
+    for plan in [read_plan(root, name) for name in studies_of(root)]:
         for cell, run, scorer in zip(plan.cells, plan.runs, plan.scorers, strict=True):
-            described.setdefault(run, (_described(plan, cell, scorer), cell, scorer))
-    names = list(dict.fromkeys(name for values, *_ in described.values() for name in values))
+            said = _said(plan, cell, scorer)
+            given |= dict.fromkeys(said)
+            described.setdefault(run, (_with_defaults(said, by), cell, scorer))
+    # Only what some study says can differ; the rest is at its default, as it is where another study does not say it.
+    names, known = list(given), {name for values, *_ in described.values() for name in values}
     for name in by:
-        if name not in names:
-            known = f"there are {', '.join(names)}.{nearest(name, names)}"
-            raise ConfigError(f"`by` '{name}': no run of '{root}' has this setting; {known}")
+        if name not in known:
+            there = f"there are {', '.join(names)}.{nearest(name, known)}"
+            raise ConfigError(f"`by` '{name}': no run of '{root}' has this setting; {there}")
     every = [values for values, *_ in described.values()]
     varied = [name for name in names if name not in by and _varies(name, by, every)]
     cells, variants = [], {}
@@ -79,14 +84,29 @@ def _varies(name: str, by: Sequence[str], runs: Sequence[Values]) -> bool:
     return False
 
 
-def _described(plan: PlannedStudy, cell: Cell, scorer: str | None) -> Values:
-    """Return the settings of a run, its scorer's among them."""
+def _said(plan: PlannedStudy, cell: Cell, scorer: str | None) -> Values:
+    """Return the settings of a run that its study gives, its scorer's among them."""
     values = dict(cell.settings)
     name = values.get(SCORER)
     if scorer is None or name is None:
-        return {key: value for key, value in values.items() if not key.startswith(f"{SCORER}.")} | {SCORER: NONE}
+        left_out = {key for key in values if key in OF_SCORER or key.startswith(f"{SCORER}.")}
+        return {key: value for key, value in values.items() if key not in left_out} | {SCORER: NONE}
     own = {f"{SCORER}.{key}": value for key, value in plan.study.scorers[str(name)].items()}
     return {**own, **values}
+
+
+def _with_defaults(said: Values, by: Sequence[str]) -> Values:
+    """Return settings with those that are at their default; without what follows from others, such as seeds.
+
+    An agent without a scorer stands beside those that use one as usual, but where use is asked for, it has none.
+    """
+    found = {**DEFAULTS_OF_GRAPH, **DEFAULTS_OF_AGENT}
+    if said[SCORER] == NONE:
+        found |= {name: NONE for name in OF_SCORER if name in by}
+    elif (kind := CONFIG_OF.get(str(said[f"{SCORER}.command"]))) is not None:
+        found |= {f"{SCORER}.{name}": value for name, value in defaults_of(kind).items()}
+    derived = {*NO_SETTINGS, "eval_every", *(f"{SCORER}.{name}" for name in NO_SETTINGS)}
+    return {name: value for name, value in found.items() if value is not None and name not in derived} | said
 
 
 class _Collection:

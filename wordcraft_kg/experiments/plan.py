@@ -33,6 +33,8 @@ from wordcraft_kg.settings import nearest, one_of, refuse, whole
 
 DEFAULTS = 1
 """Version of the defaults of all settings: a default that changes gives other results, which need other addresses."""
+BOOK = "everyday"
+"""The book of a study that names none."""
 CURVE_POINTS = 20
 """Points of a learning curve; each takes about as long as 10,000 steps."""
 CONFIG_OF = {**CONFIGS, RecipesConfig.command: RecipesConfig}
@@ -40,13 +42,13 @@ CONFIG_OF = {**CONFIGS, RecipesConfig.command: RecipesConfig}
 PART_OF_AGENT = {"tasks": TaskConfig, "policy": PolicyConfig, "trainer": ImpalaConfig}
 
 
-def _defaults(kind: type) -> dict[str, Any]:
+def defaults_of(kind: type) -> dict[str, Any]:
     """Return the defaults of a kind's settings."""
     return {field.name: field.default for field in fields(kind)}
 
 
-DEFAULTS_OF_AGENT = {name: value for kind in PART_OF_AGENT.values() for name, value in _defaults(kind).items()}
-DEFAULTS_OF_GRAPH = {name: _defaults(SplitConfig)[field] for name, field in OF_GRAPH.items() if name != "book"}
+DEFAULTS_OF_AGENT = {name: value for kind in PART_OF_AGENT.values() for name, value in defaults_of(kind).items()}
+DEFAULTS_OF_GRAPH = {name: {"book": BOOK, **defaults_of(SplitConfig)}[field] for name, field in OF_GRAPH.items()}
 
 
 @dataclass(frozen=True)
@@ -117,7 +119,7 @@ class _Planner:
     def run(self, cell: Cell) -> str:
         """Return the address of a cell's run."""
         try:
-            _check_kinds(cell.settings, {"book": "", **DEFAULTS_OF_GRAPH, **DEFAULTS_OF_AGENT})
+            _check_kinds(cell.settings, {**DEFAULTS_OF_GRAPH, **DEFAULTS_OF_AGENT})
             graph = self._graph(cell.settings)
             scorer = self._scorer(cell, graph)
             return self._agent(cell, graph, scorer)
@@ -128,7 +130,7 @@ class _Planner:
         return self.tasks.setdefault(task.address, task).address
 
     def _graph(self, settings: Values) -> str:
-        source = str(settings.get("book", "everyday"))
+        source = str(settings.get("book", BOOK))
         given = {name: settings[name] for name in OF_GRAPH if name in settings}
         key = repr(given)
         if key not in self._made:
@@ -169,7 +171,7 @@ class _Planner:
         if command not in CONFIG_OF:
             one_of("kg", settings.get("kg", "partial"), ("partial", "full"))
         else:
-            _check_kinds(settings, _defaults(CONFIG_OF[command]))
+            _check_kinds(settings, defaults_of(CONFIG_OF[command]))
             settings.setdefault("seed", cell.seed)
             config = CONFIG_OF[command](**settings)  # type: ignore[arg-type]
             threads, device = config.threads, config.device
@@ -262,7 +264,7 @@ def _check_kinds(settings: Mapping[str, Any], defaults: Mapping[str, Any]) -> No
 
 def _not_default(settings: Mapping[str, Any], kind: type) -> dict[str, Any]:
     """Return the settings of a kind that are not at its default, which give the same result as none."""
-    defaults = _defaults(kind)
+    defaults = defaults_of(kind)
     return {name: settings[name] for name in defaults if name in settings and settings[name] != defaults[name]}
 
 

@@ -119,14 +119,18 @@ def test_an_output_that_is_a_file_is_refused(run, study, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_study_that_is_interrupted_goes_on_and_ends_with_the_same_bytes(study, tmp_path):
+@pytest.mark.parametrize("by", [signal.SIGINT, signal.SIGTERM])
+def test_a_study_that_is_interrupted_goes_on_and_ends_with_the_same_bytes(study, tmp_path, by):
     study.write_text(STUDY.replace("steps = 512", "steps = 60000\neval_every = 6000"))
     command = [sys.executable, "-m", "wordcraft_kg", "sweep", str(study), "--jobs", "2", "--out"]
     subprocess.run([*command, str(tmp_path / "whole")], check=True)
     process = subprocess.Popen([*command, str(tmp_path / "parts")], start_new_session=True, stderr=subprocess.PIPE)
     while not list(tmp_path.glob("parts/runs/*/checkpoints/*.json")):
         time.sleep(0.05)
-    os.killpg(process.pid, signal.SIGINT)
+    if by == signal.SIGINT:
+        os.killpg(process.pid, by)  # as a terminal does
+    else:
+        os.kill(process.pid, by)
     _, said = process.communicate(timeout=120)
     assert process.returncode == 130
     assert b"the same command goes on" in said

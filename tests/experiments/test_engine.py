@@ -20,7 +20,7 @@ from wordcraft_kg.experiments.local_workers import LocalWorkers
 from wordcraft_kg.experiments.perform import perform
 from wordcraft_kg.experiments.plan import agent_config, make_plan
 from wordcraft_kg.experiments.store import failure_of
-from wordcraft_kg.experiments.study import parse_study
+from wordcraft_kg.experiments.study import adapted, parse_study
 from wordcraft_kg.experiments.tasks import Outcome, Task
 from wordcraft_kg.records import as_values
 from wordcraft_kg.runs.record import end_run, start_run
@@ -65,6 +65,15 @@ def test_what_is_done_is_not_done_again(done):
     before = figures(done)
     assert run_small(done).began == []
     assert figures(done) == before
+
+
+def test_a_study_that_replaces_another_of_its_name_says_so(tmp_path, caplog):
+    plan = small_plan()
+    run_small(tmp_path, plan, pretend)
+    run_small(tmp_path, make_plan(adapted(plan.study, seeds=3), "small"), pretend)
+    assert not caplog.text, "more seeds of the same study"
+    run_small(tmp_path, make_plan(adapted(plan.study, steps=1024), "small"), pretend)
+    assert "was another one" in caplog.text
 
 
 def test_two_studies_share_what_is_equal(done):
@@ -154,6 +163,7 @@ def test_a_failure_stops_nothing_but_what_needs_it_and_is_tried_again(tmp_path):
     broken = next(address for address, task in plan.tasks.items() if task.kind == "scorers")
 
     def work(task: Task, root: Path) -> Outcome:
+        assert failure_of(root, task.address) is None, "what went wrong the last time is forgotten"
         return Outcome(task.address, "failed", "the oven is broken") if task.address == broken else pretend(task, root)
 
     state = run_plan(plan, tmp_path, lambda: Inline(tmp_path, work))
@@ -161,6 +171,7 @@ def test_a_failure_stops_nothing_but_what_needs_it_and_is_tried_again(tmp_path):
     assert failure_of(tmp_path, broken) == "the oven is broken"
     run = next(address for address, task in plan.tasks.items() if broken in task.needs)
     assert failure_of(tmp_path, run) == f"{plan.tasks[broken].title} failed: the oven is broken"
+    assert run_plan(plan, tmp_path, lambda: Inline(tmp_path, work)).kept == 8
     assert len(run_small(tmp_path, plan, pretend).began) == 3
     assert failure_of(tmp_path, run) is None
 

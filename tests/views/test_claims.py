@@ -101,7 +101,7 @@ def test_a_verdict_follows_from_where_the_interval_lies(left, right, changed, ex
 
 
 def test_an_interval_that_is_too_wide_decides_nothing():
-    assert verdict(both(0.33, 0.3, seeds=1)) == "undecided"
+    assert verdict(both(0.33, 0.3, seeds=2)) == "undecided"
 
 
 def test_a_difference_smaller_than_two_hundredths_is_none():
@@ -184,9 +184,10 @@ def test_the_interval_over_seeds_is_students():
     assert judged.verdict == "undecided"
 
 
-def test_one_seed_says_something_about_tasks_but_nothing_about_curves():
+def test_one_seed_decides_nothing():
+    """Over tasks alone the difference would be sure; a claim is about agents, not about two trainings."""
     results = both(0.6, 0.3, seeds=1)
-    assert verdict(results) == "reproduced"
+    assert verdict(results) == "undecided"
     assert verdict(results, measure="early") == "undecided"
 
 

@@ -1,6 +1,7 @@
 """What ``sweep`` and ``reproduce`` share: running a study, how far it is, and what came out."""
 
 import shlex
+import signal
 import sys
 import time
 from collections import Counter
@@ -102,18 +103,32 @@ def run_studies(studies: dict[str, Study], options: EngineOptions, output: Outpu
 
     found, text, failed = {}, [], 0
     for plan in plans:
-        with _board(plan, options, output) as watch:
+        with _board(plan, options, output) as watch, _stoppable():
             state = run_plan(plan, options.out, options.make_workers(plan), command=_command(), watch=watch)
         values, lines = _reported(plan, state, options)
         found[plan.name] = values
         text += lines
-        failed += len(state.failed)
+        failed += len(state.failed) + (values["report"] is None)
     output.result({"out": str(options.out), "studies": found}, text)
     return 1 if failed else 0
 
 
+@contextmanager
+def _stoppable() -> Iterator[None]:
+    """Take a request to end, such as a cluster's before the time of a job is up, for Ctrl-C."""
+
+    def stop(signum: int, frame: Any) -> None:
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGTERM, stop)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
 def _command() -> str:
-    return shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]])
+    return shlex.join(["wordcraft-kg", *sys.argv[1:]])
 
 
 def _reported(plan: "Plan", state: "State", options: EngineOptions) -> tuple[dict[str, Any], list[str]]:
@@ -131,17 +146,21 @@ def _reported(plan: "Plan", state: "State", options: EngineOptions) -> tuple[dic
     text = [f"{state.done:,} tasks done, {state.kept:,} were there, {len(state.failed):,} failed", *failures[:LISTED]]
     if len(failures) > LISTED:
         text.append(f"  and {len(failures) - LISTED:,} more, in {options.out / 'failed'}/")
-    if results.runs:
-        view = view_study(results)
-        page, *_ = write_study_report(view, folder, force=True)
-        # After the report, which replaces the folder; small enough to be kept with a page that shows it.
-        write_atomically(folder / "results.json", results_text(results))
-        text = [*lines_of(view, "success"), *text, f"wrote {folder}/   open {page}"]
+    page = None
+    try:
+        if results.runs:
+            view = view_study(results)
+            page, *_ = write_study_report(view, folder, force=True)
+            # After the report, which replaces the folder; small enough to be kept with a page that shows it.
+            write_atomically(folder / "results.json", results_text(results))
+            text = [*lines_of(view, "success"), *text, f"wrote {folder}/   open {page}"]
+    except ConfigError as error:  # of figures that cannot be averaged; the other studies go on
+        text.append(f"no report: {error}")
     values = {
         "done": state.done,
         "kept": state.kept,
         "failed": {plan.tasks[address].title: outcome.error for address, outcome in state.failed.items()},
-        "report": str(folder) if results.runs else None,
+        "report": None if page is None else str(folder),
     }
     return values, text
 

@@ -119,6 +119,7 @@ class _Engine:
         is_full = False
         while self.state.running or (self._waiting and not is_full):
             while not is_full and len(self.state.running) < workers.places and (task := self._next()):
+                forget_failure(self.root, task.address)  # of an earlier call
                 self.state.running[task.address] = time.monotonic()
                 workers.start(task)
             self._show()

@@ -170,6 +170,7 @@ class _Planner:
         threads, device = 1, "cpu"
         if command not in CONFIG_OF:
             one_of("kg", settings.get("kg", "partial"), ("partial", "full"))
+            settings = {name: value for name, value in settings.items() if value != "partial"}
         else:
             _check_kinds(settings, defaults_of(CONFIG_OF[command]))
             settings.setdefault("seed", cell.seed)

@@ -7,11 +7,14 @@
 | ``failed/<address>.txt`` | why a task failed the last time |
 """
 
+import logging
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Literal
+
+from msgspec import structs
 
 from wordcraft_kg.artefacts import dump_json, write_atomically
 from wordcraft_kg.errors import ArtefactError
@@ -61,7 +64,8 @@ def own_results(root: Path) -> Iterator[None]:
     except ImportError:  # Windows
         yield
         return
-    handle = os.open(root / STUDIES, os.O_RDONLY)
+    # A file that is open for writing: what shares folders between machines locks nothing else.
+    handle = os.open(root / STUDIES / ".lock", os.O_RDWR | os.O_CREAT, 0o666)
     try:
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -86,7 +90,16 @@ def write_plan(root: Path, plan: Plan, command: str) -> None:
         scorers=tuple(need[1] if len(need) > 1 else None for need in needs),
         graphs=tuple(need[0] for need in needs),
     )
-    write_atomically(root / STUDIES / f"{plan.name}.json", dump_json(as_values(record)))
+    path = root / STUDIES / f"{plan.name}.json"
+    with suppress(ArtefactError):
+        before = read_record(path, PlannedStudy).study
+        if structs.replace(before, seeds=plan.study.seeds) != plan.study:
+            logging.getLogger(__name__).warning(
+                "the study '%s' of '%s' was another one; its runs stay, but its record and its report are replaced.",
+                plan.name,
+                root,
+            )
+    write_atomically(path, dump_json(as_values(record)))
 
 
 def studies_of(root: Path) -> list[str]:

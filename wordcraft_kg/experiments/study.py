@@ -49,11 +49,11 @@ PLAIN_SCORERS = ("facts", "neighbours", "kernel")
 SCORER_SETTINGS: dict[str, frozenset[str]] = {
     **{name: frozenset({"kg"}) for name in PLAIN_SCORERS},
     **{
-        command: frozenset(field.name for field in fields(kind))
+        command: frozenset(field.name for field in fields(kind)) - {"checkpoint_every"}
         for command, kind in {**CONFIGS, RecipesConfig.command: RecipesConfig}.items()
     },
 }
-"""Settings of each kind of scorer."""
+"""Settings of each kind of scorer that can change a figure."""
 NO_SETTINGS = ("seed", "checkpoint_every")
 """Options that a study gives itself, or that change no figure."""
 

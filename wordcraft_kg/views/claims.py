@@ -191,7 +191,8 @@ def _measure(results: StudyResults, claim: Claim, point: Values) -> Measured:
         if len({(of.hash, of.split, len(run.won)) for of, run in zip(graphs, runs, strict=True)}) > 1:
             raise ConfigError(f"'{claim.left}' and '{claim.right}' were tested on different tasks, {_point(point)}")
         b, tasks = np.array(others), a.shape[1]
-        interval: tuple[float, float] | None = crossed_bootstrap(a - b)
+        # Over tasks alone it would speak of these two trainings, and the claim is about agents.
+        interval = crossed_bootstrap(a - b) if len(seeds) > 1 else None
     else:
         figures = [_figures(claim, run, other) for run, other in pairs]
         a, b, tasks = np.array([of[0] for of in figures]), np.array([of[1] for of in figures]), 0

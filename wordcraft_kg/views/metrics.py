@@ -26,8 +26,9 @@ def lines_of(view: "StudyView", metric: Metric) -> Iterator[str]:
             line = f"  {entry.variant:<{width}}  {shown[entry.variant]:<{longest}}  {counted(len(entry.seeds), 'seed')}"
             yield (line + (_comparison(entry) if metric == "success" else "")).rstrip()
     if metric == "success":
-        of = f"of {view.comparisons} comparisons" if view.comparisons > 1 else "of the comparison"
-        yield f"intervals: 95 % over seeds and tasks; differences to {view.reference}; p {of}, corrected by Holm"
+        of = f"of {view.comparisons} comparisons, corrected by Holm" if view.comparisons > 1 else "of the comparison"
+        compared = f"; differences to {view.reference}; p {of}" if view.comparisons else ""
+        yield f"intervals: 95 % over seeds and tasks{compared}"
     if metric == "success" and view.claims:
         yield "claims"
         width = max(len(claim.verdict) for claim in view.claims)

@@ -291,7 +291,7 @@ def _worded(name: str, value: Value) -> str:
 def _cells(results: StudyResults) -> list[tuple[Values, Runs]]:
     """Return the points of the grid in the order of their runs, each with its runs by variant in the study's order."""
     if not results.runs:
-        why = f" The first: {results.missing[0].why}" if results.missing else ""
+        why = f" The first: {results.missing[0].why.rstrip('.')}." if results.missing else ""
         raise ConfigError(
             f"study '{results.name}' has no finished run, {len(results.missing):,} missing.{why} Run it first: "
             f"{results.command}"

@@ -24,9 +24,10 @@ def scatter(
     """Draw points with the whiskers of both their intervals; the name of a series stands right of its last point.
 
     Args:
-        series: by name, points of label, x and y; y is a share. Labels stand above or below the points where they fit.
+        series: by name, points of label, x and y; y is a share. Labels stand above or below the points where they fit;
+            one that points of several series share is there once.
         x_title: title under the x-axis, which fits the data.
-        y_title: title above the chart, whose axis goes from 0 to 100 %.
+        y_title: title above the chart, whose axis goes from 0 as far as the data.
         description: text for readers who cannot see it.
         level: name and share of a dashed horizontal line.
     """
@@ -35,15 +36,17 @@ def scatter(
     ticks = round_ticks(min(xs, default=0), max(xs, default=1))
     texts = [*names.values(), shortened(level[0], LONGEST_NAME)] if level else list(names.values())
     room = round(20 + LETTER * max(map(len, texts), default=0))
-    plot = Plot((ticks[0], ticks[-1]), (0, 1), description, top=ABOVE, right=room)
-    plot.y_ticks([i / 5 for i in range(6)], lambda value: f"{value:.0%}")
+    ys = [value for points in series.values() for *_, y in points for value in y if value is not None]
+    y_ticks = round_ticks(0, max([*ys, *(level or ())[1:]], default=1))
+    plot = Plot((ticks[0], ticks[-1]), (0, y_ticks[-1]), description, top=ABOVE, right=room)
+    plot.y_ticks(y_ticks, lambda value: f"{value:.3g}" if y_ticks[1] < 0.01 else f"{value:.0%}")
     plot.x_labels([(value, f"{value:.3g}") for value in ticks])
     ends = []
     if level:
         name, share = level
         plot.polyline([(ticks[0], share), (ticks[-1], share)], "diagonal", f"{name}: {share:.1%}")
         ends.append((ticks[-1], share, shortened(name, LONGEST_NAME), name, ""))
-    taken: list[tuple[float, float, float]] = []
+    taken: dict[str, tuple[float, float, float]] = {}
     for number, (name, unordered) in enumerate(series.items()):
         points = sorted(unordered, key=lambda point: point[1][0])
         colour = f"series-{number % COLOURS}"
@@ -60,8 +63,10 @@ def scatter(
             low, high = plot.y(y[0] if y[1] is None else y[1]), plot.y(y[0] if y[2] is None else y[2])
             line = low + 12 if number % 2 else high - 5
             half = SMALL_LETTER * len(label) / 2
-            if all(left - half > right or left + half < start or abs(line - at) > 10 for start, right, at in taken):
-                taken.append((left - half, left + half, line))
+            others = taken.values()
+            fits = all(left - half > right or left + half < start or abs(line - at) > 10 for start, right, at in others)
+            if fits and label not in taken:
+                taken[label] = (left - half, left + half, line)
                 place = f'x="{left:.1f}" y="{line:.1f}" text-anchor="middle"'
                 plot.parts.append(f'<text {place} class="small">{escape(label)}</text>')
         if points:

@@ -4,6 +4,7 @@ import gc
 import logging
 import os
 import signal
+import uuid
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +20,10 @@ from wordcraft_kg.experiments.results import PlayedGraph, RunResult, StudyResult
 from wordcraft_kg.experiments.study import Drawing, Study, Values
 from wordcraft_kg.graphs import RecipeGraph, open_book
 from wordcraft_kg.graphs.library import DATA_VARIABLE
+
+# Ray reads these once, when it is imported, which torchrl does; a token in the home folder would count otherwise.
+os.environ.setdefault("RAY_AUTH_MODE", "token")
+os.environ.setdefault("RAY_AUTH_TOKEN", uuid.uuid4().hex)
 
 settings.register_profile("wordcraft", deadline=None, max_examples=60, print_blob=True)
 settings.load_profile("wordcraft")

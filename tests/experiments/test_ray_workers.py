@@ -8,7 +8,6 @@ import subprocess
 import sys
 import tempfile
 import time
-import uuid
 from pathlib import Path
 
 import pytest
@@ -109,8 +108,6 @@ def environment(tmp_path_factory):
         patch.setenv("RAY_TMPDIR", tempfile.gettempdir())  # sockets, whose paths are short
         patch.setenv("TMPDIR", str(tmp_path_factory.mktemp("nodes")))
         patch.setenv("RAY_USAGE_STATS_ENABLED", "0")
-        patch.setenv("RAY_AUTH_MODE", "token")
-        patch.setenv("RAY_AUTH_TOKEN", uuid.uuid4().hex)
         yield
 
 

@@ -33,6 +33,7 @@ GIVEN = {
     "epochs": "1",
     "eval_every": "0",
     "features": "random",
+    "folder folder": "in/graph",
     "format": "tsv",
     "graph": "in/graph",
     "head": "flour",
@@ -49,6 +50,9 @@ GIVEN = {
     "runs folder": "in/agent",
     "sessions folder": "in/session/human.jsonl",
     "steps": "64",
+    # A list, and a file that is not there: a study would train for minutes.
+    "study": "list",
+    "study folder": "in/study.toml",
     "tail": "?",
     "top": "3",
     "trials": "1",

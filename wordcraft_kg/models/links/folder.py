@@ -107,7 +107,7 @@ class OpenedModel:
 
 
 def _cross_fitted(metrics: LinkMetrics | RecipeMetrics) -> str:
-    if metrics.fold_mrr is None:
+    if metrics.fold_mrr is None or metrics.fold_in_sample_mrr is None:
         return f"{metrics.folds} folds"
     return (
         f"{metrics.folds} folds, MRR {metrics.fold_mrr:.3f} on train triples left out of training "

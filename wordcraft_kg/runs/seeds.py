@@ -101,7 +101,7 @@ def _check_same(folder: Path, config: C, record: RunRecord, training: SeededTrai
     wanted_values, found_values = (
         moved(training.values(settings), os.path.realpath) for settings in (config, training.settings(folder, record))
     )
-    for name in wanted_values.keys() - training.inputs:
+    for name in (name for name in wanted_values if name not in training.inputs):
         found, wanted = found_values.get(name), wanted_values.get(name)
         if found != wanted:
             raise ConfigError(f"'{folder}' was trained with `{name}` {found}, and this command has {wanted}. {advice}")

@@ -15,7 +15,7 @@ def page() -> str:
     """Return the page: the help of every command, as a terminal of 80 columns shows it."""
     os.environ |= {"COLUMNS": "80", "NO_COLOR": "1", "TERM": "dumb"}
     parts = ["# Commands\n", "Made by `make docs` from `wordcraft-kg COMMAND --help`.\n"]
-    for arguments in [[], *([name] for names in COMMANDS.values() for name in names)]:
+    for arguments in [[], *(name.split() for names in COMMANDS.values() for name in names)]:
         buffer = io.StringIO()
         with contextlib.redirect_stdout(buffer):
             main([*arguments, "--help"])

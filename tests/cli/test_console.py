@@ -1,15 +1,20 @@
 """The command line as a whole: how it answers misuse and failure, what it shows meanwhile, completion."""
 
 import json
+import re
 import shlex
 import shutil
 import subprocess
+import sys
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
-from wordcraft_kg.cli import ALL, make_app, manual_of
+from wordcraft_kg.cli import ALL, COMMANDS, SUBJECTS, make_app, manual_of
+from wordcraft_kg.cli.console import Output
 from wordcraft_kg.cli.failures import with_options
+from wordcraft_kg.errors import ConfigError
 from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_book, write_graph_folder
 from wordcraft_kg.runs.record import end_run, start_run
 
@@ -119,7 +124,7 @@ def test_help_is_a_command_too(run):
 
 @pytest.mark.parametrize("name", ALL)
 def test_the_usage_names_what_a_command_needs(run, name):
-    usage = run(name, "--help").out.splitlines()[0]
+    usage = run(*name.split(), "--help").out.splitlines()[0]
     assert usage.startswith(f"Usage: wordcraft-kg {name}")
     assert usage.endswith("[OPTIONS]")
     assert "ARGS" not in usage
@@ -131,6 +136,73 @@ def test_help_is_wrapped_for_the_terminal_not_for_the_source_file(run):
     text = run("tune-links", "--help").out
     assert "(or `train-links --config`). Test triples are never used" in text
     assert "\n\nThe folder holds" in text
+
+
+# --- commands of two words -------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def garden(run, tmp_path, monkeypatch):
+    """Add ``garden sow`` and ``garden reap``; return what runs a command."""
+
+    plain = Output()
+
+    def sow(bed: str, *, rows: int = 1, output: Output = plain) -> None:
+        """Sow a bed."""
+        output.result({"bed": bed, "rows": rows}, [f"{bed}: {rows}"])
+
+    def reap(*, output: Output = plain) -> None:
+        """Reap what was sown."""
+        raise ConfigError("`num_distractors` 0: nothing was sown.")
+
+    for word, function in (("sow", sow), ("reap", reap)):
+        module = ModuleType(f"wordcraft_kg.cli.garden_{word}")
+        vars(module).update({f"garden_{word}": function, "EXAMPLES": (f"wordcraft-kg garden {word} north",)})
+        monkeypatch.setitem(sys.modules, module.__name__, module)
+    monkeypatch.setitem(COMMANDS, "Gardens", ["garden sow", "garden reap"])
+    monkeypatch.setitem(SUBJECTS, "garden", "Work in the garden.")
+    monkeypatch.setattr("wordcraft_kg.cli.ALL", [*ALL, "garden sow", "garden reap"])
+    monkeypatch.chdir(tmp_path)
+    return run
+
+
+def test_a_command_of_two_words_runs_and_the_first_alone_lists_both(garden):
+    assert garden("garden", "sow", "north", "--rows", "3").out == "north: 3\n"
+    assert "Work in the garden." in garden("--help").out
+    listed = garden("garden")
+    assert listed.code == 0
+    assert re.findall(r"(sow|reap)  +(.*?)\s+\S?$", listed.out, re.M) == [
+        ("reap", "Reap what was sown."),
+        ("sow", "Sow a bed."),
+    ]
+    assert "wordcraft-kg garden sow north" in listed.out
+    assert garden("help", "garden", "sow").out == garden("garden", "sow", "--help").out
+
+
+def test_misuse_and_failure_of_a_command_of_two_words_are_said_as_those_of_others(garden):
+    assert garden("garden", "sow").err.splitlines() == [
+        "error: BED is missing.",
+        "usage:   wordcraft-kg garden sow BED [OPTIONS]",
+        "example: wordcraft-kg garden sow north",
+    ]
+    unknown = garden("garden", "so", "north")
+    assert (unknown.code, unknown.out) == (2, "")
+    assert unknown.err.startswith('error: Unknown command "so". Did you mean "sow"?\n')
+    assert garden("garden", "reap").err == "error: --distractors 0: nothing was sown.\n"
+
+
+def test_a_command_of_two_words_takes_its_options_from_a_table_in_a_table(garden):
+    def configured(text):
+        Path("options.toml").write_text(text)
+        return garden("garden", "sow", "north", "--config", "options.toml")
+
+    assert configured("[garden.sow]\nrows = 4\n[describe]\n").out == "north: 4\n"
+    assert configured("[garden.reap]\n").err.endswith("no table [garden.sow]; found garden.reap.\n")
+    assert "'garden.saw' is not a table named after a command" in configured("[garden.saw]\nrows = 4\n").err
+    for text in ("garden = 1\n", "[garden]\nrows = 4\n", "[garden]\n", "garden.sow = 1\n"):
+        outcome = configured(text)
+        assert (outcome.code, outcome.kind) == (1, "ConfigError"), text
+        assert "is not a table named after a command" in outcome.err
 
 
 # --- the wrong kind of folder ----------------------------------------------------------------------------------------

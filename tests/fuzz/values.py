@@ -151,7 +151,9 @@ def options() -> tuple[Option, ...]:
 def _of(command: str) -> tuple[Option, ...]:
     app: Any = make_app()
     found = []
-    for argument in app[command].assemble_argument_collection():
+    for word in command.split():
+        app = app[word]
+    for argument in app.assemble_argument_collection():
         kinds = {kind for hint in (argument.hint, *get_args(argument.hint)) for kind in (hint, *get_args(hint))}
         if argument.children or bool in kinds:
             continue
@@ -187,7 +189,7 @@ def trial(number: int, home: Path, sandbox: Path) -> Trial:
     if option.command == "resume":
         copied(home, "model-interrupted", sandbox / CONTINUED)
     _odd_paths(sandbox / "odd")
-    command = [option.command, "--quiet"]
+    command = [*option.command.split(), "--quiet"]
     for other in _of(option.command):
         given = other.given
         if other.name == option.name:
@@ -197,7 +199,9 @@ def trial(number: int, home: Path, sandbox: Path) -> Trial:
         if given is not None:
             command.append(f"{other.name}={given}" if other.name.startswith("--") else given)
     if where == "file":
-        (folder / "config.toml").write_text(f"[{option.command}]\n{option.parameter} = {toml_of(value)}\n", "utf-8")
+        (folder / "config.toml").write_text(
+            f"[{option.command.replace(' ', '.')}]\n{option.parameter} = {toml_of(value)}\n", "utf-8"
+        )
         command.append(f"--config={IN}/config.toml")
     else:
         command.append(f"{option.name}={value}" if option.name.startswith("--") else value)

@@ -1,14 +1,16 @@
 """The command line: one thin module per command; results on stdout, log and progress on stderr.
 
-A new command is a module with a function of its own name and ``EXAMPLES``, and an entry in :data:`COMMANDS`. Heavy
-imports go inside the function, so that help stays fast.
+A new command is a module with a function of its own name and ``EXAMPLES``, and an entry in :data:`COMMANDS`; one of
+two words has both in its module's name, ``study serve`` is in ``study_serve.py``. Heavy imports go inside the function,
+so that help stays fast.
 """
 
 import gc
 import os
+import re
 import sys
 import tomllib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
@@ -45,6 +47,8 @@ COMMANDS = {
 }
 """Commands by group."""
 ALL = [name for names in COMMANDS.values() for name in names]
+SUBJECTS: dict[str, str] = {}
+"""First words of commands of two words, and what these are about."""
 PROGRAM = "wordcraft-kg"
 
 START = """Start here:
@@ -77,22 +81,50 @@ def make_app() -> App:
         group = Group(title, sort_key=rank)
         for name in commands:
             manual = manual_of(name)
-            app.command(
+            *subject, word = name.split()
+            _subject(app, subject, group).command(
                 manual.function,
-                name=name,
-                group=group,
+                name=word,
+                group=None if subject else group,
                 usage=f"Usage: {manual.usage}",
-                help_epilogue="Examples:\n\n" + "\n".join(f"  {line}" for line in manual.examples),
-                synonym=tuple(name.split("-")),  # "train" is no command, but three commands train something
+                help_epilogue=_examples(manual),
+                synonym=tuple(word.split("-")),  # "train" is no command, but three commands train something
             )
     return app
 
 
+def _subject(app: App, words: list[str], group: Group) -> App:
+    """Return where a command is added: the application, or that of the commands with the same first word."""
+    if not words:
+        return app
+    (word,) = words
+    if word not in app:
+        manuals = [manual_of(name) for name in ALL if name.startswith(f"{word} ")]
+        app.command(
+            App(name=word, help=SUBJECTS[word], help_epilogue=_examples(*manuals), group=group, version_flags=())
+        )
+    return app[word]
+
+
+def _examples(*manuals: Manual) -> str:
+    return "Examples:\n\n" + "\n".join(f"  {line}" for manual in manuals for line in manual.examples)
+
+
 def manual_of(name: str) -> Manual:
     """Return how a command is used."""
-    module: ModuleType = import_module(f"{__name__}.{name.replace('-', '_')}")
-    function: Callable[..., Any] = getattr(module, name.replace("-", "_"))
+    word = re.sub(r"\W", "_", name)
+    module: ModuleType = import_module(f"{__name__}.{word}")
+    function: Callable[..., Any] = getattr(module, word)
     return Manual(f"{PROGRAM} {name}", function, module.EXAMPLES)
+
+
+def command_in(tokens: Sequence[str]) -> str | None:
+    """Return the name of the first command that a command line names, None if there is none."""
+    for place, token in enumerate(tokens):
+        for name in (token, " ".join(tokens[place : place + 2])):
+            if name in ALL:
+                return name
+    return None
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -102,8 +134,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     tokens = list(sys.argv[1:] if arguments is None else arguments)
     tokens = ["→" if token == "->" else token for token in tokens]  # of a recipe; it is no option
     if tokens[:1] == ["help"]:
-        tokens = [*tokens[1:2], "--help"]
-    name = next((token for token in tokens if token in ALL), None)
+        tokens = [*tokens[1:3], "--help"]
+    name = command_in(tokens)
     manual = manual_of(name) if name else None
     output = Output(json="--json" in tokens)  # until the options are known
     try:
@@ -167,12 +199,15 @@ def _read_toml(path: str, tokens: Sequence[str]) -> dict[str, Any]:
         raise
     except (ValueError, RecursionError) as error:
         raise ConfigError(f"--config {path}: not a TOML file ({error}).") from None
-    for key, value in content.items():
+    tables = dict(_tables(content))
+    for key, value in tables.items():
         if key not in ALL or not isinstance(value, dict):
-            raise ConfigError(f"--config {path}: '{key}' is not a table named after a command.{nearest(key, ALL)}")
-    command = next((token for token in tokens if token in ALL), None)
-    if command and command not in content:
-        raise ConfigError(f"--config {path}: no table [{command}]; found {', '.join(content) or 'nothing'}.")
+            table = key.replace(" ", ".")
+            raise ConfigError(f"--config {path}: '{table}' is not a table named after a command.{nearest(key, ALL)}")
+    command = command_in(tokens)
+    if command and command not in tables:
+        there = ", ".join(tables).replace(" ", ".") or "nothing"
+        raise ConfigError(f"--config {path}: no table [{command.replace(' ', '.')}]; found {there}.")
     # A run's own config.toml gives paths relative to itself.
     from wordcraft_kg.runs.config_file import moved
 
@@ -180,4 +215,17 @@ def _read_toml(path: str, tokens: Sequence[str]) -> dict[str, Any]:
         there = os.path.normpath(Path(path).parent / value)
         return there if os.path.exists(there) and not os.path.exists(value) else value
 
-    return {name: moved(options, beside) for name, options in content.items()}
+    found: dict[str, Any] = {}
+    for key, options in tables.items():
+        *subject, word = key.split()
+        (found.setdefault(subject[0], {}) if subject else found)[word] = moved(options, beside)
+    return found
+
+
+def _tables(content: dict[str, Any]) -> Iterator[tuple[str, Any]]:
+    """Yield the tables of a file by the command that they seem to be of: [study.serve] is of ``study serve``."""
+    for key, value in content.items():
+        if key in SUBJECTS and isinstance(value, dict) and value:
+            yield from ((f"{key} {word}", options) for word, options in value.items())
+        else:
+            yield key, value

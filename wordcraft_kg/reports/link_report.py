@@ -1,17 +1,13 @@
 """The link-prediction report: the view of a link predictor with its pictures."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 from markupsafe import Markup
 
-from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.doses import Dose
 from wordcraft_kg.graphs.folder import KG, OpenedGraph
-from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.triples import RELATIONS
 from wordcraft_kg.models.links.records import TraceRow
 from wordcraft_kg.models.scorers.config import MAX_QUERIES
@@ -20,6 +16,7 @@ from wordcraft_kg.progress import stage
 from wordcraft_kg.records import schema_of
 from wordcraft_kg.reports import charts
 from wordcraft_kg.reports.report import Report
+from wordcraft_kg.views.communities import Communities, communities_of
 from wordcraft_kg.views.glossary import GLOSSARY
 from wordcraft_kg.views.links import JudgedLinks, LinkView, judge_links, view_links
 
@@ -36,36 +33,6 @@ PLAYERS = {
     "recipe oracle": "recipe oracle",
 }
 """Names of the players in words."""
-
-
-@dataclass(frozen=True)
-class Communities:
-    """Groups of entities that are crafted together.
-
-    Attributes:
-        group_of: each entity's group, the largest is 0; shape (E,).
-        names: each group's most used entity.
-    """
-
-    group_of: Ids
-    names: tuple[str, ...]
-
-    @cached_property
-    def order(self) -> Ids:
-        """The entities by group, shape (E,)."""
-        return np.argsort(self.group_of, kind="stable")
-
-    @cached_property
-    def sizes(self) -> list[int]:
-        """Number of entities of each group."""
-        return np.bincount(self.group_of, minlength=len(self.names)).tolist()
-
-    @property
-    def legend(self) -> list[tuple[str, int]]:
-        """Name and size of each group that has a colour, and of the others together."""
-        shown = list(zip(self.names, self.sizes, strict=True))
-        others = sum(self.sizes[charts.COLOURS :])
-        return shown[: charts.COLOURS] + ([("other groups", others)] if others else [])
 
 
 def make_link_report(
@@ -99,7 +66,9 @@ def make_link_report(
     """
     judged = judge_links(scorer, opened, kg, dose=dose, max_queries=max_queries, seed=seed)
     view = view_links(judged, name=name, provenance=provenance, trace=trace, seed=seed)
-    communities = _communities(judged.graph, seed) if judged.has_table else None
+    graph, communities = judged.graph, None
+    if judged.has_table:
+        communities = communities_of(graph.entities, graph.triples[:, [0, 2]], graph.use_counts, seed)
     pictures_of_entities = _pictures_of_entities(judged, communities, seed) if communities else {}
     return Report(
         view,
@@ -114,7 +83,8 @@ def make_link_report(
             "relations": RELATIONS,
             "players": PLAYERS,
             "communities": communities,
-            "matrix_order": judged.graph.labels(communities.order) if communities else (),
+            "legend": communities.legend(charts.COLOURS) if communities else (),
+            "matrix_order": graph.labels(communities.order) if communities else (),
             "searchable": _searchable(judged),
         },
         tables={"ranks.csv": judged.labelled_ranks},
@@ -226,18 +196,3 @@ def _map(judged: JudgedLinks, communities: Communities, seed: int) -> Markup:
     return charts.labelled_points(
         points, graph.entities, communities.group_of.tolist(), by_use, "Map of entities by their scores"
     )
-
-
-def _communities(graph: RecipeGraph, seed: int) -> Communities:
-    """Return groups of entities crafted together (Louvain on the undirected graph)."""
-    import networkx as nx
-
-    plain = nx.Graph()
-    plain.add_nodes_from(range(graph.num_entities))
-    plain.add_edges_from(graph.triples[:, [0, 2]].tolist())
-    groups = sorted(nx.community.louvain_communities(plain, seed=seed), key=lambda group: (-len(group), min(group)))
-    group_of = np.zeros(graph.num_entities, dtype=np.int64)
-    for number, group in enumerate(groups):
-        group_of[list(group)] = number
-    most_used = [max(sorted(group), key=graph.use_counts.__getitem__) for group in groups]
-    return Communities(group_of, graph.labels(most_used))

@@ -1,0 +1,62 @@
+"""Groups of entities that are crafted together."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from wordcraft_kg.graphs.arrays import Ids
+
+
+@dataclass(frozen=True)
+class Communities:
+    """Groups of entities that are crafted together.
+
+    Attributes:
+        group_of: each entity's group, the largest is 0; shape (E,).
+        names: each group's most used entity.
+    """
+
+    group_of: Ids
+    names: tuple[str, ...]
+
+    @cached_property
+    def order(self) -> Ids:
+        """The entities by group, shape (E,)."""
+        return np.argsort(self.group_of, kind="stable")
+
+    @cached_property
+    def sizes(self) -> list[int]:
+        """Number of entities of each group."""
+        return np.bincount(self.group_of, minlength=len(self.names)).tolist()
+
+    def legend(self, colours: int) -> list[tuple[str, int]]:
+        """Return name and size of as many groups as there are colours, and of the others together."""
+        shown = list(zip(self.names, self.sizes, strict=True))
+        others = sum(self.sizes[colours:])
+        return shown[:colours] + ([("other groups", others)] if others else [])
+
+
+def communities_of(labels: Sequence[str], links: Ids, uses: Ids, seed: int) -> Communities:
+    """Return the groups that the Louvain method finds in an undirected graph.
+
+    Args:
+        labels: the entities' labels.
+        links: shape (L, 2), the entities that are linked, by their place in ``labels``; repetitions count once.
+        uses: shape (E,), number of recipes that use each entity.
+        seed: seed of the order in which entities are looked at.
+
+    Source: Blondel et al. 2008, "Fast unfolding of communities in large networks".
+    """
+    import networkx as nx
+
+    plain = nx.Graph()
+    plain.add_nodes_from(range(len(labels)))
+    plain.add_edges_from(links.tolist())
+    groups = sorted(nx.community.louvain_communities(plain, seed=seed), key=lambda group: (-len(group), min(group)))
+    group_of = np.zeros(len(labels), dtype=np.int64)
+    for number, group in enumerate(groups):
+        group_of[list(group)] = number
+    most_used = [max(sorted(group), key=uses.__getitem__) for group in groups]
+    return Communities(group_of, tuple(labels[i] for i in most_used))

@@ -12,7 +12,7 @@ from typing import Any
 
 from wordcraft_kg.errors import ArtefactError, OutputExistsError
 
-OWN_FILES = ("graph.json", "run.json", "report.json", "dataset.yaml", "search.json")
+OWN_FILES = ("graph.json", "run.json", "report.json", "dataset.yaml", "search.json", "site.json")
 """A folder that holds one of these was written by this package and may be replaced on request."""
 SMALL_FILE = 2**28
 """Bytes; more than any record, log of figures or list of settings that this package writes."""

@@ -43,6 +43,7 @@ COMMANDS = {
         "score",
     ],
     "Agents": ["train-agent", "resume", "evaluate-agent", "explain", "compare-agents"],
+    "In the browser": ["explore"],
     "Studies": ["reproduce", "sweep", "results"],
 }
 """Commands by group."""

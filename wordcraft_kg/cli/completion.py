@@ -45,9 +45,11 @@ Book = Annotated[str, Parameter(completer=_complete_book)]
 FetchableBook = Annotated[str, Parameter(completer=_complete_fetchable)]
 Model = Annotated[Path, Parameter(completer=_complete_model)]
 """Folder of a link predictor."""
+Models = Annotated[list[Path] | None, Parameter(completer=_complete_model, negative=(), consume_multiple=False)]
 Scorer = Annotated[Path | None, Parameter(completer=_complete_model)]
 Agent = Annotated[Path, Parameter(completer=_complete_agent)]
 """Run folder of an agent."""
+Agents = Annotated[list[Path] | None, Parameter(completer=_complete_agent, negative=(), consume_multiple=False)]
 Run = Annotated[Path, Parameter(completer=_complete_run)]
 """Folder of any training."""
 

@@ -22,6 +22,16 @@ def open_run_graph(folder: Path, run: RunRecord, source: str) -> OpenedGraph:
         raise ArtefactError(
             f"the graph that '{folder}' was trained on was not found ({error}) Give its path as `graph`."
         ) from None
+    check_run_graph(folder, run, opened)
+    return opened
+
+
+def check_run_graph(folder: Path, run: RunRecord, opened: OpenedGraph) -> None:
+    """Check that a graph and its split are those that a run was trained on.
+
+    Raises:
+        GraphMismatchError: if the graph or its split is another one.
+    """
     for what, found in (("graph", opened.graph.hash), ("split", opened.split.hash)):
         expected = run.inputs.get(what, "")
         if found != expected:
@@ -29,4 +39,3 @@ def open_run_graph(folder: Path, run: RunRecord, source: str) -> OpenedGraph:
                 f"'{folder}' was trained on {what} {expected[:12]} but '{opened.source}' has {found[:12]}. "
                 "Give the right one as `graph`, or train again."
             )
-    return opened

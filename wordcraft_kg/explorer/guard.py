@@ -1,0 +1,120 @@
+"""What stands before every application that a browser talks to: who may ask, how much, and what an error shows."""
+
+import logging
+from collections.abc import Callable, Collection
+from typing import Any
+from urllib.parse import urlsplit
+
+from starlette.datastructures import Headers
+from starlette.responses import Response
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+POLICY = (
+    "default-src 'none'; style-src 'self'; script-src 'self'; img-src 'self' data:; connect-src 'self'; "
+    "form-action 'self'; base-uri 'none'; frame-ancestors 'none'"
+)
+"""Nothing is loaded from elsewhere, and nothing runs but the site's own files, whatever a label may hold."""
+HEADERS = {
+    "Content-Security-Policy": POLICY,
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cross-Origin-Resource-Policy": "same-origin",
+}
+LONGEST_ADDRESS = 8_192
+"""Bytes of path and query."""
+LONGEST_BODY = 65_536
+"""Bytes."""
+LOOPBACK = ("127.0.0.1", "localhost", "::1")
+ErrorPage = Callable[[int, str], str]
+"""Returns the page of an error from its status and message."""
+
+
+class Guard:
+    """Refuses requests of other hosts, of other sites and of unreasonable size, and shows no error's inside.
+
+    A page of another site that a browser is lured to may resolve its own name to this machine (DNS rebinding); its Host
+    header gives it away. A form of another site is known by its Origin.
+    """
+
+    def __init__(
+        self, app: ASGIApp, hosts: Collection[str], error_page: ErrorPage, *, methods: Collection[str] = ("GET", "HEAD")
+    ):
+        """Take an application, the names that it may be asked by, the page of an error, and what may be asked."""
+        self.app, self.hosts, self.error_page, self.methods = app, frozenset(hosts), error_page, methods
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer a request."""
+        if scope["type"] != "http":
+            return
+        has_begun = False
+
+        async def with_headers(message: Message) -> None:
+            nonlocal has_begun
+            if message["type"] == "http.response.start":
+                has_begun = True
+                own = [(name.lower().encode(), value.encode()) for name, value in HEADERS.items()]
+                message = {**message, "headers": [*message.get("headers", ()), *own]}
+            await send(message)
+
+        refusal = self._refusal(scope)
+        if refusal is None:
+            try:
+                await self.app(scope, _limited(receive), with_headers)
+                return
+            except _TooLong:
+                refusal = 413, f"The request is longer than {LONGEST_BODY:,} bytes."
+            except Exception:
+                logging.getLogger(__name__).exception("an error while answering %s", scope["path"][:200])
+                if has_begun:
+                    raise
+                refusal = 500, "Something went wrong here. The terminal says what."
+        status, message = refusal
+        response = Response(self.error_page(status, message), status, media_type="text/html")
+        await response(scope, receive, with_headers)
+
+    def _refusal(self, scope: Scope) -> tuple[int, str] | None:
+        headers = Headers(scope=scope)
+        host = _name_in(headers.get("host", ""))
+        if host not in self.hosts:
+            return 421, f"This site does not answer for the host '{host[:60]}'."
+        if scope["method"] not in self.methods:
+            return 405, f"{scope['method'][:20]} is not possible here."
+        origin = headers.get("origin")
+        # The port counts too: another program on this machine is another site.
+        if scope["method"] == "POST" and origin is not None and urlsplit(origin).netloc != headers.get("host"):
+            return 403, "The form of another site was sent here. Open this site's own page."
+        if len(scope.get("raw_path", b"")) + len(scope["query_string"]) > LONGEST_ADDRESS:
+            return 414, f"The address is longer than {LONGEST_ADDRESS:,} bytes."
+        return None
+
+
+class _TooLong(Exception):
+    """A body is longer than any form of ours."""
+
+
+def _limited(receive: Receive) -> Receive:
+    received = 0
+
+    async def limited() -> Message:
+        nonlocal received
+        message = await receive()
+        received += len(message.get("body", b""))
+        if received > LONGEST_BODY:
+            raise _TooLong
+        return message
+
+    return limited
+
+
+def _name_in(host: str) -> str:
+    """Return the name in a Host header, without the port: ``localhost:80`` and ``[::1]:80``."""
+    try:
+        return urlsplit(f"//{host}").hostname or ""
+    except ValueError:
+        return ""
+
+
+def guarded(app: ASGIApp, host: str, more_hosts: Collection[str], error_page: ErrorPage, **options: Any) -> Guard:
+    """Return a guarded application that answers for the host that it listens on, for this machine, and for others."""
+    return Guard(app, {*LOOPBACK, host.lower(), *(name.lower() for name in more_hosts)}, error_page, **options)

@@ -1,0 +1,167 @@
+"""The site as a web application: addresses to pages, errors, search, and the site's own files."""
+
+import json
+import threading
+import time
+from collections import OrderedDict
+from collections.abc import Collection
+from contextlib import suppress
+from importlib.resources import files
+from typing import Any
+from urllib.parse import parse_qsl
+
+from starlette.applications import Starlette
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import Request
+from starlette.responses import RedirectResponse, Response
+from starlette.routing import Route
+from starlette.types import ASGIApp
+
+from wordcraft_kg.errors import ConfigError, UnknownEntityError, WordCraftKGError
+from wordcraft_kg.explorer.explored import Explored
+from wordcraft_kg.explorer.guard import guarded
+from wordcraft_kg.explorer.page import Page
+from wordcraft_kg.explorer.pages import HOME, PAGES
+from wordcraft_kg.explorer.rendering import Site, style_sheet
+from wordcraft_kg.records import as_values
+from wordcraft_kg.views.entity_list import search_entities
+
+KEPT = 2**26
+"""Bytes of rendered pages that are kept: nothing that they show changes."""
+QUIET = 1.0
+"""Seconds after the start that belong to the first page alone."""
+SCRIPTS = ("explorer.js", "map.js")
+HTML = "text/html"
+
+
+def make_app(explored: Explored, host: str = "127.0.0.1", more_hosts: Collection[str] = ()) -> ASGIApp:
+    """Return the application that shows what is explored.
+
+    Args:
+        explored: what it shows.
+        host: the host that it listens on.
+        more_hosts: other names by which it may be asked.
+    """
+    server = _Server(explored)
+    routes = [
+        Route("/", server.home),
+        Route("/search", server.search),
+        Route("/files/{name}", server.file),
+        Route("/{name}", server.page),
+        Route("/{name}/{subject:path}", server.page),
+    ]
+    return guarded(Starlette(routes=routes), host, more_hosts, server.site.error)
+
+
+class _Server:
+    def __init__(self, explored: Explored) -> None:
+        self.explored = explored
+        self.site = Site(explored, lambda page, state: page.address(state), lambda name: f"/files/{name}")
+        self.files = {"explorer.css": (style_sheet(), "text/css")} | {
+            name: (text, "text/javascript") for name, text in scripts().items()
+        }
+        self._kept: OrderedDict[str, bytes] = OrderedDict()
+        self._size = 0
+        self._lock = threading.Lock()
+
+    async def home(self, _: Request) -> Response:
+        return RedirectResponse(HOME.address(HOME.state()))
+
+    async def file(self, request: Request) -> Response:
+        name = request.path_params["name"]
+        if name not in self.files:
+            return self._error(404, f"There is no file '{name[:60]}'.")
+        text, kind = self.files[name]
+        return Response(text, media_type=kind, headers={"Cache-Control": "no-cache"})
+
+    async def search(self, request: Request) -> Response:
+        """Return labels and addresses of the entities that a text may mean, as JSON."""
+        wanted = request.query_params.get("q", "")[:200]
+        found = await run_in_threadpool(self._suggestions, wanted)
+        return _json(list(found.items()))
+
+    async def page(self, request: Request) -> Response:
+        name, subject = request.path_params["name"], request.path_params.get("subject", "")
+        page = PAGES.get(name)
+        if page is None or (subject and not page.subject):
+            return self._error(404, f"There is no page '{name[:60]}'.")
+        try:
+            # A vendor's own parser would read some hostile queries in its own way.
+            query = parse_qsl(request.url.query, keep_blank_values=True, errors="strict", max_num_fields=200)
+        except (ValueError, UnicodeError):
+            return self._error(
+                400, "The address is not well-formed: its query cannot be read as UTF-8 names and values."
+            )
+        return await run_in_threadpool(self._page, page, subject, query)
+
+    def _page(self, page: Page[Any], subject: str, query: list[tuple[str, str]]) -> Response:
+        as_json = ("format", "json") in query
+        try:
+            state = page.read(subject, [entry for entry in query if entry != ("format", "json")])
+            if as_json:
+                return _json(as_values(page.view(self.explored, state)))
+            address = page.address(state)
+            if (kept := self._recall(address)) is None:
+                kept = self.site.page(page, state).encode()
+                if not page.is_live:
+                    self._keep(address, kept)
+            return Response(
+                kept, media_type=HTML, headers={"Cache-Control": "no-store" if page.is_live else "no-cache"}
+            )
+        except UnknownEntityError as error:
+            return self._error(404, str(error), self._suggestions(subject[:200]))
+        except ConfigError as error:
+            return self._error(400, str(error))
+        except WordCraftKGError as error:
+            # What has been opened has changed on the disk since, or does not allow what was asked.
+            return self._error(409, str(error))
+
+    def _suggestions(self, wanted: str) -> dict[str, str]:
+        if (entity := PAGES.get("entity")) is None:
+            return {}
+        labels = search_entities(self.explored.opened.graph, wanted)
+        return {label: entity.address(entity.state(entity=label)) for label in labels}
+
+    def _error(self, status: int, message: str, suggestions: dict[str, str] | None = None) -> Response:
+        return Response(self.site.error(status, message, suggestions), status, media_type=HTML)
+
+    def _recall(self, address: str) -> bytes | None:
+        with self._lock:
+            if address in self._kept:
+                self._kept.move_to_end(address)
+            return self._kept.get(address)
+
+    def _keep(self, address: str, page: bytes) -> None:
+        with self._lock:
+            if address in self._kept:
+                return
+            self._kept[address] = page
+            self._size += len(page)
+            while self._size > KEPT:
+                self._size -= len(self._kept.popitem(last=False)[1])
+
+
+def warm(explored: Explored) -> threading.Thread:
+    """Make the views of the menu's pages in the background, so that their first visitor need not wait for them."""
+
+    def make() -> None:
+        time.sleep(QUIET)
+        for page in PAGES.values():
+            if page.title and page.is_there(explored):
+                # What is wrong with it is said to who opens it.
+                with suppress(WordCraftKGError):
+                    page.view(explored, page.state())
+
+    thread = threading.Thread(target=make, daemon=True)
+    thread.start()
+    return thread
+
+
+def scripts() -> dict[str, str]:
+    """Return the site's scripts by file name."""
+    folder = files("wordcraft_kg.explorer") / "static"
+    return {name: (folder / name).read_text(encoding="utf-8") for name in SCRIPTS}
+
+
+def _json(values: Any) -> Response:
+    return Response(json.dumps(values, ensure_ascii=False), media_type="application/json")

@@ -1,0 +1,91 @@
+"""Serving an application on a port until Ctrl-C."""
+
+import errno
+import socket
+from collections.abc import Callable
+
+from starlette.types import ASGIApp
+
+from wordcraft_kg.errors import ConfigError
+from wordcraft_kg.records import Record
+from wordcraft_kg.settings import whole
+
+LARGEST_PORT = 65_535
+PATIENCE = 3
+"""Seconds that requests have to end after Ctrl-C."""
+
+
+class Serving(Record):
+    """What answers requests, and where."""
+
+    address: str
+
+
+def listen(host: str, port: int) -> socket.socket:
+    """Return a socket that listens; port 0 takes a free one.
+
+    Raises:
+        ConfigError: if the port is in use, may not be used, or there is no such host.
+    """
+    whole("port", port, 0, LARGEST_PORT)
+    try:
+        family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
+    except (OSError, UnicodeError):
+        raise ConfigError(
+            f"`host` '{host}': there is no such host; expected one of this machine, such as 127.0.0.1."
+        ) from None
+    found = socket.socket(family, socket.SOCK_STREAM)
+    try:
+        found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        found.bind((host, port))
+        found.listen(128)
+    except OSError as error:
+        found.close()
+        reasons = {
+            errno.EADDRINUSE: "is in use by another program; end that, or choose another port (0 takes a free one)",
+            errno.EACCES: "may not be used by this user; choose one above 1023",
+            errno.EADDRNOTAVAIL: f"cannot be opened: '{host}' is not an address of this machine",
+        }
+        raise ConfigError(f"`port` {port} {reasons.get(error.errno or 0, error.strerror)}.") from None
+    return found
+
+
+def serve(app: ASGIApp, listening: socket.socket, started: Callable[[str], None]) -> None:
+    """Answer requests until Ctrl-C or SIGTERM, and let those end that have begun.
+
+    Args:
+        app: the application.
+        listening: see :func:`listen`.
+        started: called with the address as soon as requests are answered.
+    """
+    import uvicorn
+
+    class Server(uvicorn.Server):
+        async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+            await super().startup(sockets)
+            if self.started:
+                started(address_of(listening))
+
+    # Who asks, and for what, is nobody's business: there is no access log.
+    config = uvicorn.Config(
+        app,
+        log_config=None,
+        access_log=False,
+        lifespan="off",
+        ws="none",
+        server_header=False,
+        timeout_graceful_shutdown=PATIENCE,
+    )
+    try:
+        Server(config).run(sockets=[listening])
+    except KeyboardInterrupt:
+        pass  # the way to end it
+    finally:
+        listening.close()
+
+
+def address_of(listening: socket.socket) -> str:
+    """Return the address to open in a browser."""
+    host, port = listening.getsockname()[:2]
+    shown = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(host, host)
+    return f"http://[{shown}]:{port}" if ":" in shown else f"http://{shown}:{port}"

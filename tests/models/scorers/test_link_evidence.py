@@ -1,0 +1,126 @@
+"""The links and recipes that speak for a link, against loops over all links of training."""
+
+from itertools import product
+
+import numpy as np
+import pytest
+import torch
+from link_helpers import random_graph
+
+from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split
+from wordcraft_kg.graphs.doses import make_dose
+from wordcraft_kg.graphs.folder import OpenedGraph
+from wordcraft_kg.graphs.recipes import Recipe
+from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS
+from wordcraft_kg.models.scorers.link_evidence import POWER, RECIPES, LinkEvidence
+from wordcraft_kg.models.scorers.neighbours import NeighbourScorer
+from wordcraft_kg.models.scorers.tables import TableScorer
+
+GRAPH = random_graph(num_entities=9, num_recipes=40)
+SIZE = GRAPH.num_entities
+KNOWN = GRAPH.recipes[::2]
+
+
+def scorer_of(graph: RecipeGraph, seed: int = 0) -> TableScorer:
+    scores = torch.randn(2, graph.num_entities, graph.num_entities, generator=torch.Generator().manual_seed(seed))
+    return TableScorer(scores, graph.entities, graph.hash)
+
+
+def slow_links(recipes: list[list[int]]) -> dict[tuple[int, int, int], list[int]]:
+    """Every link of some recipes, and the rows of those that give it."""
+    found: dict[tuple[int, int, int], list[int]] = {}
+    for row, (a, b, c) in enumerate(recipes):
+        for link in {(a, COMBINES_WITH, b), (b, COMBINES_WITH, a), (a, COMPONENT_OF, c), (b, COMPONENT_OF, c)}:
+            found.setdefault(link, []).append(row)
+    return found
+
+
+@pytest.fixture(scope="module")
+def evidence() -> LinkEvidence:
+    return LinkEvidence(scorer_of(GRAPH), KNOWN)
+
+
+def test_links_speak_that_share_an_end_as_much_as_the_others_are_alike(evidence: LinkEvidence):
+    links = slow_links(KNOWN.tolist())
+    kinds = set()
+    for head, relation, tail in product(range(SIZE), range(len(RELATIONS)), range(SIZE)):
+        expected = {}
+        for h, r, t in links:
+            if r != relation or (h, t) == (head, tail):
+                continue
+            likeness = None
+            if t == tail:
+                likeness = evidence.roles.alike(head, r, "head")[h]
+            elif h == head and not (relation == COMBINES_WITH and head == tail):
+                likeness = evidence.roles.alike(tail, r, "tail")[t]
+            if likeness is not None:
+                expected[h, r, t] = max(float(likeness), 0.0) ** POWER
+        triples, weights = evidence.weights(head, relation, tail)
+        found = dict(zip(map(tuple, triples.tolist()), weights.tolist(), strict=True))
+        assert found == pytest.approx(expected, abs=1e-6)
+        assert len(found) == len(triples)
+        kinds.add((relation, head == tail, (head, relation, tail) in links, bool(found)))
+    assert len(kinds) > 6, "the graph has too few kinds of links"
+
+
+def test_those_that_say_most_come_first_with_their_share_of_all_evidence(evidence: LinkEvidence):
+    for head, relation, tail in product(range(SIZE), range(len(RELATIONS)), range(SIZE)):
+        everything = evidence.reason(head, relation, tail, limit=1_000)
+        weights = [witness.weight for witness in everything.witnesses]
+        assert weights == sorted(weights, reverse=True)
+        assert all(weight > 0 for weight in weights)
+        assert everything.evidence == pytest.approx(sum(weights))
+        assert sum(witness.share for witness in everything.witnesses) == pytest.approx(1.0 if weights else 0.0)
+        assert evidence.reason(head, relation, tail, limit=2).witnesses == everything.witnesses[:2]
+
+
+def test_a_witness_names_the_recipes_that_give_it_and_a_learned_link_its_own(evidence: LinkEvidence):
+    links = slow_links(KNOWN.tolist())
+    of_label = {label: i for i, label in enumerate(GRAPH.entities)}
+    learned = 0
+    for head, relation, tail in product(range(SIZE), range(len(RELATIONS)), range(SIZE)):
+        reason = evidence.reason(head, relation, tail)
+        own = [Recipe(*GRAPH.labels(KNOWN[row])) for row in links.get((head, relation, tail), [])]
+        assert list(reason.learned_from) == own[:RECIPES]
+        assert reason.more == max(len(own) - RECIPES, 0)
+        assert reason.is_memory == ((head, relation, tail) in links)
+        learned += reason.is_memory
+        for witness in reason.witnesses:
+            link = (of_label[witness.head], relation, of_label[witness.tail])
+            rows = links[link]
+            assert len(witness.recipes) + witness.more == len(rows)
+            assert set(witness.recipes) <= {Recipe(*GRAPH.labels(KNOWN[row])) for row in rows}
+    assert 0 < learned < 2 * SIZE**2
+
+
+def test_a_link_that_many_recipes_give_names_some_and_counts_the_others():
+    graph = RecipeGraph.from_recipes([("water", other, "ice") for other in ("air", "cold", "snow", "time", "winter")])
+    reason = LinkEvidence(scorer_of(graph), graph.recipes).reason(
+        graph.id_of("water"), COMPONENT_OF, graph.id_of("ice")
+    )
+    assert [str(recipe.ingredient_a) for recipe in reason.learned_from] == ["air", "cold", "snow"]
+    assert reason.more == 2
+
+
+def test_recipes_of_a_dose_speak_as_they_were_taught(opened_kitchen: OpenedGraph):
+    graph = opened_kitchen.graph
+    dose = make_dose(opened_kitchen.split, share=0.5, noise=0.5)
+    evidence = LinkEvidence(NeighbourScorer(graph, dose.triples), dose.recipes)
+    a, _, result = dose.among(dose.is_wrong)[0].tolist()
+    assert evidence.reason(a, COMPONENT_OF, result).is_memory
+    right = graph.recipes[np.flatnonzero(dose.is_wrong)[0], 2]
+    assert not evidence.reason(a, COMPONENT_OF, int(right)).is_memory
+
+
+def test_without_recipes_nothing_speaks():
+    reason = LinkEvidence(scorer_of(GRAPH), KNOWN[:0]).reason(0, COMBINES_WITH, 1)
+    assert (reason.evidence, reason.witnesses, reason.learned_from) == (0, (), ())
+
+
+def test_labels_stay_what_they_are():
+    rows = [("<script>", "a/b", "..%2F?#"), ("<script>", "x", "..%2F?#"), ('"', "a/b", "🪨" * 60)]
+    graph = RecipeGraph.from_recipes(rows)
+    split = make_split(graph, SplitConfig("none"))
+    evidence = LinkEvidence(scorer_of(graph), split.recipes("train"))
+    reason = evidence.reason(graph.id_of("a/b"), COMPONENT_OF, graph.id_of("..%2F?#"))
+    assert reason.learned_from == (Recipe.of(*rows[0]),)

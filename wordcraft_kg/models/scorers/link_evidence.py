@@ -1,0 +1,192 @@
+"""Which of the links that a scorer was trained on speak for another link, and the recipes that they come from.
+
+A link (h, r, t) is explained by examples: links (h', r, t) whose head is to the scorer like h, and links (h, r, t')
+whose tail is to it like t. ::
+
+    evidence(h, r, t) = Σ_h' cos₊(h, h')³ + Σ_t' cos₊(t, t')³
+
+over the links of training, with the cosine of the scorer's own scores of both as a head (a tail) of r, see
+:class:`~wordcraft_kg.models.scorers.roles.EntityRoles`, 0 where it is negative. So it needs nothing of the scorer but
+scores. What it says agrees with the score, and recipes that it names matter to it: docs/link-prediction.md has figures,
+``benchmarks/link_evidence.py`` computes them and those of other formulas.
+
+Source: k nearest neighbours as an explanation (Papernot and McDaniel 2018, "Deep k-nearest neighbors"; Hanawa et al.
+2021, "Evaluation of similarity-based explanations"), with the neighbours that share an end.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wordcraft_kg.graphs.arrays import Ids
+from wordcraft_kg.graphs.recipes import Recipe
+from wordcraft_kg.graphs.triples import COMBINES_WITH, RELATIONS, Relation, triple_keys
+from wordcraft_kg.models.scorers.protocol import TripleScorer
+from wordcraft_kg.models.scorers.roles import EntityRoles, Side
+from wordcraft_kg.records import Count, Record, Share
+
+POWER = 3
+"""To which cosines are raised, so that what is nearest says most. 2 to 4 agree with scores as well."""
+RECIPES = 3
+"""Most recipes that are named for a link."""
+
+
+class LinkWitness(Record):
+    """A link of training that speaks for another one.
+
+    Attributes:
+        head: its head; it or the tail is that of the other link.
+        relation: the relation of both.
+        tail: its tail.
+        weight: how like the other it is to the scorer, 1 for the same.
+        share: its share of the evidence for the other one.
+        recipes: recipes of training that give it, at most :data:`RECIPES`.
+        more: number of further ones.
+    """
+
+    head: str
+    relation: Relation
+    tail: str
+    weight: Share
+    share: Share
+    recipes: tuple[Recipe, ...]
+    more: Count = 0
+
+
+class LinkReason(Record):
+    """Why a scorer may believe in a link.
+
+    Attributes:
+        learned_from: recipes of training that give the link itself, at most :data:`RECIPES`: its score is memory.
+        more: number of further ones.
+        evidence: sum of the weights of all links that speak for it, not of the named ones alone.
+        witnesses: links that speak for it, those that say most first.
+    """
+
+    learned_from: tuple[Recipe, ...]
+    more: Count
+    evidence: float
+    witnesses: tuple[LinkWitness, ...]
+
+    @property
+    def is_memory(self) -> bool:
+        """Whether the scorer was trained on the link."""
+        return bool(self.learned_from)
+
+
+@dataclass(frozen=True)
+class _Links:
+    """The links of training by one of their ends: those of an end are ``others[starts : ends]``, each once."""
+
+    keys: Ids
+    others: Ids
+
+    @classmethod
+    def of(cls, relations: Ids, ends: Ids, others: Ids, size: int) -> "_Links":
+        order = np.lexsort((others, ends, relations))
+        return cls((relations * size + ends)[order], others[order])
+
+    def at(self, relation: int, end: int, size: int) -> Ids:
+        left, right = np.searchsorted(self.keys, [relation * size + end, relation * size + end + 1])
+        return self.others[left:right]
+
+
+class LinkEvidence:
+    """Names the links and recipes of training that speak for a link.
+
+    Attributes:
+        roles: how alike entities are to the scorer.
+        recipes: shape (n, 3), the recipes that it was trained on, as they were taught.
+
+    Example:
+        >>> model = open_model("models/kitchen")
+        >>> evidence = LinkEvidence(model.scorer, model.dose.recipes)
+        >>> flour, water = model.scorer.entity_ids(["flour", "water"]).tolist()
+        >>> evidence.reason(flour, COMBINES_WITH, water).is_memory
+        True
+    """
+
+    def __init__(self, scorer: TripleScorer, recipes: Ids):
+        """Find what is alike, and which recipes give each link.
+
+        Args:
+            scorer: any scorer of links.
+            recipes: shape (n, 3), what it was trained on.
+
+        Raises:
+            ConfigError: if it has too many entities for the scores of all pairs, and no factors of these.
+        """
+        self.roles, self.recipes = EntityRoles.of(scorer), recipes
+        self.entities = scorer.entities
+        size = len(self.entities)
+        a, b, result = recipes.T
+        rows = np.tile(np.arange(len(recipes)), 4)
+        given = np.concatenate(
+            [
+                np.column_stack([head, np.full(len(head), relation), tail])
+                for head, relation, tail in ((a, 0, b), (b, 0, a), (a, 1, result), (b, 1, result))
+            ]
+        )
+        keys = triple_keys(given, size)
+        order = np.lexsort((rows, keys))
+        self._keys, self._recipe = keys[order], rows[order]
+        links = np.unique(self._keys)
+        relation, pair = np.divmod(links, max(size * size, 1))
+        head, tail = np.divmod(pair, max(size, 1))
+        self._of = {"tail": _Links.of(relation, tail, head, size), "head": _Links.of(relation, head, tail, size)}
+
+    def weights(self, head: int, relation: int, tail: int) -> tuple[Ids, NDArray[np.float64]]:
+        """Return the links that speak for a link of ids, shape (n, 3), and what each says, shape (n,).
+
+        The link itself is not among them. combinesWith of an entity with itself has its witnesses once, not in both
+        directions.
+        """
+        triples, weights = [], []
+        sides: tuple[Side, ...] = ("head",) if relation == COMBINES_WITH and head == tail else ("head", "tail")
+        for side in sides:
+            entity, end = (head, tail) if side == "head" else (tail, head)
+            others = self._of["tail" if side == "head" else "head"].at(relation, end, len(self.entities))
+            others = others[others != entity]
+            ends = np.full(len(others), end)
+            columns = (others, ends) if side == "head" else (ends, others)
+            triples.append(np.column_stack([columns[0], np.full(len(others), relation), columns[1]]))
+            units = self.roles.units[relation][side == "tail"]
+            weights.append((units[others] @ units[entity]).clip(0, 1).astype(np.float64) ** POWER)
+        return np.concatenate(triples), np.concatenate(weights)
+
+    def reason(self, head: int, relation: int, tail: int, limit: int = 5) -> LinkReason:
+        """Return the links that speak for a link of ids, those that say most first, and the recipes that give it.
+
+        At most ``limit`` links are named; those that say nothing are left out.
+        """
+        triples, weights = self.weights(head, relation, tail)
+        total = float(weights.sum())
+        witnesses = []
+        for row in np.argsort(-weights, kind="stable")[:limit].tolist():
+            if weights[row] > 0:
+                (h, _, t), weight = triples[row].tolist(), float(weights[row])
+                recipes = self.recipes_of(h, relation, t)
+                witnesses.append(
+                    LinkWitness(
+                        head=self.entities[h],
+                        relation=RELATIONS[relation],
+                        tail=self.entities[t],
+                        weight=weight,
+                        share=min(weight / total, 1.0),
+                        recipes=self._labels(recipes[:RECIPES]),
+                        more=max(len(recipes) - RECIPES, 0),
+                    )
+                )
+        own = self.recipes_of(head, relation, tail)
+        return LinkReason(self._labels(own[:RECIPES]), max(len(own) - RECIPES, 0), total, tuple(witnesses))
+
+    def recipes_of(self, head: int, relation: int, tail: int) -> Ids:
+        """Return the recipes of training that give a link of ids: rows of :attr:`recipes`, ascending."""
+        key = triple_keys(np.array([[head, relation, tail]]), len(self.entities))[0]
+        left, right = np.searchsorted(self._keys, [key, key + 1])
+        return np.unique(self._recipe[left:right])
+
+    def _labels(self, rows: Ids) -> tuple[Recipe, ...]:
+        found = self.recipes[rows].tolist()
+        return tuple(Recipe.of(*(self.entities[entity] for entity in row)) for row in found)

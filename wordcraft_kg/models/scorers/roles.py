@@ -1,0 +1,136 @@
+"""How alike entities are to a scorer: as heads and as tails of each relation, by what it scores them with."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wordcraft_kg.graphs.triples import RELATIONS
+from wordcraft_kg.models.scorers.limits import check_table
+from wordcraft_kg.models.scorers.protocol import FactoredScorer, TripleScorer
+
+EXACT = 1_024
+"""Entities up to which a table's rows are kept whole: 16 MiB."""
+RANK = 256
+"""Dimensions that are kept of the rows of larger tables."""
+POWERS = 1
+"""How often the range finder multiplies by the scores and back."""
+
+Side = Literal["head", "tail"]
+Rows = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class EntityRoles:
+    """What a scorer thinks of entities, role by role: an entity is a head or a tail of a relation.
+
+    In a role, an entity is the row (as a tail: the column) of its scores with all others. Rows are centred by row and
+    by column; otherwise they would mainly show which entities score high overall. Only products of rows are needed, so
+    factors and a low rank do instead of all pairs where these would be many: the rows of :attr:`units` are then other
+    coordinates of the same vectors (of a table of more than :data:`EXACT` entities, nearly the same).
+
+    Attributes:
+        units: by relation and side (head, tail), rows of length 1 (0 for an entity without any scores of its own), each
+            of shape (E, m).
+        lengths: shape (E, 4), float32: how long each of these rows was, beside the root mean square of its role.
+
+    Example:
+        >>> scorer = load_scorer("models/kitchen")
+        >>> roles = EntityRoles.of(scorer)
+        >>> [scorer.entities[i] for i, _ in roles.nearest(3, limit=2)]
+        ['pear', 'lemon']
+    """
+
+    units: tuple[tuple[Rows, Rows], ...]
+    lengths: Rows
+
+    @classmethod
+    def of(cls, scorer: TripleScorer) -> "EntityRoles":
+        """Take the roles from the scores of all pairs, or from their factors.
+
+        Raises:
+            ConfigError: if there are no factors, and too many pairs.
+        """
+        size = len(scorer.entities)
+        units, lengths = [], []
+        for relation in range(len(RELATIONS)):
+            if isinstance(scorer, FactoredScorer):
+                roles = _of_factors(*(part.cpu().numpy() for part in scorer.factors(relation)))
+            else:
+                check_table("comparing entities by their scores", size)
+                roles = _of_table(scorer.table(relation).cpu().numpy())
+            found = [np.linalg.norm(rows, axis=1) for rows in roles]
+            units.append(tuple(_unit(rows, length) for rows, length in zip(roles, found, strict=True)))
+            lengths += [length / (np.sqrt(np.mean(length**2)) or 1.0) for length in found]
+        return cls(tuple(units), np.stack(lengths, axis=1).astype(np.float32))  # type: ignore[arg-type]
+
+    def alike(self, entity: int, relation: int, side: Side) -> Rows:
+        """Return the cosine of an entity and all others in a role, shape (E,)."""
+        rows = self.units[relation][side == "tail"]
+        return np.asarray(rows @ rows[entity])
+
+    def nearest(self, entity: int, limit: int = 5) -> list[tuple[int, float]]:
+        """Return the entities most like one in all roles together, nearest first, with the cosine of all their scores.
+
+        Each role counts alike, whatever the scale of its scores.
+        """
+        weights = self.lengths * self.lengths[entity] / np.maximum(self._total * self._total[entity], 1e-12)[:, None]
+        cosines = np.stack([self.alike(entity, relation, side) for relation, side in ROLES], axis=1)
+        found = (weights * cosines).sum(axis=1)
+        order = np.argsort(-found, kind="stable")
+        return [(other, float(found[other])) for other in order[: limit + 1].tolist() if other != entity][:limit]
+
+    @cached_property
+    def _total(self) -> Rows:
+        return np.asarray(np.linalg.norm(self.lengths, axis=1))
+
+
+ROLES: tuple[tuple[int, Side], ...] = tuple((relation, side) for relation in (0, 1) for side in ("head", "tail"))
+"""Relations and sides, in the order of :attr:`EntityRoles.lengths`."""
+
+
+def centred(scores: NDArray[Any]) -> NDArray[Any]:
+    """Return scores of all pairs, shape (E, E), with means of 0 by row and by column."""
+    by_row = scores - scores.mean(axis=1, keepdims=True)
+    return np.asarray(by_row - by_row.mean(axis=0))
+
+
+def _of_table(scores: Rows) -> tuple[Rows, Rows]:
+    """Return the rows of a table as heads and as tails, shape (E, m) each."""
+    whole = centred(scores)
+    if len(whole) <= EXACT:
+        return whole, np.ascontiguousarray(whole.T)
+    drawn = np.random.default_rng(0).standard_normal((len(whole), RANK), dtype=np.float32)
+    return _projected(whole, drawn), _projected(whole.T, drawn)
+
+
+def _projected(rows: Rows, drawn: Rows) -> Rows:
+    """Return rows in the directions that they lie in most, shape (E, m).
+
+    Source: Halko, Martinsson and Tropp 2011, "Finding structure with randomness", algorithm 4.4.
+    """
+    basis, _ = np.linalg.qr(rows.T @ drawn)
+    for _ in range(POWERS):
+        image, _ = np.linalg.qr(rows @ basis)
+        basis, _ = np.linalg.qr(rows.T @ image)
+    return np.asarray(rows @ basis)
+
+
+def _of_factors(left: Rows, right: Rows) -> tuple[Rows, Rows]:
+    """Return vectors with the same products as the rows and the columns of ``left rightᵀ`` once it is centred."""
+    heads, tails = (side.astype(np.float64) - side.mean(axis=0, dtype=np.float64) for side in (left, right))
+    return _turned(heads, tails), _turned(tails, heads)
+
+
+def _turned(rows: NDArray[np.float64], others: NDArray[np.float64]) -> Rows:
+    """Return X with ``X Xᵀ = rows (othersᵀ others) rowsᵀ``, shape (E, m)."""
+    values, vectors = np.linalg.eigh(others.T @ others)
+    return np.asarray(rows @ (vectors * np.sqrt(values.clip(min=0))), dtype=np.float32)
+
+
+def _unit(rows: Rows, lengths: Rows) -> Rows:
+    """Return rows scaled to length 1; those that are zero, up to rounding, are zeros."""
+    least = 1e-6 * float(np.max(lengths, initial=0)) or 1.0
+    return np.asarray(np.where(lengths > least, 1 / np.maximum(lengths, least), 0)[:, None] * rows, dtype=np.float32)

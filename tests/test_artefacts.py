@@ -8,7 +8,7 @@ import pytest
 import safetensors.torch
 import torch
 
-from wordcraft_kg.agents.human import read_session
+from wordcraft_kg.agents.people.session_file import read_session
 from wordcraft_kg.artefacts import LARGE_FILE, SMALL_FILE, read_large_file, read_small_file
 from wordcraft_kg.errors import ArtefactError, ConfigError, RecipeFileError
 from wordcraft_kg.graphs.recipes import MAX_BOOK_SIZE, read_book

@@ -14,7 +14,8 @@ from typing import Any
 
 import pytest
 
-from wordcraft_kg.agents.human import HumanProtocol, episode_seed, results_of, table_labels
+from wordcraft_kg.agents.people.picks import results_of, table_labels
+from wordcraft_kg.agents.people.protocol import HumanProtocol, episode_seed
 from wordcraft_kg.cli.terminal import Terminal
 from wordcraft_kg.envs.open_ended import OpenEndedEnv
 from wordcraft_kg.envs.wordcraft import WordCraftEnv
@@ -561,10 +562,10 @@ def test_human_summary_shows_rates_with_intervals(typed: Run, run: Run, tmp_path
     values = json.loads(outcome.out)
     assert outcome.out.count("\n") == 1
     successes = [row["success"] for file in files for row in without_seconds(file)[1:] if row["part"] == "test"]
-    test = values["parts"]["test"]
+    test = values["conditions"][0]["parts"]["test"]
     assert (test["answered"], test["successes"]) == (80, sum(successes))
     text = run("human-summary", *files).out
-    assert "kitchen, 8 distractors; sessions: 2, finished: 2" in text
+    assert "kitchen; sessions: 2, finished: 2" in text
     assert f"{sum(successes)} of 80 right, rate {test['rate']:.3f} [{test['interval'][0]:.3f}, " in text
 
 
@@ -576,10 +577,12 @@ def test_human_summary_of_no_answers_says_so(typed: Run, run: Run, tmp_path: Pat
 def test_human_summary_refuses_what_it_cannot_sum_up(typed: Run, run: Run, tmp_path: Path):
     one, two, torn = (tmp_path / name for name in ("one.jsonl", "two.jsonl", "torn.jsonl"))
     typed("1\n" * 4, *PROTOCOL, "--out", one)
-    typed("1\n" * 4, *PROTOCOL, "--distractors", "1", "--out", two)
+    typed("1\n" * 4, "play", "everyday", *PROTOCOL[2:], "--out", two)
     torn.write_bytes(one.read_bytes()[:-3])
-    assert "num_distractors" in refused(run("human-summary", one, two), "ConfigError")
-    assert "same answers" in refused(run("human-summary", one, one), "ArtefactError")
+    assert "graph_hash" in refused(run("human-summary", one, two), "GraphMismatchError")
+    (tmp_path / "copy.jsonl").write_bytes(one.read_bytes())
+    assert "same answers" in refused(run("human-summary", one, tmp_path / "copy.jsonl"), "ArtefactError")
+    assert "given twice" in refused(run("human-summary", one, one), "ConfigError")
     assert "torn line" in refused(run("human-summary", torn), "ArtefactError")
     assert "nowhere" in refused(run("human-summary", tmp_path / "nowhere"), "ArtefactError")
     assert "at least one" in refused(run("human-summary"), "ConfigError")

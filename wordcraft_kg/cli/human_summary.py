@@ -1,35 +1,78 @@
 """``wordcraft-kg human-summary``."""
 
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import Parameter
 
 from wordcraft_kg.cli.console import Output, aligned
+from wordcraft_kg.errors import ConfigError
 
 if TYPE_CHECKING:
-    from wordcraft_kg.agents.human import AnswerRate, HumanSummary
+    from wordcraft_kg.agents.people.session_file import Session, TableKey
+    from wordcraft_kg.views.people import AnswerRate, HumanSummary
 
-EXAMPLES = ("wordcraft-kg human-summary human.jsonl", "wordcraft-kg human-summary one.jsonl two.jsonl --json")
+EXAMPLES = (
+    "wordcraft-kg human-summary human.jsonl",
+    "wordcraft-kg human-summary one.jsonl two.jsonl --json",
+    "wordcraft-kg human-summary study --run runs/recipes",
+)
+NOTE = "[answers]: Wilson, as if all answers were independent; people: bootstrap over people, too narrow for a few."
 
 
-def human_summary(*sessions: Path, output: Output = Output()) -> None:
-    """Show how often people made the goal in the paper's protocol, with a 95% Wilson interval.
+def human_summary(
+    *sessions: Path,
+    run: Annotated[list[Path] | None, Parameter(negative=(), consume_multiple=False)] = None,
+    output: Output = Output(),
+) -> None:
+    """Show how often people made the goal in the paper's protocol, with 95% intervals, and agents beside them.
 
     Args:
-        sessions: files written by `play --protocol paper`, with the same graph, split and settings.
+        sessions: folders of `study serve`, and files of `play --protocol paper`, with the same graph and split.
+        run: run folder of an agent, which is asked at exactly the tables that people had. May be given several times.
     """
-    from wordcraft_kg.agents.human import summarise
+    from wordcraft_kg.agents.people.session_file import read_session
+    from wordcraft_kg.views.people import view_people
 
-    view = summarise(sessions)
+    found = {path: (read_session(path),) for path in sessions}
+    if len(found) < len(sessions):
+        raise ConfigError("a file is given twice; give each once.")
+    view = view_people(found, _beside(run or [], [session for group in found.values() for session in group]))
     output.result(view, _text(view))
 
 
-def _text(view: "HumanSummary") -> list[str]:
-    def figures(row: "AnswerRate") -> str:
-        if row.interval is None:
-            return "no answers"
-        low, high = row.interval
-        return f"{row.successes} of {row.answered} right, rate {row.rate:.3f} [{low:.3f}, {high:.3f}]"
+def _beside(runs: list[Path], sessions: "list[Session]") -> "dict[str, dict[TableKey, bool]]":
+    if not runs:
+        return {}
+    from wordcraft_kg.agents.agent_folder import open_agent
+    from wordcraft_kg.agents.people.beside import successes_beside
 
-    distractors = view.settings.get("num_distractors")
-    first = f"{view.graph}, {distractors} distractors; sessions: {view.sessions}, finished: {view.finished}"
-    return [first, *aligned((part, figures(row)) for part, row in view.parts.items())]
+    agents = [open_agent(path) for path in runs]
+    return {agent.name: successes_beside(agent, sessions) for agent in agents}
+
+
+def _text(view: "HumanSummary") -> Iterator[str]:
+    yield f"{view.graph}; sessions: {view.sessions}, finished: {view.finished}"
+    rows = []
+    for condition in view.conditions:
+        amount = f"{condition.distractors} distractor{'s' * (condition.distractors != 1)}"
+        for part, row in condition.parts.items():
+            rows.append((f"{amount}, {part}", _figures(row)))
+            for name, agent in row.agents.items():
+                shown = f"{agent.successes} of {row.answered} at the same {agent.tables} tables, rate {agent.rate:.3f}"
+                rows.append((f"  {name}", shown + _interval(" ", agent.interval)))
+    yield from aligned(rows)
+    if any(row.people_interval for condition in view.conditions for row in condition.parts.values()):
+        yield NOTE
+
+
+def _figures(row: "AnswerRate") -> str:
+    if row.interval is None:
+        return "no answers"
+    rate = f"{row.successes} of {row.answered} right, rate {row.rate:.3f}{_interval(' ', row.interval)}"
+    return rate + _interval(f"  {row.people} people ", row.people_interval)
+
+
+def _interval(before: str, bounds: tuple[float, float] | None) -> str:
+    return f"{before}[{bounds[0]:.3f}, {bounds[1]:.3f}]" if bounds else ""

@@ -19,7 +19,7 @@ from wordcraft_kg.graphs.tasks import TaskPart
 from wordcraft_kg.settings import MAX_SIZE, whole
 
 if TYPE_CHECKING:
-    from wordcraft_kg.agents.human import Session
+    from wordcraft_kg.agents.people.session_file import Session
     from wordcraft_kg.envs.wordcraft import Observation, WordCraftEnv
     from wordcraft_kg.graphs.recipes import Recipe
     from wordcraft_kg.views.play import TasksPlayed
@@ -111,7 +111,7 @@ class Attempt:
 
 def _attempt(terminal: Terminal, env: "WordCraftEnv", observation: "Observation") -> Attempt:
     """Show the table, ask for two picks and carry them out."""
-    from wordcraft_kg.agents.human import results_of, table_labels
+    from wordcraft_kg.agents.people.picks import results_of, table_labels
 
     table = table_labels(env, observation)
     terminal.say(*cells(table))
@@ -142,7 +142,7 @@ def _play_tasks(
     episodes: int,
     output: Output,
 ) -> None:
-    from wordcraft_kg.agents.human import episode_seed
+    from wordcraft_kg.agents.people.protocol import episode_seed
     from wordcraft_kg.envs.config import MAX_ATTEMPTS
     from wordcraft_kg.envs.wordcraft import WordCraftEnv
     from wordcraft_kg.views.play import TasksPlayed
@@ -201,18 +201,11 @@ def _play_task(terminal: Terminal, env: "WordCraftEnv", observation: "Observatio
 
 
 def _play_protocol(terminal: Terminal, graph: str, distractors: int, seed: int | None, out: Path) -> "Session":
-    from wordcraft_kg.agents.human import (
-        SCHEDULE,
-        TASKS_PER_PART,
-        Answer,
-        HumanProtocol,
-        append_answer,
-        open_session,
-        read_session,
-    )
+    from wordcraft_kg.agents.people.protocol import TASKS_PER_PART, Answer, HumanProtocol
+    from wordcraft_kg.agents.people.session_file import append_answer, open_session, read_session
 
     if seed is None:
-        seed = read_session(out).header["seed"] if out.exists() else 0
+        seed = read_session(out).seed if out.exists() else 0
     protocol = HumanProtocol(graph, distractors, seed)
     session = open_session(out, protocol)
     if session.is_finished:
@@ -222,7 +215,7 @@ def _play_protocol(terminal: Terminal, graph: str, distractors: int, seed: int |
     if session.answers:
         terminal.say(f"Continuing after {len(session.answers)} answers.")
     try:
-        for part, number in SCHEDULE[len(session.answers) :]:
+        for part, number in protocol.turns[len(session.answers) :]:
             env, observation = protocol.pose(part, number)
             goal, plans = env.task.goal, env.task.plans
             if (part, number) == ("test", 1):
@@ -245,12 +238,12 @@ def _play_protocol(terminal: Terminal, graph: str, distractors: int, seed: int |
 
 
 def _protocol_result(session: "Session", out: Path) -> tuple[dict[str, Any], list[str]]:
-    from wordcraft_kg.agents.human import HUMAN_PARTS, SCHEDULE, TASKS_PER_PART
+    from wordcraft_kg.agents.people.protocol import HUMAN_PARTS, TASKS_PER_PART
 
-    answered, finished = len(session.answers), session.is_finished
-    values = {"out": str(out), "answered": answered, "tasks": len(SCHEDULE), "finished": finished}
+    answered, finished, tasks = len(session.answers), session.is_finished, len(HUMAN_PARTS) * TASKS_PER_PART
+    values = {"out": str(out), "answered": answered, "tasks": tasks, "finished": finished}
     if not finished:  # the number of right test answers is shown at the end only
-        return values, [f"answered {answered} of {len(SCHEDULE)}; the same command continues {out}"]
+        return values, [f"answered {answered} of {tasks}; the same command continues {out}"]
     right = {part: sum(answer.success for answer in session.answers if answer.part == part) for part in HUMAN_PARTS}
     shown = ", ".join(f"{part} {count} of {TASKS_PER_PART}" for part, count in right.items())
     return values | {"successes": right}, [f"right: {shown}   next: wordcraft-kg human-summary {out}"]

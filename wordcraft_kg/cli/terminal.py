@@ -55,7 +55,7 @@ class Terminal:
 
     def pick(self, prompt: str, table: Sequence[str], answers: Answers) -> int | None:
         """Return the place in ``table`` that the player picks, asking until it is one; None to put a pick back."""
-        from wordcraft_kg.agents.human import read_pick
+        from wordcraft_kg.agents.people.picks import read_pick
         from wordcraft_kg.errors import ActionError
 
         while True:

@@ -13,22 +13,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wordcraft_kg.agents.human import (
-    SCHEDULE,
-    TASKS_PER_PART,
-    Answer,
-    AnswerRate,
-    HumanProtocol,
-    Session,
-    append_answer,
-    episode_seed,
-    open_session,
-    read_pick,
-    read_session,
-    results_of,
-    summarise,
-    table_labels,
-)
+from wordcraft_kg.agents.people.picks import read_pick, results_of, table_labels
+from wordcraft_kg.agents.people.protocol import TASKS_PER_PART, Answer, HumanProtocol, episode_seed, schedule
+from wordcraft_kg.agents.people.session_file import Session, append_answer, open_session, read_session
 from wordcraft_kg.envs.wordcraft import WordCraftEnv
 from wordcraft_kg.errors import ActionError, ArtefactError, ConfigError, GraphMismatchError
 from wordcraft_kg.graphs import OpenedGraph, RecipeGraph, SplitConfig, make_split
@@ -52,10 +39,10 @@ def answer_to(protocol: HumanProtocol, part: str, number: int) -> Answer:
     return Answer(part, number, env.task.goal, table, picks, made, env.task.goal in made, 1.5)
 
 
-def play(path: Path, protocol: HumanProtocol, count: int = len(SCHEDULE)) -> Session:
+def play(path: Path, protocol: HumanProtocol, count: int = 80) -> Session:
     """Go on with a session until so many tasks are answered."""
     session = open_session(path, protocol)
-    for part, number in SCHEDULE[len(session.answers) : count]:
+    for part, number in protocol.turns[len(session.answers) : count]:
         session = append_answer(path, session, answer_to(protocol, part, number))
     return session
 
@@ -112,8 +99,8 @@ def test_a_misspelt_pick_is_answered_with_the_nearest_word():
 
 
 def test_a_session_is_40_train_tasks_and_then_40_test_tasks():
-    assert [part for part, _ in SCHEDULE] == ["train"] * 40 + ["test"] * 40
-    assert [number for _, number in SCHEDULE] == [*range(1, 41), *range(1, 41)]
+    assert [part for part, _ in schedule()] == ["train"] * 40 + ["test"] * 40
+    assert [number for _, number in schedule()] == [*range(1, 41), *range(1, 41)]
 
 
 def test_the_tasks_are_those_of_an_environment_as_agents_get_it(protocol: HumanProtocol, kitchen: RecipeGraph):
@@ -125,6 +112,47 @@ def test_the_tasks_are_those_of_an_environment_as_agents_get_it(protocol: HumanP
             assert env.task == agents.task
             assert np.array_equal(observation["table"], expected["table"])
             assert observation["attempts_left"] == 1
+
+
+def test_fewer_tasks_are_the_first_of_more_and_a_world_may_be_shared(protocol: HumanProtocol):
+    few = HumanProtocol(protocol.world, tasks=3)
+    assert few.turns == tuple((part, number) for part in ("train", "test") for number in (1, 2, 3))
+    assert [few.task(*turn) for turn in few.turns] == [protocol.task(*turn) for turn in few.turns]
+    assert few.header == protocol.header | {"settings": protocol.header["settings"] | {"tasks_per_part": 3}}
+
+
+@pytest.mark.parametrize("tasks", [0, -1, 1_001, True, 1.5])
+def test_a_number_of_tasks_that_cannot_be_is_refused(protocol: HumanProtocol, tasks: Any):
+    with pytest.raises(ConfigError, match="`tasks`"):
+        HumanProtocol(protocol.world, tasks=tasks)
+
+
+def test_an_answer_is_what_an_environment_says_of_the_same_picks(protocol: HumanProtocol):
+    outcomes = set()
+    for part, number in protocol.turns:
+        task = protocol.task(part, number)
+        parts = [task.table.index(label) for label in task.plans[0][:2]]
+        for slots in ((0, 1), (number % 10, 0), (4, 4), (parts[0], parts[1])):
+            env, observation = protocol.pose(part, number)
+            assert table_labels(env, observation) == task.table
+            assert env.state.task == task.index
+            env.step(slots[0])
+            *_, info = env.step(slots[1])
+            answer = protocol.answer(task, slots, 1.23456)
+            assert (answer.part, answer.number, answer.goal, answer.table) == (part, number, task.goal, task.table)
+            assert answer.picks == tuple(task.table[slot] for slot in slots)
+            assert answer.success == (info["outcome"] == "goal")
+            assert set(answer.made) >= set(env.world.graph.labels(env.state.table[10:]))
+            assert answer.seconds == 1.23
+            outcomes.add((answer.success, bool(answer.made)))
+    assert outcomes == {(True, True), (False, True), (False, False)}
+
+
+def test_the_goals_are_the_same_with_any_number_of_distractors(protocol: HumanProtocol):
+    few = HumanProtocol(protocol.world, 1)
+    for turn in protocol.turns:
+        assert few.task(*turn).goal == protocol.task(*turn).goal
+        assert len(few.task(*turn).table) == len(protocol.task(*turn).table) - 7
 
 
 def test_a_task_does_not_depend_on_what_was_posed_before(protocol: HumanProtocol, kitchen: RecipeGraph):
@@ -267,7 +295,7 @@ def test_a_damaged_answer_is_refused_with_its_line(protocol: HumanProtocol, tmp_
     lines[2] = json.dumps(DAMAGES[damage](json.loads(lines[2])))
     path.write_text("\n".join(lines) + "\n")
     before = path.read_bytes()
-    for read in (read_session, lambda path: open_session(path, protocol), lambda path: summarise([path])):
+    for read in (read_session, lambda path: open_session(path, protocol)):
         with pytest.raises(ArtefactError, match="line 3 is damaged"):
             read(path)
     assert path.read_bytes() == before
@@ -282,6 +310,27 @@ def test_a_task_that_is_not_posed_there_is_refused(protocol: HumanProtocol, tmp_
         open_session(path, protocol)
 
 
+@pytest.mark.parametrize("name", ["tasks_per_part", "num_distractors"])
+@pytest.mark.parametrize("value", [None, "8", True, -1, 10**9, 1.0])
+def test_a_header_whose_settings_are_none_is_refused(protocol: HumanProtocol, tmp_path: Path, name: str, value: Any):
+    path = tmp_path / "human.jsonl"
+    play(path, protocol, 2)
+    header, *lines = path.read_text().splitlines()
+    changed = json.loads(header)
+    changed["settings"][name] = value
+    path.write_text("\n".join([json.dumps(changed), *lines]) + "\n")
+    with pytest.raises(ArtefactError, match=f"line 1 is damaged: '{name}'"):
+        read_session(path)
+
+
+def test_a_session_of_fewer_tasks_ends_after_them(protocol: HumanProtocol, tmp_path: Path):
+    few = HumanProtocol(protocol.world, tasks=2)
+    assert [play(tmp_path / "few.jsonl", few, count).is_finished for count in (3, 4)] == [False, True]
+    assert read_session(tmp_path / "few.jsonl").is_finished
+    with pytest.raises(ConfigError, match="has tasks_per_part 2, but this command has 40"):
+        open_session(tmp_path / "few.jsonl", protocol)
+
+
 def test_lines_lost_doubled_or_in_excess_are_refused(protocol: HumanProtocol, tmp_path: Path):
     path = tmp_path / "human.jsonl"
     play(path, protocol)
@@ -290,60 +339,6 @@ def test_lines_lost_doubled_or_in_excess_are_refused(protocol: HumanProtocol, tm
         path.write_bytes(b"".join(changed))
         with pytest.raises(ArtefactError, match="damaged"):
             read_session(path)
-
-
-# --- summary ---------------------------------------------------------------------------------------------------------
-
-
-def test_the_summary_counts_each_part_over_all_sessions(kitchen: RecipeGraph, tmp_path: Path):
-    paths = [tmp_path / "one.jsonl", tmp_path / "two.jsonl"]
-    sessions = [play(paths[0], HumanProtocol(kitchen)), play(paths[1], HumanProtocol(kitchen, seed=1), 45)]
-    values = summarise(paths)
-    assert (values.sessions, values.finished) == (2, 1)
-    for part, answered in (("train", 80), ("test", 45)):
-        successes = sum(answer.success for session in sessions for answer in session.answers if answer.part == part)
-        row = values.parts[part]
-        assert 0 < successes < answered
-        assert row == AnswerRate(
-            answered=answered,
-            successes=successes,
-            rate=successes / answered,
-            interval=wilson_interval(successes, answered),
-        )
-
-
-def test_the_summary_of_an_unbegun_session_has_no_rates(protocol: HumanProtocol, tmp_path: Path):
-    open_session(tmp_path / "human.jsonl", protocol)
-    for row in summarise([tmp_path / "human.jsonl"]).parts.values():
-        assert row == AnswerRate(answered=0, successes=0, rate=None, interval=None)
-
-
-@pytest.mark.parametrize(("num_distractors", "graph_of"), [(1, "kitchen"), (8, "another split")])
-def test_different_settings_or_graphs_are_not_summed_up(
-    protocol: HumanProtocol, kitchen: RecipeGraph, tmp_path: Path, num_distractors: int, graph_of: str
-):
-    play(tmp_path / "one.jsonl", protocol, 2)
-    split = make_split(kitchen, SplitConfig(seed=int(graph_of != "kitchen")))
-    play(tmp_path / "two.jsonl", HumanProtocol(OpenedGraph(kitchen, split, "here"), num_distractors), 2)
-    kind, message = (ConfigError, "num_distractors") if num_distractors == 1 else (GraphMismatchError, "split_hash")
-    with pytest.raises(kind, match=message):
-        summarise([tmp_path / "one.jsonl", tmp_path / "two.jsonl"])
-
-
-def test_a_session_is_not_counted_twice(protocol: HumanProtocol, tmp_path: Path):
-    play(tmp_path / "one.jsonl", protocol, 2)
-    (tmp_path / "copy.jsonl").write_bytes((tmp_path / "one.jsonl").read_bytes())
-    for other in ("one.jsonl", "copy.jsonl"):
-        with pytest.raises(ArtefactError, match="same answers"):
-            summarise([tmp_path / "one.jsonl", tmp_path / other])
-
-
-def test_a_torn_session_is_not_summed_up(protocol: HumanProtocol, tmp_path: Path):
-    path = tmp_path / "human.jsonl"
-    play(path, protocol, 2)
-    path.write_bytes(path.read_bytes()[:-1])
-    with pytest.raises(ArtefactError, match="torn"):
-        summarise([path])
 
 
 # --- Wilson ----------------------------------------------------------------------------------------------------------

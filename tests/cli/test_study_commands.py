@@ -59,6 +59,10 @@ def test_the_list_has_every_study_with_hours_and_source(run):
     assert list(studies) == built_in()
     assert 0 < values["hours"] < sum(study["hours"] for study in studies.values()), "they share trainings"
     assert all(study["hours"] > 0 and study["source"] for study in studies.values())
+    shorter = json.loads(run("reproduce", "list", "--json", "--steps", "300000", "--seeds", "3").out)
+    assert 0 < shorter["hours"] < values["hours"] / 5
+    refused = run("reproduce", "list", "--book", "kitchen")
+    assert (refused.code, refused.kind) == (1, "ConfigError")
 
 
 def test_a_failed_task_makes_the_exit_code_1_and_is_named(run, study, tmp_path):

@@ -42,7 +42,9 @@ def reproduce(
     from wordcraft_kg.settings import nearest
 
     if study == LIST:
-        return _list(engine, output)
+        if books:
+            raise ConfigError("`book`: the list is of the studies with their own books; leave it out.")
+        return _list(steps, seeds, engine, output)
     if study not in (ALL, *built_in()):
         raise ConfigError(
             f"'{study}' is no built-in study; there are {', '.join(built_in())}.{nearest(study, built_in())} A file of "
@@ -66,7 +68,7 @@ def _stem(book: str) -> str:
     return Path(book).stem
 
 
-def _list(engine: EngineOptions, output: Output) -> int:
+def _list(steps: int | None, seeds: int | None, engine: EngineOptions, output: Output) -> int:
     """Print the built-in studies, with the hours that each still takes on this machine."""
     from dataclasses import replace
 
@@ -81,13 +83,13 @@ def _list(engine: EngineOptions, output: Output) -> int:
     tasks: dict[str, Task] = {}
     width = max(map(len, built_in()))
     for name in built_in():
-        study = read_study(name)
+        study = adapted(read_study(name), steps=steps, seeds=seeds)
         try:
             plan = make_plan(study, name)
         except RecipeFileError:  # the real book is not there; the built-in one is about as large
             plan = make_plan(adapted(study, book="everyday"), name)
         tasks |= plan.tasks
-        hours = estimated_hours(plan, engine.out) / engine.parallel(plan)
+        hours = estimated_hours(plan, engine.out) / plan.jobs(engine.jobs)
         trainings = len(cells_of(study))
         found[name] = {"title": study.title, "source": study.source, "trainings": trainings, "hours": round(hours, 2)}
         text += [
@@ -95,7 +97,7 @@ def _list(engine: EngineOptions, output: Output) -> int:
             f"{'':<{width}}  {study.source}",
         ]
     everything = replace(plan, tasks=tasks)
-    hours = estimated_hours(everything, engine.out) / engine.parallel(everything)
+    hours = estimated_hours(everything, engine.out) / everything.jobs(engine.jobs)
     text.append(f"{ALL:<{width}}  about {hours:.1f} hours left: what several studies need is made once")
     text.append("run one: wordcraft-kg reproduce NAME; for a quick look: --steps 300000 --seeds 3")
     output.result({"studies": found, "hours": round(hours, 2)}, text)

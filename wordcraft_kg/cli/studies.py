@@ -17,7 +17,6 @@ from cyclopts import Parameter
 from wordcraft_kg.cli.console import Flag, Output
 from wordcraft_kg.errors import ConfigError
 from wordcraft_kg.experiments.study import Study
-from wordcraft_kg.settings import MAX_THREADS, whole
 
 if TYPE_CHECKING:
     from rich.console import Group
@@ -68,22 +67,13 @@ class EngineOptions:
             return lambda: RayWorkers(self.out, self.address, work)
         if self.address is not None:
             raise ConfigError("`address` is that of a Ray cluster; give `engine` ray too.")
-        self.parallel(plan)  # refused now, if it has to be
+        plan.jobs(self.jobs)  # refused now, if it has to be
         return lambda: self._local(plan, work)
 
     def _local(self, plan: "Plan", work: Any) -> "Workers":
         from wordcraft_kg.experiments.local_workers import LocalWorkers
 
-        threads = max(task.threads for task in plan.tasks.values())
-        return LocalWorkers(self.out, self.parallel(plan), work, threads)
-
-    def parallel(self, plan: "Plan") -> int:
-        """Return the number of trainings at once, of the local engine."""
-        from wordcraft_kg.runs.side_by_side import cores
-
-        if self.jobs is not None:
-            return whole("jobs", self.jobs, 1, MAX_THREADS)
-        return max(cores() // max(task.threads for task in plan.tasks.values()), 1)
+        return LocalWorkers(self.out, plan.jobs(self.jobs), work, plan.threads)
 
 
 def run_studies(studies: dict[str, Study], options: EngineOptions, output: Output) -> int:
@@ -178,7 +168,7 @@ def _dry(plans: "list[Plan]", options: EngineOptions, output: Output) -> int:
             "core_hours": round(hours, 3),
             "tasks": [{"address": address, "title": task.title} for address, task in plan.tasks.items()],
         }
-        jobs = options.parallel(plan)
+        jobs = plan.jobs(options.jobs)
         text += [
             f"{plan.study.title}: {counts}; about {hours:.1f} hours of one core, {hours / jobs:.1f} with {jobs} jobs",
             *(f"  {task.address}  {task.title}" for task in list(plan.tasks.values())[:LISTED]),

@@ -29,7 +29,8 @@ from wordcraft_kg.graphs.splits import SplitConfig, make_split
 from wordcraft_kg.models.links.config import CONFIGS
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.recipes.config import RecipesConfig
-from wordcraft_kg.settings import nearest, one_of, refuse, whole
+from wordcraft_kg.runs.side_by_side import cores
+from wordcraft_kg.settings import MAX_THREADS, nearest, one_of, refuse, whole
 
 DEFAULTS = 1
 """Version of the defaults of all settings: a default that changes gives other results, which need other addresses."""
@@ -70,6 +71,19 @@ class Plan:
     runs: tuple[str, ...]
     tasks: Mapping[str, Task]
     books: Mapping[str, str]
+
+    @property
+    def threads(self) -> int:
+        """CPU threads that a task computes with at most."""
+        return max(task.threads for task in self.tasks.values())
+
+    def jobs(self, wanted: int | None) -> int:
+        """Return the number of tasks at once on this machine: as many as were wanted, else as the cores allow.
+
+        Raises:
+            ConfigError: if the number is not allowed.
+        """
+        return max(cores() // self.threads, 1) if wanted is None else whole("jobs", wanted, 1, MAX_THREADS)
 
 
 def make_plan(study: Study, name: str) -> Plan:

@@ -4,6 +4,8 @@ import json
 from typing import Annotated, Literal
 
 import msgspec
+import numpy as np
+from numpy.typing import NDArray
 
 from wordcraft_kg.experiments.study import Study, Values
 from wordcraft_kg.records import Count, Hash, Record, Share, as_values
@@ -58,6 +60,11 @@ class RunResult(Record, frozen=True):
     steps: Count
     seconds: Annotated[float, msgspec.Meta(ge=0)]
     steps_per_second: Count
+
+    @property
+    def rates(self) -> NDArray[np.float64]:
+        """Success rate of each test task, shape (K,)."""
+        return np.array([int(digit) for digit in self.won]) / self.draws
 
 
 class Missing(Record, frozen=True):

@@ -10,7 +10,6 @@ from wordcraft_kg.experiments.perform import perform
 from wordcraft_kg.experiments.plan import make_plan
 from wordcraft_kg.experiments.results import StudyResults
 from wordcraft_kg.experiments.study import Study, check_study
-from wordcraft_kg.runs.side_by_side import cores
 
 
 def run_study(
@@ -33,7 +32,7 @@ def run_study(
         watch: called regularly with the plan and how far it is.
 
     Raises:
-        ConfigError: naming what is wrong with the study.
+        ConfigError: naming what is wrong with the study, or a number of ``jobs`` that is not allowed.
         ArtefactError: if another study is being run in the folder.
         KeyboardInterrupt: after Ctrl-C; the same call goes on.
 
@@ -45,8 +44,6 @@ def run_study(
     """
     check_study(study)
     root, plan = Path(out), make_plan(study, name)
-    threads = max(task.threads for task in plan.tasks.values())
-    number = jobs or max(cores() // threads, 1)
-    work = partial(perform, keep_all=keep_all)
-    run_plan(plan, root, lambda: LocalWorkers(root, number, work, threads), watch=watch)
+    number, work = plan.jobs(jobs), partial(perform, keep_all=keep_all)
+    run_plan(plan, root, lambda: LocalWorkers(root, number, work, plan.threads), watch=watch)
     return collect_study(root, name)

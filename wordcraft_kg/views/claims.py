@@ -184,8 +184,8 @@ def _measure(results: StudyResults, claim: Claim, point: Values) -> Measured:
         raise ConfigError(f"no seed of '{claim.left}' and '{claim.right}' together, {_point(point)}")
     pairs = [(left[seed], right.get(seed)) for seed in seeds]
     if claim.measure == "success":
-        a = np.array([_rates(run) for run, _ in pairs])
-        others = [_rates(other) if other else np.full(a.shape[1], claim.than) for _, other in pairs]
+        a = np.array([run.rates for run, _ in pairs])
+        others = [other.rates if other else np.full(a.shape[1], claim.than) for _, other in pairs]
         runs = [run for pair in pairs for run in pair if run]
         graphs = [results.graphs[run.graph] for run in runs]
         if len({(of.hash, of.split, len(run.won)) for of, run in zip(graphs, runs, strict=True)}) > 1:
@@ -212,11 +212,6 @@ def _runs(results: StudyResults, variant: str, point: Values) -> dict[int, RunRe
         reasons = [lost.why for lost in results.missing if lost.variant == variant and lost.values == point]
         raise ConfigError(f"no runs of '{variant}', {_point(point)}: {reasons[0] if reasons else 'not in the study'}")
     return found
-
-
-def _rates(run: RunResult) -> NDArray[np.float64]:
-    """Return the success rate of each test task."""
-    return np.array([int(digit) for digit in run.won]) / run.draws
 
 
 def _figures(claim: Claim, left: RunResult, right: RunResult | None) -> tuple[float, float]:

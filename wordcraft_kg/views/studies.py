@@ -390,7 +390,7 @@ def _mean(values: Sequence[float]) -> float:
 
 def _table(members: Sequence[RunResult]) -> NDArray[np.float64]:
     """Return the success rate of each run on each test task, shape (S, K)."""
-    return np.array([[int(digit) for digit in run.won] for run in members]) / members[0].draws
+    return np.array([run.rates for run in members])
 
 
 def _interval(table: NDArray[np.float64]) -> Interval:

@@ -40,7 +40,10 @@ class Guard:
     def __init__(
         self, app: ASGIApp, hosts: Collection[str], error_page: ErrorPage, *, methods: Collection[str] = ("GET", "HEAD")
     ):
-        """Take an application, the names that it may be asked by, the page of an error, and what may be asked."""
+        """Take an application, the names that it may be asked by, the page of an error, and what may be asked.
+
+        The application is a Router, or another one that lets errors through: Starlette's own class answers them itself.
+        """
         self.app, self.hosts, self.error_page, self.methods = app, frozenset(hosts), error_page, methods
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:

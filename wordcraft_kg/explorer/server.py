@@ -10,11 +10,10 @@ from importlib.resources import files
 from typing import Any
 from urllib.parse import parse_qsl
 
-from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import RedirectResponse, Response
-from starlette.routing import Route
+from starlette.routing import Route, Router
 from starlette.types import ASGIApp
 
 from wordcraft_kg.errors import ConfigError, UnknownEntityError, WordCraftKGError
@@ -50,7 +49,7 @@ def make_app(explored: Explored, host: str = "127.0.0.1", more_hosts: Collection
         Route("/{name}", server.page),
         Route("/{name}/{subject:path}", server.page),
     ]
-    return guarded(Starlette(routes=routes), host, more_hosts, server.site.error)
+    return guarded(Router(routes), host, more_hosts, server.site.error)
 
 
 class _Server:

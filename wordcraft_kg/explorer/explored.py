@@ -59,7 +59,7 @@ class Explored:
         self._lock = threading.Lock()
 
     @classmethod
-    def open(cls, graph: str | Path, models: Iterable[Path] = (), runs: Iterable[Path] = ()) -> "Explored":
+    def open(cls, graph: str | Path, models: Iterable[str | Path] = (), runs: Iterable[str | Path] = ()) -> "Explored":
         """Open a graph, models and runs; nothing is written.
 
         Args:
@@ -73,10 +73,10 @@ class Explored:
         """
         opened = open_graph(graph)
         opened_models = {}
-        for name, folder in _named(models).items():
+        for name, folder in _named(map(Path, models)).items():
             model = open_model(folder, str(graph))
             opened_models[name] = ExploredModel(name, folder, model, ScoringModel(model.scorer, opened.split, model.kg))
-        folders = _named(folder for path in runs for folder in run_folders(path))
+        folders = _named(folder for path in runs for folder in run_folders(Path(path)))
         for folder in folders.values():
             check_run_graph(folder, AGENTS.read_record(folder), opened)
         return cls(opened, opened_models, folders)

@@ -1,6 +1,7 @@
 """What stands before every application that a browser talks to: who may ask, how much, and what an error shows."""
 
 import logging
+import time
 from collections.abc import Callable, Collection
 from typing import Any
 from urllib.parse import urlsplit
@@ -50,13 +51,16 @@ class Guard:
         """Answer a request."""
         if scope["type"] != "http":
             return
-        has_begun = False
+        has_begun, begun = False, time.perf_counter()
 
         async def with_headers(message: Message) -> None:
             nonlocal has_begun
             if message["type"] == "http.response.start":
                 has_begun = True
-                own = [(name.lower().encode(), value.encode()) for name, value in HEADERS.items()]
+                # What browsers show beside a request: how long the answer took here, in milliseconds.
+                timing = f"app;dur={1000 * (time.perf_counter() - begun):.1f}"
+                headers = HEADERS | {"Server-Timing": timing}
+                own = [(name.lower().encode(), value.encode()) for name, value in headers.items()]
                 message = {**message, "headers": [*message.get("headers", ()), *own]}
             await send(message)
 

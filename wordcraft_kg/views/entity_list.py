@@ -99,6 +99,12 @@ def _folded(graph: RecipeGraph) -> Sequence[str]:
     return [folded(label) for label in graph.entities]
 
 
+def layer_of(graph: RecipeGraph, entity: int) -> int | None:
+    """Return the round in which an entity can first be made; None if it cannot."""
+    layer = int(_layers(graph)[entity])
+    return layer if layer >= 0 else None
+
+
 @lru_cache(maxsize=4)
 def _layers(graph: RecipeGraph) -> Ids:
     return layers(graph)

@@ -146,7 +146,7 @@ class LinkEvidence:
         sides: tuple[Side, ...] = ("head",) if relation == COMBINES_WITH and head == tail else ("head", "tail")
         for side in sides:
             entity, end = (head, tail) if side == "head" else (tail, head)
-            others = self._of["tail" if side == "head" else "head"].at(relation, end, len(self.entities))
+            others = self.ends(end, relation, side)
             others = others[others != entity]
             ends = np.full(len(others), end)
             columns = (others, ends) if side == "head" else (ends, others)
@@ -154,6 +154,10 @@ class LinkEvidence:
             units = self.roles.units[relation][side == "tail"]
             weights.append((units[others] @ units[entity]).clip(0, 1).astype(np.float64) ** POWER)
         return np.concatenate(triples), np.concatenate(weights)
+
+    def ends(self, entity: int, relation: int, side: Side) -> Ids:
+        """Return the entities on a side of the links of training that have the given one on the other; ascending."""
+        return self._of["tail" if side == "head" else "head"].at(relation, entity, len(self.entities))
 
     def reason(self, head: int, relation: int, tail: int, limit: int = 5) -> LinkReason:
         """Return the links that speak for a link of ids, those that say most first, and the recipes that give it.

@@ -1,0 +1,87 @@
+"""A link: how a model scores it, where it ranks, what is known of it, and why."""
+
+import numpy as np
+
+from wordcraft_kg.graphs.triples import RELATIONS, Relation
+from wordcraft_kg.models.scorers.link_evidence import LinkReason
+from wordcraft_kg.records import Record, Share
+from wordcraft_kg.views.entities import PlacedRecipe, placed_recipes
+from wordcraft_kg.views.predictor import (
+    FilteredRank,
+    LinkPredictor,
+    PredictedSlot,
+    Status,
+    part_name,
+    recipes_giving,
+    status_of,
+)
+from wordcraft_kg.views.scores import Known
+
+WITNESSES = 10
+CANDIDATES = 10
+RECIPES = 10
+
+
+class LinkProfile(Record):
+    """A link by a model.
+
+    Attributes:
+        model: name of the model.
+        has_seen_the_test_recipes: whether it was trained on all recipes.
+        score: higher is more plausible, on a scale of the model's own.
+        status: whether it is learned, or else true.
+        known: the part whose recipes give it.
+        probability: of a link that training does not contain; None for others, and without a calibration.
+        as_tail: rank of the tail among all entities.
+        as_head: rank of the head.
+        reason: what speaks for it.
+        recipes: recipes of the book that give it, at most :data:`RECIPES`.
+        tails: the best tails for its head, those that were learned left out.
+        heads: the best heads for its tail.
+    """
+
+    head: str
+    relation: Relation
+    tail: str
+    model: str
+    has_seen_the_test_recipes: bool
+    score: float
+    status: Status
+    known: Known
+    probability: Share | None
+    as_tail: FilteredRank
+    as_head: FilteredRank
+    reason: LinkReason
+    recipes: tuple[PlacedRecipe, ...]
+    tails: PredictedSlot
+    heads: PredictedSlot
+
+
+def view_link_profile(predictor: LinkPredictor, head: str, relation: Relation, tail: str) -> LinkProfile:
+    """Return what a model says of a link.
+
+    Raises:
+        UnknownEntityError: if the graph does not have an entity of this label.
+    """
+    graph = predictor.graph
+    one, other, of = graph.id_of(head), graph.id_of(tail), RELATIONS.index(relation)
+    tails, heads = predictor.slot(one, of, "tail"), predictor.slot(other, of, "head")
+    known, learned = part_name(int(tails.part[other])), bool(tails.learned[other])
+    chance = predictor.scoring.probabilities(tails.triples(np.array([other])), [known])[0]
+    return LinkProfile(
+        head=head,
+        relation=relation,
+        tail=tail,
+        model=predictor.name,
+        has_seen_the_test_recipes=predictor.model.kg == "full",
+        score=float(tails.scores[other]),
+        status=status_of(known, learned, is_itself=one == other),
+        known=known,
+        probability=None if learned else chance,
+        as_tail=tails.rank(other),
+        as_head=heads.rank(one),
+        reason=predictor.evidence.reason(one, of, other, WITNESSES),
+        recipes=placed_recipes(predictor.split, recipes_giving(graph, one, of, other)[:RECIPES]),
+        tails=predictor.best(tails, top=CANDIDATES, witnesses=0, truth=0),
+        heads=predictor.best(heads, top=CANDIDATES, witnesses=0, truth=0),
+    )

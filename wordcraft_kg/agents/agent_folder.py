@@ -11,7 +11,7 @@ from wordcraft_kg.models.policies.folder import read_policy
 from wordcraft_kg.models.policies.policy import Policy
 from wordcraft_kg.runs.checkpoints import Checkpoint
 from wordcraft_kg.runs.folder import RunKind
-from wordcraft_kg.runs.inputs import open_run_graph
+from wordcraft_kg.runs.inputs import check_run_graph, open_run_graph
 from wordcraft_kg.runs.record import RunRecord, verified_bytes
 from wordcraft_kg.runs.seeds import run_name
 from wordcraft_kg.tensors import read_tensors, with_prefix
@@ -22,25 +22,21 @@ INPUTS = ("policy.json", "constants.safetensors")
 
 
 @dataclass(frozen=True)
-class OpenedAgent:
-    """An agent with everything that its evaluation needs.
+class AgentRun:
+    """The run of an agent as its records have it, done or not; neither its graph nor its weights are read.
 
     Attributes:
         name: name of its folder, see :func:`~wordcraft_kg.runs.seeds.run_name`.
-        policy: has the weights of ``checkpoint``.
-        checkpoint: ``final``, or ``step N`` for a run that is not done.
+        checkpoint: ``final``, ``step N`` for a run that is not done, or empty if that has none yet.
         config: its settings.
-        opened: the graph and split it was trained on, checked by hash.
         run: its ``run.json``.
         metrics: the lines of ``metrics.jsonl``.
         evaluation: ``evaluation.json``, None if the run is not done.
     """
 
     name: str
-    policy: Policy
     checkpoint: str
     config: AgentConfig
-    opened: OpenedGraph
     run: RunRecord
     metrics: list[MetricsRow]
     evaluation: AgentSummary | None
@@ -60,12 +56,52 @@ class OpenedAgent:
         }
 
 
-def open_agent(folder: str | Path, graph: str | None = None) -> OpenedAgent:
+@dataclass(frozen=True)
+class OpenedAgent(AgentRun):
+    """An agent with everything that its evaluation needs.
+
+    Attributes:
+        policy: has the weights of ``checkpoint``.
+        opened: the graph and split it was trained on, checked by hash.
+    """
+
+    policy: Policy
+    opened: OpenedGraph
+
+
+def read_agent_run(folder: str | Path) -> AgentRun:
+    """Read the records of a run folder; of a run that is still training, as far as it has come.
+
+    Raises:
+        ArtefactError: if there is no such run, or a file is damaged.
+    """
+    folder = Path(folder)
+    run = AGENTS.read_record(folder)
+    config, path = read_run_config(folder, run), folder / "metrics.jsonl"
+    if run.status == "done":
+        metrics = read_metrics(verified_bytes(folder, run, path.name), path)
+        return AgentRun(run_name(folder), "final", config, run, metrics, read_summary(folder, run))
+    last = next(iter(AGENTS.checkpoints(folder).records()), None)
+    checkpoint = "" if last is None else _step(last)
+    return AgentRun(run_name(folder), checkpoint, config, run, _lines_so_far(path), None)
+
+
+def _lines_so_far(path: Path) -> list[MetricsRow]:
+    """Read the lines of a run that is not done, of which the last one may be half written."""
+    lines = read_small_file(path) if path.exists() else b""
+    return read_metrics(lines[: lines.rfind(b"\n") + 1], path)
+
+
+def _step(number: int) -> str:
+    return f"step {number:,}"
+
+
+def open_agent(folder: str | Path, graph: str | OpenedGraph | None = None) -> OpenedAgent:
     """Open a run folder; one that is not done is opened at its last checkpoint.
 
     Args:
         folder: written by ``train-agent``.
-        graph: where the graph is now, if it has moved.
+        graph: where the graph is now, if it has moved, or the graph itself if it is open already.
 
     Raises:
         ArtefactError: if there is no such run, it has no checkpoint yet, or a file is damaged.
@@ -76,25 +112,20 @@ def open_agent(folder: str | Path, graph: str | None = None) -> OpenedAgent:
         8
     """
     folder = Path(folder)
-    run = AGENTS.read_record(folder)
-    config = read_run_config(folder, run)
-    opened = open_run_graph(folder, run, graph or config.graph)
-    path = folder / "metrics.jsonl"
-    evaluation = None
+    found = read_agent_run(folder)
+    run, checkpoint = found.run, found.checkpoint
+    if isinstance(graph, OpenedGraph):
+        check_run_graph(folder, run, opened := graph)
+    else:
+        opened = open_run_graph(folder, run, graph or found.config.graph)
     if run.status == "done":
         weights = "policy.safetensors"
         parameters = read_tensors(folder / weights, verified_bytes(folder, run, weights))
         policy = read_policy(folder, verified_bytes(folder, run, "constants.safetensors"), parameters)
-        checkpoint, evaluation = "final", read_summary(folder, run)
-        lines = verified_bytes(folder, run, path.name)
     else:
-        found = AGENTS.checkpoints(folder).load()
-        policy = policy_at(folder, run, found)
-        checkpoint = f"step {found.number:,}"
-        lines = read_small_file(path)
-        lines = lines[: lines.rfind(b"\n") + 1]  # the last one may be half written
-    metrics = read_metrics(lines, path)
-    return OpenedAgent(run_name(folder), policy, checkpoint, config, opened, run, metrics, evaluation)
+        last = AGENTS.checkpoints(folder).load()
+        policy, checkpoint = policy_at(folder, run, last), _step(last.number)
+    return OpenedAgent(run_name(folder), checkpoint, found.config, run, found.metrics, found.evaluation, policy, opened)
 
 
 def policy_at(folder: Path, run: RunRecord, checkpoint: Checkpoint[AgentProgress]) -> Policy:

@@ -5,10 +5,13 @@ from pathlib import Path
 import msgspec
 
 from wordcraft_kg.agents.evaluation import Ending, Success
+from wordcraft_kg.artefacts import read_large_file
 from wordcraft_kg.errors import ArtefactError
 from wordcraft_kg.graphs.tasks import TaskPart
-from wordcraft_kg.records import Record, Share, parse_lines, parse_record
+from wordcraft_kg.records import Count, Record, Share, parse_lines, parse_record
 from wordcraft_kg.runs.record import RunRecord, verified_bytes
+
+EPISODES_FILE = "episodes.jsonl"
 
 
 class AgentSummary(Record, frozen=True, kw_only=True):
@@ -77,6 +80,36 @@ def read_metrics(data: bytes, path: Path) -> list[MetricsRow]:
         msgspec.structs.replace(row, figures={name: value for name, value in line.items() if value is not None})
         for row, line in zip(when, figures, strict=True)
     ]
+
+
+class PlayedTask(Record):
+    """A line of ``episodes.jsonl``: a task of the last evaluation, and how its episodes ended.
+
+    Attributes:
+        part: part that was played.
+        goal: what was to be made.
+        start: starting ingredients, which with the goal say which task it is.
+        success: share of the draws of distractors with which the goal was made.
+        endings: how each draw ended.
+        picks: picks of each draw.
+    """
+
+    part: TaskPart
+    goal: str
+    start: tuple[str, ...]
+    success: Share
+    endings: tuple[Ending, ...]
+    picks: tuple[Count, ...]
+
+
+def read_episodes(folder: Path) -> list[PlayedTask]:
+    """Read ``episodes.jsonl`` of a finished run.
+
+    Raises:
+        ArtefactError: if it is missing or damaged, naming the line.
+    """
+    path = folder / EPISODES_FILE
+    return parse_lines(read_large_file(path), PlayedTask, path)
 
 
 def read_summary(folder: Path, run: RunRecord) -> AgentSummary:

@@ -4,9 +4,11 @@ import json
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
+import msgspec
+
 from wordcraft_kg.agents.config import AgentConfig
 from wordcraft_kg.agents.evaluation import ENDINGS, Evaluation
-from wordcraft_kg.agents.records import AgentSummary
+from wordcraft_kg.agents.records import EPISODES_FILE, AgentSummary, PlayedTask
 from wordcraft_kg.artefacts import dump_json, write_atomically
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.folder import OpenedGraph
@@ -30,7 +32,7 @@ def write_results(
     """Write the policy's weights, the figures of its evaluation, and how each of its episodes ended."""
     write_parameters(folder, policy)
     write_atomically(folder / "evaluation.json", dump_json(as_values(summary)))
-    write_atomically(folder / "episodes.jsonl", _episode_lines(world, results))
+    write_atomically(folder / EPISODES_FILE, _episode_lines(world, results))
 
 
 def _episode_lines(world: World, results: Mapping[TaskPart, Evaluation]) -> Iterator[str]:
@@ -39,15 +41,15 @@ def _episode_lines(world: World, results: Mapping[TaskPart, Evaluation]) -> Iter
         tasks = world.variant(part=part).tasks
         for i, number in enumerate(result.tasks.tolist()):
             task = tasks[number]
-            row = {
-                "part": part,
-                "goal": task.goal,
-                "start": task.start,
-                "success": float(result.success[i].mean()),
-                "endings": [ENDINGS[code] for code in result.endings[i].tolist()],
-                "picks": result.picks[i].tolist(),
-            }
-            yield json.dumps(row, ensure_ascii=False) + "\n"
+            row = PlayedTask(
+                part=part,
+                goal=task.goal,
+                start=task.start,
+                success=float(result.success[i].mean()),
+                endings=tuple(ENDINGS[code] for code in result.endings[i].tolist()),
+                picks=tuple(result.picks[i].tolist()),
+            )
+            yield json.dumps(msgspec.to_builtins(row), ensure_ascii=False) + "\n"
 
 
 def _of_train_tasks(run: RunRecord) -> str:

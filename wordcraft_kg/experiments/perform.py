@@ -7,8 +7,6 @@ from errno import EDQUOT, ENOSPC
 from importlib.metadata import version
 from pathlib import Path
 
-import msgspec
-
 from wordcraft_kg.errors import ArtefactError, WordCraftKGError, reason
 from wordcraft_kg.experiments.figures import (
     FIGURES_FILE,
@@ -151,7 +149,7 @@ def _run(task: Task, root: Path, keep_all: bool) -> bool:
 def _run_figures(folder: Path, opened: OpenedGraph) -> RunFigures:
     """Return the figures of a finished run from its files."""
     from wordcraft_kg.agents.agent_folder import AGENTS
-    from wordcraft_kg.agents.records import read_metrics, read_summary
+    from wordcraft_kg.agents.records import read_episodes, read_metrics, read_summary
 
     run = AGENTS.read_record(folder)
     summary = read_summary(folder, run)
@@ -168,24 +166,12 @@ def _run_figures(folder: Path, opened: OpenedGraph) -> RunFigures:
         success={name: found.mean for name, found in summary.success.items()},
         by_plan={name: found.by_plan for name, found in summary.success.items()},
         endings={str(name): share for name, share in summary.outcomes[part].items()},
-        won="".join(_digits(folder / "episodes.jsonl", part, draws)),
+        won="".join(f"{round(task.success * draws)}" for task in read_episodes(folder) if task.part == part),
         draws=draws,
         curve=curve,
         steps=summary.steps,
         steps_per_second=summary.steps_per_second,
     )
-
-
-class _Episode(msgspec.Struct):
-    part: str
-    success: float
-
-
-def _digits(path: Path, part: str, draws: int) -> list[str]:
-    decoder = msgspec.json.Decoder(_Episode)
-    with path.open("rb") as lines:
-        episodes = [decoder.decode(line) for line in lines]
-    return [f"{round(episode.success * draws)}" for episode in episodes if episode.part == part]
 
 
 def _scorer(task: Task, root: Path) -> bool:

@@ -1,0 +1,100 @@
+"""The records of a run: of one that is done, that trains at this moment, or that has not got far."""
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+
+from wordcraft_kg.agents.agent_folder import open_agent, read_agent_run
+from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
+from wordcraft_kg.agents.records import read_episodes
+from wordcraft_kg.agents.training import train_agent
+from wordcraft_kg.errors import ArtefactError, GraphMismatchError
+from wordcraft_kg.graphs import open_graph
+from wordcraft_kg.graphs.splits import SplitConfig
+
+TRAINER = ImpalaConfig(steps=640, batch_size=8, log_every=160, eval_every=320, checkpoint_every=320)
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return train_agent(
+        AgentConfig("kitchen", None, TaskConfig(distractors=2), trainer=TRAINER),
+        tmp_path_factory.mktemp("runs") / "run",
+    ).folder
+
+
+@pytest.fixture
+def copy(done: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(done, tmp_path / "run"))
+
+
+def set_status(folder: Path, status: str) -> None:
+    run = json.loads((folder / "run.json").read_text())
+    run |= {"status": status, "ended": None, "outputs": {}}
+    (folder / "run.json").write_text(json.dumps(run))
+
+
+def test_a_line_of_episodes_says_how_each_draw_of_a_task_ended(done: Path) -> None:
+    found, summary = read_episodes(done), read_agent_run(done).evaluation
+    assert summary is not None
+    for part, success in summary.success.items():
+        tasks = [task for task in found if task.part == part]
+        assert len(tasks) == success.tasks
+        assert sum(task.success for task in tasks) / len(tasks) == pytest.approx(success.mean)
+        for task in tasks:
+            assert task.success == task.endings.count("goal") / success.draws
+            assert len(task.picks) == success.draws
+    lines = (done / "episodes.jsonl").read_text().splitlines()
+    assert json.loads(lines[0]) == {
+        "part": found[0].part,
+        "goal": found[0].goal,
+        "start": list(found[0].start),
+        "success": found[0].success,
+        "endings": list(found[0].endings),
+        "picks": list(found[0].picks),
+    }
+
+
+def test_a_damaged_line_of_episodes_is_named(copy: Path) -> None:
+    lines = (copy / "episodes.jsonl").read_text().splitlines()
+    lines[2] = lines[2].replace('"goal":', '"gaol":')
+    (copy / "episodes.jsonl").write_text("\n".join(lines) + "\n")
+    with pytest.raises(ArtefactError, match=r"episodes\.jsonl, line 3, is damaged"):
+        read_episodes(copy)
+    (copy / "episodes.jsonl").unlink()
+    with pytest.raises(ArtefactError, match="missing"):
+        read_episodes(copy)
+
+
+def test_the_records_of_a_run_are_those_of_its_agent(done: Path) -> None:
+    run, agent = read_agent_run(done), open_agent(done)
+    for name in ("name", "checkpoint", "config", "run", "metrics", "evaluation", "provenance"):
+        assert getattr(run, name) == getattr(agent, name)
+    assert run.checkpoint == "final"
+
+
+def test_a_graph_that_is_open_already_is_taken_as_it_is(done: Path) -> None:
+    opened = open_graph("kitchen")
+    assert open_agent(done, opened).opened is opened
+    with pytest.raises(GraphMismatchError, match="was trained on split"):
+        open_agent(done, open_graph("kitchen", SplitConfig(seed=5)))
+
+
+@pytest.mark.parametrize("status", ["running", "interrupted", "failed"])
+def test_a_run_that_is_not_done_is_read_as_far_as_it_has_come(copy: Path, status: str) -> None:
+    set_status(copy, status)
+    whole = read_agent_run(copy)
+    assert (whole.checkpoint, whole.evaluation, whole.run.status) == ("", None, status)
+    data = (copy / "metrics.jsonl").read_bytes()
+    (copy / "metrics.jsonl").write_bytes(data[:-20])  # the last line is half written
+    assert read_agent_run(copy).metrics == whole.metrics[:-1]
+    (copy / "metrics.jsonl").write_bytes(b"")
+    assert read_agent_run(copy).metrics == []
+    (copy / "metrics.jsonl").unlink()  # it has just begun
+    assert read_agent_run(copy).metrics == []
+    (copy / "checkpoints").mkdir()
+    (copy / "checkpoints/step-1280.json").write_text("{}")
+    (copy / "checkpoints/step-320.json").write_text("{}")
+    assert read_agent_run(copy).checkpoint == "step 1,280"

@@ -152,7 +152,7 @@ class Evaluator:
             limit: the most tasks to play, evenly spaced in their order; None plays all.
         """
         amount = len(world.tasks)
-        step = 1 if limit is None else -(-amount // limit)
+        step = _distance(amount, limit)
         self.tasks = np.arange(0, amount, step)
         if step > 1 and limit == MOST_TASKS:
             logging.getLogger(__name__).warning(
@@ -195,6 +195,20 @@ class Evaluator:
         is_right = ((self._parts == held[:, None]) | (self._parts == picked[:, None])).any(1)
         makes = self.engine.pairs(held, picked) != self.engine.world.graph.num_pairs
         return np.select([is_twice, is_right, makes], [1, 2, 3], 4)
+
+
+def _distance(amount: int, limit: int | None) -> int:
+    """Return the distance of the tasks that are played."""
+    return 1 if limit is None else -(-amount // limit)
+
+
+def environment_of(task: int, amount: int) -> int:
+    """Return the number of the environment in which an evaluation plays a task, on which its tables depend.
+
+    Of very many tasks a sample is played; one that is not in it has tables of its own.
+    """
+    place, rest = divmod(task, _distance(amount, MOST_TASKS))
+    return place if not rest else task
 
 
 def evaluate(player: Policy | Player, graph: GraphLike | World, *, draws: int = 5, **settings: Any) -> Evaluation:

@@ -1,29 +1,44 @@
 """Why an agent picked what it picked: every logit of an episode, split into the contributions of the sources."""
 
 import copy
-from collections.abc import Sequence
-from typing import Annotated, Any
+from collections.abc import Iterable, Sequence
+from typing import Annotated, Literal, NamedTuple, get_args
 
 import msgspec
 import numpy as np
 import torch
+from numpy.typing import NDArray
+from torch import nn
 
-from wordcraft_kg.agents.evaluation import EVALUATION_SEED, PolicyPlayer
-from wordcraft_kg.agents.states import States, bind_tasks, states_of
-from wordcraft_kg.envs.batch import OUTCOMES, BatchEngine
+from wordcraft_kg.agents.evaluation import EVALUATION_SEED, environment_of
+from wordcraft_kg.agents.states import States, has_train_recipes
+from wordcraft_kg.envs.arrays import arrays_of
+from wordcraft_kg.envs.batch import GOAL, OUT_OF_ATTEMPTS, OUTCOMES
+from wordcraft_kg.envs.draws import Draws
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.errors import TaskError, UnknownEntityError
+from wordcraft_kg.errors import ConfigError, TaskError, UnknownEntityError
 from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.models.policies.policy import Policy
+from wordcraft_kg.graphs.folder import KG
+from wordcraft_kg.graphs.plan_search import Rows
+from wordcraft_kg.graphs.recipe_graph import Entity
+from wordcraft_kg.graphs.splits import Part
+from wordcraft_kg.graphs.tasks import TaskSet
+from wordcraft_kg.models.policies.policy import Policy, PolicyOutput
 from wordcraft_kg.models.policies.sources import ALPHA
-from wordcraft_kg.models.policies.sources.source import Source
+from wordcraft_kg.models.policies.sources.source import FoldedSource, Source
+from wordcraft_kg.models.scorers.cross_fitting import models_of_tasks, seen_by_models
 from wordcraft_kg.models.scorers.recipes import Witness
 from wordcraft_kg.progress import steps
 from wordcraft_kg.records import Record, Share
-from wordcraft_kg.settings import nearest
+from wordcraft_kg.settings import MAX_SIZE, nearest, whole
 
 TOLD = 3
 """Pairs of each pick for which the recipes that speak for them are told."""
+MOST_ON_TABLE = 64
+"""Most entities on a table of one's own; the time of an answer grows with their square."""
+Model = Literal["no_scorer", "all_recipes", "train_recipes", "without_a_fold", "no_knowledge"]
+"""Which model of an agent's scorer answers: none, as it has no scorer; that of all recipes; that of the train recipes;
+that of the train recipes but for a fold; or none, as each of them has seen a part of the task's plan."""
 
 
 class SlotEvidence(Record):
@@ -92,13 +107,304 @@ class ExplainedEpisode(Record):
     steps: tuple[ExplainedStep, ...]
 
 
+class TableRecipe(Record):
+    """A recipe of a plan that a table allows.
+
+    Attributes:
+        part: the part of the split that it is in.
+        is_remembered: whether the model that answers has been trained on it.
+    """
+
+    ingredient_a: str
+    ingredient_b: str
+    result: str
+    part: Part
+    is_remembered: bool
+
+
+class ExplainedTable(Record):
+    """A table with the picks that an agent makes there, and who answers.
+
+    Attributes:
+        table: the entities on it, in the order of the slots.
+        ways: all plans that make the goal from this table in as few attempts as possible, if that can be done.
+            Distractors count, unlike in the plans of the task.
+        model: which model of the agent's scorer answers.
+        fold: the fold that it has not seen; None for another model than such a one.
+        episode: the picks.
+    """
+
+    table: tuple[str, ...]
+    ways: tuple[tuple[TableRecipe, ...], ...]
+    model: Model
+    fold: int | None
+    episode: ExplainedEpisode
+
+    @property
+    def is_remembered(self) -> bool:
+        """Whether the model that answers has been trained on a recipe that makes the goal from this table."""
+        return any(recipe.is_remembered for way in self.ways for recipe in way)
+
+
+class _Asked(NamedTuple):
+    """What is played: by which policy and for which number of a task, None for one without train recipes."""
+
+    policy: Policy
+    task: int | None
+    start: tuple[str, ...]
+    plans: tuple[Rows, ...]
+    goal: int
+    table: list[int]
+    held: int | None = None
+
+
+class Explainer:
+    """Explains what a policy picks in a world; several threads may ask at once.
+
+    It picks as the policy does, and computes what it tells in double precision, so that the contributions add up to the
+    logit, and the probabilities to 1, to 1e-9. The values of the sources are those that the policy sees. It has a copy
+    of the policy's parameters, and its own sources with the same tensors, so that nobody else binds tasks to them.
+
+    Attributes:
+        world: graph, tasks and settings.
+
+    Example:
+        >>> agent = open_agent("runs/kitchen")
+        >>> explainer = Explainer(agent.policy, World(agent.opened, agent.config.tasks.environment("test")))
+        >>> explainer.table("bread", ["flour", "water", "fire"]).episode.steps[0].picked in ("flour", "water", "fire")
+        True
+    """
+
+    def __init__(self, policy: Policy, world: World, *, kg: KG = "partial"):
+        """Take a policy of the world's graph.
+
+        Args:
+            policy: the policy; its parameters are copied.
+            world: graph, tasks and settings.
+            kg: the knowledge graph that its scorer was trained on, if it has one.
+
+        Raises:
+            LeakError: if a task would be scored by a model that has been trained on its recipes.
+        """
+        self.world = world
+        self._kg = kg
+        self._policy = _own(policy)
+        if has_train_recipes(world):
+            self._policy.bind(world.tasks)
+        self._exact = _exact(self._policy)
+        with torch.no_grad():
+            self._weights, self._exact_weights = self._policy.weights(), self._exact.weights()
+        self._draws = Draws(world, arrays_of("cpu"))
+
+    def episode(self, task: int, draw: int = 0) -> ExplainedEpisode:
+        """Explain the picks of an episode on a table of the evaluation.
+
+        Args:
+            task: number of the task among the world's.
+            draw: which draw of distractors.
+
+        Raises:
+            ConfigError: if there is no such task, or the policy cannot play with so many slots.
+        """
+        return self._played(self._of_task(task, self._drawn(task, draw)))
+
+    def task(self, task: int, draw: int = 0) -> ExplainedTable:
+        """Explain such an episode, and say who answers; see :meth:`episode`."""
+        return self._explained(self._of_task(task, self._drawn(task, draw)))
+
+    def table(
+        self, goal: Entity, table: Sequence[Entity], held: Entity | None = None, *, like: int | None = None
+    ) -> ExplainedTable:
+        """Explain the picks on a table of one's own.
+
+        A cross-fitted scorer answers by the model that has not seen the recipes that make the goal on this table, if
+        they are of one fold; otherwise by that of all train recipes.
+
+        Args:
+            goal: entity to make, by label or id, like the others.
+            table: different entities.
+            held: the first pick of the first attempt, if it has been made.
+            like: number of the world's task that the table was made from. While the goal is the same and the task's
+                starting ingredients are there, it stays that task, and the model of that task answers.
+
+        Raises:
+            UnknownEntityError: with the nearest labels.
+            ConfigError: if there is nothing on the table, too much for the policy, or an entity twice; if what is held
+                is not there; or if there is no task ``like``.
+        """
+        graph, tasks = self.world.graph, self.world.tasks
+        ids, target = [graph.id_of(entity) for entity in table], graph.id_of(goal)
+        if not 1 <= len(ids) <= MOST_ON_TABLE:
+            raise ConfigError(f"`table` of {len(ids)} entities: expected 1 to {MOST_ON_TABLE}.")
+        if len(set(ids)) < len(ids):
+            twice = next(entity for i, entity in enumerate(ids) if entity in ids[:i])
+            raise ConfigError(f"`table` holds '{graph.entities[twice]}' twice: expected different entities.")
+        hand = None if held is None else graph.id_of(held)
+        if hand is not None and hand not in ids:
+            raise ConfigError(f"`held` '{graph.entities[hand]}' is not on the table: put it there, or hold nothing.")
+        if like is not None:
+            whole("like", like, 0, len(tasks) - 1)
+            if tasks.goals[like] == target and {*tasks.starts[like].tolist()} <= {*ids, self.world.nothing}:
+                return self._explained(self._of_task(like, ids)._replace(held=hand))
+        return self._explained(self._of_table(target, ids)._replace(held=hand))
+
+    def _drawn(self, task: int, draw: int) -> list[int]:
+        """Return the table of a task as the evaluation draws it."""
+        amount, draws = len(self.world.tasks), self._draws
+        whole("task", task, 0, amount - 1)
+        whole("draw", draw, 0, MAX_SIZE)
+        keys = draws.keys(draws.env_keys(EVALUATION_SEED, environment_of(task, amount), 1), np.array([draw]))
+        return [entity for entity in draws.tables(keys, np.array([task]))[0].tolist() if entity != self.world.nothing]
+
+    def _of_task(self, task: int, table: list[int]) -> _Asked:
+        tasks = self.world.tasks
+        start = tasks.graph.labels(entity for entity in tasks.starts[task].tolist() if entity != self.world.nothing)
+        number = task if has_train_recipes(self.world) else None
+        return _Asked(self._policy, number, start, tasks.plans[task], int(tasks.goals[task]), table)
+
+    def _of_table(self, goal: int, table: list[int]) -> _Asked:
+        plans, folds = self._ways(goal, table), self._folds()
+        asked = _Asked(self._policy, None, self.world.graph.labels(table), plans, goal, table)
+        if folds is None or not plans:
+            return asked
+        posed = _posed(self.world, goal, table, plans)
+        if not 0 < models_of_tasks(folds, posed)[0] < len(seen_by_models(folds)) - 1:
+            # Every model has seen a recipe of plans of several folds; then the one that knows most tells most.
+            return asked
+        policy = _own(self._policy)
+        policy.bind(posed)
+        return asked._replace(policy=policy, task=0)
+
+    def _ways(self, goal: int, table: Iterable[int]) -> tuple[Rows, ...]:
+        """Return the plans that make a goal from what is on a table, in as few attempts as possible."""
+        world, have = self.world, frozenset(table) - {goal}
+        ways = world.search.shortest_ways(goal, have, min(world.config.attempts, world.config.depth))
+        return tuple(world.search.ordered(ways, goal, have))
+
+    def _folds(self) -> Ids | None:
+        """Return the fold of each recipe if a source has a model for each."""
+        for source in self._policy.sources.values():
+            if isinstance(source, FoldedSource) and source.reads_task and len(source.fold_of_recipe):
+                return np.asarray(source.fold_of_recipe.cpu().numpy())
+        return None
+
+    def _explained(self, asked: _Asked) -> ExplainedTable:
+        graph, split = self.world.graph, self.world.split
+        model, fold, is_seen = self._answering(asked)
+        ways = tuple(
+            tuple(
+                TableRecipe(*recipe, part=get_args(Part)[split.parts[row]], is_remembered=bool(is_seen[row]))
+                for row, recipe in zip(way, graph.recipe_labels(graph.recipes[list(way)]), strict=True)
+            )
+            for way in self._ways(asked.goal, asked.table)
+        )
+        return ExplainedTable(graph.labels(asked.table), ways, model, fold, self._played(asked))
+
+    def _answering(self, asked: _Asked) -> tuple[Model, int | None, NDArray[np.bool_]]:
+        """Return which model answers, the fold that it has not seen, and which recipes it has been trained on."""
+        is_train, folds = self.world.split.is_in("train"), self._folds()
+        if not self._policy.sources:
+            return "no_scorer", None, np.zeros_like(is_train)
+        if folds is None:
+            return (
+                ("all_recipes", None, np.ones_like(is_train))
+                if self._kg == "full"
+                else ("train_recipes", None, is_train)
+            )
+        seen, model = seen_by_models(folds), 0
+        if asked.task is not None:
+            source = next(one for one in asked.policy.sources.values() if isinstance(one, FoldedSource))
+            model = int(source.model_of_task[asked.task])
+        if 0 < model < len(seen) - 1:
+            return "without_a_fold", model - 1, seen[model]
+        return ("no_knowledge" if model else "train_recipes"), None, seen[model]
+
+    def _played(self, asked: _Asked) -> ExplainedEpisode:
+        """Let the policy pick until the goal is made or the attempts are used up."""
+        world, graph, nothing = self.world, self.world.graph, self.world.nothing
+        pairs = graph.recipes[:, :2]
+        parts = {entity for plan in asked.plans for entity in pairs[plan[-1]].tolist()}
+        room = max(world.num_slots, len(asked.table) + world.max_results * world.config.attempts)
+        table, held, attempts, is_made = list(asked.table), asked.held, world.config.attempts, False
+        task = None if asked.task is None else torch.tensor([asked.task])
+        steps = []
+        while attempts and not is_made:
+            slots = torch.tensor([[*table, *[nothing] * (room - len(table))]])
+            state = States(torch.tensor([asked.goal]), torch.tensor([nothing if held is None else held]), slots, task)
+            picked, output, evidence = self._decide(asked.policy, state)
+            entity, made = table[picked], []
+            before = graph.labels(table)
+            if held is not None:
+                results = world.outcomes.get((min(held, entity), max(held, entity)), ())
+                made = [result for result in results if result not in table]
+                table += made
+                is_made, attempts = asked.goal in results, attempts - 1
+            steps.append(
+                ExplainedStep(
+                    held=None if held is None else graph.entities[held],
+                    value=float(output.value[0]),
+                    lambdas=self._lambdas(output),
+                    picked=graph.entities[entity],
+                    made=graph.labels(made),
+                    slots=_slots(self._exact, output, before, {graph.entities[part] for part in parts}, evidence),
+                )
+            )
+            held = entity if held is None else None
+        return ExplainedEpisode(
+            goal=graph.entities[asked.goal],
+            start=asked.start,
+            plans=tuple(
+                tuple(
+                    f"{one} + {other} -> {result}"
+                    for one, other, result in graph.recipe_labels(graph.recipes[list(plan)])
+                )
+                for plan in asked.plans
+            ),
+            outcome=OUTCOMES[GOAL if is_made else OUT_OF_ATTEMPTS],
+            steps=tuple(steps),
+        )
+
+    @torch.no_grad()
+    def _decide(self, policy: Policy, state: States) -> tuple[int, PolicyOutput, list[SlotEvidence | None]]:
+        """Return the slot that the policy picks in one state, its output exactly, and what speaks for each slot."""
+        goal, selection, table, task = state
+        opinions = policy.opinions(goal, selection, table, task)
+        picked = int(self._policy(goal, selection, table, self._weights, task, opinions).logits.argmax(1))
+        exact = None if opinions is None else opinions.double()
+        output = self._exact(goal, selection, table, self._exact_weights, task, exact)
+        return picked, output, _evidence(policy, state, self.world.graph.entities)
+
+    def _lambdas(self, output: PolicyOutput) -> dict[str, float]:
+        if output.lambdas is None:
+            return {}
+        return dict(zip((label.name for label in self._exact.labels), output.lambdas[0].tolist(), strict=True))
+
+
+def _own(policy: Policy) -> Policy:
+    """Return a copy of a policy whose sources and constants have the same tensors, which nobody changes."""
+    return copy.deepcopy(policy, {id(tensor): tensor for tensor in policy.buffers()}).eval()
+
+
+def _exact(policy: Policy) -> Policy:
+    """Return a copy in double precision; its sources, whose values are given to it, are those of the policy."""
+    exact = copy.deepcopy(policy, {id(policy.sources): nn.ModuleDict()}).double()
+    exact.sources = policy.sources
+    return exact
+
+
+def _posed(world: World, goal: int, table: Iterable[int], plans: tuple[Rows, ...]) -> TaskSet:
+    """Return a table of one's own as a set of one task."""
+    start = np.array([sorted(table)])
+    return TaskSet(world.graph, world.config.depth, "all", np.array([goal]), start, (plans,), False, 0)
+
+
 def explain_episodes(
     policy: Policy, world: World, *, goal: str | None = None, episodes: int = 3
 ) -> tuple[ExplainedEpisode, ...]:
     """Play some tasks of a part greedily, on the tables of the evaluation, and record every logit of each pick.
 
     Everything is computed in double precision, so that the contributions add up to the logit, and the probabilities
-    to 1, to 1e-9.
+    to 1, to 1e-9; see :class:`Explainer`.
 
     Args:
         policy: a policy of this graph.
@@ -110,16 +416,10 @@ def explain_episodes(
         UnknownEntityError: if there is no such goal.
         TaskError: if no task of the part has it.
     """
-    exact = copy.deepcopy(policy).double().eval()
     tasks, draws = _choose_tasks(world, goal, episodes)
-    # The distractors depend on the environment's number: environment i plays task i, as in the evaluation.
-    engine = BatchEngine(world, len(world.tasks), seed=EVALUATION_SEED)
-    bind_tasks([exact], engine)
-    found = []
-    for task, draw in steps("explaining", list(zip(tasks.tolist(), draws.tolist(), strict=True))):
-        engine.pose(np.arange(engine.num_envs), draw)
-        found.append(_explain(exact, PolicyPlayer(policy), engine, task))
-    return tuple(found)
+    explainer = Explainer(policy, world)
+    chosen = list(zip(tasks.tolist(), draws.tolist(), strict=True))
+    return tuple(explainer.episode(task, draw) for task, draw in steps("explaining", chosen))
 
 
 def _choose_tasks(world: World, goal: str | None, episodes: int) -> tuple[Ids, Ids]:
@@ -138,48 +438,10 @@ def _choose_tasks(world: World, goal: str | None, episodes: int) -> tuple[Ids, I
     return rows[numbers % len(rows)], numbers // len(rows)
 
 
-def _explain(exact: Policy, player: PolicyPlayer, engine: BatchEngine, row: int) -> ExplainedEpisode:
-    graph, nothing = engine.world.graph, engine.nothing
-    task = engine.world.tasks[row]
-    parts = {label for plan in task.plans for label in plan[-1][:2]}
-    names = [label.name for label in exact.labels]
-    steps = []
-    rng = np.random.default_rng(EVALUATION_SEED)
-    outcome = 0
-    while engine.attempts_left[row] > 0:
-        state = states_of(engine).rows(row, row + 1)
-        # The engine's memory, which the step below changes.
-        goal, selection, table = state.goal.clone(), state.selection.clone(), state.table.clone()
-        slots = player(engine, rng)
-        with torch.no_grad():
-            output = exact(goal, selection, table, task=state.task)
-            evidence = _evidence(exact, state, graph.entities)
-        there = [label for label in table[0].tolist() if label != nothing]
-        outcome = int(engine.step_once(slots).outcome[row])
-        after = [label for label in engine.table[row].tolist() if label != nothing]
-        steps.append(
-            ExplainedStep(
-                held=graph.entities[selection[0]] if selection[0] != nothing else None,
-                value=float(output.value[0]),
-                lambdas=dict(zip(names, output.lambdas[0].tolist(), strict=True)) if output.lambdas is not None else {},
-                picked=graph.entities[table[0, slots[row]]],
-                made=graph.labels(after[len(there) :]),
-                slots=_slots(exact, output, graph.labels(there), parts, evidence),
-            )
-        )
-    return ExplainedEpisode(
-        goal=task.goal,
-        start=tuple(task.start),
-        plans=tuple(tuple(f"{one} + {other} -> {result}" for one, other, result in plan) for plan in task.plans),
-        outcome=OUTCOMES[outcome],
-        steps=tuple(steps),
-    )
-
-
-def _evidence(exact: Policy, state: States, entities: Sequence[str]) -> list[SlotEvidence | None]:
+def _evidence(policy: Policy, state: States, entities: Sequence[str]) -> list[SlotEvidence | None]:
     """Return what speaks for each slot of one state, by the first source that can tell."""
     told: list[SlotEvidence | None] = [None] * state.table.shape[1]
-    for name, source in exact.sources.items():
+    for name, source in policy.sources.items():
         assert isinstance(source, Source)
         for slot, found in enumerate(source.evidence(*state)):
             if found is not None and told[slot] is None:
@@ -190,7 +452,7 @@ def _evidence(exact: Policy, state: States, entities: Sequence[str]) -> list[Slo
 
 def _slots(
     exact: Policy,
-    output: Any,
+    output: PolicyOutput,
     labels: tuple[str, ...],
     parts: set[str],
     evidence: Sequence[SlotEvidence | None],
@@ -200,7 +462,7 @@ def _slots(
     probabilities = torch.softmax(output.logits[0], dim=0)[:size]
     rows = []
     for i, label in enumerate(labels):
-        if output.sources is None:
+        if output.sources is None or output.lambdas is None:
             sources = {ALPHA.name: float(logits[i])}
             contributions = dict(sources)
         else:

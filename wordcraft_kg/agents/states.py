@@ -7,6 +7,7 @@ import torch
 from torch import Tensor
 
 from wordcraft_kg.envs.batch import BatchEngine
+from wordcraft_kg.envs.world import World
 from wordcraft_kg.tensors import as_tensor
 
 
@@ -35,8 +36,8 @@ def states_of(engine: BatchEngine) -> States:
     return States(as_tensor(engine.goal), as_tensor(engine.selection), as_tensor(engine.table), task)
 
 
-def has_train_recipes(engine: BatchEngine) -> bool:
-    """Return whether an engine's tasks need train recipes, so that a scorer may have been trained on them."""
+def has_train_recipes(engine: BatchEngine | World) -> bool:
+    """Return whether an engine's or a world's tasks need train recipes, on which a scorer may have been trained."""
     return engine.config.part in ("train", "all")
 
 

@@ -115,13 +115,16 @@ class BestRecipe(FoldedSource):
         """Return the scores of all pairs on the tables, shape (B, A, A).
 
         Most tables are asked for twice in a row, before and after the first pick, so the last ones are kept. Slots that
-        are empty in all tables, which come last, are left out.
+        are empty in all tables, which come last, are left out. Several threads may ask at once: what is kept is looked
+        up once and replaced as a whole.
         """
+        last = self._last
         slots, is_used = table.shape[1], (table != self.num_entities).any(0)
         used = int(is_used.nonzero().max()) + 1 if is_used.any() else 0
         asked = goal, table[:, :used], model
-        if self._last is not None and self._last[1].shape[-1] == slots and all(map(_is_same, self._last[0], asked)):
-            return self._last[1]
+        last = self._last
+        if last is not None and last[1].shape[-1] == slots and all(map(_is_same, last[0], asked)):
+            return last[1]
         rest = slots - used
         scores = nn.functional.pad(self.knowledge(*asked), (0, rest, 0, rest), value=-torch.inf)
         self._last = (goal.clone(), asked[1].clone(), model.clone()), scores

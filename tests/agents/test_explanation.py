@@ -1,0 +1,461 @@
+"""Explained picks: against the evaluation's episodes, against the formula in loops, and by several threads at once."""
+
+import math
+from concurrent.futures import ThreadPoolExecutor
+from itertools import combinations_with_replacement
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from wordcraft_kg.agents import evaluation
+from wordcraft_kg.agents.evaluation import EVALUATION_SEED, Evaluator, PolicyPlayer
+from wordcraft_kg.agents.explanation import MOST_ON_TABLE, ExplainedTable, Explainer
+from wordcraft_kg.envs.batch import BatchEngine
+from wordcraft_kg.envs.config import WordCraftConfig
+from wordcraft_kg.envs.world import World
+from wordcraft_kg.errors import ConfigError, UnknownEntityError
+from wordcraft_kg.graphs import RecipeGraph, open_graph
+from wordcraft_kg.graphs.folder import OpenedGraph
+from wordcraft_kg.graphs.splits import SplitConfig, make_split
+from wordcraft_kg.graphs.triples import recipe_triples
+from wordcraft_kg.models.policies.config import PolicyConfig
+from wordcraft_kg.models.policies.folder import make_policy
+from wordcraft_kg.models.policies.policy import Policy
+from wordcraft_kg.models.policies.sources.source import ScoreView, make_sources
+from wordcraft_kg.models.scorers.cross_fitting import CrossFitted, cross_fit
+from wordcraft_kg.models.scorers.facts import FrequencyScorer
+from wordcraft_kg.models.scorers.folder import load_scorer
+from wordcraft_kg.models.scorers.protocol import TripleScorer
+
+SMALL = {"features": "learned", "embedding_size": 6, "key_size": 4, "value_size": 5, "self_edges": "keep"}
+KINDS = ("no scorer", "mlp", "links", "cross-fitted links", "recipes", "scorer alone", "in sample")
+
+
+@pytest.fixture(scope="module")
+def opened() -> OpenedGraph:
+    return open_graph("kitchen")
+
+
+@pytest.fixture(scope="module")
+def scorer(recipes_folder: Path) -> CrossFitted:
+    found = load_scorer(recipes_folder)
+    assert isinstance(found, CrossFitted)
+    return found
+
+
+def world_of(opened: OpenedGraph, part: str = "test", **settings: object) -> World:
+    return World(opened, WordCraftConfig.of({"part": part, "num_distractors": 4, **settings}))
+
+
+def policy_of(opened: OpenedGraph, scorer: CrossFitted, kind: str, world: World) -> Policy:
+    """A policy of random weights, large enough that its picks differ from state to state."""
+    scorers: dict[str, tuple[TripleScorer | None, dict[str, object]]] = {
+        "no scorer": (None, {}),
+        "mlp": (None, {"policy": "mlp", "hidden_size": 7}),
+        "links": (FrequencyScorer(opened.graph, opened.split.partial), {"use": "u,v"}),
+        "cross-fitted links": (scorer, {"use": "u,v"}),
+        "recipes": (scorer, {"use": "u,v,w"}),
+        "scorer alone": (scorer, {"use": "v,w", "kg_only": True, "mixing": "softmax"}),
+        "in sample": (scorer, {"use": "w", "in_sample": True}),
+    }
+    guide, settings = scorers[kind]
+    train = world.variant(part="train")
+    policy, _ = make_policy(
+        PolicyConfig(**{**SMALL, **settings}),  # type: ignore[arg-type]
+        opened.graph,
+        world.num_slots,
+        scorer=guide,
+        tasks=train.tasks,
+        seed=4,
+    )
+    with torch.no_grad():
+        for parameter in policy.parameters():
+            parameter.mul_(2)
+    return policy.eval()
+
+
+# --- against the evaluation ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(("part", "depth", "attempts"), [("train", 1, None), ("test", 1, 3), ("test", 2, 3)])
+def test_an_explained_episode_is_that_of_the_evaluation(
+    opened: OpenedGraph, scorer: CrossFitted, kind: str, part: str, depth: int, attempts: int | None
+) -> None:
+    world = world_of(opened, part, depth=depth, max_attempts=attempts)
+    policy = policy_of(opened, scorer, kind, world)
+    engine = BatchEngine(world, len(world.tasks), seed=EVALUATION_SEED)
+    result = Evaluator(world, draws=2)(PolicyPlayer(policy))
+    explainer = Explainer(policy, world)
+    outcomes = set()
+    for draw in range(2):
+        engine.pose(np.arange(len(world.tasks)), draw)
+        for task in range(0, len(world.tasks), 9):
+            found = explainer.task(task, draw)
+            table = [entity for entity in engine.table[task].tolist() if entity != engine.nothing]
+            assert found.table == opened.graph.labels(table)
+            assert len(found.episode.steps) == result.picks[task, draw]
+            assert (found.episode.outcome == "goal") == result.success[task, draw]
+            last = result.last[task, draw].tolist()
+            assert [step.picked for step in found.episode.steps[-2:]] == list(opened.graph.labels(last))
+            assert found.episode.start == world.tasks[task].start
+            outcomes.add(found.episode.outcome)
+    assert outcomes == {"goal", "out_of_attempts"} or kind not in ("recipes", "in sample")
+
+
+def test_of_a_sample_of_the_tasks_the_tables_are_those_that_were_played(
+    opened: OpenedGraph, scorer: CrossFitted, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(evaluation, "MOST_TASKS", 20)
+    world = world_of(opened)
+    evaluator = Evaluator(world, draws=1, limit=20)
+    evaluator.engine.pose(evaluator.tasks, 0)
+    explainer = Explainer(policy_of(opened, scorer, "no scorer", world), world)
+    assert evaluator.tasks[1] > 1
+    for row, task in enumerate(evaluator.tasks.tolist()):
+        table = [entity for entity in evaluator.engine.table[row].tolist() if entity != world.nothing]
+        assert explainer.task(task).table == opened.graph.labels(table)
+    assert len(explainer.task(1).table) == len(world.tasks[1].start) + 4
+
+
+# --- against the formula ---------------------------------------------------------------------------------------------
+
+
+def product(weights: torch.Tensor, values: list[float], bias: torch.Tensor | None = None) -> list[float]:
+    """W x + b in loops."""
+    rows = weights.double().tolist()
+    extra = bias.double().tolist() if bias is not None else [0.0] * len(rows)
+    return [sum(w * x for w, x in zip(row, values, strict=True)) + more for row, more in zip(rows, extra, strict=True)]
+
+
+def softmax(values: list[float]) -> list[float]:
+    exponents = [math.exp(value - max(values)) for value in values]
+    return [value / sum(exponents) for value in exponents]
+
+
+def head(module: torch.nn.Sequential, state: list[float]) -> list[float]:
+    first, _, second = module
+    hidden = [max(value, 0.0) for value in product(first.weight, state, first.bias)]
+    return product(second.weight, hidden, second.bias)
+
+
+def by_loops(
+    policy: Policy, goal: int, held: int | None, table: list[int], values: dict[str, list[float]]
+) -> tuple[list[float], float, list[float]]:
+    """Logits, value and λ of a state from the paper's formulas, given the values of the sources."""
+    vectors = policy.vectors.vectors.double().tolist()
+    nothing = [0.0] * policy.vectors.dim
+    query = product(
+        policy.attention.query.weight,
+        vectors[goal] + (nothing if held is None else vectors[held]),
+        policy.attention.query.bias,
+    )
+    keys = [product(policy.attention.key.weight, vectors[entity]) for entity in table]
+    alpha = [sum(q * k for q, k in zip(query, key, strict=True)) / math.sqrt(len(query)) for key in keys]
+    state = [
+        sum(w * vectors[entity][i] for w, entity in zip(softmax(alpha), table, strict=True))
+        for i in range(policy.vectors.dim)
+    ]
+    (value,) = head(policy.value, state)
+    if not values:
+        return alpha, value, []
+    lambdas = head(policy.mixture, state)
+    if policy.config.mixing == "softmax":
+        lambdas = softmax(lambdas)
+    terms = list(values.values()) if policy.config.kg_only else [alpha, *values.values()]
+    return (
+        [sum(weight * term[i] for weight, term in zip(lambdas, terms, strict=True)) for i in range(len(table))],
+        value,
+        lambdas,
+    )
+
+
+@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "mlp"])
+@pytest.mark.parametrize("is_held", [False, True])
+def test_a_table_of_ones_own_is_explained_as_the_formula_says(
+    opened: OpenedGraph, scorer: CrossFitted, kind: str, is_held: bool
+) -> None:
+    world = world_of(opened)
+    policy = policy_of(opened, scorer, kind, world)
+    explainer, graph = Explainer(policy, world), opened.graph
+    rng = np.random.default_rng(3)
+    for _ in range(6):
+        goal, *table = rng.permutation(graph.num_entities)[:8].tolist()
+        held = table[2] if is_held else None
+        found = explainer.table(goal, table, held)
+        step = found.episode.steps[0]
+        assert step.held == (graph.entities[held] if held is not None else None)
+        assert [slot.entity for slot in step.slots] == [graph.entities[entity] for entity in table]
+        names = [name for name in step.slots[0].sources if name in policy.sources]
+        values = {name: [slot.sources[name] for slot in step.slots] for name in names}
+        logits, value, lambdas = by_loops(policy, goal, held, table, values)
+        assert [slot.logit for slot in step.slots] == pytest.approx(logits, abs=1e-9)
+        assert [slot.probability for slot in step.slots] == pytest.approx(softmax(logits), abs=1e-9)
+        assert step.value == pytest.approx(value, abs=1e-9)
+        assert list(step.lambdas.values()) == pytest.approx(lambdas, abs=1e-9)
+        assert step.picked == max(step.slots, key=lambda slot: slot.logit).entity
+        for slot in step.slots:
+            assert sum(slot.contributions.values()) == pytest.approx(slot.logit, abs=1e-9)
+            for name, share in step.lambdas.items():
+                assert slot.contributions[name] == pytest.approx(share * slot.sources[name], abs=1e-12)
+        if not is_held:  # the second pick follows from the first
+            assert found.episode.steps[1].held == step.picked
+        assert len(found.episode.steps) == 2 - is_held
+
+
+def test_what_is_made_is_on_the_table_for_the_next_attempt(scorer: CrossFitted) -> None:
+    """A pair with two results, one of them there already, and then one that makes the goal with its own result."""
+    rows = [["a", "b", "c"], ["a", "b", "d"], ["d", "d", "goal"], ["c", "e", "f"]]
+    graph = RecipeGraph.from_recipes(rows, ["a", "b", "e"])
+    opened = OpenedGraph(graph, make_split(graph, SplitConfig("none")), "made up")
+    world = World(opened, WordCraftConfig(part="train", depth=2, num_distractors=0, max_attempts=3))
+    policy = policy_of(opened, scorer, "no scorer", world)
+    explainer = Explainer(policy, world)
+    # The policy picks something; the picks are followed by hand.
+    for table in (["a", "b", "c", "e"], ["a", "b"], ["d", "a"], ["b", "e", "d", "goal"]):
+        there, held, is_made = list(table), None, False
+        for step in explainer.table("goal", table).episode.steps:
+            assert not is_made
+            assert step.held == held
+            assert [slot.entity for slot in step.slots] == there
+            made = [] if held is None else [c for a, b, c in rows if sorted((held, step.picked)) == [a, b]]
+            assert step.made == tuple(entity for entity in made if entity not in there)
+            is_made = "goal" in made
+            there += step.made
+            held = step.picked if held is None else None
+        assert (explainer.table("goal", table).episode.outcome == "goal") == is_made
+
+
+@pytest.mark.parametrize("ambiguity", ["all", "last"])
+def test_a_pair_makes_what_the_rules_of_the_world_say(scorer: CrossFitted, ambiguity: str) -> None:
+    graph = RecipeGraph.from_recipes([["a", "a", "b"], ["a", "a", "c"]], ["a"])
+    opened = OpenedGraph(graph, make_split(graph, SplitConfig("none")), "made up")
+    world = World(opened, WordCraftConfig.of({"num_distractors": 0, "ambiguity": ambiguity}))
+    found = Explainer(policy_of(opened, scorer, "no scorer", world), world).table("b", ["a"])
+    assert [step.picked for step in found.episode.steps] == ["a", "a"]
+    assert found.episode.steps[-1].made == (("b", "c") if ambiguity == "all" else ("c",))
+    assert found.episode.outcome == ("goal" if ambiguity == "all" else "out_of_attempts")
+
+
+# --- who answers -----------------------------------------------------------------------------------------------------
+
+
+def ways_by_loops(graph: RecipeGraph, goal: str, table: tuple[str, ...]) -> set[tuple[str, str, str]]:
+    pairs = {tuple(sorted(pair)) for pair in combinations_with_replacement(table, 2)}
+    return {tuple(recipe) for recipe in graph.recipe_labels() if recipe[2] == goal and tuple(recipe[:2]) in pairs}
+
+
+@pytest.mark.parametrize("part", ["train", "test", "all"])
+def test_no_model_that_has_seen_its_recipes_answers_a_task(opened: OpenedGraph, scorer: CrossFitted, part: str) -> None:
+    world = world_of(opened, part)
+    explainer = Explainer(policy_of(opened, scorer, "recipes", world), world)
+    rows, models = opened.graph.recipe_labels(), set()
+    fold_of = dict(zip(rows, scorer.of_recipe.tolist(), strict=True))
+    for number in range(0, len(world.tasks), 7):
+        found, plans = explainer.task(number), world.tasks[number].plans
+        mine = {fold_of[recipe] for plan in plans for recipe in plan} - {-1}
+        if not mine:
+            assert (found.model, found.fold) == ("train_recipes", None)
+        elif len(mine) == 1:
+            assert (found.model, found.fold) == ("without_a_fold", mine.pop())
+        else:
+            assert (found.model, found.fold) == ("no_knowledge", None)
+        models.add(found.model)
+        assert_ways(opened, scorer, found)
+        table = explainer.table(found.episode.goal, found.table, like=number)
+        assert table.episode == found.episode
+    assert "without_a_fold" in models or part == "test"
+
+
+def assert_ways(opened: OpenedGraph, scorer: CrossFitted, found: ExplainedTable) -> None:
+    """The ways are the recipes on the table, and what is remembered is what the model that answers was trained on."""
+    ways = {(one.ingredient_a, one.ingredient_b, one.result): one for way in found.ways for one in way}
+    assert ways.keys() == ways_by_loops(opened.graph, found.episode.goal, found.table)
+    for row, recipe in enumerate(opened.graph.recipe_labels()):
+        if recipe in ways:
+            fold, told = int(scorer.of_recipe[row]), ways[recipe]
+            assert (told.part == "train") == (fold >= 0)
+            seen = {"train_recipes": fold >= 0, "without_a_fold": fold not in (-1, found.fold), "no_knowledge": False}
+            assert told.is_remembered == seen[found.model]
+    assert found.is_remembered == any(one.is_remembered for one in ways.values())
+
+
+def test_a_table_of_ones_own_is_answered_by_a_model_that_has_not_seen_how_the_goal_is_made_on_it(
+    opened: OpenedGraph, scorer: CrossFitted
+) -> None:
+    world, graph = world_of(opened), opened.graph
+    policy = policy_of(opened, scorer, "recipes", world)
+    explainer, rng = Explainer(policy, world), np.random.default_rng(5)
+    recipes, found_models = graph.recipes.tolist(), []
+    for a, b, goal in recipes[::5]:
+        others = [entity for entity in rng.permutation(graph.num_entities).tolist() if entity not in (a, b, goal)][:4]
+        table = [*dict.fromkeys((a, b)), *others]
+        found = explainer.table(goal, table)
+        assert_ways(opened, scorer, found)
+        on_table = ways_by_loops(graph, graph.entities[goal], graph.labels(table))
+        rows = [row for row, recipe in enumerate(graph.recipe_labels()) if recipe in on_table]
+        folds = {int(scorer.of_recipe[row]) for row in rows} - {-1}
+        expected = ("without_a_fold", next(iter(folds))) if len(folds) == 1 else ("train_recipes", None)
+        assert (found.model, found.fold) == expected
+        found_models.append((found.model, found.is_remembered))
+        model = scorer.whole if found.fold is None else scorer.left_out(found.fold)
+        (w,) = make_sources(["w"], model)
+        slots = w(torch.tensor([goal]), torch.tensor([graph.num_entities]), torch.tensor([table]))[0].tolist()
+        assert [slot.sources["w"] for slot in found.episode.steps[0].slots] == pytest.approx(slots, abs=1e-4)
+    assert {("without_a_fold", False), ("train_recipes", False)} <= set(found_models)
+
+
+def test_where_every_model_has_seen_a_way_it_is_said_to_be_memory(opened: OpenedGraph, scorer: CrossFitted) -> None:
+    world, graph = world_of(opened, "train"), opened.graph
+    explainer = Explainer(policy_of(opened, scorer, "recipes", world), world)
+    by_goal: dict[int, dict[int, list[int]]] = {}
+    for row, (_, _, goal) in enumerate(graph.recipes.tolist()):
+        if scorer.of_recipe[row] >= 0:
+            by_goal.setdefault(goal, {}).setdefault(int(scorer.of_recipe[row]), []).append(row)
+    goal, rows = next((goal, [of[0] for of in folds.values()][:2]) for goal, folds in by_goal.items() if len(folds) > 1)
+    table = sorted({part for row in rows for part in graph.recipes[row, :2].tolist()})
+    found = explainer.table(goal, table)
+    assert (found.model, found.is_remembered) == ("train_recipes", True)
+    # Made from a task, it stays that task: its own model answers, which has seen the other way only.
+    plans = {task: plan for task, plan in enumerate(world.tasks.plans) if (rows[0],) in plan}
+    (task,) = plans
+    like = explainer.table(goal, table, like=task)
+    assert (like.model, like.fold) == ("without_a_fold", int(scorer.of_recipe[rows[0]]))
+    assert [one.is_remembered for way in like.ways for one in way if one.part == "train"].count(False) >= 1
+    # Without its ingredients, or with another goal, it is that task no more.
+    gone = [entity for entity in table if entity != graph.recipes[rows[0], 0]] or table
+    assert explainer.table(goal, gone, like=task).model == explainer.table(goal, gone).model
+
+
+@pytest.mark.parametrize(("kg", "model"), [("full", "all_recipes"), ("partial", "train_recipes")])
+def test_a_scorer_without_folds_remembers_what_it_was_trained_on(
+    opened: OpenedGraph, scorer: CrossFitted, kg: str, model: str
+) -> None:
+    world = world_of(opened, "all")
+    explainer = Explainer(policy_of(opened, scorer, "links", world), world, kg=kg)  # type: ignore[arg-type]
+    for task in range(0, len(world.tasks), 5):
+        found = explainer.task(task)
+        assert (found.model, found.fold) == (model, None)
+        for way in found.ways:
+            assert all(one.is_remembered == (kg == "full" or one.part == "train") for one in way)
+
+
+@pytest.mark.parametrize("kind", ["no scorer", "mlp"])
+def test_without_a_scorer_no_model_answers(opened: OpenedGraph, scorer: CrossFitted, kind: str) -> None:
+    world = world_of(opened, "train")
+    found = Explainer(policy_of(opened, scorer, kind, world), world).task(3)
+    assert (found.model, found.is_remembered) == ("no_scorer", False)
+    assert found.episode.steps[0].lambdas == {}
+
+
+@pytest.mark.parametrize("kind", ["by-goal", "none", "by-slot"])
+def test_tables_are_explained_whatever_the_split(scorer: CrossFitted, kind: str) -> None:
+    graph = open_graph("kitchen").graph
+    opened = OpenedGraph(graph, make_split(graph, SplitConfig(kind)), "kitchen")
+    world = world_of(opened, "train")
+    guide = FrequencyScorer(graph, opened.split.partial)
+    if kind != "none":
+        guide = cross_fit(opened.split, lambda recipes: FrequencyScorer(graph, recipe_triples(recipes)), folds=3)
+    policy = make_policy(
+        PolicyConfig(**SMALL),
+        graph,
+        world.num_slots,
+        scorer=guide,
+        tasks=world.tasks,  # type: ignore[arg-type]
+    )[0]
+    explainer = Explainer(policy, world)
+    for task in range(0, len(world.tasks), 20):
+        found = explainer.task(task)
+        assert found.model == ("train_recipes" if kind == "none" else "without_a_fold")
+        assert found.is_remembered == (kind == "none") or len(found.ways) > 1
+
+
+# --- several at once -------------------------------------------------------------------------------------------------
+
+
+def test_threads_that_ask_at_once_get_what_they_would_get_alone(opened: OpenedGraph, scorer: CrossFitted) -> None:
+    train = world_of(opened, "train")
+    policy = policy_of(opened, scorer, "recipes", train)
+    explainers = [Explainer(policy, train), Explainer(policy, train.variant(part="all"))]
+    questions = [(number % 2, number // 2 * 3, number % 5) for number in range(120)]
+
+    def ask(question: tuple[int, int, int]) -> tuple[ExplainedTable, ExplainedTable]:
+        which, task, draw = question
+        found = explainers[which].task(task, draw)
+        return found, explainers[which].table(found.episode.goal, found.table)
+
+    alone = list(map(ask, questions))
+    with ThreadPoolExecutor(8) as pool:
+        assert list(pool.map(ask, questions * 3)) == alone * 3
+
+
+def test_a_source_keeps_the_scores_of_one_question_apart_from_those_of_another(
+    opened: OpenedGraph, scorer: CrossFitted
+) -> None:
+    """Between the question whether the kept scores fit and their use, another thread may replace them."""
+    (w,) = make_sources(["w"], scorer, ScoreView(), tasks=world_of(opened, "train").tasks)
+    goal, nothing = torch.tensor([3]), torch.tensor([opened.graph.num_entities])
+    tables, task = [torch.tensor([[1, 2, 5, 9]]), torch.tensor([[4, 6, 7, 8]])], torch.tensor([0])
+    expected = [w(goal, nothing, table, task) for table in tables]
+
+    class Meddler(tuple):  # stands for the scores that are kept, and for the thread
+        def __getitem__(self, index: object) -> object:
+            if index == 0:
+                w._last = other
+            return super().__getitem__(index)
+
+    w(goal, nothing, tables[1], task)
+    other = w._last
+    w(goal, nothing, tables[0], task)
+    w._last = Meddler(w._last)
+    assert torch.equal(w(goal, nothing, tables[0], task), expected[0])
+    assert not torch.equal(*expected)
+
+
+def test_explaining_leaves_the_policy_as_it_is(opened: OpenedGraph, scorer: CrossFitted) -> None:
+    world = world_of(opened, "train")
+    policy = policy_of(opened, scorer, "recipes", world)
+    before = {name: tensor.clone() for name, tensor in policy.state_dict().items()}
+    bound = [source.bound_to for source in policy.sources.values()]
+    shared = {tensor.data_ptr() for tensor in policy.sources["w"].buffers() if tensor.numel()}
+    explainer = Explainer(policy, world.variant(part="all"))
+    explainer.table("bread", ["flour", "water"])
+    assert all(torch.equal(tensor, before[name]) for name, tensor in policy.state_dict().items())
+    assert all(tensor.dtype == before[name].dtype for name, tensor in policy.state_dict().items())
+    assert [source.bound_to for source in policy.sources.values()] == bound
+    # A scorer's tables are tens of megabytes: they are there once.
+    mine = {tensor.data_ptr() for tensor in explainer._exact.sources["w"].buffers() if tensor.numel()}
+    assert len(shared & mine) >= len(shared) - 1
+
+
+# --- what is wrong ---------------------------------------------------------------------------------------------------
+
+
+def test_what_cannot_be_asked_is_an_error_that_says_so(opened: OpenedGraph, scorer: CrossFitted) -> None:
+    world = world_of(opened)
+    explainer = Explainer(policy_of(opened, scorer, "no scorer", world), world)
+    labels = opened.graph.entities
+    with pytest.raises(UnknownEntityError, match=r"no entity 'flouur' in kitchen\. Did you mean 'flour'"):
+        explainer.table("bread", ["flouur", "water"])
+    with pytest.raises(UnknownEntityError, match="no entity 'breaad'"):
+        explainer.table("breaad", ["flour"])
+    with pytest.raises(ConfigError, match="`table` of 0 entities: expected 1 to 64"):
+        explainer.table("bread", [])
+    with pytest.raises(ConfigError, match="`table` of 65 entities"):
+        explainer.table("bread", labels[: MOST_ON_TABLE + 1])
+    with pytest.raises(ConfigError, match="`table` holds 'flour' twice"):
+        explainer.table("bread", ["flour", "water", "flour"])
+    with pytest.raises(ConfigError, match="`held` 'fire' is not on the table"):
+        explainer.table("bread", ["flour", "water"], "fire")
+    with pytest.raises(ConfigError, match="`task` 63: expected a whole number, 0 to 62"):
+        explainer.task(63)
+    with pytest.raises(ConfigError, match="`draw` -1"):
+        explainer.task(0, -1)
+    with pytest.raises(ConfigError, match="`like` 63"):
+        explainer.table("bread", ["flour"], like=63)
+    mlp = Explainer(policy_of(opened, scorer, "mlp", world), world)
+    assert len(mlp.table("bread", ["flour", "water"]).episode.steps) == 2
+    with pytest.raises(ConfigError, match="this mlp was made for"):
+        mlp.table("bread", labels[:20])

@@ -1,5 +1,7 @@
 """Numbers in sentences."""
 
+import math
+
 
 def counted(number: int, one: str, more: str = "") -> str:
     """Return a number with what it counts, in singular or plural; the plural is that with an s by default.
@@ -9,3 +11,18 @@ def counted(number: int, one: str, more: str = "") -> str:
         ('1 entity', '1,200 pairs')
     """
     return f"{number:,} {one if number == 1 else more or one + 's'}"
+
+
+def approximate(number: int) -> str:
+    """Return a natural number with its digits or, where these would be too many to read, as a power of ten.
+
+    Example:
+        >>> approximate(1_200), approximate(3 * 2**10_000)
+        ('1,200', 'about 6 × 10^3010')
+    """
+    if number < 10**12:
+        return f"{number:,}"
+    # Python refuses to write more than 4,300 digits, and such a number is no float either.
+    exponent = math.floor(math.log10(number))
+    leading = round(10 ** (math.log10(number) - exponent), 1)
+    return f"about {leading:g} × 10^{exponent}" if leading < 10 else f"about 1 × 10^{exponent + 1}"

@@ -11,7 +11,7 @@ from wordcraft_kg.errors import GraphError
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.recipe_graph import Entity, RecipeGraph
 from wordcraft_kg.graphs.recipes import Recipe
-from wordcraft_kg.wording import counted
+from wordcraft_kg.wording import approximate, counted
 
 
 def layers(graph: RecipeGraph, start: Iterable[Entity] | None = None) -> Ids:
@@ -66,7 +66,7 @@ class Derivation:
     cost: int
 
     def __repr__(self) -> str:
-        return f"Derivation({self.goal!r}, {counted(len(self.steps), 'step')}, cost {self.cost:,})"
+        return f"Derivation({self.goal!r}, {counted(len(self.steps), 'step')}, cost {approximate(self.cost)})"
 
     def __str__(self) -> str:
         return "\n".join(derivation_tree(self.goal, self.steps))

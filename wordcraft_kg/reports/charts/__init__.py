@@ -5,15 +5,21 @@ Colours (``series-0``, ``series-1``, ..., ``series-other``) and the dashes of :f
 """
 
 from wordcraft_kg.reports.charts.intervals import intervals
+from wordcraft_kg.reports.charts.layered import Made, layered
 from wordcraft_kg.reports.charts.palette import COLOURS
 from wordcraft_kg.reports.charts.pictures import contribution_bar, labelled_points, matrix_image
 from wordcraft_kg.reports.charts.profiles import profiles
 from wordcraft_kg.reports.charts.scatter import scatter
 from wordcraft_kg.reports.charts.series import curves, dots, grouped_bars, log_reliability, reliability
 from wordcraft_kg.reports.charts.standalone import figure
+from wordcraft_kg.reports.charts.world import Dot, Region, colour_of, world
 
 __all__ = [
     "COLOURS",
+    "Dot",
+    "Made",
+    "Region",
+    "colour_of",
     "contribution_bar",
     "curves",
     "dots",
@@ -21,9 +27,11 @@ __all__ = [
     "grouped_bars",
     "intervals",
     "labelled_points",
+    "layered",
     "log_reliability",
     "matrix_image",
     "profiles",
     "reliability",
     "scatter",
+    "world",
 ]

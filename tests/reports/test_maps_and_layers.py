@@ -1,0 +1,160 @@
+"""The two pictures whose parts are links: layers of crafts, and the map."""
+
+import itertools
+import json
+import re
+import xml.etree.ElementTree as ElementTree
+
+from wordcraft_kg.graphs import Planner, SplitConfig, make_split
+from wordcraft_kg.reports.charts import Dot, Made, Region, colour_of, layered, world
+from wordcraft_kg.reports.charts.world import LINE
+from wordcraft_kg.views.paths import view_path
+
+HOSTILE = '<script>alert("x")</script>&'
+
+
+def parsed(markup: str) -> ElementTree.Element:
+    return ElementTree.fromstring(markup)
+
+
+def box_of(root: ElementTree.Element) -> dict[str, tuple[float, float, float, float]]:
+    """The boxes by their labels, as left, top, right and bottom."""
+    found = {}
+    for link in root.iter("a"):
+        rect, text = link.find("rect"), link.find("text")
+        x, y, width, height = (float(rect.get(name)) for name in ("x", "y", "width", "height"))
+        found[text.text] = (x, y, x + width, y + height)
+    return found
+
+
+def made(label: str, layer: int, *of: str, **more: str) -> Made:
+    return Made(label, f"/path/{label}", layer, of, **more)
+
+
+DIAMOND = [made("b", 1, "a", "a"), made("c", 2, "b", "a"), made("d", 2, "b", "b"), made("e", 3, "c", "d")]
+
+
+def test_layers_stand_from_left_to_right_and_boxes_do_not_overlap(kitchen):
+    planner = Planner(kitchen)
+    split = make_split(kitchen, SplitConfig("none"))
+    for entity in kitchen.entities:
+        steps = view_path(planner, split, entity).drawn
+        things = [made(step.recipe.result, step.layer, *step.recipe[:2]) for step in steps]
+        if not things:
+            continue
+        root = parsed(layered(things, kitchen.base, "way"))
+        boxes = box_of(root)
+        assert len(boxes) == len(things)
+        for one, other in itertools.combinations(things, 2):
+            a, b = boxes[one.label], boxes[other.label]
+            if one.layer == other.layer:
+                # Room for what is written under a box, too.
+                assert abs(a[1] - b[1]) > 36
+            else:
+                left, right = (a, b) if one.layer < other.layer else (b, a)
+                assert left[2] < right[0]
+        width, height = map(float, root.get("viewBox").split()[2:])
+        assert all(box[0] >= 0 and box[2] <= width and box[1] >= 0 and box[3] <= height - 20 for box in boxes.values())
+
+
+def test_an_arrow_leads_from_each_thing_to_what_is_made_of_it():
+    root = parsed(layered(DIAMOND, ["a"], "way"))
+    boxes = box_of(root)
+    arrows = {path.find("title").text: path.get("d") for path in root.iter("path")}
+    assert set(arrows) == {"b → c", "b → d", "c → e", "d → e"}
+    for title, path in arrows.items():
+        start, end = title.split(" → ")
+        begin = [float(number) for number in re.findall(r"-?[\d.]+", path)[:2]]
+        assert begin == [boxes[start][2], (boxes[start][1] + boxes[start][3]) / 2]
+        tip = [float(number) for number in re.findall(r"-?[\d.]+", path.split("l-6")[0])[-2:]]
+        assert tip == [boxes[end][0], (boxes[end][1] + boxes[end][3]) / 2]
+
+
+def test_an_arrow_passes_the_layers_between_beside_their_boxes():
+    things = [made("b", 1, "a", "a"), made("c", 2, "b", "b"), made("d", 3, "c", "c"), made("e", 4, "d", "b")]
+    root = parsed(layered(things, ["a"], "way"))
+    boxes = box_of(root)
+    path = next(path.get("d") for path in root.iter("path") if path.find("title").text == "b → e")
+    passes = re.findall(r" ([\d.]+)H([\d.]+)", path)
+    assert len(passes) == 2
+    for (y, right), label in zip(passes, ("c", "d"), strict=True):
+        assert float(right) == boxes[label][2]
+        assert not boxes[label][1] - 5 <= float(y) <= boxes[label][3] + 5
+
+
+def test_what_is_given_is_in_bold_under_the_craft_and_what_is_not_drawn_is_not():
+    root = parsed(layered([made("d", 5, "a", "c")], ["a"], "way"))
+    words = {span.text: span.get("class") for span in root.iter("tspan")}
+    assert words == {"a": "given", "c": "made"}
+    assert not list(root.iter("path"))
+    assert "layer 5" in [text.text for text in root.iter("text")]
+
+
+def test_long_labels_are_cut_with_a_tooltip_and_markup_stays_text():
+    long = "a very long label of an entity that nobody would write"
+    root = parsed(
+        layered([made(long, 1, HOSTILE, "b", title=f"{long} = x"), made(HOSTILE, 2, long, long)], ["b"], "<i>")
+    )
+    texts = [text.text for text in root.iter("text") if text.text]
+    assert "a very long lab…" in texts
+    assert [title.text for title in root.iter("title") if title.text == f"{long} = x"]
+    assert not list(root.iter("script"))
+    assert root.get("aria-label") == "<i>"
+
+
+def test_a_thing_without_an_address_is_no_link():
+    root = parsed(layered([Made("b", "", 1, ("a", "a"))], ["a"], "way"))
+    assert not list(root.iter("a"))
+    assert [text.text for text in root.iter("text")][1] == "b"
+
+
+DOTS = [
+    Dot(label, f"/map?entity={label}", x, y, 1 + number % 5, "series-0", f"{label} · layer 1")
+    for number, (label, x, y) in enumerate(
+        [("first", 100, 100), ("second", 105, 103), ("third", 600, 700), (HOSTILE, 300, 300)]
+    )
+]
+
+
+def map_with(**more: object) -> tuple[ElementTree.Element, dict[str, list[list[int]]]]:
+    links = {"combines": [(0, 1)], "components": [(2, 0), (1, 2)]}
+    markup = world(DOTS, [Region("first", 100, 100)], (1000, 800), "<map>", links=links, **more)  # type: ignore[arg-type]
+    picture, script = markup.split("<script ")
+    return parsed(picture), json.loads(script.split(">", 1)[1].removesuffix("</script>"))
+
+
+def test_each_dot_is_a_link_with_a_tooltip_and_markup_stays_text():
+    root, links = map_with()
+    dots = list(root.iter("a"))
+    assert [dot.get("href") for dot in dots] == [f"/map?entity={dot.label}" for dot in DOTS]
+    assert [dot.find("title").text for dot in dots] == [dot.title for dot in DOTS]
+    assert [dot.find("text").text for dot in dots][:3] == ["first", "second", "third"]
+    assert root.get("aria-label") == "<map>"
+    assert links == {"combines": [[0, 1]], "components": [[2, 0], [1, 2]]}
+    assert not list(root.iter("path"))
+
+
+def test_labels_that_would_overlap_are_there_only_when_there_is_room():
+    root, _ = map_with()
+    assert ["far" in dot.get("class") for dot in root.iter("a")] == [False, True, False, False]
+    dots = [Dot(f"entity {i}", "/", (i * 37) % 500, (i * 53) % 400, 1, "series-0", "") for i in range(150)]
+    root = parsed(world(dots, [], (500, 400), "map", links={}).split("<script")[0])
+    shown = [dot for dot, link in zip(dots, root.iter("a"), strict=True) if "far" not in link.get("class")]
+    assert len(shown) > 3
+    for one, other in itertools.combinations(shown, 2):
+        assert abs(one.y - other.y) >= LINE or abs(one.x - other.x) > 11 * len("entity 1")
+
+
+def test_the_links_of_a_chosen_dot_are_lines_of_their_kinds_to_its_partners():
+    root, _ = map_with(chosen=1, partners={"combines": [0, 1], "makes": [2], "made-of": []})
+    lines = {path.get("class"): path.get("d") for path in root.iter("path")}
+    assert lines == {"combines": "M105 103L100 100", "makes": "M105 103L600 700"}
+    states = [set(dot.get("class").split()) & {"near", "chosen"} for dot in root.iter("a")]
+    assert states == [{"near"}, {"chosen"}, {"near"}, set()]
+    # The chosen one and its partners are named first.
+    assert "far" not in next(root.iter("a")).get("class")
+    assert "has-chosen" in root.get("class")
+
+
+def test_groups_beyond_the_colours_and_none_are_grey():
+    assert [colour_of(number) for number in (-1, 0, 7, 8)] == ["series-other", "series-0", "series-7", "series-other"]

@@ -1,0 +1,180 @@
+"""What is made of what, in layers from left to right."""
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from html import escape
+
+from markupsafe import Markup
+
+from wordcraft_kg.reports.charts.plot import LETTER
+from wordcraft_kg.reports.charts.scales import shortened, spread
+from wordcraft_kg.reports.charts.scatter import SMALL_LETTER
+
+LONGEST = 16
+"""Letters of a label in a box; longer ones are cut, but complete in the tooltip."""
+LONGEST_PART = 12
+"""Letters of a label under a box."""
+BOX, GAP, BETWEEN = 22, 46, 24
+"""Height of a box; from one box or line to the next below; from a layer to the next."""
+NARROWEST = 50
+MARGIN = 8
+SWEEPS = 24
+"""How often boxes are moved towards what they are linked to, from the left and from the right in turn."""
+
+
+@dataclass(frozen=True)
+class Made:
+    """A thing that is made.
+
+    Attributes:
+        label: its name.
+        href: where it leads to; may be empty.
+        layer: its layer, from 1; what it is made of is in earlier layers.
+        of: what it is made of.
+        style: classes of its box.
+        title: its tooltip.
+    """
+
+    label: str
+    href: str
+    layer: int
+    of: tuple[str, ...]
+    style: str = ""
+    title: str = ""
+
+
+@dataclass
+class _Place:
+    """A thing, or where an arrow passes a layer: a node of the drawing with its neighbours in the layers beside."""
+
+    layer: int
+    before: "list[_Place]"
+    after: "list[_Place]"
+    y: float = 0.0
+
+
+def layered(things: Sequence[Made], given: Collection[str], description: str) -> Markup:
+    """Draw things as boxes, an arrow from each to all that is made of it, and under each what it is made of.
+
+    Args:
+        things: in an order in which they can be made. What they are made of need not be among them; it has no box and
+            no arrow then.
+        given: what need not be made; it is in bold.
+        description: text for readers who cannot see it.
+    """
+    first_layer = min((thing.layer for thing in things), default=1)
+    last = max((thing.layer for thing in things), default=first_layer)
+    layers: list[list[_Place]] = [[] for _ in range(first_layer, last + 1)]
+    place_of: dict[str, _Place] = {}
+    arrows: list[tuple[str, list[_Place]]] = []
+    for thing in things:
+        found = place_of[thing.label] = _Place(thing.layer, [], [])
+        layers[thing.layer - first_layer].append(found)
+    passing: dict[tuple[str, int], _Place] = {}
+    for thing in things:
+        for part in dict.fromkeys(thing.of):
+            if part in place_of:
+                route = _route(part, place_of, place_of[thing.label], passing, layers, first_layer)
+                arrows.append((f"{part} → {thing.label}", route))
+    _settle(layers)
+    widths = [NARROWEST] * len(layers)
+    for thing in things:
+        letters = max(LETTER * len(shortened(thing.label, LONGEST)), SMALL_LETTER * len(_text_of(thing)))
+        widths[thing.layer - first_layer] = max(widths[thing.layer - first_layer], round(letters) + 8)
+    lefts = [MARGIN + sum(widths[:i]) + BETWEEN * i for i in range(len(widths))]
+    top = min((place.y for layer in layers for place in layer), default=0.0) - BOX / 2 - MARGIN
+    bottom = max((place.y for layer in layers for place in layer), default=0.0) - top + GAP - BOX / 2 + 6
+    for place in (place for layer in layers for place in layer):
+        place.y = round(place.y - top)
+    width, height = lefts[-1] + widths[-1] + MARGIN, round(bottom) + 18
+    parts = [
+        f'<svg viewBox="0 0 {width} {height}" width="{width}" height="{height}" class="layered" role="group" '
+        f'aria-label="{escape(description)}">'
+    ]
+    for number, (left, wide) in enumerate(zip(lefts, widths, strict=True), start=first_layer):
+        middle = left + wide / 2
+        parts.append(f'<text x="{middle:g}" y="{height - 6}" class="small middle">layer {number}</text>')
+    for title, route in arrows:
+        parts.append(f'<path d="{_curve(route, lefts, widths, first_layer)}" class="arrow">')
+        parts.append(f"<title>{escape(title)}</title></path>")
+    for thing in things:
+        column = thing.layer - first_layer
+        parts += _box(thing, given, lefts[column], widths[column], int(place_of[thing.label].y))
+    return Markup("".join([*parts, "</svg>"]))
+
+
+def _route(
+    part: str,
+    place_of: dict[str, _Place],
+    to: _Place,
+    passing: dict[tuple[str, int], _Place],
+    layers: list[list[_Place]],
+    first_layer: int,
+) -> list[_Place]:
+    """Return the places of an arrow; all arrows from a thing pass a layer at the same place."""
+    route = [place_of[part]]
+    for layer in range(route[0].layer + 1, to.layer):
+        if (part, layer) not in passing:
+            passing[part, layer] = place = _Place(layer, [route[-1]], [])
+            route[-1].after.append(place)
+            layers[layer - first_layer].append(place)
+        route.append(passing[part, layer])
+    route[-1].after.append(to)
+    to.before.append(route[-1])
+    return [*route, to]
+
+
+def _settle(layers: list[list[_Place]]) -> None:
+    """Move places towards the mean of those they are linked to, with a gap between any two of a layer."""
+    for layer in layers:
+        for number, place in enumerate(layer):
+            place.y = GAP * (number - (len(layer) - 1) / 2)
+    for sweep in range(SWEEPS):
+        from_left = sweep % 2 == 0
+        for layer in layers if from_left else reversed(layers):
+            # The last sweeps look at both sides, so that a line is as straight as its neighbours allow.
+            wanted = [_mean(place, from_left, sweep >= SWEEPS - 8) for place in layer]
+            reach = GAP * len(layer) + max(map(abs, wanted), default=0.0)
+            for place, y in zip(layer, spread(wanted, GAP, -reach, reach), strict=True):
+                place.y = y
+
+
+def _mean(place: _Place, from_left: bool, both: bool) -> float:
+    near = place.before + place.after if both else place.before if from_left else place.after
+    return sum(one.y for one in near) / len(near) if near else place.y
+
+
+def _curve(route: list[_Place], lefts: list[int], widths: list[int], first_layer: int) -> str:
+    """Return the path of an arrow: level beside and under boxes, bent between layers, with its head."""
+    columns = [place.layer - first_layer for place in route]
+    y = int(route[0].y)
+    path = [f"M{lefts[columns[0]] + widths[columns[0]]} {y}"]
+    for column, place in zip(columns[1:], route[1:], strict=True):
+        left, end = lefts[column], int(place.y)
+        begin = left - BETWEEN
+        path.append(f"C{begin + BETWEEN / 2:g} {y} {left - BETWEEN / 2:g} {end} {left} {end}")
+        y = end
+        if place is not route[-1]:
+            path.append(f"H{left + widths[column]}")
+    return "".join(path) + "l-6-3m6 3l-6 3"
+
+
+def _text_of(thing: Made) -> str:
+    return " + ".join(shortened(part, LONGEST_PART) for part in thing.of)
+
+
+def _box(thing: Made, given: Collection[str], left: int, width: int, y: int) -> list[str]:
+    of = " + ".join(
+        f'<tspan class="{"given" if part in given else "made"}">{escape(shortened(part, LONGEST_PART))}</tspan>'
+        for part in thing.of
+    )
+    middle, label = left + width / 2, escape(shortened(thing.label, LONGEST))
+    inside = (
+        f"<title>{escape(thing.title or thing.label)}</title>"
+        f'<rect x="{left}" y="{y - BOX // 2}" width="{width}" height="{BOX}" rx="4" class="{thing.style}"/>'
+        f'<text x="{middle:g}" y="{y + 4}" class="middle {thing.style}">{label}</text>'
+    )
+    return [
+        f'<a href="{escape(thing.href)}">{inside}</a>' if thing.href else f"<g>{inside}</g>",
+        f'<text x="{middle:g}" y="{y + BOX // 2 + 12}" class="small middle">{of}</text>',
+    ]

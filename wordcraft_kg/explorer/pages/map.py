@@ -94,4 +94,8 @@ def _shade_of(spot: Spot, layers: int) -> str:
     return f"shade-{0 if spot.layer == 0 else 1 + (spot.layer - 1) * SHADES // layers}"
 
 
-PAGE = Page("map", Map, _view, title="Map", draw=_draw)
+def _is_there(explored: Explored) -> bool:
+    return explored.opened.graph.num_entities > 0
+
+
+PAGE = Page("map", Map, _view, title="Map", draw=_draw, is_there=_is_there)

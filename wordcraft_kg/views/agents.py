@@ -4,7 +4,7 @@ import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, Literal
 
 import msgspec
 import numpy as np
@@ -21,7 +21,6 @@ from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folder import KG
 from wordcraft_kg.graphs.planner import layers
 from wordcraft_kg.graphs.tasks import TaskPart, TaskSet
-from wordcraft_kg.models.policies.sources import ALPHA, SOURCES
 from wordcraft_kg.models.policies.sources.component_of import ComponentOf
 from wordcraft_kg.progress import steps
 from wordcraft_kg.records import Count, Hash, Record, Share
@@ -34,6 +33,15 @@ from wordcraft_kg.statistics import (
     task_bootstrap,
 )
 from wordcraft_kg.views.bins import OPEN_END, binned
+from wordcraft_kg.views.training_curves import (
+    CurvePoint,
+    Figure,
+    LambdaCurve,
+    SeedCurve,
+    lambda_curves,
+    success_curves,
+    training_figures,
+)
 
 RULES = ("depth", "max_attempts", "distractor_weighting", "distractor_policy", "ambiguity")
 """Settings of the tasks that must be equal in all agents that are compared."""
@@ -45,11 +53,6 @@ TRAIN_RECIPES = ((0, 0), (1, 1), (2, 2), (3, 4), (5, 8), (9, OPEN_END))
 LAYERS = ((0, 3), (4, 6), (7, 9), (10, OPEN_END))
 CONFUSIONS = 10
 """Most confusions that are listed for an agent."""
-CURVE_POINTS = 100
-"""About the most points of a curve of training figures."""
-Figure = Literal["test_success", "return", "loss", "pg_loss", "baseline_loss", "entropy", "grad_norm"]
-FIGURES: tuple[Figure, ...] = get_args(Figure)
-"""Figures of the training that are shown for each seed."""
 NEVER = "never"
 """Layer of a goal that cannot be made from the base."""
 LINK_RANKS = ((1, 3), (4, 10), (11, 30), (31, 100), (101, OPEN_END))
@@ -112,30 +115,6 @@ class SliceSuccess(Record):
     tasks: Annotated[int, msgspec.Meta(ge=1)]
     success: Share
     ci: Interval
-
-
-class CurvePoint(Record, array_like=True):
-    """Success after a number of steps, and its interval over seeds."""
-
-    step: int
-    success: float
-    low: float | None
-    high: float | None
-
-
-class LambdaCurve(Record):
-    """A source's mean λ in training as (step, λ), for the first or the second pick."""
-
-    source: str
-    pick: Literal["first", "second"]
-    points: tuple[tuple[int, float], ...]
-
-
-class SeedCurve(Record):
-    """A figure of one training as (step, value)."""
-
-    seed: int
-    points: tuple[tuple[int, float], ...]
 
 
 class Confusion(Record):
@@ -440,9 +419,9 @@ def _entry(
         outcomes={str(amount): _outcomes(results) for amount, results in found.items()},
         confusions=confusions,
         slices=slices,
-        curves=_curves(members),
-        lambdas=tuple(_lambda_curves(members)),
-        training=_training(members),
+        curves=success_curves(members),
+        lambdas=tuple(lambda_curves(members)),
+        training=training_figures(members),
         provenance={agent.name: agent.provenance for agent in members},
     )
 
@@ -483,59 +462,6 @@ def _outcomes(found: Sequence[Evaluation]) -> dict[Ending, Share]:
     return {ending: float(np.mean([share[ending] for share in shares])) for ending in ENDINGS}
 
 
-def _curves(members: list[OpenedAgent]) -> dict[str, tuple[CurvePoint, ...]]:
-    """Success over training by part: means over seeds, with the interval of the mean."""
-    found = {}
-    for part in ("test", "train"):
-        rows = _shared_rows(members, f"{part}_success")
-        points = [
-            CurvePoint(step, float(np.mean(seeds)), *(stratified_bootstrap(seeds, np.mean) or (None, None)))
-            for step, seeds in rows
-        ]
-        if points:
-            found[part] = tuple(points)
-    return found
-
-
-def _lambda_curves(members: list[OpenedAgent]) -> list[LambdaCurve]:
-    """λ over training, by source and pick, the mean over seeds, in about :data:`CURVE_POINTS` points."""
-    found = []
-    picks: tuple[Literal["first", "second"], ...] = ("first", "second")
-    for source in (ALPHA.name, *SOURCES):
-        for pick in picks:
-            rows = _shared_rows(members, f"lambda_{source}_{pick}")
-            points = [(step, float(np.mean(seeds))) for step, seeds in rows[:: max(1, len(rows) // CURVE_POINTS)]]
-            if points:
-                found.append(LambdaCurve(source, pick, tuple(points)))
-    return found
-
-
-def _training(members: list[OpenedAgent]) -> dict[Figure, tuple[SeedCurve, ...]]:
-    """Figures of each training that has them, in about :data:`CURVE_POINTS` points.
-
-    The trainer's figures are means since the line before. Where a point of the learning curve shortly follows a line,
-    they are of a few updates only and mostly noise; these are left out.
-    """
-    found: dict[Figure, tuple[SeedCurve, ...]] = {}
-    for figure in FIGURES:
-        curves = []
-        for agent in members:
-            lengths = np.diff([0, *(row.step for row in agent.metrics)])
-            is_long = lengths * 2 >= np.median(lengths) if len(lengths) else lengths
-            points = [
-                (row.step, row.figures[figure])
-                for row, long in zip(agent.metrics, is_long, strict=True)
-                if figure in row.figures and (long or figure == "test_success")
-            ]
-            # Counted from the end, because the last point matters most.
-            thinned = points[:: -max(1, len(points) // CURVE_POINTS)][::-1]
-            if thinned:
-                curves.append(SeedCurve(agent.config.trainer.seed, tuple(thinned)))
-        if curves:
-            found[figure] = tuple(curves)
-    return found
-
-
 def _confusions(world: World, found: Sequence[Evaluation]) -> tuple[Confusion, ...]:
     """Count which entity was picked where another one was needed, in episodes that ended with one right part."""
     graph, code = world.graph, ENDINGS.index("one_right_part")
@@ -558,12 +484,6 @@ def _confused(last: list[int], plans: list[list[int]]) -> list[tuple[int, int]]:
                 picked = last[1 - last.index(right)]
                 return [(wanted, picked)] if picked != wanted else []
     return []
-
-
-def _shared_rows(members: list[OpenedAgent], key: str) -> list[tuple[int, list[float]]]:
-    """Return the steps at which all runs have a figure, and the figures."""
-    rows = [{row.step: row.figures[key] for row in agent.metrics if key in row.figures} for agent in members]
-    return [(step, [row[step] for row in rows]) for step in sorted(set.intersection(*map(set, rows)))]
 
 
 def _slices(

@@ -1,0 +1,77 @@
+"""Pictures of trainings: success, figures and mixing weights over steps."""
+
+from collections.abc import Mapping, Sequence
+
+from markupsafe import Markup
+
+from wordcraft_kg.models.policies.sources import ALPHA, SOURCES, label_of
+from wordcraft_kg.reports import charts
+from wordcraft_kg.views.training_curves import CurvePoint, Figure, LambdaCurve, SeedCurve
+
+COLOURS = {name: number for number, name in enumerate((ALPHA.name, *SOURCES))}
+"""Number of each source's colour."""
+FIGURES: dict[Figure, str] = {
+    "test_success": "greedy success on test tasks",
+    "return": "return of the last episodes",
+    "loss": "loss",
+    "pg_loss": "loss of the policy",
+    "baseline_loss": "loss of the state value (V)",
+    "entropy": "entropy of the policy, nats",
+    "grad_norm": "gradient norm",
+}
+"""Title of the picture of each figure of the training."""
+
+
+def picture_of_success(curves: Mapping[str, Mapping[str, Sequence[CurvePoint]]]) -> Markup:
+    """Draw success on train and test tasks over training; ``curves`` by agent and part of the tasks."""
+    named = [
+        (f"{agent}, {part}", part, colour, points)
+        for colour, (agent, parts) in enumerate(curves.items())
+        for part, points in parts.items()
+    ]
+    return charts.curves(
+        {name: [(at.step, at.success, at.low, at.high) for at in points] for name, _, _, points in named},
+        "environment steps",
+        "greedy success",
+        "Success on train and test tasks over training",
+        percent=True,
+        dashed={name for name, part, _, _ in named if part == "train"},
+        colours={name: colour for name, _, colour, _ in named},
+    )
+
+
+def picture_of_lambdas(agent: str, found: Sequence[LambdaCurve]) -> Markup:
+    """Draw the mixing weights of an agent over training."""
+    curves = {f"{label_of(curve.source).coefficient} {curve.pick}": curve for curve in found}
+    return charts.curves(
+        {name: [(step, value, None, None) for step, value in curve.points] for name, curve in curves.items()},
+        "environment steps",
+        "mean mixing weight (λ) in the last batch",
+        f"Mixing weights of {agent} over training",
+        dashed={name for name, curve in curves.items() if curve.pick == "second"},
+        colours={name: COLOURS[curve.source] for name, curve in curves.items()},
+    )
+
+
+def pictures_of_figures(figures: Mapping[str, Mapping[Figure, Sequence[SeedCurve]]]) -> list[Markup]:
+    """Draw a picture of each figure of trainings, by agent and figure, with a curve for each run."""
+    pictures = []
+    for figure, title in FIGURES.items():
+        runs = {
+            f"{agent}, seed {curve.seed}": (number, agent, curve)
+            for number, (agent, found) in enumerate(figures.items())
+            for curve in found.get(figure, ())
+        }
+        if runs:
+            picture = charts.curves(
+                {name: [(step, value, None, None) for step, value in run[2].points] for name, run in runs.items()},
+                "environment steps",
+                title,
+                f"{title} over training, a curve for each seed".capitalize(),
+                percent=figure == "test_success",
+                colours={name: number for name, (number, _, _) in runs.items()},
+                # The name of an agent stands at its first seed.
+                labels={name: agent for agent, name in {run[1]: name for name, run in reversed(runs.items())}.items()},
+            )
+            pictures.append(picture)
+    return pictures

@@ -34,7 +34,8 @@ def listen(host: str, port: int) -> socket.socket:
         raise ConfigError(
             f"`host` '{host}': there is no such host; expected one of this machine, such as 127.0.0.1."
         ) from None
-    found = socket.socket(family, socket.SOCK_STREAM)
+    # asyncio sends small packets at once (TCP_NODELAY) only if the protocol is named; else a page may wait for 40 ms.
+    found = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
     try:
         found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         found.bind((host, port))

@@ -15,7 +15,7 @@ help:
 	@echo "make slow     the tests that take minutes"
 	@echo "make lint     ruff, mypy, and the directions of imports"
 	@echo "make docs     write docs/commands.md from the help of the commands, docs/glossary.md from the glossary"
-	@echo "make site     the guides and the Python reference as a website, in site/"
+	@echo "make site     the guides, the Python reference and the book everyday in the explorer as a website, in site/"
 	@echo "make clean    remove what was built; .venv stays"
 
 install: .venv/installed
@@ -74,6 +74,14 @@ docs: install
 site: install
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable ".[docs]"
 	$(BIN)/mkdocs build --strict
+	$(BIN)/wordcraft-kg build-graph everyday --out build/explorer/everyday --force
+	$(BIN)/wordcraft-kg train-recipes build/explorer/everyday --out build/explorer/recipes --force
+	$(BIN)/wordcraft-kg train-complex build/explorer/everyday --out build/explorer/complex --force
+	$(BIN)/wordcraft-kg train-agent build/explorer/everyday $(AGENT) --out build/explorer/no-kg --force
+	$(BIN)/wordcraft-kg train-agent build/explorer/everyday $(AGENT) --scorer build/explorer/recipes --use u,v,w \
+		--out build/explorer/guided --force
+	$(BIN)/wordcraft-kg explore build/explorer/everyday --model build/explorer/recipes --model build/explorer/complex \
+		--run build/explorer/guided --run build/explorer/no-kg --export site/everyday --force
 
 clean:
 	rm -rf $(DEMO) build site dist .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -62,6 +62,7 @@ class _Server:
         self._kept: OrderedDict[str, bytes] = OrderedDict()
         self._size = 0
         self._lock = threading.Lock()
+        self._page(HOME, "", [])  # so that the first page is there when the address is
 
     async def home(self, _: Request) -> Response:
         return RedirectResponse(HOME.address(HOME.state()))

@@ -113,22 +113,22 @@ def test_an_entity_whose_words_have_no_vector_is_like_none_by_words(of_recipes: 
 def test_many_recipes_come_page_by_page(of_recipes: Callable[..., LinkPredictor]):
     predictor = of_recipes([("hub", f"part {i:03}", f"thing {i:03}") for i in range(250)], kind="by-recipe-plain")
     split = predictor.split
-    pages = [view_entity_recipes(split, "hub", "uses it", page) for page in (1, 2, 3)]
+    pages = [view_entity_recipes(split, "hub", "uses", page) for page in (1, 2, 3)]
     assert [len(page.recipes) for page in pages] == [100, 100, 50]
     assert len({row.result for page in pages for row in page.recipes}) == 250
     assert pages[0].paging.pages == 3
     assert len(profile(predictor, "hub").used_in.recipes) == 12
     with pytest.raises(ConfigError, match="there are 3 pages"):
-        view_entity_recipes(split, "hub", "uses it", 4)
-    assert view_entity_recipes(split, "hub", "makes it").recipes == ()
-    of_test = view_entity_recipes(split, "hub", "uses it", part="test")
+        view_entity_recipes(split, "hub", "uses", 4)
+    assert view_entity_recipes(split, "hub", "makes").recipes == ()
+    of_test = view_entity_recipes(split, "hub", "uses", part="test")
     assert {row.part for row in of_test.recipes} == {"test"}
     assert of_test.total == pages[0].parts["test"] < 250
 
 
 def test_the_partner_of_an_entity_may_be_itself(of_recipes: Callable[..., LinkPredictor]):
     predictor = of_recipes([("a", "a", "b"), ("a", "z", "b"), ("Z", "a", "b")], kind="none")
-    found = view_entity_recipes(predictor.split, "a", "uses it").recipes
+    found = view_entity_recipes(predictor.split, "a", "uses").recipes
     assert [row.partner("a") for row in found] == ["Z", "a", "z"]
 
 

@@ -85,7 +85,7 @@ def test_all_triples_are_ranked_on_both_sides_as_reports_rank_them(neighbours: L
 FILTERS = [
     RankFilter(*values)
     for values in product(
-        ("", "combinesWith"), ("", "head"), ("", "train", "valid", "test"), ("", "learned", "unseen"), ("", "water")
+        ("", "combinesWith"), ("", "head"), ("", "train", "valid", "test"), ("all", "learned", "unseen"), ("", "water")
     )
 ]
 
@@ -97,7 +97,7 @@ def test_a_filter_chooses_what_it_says(ranked: RankedTriples, chosen: RankFilter
             chosen.relation in ("", query.relation)
             and chosen.side in ("", query.side)
             and chosen.part in ("", query.known)
-            and (not chosen.known or query.learned == (chosen.known == "learned"))
+            and (chosen.known == "all" or query.learned == (chosen.known == "learned"))
             and (not chosen.entity or chosen.entity in (query.head, query.tail))
         )
 

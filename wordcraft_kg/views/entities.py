@@ -15,15 +15,19 @@ from wordcraft_kg.records import Count, Record
 from wordcraft_kg.views.entity_list import layer_of
 from wordcraft_kg.views.paging import Paging, paging
 from wordcraft_kg.views.predictor import LinkPredictor, PredictedSlot
+from wordcraft_kg.wording import counted
 
 NEAREST = 8
 """Entities that are listed as alike."""
 PREDICTED = 10
 """Entities that are listed for an open slot."""
+LISTED = 12
+"""Recipes of either kind that are listed beside the rest."""
 RECIPES_A_PAGE = 100
 OPEN_SLOTS: tuple[tuple[int, Side], ...] = ((COMBINES_WITH, "tail"), (COMPONENT_OF, "head"), (COMPONENT_OF, "tail"))
 """What is asked of a model for an entity: its partners, its ingredients, and what it is an ingredient of."""
-Use = Literal["makes it", "uses it"]
+Use = Literal["makes", "uses"]
+"""Whether recipes make an entity or use it."""
 
 
 class PlacedRecipe(Record):
@@ -43,12 +47,14 @@ class EntityRecipes(Record):
     """Recipes of an entity.
 
     Attributes:
+        entity: its label.
         use: whether they make the entity or use it.
         parts: how many there are in each part that has any.
         paging: which of them are listed.
         recipes: the listed ones.
     """
 
+    entity: str
     use: Use
     parts: dict[Part, Count]
     paging: Paging
@@ -97,6 +103,24 @@ class EntityProfile(Record):
     nearest: tuple[AlikeEntity, ...]
     by_words: tuple[AlikeEntity, ...] | None
 
+    @property
+    def cost_in_words(self) -> str:
+        """The cost with its unit; what has more than 12 digits by its power of ten."""
+        cost = self.cost or 0
+        return counted(cost, "combination") if cost < 10**12 else f"about 10^{len(str(cost)) - 1} combinations"
+
+    @property
+    def held_out(self) -> int:
+        """Number of its recipes that are not in the train part."""
+        return sum(
+            count for found in (self.made_by, self.used_in) for part, count in found.parts.items() if part != "train"
+        )
+
+    @property
+    def has_probabilities(self) -> bool:
+        """Whether the model knows probabilities."""
+        return any(row.probability is not None for slot in self.slots for row in slot.best)
+
 
 def view_entity_profile(
     split: Split,
@@ -106,7 +130,7 @@ def view_entity_profile(
     words: EntityFeatures,
     predictor: LinkPredictor | None = None,
     with_learned: bool = False,
-    listed: int = 12,
+    listed: int = LISTED,
 ) -> EntityProfile:
     """Return what is known of an entity, and what a model says of it.
 
@@ -138,8 +162,8 @@ def view_entity_profile(
         base=bool((graph.base_ids == entity).any()),
         layer=layer,
         cost=None if layer is None else int(cost),
-        made_by=view_entity_recipes(split, label, "makes it", size=listed),
-        used_in=view_entity_recipes(split, label, "uses it", size=listed),
+        made_by=view_entity_recipes(split, label, "makes", size=listed),
+        used_in=view_entity_recipes(split, label, "uses", size=listed),
         model="" if predictor is None else predictor.name,
         has_seen_the_test_recipes=predictor is not None and predictor.model.kg == "full",
         slots=slots,
@@ -158,11 +182,12 @@ def view_entity_recipes(
         ConfigError: if there is no such page.
     """
     graph = split.graph
-    rows = graph.recipes_of(label) if use == "makes it" else graph.uses_of(label)
+    rows = graph.recipes_of(label) if use == "makes" else graph.uses_of(label)
     counts = np.bincount(split.parts[rows], minlength=len(PARTS)).tolist()
     chosen = rows if not part else rows[split.parts[rows] == PARTS.index(part)]
     shown = paging(len(chosen), page, size)
     return EntityRecipes(
+        entity=label,
         use=use,
         parts={name: count for name, count in zip(PARTS, counts, strict=True) if count},  # type: ignore[misc]
         paging=shown,

@@ -135,6 +135,13 @@ GLOSSARY: dict[str, Term] = {
         "Of a triple that training does not contain: the chance that a recipe of the book gives it. Of those that get "
         "10 %, about a tenth should be true (calibrated).",
     ),
+    "speaks_for": Term(
+        "Links",
+        "what speaks for a link",
+        "Links of training with the same head or tail, whose other end is to the model like that of the link. A weight"
+        " says how like: the cube of the cosine of the model's own scores of both."
+        " A share is of the sum of all weights.",
+    ),
     "base_rate": Term(
         "Links",
         "base rate",

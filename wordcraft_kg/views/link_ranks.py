@@ -21,7 +21,7 @@ from wordcraft_kg.views.predictor import LinkPredictor
 
 ROWS_A_PAGE = 50
 RankOrder = Literal["worst", "best", "score", "label"]
-Knowledge = Literal["learned", "unseen"]
+Knowledge = Literal["unseen", "learned", "all"]
 Better = Literal["either", "one", "other"]
 
 
@@ -39,7 +39,7 @@ class RankFilter(Record):
     relation: Relation | Literal[""] = ""
     side: Side | Literal[""] = ""
     part: Part | Literal[""] = ""
-    known: Knowledge | Literal[""] = ""
+    known: Knowledge = "all"
     entity: str = ""
 
 
@@ -190,7 +190,7 @@ class RankedTriples:
             mask &= ranks["side"].to_numpy() == chosen.side
         if chosen.part:
             mask &= ranks["part"].to_numpy() == PARTS.index(chosen.part)
-        if chosen.known:
+        if chosen.known != "all":
             mask &= ranks["learned"].to_numpy() == (chosen.known == "learned")
         if chosen.entity:
             entity = self.graph.id_of(chosen.entity)

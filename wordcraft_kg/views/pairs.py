@@ -9,6 +9,7 @@ from wordcraft_kg.records import Record, Share
 from wordcraft_kg.views.entities import PlacedRecipe, placed_recipes
 from wordcraft_kg.views.predictor import FilteredRank, LinkPredictor, Status, part_name, recipes_giving, status_of
 from wordcraft_kg.views.recipe_scores import RecipeScoring, ScoredRecipe, view_open_recipe
+from wordcraft_kg.views.scores import Known
 
 RESULTS = 10
 
@@ -18,6 +19,7 @@ class PairLink(Record):
 
     score: float
     status: Status
+    known: Known
     probability: Share | None
     rank: FilteredRank
 
@@ -67,6 +69,7 @@ def view_pair(
         link = PairLink(
             score=float(slot.scores[other]),
             status=status_of(known, learned, is_itself=one == other),
+            known=known,
             probability=None if learned else chance,
             rank=slot.rank(other),
         )

@@ -190,7 +190,7 @@ class LinkPredictor:
         return Slot(entity, relation, side, scores, part, learned)
 
     def best(
-        self, slot: Slot, *, with_learned: bool = False, top: int = 10, witnesses: int = 2, truth: int = 5
+        self, slot: Slot, *, with_learned: bool = False, top: int = 10, witnesses: int = 1, truth: int = 5
     ) -> PredictedSlot:
         """List the best entities in an open slot, and the best ranked of those that are true.
 

@@ -3,8 +3,20 @@
 from typing import Any
 
 from wordcraft_kg.explorer.page import Page
-from wordcraft_kg.explorer.pages import entities, home, map, path
+from wordcraft_kg.explorer.pages import (
+    compare,
+    entities,
+    entity,
+    home,
+    link,
+    map,
+    pair,
+    path,
+    predictions,
+    recipes,
+)
 
 HOME: Page[Any] = home.PAGE
-PAGES: dict[str, Page[Any]] = {page.name: page for page in (HOME, entities.PAGE, map.PAGE, path.PAGE)}
+IN_ORDER = (home, entities, entity, recipes, map, path, predictions, link, compare, pair)
+PAGES: dict[str, Page[Any]] = {module.PAGE.name: module.PAGE for module in IN_ORDER}
 """In the order of the menu."""

@@ -1,0 +1,100 @@
+"""Two models of the graph on the same queries: which of them is better, and where they differ most."""
+
+from collections.abc import Iterator
+from typing import Literal
+
+from wordcraft_kg.errors import ConfigError, SplitError
+from wordcraft_kg.explorer import asked
+from wordcraft_kg.explorer.explored import Explored
+from wordcraft_kg.explorer.page import Page, State
+from wordcraft_kg.graphs.splits import Part
+from wordcraft_kg.graphs.triples import Relation
+from wordcraft_kg.models.scorers.roles import Side
+from wordcraft_kg.records import Record
+from wordcraft_kg.views import link_comparison
+from wordcraft_kg.views.link_ranks import (
+    Better,
+    ComparedRanks,
+    Knowledge,
+    RankFilter,
+    check_comparable,
+    view_compared_ranks,
+)
+
+
+class Compare(State):
+    """Two models and some queries.
+
+    Attributes:
+        one: a model; the first if it is empty.
+        other: another one; the second if it is empty.
+        relation: relation of the triples; both if it is empty.
+        side: the side that is asked for; both if it is empty.
+        part: the part whose recipes give the triple; any if it is empty.
+        known: whether the models were trained on the triple: both, or neither.
+        entity: head or tail of the triple; any if it is empty.
+        better: queries that one of them ranks better, or all.
+        page: number of the page.
+    """
+
+    one: str = ""
+    other: str = ""
+    relation: Relation | Literal[""] = ""
+    side: Side | Literal[""] = ""
+    part: Part | Literal[""] = ""
+    known: Knowledge = "unseen"
+    entity: str = ""
+    better: Better = "either"
+    page: int = 1
+
+
+class ModelsCompared(Record):
+    """Two models.
+
+    Attributes:
+        headline: the same as ``compare-links`` says; None if there is too little to say it.
+        without_headline: why there is none.
+        ranks: the queries.
+    """
+
+    headline: link_comparison.LinkComparison | None
+    without_headline: str
+    ranks: ComparedRanks
+
+
+def has_two_models(explored: Explored) -> bool:
+    """Return whether there is something to compare."""
+    return len(explored.models) > 1
+
+
+def _view(explored: Explored, state: Compare) -> ModelsCompared:
+    if not has_two_models(explored):
+        raise ConfigError("Two models are compared; start with two of `wordcraft-kg explore GRAPH --model FOLDER`.")
+    names = list(explored.models)
+    first = state.one or next(name for name in names if name != state.other)
+    second = state.other or next(name for name in names if name != first)
+    one, other = asked.predictor(explored, first), asked.predictor(explored, second)
+    check_comparable(one, other)
+    headline, why = explored.once(("compared", one.name, other.name), lambda: _headline(one, other))
+    chosen = RankFilter(state.relation, state.side, state.part, state.known, state.entity)
+    ranks = view_compared_ranks(
+        asked.ranked(explored, one.name), asked.ranked(explored, other.name), chosen, state.better, state.page
+    )
+    return ModelsCompared(headline, why, ranks)
+
+
+def _headline(
+    one: asked.LinkPredictor, other: asked.LinkPredictor
+) -> tuple[link_comparison.LinkComparison | None, str]:
+    contenders = [link_comparison.Contender(model.name, [model.model]) for model in (one, other)]
+    try:
+        return link_comparison.compare(contenders), ""
+    except SplitError as error:
+        return None, str(error)
+
+
+def _exported(explored: Explored) -> Iterator[Compare]:
+    yield from (Compare(better=better) for better in ("either", "one", "other"))
+
+
+PAGE = Page("compare", Compare, _view, title="Compare", exported=_exported, is_there=has_two_models)

@@ -288,8 +288,6 @@ def test_a_model_compared_with_itself_does_not_differ(explored: Explored):
 
 
 def test_too_few_unseen_triples_leave_no_headline(opened_with: Callable[..., Explored]):
-    explored = opened_with(
-        [(f"part {i % 3}", f"other {i % 4}", f"thing {i}") for i in range(9)], kind="by-recipe-plain"
     rows = [(f"part {i % 3}", f"other {i % 4}", f"thing {i}") for i in range(9)]
     explored = opened_with(rows, kind="by-recipe-plain")
     explored.models["again"] = explored.models["model"]

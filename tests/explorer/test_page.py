@@ -58,7 +58,7 @@ def test_choices_at_their_defaults_are_not_in_the_address():
     assert PAGE.address(Example(full=True, table=("a", "b,c"))) == "/example?full=true&table=a&table=b%2Cc"
 
 
-@pytest.mark.parametrize("label", [".", "..", "a/b", "../../etc/passwd", "a\\b", "/", "..."])
+@pytest.mark.parametrize("label", [".", "..", "a/b", "../../etc/passwd", "a\\b", "/", "...", "%2e%2e", "100 %"])
 def test_a_label_that_a_browser_would_take_for_a_folder_is_in_the_query(label: str):
     assert PAGE.address(Example(label)).startswith("/example?entity=")
 

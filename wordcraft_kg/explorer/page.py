@@ -110,8 +110,11 @@ class Page(Generic[S]):
 
 
 def fits_path(value: str) -> bool:
-    """Return whether a label can be a segment of a path: browsers take dots as folders, and some servers slashes."""
-    return bool(value.strip(".")) and "/" not in value and "\\" not in value
+    """Return whether a label can be a segment of a path.
+
+    Browsers take dots as folders, some servers slashes, and what stands between may decode a percent sign twice.
+    """
+    return bool(value.strip(".")) and not set(value) & {"/", "\\", "%"}
 
 
 def _written(value: Any) -> str:

@@ -279,7 +279,7 @@ def assert_ways(opened: OpenedGraph, scorer: CrossFitted, found: ExplainedTable)
             assert (told.part == "train") == (fold >= 0)
             seen = {"train_recipes": fold >= 0, "without_a_fold": fold not in (-1, found.fold), "no_knowledge": False}
             assert told.is_remembered == seen[found.model]
-    assert found.is_remembered == any(one.is_remembered for one in ways.values())
+    assert {*found.memory} == {one for one in ways.values() if one.is_remembered}
 
 
 def test_a_table_of_ones_own_is_answered_by_a_model_that_has_not_seen_how_the_goal_is_made_on_it(
@@ -299,7 +299,7 @@ def test_a_table_of_ones_own_is_answered_by_a_model_that_has_not_seen_how_the_go
         folds = {int(scorer.of_recipe[row]) for row in rows} - {-1}
         expected = ("without_a_fold", next(iter(folds))) if len(folds) == 1 else ("train_recipes", None)
         assert (found.model, found.fold) == expected
-        found_models.append((found.model, found.is_remembered))
+        found_models.append((found.model, bool(found.memory)))
         model = scorer.whole if found.fold is None else scorer.left_out(found.fold)
         (w,) = make_sources(["w"], model)
         slots = w(torch.tensor([goal]), torch.tensor([graph.num_entities]), torch.tensor([table]))[0].tolist()
@@ -317,7 +317,7 @@ def test_where_every_model_has_seen_a_way_it_is_said_to_be_memory(opened: Opened
     goal, rows = next((goal, [of[0] for of in folds.values()][:2]) for goal, folds in by_goal.items() if len(folds) > 1)
     table = sorted({part for row in rows for part in graph.recipes[row, :2].tolist()})
     found = explainer.table(goal, table)
-    assert (found.model, found.is_remembered) == ("train_recipes", True)
+    assert (found.model, bool(found.memory)) == ("train_recipes", True)
     # Made from a task, it stays that task: its own model answers, which has seen the other way only.
     plans = {task: plan for task, plan in enumerate(world.tasks.plans) if (rows[0],) in plan}
     (task,) = plans
@@ -346,7 +346,7 @@ def test_a_scorer_without_folds_remembers_what_it_was_trained_on(
 def test_without_a_scorer_no_model_answers(opened: OpenedGraph, scorer: CrossFitted, kind: str) -> None:
     world = world_of(opened, "train")
     found = Explainer(policy_of(opened, scorer, kind, world), world).task(3)
-    assert (found.model, found.is_remembered) == ("no_scorer", False)
+    assert (found.model, bool(found.memory)) == ("no_scorer", False)
     assert found.episode.steps[0].lambdas == {}
 
 
@@ -369,7 +369,7 @@ def test_tables_are_explained_whatever_the_split(scorer: CrossFitted, kind: str)
     for task in range(0, len(world.tasks), 20):
         found = explainer.task(task)
         assert found.model == ("train_recipes" if kind == "none" else "without_a_fold")
-        assert found.is_remembered == (kind == "none") or len(found.ways) > 1
+        assert bool(found.memory) == (kind == "none") or len(found.ways) > 1
 
 
 # --- several at once -------------------------------------------------------------------------------------------------

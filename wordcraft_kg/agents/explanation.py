@@ -141,9 +141,9 @@ class ExplainedTable(Record):
     episode: ExplainedEpisode
 
     @property
-    def is_remembered(self) -> bool:
-        """Whether the model that answers has been trained on a recipe that makes the goal from this table."""
-        return any(recipe.is_remembered for way in self.ways for recipe in way)
+    def memory(self) -> tuple[TableRecipe, ...]:
+        """The recipes that make the goal from this table and on which the model that answers has been trained."""
+        return tuple(dict.fromkeys(recipe for way in self.ways for recipe in way if recipe.is_remembered))
 
 
 class _Asked(NamedTuple):
@@ -206,11 +206,11 @@ class Explainer:
         Raises:
             ConfigError: if there is no such task, or the policy cannot play with so many slots.
         """
-        return self._played(self._of_task(task, self._drawn(task, draw)))
+        return self._played(self._of_task(task, self.drawn(task, draw)))
 
     def task(self, task: int, draw: int = 0) -> ExplainedTable:
         """Explain such an episode, and say who answers; see :meth:`episode`."""
-        return self._explained(self._of_task(task, self._drawn(task, draw)))
+        return self._explained(self._of_task(task, self.drawn(task, draw)))
 
     def table(
         self, goal: Entity, table: Sequence[Entity], held: Entity | None = None, *, like: int | None = None
@@ -248,8 +248,8 @@ class Explainer:
                 return self._explained(self._of_task(like, ids)._replace(held=hand))
         return self._explained(self._of_table(target, ids)._replace(held=hand))
 
-    def _drawn(self, task: int, draw: int) -> list[int]:
-        """Return the table of a task as the evaluation draws it."""
+    def drawn(self, task: int, draw: int = 0) -> list[int]:
+        """Return the ids on the table of a task, as the evaluation draws it; see :meth:`episode`."""
         amount, draws = len(self.world.tasks), self._draws
         whole("task", task, 0, amount - 1)
         whole("draw", draw, 0, MAX_SIZE)

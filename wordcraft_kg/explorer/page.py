@@ -37,6 +37,11 @@ def has_runs(explored: Explored) -> bool:
     return bool(explored.runs)
 
 
+def settled(_: Explored, __: State) -> bool:
+    """Return False: what a page shows does not change."""
+    return False
+
+
 @dataclass(frozen=True)
 class Page(Generic[S]):
     """A kind of page.
@@ -51,7 +56,7 @@ class Page(Generic[S]):
         draw: makes the pictures of a view, as server-side SVG, by the names that the template uses.
         exported: the states that a static site holds.
         is_there: whether there is something to show.
-        is_live: whether it changes while it is looked at, so that it must not be kept.
+        is_live: whether what a state shows may change while it is looked at, so that the page must not be kept.
     """
 
     name: str
@@ -62,7 +67,7 @@ class Page(Generic[S]):
     draw: Callable[[Any, S, Addresses], Mapping[str, Any]] | None = None
     exported: Callable[[Explored], Iterable[S]] | None = None
     is_there: Callable[[Explored], bool] = everywhere
-    is_live: bool = False
+    is_live: Callable[[Explored, S], bool] = settled
 
     def states(self, explored: Explored) -> Iterable[S]:
         """Return the states that a static site holds: by default the one without any choices."""

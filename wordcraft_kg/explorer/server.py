@@ -100,14 +100,13 @@ class _Server:
             state = page.read(subject, [entry for entry in query if entry != ("format", "json")])
             if as_json:
                 return _json(as_values(page.view(self.explored, state)))
-            address = page.address(state)
-            if (kept := self._recall(address)) is None:
+            address, is_live = page.address(state), page.is_live(self.explored, state)
+            kept = None if is_live else self._recall(address)
+            if kept is None:
                 kept = self.site.page(page, state).encode()
-                if not page.is_live:
+                if not is_live:
                     self._keep(address, kept)
-            return Response(
-                kept, media_type=HTML, headers={"Cache-Control": "no-store" if page.is_live else "no-cache"}
-            )
+            return Response(kept, media_type=HTML, headers={"Cache-Control": "no-store" if is_live else "no-cache"})
         except UnknownEntityError as error:
             return self._error(404, str(error), self._suggestions(subject[:200]))
         except ConfigError as error:

@@ -7,6 +7,7 @@ from wordcraft_kg.explorer.pages import (
     compare,
     entities,
     entity,
+    episode,
     home,
     link,
     map,
@@ -14,9 +15,12 @@ from wordcraft_kg.explorer.pages import (
     path,
     predictions,
     recipes,
+    run,
+    runs,
+    tasks,
 )
 
 HOME: Page[Any] = home.PAGE
-IN_ORDER = (home, entities, entity, recipes, map, path, predictions, link, compare, pair)
+IN_ORDER = (home, entities, entity, recipes, map, path, predictions, link, compare, pair, tasks, episode, runs, run)
 PAGES: dict[str, Page[Any]] = {module.PAGE.name: module.PAGE for module in IN_ORDER}
 """In the order of the menu."""

@@ -1,0 +1,126 @@
+"""A run that is followed: read again when it has changed, and only then; also while it trains."""
+
+import json
+import os
+import shutil
+from pathlib import Path
+
+import pytest
+
+from wordcraft_kg.agents import following
+from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
+from wordcraft_kg.agents.following import FollowedRun
+from wordcraft_kg.agents.impala import Impala
+from wordcraft_kg.agents.training import resume_agent, train_agent
+from wordcraft_kg.envs.world import World
+from wordcraft_kg.errors import ArtefactError, GraphMismatchError
+from wordcraft_kg.graphs import open_graph
+from wordcraft_kg.graphs.folder import OpenedGraph
+from wordcraft_kg.graphs.splits import SplitConfig
+
+CONFIG = AgentConfig(
+    "kitchen",
+    None,
+    TaskConfig(distractors=2),
+    trainer=ImpalaConfig(steps=640, batch_size=8, log_every=80, eval_every=320, checkpoint_every=160),
+)
+
+
+@pytest.fixture(scope="module")
+def opened() -> OpenedGraph:
+    return open_graph("kitchen")
+
+
+@pytest.fixture
+def interrupted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A run that was stopped amid its training."""
+    update = Impala.update
+
+    def stop(self: Impala) -> None:
+        update(self)
+        if self.update_number == 15:
+            raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Impala, "update", stop)
+        with pytest.raises(KeyboardInterrupt):
+            train_agent(CONFIG, tmp_path / "run")
+    return tmp_path / "run"
+
+
+def test_a_run_that_does_not_change_is_read_once(interrupted: Path, opened: OpenedGraph) -> None:
+    run = FollowedRun(interrupted, opened)
+    world = World(opened, CONFIG.tasks.environment("test"))
+    assert run.records() is run.records()
+    assert run.agent() is run.agent()
+    assert run.explainer(world) is run.explainer(world)
+    assert run.agent().opened is opened
+    assert run.episodes() == {}
+
+
+def test_what_a_training_writes_is_seen(interrupted: Path, opened: OpenedGraph) -> None:
+    run, world = FollowedRun(interrupted, opened), World(opened, CONFIG.tasks.environment("test"))
+    records, agent, explainer = run.records(), run.agent(), run.explainer(world)
+    assert (records.run.status, agent.checkpoint) == ("interrupted", records.checkpoint)
+    with (interrupted / "metrics.jsonl").open("a") as file:
+        file.write('{"step": 5000, "seconds": 9.0}\n{"step": 60')
+    assert [row.step for row in run.records().metrics] == [*(row.step for row in records.metrics), 5000]
+    assert run.agent() is agent  # its weights are the same
+    data = (interrupted / "metrics.jsonl").read_bytes()
+    (interrupted / "metrics.jsonl").write_bytes(data[: data.index(b'{"step": 5000')])
+    resume_agent(interrupted)
+    assert run.records().run.status == "done"
+    assert run.agent().checkpoint == "final"
+    assert run.explainer(world) is not explainer
+    assert len(run.episodes()) == sum(success.tasks for success in run.records().evaluation.success.values())
+    before = explainer.task(3).episode.steps[0]
+    after = run.explainer(world).task(3).episode.steps[0]
+    assert [slot.entity for slot in before.slots] == [slot.entity for slot in after.slots]
+    assert before.value != after.value
+
+
+def test_a_new_checkpoint_is_a_new_agent(interrupted: Path, opened: OpenedGraph) -> None:
+    run = FollowedRun(interrupted, opened)
+    last = run.agent()
+    newest = max(int(path.stem.partition("-")[2]) for path in (interrupted / "checkpoints").glob("*.json"))
+    for suffix in (".json", ".safetensors"):
+        os.remove(interrupted / f"checkpoints/step-{newest}{suffix}")
+    assert run.agent() is not last
+    assert run.agent().checkpoint != last.checkpoint
+
+
+def test_explainers_of_few_worlds_are_kept(
+    interrupted: Path, opened: OpenedGraph, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(following, "EXPLAINERS", 2)
+    run = FollowedRun(interrupted, opened)
+    worlds = [World(opened, CONFIG.tasks.environment("test", amount)) for amount in range(3)]
+    first, second = run.explainer(worlds[0]), run.explainer(worlds[1])
+    assert run.explainer(worlds[0]) is first
+    run.explainer(worlds[2])
+    assert run.explainer(worlds[0]) is first
+    assert run.explainer(worlds[1]) is not second
+
+
+def test_what_cannot_be_read_is_an_error_each_time_until_it_can(
+    interrupted: Path, opened: OpenedGraph, tmp_path: Path
+) -> None:
+    run = FollowedRun(tmp_path / "later", opened)
+    for _ in range(2):
+        with pytest.raises(ArtefactError, match="does not exist"):
+            run.records()
+    shutil.copytree(interrupted, tmp_path / "later")
+    assert run.records().run.status == "interrupted"
+    assert run.agent().checkpoint
+    shutil.rmtree(tmp_path / "later/checkpoints")
+    with pytest.raises(ArtefactError, match="no checkpoint yet"):
+        run.agent()
+    record = json.loads((tmp_path / "later/run.json").read_text())
+    (tmp_path / "later/run.json").write_text(json.dumps(record | {"kind": "train-links"}))
+    with pytest.raises(ArtefactError, match="expected a run of train-agent"):
+        run.records()
+
+
+def test_a_run_of_another_split_is_refused(interrupted: Path) -> None:
+    with pytest.raises(GraphMismatchError, match="was trained on split"):
+        FollowedRun(interrupted, open_graph("kitchen", SplitConfig(seed=5))).agent()

@@ -1,0 +1,113 @@
+"""An agent's run as it is now, for who looks at it while it trains."""
+
+import threading
+from collections import OrderedDict
+from collections.abc import Callable, Hashable
+from pathlib import Path
+from typing import Any, TypeVar, cast
+
+from wordcraft_kg.agents.agent_folder import AGENTS, AgentRun, OpenedAgent, open_agent, read_agent_run
+from wordcraft_kg.agents.explanation import Explainer
+from wordcraft_kg.agents.records import EPISODES_FILE, PlayedTask, read_episodes
+from wordcraft_kg.envs.config import WordCraftConfig
+from wordcraft_kg.envs.world import World
+from wordcraft_kg.graphs.folder import OpenedGraph
+from wordcraft_kg.graphs.tasks import TaskPart
+from wordcraft_kg.runs.record import RUN_FILE
+
+EXPLAINERS = 8
+"""Worlds for which an explainer is kept."""
+T = TypeVar("T")
+
+
+class FollowedRun:
+    """A run whose files are read again when they have changed; several threads may ask at once.
+
+    Attributes:
+        folder: the run's folder.
+        opened: the graph and split that it was trained on.
+
+    Example:
+        >>> run = FollowedRun(Path("runs/kitchen"), open_graph("kitchen"))
+        >>> run.records().run.status, run.agent() is run.agent()
+        ('done', True)
+    """
+
+    def __init__(self, folder: Path, opened: OpenedGraph):
+        """Take a folder and its graph; nothing is read yet."""
+        self.folder, self.opened = folder, opened
+        self._lock = threading.RLock()
+        self._kept: dict[str, tuple[Hashable, Any]] = {}
+        self._explainers: OrderedDict[WordCraftConfig, Explainer] = OrderedDict()
+
+    def records(self) -> AgentRun:
+        """Return its records, as far as it has come.
+
+        Raises:
+            ArtefactError: if there is no such run, or a file is damaged.
+        """
+        stamp = *self._stamp(RUN_FILE, "config.toml", "metrics.jsonl"), *AGENTS.checkpoints(self.folder).records()
+        return self._once("records", stamp, lambda: read_agent_run(self.folder))
+
+    def agent(self) -> OpenedAgent:
+        """Return the agent with its last weights.
+
+        Raises:
+            ArtefactError: if there is no such run, it has no checkpoint yet, or a file is damaged.
+            GraphMismatchError: if it is of another graph or split.
+        """
+        with self._lock:
+            before = self._kept.get("agent")
+            stamp = *self._stamp(RUN_FILE), *AGENTS.checkpoints(self.folder).records()
+            found = self._once("agent", stamp, lambda: open_agent(self.folder, self.opened))
+            if before is not None and found is not before[1]:
+                self._explainers.clear()
+            return found
+
+    def explainer(self, world: World) -> Explainer:
+        """Return what explains the agent's picks in a world of its graph.
+
+        Raises:
+            ArtefactError: as :meth:`agent` does.
+            LeakError: if a task would be scored by a model that has been trained on its recipes.
+        """
+        with self._lock:
+            agent = self.agent()
+            if world.config not in self._explainers:
+                self._explainers[world.config] = Explainer(agent.policy, world, kg=agent.run.kg or "partial")
+                if len(self._explainers) > EXPLAINERS:
+                    self._explainers.popitem(last=False)
+            self._explainers.move_to_end(world.config)
+            return self._explainers[world.config]
+
+    def episodes(self) -> dict[tuple[TaskPart, str, tuple[str, ...]], PlayedTask]:
+        """Return how the episodes of its evaluation ended, by part, goal and start; none as long as it is not done.
+
+        Raises:
+            ArtefactError: if they are missing or damaged.
+        """
+        if self.records().evaluation is None:
+            return {}
+        stamp = self._stamp(EPISODES_FILE)
+        return self._once(
+            "episodes", stamp, lambda: {(one.part, one.goal, one.start): one for one in read_episodes(self.folder)}
+        )
+
+    def _stamp(self, *names: str) -> tuple[Hashable, ...]:
+        """Return what changes when one of some files does."""
+        found: list[Hashable] = []
+        for name in names:
+            try:
+                status = (self.folder / name).stat()
+            except OSError:
+                found.append(None)
+            else:
+                found.append((status.st_mtime_ns, status.st_size))
+        return tuple(found)
+
+    def _once(self, name: str, stamp: Hashable, make: Callable[[], T]) -> T:
+        """Return what was made, or make it again if the stamp is another one."""
+        with self._lock:
+            if name not in self._kept or self._kept[name][0] != stamp:
+                self._kept[name] = stamp, make()
+            return cast(T, self._kept[name][1])

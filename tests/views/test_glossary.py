@@ -12,7 +12,8 @@ ROOT = Path(__file__).parents[2]
 
 
 def test_every_word_that_a_template_explains_is_in_the_glossary():
-    templates = [path.read_text(encoding="utf-8") for path in (files("wordcraft_kg.reports") / "templates").iterdir()]
+    folders = [files(f"wordcraft_kg.{package}") / "templates" for package in ("reports", "explorer")]
+    templates = [path.read_text(encoding="utf-8") for folder in folders for path in folder.iterdir()]
     keys = {key for text in templates for key in re.findall(r'\bterm\("(\w+)"', text)}
     assert len(keys) > 20
     assert keys <= GLOSSARY.keys()

@@ -8,8 +8,9 @@ import pytest
 
 from wordcraft_kg.errors import ConfigError, GraphMismatchError, UnknownEntityError
 from wordcraft_kg.graphs.triples import is_in
-from wordcraft_kg.models.scorers.ranking import rank_triples, ranking_metrics
+from wordcraft_kg.models.scorers.ranking import MIN_TRIPLES, rank_triples, ranking_metrics
 from wordcraft_kg.records import checked_values
+from wordcraft_kg.views import link_ranks
 from wordcraft_kg.views.link_comparison import Contender, compare
 from wordcraft_kg.views.link_ranks import (
     ComparedQuery,
@@ -54,7 +55,7 @@ def test_the_headline_of_unseen_test_triples_is_that_of_the_report(neighbours: L
 
 
 def test_the_headline_is_that_of_the_report_on_a_sample_too(neighbours: LinkPredictor):
-    few = rank_graph(neighbours, max_queries=80)
+    few = rank_graph(neighbours, 40)
     report = judge_links(neighbours.model.scorer, neighbours.model.opened, max_queries=80)
     found = view_link_ranks(few, UNSEEN)
     assert found.metrics.mrr == pytest.approx(ranking_metrics(report.ranks).mrr)
@@ -62,7 +63,15 @@ def test_the_headline_is_that_of_the_report_on_a_sample_too(neighbours: LinkPred
     assert found.sample.unseen_of == len(neighbours.split.held_out("test"))
     assert found.sample.unseen_of + found.sample.others_of == len(neighbours.graph.triples)
     assert not found.sample.is_whole
-    assert view_link_ranks(rank_graph(neighbours, max_queries=0), UNSEEN).sample.is_whole
+    assert view_link_ranks(rank_graph(neighbours), UNSEEN).sample.is_whole
+
+
+def test_of_many_entities_fewer_triples_are_ranked(neighbours: LinkPredictor, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(link_ranks, "SCORES", 50 * neighbours.graph.num_entities)
+    sample = rank_graph(neighbours).sample
+    assert (sample.unseen, sample.others) == (50, 50)
+    monkeypatch.setattr(link_ranks, "SCORES", 0)
+    assert rank_graph(neighbours).sample.unseen == MIN_TRIPLES
 
 
 def test_all_triples_are_ranked_on_both_sides_as_reports_rank_them(neighbours: LinkPredictor, ranked: RankedTriples):

@@ -13,13 +13,15 @@ from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.splits import PARTS, Part, Split
 from wordcraft_kg.graphs.triples import RELATIONS, Relation, is_in
 from wordcraft_kg.models.scorers.config import MAX_QUERIES
-from wordcraft_kg.models.scorers.ranking import RankingMetrics, rank_triples, ranking_metrics, sampled
+from wordcraft_kg.models.scorers.ranking import MIN_TRIPLES, RankingMetrics, rank_triples, ranking_metrics, sampled
 from wordcraft_kg.models.scorers.roles import Side
 from wordcraft_kg.records import Count, Record
 from wordcraft_kg.views.paging import Paging, paging
 from wordcraft_kg.views.predictor import LinkPredictor
 
 ROWS_A_PAGE = 50
+SCORES = 2**26
+"""Scores that are computed for the triples of a kind, so that a ranking takes seconds: all of up to 3,355 entities."""
 RankOrder = Literal["worst", "best", "score", "label"]
 Knowledge = Literal["unseen", "learned", "all"]
 Better = Literal["either", "one", "other"]
@@ -198,20 +200,22 @@ class RankedTriples:
         return mask
 
 
-def rank_graph(predictor: LinkPredictor, max_queries: int = MAX_QUERIES) -> RankedTriples:
+def rank_graph(predictor: LinkPredictor, max_triples: int | None = None) -> RankedTriples:
     """Rank all triples of the graph of a model, those that it has learned and those that it has not.
 
-    Of very many, the unseen test triples are sampled as for the link-prediction report, and so are the others, apart.
+    Of very many, the unseen test triples are sampled, as for the link-prediction report, and so are the others, apart.
 
     Args:
         predictor: the model.
-        max_queries: most queries of either kind, two for each triple; 0 ranks all.
+        max_triples: most triples of either kind. Default: as many as the report ranks, and fewer of many entities.
     """
     split = predictor.split
     graph = split.graph
     unseen = split.held_out("test")
     others = graph.triples[~is_in(graph.triples, unseen, graph.num_entities)]
-    taken = [sampled(triples, max_queries // 2) if max_queries else triples for triples in (unseen, others)]
+    if max_triples is None:
+        max_triples = min(MAX_QUERIES // 2, max(MIN_TRIPLES, SCORES // max(graph.num_entities, 1)))
+    taken = [sampled(triples, max_triples) for triples in (unseen, others)]
     chosen = np.concatenate(taken)
     ranks = rank_triples(predictor.model.scorer, chosen, graph.triples)
     part, learned = split.part_of(chosen), predictor.learned(chosen)

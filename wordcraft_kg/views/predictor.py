@@ -178,10 +178,11 @@ class LinkPredictor:
     def slot(self, entity: int, relation: int, side: Side) -> Slot:
         """Return the scores of all entities in an open slot, with what is true and what was learned."""
         size = self.graph.num_entities
-        everything = torch.arange(size)
-        ids = (everything, relation, entity) if side == "head" else (entity, relation, everything)
+        # In two dimensions, as for rankings, where factors and embeddings take one matrix product.
+        everything, given = torch.arange(size)[None], torch.tensor([[entity]])
+        ids = (everything, relation, given) if side == "head" else (given, relation, everything)
         with torch.no_grad():
-            scores = self.model.scorer.score(*ids).cpu().numpy().astype(np.float64)
+            scores = self.model.scorer.score(*ids)[0].cpu().numpy().astype(np.float64)
         part = np.full(size, NEW)
         entities, parts = true_answers(self.split, entity, relation, side)
         np.minimum.at(part, entities, parts)

@@ -48,7 +48,7 @@ def choices(opened: OpenedGraph, models: list[str], runs: list[str]) -> dict[str
 
     def predictions(draw: random.Random) -> str:
         relation, side = draw.choice(["", *RELATIONS]), draw.choice(["", "head", "tail"])
-        sort = draw.choice(["rank", "score"])
+        sort = draw.choice(["best", "worst", "score"])
         return address(
             "predictions", model=draw.choice(models), relation=relation, side=side, sort=sort, page=draw.randint(1, 5)
         )
@@ -64,7 +64,7 @@ def choices(opened: OpenedGraph, models: list[str], runs: list[str]) -> dict[str
         "entity": lambda draw: address(
             "entity", entity=draw.choice(labels), **({"model": draw.choice(models)} if models else {})
         ),
-        "path": lambda draw: address("path", goal=draw.choice(labels)),
+        "path": lambda draw: address("path", entity=draw.choice(labels)),
         "map": lambda draw: address("map", entity=draw.choice(labels)),
         "tasks": lambda draw: address("tasks", page=draw.randint(1, 5), run=draw.choice(["", *runs])),
     }

@@ -1,16 +1,17 @@
 """The site as a web application: addresses to pages, errors, search, and the site's own files."""
 
+import asyncio
 import json
 import threading
 import time
 from collections import OrderedDict
-from collections.abc import Collection
+from collections.abc import Callable, Collection
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from importlib.resources import files
-from typing import Any
+from typing import Any, TypeVar
 from urllib.parse import parse_qsl
 
-from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import RedirectResponse, Response
 from starlette.routing import Route, Router
@@ -25,8 +26,11 @@ from wordcraft_kg.explorer.rendering import Site, style_sheet
 from wordcraft_kg.records import as_values
 from wordcraft_kg.views.entity_list import search_entities
 
-KEPT = 2**26
+T = TypeVar("T")
+KEPT = 2**25
 """Bytes of rendered pages that are kept: nothing that they show changes."""
+THREADS = 8
+"""Pages made at a time: more would only wait for each other, and take memory; fewer might all wait for what is made once."""
 QUIET = 1.0
 """Seconds after the start that belong to the first page alone."""
 SCRIPTS = ("explorer.js", "map.js")
@@ -59,6 +63,7 @@ class _Server:
         self.files = {"explorer.css": (style_sheet(), "text/css")} | {
             name: (text, "text/javascript") for name, text in scripts().items()
         }
+        self._threads = ThreadPoolExecutor(THREADS, "pages")
         self._kept: OrderedDict[str, bytes] = OrderedDict()
         self._size = 0
         self._lock = threading.Lock()
@@ -77,7 +82,7 @@ class _Server:
     async def search(self, request: Request) -> Response:
         """Return labels and addresses of the entities that a text may mean, as JSON."""
         wanted = request.query_params.get("q", "")[:200]
-        found = await run_in_threadpool(self._suggestions, wanted)
+        found = await self._in_thread(self._suggestions, wanted)
         return _json(list(found.items()))
 
     async def page(self, request: Request) -> Response:
@@ -92,7 +97,10 @@ class _Server:
             return self._error(
                 400, "The address is not well-formed: its query cannot be read as UTF-8 names and values."
             )
-        return await run_in_threadpool(self._page, page, subject, query)
+        return await self._in_thread(self._page, page, subject, query)
+
+    async def _in_thread(self, work: Callable[..., T], *arguments: Any) -> T:
+        return await asyncio.get_running_loop().run_in_executor(self._threads, work, *arguments)
 
     def _page(self, page: Page[Any], subject: str, query: list[tuple[str, str]]) -> Response:
         as_json = ("format", "json") in query

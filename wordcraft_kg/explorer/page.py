@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, Generic, TypeVar, get_origin
 from urllib.parse import quote, urlencode
 
@@ -81,7 +82,7 @@ class Page(Generic[S]):
         """Return the path and query of a state; choices at their defaults are left out."""
         path = f"/{self.name}"
         query: list[tuple[str, str]] = []
-        for field in msgspec.structs.fields(self.state):
+        for field in _fields(self.state):
             value = getattr(state, field.name)
             if field.name == self.subject and fits_path(value):
                 path += f"/{quote(value, safe='')}"
@@ -99,7 +100,7 @@ class Page(Generic[S]):
         Raises:
             ConfigError: for an unknown name, a value of another type, or one that is given twice.
         """
-        fields = {field.name: field for field in msgspec.structs.fields(self.state)}
+        fields = {field.name: field for field in _fields(self.state)}
         given: dict[str, Any] = {self.subject: subject} if self.subject and subject else {}
         for name, value in query:
             if name not in fields:
@@ -120,6 +121,12 @@ def fits_path(value: str) -> bool:
     Browsers take dots as folders, some servers slashes, and what stands between may decode a percent sign twice.
     """
     return bool(value.strip(".")) and not set(value) & {"/", "\\", "%"}
+
+
+@cache
+def _fields(state: type[State]) -> tuple[msgspec.structs.FieldInfo, ...]:
+    """Return the fields of a state; a page asks for them once for each of its links."""
+    return msgspec.structs.fields(state)
 
 
 def _written(value: Any) -> str:

@@ -152,7 +152,8 @@ class LinkEvidence:
             columns = (others, ends) if side == "head" else (ends, others)
             triples.append(np.column_stack([columns[0], np.full(len(others), relation), columns[1]]))
             units = self.roles.units[relation][side == "tail"]
-            weights.append((units[others] @ units[entity]).clip(0, 1).astype(np.float64) ** POWER)
+            cosines = (units[others] @ units[entity]).astype(np.float64)
+            weights.append(np.minimum(np.maximum(cosines, 0), 1) ** POWER)
         return np.concatenate(triples), np.concatenate(weights)
 
     def ends(self, entity: int, relation: int, side: Side) -> Ids:

@@ -86,6 +86,7 @@ def test_the_record_says_what_was_written(site: Path, explored: Explored):
     assert record["graph_hash"] == explored.opened.graph.hash
     assert record["skipped"] == {}
     assert set(record["models"]) == set(explored.models)
+    assert set(record["runs"]) == set(explored.runs)
 
 
 def test_the_search_file_has_every_entity_the_most_used_first(site: Path, explored: Explored):

@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 from typing import Any
 
-from wordcraft_kg.artefacts import dump_json, staged_folder, write_atomically
+from wordcraft_kg.artefacts import dump_json, sha256_of, staged_folder, write_atomically
 from wordcraft_kg.errors import WordCraftKGError
 from wordcraft_kg.explorer.explored import Explored
 from wordcraft_kg.explorer.page import Page, State
@@ -15,6 +15,7 @@ from wordcraft_kg.explorer.rendering import Site, style_sheet
 from wordcraft_kg.explorer.server import scripts
 from wordcraft_kg.progress import stage, steps
 from wordcraft_kg.records import Count, Hash, Record, as_values
+from wordcraft_kg.runs.record import RUN_FILE
 
 SITE_FILE = "site.json"
 LONGEST_NAME = 60
@@ -29,6 +30,7 @@ class ExportedSite(Record):
         largest: bytes of the largest page.
         bytes: bytes of all pages.
         models: hashes of the models' weights by name.
+        runs: hashes of the records of the runs by name.
         skipped: pages that could not be made, with the reason.
     """
 
@@ -39,6 +41,7 @@ class ExportedSite(Record):
     largest: Count
     bytes: Count
     models: dict[str, str]
+    runs: dict[str, str]
     skipped: dict[str, str]
 
 
@@ -54,8 +57,6 @@ def export_site(explored: Explored, out: Path, *, force: bool = False) -> Export
     with staged_folder(out, force=force) as folder:
         for name, text in {"explorer.css": style_sheet(), **scripts(), "search.js": files.search()}.items():
             write_atomically(folder / name, text)
-        for name in PAGES:
-            (folder / name).mkdir()
         for (page, state), name in steps("writing pages", list(files.names.items())):
             site = Site(explored, files.from_file(name), _own_file(name), is_static=True)
             try:
@@ -63,6 +64,7 @@ def export_site(explored: Explored, out: Path, *, force: bool = False) -> Export
             except WordCraftKGError as error:
                 skipped[PAGES[page].address(state)] = str(error)
                 content = site.error(404, str(error)).encode()
+            (folder / name).parent.mkdir(exist_ok=True)
             write_atomically(folder / name, content)
             sizes.append(len(content))
         found = ExportedSite(
@@ -73,6 +75,7 @@ def export_site(explored: Explored, out: Path, *, force: bool = False) -> Export
             largest=max(sizes),
             bytes=sum(sizes),
             models={name: one.model.run.outputs["model.safetensors"] for name, one in explored.models.items()},
+            runs={name: sha256_of(path / RUN_FILE) for name, path in explored.runs.items()},
             skipped=skipped,
         )
         write_atomically(folder / SITE_FILE, dump_json(as_values(found)))

@@ -30,7 +30,7 @@ T = TypeVar("T")
 KEPT = 2**25
 """Bytes of rendered pages that are kept: nothing that they show changes."""
 THREADS = 8
-"""Pages made at a time: more would only wait for each other, and take memory; fewer might all wait for what is made once."""
+"""Pages made at a time: more would only wait for each other; fewer might all wait for what is made once."""
 QUIET = 1.0
 """Seconds after the start that belong to the first page alone."""
 SCRIPTS = ("explorer.js", "map.js")

@@ -130,7 +130,7 @@ def test_each_dot_is_a_link_with_a_tooltip_and_markup_stays_text():
     assert [dot.find("title").text for dot in dots] == [dot.title for dot in DOTS]
     assert [dot.find("text").text for dot in dots][:3] == ["first", "second", "third"]
     assert root.get("aria-label") == "<map>"
-    assert links == {"combines": [[0, 1]], "components": [[2, 0], [1, 2]]}
+    assert links == {"combines": [[1], [], [], []], "components": [[], [2], [0], []]}
     assert not list(root.iter("path"))
 
 

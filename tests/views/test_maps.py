@@ -146,3 +146,17 @@ def test_the_map_does_not_depend_on_the_hash_seed():
         for seed in ("1", "2")
     ]
     assert outputs[0] == outputs[1] != ""
+
+
+def test_of_very_many_links_a_map_holds_and_draws_some(kitchen, monkeypatch):
+    monkeypatch.setattr(maps, "ALL_LINKS", 100)
+    monkeypatch.setattr(maps, "DRAWN", 3)
+    monkeypatch.setattr(maps, "LISTED", 2)
+    found = map_of(kitchen)
+    assert found.view.combines == found.view.components == ()
+    most = kitchen.entities[int(kitchen.use_counts.argmax())]
+    chosen = view_map(found, most).chosen
+    assert chosen is not None
+    assert (len(chosen.combines.placed), len(chosen.combines.listed)) == (3, 2)
+    assert chosen.combines.total > 3
+    assert tuple(found.view.spots[number].entity for number in chosen.combines.placed)[:2] == chosen.combines.listed

@@ -22,6 +22,10 @@ GUESTS = 60
 """Most entities that are added for a chosen one: itself and what it is linked to, if they have no place."""
 LISTED = 60
 """Most links of a kind that are listed."""
+DRAWN = 200
+"""Most links of a kind that are drawn: more could not be told apart."""
+ALL_LINKS = 15_000
+"""Most links of all placed entities together that a map holds; with more it holds none but the chosen entity's."""
 WIDTH, HEIGHT = 2_000, 1_400
 """Size of the map; places are whole numbers."""
 PULL = 6.0
@@ -67,7 +71,7 @@ class Partners(Record):
     Attributes:
         total: number of these entities.
         listed: the most used of them.
-        placed: those that are on the map, by their numbers among the spots.
+        placed: those that are on the map, by their numbers among the spots; the most used, at most :data:`DRAWN`.
     """
 
     total: Count
@@ -100,7 +104,7 @@ class MapView(Record):
         groups: groups of entities that are crafted together, the largest first.
         layers: number of crafting layers.
         combines: pairs of spots that make something together, by their numbers, the smaller first; sorted. Guests and
-            what combines with itself are left out.
+            what combines with itself are left out. Empty if there are more than :data:`ALL_LINKS`.
         components: spots that are an ingredient of others, and these; likewise.
         chosen: links of the chosen entity; None without one.
     """
@@ -161,14 +165,15 @@ def map_of(graph: RecipeGraph) -> EntityMap:
     for number, (name, size) in enumerate(zip(communities.names, communities.sizes, strict=True)):
         x, y = np.median(places[communities.group_of == number], axis=0).round().astype(int).tolist()
         groups.append(Group(name, size, x, y))
+    is_small = len(combines) + len(components) <= ALL_LINKS
     view = MapView(
         graph=graph.name,
         entities=graph.num_entities,
         spots=spots,
         groups=tuple(groups),
         layers=int(layer.max(initial=0)),
-        combines=tuple(map(tuple, combines.tolist())),
-        components=tuple(map(tuple, components.tolist())),
+        combines=tuple(map(tuple, combines.tolist())) if is_small else (),
+        components=tuple(map(tuple, components.tolist())) if is_small else (),
         chosen=None,
     )
     return EntityMap(graph, ids, places, view, layer)
@@ -232,7 +237,7 @@ def view_map(found: EntityMap, entity: str = "") -> MapView:
         Partners(
             len(kind),
             graph.labels(kind[:LISTED].tolist()),
-            tuple(number_of[one] for one in kind.tolist() if one in number_of),
+            tuple(number_of[one] for one in kind.tolist() if one in number_of)[:DRAWN],
         )
         for kind in kinds
     )

@@ -109,14 +109,14 @@
 
   const links = JSON.parse(document.querySelector(".world-links").textContent);
   const partners = nodes.map(() => ({ combines: [], makes: [], "made-of": [] }));
-  for (const [one, other] of links.combines) {
+  links.combines.forEach((others, one) => others.forEach((other) => {
     partners[one].combines.push(other);
     partners[other].combines.push(one);
-  }
-  for (const [part, made] of links.components) {
+  }));
+  links.components.forEach((results, part) => results.forEach((made) => {
     partners[part].makes.push(made);
     partners[made]["made-of"].push(part);
-  }
+  }));
   const shown = document.createElementNS(NS, "g");
   view.querySelector(".links").after(shown);
   const showLinks = (node) => {

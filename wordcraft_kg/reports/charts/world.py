@@ -68,7 +68,7 @@ def world(
         size: width and height of the map.
         description: text for readers who cannot see it.
         links: by kind, which dots are linked, by their numbers; none is drawn, but a script shows those of the dot
-            under the pointer.
+            under the pointer. It finds, by kind and for each dot, the list of those that it is linked to.
         chosen: number of a dot whose links are drawn.
         partners: by kind, the dots that it is linked to. A kind is a class.
     """
@@ -100,9 +100,11 @@ def world(
         )
         start, end = (f'a href="{escape(dot.href)}"', "a") if dot.href else ("g", "g")
         parts.append(f'<{start} class="{" ".join(classes)}">{inside}</{end}>')
-    data = {kind: [list(pair) for pair in pairs] for kind, pairs in links.items()}
-    # Within a script element only "<" could end it.
-    encoded = json.dumps(data, separators=(",", ":")).replace("<", "\\u003c")
+    others: dict[str, list[list[int]]] = {kind: [[] for _ in dots] for kind in links}
+    for kind, pairs in links.items():
+        for one, other in pairs:
+            others[kind][one].append(other)
+    encoded = json.dumps(others, separators=(",", ":"))
     parts.append(f'</g></g></svg><script type="application/json" class="world-links">{encoded}</script>')
     return Markup("".join(parts))
 

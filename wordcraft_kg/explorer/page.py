@@ -115,10 +115,6 @@ class Page(Generic[S]):
             raise ConfigError(f"The address is wrong: {str(error).replace('`', chr(39))}.") from None
 
 
-# A page may have a thousand links, and reading the types of a state's fields takes longer than all else of an address.
-_fields = cache(msgspec.structs.fields)
-
-
 def fits_path(value: str) -> bool:
     """Return whether a label can be a segment of a path.
 

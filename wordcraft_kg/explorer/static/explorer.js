@@ -76,7 +76,7 @@
       close();
     } else if ((event.key === "ArrowDown" || event.key === "ArrowUp") && items.length && !list.hidden) {
       event.preventDefault();
-      choose((chosen + (event.key === "ArrowDown" ? 1 : items.length) + (chosen < 0 && event.key === "ArrowUp" ? 1 : 0)) % items.length);
+      choose((chosen + (event.key === "ArrowDown" ? 1 : items.length - 1) + (chosen < 0 && event.key === "ArrowUp" ? 1 : 0)) % items.length);
     } else if (event.key === "Enter" && (chosen >= 0 || form.dataset.file) && items.length && !list.hidden) {
       event.preventDefault();
       location.assign(items[Math.max(chosen, 0)].dataset.address);
@@ -108,6 +108,9 @@
       go(filters);
     });
   }
+
+  // Going back, browsers fill in what was chosen last, and not what the page shows.
+  addEventListener("pageshow", () => document.querySelectorAll("form.filters").forEach((filters) => filters.reset()));
 
   // --- what changes while it is looked at ---
 

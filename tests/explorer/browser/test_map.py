@@ -1,0 +1,191 @@
+"""The map under a pointer and under keys."""
+
+import re
+import time
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+OpenPage = Callable[..., Any]
+
+
+@pytest.fixture
+def map_page(open_page: OpenPage, site: str) -> Any:
+    page = open_page(viewport={"width": 1280, "height": 1000})
+    page.goto(f"{site}/map")
+    page.locator("svg.world.moves").wait_for()
+    return page
+
+
+def seen(page: Any) -> tuple[float, float, float]:
+    """The map's place and zoom, once it has been drawn."""
+    page.evaluate("new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
+    found = page.locator("svg.world .view").get_attribute("transform") or "translate(0 0) scale(1)"
+    left, top, zoom = map(float, re.findall(r"-?[\d.]+", found))
+    return left, top, zoom
+
+
+def until(page: Any, expression: str) -> None:
+    """Wait until something holds; the site's policy forbids Playwright's own way."""
+    end = time.monotonic() + 5
+    while not page.evaluate(expression):
+        assert time.monotonic() < end, expression
+        page.wait_for_timeout(20)
+
+
+def centre(dot: Any) -> tuple[float, float]:
+    box = dot.bounding_box()
+    return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+
+
+def dot_of(page: Any, label: str) -> Any:
+    return page.locator("svg.world a", has_text=label).first.locator("circle")
+
+
+def middle(page: Any) -> tuple[float, float]:
+    page.locator("svg.world").scroll_into_view_if_needed()
+    box = page.locator("svg.world").bounding_box()
+    return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+
+
+def test_dragging_moves_the_map_and_opens_nothing(map_page: Any):
+    page = map_page
+    dot = dot_of(page, "bread")
+    x, y = centre(dot)
+    before = page.url
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x + 40, y + 20, steps=4)
+    page.mouse.up()
+    left, top, zoom = seen(page)
+    assert left > 0
+    assert top == pytest.approx(left / 2, rel=0.01)
+    assert zoom == 1
+    assert centre(dot) == pytest.approx((x + 40, y + 20), abs=0.5)
+    assert page.url == before
+
+
+def test_a_click_on_a_dot_chooses_it(map_page: Any):
+    page = map_page
+    dot_of(page, "bread").click()
+    page.wait_for_url("**entity=bread")
+    assert page.locator("svg.world a.chosen text").text_content() == "bread"
+    assert page.locator("svg.world .links path").count() >= 2
+
+
+def test_the_wheel_zooms_at_the_pointer_and_gives_more_room_for_names(map_page: Any):
+    page = map_page
+    before = page.locator("svg.world a:not(.far)").count()
+    dot = dot_of(page, "flour")
+    x, y = centre(dot)
+    page.mouse.move(x, y)
+    page.mouse.wheel(0, -200)
+    assert seen(page)[2] > 1.5
+    until(page, f"document.querySelectorAll('svg.world a:not(.far)').length !== {before}")
+    assert centre(dot) == pytest.approx((x, y), abs=1)
+    # Names stay as large as they were.
+    assert (
+        page.locator("svg.world a:not(.far) text").first.evaluate("e => e.getBBox().height * e.getScreenCTM().a") < 20
+    )
+
+
+def test_zooming_out_at_the_end_scrolls_the_page(map_page: Any):
+    page = map_page
+    page.set_viewport_size({"width": 1280, "height": 500})
+    page.mouse.move(*middle(page))
+    before = page.evaluate("scrollY")
+    page.mouse.wheel(0, 100)
+    until(page, f"scrollY > {before}")
+    assert seen(page) == (0, 0, 1)
+
+
+def test_buttons_and_keys_zoom_and_move_the_map(map_page: Any):
+    page = map_page
+    page.get_by_role("button", name="Zoom in").click()
+    page.get_by_role("button", name="Zoom in").click()
+    assert seen(page)[2] == pytest.approx(1.96, abs=0.01)
+    page.get_by_role("button", name="Zoom out").click()
+    assert seen(page)[2] == pytest.approx(1.4, abs=0.01)
+    page.get_by_role("button", name="Whole map").click()
+    assert seen(page) == (0, 0, 1)
+    page.locator("svg.world").focus()
+    page.keyboard.press("+")
+    left, top, zoom = seen(page)
+    assert zoom == pytest.approx(1.4, abs=0.01)
+    page.keyboard.press("ArrowRight")
+    assert seen(page)[0] < left
+    page.keyboard.press("ArrowDown")
+    assert seen(page)[1] < top
+    page.keyboard.press("-")
+    assert seen(page)[2] == 1
+    page.keyboard.press("0")
+    assert seen(page) == (0, 0, 1)
+
+
+def test_the_map_cannot_be_lost(map_page: Any):
+    page = map_page
+    page.locator("svg.world").focus()
+    for _ in range(60):
+        page.keyboard.press("ArrowRight")
+    shown = page.evaluate(
+        """() => {
+          const map = document.querySelector('svg.world').getBoundingClientRect();
+          return [...document.querySelectorAll('svg.world circle')].filter(e => {
+            const at = e.getBoundingClientRect();
+            return at.left > map.left && at.right < map.right && at.top > map.top && at.bottom < map.bottom;
+          }).length;
+        }"""
+    )
+    assert shown > 5
+
+
+def test_from_dot_to_dot_by_arrows_and_enter_chooses(map_page: Any):
+    page = map_page
+    assert page.locator('svg.world a[tabindex="0"]').count() == 1
+    page.locator('svg.world a[tabindex="0"]').focus()
+    place = (
+        "[...document.activeElement.querySelectorAll('circle')].map(e => [e.cx.baseVal.value, e.cy.baseVal.value])[0]"
+    )
+    x, _ = page.evaluate(place)
+    label = page.evaluate("document.activeElement.querySelector('text').textContent")
+    page.keyboard.press("ArrowLeft")
+    assert page.evaluate(place)[0] < x
+    page.keyboard.press("ArrowRight")
+    assert page.locator('svg.world a[tabindex="0"]').count() == 1
+    chosen = page.evaluate("document.activeElement.querySelector('text').textContent")
+    assert page.locator(".links + g path").count() >= 1  # its links are shown
+    page.keyboard.press("Enter")
+    page.wait_for_url("**entity=**")
+    assert page.locator("h1").inner_text() == f"Map: {chosen}"
+    assert label
+
+
+def test_pointing_at_a_dot_shows_its_links_and_leaving_hides_them(map_page: Any):
+    page = map_page
+    assert page.locator(".links + g path").count() == 0
+    dot_of(page, "flour").hover()
+    kinds = page.locator(".links + g path").evaluate_all("paths => paths.map(path => path.getAttribute('class'))")
+    assert set(kinds) == {"combines", "makes", "made-of"}
+    page.mouse.move(5, 5)
+    until(page, "!document.querySelector('.links + g path')")
+
+
+def test_two_fingers_zoom(map_page: Any):
+    page = map_page
+    x, y = middle(page)
+    page.evaluate(
+        """([x, y]) => {
+          const svg = document.querySelector('svg.world');
+          svg.setPointerCapture = () => {};
+          const send = (kind, pointerId, clientX) => svg.dispatchEvent(
+            new PointerEvent(kind, { pointerId, pointerType: 'touch', clientX, clientY: y, bubbles: true }));
+          send('pointerdown', 11, x - 50);
+          send('pointerdown', 12, x + 50);
+          for (let i = 1; i <= 5; i++) send('pointermove', 12, x + 50 + 20 * i);
+          send('pointerup', 11, x - 50);
+          send('pointerup', 12, x + 150);
+        }""",
+        [x, y],
+    )
+    assert seen(page)[2] == pytest.approx(2, abs=0.25)

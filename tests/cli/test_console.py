@@ -230,7 +230,7 @@ IS = {
     "agent": "was written by train-agent",
     "model": "was written by train-complex",
     "report": "is the folder of a report",
-    "own": "has none of graph.json, run.json, report.json, dataset.yaml, search.json",
+    "own": "has none of graph.json, run.json, report.json, dataset.yaml, search.json, site.json",
     "empty": "is an empty folder",
     "file": "is a file",
     "nothing": "does not exist",
@@ -313,7 +313,9 @@ def test_the_completion_script_is_valid_bash_and_completes_commands_and_options(
         program = f"source {bash_script}; COMP_WORDS=({quoted}); COMP_CWORD={len(words) - 1}; _wordcraft_kg"
         return bash("-c", f'{program}; printf "%s\\n" "${{COMPREPLY[@]}}"').stdout.split()
 
-    assert set(ALL) <= set(completed("wordcraft-kg", ""))
+    assert {name.split()[0] for name in ALL} <= set(completed("wordcraft-kg", ""))
+    assert set(completed("wordcraft-kg", "study", "")) == {"export", "serve"}
+    assert completed("wordcraft-kg", "study", "serve", "--for") == ["--forms"]
     assert completed("wordcraft-kg", "train-") == ["train-agent", "train-complex", "train-links", "train-recipes"]
     assert completed("wordcraft-kg", "build-graph", "--train-r") == ["--train-ratio"]
     assert completed("wordcraft-kg", "build-graph", "--split", "by-g") == ["by-goal", "by-goal-terminals"]
@@ -322,7 +324,7 @@ def test_the_completion_script_is_valid_bash_and_completes_commands_and_options(
 @pytest.mark.parametrize("shell", ["zsh", "fish"])
 def test_there_is_a_completion_script_for_other_shells(shell):
     script = make_app().generate_completion(shell=shell)
-    assert all(name in script for name in ALL)
+    assert all(word in script for name in ALL for word in name.split())
 
 
 @pytest.mark.parametrize(

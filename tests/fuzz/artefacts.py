@@ -44,9 +44,16 @@ AGENT = (
     ("compare-agents", "{}", "in/agent", "--draws", "1", "--distractors", "1", "--episodes", "0", "--out", "out"),
     ("resume", "{}"),
 )
+SERVED = ("--port", "0", "--no-browser")
 SESSION = (
     ("human-summary", "{}/human.jsonl"),
     ("play", "in/graph", "--protocol", "paper", "--distractors", "2", "--out", "{}/human.jsonl"),
+)
+STUDY = (
+    ("human-summary", "{}"),
+    ("human-summary", "{}", "--run", "in/agent"),
+    ("study", "export", "{}", "--out", "out"),
+    (*("study", "serve", "in/graph", "--tasks", "3", "--forms", "2", "--distractors", "1,2", "--out", "{}"), *SERVED),
 )
 READERS = {
     "graph": GRAPH,
@@ -56,6 +63,7 @@ READERS = {
     "agent": AGENT,
     "agent-interrupted": AGENT,
     "session": SESSION,
+    "study": STUDY,
 }
 """By kind of folder: the commands that read it; ``{}`` is the spoilt one."""
 
@@ -68,7 +76,7 @@ def trial(number: int, home: Path, sandbox: Path) -> Trial:
         linked(home, kind, sandbox / IN / kind)
     kind = rng.choice(list(READERS))
     chosen = rng.sample(READERS[kind], 2)
-    goes_on = any(command[0] in ("resume", "play") for command in chosen)
+    goes_on = any(command[0] in ("resume", "play") or command[:2] == ("study", "serve") for command in chosen)
     place = CONTINUED if goes_on else f"{IN}/spoilt"
     folder = copied(home, kind, sandbox / place)
     is_mended = rng.random() < 0.67

@@ -28,6 +28,8 @@ INTERRUPT_AFTER, TIME_LIMIT = (4, 7), 10
 """Seconds of computing: Ctrl-C is then pressed, and pressed again; a command at work has to end before the limit."""
 WAIT_LIMIT = 30
 """Seconds after which a command that does not compute meanwhile is taken to wait for ever."""
+SERVERS, SERVED = (("explore",), ("study", "serve")), 1
+"""Commands that wait for requests, and after how many seconds of waiting Ctrl-C is pressed for them."""
 MEMORY_LIMIT = 2 * 2**30
 """Bytes that a command may take beside those of the process before it."""
 EXIT_CODES = (0, 1, 2, 130)
@@ -70,9 +72,9 @@ class Outcome:
 
 
 @contextmanager
-def limits() -> Iterator[None]:
+def limits(*, is_server: bool = False) -> Iterator[None]:
     """Press Ctrl-C for a command that computes for long; end one that does not heed it, or waits for ever."""
-    seconds, computed = 0, time.process_time()
+    seconds, computed, is_pressed = 0, time.process_time(), False
 
     def tick(signum: int, frame: FrameType | None) -> None:
         nonlocal seconds
@@ -83,11 +85,15 @@ def limits() -> Iterator[None]:
             signal.raise_signal(signal.SIGINT)
 
     def alarm(signum: int, frame: FrameType | None) -> None:
-        nonlocal computed
+        nonlocal computed, is_pressed
         before, computed = computed, time.process_time()
-        if computed - before < 0.01:
+        if is_server and not is_pressed:
+            if computed - before < 0.1:
+                is_pressed = True
+                signal.raise_signal(signal.SIGINT)
+        elif computed - before < 0.01:
             raise Hang(f"waits for ever: {WAIT_LIMIT} s")
-        signal.alarm(WAIT_LIMIT)
+        signal.alarm(SERVED if is_server and not is_pressed else WAIT_LIMIT)
 
     before = {
         number: signal.signal(number, handler)
@@ -100,7 +106,7 @@ def limits() -> Iterator[None]:
     memory = resource.getrlimit(resource.RLIMIT_AS)
     resource.setrlimit(resource.RLIMIT_AS, (_in_use() + MEMORY_LIMIT, memory[1]))
     signal.setitimer(signal.ITIMER_PROF, 1, 1)
-    signal.alarm(WAIT_LIMIT)
+    signal.alarm(SERVED if is_server else WAIT_LIMIT)
     # For what does not come back from C: then nothing else can be tried in this process.
     faulthandler.dump_traceback_later(20 * WAIT_LIMIT, exit=True, file=sys.__stderr__)  # type: ignore[arg-type]
     try:
@@ -162,7 +168,8 @@ def call(arguments: Sequence[str], folder: Path, typed: bytes = b"") -> Outcome:
     with ExitStack() as stack:
         out, err = stack.enter_context(as_in_a_new_process(folder, typed))
         try:
-            with limits(), patch.object(cli, "make_app", _app):
+            is_server = any(tuple(arguments[: len(words)]) == words for words in SERVERS)
+            with limits(is_server=is_server), patch.object(cli, "make_app", _app):
                 code = cli.main(list(arguments))
         except Hang as hang:
             problem = f"{hang}\n{traceback.format_exc(limit=-8)}"

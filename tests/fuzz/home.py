@@ -12,7 +12,7 @@ from .harness import call
 
 
 def make_home(home: Path) -> Path:
-    """Make a graph, and on it models and agents, finished and interrupted, and a person's session."""
+    """Make a graph, and on it models and agents, finished and interrupted, a person's session and a study."""
     from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
     from wordcraft_kg.agents.training import train_agent
     from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_book
@@ -41,7 +41,22 @@ def make_home(home: Path) -> Path:
     assert train_agent(agent, home / "agent-interrupted", progress=press).interrupted
     asked = ("play", "graph", "--protocol", "paper", "--distractors", "2", "--out", "session/human.jsonl", "--quiet")
     assert call(asked, home, b"1\n2\n" * 6).code == 0
+    _make_study(home)
     return home
+
+
+def _make_study(home: Path) -> None:
+    """Make a study that two people have begun."""
+    from wordcraft_kg.agents.people.config import StudyConfig
+    from wordcraft_kg.agents.people.study import Study
+    from wordcraft_kg.explorer.study.keeping import kept_answers
+
+    study = Study(home / "graph", StudyConfig(tasks=3, distractors=(1, 2), forms=2))
+    with kept_answers(home / "study", study) as answers:
+        for person in [answers.begin(str(number), study.cells) for number in range(2)]:
+            for task in study.tasks(person.cell)[: 2 + 4 * person.number]:
+                answers.show(person, task.part, task.number, 1.0)
+                answers.add(person, study.protocol(person.cell).answer(task, (0, 1), 1.0))
 
 
 def linked(home: Path, kind: str, to: Path) -> Path:

@@ -13,7 +13,7 @@ from typing import Any, get_args
 
 from wordcraft_kg.cli import COMMANDS, make_app
 
-from .harness import CONTINUED, IN, Trial
+from .harness import CONTINUED, IN, SERVERS, Trial
 from .home import copied, linked
 from .spoiling import toml_of
 
@@ -42,6 +42,7 @@ GIVEN = {
     "log_every": "1000",
     "model": "distmult",
     "model folder": "in/model",
+    "port": "0",
     "relation": "combinesWith",
     "resamples": "5",
     "result folder": "in/model",
@@ -52,13 +53,16 @@ GIVEN = {
     "steps": "64",
     # A list, and a file that is not there: a study would train for minutes.
     "study": "list",
+    "study export folder folder": "in/study",
     "study folder": "in/study.toml",
     "tail": "?",
     "top": "3",
     "trials": "1",
     "value_size": "4",
 }
-"""Sound values that make a command quick, by option; ``folder`` is added where the option is a path."""
+"""Sound values that make a command quick, by option, and by command and option where it means something else there;
+``folder`` is added where the option is a path.
+"""
 NUMBERS = (
     *("0", "-1", "-0", "1", "1.5", "1.0", "1e3", "0x10", "1_000", " 1", "1 ", "١", "true", "1,2", "null"),
     *("2147483647", "2147483648", "4294967296", "9223372036854775807", "9223372036854775808", "1" + 30 * "0"),
@@ -138,7 +142,8 @@ class Option:
             return f"out{'.toml' if self.command == 'tune-links' else ''}"
         if self.command == "resume" and self.parameter in ("run", "epochs"):
             return CONTINUED if self.parameter == "run" else None
-        return GIVEN.get(f"{self.parameter} folder" if self.is_path else self.parameter)
+        parameter = f"{self.parameter} folder" if self.is_path else self.parameter
+        return GIVEN.get(f"{self.command} {parameter}", GIVEN.get(parameter))
 
 
 @cache
@@ -184,12 +189,14 @@ def trial(number: int, home: Path, sandbox: Path) -> Trial:
     option, where, value = cases()[number % len(cases())]
     folder = sandbox / IN
     folder.mkdir()
-    for kind in ("graph", "model", "model-table", "agent", "session"):
+    for kind in ("graph", "model", "model-table", "agent", "session", "study"):
         linked(home, kind, folder / kind)
     if option.command == "resume":
         copied(home, "model-interrupted", sandbox / CONTINUED)
     _odd_paths(sandbox / "odd")
     command = [*option.command.split(), "--quiet"]
+    if tuple(command[:-1]) in SERVERS:
+        command.append("--no-browser")
     for other in _of(option.command):
         given = other.given
         if other.name == option.name:

@@ -30,7 +30,7 @@ from wordcraft_kg.settings import nearest
 COMMANDS = {
     "Recipe books": ["books", "fetch", "check-book", "cache"],
     "Graphs": ["build-graph", "describe", "export"],
-    "Environments": ["tasks", "play", "human-summary", "discover", "baselines"],
+    "Environments": ["tasks", "play", "study serve", "study export", "human-summary", "discover", "baselines"],
     "Link prediction": [
         "train-complex",
         "train-links",
@@ -48,7 +48,7 @@ COMMANDS = {
 }
 """Commands by group."""
 ALL = [name for names in COMMANDS.values() for name in names]
-SUBJECTS: dict[str, str] = {}
+SUBJECTS = {"study": "Let people take the paper's test in the browser, and export their answers: serve, export."}
 """First words of commands of two words, and what these are about."""
 PROGRAM = "wordcraft-kg"
 

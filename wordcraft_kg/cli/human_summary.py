@@ -33,9 +33,10 @@ def human_summary(
         run: run folder of an agent, which is asked at exactly the tables that people had. May be given several times.
     """
     from wordcraft_kg.agents.people.session_file import read_session
+    from wordcraft_kg.agents.people.study_folder import read_study
     from wordcraft_kg.views.people import view_people
 
-    found = {path: (read_session(path),) for path in sessions}
+    found = {path: read_study(path).sessions() if path.is_dir() else (read_session(path),) for path in sessions}
     if len(found) < len(sessions):
         raise ConfigError("a file is given twice; give each once.")
     view = view_people(found, _beside(run or [], [session for group in found.values() for session in group]))

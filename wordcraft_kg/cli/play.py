@@ -201,7 +201,8 @@ def _play_task(terminal: Terminal, env: "WordCraftEnv", observation: "Observatio
 
 
 def _play_protocol(terminal: Terminal, graph: str, distractors: int, seed: int | None, out: Path) -> "Session":
-    from wordcraft_kg.agents.people.protocol import TASKS_PER_PART, Answer, HumanProtocol
+    from wordcraft_kg.agents.people.config import TASKS_PER_PART
+    from wordcraft_kg.agents.people.protocol import Answer, HumanProtocol
     from wordcraft_kg.agents.people.session_file import append_answer, open_session, read_session
 
     if seed is None:
@@ -238,7 +239,8 @@ def _play_protocol(terminal: Terminal, graph: str, distractors: int, seed: int |
 
 
 def _protocol_result(session: "Session", out: Path) -> tuple[dict[str, Any], list[str]]:
-    from wordcraft_kg.agents.people.protocol import HUMAN_PARTS, TASKS_PER_PART
+    from wordcraft_kg.agents.people.config import TASKS_PER_PART
+    from wordcraft_kg.agents.people.protocol import HUMAN_PARTS
 
     answered, finished, tasks = len(session.answers), session.is_finished, len(HUMAN_PARTS) * TASKS_PER_PART
     values = {"out": str(out), "answered": answered, "tasks": tasks, "finished": finished}

@@ -11,8 +11,9 @@ from wordcraft_kg.errors import WordCraftKGError
 from wordcraft_kg.explorer.explored import Explored
 from wordcraft_kg.explorer.page import Page, State
 from wordcraft_kg.explorer.pages import HOME, PAGES
-from wordcraft_kg.explorer.rendering import Site, style_sheet
+from wordcraft_kg.explorer.rendering import Site
 from wordcraft_kg.explorer.server import scripts
+from wordcraft_kg.explorer.templating import style_sheet
 from wordcraft_kg.progress import stage, steps
 from wordcraft_kg.records import Count, Hash, Record, as_values
 from wordcraft_kg.runs.record import RUN_FILE

@@ -11,7 +11,7 @@ from markupsafe import Markup
 from wordcraft_kg.explorer.explored import Explored
 from wordcraft_kg.explorer.page import Addresses, Page, State
 from wordcraft_kg.explorer.pages import HOME, PAGES
-from wordcraft_kg.reports.charts import palette
+from wordcraft_kg.explorer.templating import make_environment
 from wordcraft_kg.reports.pages import Outline
 
 
@@ -81,21 +81,5 @@ def anchor(address: str, text: str) -> Markup:
 
 @cache
 def _environment() -> jinja2.Environment:
-    environment = jinja2.Environment(
-        # Charts look as in reports, and templates share their macros.
-        loader=jinja2.ChoiceLoader(
-            [jinja2.PackageLoader("wordcraft_kg.explorer"), jinja2.PackageLoader("wordcraft_kg.reports")]
-        ),
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        undefined=jinja2.StrictUndefined,
-    )
-    environment.globals["palette"] = palette
-    environment.filters["thousands"] = lambda number: f"{number:,}"
-    return environment
-
-
-def style_sheet() -> str:
-    """Return the style sheet of all pages: that of reports, and what pages of a site have besides."""
-    return _environment().get_template("explorer.css.j2").render()
+    # Charts look as in reports, and templates share their macros.
+    return make_environment("wordcraft_kg.explorer", "wordcraft_kg.reports")

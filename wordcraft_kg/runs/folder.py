@@ -289,8 +289,12 @@ def _failing(run: RunFolder[P]) -> Iterator[RunFolder[P]]:
 
 
 @contextmanager
-def locked(folder: Path) -> Iterator[None]:
-    """Keep other processes from training in a folder meanwhile; the lock ends at the latest with this process.
+def locked(folder: Path, use: str = "trained") -> Iterator[None]:
+    """Keep other processes from working in a folder meanwhile; the lock ends at the latest with this process.
+
+    Args:
+        folder: an existing folder.
+        use: what is done with it, for the error.
 
     Raises:
         ArtefactError: if another process does.
@@ -305,14 +309,14 @@ def locked(folder: Path) -> Iterator[None]:
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            raise _in_use(folder) from None
+            raise _in_use(folder, use) from None
         yield
     finally:
         os.close(handle)
 
 
-def _in_use(folder: Path) -> ArtefactError:
-    return ArtefactError(f"'{folder}' is being trained by another process; wait for it, or stop it.")
+def _in_use(folder: Path, use: str = "trained") -> ArtefactError:
+    return ArtefactError(f"'{folder}' is being {use} by another process; wait for it, or stop it.")
 
 
 def _aside(out: Path) -> Path:

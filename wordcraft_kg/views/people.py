@@ -75,6 +75,19 @@ class HumanSummary(Record):
     conditions: tuple[PeopleCondition, ...]
 
 
+class ExportedAnswers(Record):
+    """A file of answers, one a line.
+
+    Attributes:
+        people: how many have begun.
+        answers: number of lines.
+    """
+
+    out: str
+    people: Count
+    answers: Count
+
+
 def view_people(
     sources: Mapping[Path, Sequence[Session]], beside: Mapping[str, Mapping[TableKey, bool]] | None = None
 ) -> HumanSummary:

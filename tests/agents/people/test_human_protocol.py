@@ -13,8 +13,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from wordcraft_kg.agents.people.config import TASKS_PER_PART
 from wordcraft_kg.agents.people.picks import read_pick, results_of, table_labels
-from wordcraft_kg.agents.people.protocol import TASKS_PER_PART, Answer, HumanProtocol, episode_seed, schedule
+from wordcraft_kg.agents.people.protocol import Answer, HumanProtocol, episode_seed, schedule
 from wordcraft_kg.agents.people.session_file import Session, append_answer, open_session, read_session
 from wordcraft_kg.envs.wordcraft import WordCraftEnv
 from wordcraft_kg.errors import ActionError, ArtefactError, ConfigError, GraphMismatchError

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from wordcraft_kg.agents.people.config import MOST_TASKS, TASKS_PER_PART
 from wordcraft_kg.agents.people.picks import results_of, table_labels
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.wordcraft import Observation, WordCraftEnv
@@ -13,10 +14,6 @@ from wordcraft_kg.graphs.recipes import Recipe
 from wordcraft_kg.settings import whole
 
 HUMAN_FORMAT = "wordcraft-kg human protocol 1"
-TASKS_PER_PART = 40
-"""The paper's number."""
-MOST_TASKS = 1_000
-"""Most tasks of a part: more than anybody answers."""
 HUMAN_PARTS = ("train", "test")
 """Parts in their order. The answer is shown after each train task, and after no test task."""
 Turn = tuple[str, int]
@@ -119,7 +116,7 @@ class HumanProtocol:
         self.turns = schedule(whole("tasks", tasks, 1, MOST_TASKS))
         self.world = World(graph, WordCraftConfig(num_distractors=num_distractors))
         self._envs = {part: WordCraftEnv(self.world.variant(part=part)) for part in HUMAN_PARTS}
-        self.header = {
+        self.header: dict[str, Any] = {
             "format": HUMAN_FORMAT,
             "graph": self.world.graph.name,
             "graph_hash": self.world.graph.hash,

@@ -8,7 +8,8 @@ from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
-from wordcraft_kg.agents.people.protocol import HUMAN_FORMAT, MOST_TASKS, Answer, HumanProtocol, schedule
+from wordcraft_kg.agents.people.config import MOST_TASKS
+from wordcraft_kg.agents.people.protocol import HUMAN_FORMAT, Answer, HumanProtocol, schedule
 from wordcraft_kg.artefacts import read_small_file, write_atomically
 from wordcraft_kg.errors import ArtefactError, ConfigError, GraphMismatchError
 from wordcraft_kg.settings import MAX_SIZE
@@ -145,14 +146,18 @@ def _answer(value: Any) -> Answer | None:
         return None
     lists = {name: tuple(entry) for name, entry in value.items() if isinstance(entry, list)}
     answer = Answer(**(value | lists))
-    sound = (
-        all(isinstance(label, str) for labels in lists.values() for label in labels)
+    return answer if is_sound(answer) else None
+
+
+def is_sound(answer: Answer) -> bool:
+    """Return whether an answer's fields, which have the right types, agree with each other."""
+    return (
+        all(isinstance(label, str) for labels in (answer.table, answer.picks, answer.made) for label in labels)
         and len(answer.picks) == 2
         and set(answer.picks) <= set(answer.table)
         and answer.success == (answer.goal in answer.made)
         and 0 <= answer.seconds < math.inf
     )
-    return answer if sound else None
 
 
 def check_alike(path: Path, header: dict[str, Any], other: str, reference: dict[str, Any]) -> None:

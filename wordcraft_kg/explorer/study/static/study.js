@@ -1,0 +1,26 @@
+"use strict";
+// Conveniences only: without this script everything works by click, Tab and Enter.
+(() => {
+  const slots = [...document.querySelectorAll(".table button")];
+  const press = (element) => {
+    if (element) {
+      element.focus();
+      element.click();
+    }
+  };
+  // One page takes one pick: what is pressed before the next page is there would be taken for another first pick.
+  let isSent = false;
+  document.addEventListener("submit", (event) => {
+    const isDoubleClick = event.submitter?.classList.contains("held") && performance.now() < 400;
+    if (isSent || isDoubleClick) event.preventDefault();
+    else isSent = true;
+  });
+  addEventListener("pageshow", () => { isSent = false; }); // also after the back button
+  document.addEventListener("keydown", (event) => {
+    if (event.ctrlKey || event.metaKey || event.altKey || event.repeat || event.target.closest("input")) return;
+    // The tenth thing has the key 0; further ones are reached by Tab.
+    if (/^[0-9]$/.test(event.key)) press(slots[(Number(event.key) + 9) % 10]);
+    else if (event.key === "Escape") press(document.querySelector(".undo"));
+    else if (event.key === "Enter" && event.target === document.body) press(document.querySelector(".next"));
+  });
+})();

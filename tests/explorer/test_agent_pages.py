@@ -332,14 +332,14 @@ def explored_of(
 
 @pytest.fixture(scope="module")
 def hostile_agents(tmp_path_factory: pytest.TempPathFactory) -> Explored:
-    rows = [(one, other, made) for one, other, made in zip(HOSTILE, HOSTILE[1:], HOSTILE[2:], strict=False)]
+    rows = [(label, HOSTILE[i - 2], HOSTILE[i - 1]) for i, label in enumerate(HOSTILE)]
     book = RecipeBook.of("<b>hostile</b>", rows)
     return explored_of(book, SplitConfig("none"), tmp_path_factory.mktemp("hostile"), distractors=4)
 
 
 def test_hostile_labels_stay_text_and_come_back_from_the_form(hostile_agents: Explored) -> None:
     tasks = PAGES["tasks"].view(hostile_agents, Tasks())
-    assert {row.goal for row in tasks.table.rows} == {*HOSTILE[2:]}
+    assert {row.goal for row in tasks.table.rows} == {*HOSTILE}
     pages = [rendered(hostile_agents, "tasks", Tasks()), rendered(hostile_agents, "runs", Runs())]
     for row in tasks.table.rows:
         state = Episode(task=row.number)

@@ -76,8 +76,8 @@
   const first = [...nodes].sort((one, other) => isNear(other) - isNear(one));
   const name = () => {
     const pixel = unit() / now.zoom; // units of the map in a pixel
-    // Dots grow with the zoom, but more slowly.
-    svg.style.setProperty("--u", (pixel * Math.min(now.zoom ** 0.35, 2)).toFixed(3));
+    // Dots grow with the zoom, but more slowly; on a small screen they are smaller, or they would hide each other.
+    svg.style.setProperty("--u", (Math.min(pixel, 4 / now.zoom) * Math.min(now.zoom ** 0.35, 2)).toFixed(3));
     svg.style.setProperty("--letter", pixel.toFixed(3));
     const [right, bottom] = [whole.x + whole.width, whole.y + whole.height];
     const taken = new Map();

@@ -6,15 +6,15 @@ from html import escape
 
 from markupsafe import Markup
 
-from wordcraft_kg.reports.charts.plot import LETTER
 from wordcraft_kg.reports.charts.scales import shortened, spread
-from wordcraft_kg.reports.charts.scatter import SMALL_LETTER
 
+LETTER, SMALL_LETTER = 5.9, 5.2
+"""Width of a letter in a box and under it, on average; labels are longer than axes' numbers, so that it evens out."""
 LONGEST = 16
 """Letters of a label in a box; longer ones are cut, but complete in the tooltip."""
-LONGEST_PART = 12
+LONGEST_PART = 11
 """Letters of a label under a box."""
-BOX, GAP, BETWEEN = 22, 46, 24
+BOX, GAP, BETWEEN = 22, 46, 20
 """Height of a box; from one box or line to the next below; from a layer to the next."""
 NARROWEST = 50
 MARGIN = 8
@@ -132,8 +132,8 @@ def _settle(layers: list[list[_Place]]) -> None:
     for sweep in range(SWEEPS):
         from_left = sweep % 2 == 0
         for layer in layers if from_left else reversed(layers):
-            # The last sweeps look at both sides, so that a line is as straight as its neighbours allow.
-            wanted = [_mean(place, from_left, sweep >= SWEEPS - 8) for place in layer]
+            # Late sweeps look at both sides; the very last makes lines straight that lead to one thing only.
+            wanted = [_mean(place, from_left, SWEEPS - 8 <= sweep < SWEEPS - 1) for place in layer]
             reach = GAP * len(layer) + max(map(abs, wanted), default=0.0)
             for place, y in zip(layer, spread(wanted, GAP, -reach, reach), strict=True):
                 place.y = y

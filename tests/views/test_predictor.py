@@ -152,6 +152,20 @@ def test_what_a_dose_left_out_is_true_but_not_learned(parted_kitchen: OpenedGrap
     assert ("learned", "test") not in statuses
 
 
+def test_what_was_taught_wrong_is_learned_and_has_no_probability(parted_kitchen: OpenedGraph, tmp_path: Path):
+    from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
+    from wordcraft_kg.models.links.training import train_links
+
+    config = LinksConfig(parted_kitchen.source, ComplExConfig(dim=2, epochs=1, folds=2, noise=0.5))
+    predictor = LinkPredictor.of("wrong", open_model(train_links(config, tmp_path / "wrong").folder))
+    dose = predictor.model.dose
+    a, _, result = dose.among(dose.is_wrong)[0].tolist()
+    found = predictor.best(predictor.slot(a, COMPONENT_OF, "tail"), with_learned=True, top=80, witnesses=0)
+    (wrong,) = [row for row in found.best if row.entity == predictor.graph.entities[result]]
+    assert (wrong.status, wrong.known, wrong.probability) == ("learned", "new", None)
+    assert any(row.probability is not None for row in found.best)
+
+
 def test_the_recipes_of_a_link_are_those_that_give_its_triple(neighbours: LinkPredictor):
     graph = neighbours.graph
     for head, relation, tail in graph.triples[::11].tolist():

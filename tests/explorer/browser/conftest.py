@@ -36,15 +36,14 @@ def browser() -> Iterator[Any]:
 
 
 @contextlib.contextmanager
-def served(explored: Explored) -> Iterator[str]:
-    """Serve a site on a free port of this machine, and yield its address."""
+def served(app: Any) -> Iterator[str]:
+    """Serve an application on a free port of this machine, and yield its address."""
     import uvicorn
 
-    from wordcraft_kg.explorer.server import make_app
     from wordcraft_kg.explorer.serving import address_of, listen
 
     listening = listen("127.0.0.1", 0)
-    server = uvicorn.Server(uvicorn.Config(make_app(explored), log_config=None, lifespan="off", ws="none"))
+    server = uvicorn.Server(uvicorn.Config(app, log_config=None, lifespan="off", ws="none"))
     thread = threading.Thread(target=server.run, kwargs={"sockets": [listening]}, daemon=True)
     thread.start()
     while not server.started and thread.is_alive():
@@ -60,14 +59,18 @@ def served(explored: Explored) -> Iterator[str]:
 @pytest.fixture(scope="session")
 def site(explored: Explored) -> Iterator[str]:
     """The kitchen's site."""
-    with served(explored) as address:
+    from wordcraft_kg.explorer.server import make_app
+
+    with served(make_app(explored)) as address:
         yield address
 
 
 @pytest.fixture(scope="session")
 def hostile_site(hostile: Explored) -> Iterator[str]:
     """The site of the graph with hostile labels."""
-    with served(hostile) as address:
+    from wordcraft_kg.explorer.server import make_app
+
+    with served(make_app(hostile)) as address:
         yield address
 
 

@@ -11,9 +11,13 @@
   // One page takes one pick: what is pressed before the next page is there would be taken for another first pick.
   let isSent = false;
   document.addEventListener("submit", (event) => {
-    const isDoubleClick = event.submitter?.classList.contains("held") && performance.now() < 400;
-    if (isSent || isDoubleClick) event.preventDefault();
-    else isSent = true;
+    if (isSent) event.preventDefault();
+    isSent = true;
+  });
+  // The second half of a double click may meet the next page, where it would pick the same thing again.
+  document.addEventListener("click", (event) => {
+    const isByPointer = event.detail > 0;
+    if (isByPointer && event.target.closest(".held") && performance.now() < 400) event.preventDefault();
   });
   addEventListener("pageshow", () => { isSent = false; }); // also after the back button
   document.addEventListener("keydown", (event) => {

@@ -12,6 +12,7 @@ from importlib.resources import files
 from typing import Any, TypeVar
 from urllib.parse import parse_qsl
 
+import torch
 from starlette.requests import Request
 from starlette.responses import RedirectResponse, Response
 from starlette.routing import Route, Router
@@ -64,7 +65,8 @@ class _Server:
         self.files = {"explorer.css": (style_sheet(), "text/css")} | {
             name: (text, "text/javascript") for name, text in scripts().items()
         }
-        self._threads = ThreadPoolExecutor(THREADS, "pages")
+        # More threads of torch's own for each of these would only wait for each other: a table has ten rows.
+        self._threads = ThreadPoolExecutor(THREADS, "pages", torch.set_num_threads, (1,))
         self._kept: OrderedDict[str, bytes] = OrderedDict()
         self._size = 0
         self._lock = threading.Lock()

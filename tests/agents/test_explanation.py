@@ -239,6 +239,19 @@ def test_a_pair_makes_what_the_rules_of_the_world_say(scorer: CrossFitted, ambig
     assert found.episode.outcome == ("goal" if ambiguity == "all" else "out_of_attempts")
 
 
+def test_of_a_long_episode_only_the_first_picks_are_explained_if_so_asked(
+    opened: OpenedGraph, scorer: CrossFitted
+) -> None:
+    world = world_of(opened, max_attempts=40)
+    policy = policy_of(opened, scorer, "no scorer", world)
+    whole, cut = (Explainer(policy, world, most_picks=most) for most in (None, 5))
+    long = next(task for task in range(len(world.tasks)) if len(whole.episode(task).steps) == 80)
+    assert cut.episode(long).steps == whole.episode(long).steps[:5]
+    assert (cut.episode(long).outcome, whole.episode(long).outcome) == ("in_progress", "out_of_attempts")
+    short = next(task for task in range(len(world.tasks)) if len(whole.episode(task).steps) <= 4)
+    assert cut.episode(short) == whole.episode(short)
+
+
 # --- who answers -----------------------------------------------------------------------------------------------------
 
 

@@ -13,7 +13,7 @@ from torch import nn
 from wordcraft_kg.agents.evaluation import EVALUATION_SEED, environment_of
 from wordcraft_kg.agents.states import States, has_train_recipes
 from wordcraft_kg.envs.arrays import arrays_of
-from wordcraft_kg.envs.batch import GOAL, OUT_OF_ATTEMPTS, OUTCOMES
+from wordcraft_kg.envs.batch import GOAL, IN_PROGRESS, OUT_OF_ATTEMPTS, OUTCOMES
 from wordcraft_kg.envs.draws import Draws
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.errors import ConfigError, TaskError, UnknownEntityError
@@ -175,19 +175,20 @@ class Explainer:
         True
     """
 
-    def __init__(self, policy: Policy, world: World, *, kg: KG = "partial"):
+    def __init__(self, policy: Policy, world: World, *, kg: KG = "partial", most_picks: int | None = None):
         """Take a policy of the world's graph.
 
         Args:
             policy: the policy; its parameters are copied.
             world: graph, tasks and settings.
             kg: the knowledge graph that its scorer was trained on, if it has one.
+            most_picks: picks after which an episode is left as it is, in progress; None plays to its end.
 
         Raises:
             LeakError: if a task would be scored by a model that has been trained on its recipes.
         """
         self.world = world
-        self._kg = kg
+        self._kg, self._most_picks = kg, most_picks
         self._policy = _own(policy)
         if has_train_recipes(world):
             self._policy.bind(world.tasks)
@@ -327,8 +328,8 @@ class Explainer:
         room = max(world.num_slots, len(asked.table) + world.max_results * world.config.attempts)
         table, held, attempts, is_made = list(asked.table), asked.held, world.config.attempts, False
         task = None if asked.task is None else torch.tensor([asked.task])
-        steps = []
-        while attempts and not is_made:
+        steps: list[ExplainedStep] = []
+        while attempts and not is_made and len(steps) != self._most_picks:
             slots = torch.tensor([[*table, *[nothing] * (room - len(table))]])
             state = States(torch.tensor([asked.goal]), torch.tensor([nothing if held is None else held]), slots, task)
             picked, output, evidence = self._decide(asked.policy, state)
@@ -360,7 +361,7 @@ class Explainer:
                 )
                 for plan in asked.plans
             ),
-            outcome=OUTCOMES[GOAL if is_made else OUT_OF_ATTEMPTS],
+            outcome=OUTCOMES[GOAL if is_made else IN_PROGRESS if attempts else OUT_OF_ATTEMPTS],
             steps=tuple(steps),
         )
 

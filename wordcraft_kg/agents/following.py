@@ -17,6 +17,8 @@ from wordcraft_kg.runs.record import RUN_FILE
 
 EXPLAINERS = 8
 """Worlds for which an explainer is kept."""
+MOST_PICKS = 20
+"""Picks of an episode that are explained to who follows a run; there may be 2,000."""
 T = TypeVar("T")
 
 
@@ -65,7 +67,7 @@ class FollowedRun:
             return found
 
     def explainer(self, world: World) -> Explainer:
-        """Return what explains the agent's picks in a world of its graph.
+        """Return what explains the agent's picks in a world of its graph, at most :data:`MOST_PICKS` of an episode.
 
         Raises:
             ArtefactError: as :meth:`agent` does.
@@ -74,7 +76,8 @@ class FollowedRun:
         with self._lock:
             agent = self.agent()
             if world.config not in self._explainers:
-                self._explainers[world.config] = Explainer(agent.policy, world, kg=agent.run.kg or "partial")
+                kg = agent.run.kg or "partial"
+                self._explainers[world.config] = Explainer(agent.policy, world, kg=kg, most_picks=MOST_PICKS)
                 if len(self._explainers) > EXPLAINERS:
                     self._explainers.popitem(last=False)
             self._explainers.move_to_end(world.config)

@@ -14,7 +14,7 @@ from wordcraft_kg.graphs.tasks import TaskPart
 
 AskedPart = Literal["", "all", "train", "valid", "test"]
 """A part of the tasks; by default test tasks, or train tasks where the split holds nothing out."""
-AskedDepth = Literal[0, 1, 2, 3]
+AskedDepth = Literal[0, 1, 2, 3, 4, 5]
 """A depth of tasks; by default that on which the agent was trained."""
 
 

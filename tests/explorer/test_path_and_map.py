@@ -13,8 +13,9 @@ from wordcraft_kg.explorer.pages import PAGES
 from wordcraft_kg.explorer.pages.map import Map
 from wordcraft_kg.explorer.pages.path import Path
 from wordcraft_kg.explorer.rendering import Site
-from wordcraft_kg.graphs import RecipeGraph
+from wordcraft_kg.graphs import Planner, RecipeGraph
 from wordcraft_kg.graphs.folder import OpenedGraph, default_split
+from wordcraft_kg.records import checked_values
 
 
 class Found(HTMLParser):
@@ -124,3 +125,14 @@ def test_a_graph_without_entities_has_neither_page_in_the_menu():
     explored = Explored(OpenedGraph(graph, default_split(graph), "empty"))
     site = Site(explored, lambda page, state: page.address(state), str)
     assert {page.name for page, _ in site.menu}.isdisjoint({"map", "path"})
+
+
+def test_pages_of_an_entity_whose_cost_has_thousands_of_digits_can_be_read():
+    graph = RecipeGraph.from_recipes([(f"{i:05}", f"{i:05}", f"{i + 1:05}") for i in range(15_000)])
+    explored = Explored(OpenedGraph(graph, default_split(graph), "deep"))
+    for name in ("entity", "path"):
+        page = PAGES[name]
+        state = page.state(entity="15000")
+        assert "about 2.8 × 10^4515" in found(explored, page, state).text
+        checked_values(page.view(explored, state))
+    assert "about 2.8 × 10^4515" in repr(Planner(graph).derivation("15000"))

@@ -15,7 +15,7 @@ from wordcraft_kg.records import Count, Record
 from wordcraft_kg.views.entity_list import layer_of
 from wordcraft_kg.views.paging import Paging, paging
 from wordcraft_kg.views.predictor import LinkPredictor, PredictedSlot
-from wordcraft_kg.wording import counted
+from wordcraft_kg.wording import approximate
 
 NEAREST = 8
 """Entities that are listed as alike."""
@@ -80,8 +80,8 @@ class EntityProfile(Record):
         entity: its label.
         base: whether it is a base entity.
         layer: round in which it can first be made; None if it cannot.
-        cost: combinations that its cheapest derivation takes, if what is needed twice is made twice; None if it cannot
-            be made.
+        cost: combinations that its cheapest derivation takes, if what is needed twice is made twice; in words, since it
+            may have thousands of digits. None if it cannot be made.
         made_by: recipes that make it.
         used_in: recipes that use it.
         model: name of the model that was asked; empty without one.
@@ -94,7 +94,7 @@ class EntityProfile(Record):
     entity: str
     base: bool
     layer: Count | None
-    cost: Count | None
+    cost: str | None
     made_by: EntityRecipes
     used_in: EntityRecipes
     model: str
@@ -102,12 +102,6 @@ class EntityProfile(Record):
     slots: tuple[PredictedSlot, ...]
     nearest: tuple[AlikeEntity, ...]
     by_words: tuple[AlikeEntity, ...] | None
-
-    @property
-    def cost_in_words(self) -> str:
-        """The cost with its unit; what has more than 12 digits by its power of ten."""
-        cost = self.cost or 0
-        return counted(cost, "combination") if cost < 10**12 else f"about 10^{len(str(cost)) - 1} combinations"
 
     @property
     def held_out(self) -> int:
@@ -161,7 +155,7 @@ def view_entity_profile(
         entity=label,
         base=bool((graph.base_ids == entity).any()),
         layer=layer,
-        cost=None if layer is None else int(cost),
+        cost=None if layer is None else approximate(int(cost)),
         made_by=view_entity_recipes(split, label, "makes", size=listed),
         used_in=view_entity_recipes(split, label, "uses", size=listed),
         model="" if predictor is None else predictor.name,

@@ -175,6 +175,15 @@ def test_the_files_of_a_static_site_work_from_a_disk(open_page: OpenPage, static
     page.keyboard.press("Enter")
     page.wait_for_url("**/bread.html")
     assert "bread" in page.locator("h1").inner_text()
+    # There the map shows the links of what is pointed at, and leads to the entity.
+    visit(page, (static_site / "map" / "map.html").as_uri())
+    page.locator("main").get_by_role("link", name="crafting layer").click()
+    assert "shade-0" in page.locator("svg.world .dots").inner_html()
+    dot = page.locator("svg.world a", has_text="bread").first.locator("circle")
+    dot.hover()
+    page.locator(".links + g path").first.wait_for(state="attached")
+    dot.click()
+    page.wait_for_url("**/entity/bread.html")
 
 
 def test_a_page_that_is_not_there_says_so_and_offers_the_nearest(open_page: OpenPage, site: str):

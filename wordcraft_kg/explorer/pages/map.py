@@ -5,6 +5,7 @@ from typing import Any, Literal
 
 from wordcraft_kg.explorer.explored import Explored
 from wordcraft_kg.explorer.page import Addresses, Page, State
+from wordcraft_kg.explorer.pages import entity
 from wordcraft_kg.reports import charts
 from wordcraft_kg.views.maps import HEIGHT, WIDTH, MapView, Spot, map_of, view_map
 
@@ -36,7 +37,9 @@ def _draw(view: MapView, state: Map, address: Addresses) -> Mapping[str, Any]:
     dots = [
         charts.Dot(
             label=spot.entity,
-            href=address(PAGE, Map(entity=spot.entity, colour=state.colour)),
+            # A static site has no map for each choice, but a page of each entity.
+            href=address(PAGE, Map(entity=spot.entity, colour=state.colour))
+            or address(entity.PAGE, entity.Entity(entity=spot.entity)),
             x=spot.x,
             y=spot.y,
             size=1 + sum(spot.uses >= least for least in SIZES),
@@ -98,4 +101,8 @@ def _is_there(explored: Explored) -> bool:
     return explored.opened.graph.num_entities > 0
 
 
-PAGE = Page("map", Map, _view, title="Map", draw=_draw, is_there=_is_there)
+def _exported(_: Explored) -> list[Map]:
+    return [Map(), Map(colour="layer")]
+
+
+PAGE = Page("map", Map, _view, title="Map", draw=_draw, exported=_exported, is_there=_is_there)

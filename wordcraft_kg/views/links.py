@@ -47,6 +47,7 @@ from wordcraft_kg.models.scorers.ranking import (
     slice_masks,
     with_interval,
 )
+from wordcraft_kg.models.scorers.roles import centred
 from wordcraft_kg.models.scorers.votes import VoteScorer
 from wordcraft_kg.records import Count, Hash, Record, Share
 from wordcraft_kg.settings import refuse, whole
@@ -334,8 +335,8 @@ class JudgedLinks:
         """
         parts = []
         for scores in self.table.astype(np.float64):
-            centred = scores - scores.mean(axis=1, keepdims=True) - scores.mean(axis=0) + scores.mean()
-            parts += [part / (centred.std() or 1.0) for part in (centred, centred.T)]
+            rows = centred(scores)
+            parts += [part / (rows.std() or 1.0) for part in (rows, rows.T)]
         profiles = np.concatenate(parts, axis=1)
         return profiles / np.maximum(np.linalg.norm(profiles, axis=1, keepdims=True), 1e-12)
 

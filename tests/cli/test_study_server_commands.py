@@ -235,7 +235,7 @@ def test_the_export_has_a_line_for_each_answer_and_the_study_stays(run: Run, beg
     before = {path.name: path.read_bytes() for path in begun.iterdir()}
     out = tmp_path / "answers.jsonl"
     outcome = run("study", "export", begun, "--out", out)
-    assert (outcome.code, outcome.out) == (0, f"wrote {out}: 10 answers of 4 people\n")
+    assert (outcome.code, outcome.out) == (0, f"wrote {out}: answers: 10, people: 4\n")
     lines = parse_lines(out.read_bytes(), AnswerLine, out)
     assert [(line.session, line.form, line.distractors, line.seed) for line in lines[::4]] == [
         (1, 0, 1, 0),
@@ -258,7 +258,7 @@ def test_answers_can_be_exported_while_they_come_in(run: Run, tmp_path: Path):
         code = begin(address)
         answer(address, code, 0)
         outcome = run("study", "export", tmp_path / "study", "--out", tmp_path / "one.jsonl")
-        assert "1 answers of 1 people" in outcome.out
+        assert "answers: 1, people: 1" in outcome.out
         answer(address, code, 1)
         assert "of 2 right" in run("human-summary", tmp_path / "study").out
 
@@ -284,8 +284,9 @@ def test_the_summary_of_a_study_is_by_condition_with_its_people(run: Run, begun:
     text = run("human-summary", begun).out.splitlines()
     assert text[0] == "kitchen; sessions: 4, finished: 1"
     assert text[1].startswith("1 distractor, train   2 of 4 right, rate 0.500 [")
-    assert text[1].endswith("2 people [0.500, 0.500]")
-    assert text[-1].startswith("[answers]: Wilson")
+    assert text[2] == "  over 2 people       [0.500, 0.500]"
+    assert text[-2].startswith("Intervals of 95 %: of the rates by Wilson")
+    assert max(map(len, text)) <= 80
 
 
 def test_a_study_and_files_of_play_are_summed_up_together(run: Run, begun: Path, tmp_path: Path):

@@ -18,7 +18,10 @@ EXAMPLES = (
     "wordcraft-kg human-summary one.jsonl two.jsonl --json",
     "wordcraft-kg human-summary study --run runs/recipes",
 )
-NOTE = "[answers]: Wilson, as if all answers were independent; people: bootstrap over people, too narrow for a few."
+NOTE = (
+    "Intervals of 95 %: of the rates by Wilson, as if all answers were independent;",
+    "over people and over tables by bootstrap, which is too narrow for a few of them.",
+)
 
 
 def human_summary(
@@ -60,20 +63,21 @@ def _text(view: "HumanSummary") -> Iterator[str]:
         amount = f"{condition.distractors} distractor{'s' * (condition.distractors != 1)}"
         for part, row in condition.parts.items():
             rows.append((f"{amount}, {part}", _figures(row)))
+            if row.people_interval:
+                rows.append((f"  over {row.people} people", _interval(row.people_interval)))
             for name, agent in row.agents.items():
                 shown = f"{agent.successes} of {row.answered} at the same {agent.tables} tables, rate {agent.rate:.3f}"
-                rows.append((f"  {name}", shown + _interval(" ", agent.interval)))
+                rows.append((f"  {name}", f"{shown} {_interval(agent.interval)}".rstrip()))
     yield from aligned(rows)
-    if any(row.people_interval for condition in view.conditions for row in condition.parts.values()):
-        yield NOTE
+    if any(row.people_interval or row.agents for condition in view.conditions for row in condition.parts.values()):
+        yield from NOTE
 
 
 def _figures(row: "AnswerRate") -> str:
     if row.interval is None:
         return "no answers"
-    rate = f"{row.successes} of {row.answered} right, rate {row.rate:.3f}{_interval(' ', row.interval)}"
-    return rate + _interval(f"  {row.people} people ", row.people_interval)
+    return f"{row.successes} of {row.answered} right, rate {row.rate:.3f} {_interval(row.interval)}"
 
 
-def _interval(before: str, bounds: tuple[float, float] | None) -> str:
-    return f"{before}[{bounds[0]:.3f}, {bounds[1]:.3f}]" if bounds else ""
+def _interval(bounds: tuple[float, float] | None) -> str:
+    return f"[{bounds[0]:.3f}, {bounds[1]:.3f}]" if bounds else ""

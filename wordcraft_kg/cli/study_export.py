@@ -28,4 +28,4 @@ def study_export(folder: Path, *, out: Path, force: Flag = False, output: Output
     with staged_file(out, force=force) as path:
         path.write_text("".join(lines), encoding="utf-8")
     view = ExportedAnswers(str(out), len(study.people), len(lines))
-    output.result(view, [f"wrote {out}: {view.answers:,} answers of {view.people:,} people"])
+    output.result(view, [f"wrote {out}: answers: {view.answers:,}, people: {view.people:,}"])

@@ -141,6 +141,7 @@ def test_the_code_is_shown_at_the_start_and_at_the_end_and_leads_back(browser: B
         browser.answer(code, 1, 2)
     assert browser.place == f"/s/{code}/end"
     assert f">{code}<" in browser.page
+    assert "Thank you for taking part" in browser.post("/return", {"code": code})
 
 
 @pytest.mark.parametrize(

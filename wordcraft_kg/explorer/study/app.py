@@ -140,8 +140,10 @@ class _Server:
         return await run_in_threadpool(replied)
 
     def _introduction(self, _: Request, code: str, person: Participant) -> Response:
-        given = self.answers.answers_of(person)
-        return self._page("introduction", code=code, given=len(given), tasks=self.study.tasks(person.cell))
+        given, tasks = self.answers.answers_of(person), self.study.tasks(person.cell)
+        if len(given) == len(tasks):
+            return _to(f"/s/{code}/end")
+        return self._page("introduction", code=code, given=len(given), tasks=tasks)
 
     def _task(self, request: Request, code: str, person: Participant) -> Response:
         tasks, place = self.study.tasks(person.cell), len(self.answers.answers_of(person))

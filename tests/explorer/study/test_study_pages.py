@@ -396,7 +396,30 @@ def test_an_error_within_shows_nothing_of_itself(browser: Browser, monkeypatch: 
     answer = browser.client.get(f"/s/{code}/task")
     assert answer.status_code == 500
     assert "secret" not in answer.text
+    assert "Please load the page again" in answer.text
     assert "No answer is lost" in answer.text
+
+
+def test_on_a_full_disk_an_answer_is_not_acknowledged_and_can_be_sent_again(kitchen: RecipeGraph, tmp_path: Path):
+    study = Study(kitchen, StudyConfig(tasks=40, forms=1))
+    with kept_answers(tmp_path / "study", study) as answers:
+        browser = Browser(study, answers, tmp_path / "study")
+        code = browser.begin()
+        (pages,) = answers._connection.execute("PRAGMA page_count").fetchone()
+        answers._connection.execute(f"PRAGMA max_page_count = {pages}")
+        acknowledged = 0
+        while browser.status != 500:
+            browser.get(f"/s/{code}/task")
+            if browser.status != 500:
+                browser.answer(code, 1, 2)
+                acknowledged += browser.status != 500
+            assert acknowledged < 80
+        assert "Something went wrong" in browser.page
+        assert len(browser.lines()) == acknowledged
+        answers._connection.execute("PRAGMA max_page_count = 1000000")
+        browser.get(f"/s/{code}/task")
+        browser.answer(code, 1, 2)
+        assert [line.number for line in browser.lines()] == list(range(1, acknowledged + 2))
 
 
 def test_labels_stay_text(tmp_path: Path):

@@ -203,6 +203,8 @@ class _Server:
 
     def error(self, status: int, message: str) -> str:
         """Return the page of an error."""
+        if status == 500:  # the log is not for who takes part
+            message = "Something went wrong here. Please load the page again."
         return self._render("error", status=status, message=message)
 
     def _missing(self, message: str = "There is no such page.") -> Response:

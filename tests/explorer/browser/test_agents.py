@@ -9,7 +9,12 @@ from typing import Any
 import pytest
 
 from tests.explorer.browser.conftest import served
+from tests.explorer.browser.test_pages import PHONE, TOO_WIDE
+from tests.explorer.labels import HOSTILE
+from tests.explorer.test_agent_pages import explored_of
 from wordcraft_kg.explorer.explored import Explored
+from wordcraft_kg.graphs import SplitConfig
+from wordcraft_kg.graphs.recipes import RecipeBook
 
 OpenPage = Callable[..., Any]
 
@@ -46,6 +51,30 @@ def test_a_table_is_edited_and_asked_again(open_page: OpenPage, site: str, has_s
     page.go_back()
     page.go_back()
     assert page.locator("main").inner_text() == before
+
+
+def test_labels_with_markup_or_of_200_letters_fit_a_phone_and_do_nothing(open_page: OpenPage, tmp_path: Path):
+    from wordcraft_kg.explorer.server import make_app
+
+    rows = [(label, HOSTILE[i - 2], HOSTILE[i - 1]) for i, label in enumerate(HOSTILE)]
+    explored = explored_of(RecipeBook.of("hostile", rows), SplitConfig("none"), tmp_path, distractors=4)
+    with served(make_app(explored)) as site:
+        page = open_page(viewport=PHONE)
+        page.goto(f"{site}/tasks")
+        assert page.evaluate(TOO_WIDE) == []
+        links = page.locator("tbody a", has_text="look")
+        addresses = [links.nth(i).get_attribute("href") for i in range(links.count())]
+        assert len(addresses) == len(HOSTILE)
+        for address in addresses:
+            page.goto(site + address)
+            assert page.evaluate(TOO_WIDE) == []
+            heading = page.locator("h1").inner_text()
+            page.get_by_text("Change the table and ask again").click()
+            page.get_by_role("button", name="Ask").click()
+            page.wait_for_url("**table=*")
+            assert page.locator("h1").inner_text() == f"{heading}, at a table of your own"
+            assert page.evaluate(TOO_WIDE) == []
+            assert not page.locator("main img, main script").count()
 
 
 def test_a_word_that_is_no_entity_is_answered_with_the_nearest(open_page: OpenPage, site: str):

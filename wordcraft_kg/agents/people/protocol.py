@@ -1,5 +1,6 @@
 """The paper's protocol for people: the tasks that are posed, in their order, and what an answer is."""
 
+import copy
 from dataclasses import dataclass
 from typing import Any
 
@@ -124,6 +125,12 @@ class HumanProtocol:
             "settings": _settings(self.world.config, tasks),
             "seed": seed,
         }
+
+    def with_seed(self, seed: int) -> "HumanProtocol":
+        """Return the protocol with another seed; it shares the environments, so the two must not be used at once."""
+        other = copy.copy(self)
+        other.seed, other.header = seed, self.header | {"seed": seed}
+        return other
 
     def pose(self, part: str, number: int) -> tuple[WordCraftEnv, Observation]:
         """Begin the episode of a task; return its environment and observation."""

@@ -11,7 +11,7 @@ from typing import Any, Literal
 from wordcraft_kg.agents.people.config import MOST_TASKS, StudyConfig
 from wordcraft_kg.agents.people.protocol import HUMAN_FORMAT, HumanProtocol, PosedTask
 from wordcraft_kg.artefacts import dump_json, read_small_file, what_is, write_atomically
-from wordcraft_kg.envs.world import GraphLike, World
+from wordcraft_kg.envs.world import GraphLike
 from wordcraft_kg.errors import ArtefactError, ConfigError, GraphMismatchError, OutputExistsError
 from wordcraft_kg.records import Count, Hash, Record, as_values, parse_record
 
@@ -84,9 +84,9 @@ class Study:
             TaskError: if a part of the split has no task.
         """
         first = HumanProtocol(graph, config.distractors[0], config.seed, tasks=config.tasks)
-        self._world: World = first.world
-        for amount in config.distractors[1:]:  # refuses too many of them
-            HumanProtocol(self._world, amount, config.seed, tasks=config.tasks)
+        self._of_condition = {
+            amount: HumanProtocol(first.world, amount, config.seed, tasks=config.tasks) for amount in config.distractors
+        }
         header = first.header
         self.record = StudyRecord(
             format="wordcraft-kg study 1",
@@ -102,29 +102,20 @@ class Study:
         )
         # Conditions alternate before forms do: they are what a study compares.
         self.cells = tuple(Cell(form, amount) for form in range(config.forms) for amount in config.distractors)
-        self._protocols: dict[Cell, HumanProtocol] = {}
         self._posed: dict[Cell, tuple[PosedTask, ...]] = {}
         self._lock = threading.Lock()
 
     def tasks(self, cell: Cell) -> tuple[PosedTask, ...]:
-        """Return the tasks of a form and condition, in their order."""
+        """Return the tasks of a form and condition, in their order; safe to be called from several threads."""
         with self._lock:
             if cell not in self._posed:
-                protocol = self._protocol(cell)
+                protocol = self.protocol(cell)
                 self._posed[cell] = tuple(protocol.task(*turn) for turn in protocol.turns)
             return self._posed[cell]
 
     def protocol(self, cell: Cell) -> HumanProtocol:
-        """Return the protocol of a form and condition."""
-        with self._lock:
-            return self._protocol(cell)
-
-    def _protocol(self, cell: Cell) -> HumanProtocol:
-        if cell not in self._protocols:
-            self._protocols[cell] = HumanProtocol(
-                self._world, cell.distractors, self.record.seed + cell.form, tasks=self.record.tasks
-            )
-        return self._protocols[cell]
+        """Return the protocol of a form and condition; those of a condition share their environments."""
+        return self._of_condition[cell.distractors].with_seed(self.record.seed + cell.form)
 
 
 def check_study_folder(folder: Path, record: StudyRecord) -> bool:

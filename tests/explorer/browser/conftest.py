@@ -16,11 +16,12 @@ from wordcraft_kg.explorer.explored import Explored
 from wordcraft_kg.explorer.pages import PAGES
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
-PATIENCE = 10_000
-"""Milliseconds; nothing takes a tenth of that."""
+PATIENCE = 30_000
+"""Milliseconds; nothing takes a tenth of that, unless the machine has much else to do."""
 
 
-@pytest.fixture(scope="session")
+# Of a module, not of the session: while Playwright is there, no other test of the process may run an event loop.
+@pytest.fixture(scope="module")
 def browser() -> Iterator[Any]:
     """The system's Chromium."""
     sync_api = pytest.importorskip("playwright.sync_api", reason="needs Playwright: pip install 'wordcraft-kg[dev]'")

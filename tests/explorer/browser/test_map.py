@@ -28,7 +28,7 @@ def seen(page: Any) -> tuple[float, float, float]:
 
 def until(page: Any, expression: str) -> None:
     """Wait until something holds; the site's policy forbids Playwright's own way."""
-    end = time.monotonic() + 5
+    end = time.monotonic() + 20
     while not page.evaluate(expression):
         assert time.monotonic() < end, expression
         page.wait_for_timeout(20)

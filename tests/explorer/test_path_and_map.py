@@ -6,7 +6,7 @@ from urllib.parse import parse_qsl, unquote, urlsplit
 import pytest
 
 from tests.explorer.labels import HOSTILE
-from wordcraft_kg.errors import UnknownEntityError
+from wordcraft_kg.errors import ConfigError, UnknownEntityError
 from wordcraft_kg.explorer.explored import Explored
 from wordcraft_kg.explorer.page import Page
 from wordcraft_kg.explorer.pages import PAGES
@@ -125,6 +125,8 @@ def test_a_graph_without_entities_has_neither_page_in_the_menu():
     explored = Explored(OpenedGraph(graph, default_split(graph), "empty"))
     site = Site(explored, lambda page, state: page.address(state), str)
     assert {page.name for page, _ in site.menu}.isdisjoint({"map", "path"})
+    with pytest.raises(ConfigError, match="no entities"):
+        PAGES["path"].view(explored, Path())
 
 
 def test_pages_of_an_entity_whose_cost_has_thousands_of_digits_can_be_read():

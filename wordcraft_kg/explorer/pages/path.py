@@ -5,6 +5,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 from markupsafe import Markup
 
+from wordcraft_kg.errors import ConfigError
 from wordcraft_kg.explorer.explored import Explored
 from wordcraft_kg.explorer.page import Addresses, Page, State
 from wordcraft_kg.graphs.planner import Planner, layers
@@ -26,6 +27,8 @@ class Path(State):
 
 def _view(explored: Explored, state: Path) -> PathView:
     graph = explored.opened.graph
+    if not graph.num_entities:
+        raise ConfigError("The graph has no entities.")
     planner = explored.once("planner", lambda: Planner(graph))
     goal = state.entity or explored.once("furthest", lambda: graph.entities[int(np.argmax(layers(graph)))])
     return view_path(planner, explored.opened.split, goal, state.page)

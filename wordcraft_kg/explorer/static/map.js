@@ -3,7 +3,7 @@
 // Without this script the map shows all dots, and each is a link.
 (() => {
   const svg = document.querySelector("svg.world");
-  if (!svg) return;
+  if (!svg?.querySelector("circle")) return;
   const NS = "http://www.w3.org/2000/svg";
   const view = svg.querySelector(".view");
   const whole = svg.viewBox.baseVal;

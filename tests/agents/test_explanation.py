@@ -24,6 +24,8 @@ from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.folder import make_policy
 from wordcraft_kg.models.policies.policy import Policy
 from wordcraft_kg.models.policies.sources.source import ScoreView, make_sources
+from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
+from wordcraft_kg.models.recipes.training import train_recipes
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted, cross_fit
 from wordcraft_kg.models.scorers.facts import FrequencyScorer
 from wordcraft_kg.models.scorers.folder import load_scorer
@@ -353,6 +355,31 @@ def test_a_scorer_without_folds_remembers_what_it_was_trained_on(
         assert (found.model, found.fold) == (model, None)
         for way in found.ways:
             assert all(one.is_remembered == (kg == "full" or one.part == "train") for one in way)
+
+
+@pytest.mark.parametrize("in_sample", [False, True])
+def test_of_a_scorer_that_was_taught_a_dose_no_more_is_said_to_be_memory(
+    opened: OpenedGraph, tmp_path: Path, in_sample: bool
+) -> None:
+    dosed = RecipesConfig(folds=3, share=0.6, noise=0.2)
+    guide = load_scorer(train_recipes(RecipeScorerConfig("kitchen", dosed), tmp_path / "model").folder)
+    world = world_of(opened, "train")
+    settings = PolicyConfig(**SMALL, use="w", in_sample=in_sample)  # type: ignore[arg-type]
+    policy, _ = make_policy(settings, opened.graph, world.num_slots, scorer=guide, tasks=world.tasks)
+    explainer, told = Explainer(policy, world), set()
+    for task in range(0, len(world.tasks), 4):
+        found = explainer.task(task)
+        assert isinstance(guide, CrossFitted)
+        assert (found.model == "train_recipes") == in_sample
+        model = guide.whole if found.fold is None else guide.left_out(found.fold)
+        taught = {tuple(recipe) for recipe in model.recipes.tolist()}  # type: ignore[attr-defined]
+        if found.model == "no_knowledge":
+            taught = set()
+        for one in (recipe for way in found.ways for recipe in way):
+            ids = tuple(map(opened.graph.id_of, (one.ingredient_a, one.ingredient_b, one.result)))
+            assert one.is_remembered == (ids in taught)
+            told.add((one.part, one.is_remembered))
+    assert told >= {("train", False), *([("train", True)] if in_sample else [])}
 
 
 @pytest.mark.parametrize("kind", ["no scorer", "mlp"])

@@ -25,6 +25,7 @@ from wordcraft_kg.graphs.splits import Part
 from wordcraft_kg.graphs.tasks import TaskSet
 from wordcraft_kg.models.policies.policy import Policy, PolicyOutput
 from wordcraft_kg.models.policies.sources import ALPHA
+from wordcraft_kg.models.policies.sources.recipe import BestRecipe
 from wordcraft_kg.models.policies.sources.source import FoldedSource, Source
 from wordcraft_kg.models.scorers.cross_fitting import models_of_tasks, seen_by_models
 from wordcraft_kg.models.scorers.recipes import Witness
@@ -307,18 +308,24 @@ class Explainer:
         if not self._policy.sources:
             return "no_scorer", None, np.zeros_like(is_train)
         if folds is None:
-            return (
-                ("all_recipes", None, np.ones_like(is_train))
-                if self._kg == "full"
-                else ("train_recipes", None, is_train)
-            )
+            is_all = self._kg == "full"
+            return "all_recipes" if is_all else "train_recipes", None, self._known(is_train | is_all, 0)
         seen, model = seen_by_models(folds), 0
         if asked.task is not None:
             source = next(one for one in asked.policy.sources.values() if isinstance(one, FoldedSource))
             model = int(source.model_of_task[asked.task])
-        if 0 < model < len(seen) - 1:
-            return "without_a_fold", model - 1, seen[model]
-        return ("no_knowledge" if model else "train_recipes"), None, seen[model]
+        if model == len(seen) - 1:
+            return "no_knowledge", None, seen[model]
+        is_known = self._known(seen[model], model)
+        return ("without_a_fold", model - 1, is_known) if model else ("train_recipes", None, is_known)
+
+    def _known(self, is_seen: NDArray[np.bool_], model: int) -> NDArray[np.bool_]:
+        """Return which of the recipes that a model may have been taught it has, as far as a source can tell."""
+        for source in self._policy.sources.values():
+            if isinstance(source, BestRecipe):
+                recipes = torch.from_numpy(self.world.graph.recipes.copy())
+                return np.asarray(is_seen & source.knows(recipes, model).numpy())
+        return is_seen
 
     def _played(self, asked: _Asked) -> ExplainedEpisode:
         """Let the policy pick until the goal is made or the attempts are used up."""

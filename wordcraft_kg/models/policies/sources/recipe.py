@@ -102,6 +102,15 @@ class BestRecipe(FoldedSource):
             for entity, partner in zip(table[0].tolist(), partners, strict=True)
         )
 
+    def knows(self, recipes: Tensor, model: int) -> Tensor:
+        """Return which recipes, shape (n, 3), a model has been trained on, shape (n,), bool.
+
+        Fewer than its folds say, if it was taught a dose of them only.
+        """
+        one, other, result = recipes.T
+        number = self.knowledge.numbers[model, one, other].long()
+        return (number > 0) & (self.knowledge.results[model, number] == result[:, None]).any(1)
+
     def _with_absent(
         self, goal: Tensor, selection: Tensor, table: Tensor, model: Tensor | None, best: Tensor
     ) -> Tensor:

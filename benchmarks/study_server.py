@@ -261,13 +261,14 @@ def main() -> int:
         if server.returncode != 0 or "stored in" not in said:
             problems.append(f"the server ended with {server.returncode}: {said}")
         problems += differences(people, out / "answers.sqlite", lines)
-        cells = Counter((line["session"], line["form"], line["distractors"]) for line in lines)
-        spread = Counter(key[1:] for key in cells)
+        with sqlite3.connect(out / "answers.sqlite") as connection:
+            cells = connection.execute("SELECT COUNT(*) FROM sessions GROUP BY form, distractors")
+            spread = [count for (count,) in cells]
         seconds = [value for client in clients for value in client.seconds]
         report = {
             "people": len(people),
             "finished": sum(person.is_finished for person in people),
-            "in_a_cell": [min(spread.values()), max(spread.values())],
+            "in_a_cell": [min(spread), max(spread)],
             "answers": len(lines),
             "acknowledged": sum(len(person.acknowledged) for person in people),
             "sent": sum(len(sent) for person in people for sent in person.sent.values()),

@@ -43,21 +43,21 @@ def test_recipes_that_make_and_use_an_entity_have_their_parts(neighbours: LinkPr
     assert parts == set(PARTS)
 
 
-def test_layer_and_cost_are_those_of_the_planner(neighbours: LinkPredictor):
+def test_layer_and_crafts_are_those_of_the_planner(neighbours: LinkPredictor):
     graph = neighbours.graph
     planner, layer = Planner(graph), layers(graph)
     for label in graph.entities[::9]:
         found = profile(neighbours, label, asked=False)
         entity = graph.id_of(label)
         assert found.layer == layer[entity]
-        assert found.cost == f"{planner.derivation(entity).cost:,}"
+        assert found.crafts == len(planner.derivation(entity).steps)
         assert found.base == (label in graph.base)
 
 
-def test_what_cannot_be_made_has_neither_layer_nor_cost(of_recipes: Callable[..., LinkPredictor]):
+def test_what_cannot_be_made_has_neither_layer_nor_crafts(of_recipes: Callable[..., LinkPredictor]):
     predictor = of_recipes([("a", "b", "c"), ("x", "y", "x"), ("x", "c", "y")], kind="none")
     found = profile(predictor, "y")
-    assert (found.layer, found.cost, found.base) == (None, None, False)
+    assert (found.layer, found.crafts, found.base) == (None, None, False)
     assert found.made_by.total == 1
 
 

@@ -15,7 +15,6 @@ from wordcraft_kg.records import Count, Record
 from wordcraft_kg.views.entity_list import layer_of
 from wordcraft_kg.views.paging import Paging, paging
 from wordcraft_kg.views.predictor import LinkPredictor, PredictedSlot
-from wordcraft_kg.wording import approximate
 
 NEAREST = 8
 """Entities that are listed as alike."""
@@ -80,8 +79,7 @@ class EntityProfile(Record):
         entity: its label.
         base: whether it is a base entity.
         layer: round in which it can first be made; None if it cannot.
-        cost: combinations that its cheapest derivation takes, if what is needed twice is made twice; in words, since it
-            may have thousands of digits. None if it cannot be made.
+        crafts: number of steps of its cheapest derivation; None if it cannot be made.
         made_by: recipes that make it.
         used_in: recipes that use it.
         model: name of the model that was asked; empty without one.
@@ -94,7 +92,7 @@ class EntityProfile(Record):
     entity: str
     base: bool
     layer: Count | None
-    cost: str | None
+    crafts: Count | None
     made_by: EntityRecipes
     used_in: EntityRecipes
     model: str
@@ -142,7 +140,7 @@ def view_entity_profile(
     """
     graph = split.graph
     entity = graph.id_of(label)
-    layer, cost = layer_of(graph, entity), planner.costs[entity]
+    layer = layer_of(graph, entity)
     slots: tuple[PredictedSlot, ...] = ()
     nearest: tuple[AlikeEntity, ...] = ()
     if predictor is not None:
@@ -155,7 +153,7 @@ def view_entity_profile(
         entity=label,
         base=bool((graph.base_ids == entity).any()),
         layer=layer,
-        cost=None if layer is None else approximate(int(cost)),
+        crafts=None if layer is None else len(planner.derivation(entity).steps),
         made_by=view_entity_recipes(split, label, "makes", size=listed),
         used_in=view_entity_recipes(split, label, "uses", size=listed),
         model="" if predictor is None else predictor.name,

@@ -21,14 +21,14 @@ class ModelLine(Record):
     """A model.
 
     Attributes:
-        what: name of its scorer.
+        command: what made it, such as ``train-complex``.
         kg: what it was trained on.
         folds: number of its folds; 0 if it is not cross-fitted.
         scores_recipes: whether it scores recipes, and not links only.
     """
 
     name: str
-    what: str
+    command: str
     kg: KG
     folds: Count
     scores_recipes: bool
@@ -84,4 +84,4 @@ def view_overview(opened: OpenedGraph, models: Mapping[str, OpenedModel], runs: 
 def _line(name: str, model: OpenedModel) -> ModelLine:
     scorer = model.scorer
     folds = scorer.count if isinstance(scorer, CrossFitted) else 0
-    return ModelLine(name, scorer.name, model.kg, folds, isinstance(whole_of(scorer), RecipeScores))
+    return ModelLine(name, model.settings.command, model.kg, folds, isinstance(whole_of(scorer), RecipeScores))

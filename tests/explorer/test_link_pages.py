@@ -43,7 +43,7 @@ STATES: tuple[tuple[str, State], ...] = (
     ("link", Link("flour", "combinesWith", "water", "kitchen-recipes")),
     ("link", Link("flour", "componentOf", "bread")),
     ("compare", Compare()),
-    ("compare", Compare("kitchen-recipes", "kitchen-complex", known="all", better="one", entity="water")),
+    ("compare", Compare(one="kitchen-recipes", other="kitchen-complex", known="all", better="one", entity="water")),
     ("pair", Pair()),
     ("pair", Pair("flour", "water", "kitchen-recipes")),
 )
@@ -280,7 +280,7 @@ def test_what_cannot_be_shown_is_an_error_that_says_why(explored: Explored, name
 
 
 def test_a_model_compared_with_itself_does_not_differ(explored: Explored):
-    view = PAGES["compare"].view(explored, Compare("kitchen-recipes", "kitchen-recipes"))
+    view = PAGES["compare"].view(explored, Compare(one="kitchen-recipes", other="kitchen-recipes"))
     assert view.headline is not None
     assert view.headline.models[1].difference == 0
     assert (view.ranks.better_one, view.ranks.better_other) == (0, 0)

@@ -13,7 +13,7 @@ from wordcraft_kg.explorer.page import Page, State
 from wordcraft_kg.explorer.pages import HOME, PAGES
 from wordcraft_kg.explorer.rendering import Site
 from wordcraft_kg.explorer.server import scripts
-from wordcraft_kg.explorer.templating import style_sheet
+from wordcraft_kg.explorer.style_sheet import style_sheet
 from wordcraft_kg.progress import stage, steps
 from wordcraft_kg.records import Count, Hash, Record, as_values
 from wordcraft_kg.runs.record import RUN_FILE

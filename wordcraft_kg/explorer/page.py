@@ -43,6 +43,11 @@ def settled(_: Explored, __: State) -> bool:
     return False
 
 
+def nowhere(_: Explored) -> tuple[()]:
+    """Return no state: a page that only a server can make."""
+    return ()
+
+
 @dataclass(frozen=True)
 class Page(Generic[S]):
     """A kind of page.

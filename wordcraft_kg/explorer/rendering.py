@@ -10,9 +10,9 @@ from markupsafe import Markup
 
 from wordcraft_kg.explorer.explored import Explored
 from wordcraft_kg.explorer.page import Addresses, Page, State
-from wordcraft_kg.explorer.pages import HOME, PAGES
-from wordcraft_kg.explorer.templating import make_environment
-from wordcraft_kg.reports.pages import Outline
+from wordcraft_kg.explorer.pages import PAGES
+from wordcraft_kg.reports.pages import Outline, make_environment
+from wordcraft_kg.reports.picks import PICKS
 
 
 class Site:
@@ -70,7 +70,7 @@ class Site:
             return anchor(link("entity", entity=label, **({"model": model} if model else {})), label)
 
         shown = {"site": self, "page": page, "state": state, "outline": outline, "heading": outline.heading}
-        functions = {"term": outline.term, "link": link, "here": here, "entity": entity, "a": anchor, "home": HOME}
+        functions = {"term": outline.term, "link": link, "here": here, "entity": entity, "a": anchor}
         return _environment().get_template(template).render(**shown, **functions, **values)
 
 
@@ -82,4 +82,6 @@ def anchor(address: str, text: str) -> Markup:
 @cache
 def _environment() -> jinja2.Environment:
     # Charts look as in reports, and templates share their macros.
-    return make_environment("wordcraft_kg.explorer", "wordcraft_kg.reports")
+    environment = make_environment("wordcraft_kg.explorer", "wordcraft_kg.reports")
+    environment.globals["picks"] = PICKS
+    return environment

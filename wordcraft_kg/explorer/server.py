@@ -24,7 +24,7 @@ from wordcraft_kg.explorer.guard import guarded
 from wordcraft_kg.explorer.page import Page
 from wordcraft_kg.explorer.pages import HOME, PAGES
 from wordcraft_kg.explorer.rendering import Site
-from wordcraft_kg.explorer.templating import style_sheet
+from wordcraft_kg.explorer.style_sheet import style_sheet
 from wordcraft_kg.records import as_values
 from wordcraft_kg.views.entity_list import search_entities
 

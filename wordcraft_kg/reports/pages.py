@@ -70,18 +70,28 @@ def chart_style() -> str:
     return resolved(_environment().get_template("chart.css.j2").render())
 
 
-@cache
-def _environment() -> jinja2.Environment:
+def make_environment(*packages: str) -> jinja2.Environment:
+    """Return what renders the templates of packages, for all kinds of pages; those that come first take precedence.
+
+    Whatever a label holds stays text, and a name that a template misspells is an error.
+    """
     environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("wordcraft_kg.reports"),
+        loader=jinja2.ChoiceLoader([jinja2.PackageLoader(package) for package in packages]),
         autoescape=True,
         trim_blocks=True,
         lstrip_blocks=True,
         undefined=jinja2.StrictUndefined,
     )
+    environment.globals["palette"] = palette
+    environment.filters["thousands"] = lambda number: f"{number:,}"
+    return environment
+
+
+@cache
+def _environment() -> jinja2.Environment:
+    environment = make_environment("wordcraft_kg.reports")
     script = (files("wordcraft_kg.reports") / "templates" / "page.js").read_text(encoding="utf-8")
     environment.globals |= {
-        "palette": palette,
         "script": Markup(script),
         # The page's policy lets this script run and no other, whatever a label may hold.
         "script_hash": base64.b64encode(hashlib.sha256(script.encode()).digest()).decode(),

@@ -9,7 +9,7 @@ from wordcraft_kg.models.policies.sources import Label, label_of
 from wordcraft_kg.reports.charts import contribution_bar
 from wordcraft_kg.reports.training_pictures import COLOURS
 from wordcraft_kg.views.glossary import GLOSSARY
-from wordcraft_kg.views.recipe_scores import because
+from wordcraft_kg.views.recipe_scores import told
 
 
 def column_labels(step: ExplainedStep) -> list[Label]:
@@ -29,11 +29,11 @@ def slot_rows(step: ExplainedStep) -> list[tuple[ExplainedSlot, Markup]]:
 
 
 PICKS: dict[str, Any] = {
-    "because": because,
     "colours": COLOURS,
     "column_labels": column_labels,
     "label_of": label_of,
     "slot_rows": slot_rows,
+    "told": told,
     "words": {name: GLOSSARY[name].name for name in COLOURS},
 }
 """What the template ``picks.html.j2`` needs."""

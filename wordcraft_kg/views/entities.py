@@ -157,7 +157,7 @@ def view_entity_profile(
         made_by=view_entity_recipes(split, label, "makes", size=listed),
         used_in=view_entity_recipes(split, label, "uses", size=listed),
         model="" if predictor is None else predictor.name,
-        has_seen_the_test_recipes=predictor is not None and predictor.model.kg == "full",
+        has_seen_the_test_recipes=predictor is not None and predictor.has_seen_the_test_recipes,
         slots=slots,
         nearest=nearest,
         by_words=_alike(graph.entities, near_by_words(words, entity)) if words.known[entity] else None,

@@ -1,7 +1,5 @@
 """A link: how a model scores it, where it ranks, what is known of it, and why."""
 
-import numpy as np
-
 from wordcraft_kg.graphs.triples import RELATIONS, Relation
 from wordcraft_kg.models.scorers.link_evidence import LinkReason
 from wordcraft_kg.records import Record, Share
@@ -11,9 +9,7 @@ from wordcraft_kg.views.predictor import (
     LinkPredictor,
     PredictedSlot,
     Status,
-    part_name,
     recipes_giving,
-    status_of,
 )
 from wordcraft_kg.views.scores import Known
 
@@ -66,19 +62,18 @@ def view_link_profile(predictor: LinkPredictor, head: str, relation: Relation, t
     graph = predictor.graph
     one, other, of = graph.id_of(head), graph.id_of(tail), RELATIONS.index(relation)
     tails, heads = predictor.slot(one, of, "tail"), predictor.slot(other, of, "head")
-    known, learned = part_name(int(tails.part[other])), bool(tails.learned[other])
-    chance = predictor.scoring.probabilities(tails.triples(np.array([other])), [known])[0]
+    link = predictor.judged(tails, other)
     return LinkProfile(
         head=head,
         relation=relation,
         tail=tail,
         model=predictor.name,
-        has_seen_the_test_recipes=predictor.model.kg == "full",
-        score=float(tails.scores[other]),
-        status=status_of(known, learned, is_itself=one == other),
-        known=known,
-        probability=None if learned else chance,
-        as_tail=tails.rank(other),
+        has_seen_the_test_recipes=predictor.has_seen_the_test_recipes,
+        score=link.score,
+        status=link.status,
+        known=link.known,
+        probability=link.probability,
+        as_tail=link.rank,
         as_head=heads.rank(one),
         reason=predictor.evidence.reason(one, of, other, WITNESSES),
         recipes=placed_recipes(predictor.split, recipes_giving(graph, one, of, other)[:RECIPES]),

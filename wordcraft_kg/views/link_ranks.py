@@ -161,7 +161,7 @@ class RankedTriples:
     Attributes:
         name: name of the model.
         split: graph and split.
-        is_full: whether the model was trained on all recipes.
+        has_seen_the_test_recipes: whether the model was trained on all recipes.
         ranks: a row for each query, see :func:`~wordcraft_kg.models.scorers.ranking.rank_triples`; besides, the part
             (its number) and whether it is learned.
         sample: how many triples are ranked.
@@ -169,7 +169,7 @@ class RankedTriples:
 
     name: str
     split: Split
-    is_full: bool
+    has_seen_the_test_recipes: bool
     ranks: pd.DataFrame
     sample: RankSample
 
@@ -221,7 +221,7 @@ def rank_graph(predictor: LinkPredictor, max_triples: int | None = None) -> Rank
     part, learned = split.part_of(chosen), predictor.learned(chosen)
     ranks = ranks.assign(part=np.tile(part, 2)[: len(ranks)], learned=np.tile(learned, 2)[: len(ranks)])
     sample = RankSample(len(taken[0]), len(unseen), len(taken[1]), len(others))
-    return RankedTriples(predictor.name, split, predictor.model.kg == "full", ranks, sample)
+    return RankedTriples(predictor.name, split, predictor.has_seen_the_test_recipes, ranks, sample)
 
 
 def view_link_ranks(ranked: RankedTriples, chosen: RankFilter, order: RankOrder = "worst", page: int = 1) -> LinkRanks:
@@ -236,7 +236,7 @@ def view_link_ranks(ranked: RankedTriples, chosen: RankFilter, order: RankOrder 
     rows = ranks.iloc[_order(ranks, order)[shown.rows]]
     return LinkRanks(
         model=ranked.name,
-        has_seen_the_test_recipes=ranked.is_full,
+        has_seen_the_test_recipes=ranked.has_seen_the_test_recipes,
         chosen=chosen,
         order=order,
         metrics=ranking_metrics(ranks),

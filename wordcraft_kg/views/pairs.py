@@ -1,27 +1,14 @@
 """A pair of entities: what it makes in the book, and what a model says of it."""
 
-import numpy as np
-
 from wordcraft_kg.graphs.splits import Split
 from wordcraft_kg.graphs.triples import COMBINES_WITH
 from wordcraft_kg.models.scorers.queries import RecipeQuery
-from wordcraft_kg.records import Record, Share
+from wordcraft_kg.records import Record
 from wordcraft_kg.views.entities import PlacedRecipe, placed_recipes
-from wordcraft_kg.views.predictor import FilteredRank, LinkPredictor, Status, part_name, recipes_giving, status_of
+from wordcraft_kg.views.predictor import JudgedLink, LinkPredictor, recipes_giving
 from wordcraft_kg.views.recipe_scores import RecipeScoring, ScoredRecipe, view_open_recipe
-from wordcraft_kg.views.scores import Known
 
 RESULTS = 10
-
-
-class PairLink(Record):
-    """Whether a pair combines, by the score of ``a combinesWith b``; see the fields of a link's profile."""
-
-    score: float
-    status: Status
-    known: Known
-    probability: Share | None
-    rank: FilteredRank
 
 
 class PairProfile(Record):
@@ -31,7 +18,7 @@ class PairProfile(Record):
         makes: what it makes in the book.
         model: name of the model that was asked; empty without one.
         has_seen_the_test_recipes: whether that was trained on all recipes.
-        link: what it says of both as partners; None without a model.
+        link: what it says of ``a combinesWith b``; None without a model.
         results: what it expects the pair to make, best first; None if it scores links only, and without a model.
     """
 
@@ -40,7 +27,7 @@ class PairProfile(Record):
     makes: tuple[PlacedRecipe, ...]
     model: str
     has_seen_the_test_recipes: bool
-    link: PairLink | None
+    link: JudgedLink | None
     results: tuple[ScoredRecipe, ...] | None
 
 
@@ -61,25 +48,14 @@ def view_pair(
     """
     graph = split.graph
     one, other = graph.id_of(a), graph.id_of(b)
-    link = None
-    if predictor is not None:
-        slot = predictor.slot(one, COMBINES_WITH, "tail")
-        known, learned = part_name(int(slot.part[other])), bool(slot.learned[other])
-        chance = predictor.scoring.probabilities(slot.triples(np.array([other])), [known])[0]
-        link = PairLink(
-            score=float(slot.scores[other]),
-            status=status_of(known, learned, is_itself=one == other),
-            known=known,
-            probability=None if learned else chance,
-            rank=slot.rank(other),
-        )
+    link = None if predictor is None else predictor.judged(predictor.slot(one, COMBINES_WITH, "tail"), other)
     found = None if recipes is None else view_open_recipe(recipes, RecipeQuery(a, b, None), RESULTS).top
     return PairProfile(
         a=a,
         b=b,
         makes=placed_recipes(split, recipes_giving(graph, one, COMBINES_WITH, other)),
         model="" if predictor is None else predictor.name,
-        has_seen_the_test_recipes=predictor is not None and predictor.model.kg == "full",
+        has_seen_the_test_recipes=predictor is not None and predictor.has_seen_the_test_recipes,
         link=link,
         results=found,
     )

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -83,6 +82,24 @@ class FilteredRank(Record):
 
     rank: float
     candidates: Count
+
+
+class JudgedLink(Record):
+    """What a model says of a link.
+
+    Attributes:
+        score: higher is more plausible, on a scale of the model's own.
+        status: whether it is learned, or else true.
+        known: the part whose recipes give it.
+        probability: of a link that training does not contain; None for others, and without a calibration.
+        rank: its rank in the slot that was asked about.
+    """
+
+    score: float
+    status: Status
+    known: Known
+    probability: Share | None
+    rank: FilteredRank
 
 
 @dataclass(frozen=True)
@@ -166,14 +183,14 @@ class LinkPredictor:
         """Whether it scores recipes, and not links only."""
         return isinstance(whole_of(self.model.scorer), RecipeScores)
 
-    @cached_property
-    def learned_triples(self) -> Ids:
-        """The triples that it was trained on, shape (T, 3), sorted."""
-        return self.model.triples
+    @property
+    def has_seen_the_test_recipes(self) -> bool:
+        """Whether it was trained on all recipes."""
+        return self.model.kg == "full"
 
     def learned(self, triples: Ids) -> NDArray[np.bool_]:
         """Return which triples it was trained on, shape (T, 3) -> (T,)."""
-        return is_in(triples, self.learned_triples, self.graph.num_entities)
+        return is_in(triples, self.model.triples, self.graph.num_entities)
 
     def slot(self, entity: int, relation: int, side: Side) -> Slot:
         """Return the scores of all entities in an open slot, with what is true and what was learned."""
@@ -189,6 +206,18 @@ class LinkPredictor:
         learned = np.zeros(size, dtype=bool)
         learned[self.evidence.ends(entity, relation, side)] = True
         return Slot(entity, relation, side, scores, part, learned)
+
+    def judged(self, slot: Slot, entity: int) -> JudgedLink:
+        """Return what it says of the link with an entity in an open slot."""
+        known, learned = part_name(int(slot.part[entity])), bool(slot.learned[entity])
+        chance = self.scoring.probabilities(slot.triples(np.array([entity])), [known])[0]
+        return JudgedLink(
+            score=float(slot.scores[entity]),
+            status=status_of(known, learned, is_itself=entity == slot.entity),
+            known=known,
+            probability=None if learned else chance,
+            rank=slot.rank(entity),
+        )
 
     def best(
         self, slot: Slot, *, with_learned: bool = False, top: int = 10, witnesses: int = 1, truth: int = 5

@@ -231,11 +231,15 @@ def view_recipe_file(
     return view if out is None else msgspec.structs.replace(view, rows=(), out=str(out))
 
 
+def told(witnesses: Sequence[Witness]) -> Sequence[Witness]:
+    """Return the recipes that speak for another one, but for those that hardly say anything beside the first."""
+    return [one for one in witnesses if one.share >= LEAST_SHARE] or witnesses[:1]
+
+
 def because(witnesses: Sequence[Witness]) -> str:
-    """Return recipes that speak for another one, with their weights and shares, but for those that hardly say anything.
+    """Return recipes that speak for another one, with their weights and shares.
 
     Returns:
         such as ``river + wood -> driftwood 0.41 (80%)``.
     """
-    told = [one for one in witnesses if one.share >= LEAST_SHARE] or witnesses[:1]
-    return ", ".join(f"{one.recipe} {one.weight:.2g} ({one.share:.0%})" for one in told)
+    return ", ".join(f"{one.recipe} {one.weight:.2g} ({one.share:.0%})" for one in told(witnesses))

@@ -1,51 +1,34 @@
 """Two models of the graph on the same queries: which of them is better, and where they differ most."""
 
 from collections.abc import Iterator
-from typing import Literal
 
 from wordcraft_kg.errors import ConfigError, SplitError
 from wordcraft_kg.explorer import asked
 from wordcraft_kg.explorer.explored import Explored
-from wordcraft_kg.explorer.page import Page, State
-from wordcraft_kg.graphs.splits import Part
-from wordcraft_kg.graphs.triples import Relation
-from wordcraft_kg.models.scorers.roles import Side
+from wordcraft_kg.explorer.page import Page
+from wordcraft_kg.explorer.pages.predictions import Queries
 from wordcraft_kg.records import Record
 from wordcraft_kg.views import link_comparison
 from wordcraft_kg.views.link_ranks import (
     Better,
     ComparedRanks,
-    Knowledge,
-    RankFilter,
     check_comparable,
     view_compared_ranks,
 )
 
 
-class Compare(State):
+class Compare(Queries):
     """Two models and some queries.
 
     Attributes:
         one: a model; the first if it is empty.
         other: another one; the second if it is empty.
-        relation: relation of the triples; both if it is empty.
-        side: the side that is asked for; both if it is empty.
-        part: the part whose recipes give the triple; any if it is empty.
-        known: whether the models were trained on the triple: both, or neither.
-        entity: head or tail of the triple; any if it is empty.
         better: queries that one of them ranks better, or all.
-        page: number of the page.
     """
 
     one: str = ""
     other: str = ""
-    relation: Relation | Literal[""] = ""
-    side: Side | Literal[""] = ""
-    part: Part | Literal[""] = ""
-    known: Knowledge = "unseen"
-    entity: str = ""
     better: Better = "either"
-    page: int = 1
 
 
 class ModelsCompared(Record):
@@ -76,10 +59,8 @@ def _view(explored: Explored, state: Compare) -> ModelsCompared:
     one, other = asked.predictor(explored, first), asked.predictor(explored, second)
     check_comparable(one, other)
     headline, why = explored.once(("compared", one.name, other.name), lambda: _headline(one, other))
-    chosen = RankFilter(state.relation, state.side, state.part, state.known, state.entity)
-    ranks = view_compared_ranks(
-        asked.ranked(explored, one.name), asked.ranked(explored, other.name), chosen, state.better, state.page
-    )
+    one_ranks, other_ranks = asked.ranked(explored, one.name), asked.ranked(explored, other.name)
+    ranks = view_compared_ranks(one_ranks, other_ranks, state.chosen, state.better, state.page)
     return ModelsCompared(headline, why, ranks)
 
 

@@ -9,13 +9,10 @@ from wordcraft_kg.explorer.pages.tasks import PAGE as TASKS
 from wordcraft_kg.explorer.pages.tasks import list_tasks
 from wordcraft_kg.explorer.played import AskedDepth, AskedPart, followed, is_done, settings_of, tasks_of, world_of
 from wordcraft_kg.records import Count, Record
-from wordcraft_kg.reports.picks import PICKS
 from wordcraft_kg.views.episodes import EpisodeView, TableQuestion, view_episode
 
 DRAWS = 5
 """Draws of distractors that are offered; those of the evaluation."""
-BLANKS = 3
-"""Empty lines of the form, for what is put on the table."""
 MOST_ROWS = 160
 """Rows of slots on a page; of large tables and many agents only the best of each pick are shown."""
 
@@ -85,10 +82,6 @@ def _view(explored: Explored, state: Episode) -> ShownEpisode:
     )
 
 
-def _draw(*_: object) -> dict[str, object]:
-    return {"picks": PICKS, "blanks": BLANKS}
-
-
 def _is_live(explored: Explored, state: Episode) -> bool:
     return not all(is_done(followed(explored, name)[1]) for name in (state.run, *filter(None, state.other)))
 
@@ -103,4 +96,4 @@ def _exported(explored: Explored) -> Iterator[Episode]:
         yield from (Episode(run=tasks.run, task=row.number) for row in rows)
 
 
-PAGE = Page("episode", Episode, _view, "Episodes", draw=_draw, exported=_exported, is_there=has_runs, is_live=_is_live)
+PAGE = Page("episode", Episode, _view, "Episodes", exported=_exported, is_there=has_runs, is_live=_is_live)

@@ -1,11 +1,9 @@
 """A link: its score, its ranks, what is known of it, and why a model believes in it."""
 
-from collections.abc import Iterable
-
 from wordcraft_kg.errors import ConfigError
 from wordcraft_kg.explorer import asked
 from wordcraft_kg.explorer.explored import Explored
-from wordcraft_kg.explorer.page import Page, State, has_models
+from wordcraft_kg.explorer.page import Page, State, has_models, nowhere
 from wordcraft_kg.graphs.triples import RELATIONS, Relation
 from wordcraft_kg.views.link_profiles import LinkProfile, view_link_profile
 
@@ -40,8 +38,4 @@ def _view(explored: Explored, state: Link) -> LinkProfile:
     return view_link_profile(predictor, split.graph.entities[head], RELATIONS[relation], split.graph.entities[tail])
 
 
-def _nothing(_: Explored) -> Iterable[Link]:
-    return []
-
-
-PAGE = Page("link", Link, _view, exported=_nothing, is_there=has_models)
+PAGE = Page("link", Link, _view, exported=nowhere, is_there=has_models)

@@ -1,11 +1,9 @@
 """A pair of entities: what it makes, and what a model says that it makes."""
 
-from collections.abc import Iterable
-
 from wordcraft_kg.errors import ConfigError
 from wordcraft_kg.explorer import asked
 from wordcraft_kg.explorer.explored import Explored
-from wordcraft_kg.explorer.page import Page, State
+from wordcraft_kg.explorer.page import Page, State, nowhere
 from wordcraft_kg.views.pairs import PairProfile, view_pair
 
 
@@ -43,8 +41,4 @@ def has_recipes(explored: Explored) -> bool:
     return explored.opened.graph.num_recipes > 0
 
 
-def _nothing(_: Explored) -> Iterable[Pair]:
-    return []
-
-
-PAGE = Page("pair", Pair, _view, title="Pairs", exported=_nothing, is_there=has_recipes)
+PAGE = Page("pair", Pair, _view, title="Pairs", exported=nowhere, is_there=has_recipes)

@@ -6,9 +6,10 @@ import numpy as np
 from markupsafe import Markup
 
 from wordcraft_kg.errors import ConfigError
+from wordcraft_kg.explorer import asked
 from wordcraft_kg.explorer.explored import Explored
 from wordcraft_kg.explorer.page import Addresses, Page, State
-from wordcraft_kg.graphs.planner import Planner, layers
+from wordcraft_kg.graphs.planner import layers
 from wordcraft_kg.reports import charts
 from wordcraft_kg.views.paths import PathView, view_path
 
@@ -29,9 +30,8 @@ def _view(explored: Explored, state: Path) -> PathView:
     graph = explored.opened.graph
     if not graph.num_entities:
         raise ConfigError("The graph has no entities.")
-    planner = explored.once("planner", lambda: Planner(graph))
     goal = state.entity or explored.once("furthest", lambda: graph.entities[int(np.argmax(layers(graph)))])
-    return view_path(planner, explored.opened.split, goal, state.page)
+    return view_path(asked.planner(explored), explored.opened.split, goal, state.page)
 
 
 def _draw(view: PathView, _: Path, address: Addresses) -> Mapping[str, Markup]:
@@ -46,7 +46,7 @@ def _draw(view: PathView, _: Path, address: Addresses) -> Mapping[str, Markup]:
             style=" ".join(
                 (["goal"] if step.recipe.result == view.entity else []) + (["held"] if step.part != "train" else [])
             ),
-            title=f"{step.recipe} ({step.part})",
+            title=f"{step.recipe[0]} + {step.recipe[1]} → {step.recipe[2]} ({step.part})",
         )
         for step in view.drawn
     ]

@@ -12,37 +12,45 @@ from wordcraft_kg.models.scorers.roles import Side
 from wordcraft_kg.views.link_ranks import Knowledge, LinkRanks, RankFilter, RankOrder, view_link_ranks
 
 
-class Predictions(State):
-    """Some of a model's ranks.
+class Queries(State):
+    """Some of the queries that models are ranked on.
 
     Attributes:
-        model: the model; the first if it is empty.
         relation: relation of the triples; both if it is empty.
         side: the side that is asked for; both if it is empty.
         part: the part whose recipes give the triple; any if it is empty.
-        known: whether the model was trained on the triple.
+        known: whether the model was trained on the triple; of two, both, or neither.
         entity: head or tail of the triple; any if it is empty.
-        sort: by what they are sorted.
         page: number of the page.
     """
 
-    model: str = ""
     relation: Relation | Literal[""] = ""
     side: Side | Literal[""] = ""
     part: Part | Literal[""] = ""
     known: Knowledge = "unseen"
     entity: str = ""
-    sort: RankOrder = "best"
     page: int = 1
 
+    @property
+    def chosen(self) -> RankFilter:
+        """Which queries these are."""
+        return RankFilter(self.relation, self.side, self.part, self.known, self.entity)
 
-def chosen(state: Predictions) -> RankFilter:
-    """Return the queries that a state chooses."""
-    return RankFilter(state.relation, state.side, state.part, state.known, state.entity)
+
+class Predictions(Queries):
+    """Some of a model's ranks.
+
+    Attributes:
+        model: the model; the first if it is empty.
+        sort: by what they are sorted.
+    """
+
+    model: str = ""
+    sort: RankOrder = "best"
 
 
 def _view(explored: Explored, state: Predictions) -> LinkRanks:
-    return view_link_ranks(asked.ranked(explored, state.model), chosen(state), state.sort, state.page)
+    return view_link_ranks(asked.ranked(explored, state.model), state.chosen, state.sort, state.page)
 
 
 def _exported(explored: Explored) -> Iterator[Predictions]:

@@ -5,7 +5,6 @@ from collections.abc import Iterator
 from wordcraft_kg.explorer.explored import Explored
 from wordcraft_kg.explorer.page import Page, State, has_runs
 from wordcraft_kg.explorer.played import followed, is_done
-from wordcraft_kg.reports.picks import PICKS
 from wordcraft_kg.reports.training_pictures import picture_of_lambdas, picture_of_success, pictures_of_figures
 from wordcraft_kg.views.runs import RunView, view_run
 
@@ -29,7 +28,6 @@ def _draw(view: RunView, *_: object) -> dict[str, object]:
         "success": picture_of_success({name: view.curves}) if view.curves else "",
         "lambdas": picture_of_lambdas(name, view.lambdas) if view.lambdas else "",
         "training": pictures_of_figures({name: figures}),
-        "label_of": PICKS["label_of"],
     }
 
 

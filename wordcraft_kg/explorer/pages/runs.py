@@ -3,7 +3,6 @@
 from wordcraft_kg.explorer.explored import Explored
 from wordcraft_kg.explorer.page import Page, State, has_runs
 from wordcraft_kg.explorer.played import followed, is_done
-from wordcraft_kg.reports.picks import PICKS
 from wordcraft_kg.views.runs import RunList, view_runs
 
 
@@ -19,8 +18,4 @@ def _is_live(explored: Explored, _: Runs) -> bool:
     return not all(is_done(followed(explored, name)[1]) for name in explored.runs)
 
 
-def _draw(*_: object) -> dict[str, object]:
-    return {"label_of": PICKS["label_of"]}
-
-
-PAGE = Page("runs", Runs, _view, title="Runs", draw=_draw, is_there=has_runs, is_live=_is_live)
+PAGE = Page("runs", Runs, _view, title="Runs", is_there=has_runs, is_live=_is_live)

@@ -21,7 +21,8 @@ from wordcraft_kg.agents.people.codes import code_hash, new_code, read_code
 from wordcraft_kg.agents.people.protocol import Answer, PosedTask
 from wordcraft_kg.agents.people.study import Study
 from wordcraft_kg.explorer.guard import guarded
-from wordcraft_kg.explorer.templating import make_environment, style_sheet
+from wordcraft_kg.explorer.style_sheet import style_sheet
+from wordcraft_kg.reports.pages import make_environment
 
 FILES = {"study.css": "text/css", "study.js": "text/javascript"}
 PRIVATE = {"Cache-Control": "no-store"}

@@ -101,13 +101,15 @@ def test_a_killed_server_goes_on_where_it_was_and_ctrl_c_says_what_is_stored(tmp
     assert sorted(path.name for path in out.iterdir()) == ["answers.sqlite", "study.json"]
 
 
-def test_who_asks_is_nobodys_business(tmp_path: Path):
+def test_who_asks_is_nobodys_business_and_a_service_manager_ends_it_like_ctrl_c(tmp_path: Path):
     with served(tmp_path / "study", "--verbose") as (process, address):
         code = begin(address)
         with pytest.raises(urllib.error.HTTPError):
             page(address, f"/s/{code}/nothing")
         process.send_signal(signal.SIGTERM)
         said, log = process.communicate(timeout=20)
+    assert (process.returncode, "ended; 1 person" in log) == (0, True)
+    assert sorted(path.name for path in (tmp_path / "study").iterdir()) == ["answers.sqlite", "study.json"]
     assert code not in said + log
     assert "GET" not in log
     assert "127.0.0.1" not in log

@@ -1,7 +1,6 @@
 """What ``sweep`` and ``reproduce`` share: running a study, how far it is, and what came out."""
 
 import shlex
-import signal
 import sys
 import time
 from collections import Counter
@@ -90,10 +89,11 @@ def run_studies(studies: dict[str, Study], options: EngineOptions, output: Outpu
     if options.dry_run:
         return _dry(plans, options, output)
     from wordcraft_kg.experiments.engine import run_plan
+    from wordcraft_kg.runs.interruption import sigterm_as_interrupt
 
     found, text, failed = {}, [], 0
     for plan in plans:
-        with _board(plan, options, output) as watch, _stoppable():
+        with _board(plan, options, output) as watch, sigterm_as_interrupt():
             state = run_plan(plan, options.out, options.make_workers(plan), command=_command(), watch=watch)
         values, lines = _reported(plan, state, options)
         found[plan.name] = values
@@ -101,20 +101,6 @@ def run_studies(studies: dict[str, Study], options: EngineOptions, output: Outpu
         failed += len(state.failed) + (values["report"] is None)
     output.result({"out": str(options.out), "studies": found}, text)
     return 1 if failed else 0
-
-
-@contextmanager
-def _stoppable() -> Iterator[None]:
-    """Take a request to end, such as a cluster's before the time of a job is up, for Ctrl-C."""
-
-    def stop(signum: int, frame: Any) -> None:
-        raise KeyboardInterrupt
-
-    before = signal.signal(signal.SIGTERM, stop)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
 
 
 def _command() -> str:

@@ -8,6 +8,7 @@ from starlette.types import ASGIApp
 
 from wordcraft_kg.errors import ConfigError
 from wordcraft_kg.records import Record
+from wordcraft_kg.runs.interruption import sigterm_as_interrupt
 from wordcraft_kg.settings import whole
 
 LARGEST_PORT = 65_535
@@ -78,7 +79,8 @@ def serve(app: ASGIApp, listening: socket.socket, started: Callable[[str], None]
         timeout_graceful_shutdown=PATIENCE,
     )
     try:
-        Server(config).run(sockets=[listening])
+        with sigterm_as_interrupt():  # the server lets requests end, and then raises the signal again
+            Server(config).run(sockets=[listening])
     except KeyboardInterrupt:
         pass  # the way to end it
     finally:

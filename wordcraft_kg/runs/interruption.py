@@ -28,6 +28,23 @@ def first_interrupt() -> Iterator[threading.Event]:
         signal.signal(signal.SIGINT, before)
 
 
+@contextmanager
+def sigterm_as_interrupt() -> Iterator[None]:
+    """Take a request to end, such as a cluster's before the time of a job is up or a service manager's, for Ctrl-C."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def stop(signum: int, frame: Any) -> None:
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGTERM, stop)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
 def interruption_message(folder: Path, unit: str, number: int) -> str:
     """Say what an interrupted run has saved and how to resume it."""
     return f"interrupted; {unit} {number:,} is saved. Resume with: wordcraft-kg resume {folder}"

@@ -90,7 +90,7 @@ class Guard:
             return 405, f"{scope['method'][:20]} is not possible here."
         origin = headers.get("origin")
         # The port counts too: another program on this machine is another site.
-        if scope["method"] == "POST" and origin is not None and urlsplit(origin).netloc != headers.get("host"):
+        if scope["method"] == "POST" and origin is not None and _site_of(origin) != headers.get("host"):
             return 403, "The form of another site was sent here. Open this site's own page."
         if len(scope.get("raw_path", b"")) + len(scope["query_string"]) > LONGEST_ADDRESS:
             return 414, f"The address is longer than {LONGEST_ADDRESS:,} bytes."
@@ -119,6 +119,14 @@ def _name_in(host: str) -> str:
     """Return the name in a Host header, without the port: ``localhost:80`` and ``[::1]:80``."""
     try:
         return urlsplit(f"//{host}").hostname or ""
+    except ValueError:
+        return ""
+
+
+def _site_of(origin: str) -> str:
+    """Return host and port of an Origin header; empty if it is none."""
+    try:
+        return urlsplit(origin).netloc
     except ValueError:
         return ""
 

@@ -181,7 +181,7 @@ def test_a_person_gets_the_tasks_of_the_protocol_with_answers_in_practice_only(b
         assert f"{part} {task.number} of 2" in page
         assert f'value="{place}" max="4"' in page
         one, other = (labels.index(label) + 1 for label in task.plans[0][:2])
-        held = browser.get(f"/s/{code}/task?held={one}")
+        held = browser.get(f"/s/{code}/task?task={place}&held={one}")
         assert f"<strong>{labels[one - 1]}</strong>" in held
         is_right = place % 2 == 0
         shown = browser.answer(code, one, other if is_right else next(i for i in range(1, 9) if i not in (one, other)))
@@ -226,17 +226,38 @@ def test_the_answer_of_a_task_is_not_shown_before_it_was_answered(browser: Brows
 def test_the_same_thing_may_be_picked_twice_and_a_pick_put_back(browser: Browser):
     code = browser.begin()
     assert "Put it back" not in browser.get(f"/s/{code}/task")
-    assert "Put it back" in browser.get(f"/s/{code}/task?held=3")
-    assert "Pick the first thing" in browser.get(f"/s/{code}/task?held=")
+    assert "Put it back" in browser.get(f"/s/{code}/task?task=0&held=3")
+    assert "Pick the first thing" in browser.get(f"/s/{code}/task?task=0&held=")
     browser.answer(code, 3, 3)
     (line,) = browser.lines()
     assert line.picks == (line.table[2], line.table[2])
 
 
+def test_a_pick_at_the_table_of_another_task_is_none_at_this_one(browser: Browser):
+    code = browser.begin()
+    browser.get(f"/s/{code}/task")
+    browser.answer(code, 1, 1)
+    browser.get(f"/s/{code}/task")
+    assert "Put it back" in browser.get(f"/s/{code}/task?task=1&held=3")
+    # A second tab, or the browser after going back, still shows the first task.
+    for stale in ("task=0&held=3", "held=3", "task=2&held=3", "task=x&held=3"):
+        assert "Pick the first thing" in browser.get(f"/s/{code}/task?{stale}")
+        assert browser.place == f"/s/{code}/task"
+
+
+def test_a_table_is_not_seen_before_its_time_begins(browser: Browser):
+    code = browser.begin()
+    browser.get(f"/s/{code}/task?task=0&held=1")
+    browser.now += 7
+    browser.answer(code, 1, 1)
+    assert [line.seconds for line in browser.lines()] == [7.0]
+
+
 @pytest.mark.parametrize("held", ["0", "11", "-1", "1.0", "x", "²", "٣", "9" * 5_000, "1&held=2"])
 def test_a_first_pick_that_is_none_is_no_pick(browser: Browser, held: str):
     code = browser.begin()
-    page = browser.get(f"/s/{code}/task?held={held}")
+    browser.get(f"/s/{code}/task")
+    page = browser.get(f"/s/{code}/task?task=0&held={held}")
     assert browser.status == 200
     assert ("Pick the first thing" in page) == ("&" not in held)
 
@@ -251,9 +272,9 @@ def test_time_goes_from_the_first_showing_to_the_second_pick_and_loads_are_count
     browser.get(f"/s/{code}/task")  # a reload
     browser.client.head(f"/s/{code}/task")
     browser.now += 2.25
-    browser.get(f"/s/{code}/task?held=1")
-    browser.get(f"/s/{code}/task?held=")
-    browser.get(f"/s/{code}/task?held=2")
+    browser.get(f"/s/{code}/task?task=0&held=1")
+    browser.get(f"/s/{code}/task?task=0&held=")
+    browser.get(f"/s/{code}/task?task=0&held=2")
     browser.now += 1
     browser.answer(code, 2, 1)
     browser.now += 50  # looks at the answer
@@ -430,11 +451,11 @@ def test_labels_stay_text(tmp_path: Path):
         browser = Browser(study, answers, tmp_path / "study")
         code = browser.begin()
         plain = browser.get(f"/s/{code}/task").count("<")
-        for task in study.tasks(study.cells[0]):
+        for place, task in enumerate(study.tasks(study.cells[0])):
             page = browser.get(f"/s/{code}/task")
             assert page.count("<") == plain
             assert [unescape(text) for text in re.findall(r'class="label">([^<]*)<', page)] == list(task.table)
-            browser.get(f"/s/{code}/task?held=1")
+            browser.get(f"/s/{code}/task?task=0&held=1")
             browser.answer(code, 1, 2)
         assert browser.place.endswith("/end")
         assert [line.table for line in browser.lines()] == [task.table for task in study.tasks(study.cells[0])]

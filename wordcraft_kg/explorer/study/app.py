@@ -150,10 +150,15 @@ class _Server:
         tasks, place = self.study.tasks(person.cell), len(self.answers.answers_of(person))
         if place == len(tasks):
             return _to(f"/s/{code}/end")
-        task = tasks[place]
-        held = _slot(request.query_params.get("held", ""), task)
+        task, asked = tasks[place], request.query_params
+        if "held" in asked and (
+            asked.get("task") != str(place) or self.answers.shown(person, task.part, task.number) is None
+        ):
+            # A pick at the table of another task, as from a second tab or after going back, is none at this one.
+            return _to(f"/s/{code}/task")
+        held = _slot(asked.get("held", ""), task)
         # To look at the table again with something in hand, or without it again, is no further showing.
-        if "held" not in request.query_params and request.method == "GET":
+        if "held" not in asked and request.method == "GET":
             self.answers.show(person, task.part, task.number, self.clock())
         return self._page("task", code=code, task=task, held=held, place=place, all=len(tasks))
 

@@ -4,6 +4,7 @@ from html.parser import HTMLParser
 from urllib.parse import parse_qsl, unquote, urlsplit
 
 import pytest
+from starlette.testclient import TestClient
 
 from tests.explorer.labels import HOSTILE
 from wordcraft_kg.errors import ConfigError, UnknownEntityError
@@ -13,6 +14,7 @@ from wordcraft_kg.explorer.pages import PAGES
 from wordcraft_kg.explorer.pages.map import Map
 from wordcraft_kg.explorer.pages.path import Path
 from wordcraft_kg.explorer.rendering import Site
+from wordcraft_kg.explorer.server import make_app
 from wordcraft_kg.graphs import Planner, RecipeGraph
 from wordcraft_kg.graphs.folder import OpenedGraph, default_split
 from wordcraft_kg.records import checked_values
@@ -138,3 +140,12 @@ def test_pages_of_an_entity_whose_cost_has_thousands_of_digits_can_be_read():
         assert shown in found(explored, page, state).text
         checked_values(page.view(explored, state))
     assert "about 2.8 × 10^4515" in repr(Planner(graph).derivation("15000"))
+
+
+def test_a_graph_without_entities_is_no_error_of_the_program():
+    graph = RecipeGraph.from_recipes([])
+    explored = Explored(OpenedGraph(graph, default_split(graph), "empty"))
+    client = TestClient(make_app(explored), base_url="http://localhost")
+    answers = {name: client.get(f"/{name}") for name in PAGES}
+    assert {name: answer.status_code for name, answer in answers.items() if answer.status_code >= 500} == {}
+    assert "The graph has no entities" in answers["path"].text

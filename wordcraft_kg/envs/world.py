@@ -97,7 +97,7 @@ class World:
             self.graph, self.split, self._derived = opened.graph, opened.split, {}
         self.config = config
         self.nothing = self.graph.num_entities
-        self.max_results = 1 if config.ambiguity == "last" else int(np.diff(self.graph.pair_starts).max())
+        self.max_results = 1 if config.ambiguity == "last" else int(np.diff(self.graph.pair_starts).max(initial=1))
         self.num_slots = config.depth + 1 + config.num_distractors + self.max_results * config.attempts
         # What no distractor may be: the goal, the starting ingredients and what the task's plans make of them.
         needed = np.concatenate([self.tasks.starts, self.tasks.intermediates], axis=1) != self.nothing

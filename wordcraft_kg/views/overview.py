@@ -41,7 +41,7 @@ class Overview(Record):
         reachable: entities that can be made from the base, which is included.
         layers: number of rounds in which they are made.
         most_used: entities in most recipes.
-        furthest: entities that need most rounds.
+        furthest: entities that need most rounds, of those that can be made from the base.
     """
 
     graph: str
@@ -63,7 +63,8 @@ def view_overview(opened: OpenedGraph, models: Mapping[str, OpenedModel], runs: 
     graph, layer = opened.graph, layers(opened.graph)
 
     def first(keys: np.ndarray) -> tuple[str, ...]:
-        return graph.labels(np.argsort(-keys, kind="stable")[:EXAMPLES].tolist())
+        order = np.argsort(-keys, kind="stable")
+        return graph.labels(order[keys[order] > 0][:EXAMPLES].tolist())
 
     return Overview(
         graph=graph.name,

@@ -455,7 +455,7 @@ def test_labels_stay_text(tmp_path: Path):
             page = browser.get(f"/s/{code}/task")
             assert page.count("<") == plain
             assert [unescape(text) for text in re.findall(r'class="label">([^<]*)<', page)] == list(task.table)
-            browser.get(f"/s/{code}/task?task=0&held=1")
+            browser.get(f"/s/{code}/task?task={place}&held=1")
             browser.answer(code, 1, 2)
         assert browser.place.endswith("/end")
         assert [line.table for line in browser.lines()] == [task.table for task in study.tasks(study.cells[0])]

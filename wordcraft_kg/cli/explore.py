@@ -35,7 +35,8 @@ def explore(
 ) -> None:
     """Look at a graph, at what models predict and at what agents think, in the browser; Ctrl-C ends it.
 
-    Nothing is written into the folders that are looked at, and only this machine can open the pages.
+    Nothing is written into the folders that are looked at. Only this machine can open the pages, unless --host opens
+    them to others.
 
     Args:
         graph: graph folder, recipe book or known book's name.
@@ -44,9 +45,10 @@ def explore(
             training is shown as it goes.
         export: write the pages into this folder instead, to publish them.
         force: replace that folder if it exists.
-        host: address of this machine to listen on. Any other than 127.0.0.1 opens the pages to others.
+        host: address of this machine to listen on; others than 127.0.0.1, such as 0.0.0.0, open the pages to others.
         port: port to listen on; 0 takes a free one.
-        allow_host: a further name by which the pages may be asked for, as behind a proxy.
+        allow_host: a further name or address by which the pages may be asked for, as with --host 0.0.0.0 or behind a
+            proxy; several by several options.
         no_browser: do not open the browser.
     """
     from wordcraft_kg.explorer.extra import check_extra

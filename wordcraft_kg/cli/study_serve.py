@@ -37,7 +37,8 @@ def study_serve(
 ) -> None:
     """Let people take the paper's test in the browser, several at once; Ctrl-C ends it, the same command goes on.
 
-    Each answer is on the disk before the next page. Nothing is kept of a person but picks and times.
+    Each answer is on the disk before the next page. Nothing is kept of a person but picks, times, and how
+    often a page was loaded.
 
     Args:
         graph: graph folder, recipe book or known book's name.
@@ -48,9 +49,10 @@ def study_serve(
         forms: number of different draws of tasks that people are spread over evenly; 1 gives all the same tasks.
         seed: seed of the first draw; the others have the seeds that follow.
         consent: text file with what people have to agree to. Default: a text that fits what is stored.
-        host: address of this machine to listen on. Any other than 127.0.0.1 opens the pages to others.
+        host: address of this machine to listen on; others than 127.0.0.1, such as 0.0.0.0, open the pages to others.
         port: port to listen on; 0 takes a free one.
-        allow_host: a further name by which the pages may be asked for, as behind a proxy.
+        allow_host: a further name or address by which the pages may be asked for, as with --host 0.0.0.0 or behind a
+            proxy; several by several options.
         no_browser: do not open the browser.
     """
     from wordcraft_kg.agents.people.study import Study

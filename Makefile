@@ -75,12 +75,12 @@ site: install
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable ".[docs]"
 	$(BIN)/mkdocs build --strict
 	$(BIN)/wordcraft-kg build-graph everyday --out build/explorer/everyday --force
-	$(BIN)/wordcraft-kg train-recipes build/explorer/everyday --out build/explorer/recipes --force
-	$(BIN)/wordcraft-kg train-complex build/explorer/everyday --out build/explorer/complex --force
+	$(BIN)/wordcraft-kg train-recipes build/explorer/everyday --out build/explorer/everyday-recipes --force
+	$(BIN)/wordcraft-kg train-complex build/explorer/everyday --out build/explorer/everyday-complex --force
 	$(BIN)/wordcraft-kg train-agent build/explorer/everyday $(AGENT) --out build/explorer/no-kg --force
-	$(BIN)/wordcraft-kg train-agent build/explorer/everyday $(AGENT) --scorer build/explorer/recipes --use u,v,w \
+	$(BIN)/wordcraft-kg train-agent build/explorer/everyday $(AGENT) --scorer build/explorer/everyday-recipes --use u,v,w \
 		--out build/explorer/guided --force
-	$(BIN)/wordcraft-kg explore build/explorer/everyday --model build/explorer/recipes --model build/explorer/complex \
+	$(BIN)/wordcraft-kg explore build/explorer/everyday --model build/explorer/everyday-recipes --model build/explorer/everyday-complex \
 		--run build/explorer/guided --run build/explorer/no-kg --export site/everyday --force
 
 clean:

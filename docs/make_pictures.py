@@ -1,22 +1,54 @@
-"""Takes the pictures of docs/explorer.md from a static site of the book everyday; needs Chromium and Playwright.
+"""Takes the pictures of docs/explorer.md and docs/people.md; needs Chromium and Playwright.
 
 make site && python docs/make_pictures.py site/everyday
 """
 
 import argparse
+import json
 import shutil
+import subprocess
+import sys
+import tempfile
 from pathlib import Path
 
-from playwright.sync_api import sync_playwright
+from playwright.sync_api import Browser, sync_playwright
 
 IMAGES = Path(__file__).parent / "images"
+WIDTH = 1180
 PICTURES = {
     "explorer-entity": ("entity/bread.html", 1180),
     "explorer-map": ("map/map.html", 900),
-    "explorer-path": ("path/bread.html", 620),
     "explorer-episode": ("episode", 900),
 }
-"""Page and height of each picture."""
+"""Page of the static site, or folder whose first page it is, and height of each picture."""
+STUDY = ("study", "serve", "everyday", "--tasks", "20", "--port", "0", "--no-browser", "--json")
+
+
+def of_the_site(browser: Browser, site: Path) -> None:
+    """Take pictures of pages of the static site."""
+    for name, (page, height) in PICTURES.items():
+        path = site / page
+        tab = browser.new_page(viewport={"width": WIDTH, "height": height})
+        tab.goto((path if path.is_file() else min(path.iterdir())).as_uri())
+        tab.wait_for_timeout(500)
+        tab.screenshot(path=IMAGES / f"{name}.png")
+        tab.close()
+
+
+def of_a_study(browser: Browser) -> None:
+    """Take a picture of a study's first task, with one thing picked."""
+    with tempfile.TemporaryDirectory() as folder:
+        command = [sys.executable, "-m", "wordcraft_kg", *STUDY, "--out", f"{folder}/study"]
+        with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
+            assert server.stdout is not None
+            tab = browser.new_page(viewport={"width": 900, "height": 330})
+            tab.goto(json.loads(server.stdout.readline())["address"])
+            tab.locator("main button").first.click()
+            tab.locator("main a").first.click()
+            tab.keyboard.press("1")
+            tab.wait_for_timeout(500)
+            tab.screenshot(path=IMAGES / "people-task.png")
+            server.terminate()
 
 
 def main() -> None:
@@ -26,14 +58,8 @@ def main() -> None:
     site = parser.parse_args().site.resolve()
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=["--no-sandbox"])
-        for name, (page, height) in PICTURES.items():
-            path = site / page
-            found = path if path.is_file() else sorted(path.iterdir())[0]
-            tab = browser.new_page(viewport={"width": 1180, "height": height})
-            tab.goto(found.as_uri())
-            tab.wait_for_timeout(500)
-            tab.screenshot(path=IMAGES / f"{name}.png")
-            tab.close()
+        of_the_site(browser, site)
+        of_a_study(browser)
         browser.close()
 
 

@@ -3,6 +3,7 @@
 import json
 import os
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -17,6 +18,9 @@ from wordcraft_kg.errors import ArtefactError, GraphMismatchError
 from wordcraft_kg.graphs import open_graph
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.splits import SplitConfig
+from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
+from wordcraft_kg.models.links.folder import open_model
+from wordcraft_kg.models.links.training import train_links
 
 CONFIG = AgentConfig(
     "kitchen",
@@ -124,3 +128,25 @@ def test_what_cannot_be_read_is_an_error_each_time_until_it_can(
 def test_a_run_of_another_split_is_refused(interrupted: Path) -> None:
     with pytest.raises(GraphMismatchError, match="was trained on split"):
         FollowedRun(interrupted, open_graph("kitchen", SplitConfig(seed=5))).agent()
+
+
+@pytest.mark.parametrize("gone", [False, True])
+def test_a_scorer_of_links_that_was_taught_a_dose_remembers_no_more(
+    opened: OpenedGraph, tmp_path: Path, gone: bool
+) -> None:
+    dosed = LinksConfig("kitchen", ComplExConfig(dim=4, epochs=1, folds=0, share=0.5, noise=0.4))
+    model = train_links(dosed, tmp_path / "model").folder
+    config = replace(CONFIG, scorer=str(model), trainer=ImpalaConfig(steps=80, batch_size=8))
+    run = FollowedRun(train_agent(config, tmp_path / "run").folder, opened)
+    dose = open_model(model).dose
+    if gone:
+        shutil.rmtree(model)  # then it is only known that these are train recipes
+    world = World(opened, config.tasks.environment("all"))
+    is_right, told = dose.is_taught & ~dose.is_wrong, set()
+    for task in range(0, len(world.tasks), 10):
+        for one in (recipe for way in run.explainer(world).task(task).ways for recipe in way):
+            ids = [opened.graph.id_of(label) for label in (one.ingredient_a, one.ingredient_b, one.result)]
+            (row,) = (row for row, recipe in enumerate(opened.graph.recipes.tolist()) if recipe == ids)
+            assert one.is_remembered == (one.part == "train" if gone else bool(is_right[row]))
+            told.add((one.part, one.is_remembered))
+    assert told >= {("train", True), ("test", False)} | (set() if gone else {("train", False)})

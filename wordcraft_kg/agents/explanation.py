@@ -176,20 +176,30 @@ class Explainer:
         True
     """
 
-    def __init__(self, policy: Policy, world: World, *, kg: KG = "partial", most_picks: int | None = None):
+    def __init__(
+        self,
+        policy: Policy,
+        world: World,
+        *,
+        kg: KG = "partial",
+        taught: NDArray[np.bool_] | None = None,
+        most_picks: int | None = None,
+    ):
         """Take a policy of the world's graph.
 
         Args:
             policy: the policy; its parameters are copied.
             world: graph, tasks and settings.
             kg: the knowledge graph that its scorer was trained on, if it has one.
+            taught: which recipes of that it was taught as they are, shape (num_recipes,). Default: all, as far as no
+                source tells otherwise.
             most_picks: picks after which an episode is left as it is, in progress; None plays to its end.
 
         Raises:
             LeakError: if a task would be scored by a model that has been trained on its recipes.
         """
         self.world = world
-        self._kg, self._most_picks = kg, most_picks
+        self._kg, self._taught, self._most_picks = kg, taught, most_picks
         self._policy = _own(policy)
         if has_train_recipes(world):
             self._policy.bind(world.tasks)
@@ -320,7 +330,9 @@ class Explainer:
         return ("without_a_fold", model - 1, is_known) if model else ("train_recipes", None, is_known)
 
     def _known(self, is_seen: NDArray[np.bool_], model: int) -> NDArray[np.bool_]:
-        """Return which of the recipes that a model may have been taught it has, as far as a source can tell."""
+        """Return which of the recipes that a model may have been taught it has, as far as that is known."""
+        if self._taught is not None:
+            return is_seen & self._taught
         for source in self._policy.sources.values():
             if isinstance(source, BestRecipe):
                 recipes = torch.from_numpy(self.world.graph.recipes.copy())

@@ -6,13 +6,18 @@ from collections.abc import Callable, Hashable
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
+import numpy as np
+from numpy.typing import NDArray
+
 from wordcraft_kg.agents.agent_folder import AGENTS, AgentRun, OpenedAgent, open_agent, read_agent_run
 from wordcraft_kg.agents.explanation import Explainer
 from wordcraft_kg.agents.records import EPISODES_FILE, PlayedTask, read_episodes
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
+from wordcraft_kg.errors import WordCraftKGError
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.tasks import TaskPart
+from wordcraft_kg.models.links.folder import open_model
 from wordcraft_kg.runs.record import RUN_FILE
 
 EXPLAINERS = 8
@@ -76,12 +81,31 @@ class FollowedRun:
         with self._lock:
             agent = self.agent()
             if world.config not in self._explainers:
-                kg = agent.run.kg or "partial"
-                self._explainers[world.config] = Explainer(agent.policy, world, kg=kg, most_picks=MOST_PICKS)
+                kg, taught = agent.run.kg or "partial", self._taught(agent)
+                self._explainers[world.config] = Explainer(
+                    agent.policy, world, kg=kg, taught=taught, most_picks=MOST_PICKS
+                )
                 if len(self._explainers) > EXPLAINERS:
                     self._explainers.popitem(last=False)
             self._explainers.move_to_end(world.config)
             return self._explainers[world.config]
+
+    def _taught(self, agent: AgentRun) -> NDArray[np.bool_] | None:
+        """Return which recipes the agent's scorer was taught as they are; None if its folder is gone or another one."""
+        inputs, folder = agent.run.inputs, agent.config.scorer
+        if folder is None or "scorer" not in inputs:
+            return None
+
+        def read() -> NDArray[np.bool_] | None:
+            try:
+                model = open_model(folder, self.opened.source)
+                if model.run.outputs["model.safetensors"] != inputs["scorer"]:
+                    return None
+                return model.dose.is_taught & ~model.dose.is_wrong
+            except WordCraftKGError:
+                return None
+
+        return self._once("taught", inputs["scorer"], read)
 
     def episodes(self) -> dict[tuple[TaskPart, str, tuple[str, ...]], PlayedTask]:
         """Return how the episodes of its evaluation ended, by part, goal and start; none as long as it is not done.

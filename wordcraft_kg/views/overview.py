@@ -6,8 +6,10 @@ from pathlib import Path
 import numpy as np
 
 from wordcraft_kg.graphs.audit import SplitSummary, split_summary
+from wordcraft_kg.graphs.doses import dose_words
 from wordcraft_kg.graphs.folder import KG, OpenedGraph
 from wordcraft_kg.graphs.planner import layers
+from wordcraft_kg.models.links.config import SavedConfig
 from wordcraft_kg.models.links.folder import OpenedModel
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted, whole_of
 from wordcraft_kg.models.scorers.recipes import RecipeScores
@@ -23,6 +25,7 @@ class ModelLine(Record):
     Attributes:
         command: what made it, such as ``train-complex``.
         kg: what it was trained on.
+        dose: what of the train recipes it was taught, in words; empty for all of them as they are.
         folds: number of its folds; 0 if it is not cross-fitted.
         scores_recipes: whether it scores recipes, and not links only.
     """
@@ -30,6 +33,7 @@ class ModelLine(Record):
     name: str
     command: str
     kg: KG
+    dose: str
     folds: Count
     scores_recipes: bool
 
@@ -83,6 +87,7 @@ def view_overview(opened: OpenedGraph, models: Mapping[str, OpenedModel], runs: 
 
 
 def _line(name: str, model: OpenedModel) -> ModelLine:
-    scorer = model.scorer
+    scorer, settings = model.scorer, model.settings
+    dose = "" if isinstance(settings, SavedConfig) else dose_words(settings.share, settings.noise)
     folds = scorer.count if isinstance(scorer, CrossFitted) else 0
-    return ModelLine(name, model.settings.command, model.kg, folds, isinstance(whole_of(scorer), RecipeScores))
+    return ModelLine(name, settings.command, model.kg, dose, folds, isinstance(whole_of(scorer), RecipeScores))

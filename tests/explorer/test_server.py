@@ -143,6 +143,16 @@ def test_an_entity_that_is_not_there_leads_to_those_that_may_be_meant(client: Te
     assert "/entity/bread" in Links(answer.text).found
 
 
+@pytest.mark.parametrize(
+    ("path", "is_meant"),
+    [("/map?entity=brea", True), ("/path?entity=brea", True), ("/run/brea", False), ("/entity/bread?model=x", False)],
+)
+def test_entities_are_offered_where_an_entity_is_not_there(client: TestClient, path: str, is_meant: bool):
+    answer = client.get(path)
+    assert answer.status_code == 404
+    assert ("Perhaps one of these" in answer.text, "/entity/bread" in Links(answer.text).found) == (is_meant, is_meant)
+
+
 def test_an_unknown_choice_of_a_page_is_named(client: TestClient):
     answer = client.get("/entities?sort=size")
     assert answer.status_code == 400

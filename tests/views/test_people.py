@@ -68,6 +68,17 @@ def test_the_interval_over_people_is_that_of_all_resamples_of_people(protocol: H
     assert row.people_interval == pytest.approx((min(drawn), max(drawn)))
 
 
+@pytest.mark.parametrize("answers", ["111", "000"])
+def test_people_who_are_all_right_or_all_wrong_have_an_interval_and_not_a_point(protocol: HumanProtocol, answers: str):
+    people = [session(protocol, answers[:2]), session(protocol, answers), session(protocol, answers[:1])]
+    sessions = by_file(*people)
+    made = {one.table_of(answer): answers == "111" for one in people for answer in one.answers}
+    row = view_people(sessions, {"agent": made}).conditions[0].parts["train"]
+    right = 3 * (answers == "111")
+    assert row.people_interval == wilson_interval(right, 3)
+    assert (row.agents["agent"].tables, row.agents["agent"].interval) == (3, wilson_interval(right, 3))
+
+
 def test_one_person_alone_has_no_interval_over_people_and_none_without_answers(protocol: HumanProtocol):
     row = view_people(by_file(session(protocol, "111"))).conditions[0]
     assert row.parts["train"].people_interval is None

@@ -119,7 +119,10 @@ class _Server:
                     self._keep(address, kept)
             return Response(kept, media_type=HTML, headers={"Cache-Control": "no-store" if is_live else "no-cache"})
         except UnknownEntityError as error:
-            return self._error(404, str(error), self._suggestions(subject[:200]))
+            # Labels that do not fit a path are in the query; and what is not there may be a run or a model.
+            wanted = (subject if page.subject == "entity" else "") or dict(query).get("entity", "")
+            is_other = wanted in self.explored.opened.graph
+            return self._error(404, str(error), {} if is_other else self._suggestions(wanted[:200]))
         except ConfigError as error:
             return self._error(400, str(error))
         except WordCraftKGError as error:

@@ -20,7 +20,8 @@ class BesideRate(Record):
         successes: answers at whose table the agent makes the goal.
         rate: their share.
         tables: number of different tables.
-        interval: 95 % interval of the rate, by bootstrap over tables; None for a single table.
+        interval: 95 % interval of the rate, by bootstrap over tables, or, if all came out alike, Wilson's; None for a
+            single table.
     """
 
     successes: Count
@@ -38,7 +39,8 @@ class AnswerRate(Record):
         rate: their share; None without answers.
         interval: its 95 % Wilson interval, which takes all answers for independent: right for these people only.
         people: number of people who gave them.
-        people_interval: its 95 % interval by bootstrap over people, who differ; None for a single one.
+        people_interval: its 95 % interval by bootstrap over people, who differ, or, if all answers are alike, Wilson's
+            with people for answers; None for a single person.
         agents: at the same tables, by name.
     """
 
@@ -178,5 +180,13 @@ def _beside(made: Sequence[bool], keys: Sequence[TableKey]) -> BesideRate:
 
 
 def _over(right: NDArray[np.float64], clusters: NDArray[np.int64]) -> tuple[float, float] | None:
-    """Return the interval of a mean over people or tables, None if there is only one of them."""
-    return interval(bootstrap(right, clusters)) if len(set(clusters.tolist())) > 1 else None
+    """Return the interval of a mean over people or tables, None if there is only one of them.
+
+    Where all are right or all wrong, each resample is the same, and its interval would be a point; Wilson's is not.
+    """
+    amount = len(set(clusters.tolist()))
+    if amount < 2:
+        return None
+    if right.min() == right.max():
+        return wilson_interval(int(right[0]) * amount, amount)
+    return interval(bootstrap(right, clusters))

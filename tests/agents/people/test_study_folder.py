@@ -454,6 +454,27 @@ def test_answers_that_cannot_be_are_refused(study: Study, folder: Path, change: 
         read_study(folder)
 
 
+@pytest.mark.parametrize(
+    "foreign",
+    [
+        "CREATE TRIGGER t AFTER INSERT ON answers BEGIN DELETE FROM answers; END",
+        "DROP TABLE answers; CREATE VIEW answers AS SELECT 1 AS session, 'train' AS part, 1 AS number, 'a' AS goal, "
+        "'[]' AS slots, '[]' AS picks, '[]' AS made, 0 AS success, 0.0 AS seconds, 1 AS loads",
+        "CREATE TABLE more (thing TEXT)",
+    ],
+)
+def test_a_database_with_more_than_a_study_s_tables_is_refused_and_stays(folder: Path, foreign: str):
+    opened(folder).close()
+    connection = sqlite3.connect(folder / ANSWERS_FILE)
+    connection.executescript(foreign)
+    connection.close()
+    before = contents(folder)
+    for use in (read_study, opened):
+        with pytest.raises(ArtefactError, match="its tables are not those of a study"):
+            use(folder)
+        assert contents(folder) == before
+
+
 def test_a_database_that_was_not_finished_is_made_again(study: Study, folder: Path):
     (folder / ANSWERS_FILE).unlink()
     (folder / f".{ANSWERS_FILE}.new").write_bytes(b"half")

@@ -236,6 +236,10 @@ def reading(path: Path, study: str) -> Iterator[sqlite3.Connection]:
             kind = [connection.execute(f"PRAGMA {name}").fetchone()[0] for name in ("application_id", "user_version")]
             if kind != [APPLICATION, VERSION]:
                 raise ArtefactError(f"{path} is not a database of answers of this version. Nothing was changed.")
+            # What a stranger's file holds besides, such as views and triggers, would run as soon as it is asked.
+            found = connection.execute("SELECT sql FROM sqlite_schema WHERE sql IS NOT NULL").fetchall()
+            if sorted(found) != sorted((table,) for table in TABLES):
+                raise _damaged(path, "its tables are not those of a study")
             if (found := connection.execute("PRAGMA quick_check(1)").fetchone()[0]) != "ok":
                 raise _damaged(path, found)
             if connection.execute("SELECT record FROM study").fetchall() != [(study,)]:

@@ -139,7 +139,7 @@ def test_a_query_that_is_not_text_is_refused(client: TestClient):
 def test_an_entity_that_is_not_there_leads_to_those_that_may_be_meant(client: TestClient):
     answer = client.get("/entity/brea")
     assert answer.status_code == 404
-    assert "no entity &#39;brea&#39;" in answer.text
+    assert "No entity &#39;brea&#39;" in answer.text
     assert "/entity/bread" in Links(answer.text).found
 
 

@@ -570,3 +570,13 @@ def test_a_site_of_files_has_the_episodes_of_the_tasks_that_it_lists(agents: Exp
         assert "form" not in [tag for tag, attributes in found.tags if attributes.get("role") != "search"]
         assert not [attributes for tag, attributes in found.tags if tag == "a" and not attributes.get("href")]
         assert "/episode.html" in found.links
+
+
+def test_a_site_of_files_has_no_episode_of_an_agent_that_cannot_be_asked(agents: Explored, tmp_path: Path) -> None:
+    _, folder = agents.run()
+    shutil.copytree(folder, failed := tmp_path / "failed")
+    record = json.loads((failed / "run.json").read_text())
+    (failed / "run.json").write_text(json.dumps(record | {"status": "failed"}))
+    explored = Explored(agents.opened, runs={"done": folder, "failed": failed})
+    assert {state.run for state in PAGES["tasks"].states(explored)} == {"", "done", "failed"}
+    assert {state.run for state in PAGES["episode"].states(explored)} == {"", "done"}

@@ -90,6 +90,7 @@ def _exported(explored: Explored) -> Iterator[Episode]:
     """Yield the episodes of the tasks that a site of files lists."""
     for tasks in TASKS.states(explored):
         try:
+            followed(explored, tasks.run)[1].agent()  # one that has no weights yet cannot be asked
             rows = list_tasks(explored, tasks).table.rows
         except WordCraftKGError:
             continue

@@ -24,7 +24,8 @@ def read_tensors(path: Path, data: bytes) -> dict[str, torch.Tensor]:
     except (SafetensorError, ValueError, KeyError) as error:
         raise ArtefactError(f"{path} is damaged ({error}). Train the model again, or restore a copy.") from None
     for name, tensor in tensors.items():
-        if not torch.isfinite(tensor).all():
+        # The extremes are not finite if anything is not; asking each number takes twice the tensor's memory.
+        if tensor.is_floating_point() and tensor.numel() and not torch.isfinite(torch.stack(tensor.aminmax())).all():
             raise ArtefactError(
                 f"{path} is damaged: the tensor {name} holds NaN or infinity. Train the model again, or restore a copy."
             )
@@ -34,6 +35,11 @@ def read_tensors(path: Path, data: bytes) -> dict[str, torch.Tensor]:
 def with_prefix(tensors: Mapping[str, Tensor], prefix: str) -> dict[str, Tensor]:
     """Return the tensors whose names begin with ``prefix``, by the rest of their names."""
     return {name.removeprefix(prefix): tensor for name, tensor in tensors.items() if name.startswith(prefix)}
+
+
+def lazily_zero(tensor: Tensor) -> Tensor:
+    """Return zeros of a tensor's shape and type, which take no memory until they are written, unlike `zeros_like`."""
+    return torch.zeros(tensor.shape, dtype=tensor.dtype)
 
 
 def copied(tensors: Mapping[str, Tensor]) -> dict[str, Tensor]:

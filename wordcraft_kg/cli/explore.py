@@ -67,9 +67,10 @@ def explore(
         output.result(found, _exported(found, export))
         return
     from wordcraft_kg.explorer.server import make_app, warm
-    from wordcraft_kg.explorer.serving import Serving, listen, serve
+    from wordcraft_kg.explorer.serving import Serving, listen, return_freed_memory, serve
 
     listening = listen(host, port)  # before the work
+    return_freed_memory()
     try:
         explored = Explored.open(graph, model or (), run or ())
     except BaseException:

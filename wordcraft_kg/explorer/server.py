@@ -29,7 +29,7 @@ from wordcraft_kg.records import as_values
 from wordcraft_kg.views.entity_list import search_entities
 
 T = TypeVar("T")
-KEPT = 2**25
+KEPT = 2**24
 """Bytes of rendered pages that are kept: nothing that they show changes."""
 THREADS = 8
 """Pages made at a time: more would only wait for each other; fewer might all wait for what is made once."""

@@ -3,6 +3,7 @@
 import errno
 import socket
 from collections.abc import Callable
+from contextlib import suppress
 
 from starlette.types import ASGIApp
 
@@ -85,6 +86,21 @@ def serve(app: ASGIApp, listening: socket.socket, started: Callable[[str], None]
         pass  # the way to end it
     finally:
         listening.close()
+
+
+def return_freed_memory() -> None:
+    """Let the memory of large arrays go back to the system when they are freed.
+
+    glibc keeps more of it the larger the arrays are that have been freed, for each thread; a server that ranks all links
+    once would stay 90 MB larger for ever. Does nothing where there is another C library.
+    """
+    import ctypes
+
+    trim_threshold, mmap_threshold, arenas = -1, -3, -8  # of <malloc.h>
+    with suppress(OSError, AttributeError):
+        library = ctypes.CDLL("libc.so.6")
+        for parameter, value in ((trim_threshold, 2**17), (mmap_threshold, 2**17), (arenas, 2)):
+            library.mallopt(parameter, value)
 
 
 def address_of(listening: socket.socket) -> str:

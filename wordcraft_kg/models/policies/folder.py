@@ -144,7 +144,7 @@ def read_policy(folder: Path, constants: bytes, parameters: Mapping[str, Tensor]
         for name, tensor in policy.state_dict().items():
             if name in weights and weights[name].dtype != tensor.dtype:  # load_state_dict would convert it
                 raise ValueError(f"{name} is of {weights[name].dtype}, not {tensor.dtype}")
-        policy.load_state_dict(weights)
+        policy.load_state_dict(weights, assign=True)
         policy.entities, policy.graph_hash = tuple(description["entities"]), description["graph"]
     except (KeyError, TypeError, ValueError, AttributeError, RuntimeError) as error:
         raise ArtefactError(

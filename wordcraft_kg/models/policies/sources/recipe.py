@@ -13,6 +13,7 @@ from wordcraft_kg.models.scorers.cross_fitting import CrossFitted, whole_of
 from wordcraft_kg.models.scorers.pair_features import BUFFERS, RecipeKnowledge
 from wordcraft_kg.models.scorers.protocol import TripleScorer
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
+from wordcraft_kg.tensors import lazily_zero
 
 
 class BestRecipe(FoldedSource):
@@ -57,9 +58,9 @@ class BestRecipe(FoldedSource):
 
     @classmethod
     def restored(cls, num_entities: int, constants: Mapping[str, Tensor]) -> Self:  # noqa: D102 - inherited
-        empty = {name: torch.zeros_like(constants[f"knowledge.{name}"]) for name in BUFFERS}
+        empty = {name: lazily_zero(constants[f"knowledge.{name}"]) for name in BUFFERS}
         of_recipe = constants.get("fold_of_recipe")
-        return cls(num_entities, RecipeKnowledge(empty), None if of_recipe is None else torch.zeros_like(of_recipe))
+        return cls(num_entities, RecipeKnowledge(empty), None if of_recipe is None else lazily_zero(of_recipe))
 
     @classmethod
     def num_bytes(cls, num_entities: int) -> int:  # noqa: D102 - inherited

@@ -20,6 +20,7 @@ from wordcraft_kg.models.scorers.pair_features import Speaking
 from wordcraft_kg.models.scorers.protocol import FactoredScorer, TripleScorer, check_scorer
 from wordcraft_kg.models.scorers.scales import FACTORED_SCALES, scaled_factors, scaled_table
 from wordcraft_kg.settings import check_memory
+from wordcraft_kg.tensors import lazily_zero
 
 
 @dataclass(frozen=True)
@@ -266,7 +267,7 @@ class PairSource(FoldedSource):
 
     @classmethod
     def restored(cls, num_entities: int, constants: Mapping[str, Tensor]) -> Self:  # noqa: D102 - inherited
-        return cls(num_entities, {name: torch.zeros_like(tensor) for name, tensor in constants.items()})
+        return cls(num_entities, {name: lazily_zero(tensor) for name, tensor in constants.items()})
 
     @classmethod
     def num_bytes(cls, num_entities: int) -> int:  # noqa: D102 - inherited

@@ -91,8 +91,8 @@ def serve(app: ASGIApp, listening: socket.socket, started: Callable[[str], None]
 def return_freed_memory() -> None:
     """Let the memory of large arrays go back to the system when they are freed.
 
-    glibc keeps more of it the larger the arrays are that have been freed, for each thread; a server that ranks all links
-    once would stay 90 MB larger for ever. Does nothing where there is another C library.
+    glibc keeps the more of it the larger the arrays are that have been freed, for each thread: a server that has ranked
+    all links once would stay 90 MB larger for ever. Does nothing where there is another C library.
     """
     import ctypes
 

@@ -80,10 +80,11 @@ def choices(opened: OpenedGraph, models: list[str], runs: list[str]) -> dict[str
     return kinds
 
 
-def memory_of(process: int) -> float:
-    """Return the most memory that a process has taken, in MB."""
-    found = re.search(r"VmHWM:\s+(\d+) kB", Path(f"/proc/{process}/status").read_text())
-    return int(found[1]) / 1000 if found else float("nan")
+def memory_of(process: int) -> str:
+    """Return the memory that a process takes, and the most that it has taken, in MB."""
+    status = Path(f"/proc/{process}/status").read_text()
+    now, most = (int(re.findall(rf"{name}:\s+(\d+) kB", status)[0]) / 1000 for name in ("VmRSS", "VmHWM"))
+    return f"{now:.0f} MB, at most {most:.0f}"
 
 
 class Clients:
@@ -146,14 +147,14 @@ def main() -> None:
             connection.request("GET", "/home")
             connection.getresponse().read()
             first = time.perf_counter() - started
-            print(f"start {started - begun:.2f} s; first page {first:.3f} s; memory {memory_of(server.pid):.0f} MB")
+            print(f"start {started - begun:.2f} s; first page {first:.3f} s; memory {memory_of(server.pid)}")
             models, runs = ([Path(path).resolve().name for path in paths] for paths in (given.model, given.run))
             kinds = choices(open_graph(given.graph), models, runs)
             time.sleep(8)  # what is made in the background
             clients = Clients((host, int(port)), kinds, given.think)
             clients.run(given.clients, given.seconds)
             report(clients, given)
-            print(f"memory, at most: {memory_of(server.pid):.0f} MB of {os.cpu_count()} cores' machine")
+            print(f"memory {memory_of(server.pid)}; {os.cpu_count()} cores")
         finally:
             server.terminate()
 

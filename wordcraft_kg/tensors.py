@@ -38,8 +38,8 @@ def with_prefix(tensors: Mapping[str, Tensor], prefix: str) -> dict[str, Tensor]
 
 
 def lazily_zero(tensor: Tensor) -> Tensor:
-    """Return zeros of a tensor's shape and type, which take no memory until they are written, unlike `zeros_like`."""
-    return torch.zeros(tensor.shape, dtype=tensor.dtype)
+    """Return zeros of a tensor's shape and type that take no memory until they are written; torch writes its own."""
+    return torch.from_numpy(np.zeros(tensor.shape, tensor.numpy().dtype))
 
 
 def copied(tensors: Mapping[str, Tensor]) -> dict[str, Tensor]:

@@ -17,7 +17,7 @@ from wordcraft_kg.envs.world import World
 from wordcraft_kg.errors import WordCraftKGError
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.tasks import TaskPart
-from wordcraft_kg.models.links.folder import open_model
+from wordcraft_kg.models.links.folder import read_dose
 from wordcraft_kg.runs.record import RUN_FILE
 
 EXPLAINERS = 8
@@ -98,10 +98,8 @@ class FollowedRun:
 
         def read() -> NDArray[np.bool_] | None:
             try:
-                model = open_model(folder, self.opened.source)
-                if model.run.outputs["model.safetensors"] != inputs["scorer"]:
-                    return None
-                return model.dose.is_taught & ~model.dose.is_wrong
+                dose = read_dose(folder, self.opened, inputs["scorer"])
+                return None if dose is None else dose.is_taught & ~dose.is_wrong
             except WordCraftKGError:
                 return None
 

@@ -19,6 +19,9 @@ from wordcraft_kg.records import parse_lines, parse_record
 from wordcraft_kg.runs.inputs import open_run_graph
 from wordcraft_kg.runs.record import RunRecord, read_finished_run, verified_bytes
 
+MODEL = "a model of train-complex, train-links or train-recipes"
+WEIGHTS = "model.safetensors"
+
 
 @dataclass(frozen=True)
 class OpenedModel:
@@ -102,7 +105,7 @@ class OpenedModel:
             **facts,
             "finished": self.run.ended or "",
             "versions": ", ".join(f"{name} {number}" for name, number in self.run.versions.items()),
-            "weights": self.run.outputs["model.safetensors"],
+            "weights": self.run.outputs[WEIGHTS],
         }
 
 
@@ -113,6 +116,36 @@ def _cross_fitted(metrics: LinkMetrics | RecipeMetrics) -> str:
         f"{metrics.folds} folds, MRR {metrics.fold_mrr:.3f} on train triples left out of training "
         f"({metrics.fold_in_sample_mrr:.3f} where they were in it)"
     )
+
+
+def read_dose(folder: str | Path, opened: OpenedGraph, weights: str) -> Dose | None:
+    """Return the recipes that the model of a folder was trained on, see :attr:`OpenedModel.dose`.
+
+    The weights are read only if the model was not taught all train recipes as they are.
+
+    Args:
+        folder: folder of the model.
+        opened: its graph.
+        weights: hash of the weights that are meant.
+
+    Returns:
+        None if the folder holds other weights.
+
+    Raises:
+        ArtefactError: as :func:`open_model` does.
+        GraphMismatchError: as :func:`open_model` and :attr:`OpenedModel.dose` do.
+    """
+    folder = Path(folder)
+    run = read_finished_run(folder, MODEL, WEIGHTS)
+    if run.outputs[WEIGHTS] != weights:
+        return None
+    if run.kind != SavedConfig.command:
+        verified_bytes(folder, run, "config.toml")
+        is_of_recipes = run.kind == RecipesConfig.command
+        settings = (RecipeScorerConfig if is_of_recipes else LinksConfig).read(folder).settings
+        if not is_dosed(settings.share, settings.noise):
+            return opened.dose(settings.kg)
+    return open_model(folder, opened.source).dose
 
 
 def open_model(folder: str | Path, graph: str | None = None) -> OpenedModel:
@@ -132,7 +165,7 @@ def open_model(folder: str | Path, graph: str | None = None) -> OpenedModel:
         ('partial', 'kitchen')
     """
     folder = Path(folder)
-    run = read_finished_run(folder, "a model of train-complex, train-links or train-recipes", "model.safetensors")
+    run = read_finished_run(folder, MODEL, WEIGHTS)
     scorer = load_scorer(folder)
     verified_bytes(folder, run, "config.toml")
     if run.kind == SavedConfig.command:

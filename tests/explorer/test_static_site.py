@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 from html.parser import HTMLParser
 from pathlib import Path
 from urllib.parse import unquote
@@ -129,3 +130,15 @@ def test_a_site_is_replaced_only_on_request(hostile: Explored, tmp_path: Path):
     with pytest.raises(OutputExistsError):
         export_site(hostile, tmp_path / "other", force=True)
     assert (tmp_path / "other" / "notes.txt").read_text() == "mine"
+
+
+def test_no_file_says_where_folders_are_on_this_machine(
+    explored: Explored, run_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    shutil.copytree(run_folder, tmp_path / "w")
+    (tmp_path / "w" / "episodes.jsonl").unlink()
+    broken = Explored(explored.opened, explored.models, {"w": tmp_path / "w"})
+    export_site(broken, tmp_path / "site")
+    pages = [page for page in (tmp_path / "site").rglob("*.*") if page.is_file()]
+    assert any("episodes.jsonl" in page.read_text() for page in pages), "the reason itself is said"
+    assert not [page for page in pages if str(tmp_path) in page.read_text()]

@@ -6,6 +6,8 @@ import re
 from pathlib import Path
 from typing import Any
 
+from markupsafe import escape
+
 from wordcraft_kg.artefacts import dump_json, sha256_of, staged_folder, write_atomically
 from wordcraft_kg.errors import WordCraftKGError
 from wordcraft_kg.explorer.explored import Explored
@@ -61,10 +63,11 @@ def export_site(explored: Explored, out: Path, *, force: bool = False) -> Export
         for (page, state), name in steps("writing pages", list(files.names.items())):
             site = Site(explored, files.from_file(name), _own_file(name), is_static=True)
             try:
-                content = site.page(PAGES[page], state).encode()
+                text = site.page(PAGES[page], state)
             except WordCraftKGError as error:
-                skipped[PAGES[page].address(state)] = str(error)
-                content = site.error(404, str(error)).encode()
+                skipped[PAGES[page].address(state)] = _without_places(str(error), explored)
+                text = site.error(404, str(error))
+            content = _without_places(text, explored).encode()
             (folder / name).parent.mkdir(exist_ok=True)
             write_atomically(folder / name, content)
             sizes.append(len(content))
@@ -116,6 +119,15 @@ class _Files:
         files = [self.names.get((entity.name, entity.state(entity=label))) for label in labels]
         found = [[label, file] for label, file in zip(labels, files, strict=True) if file]
         return f"window.entities = {json.dumps(found, ensure_ascii=True)};\n"
+
+
+def _without_places(text: str, explored: Explored) -> str:
+    """Return a text in which folders are called by their names: where they are on this machine is nobody's business."""
+    folders = {name: one.folder for name, one in explored.models.items()} | explored.runs
+    for name, folder in folders.items():
+        if folder.is_absolute():
+            text = text.replace(str(folder), name).replace(str(escape(str(folder))), str(escape(name)))
+    return text
 
 
 def _stem(page: Page[Any], state: State) -> str:

@@ -144,6 +144,38 @@ def test_the_code_is_shown_at_the_start_and_at_the_end_and_leads_back(browser: B
     assert "Thank you for taking part" in browser.post("/return", {"code": code})
 
 
+def test_who_withdraws_leaves_nothing_behind_and_nobody_gets_their_place(browser: Browser):
+    stays, leaves = browser.begin(), browser.begin()
+    for code in (stays, leaves):
+        browser.get(f"/s/{code}/task")
+        browser.answer(code, 1, 2)
+    number = browser.answers.find(code_hash(leaves)).number
+    goal = [line.goal for line in browser.lines() if line.session == number]
+    assert len(goal) == 1
+    browser.get(f"/s/{leaves}")
+    assert f'action="/s/{leaves}/withdraw"' in browser.page
+    assert "You have withdrawn" in browser.post(f"/s/{leaves}/withdraw", {})
+    assert [line.session for line in browser.lines()] == [browser.answers.find(code_hash(stays)).number]
+    assert browser.answers.stored().people == 1
+    browser.get(f"/s/{leaves}/task")
+    assert browser.status == 404
+    browser.post(f"/s/{leaves}/answer", {"task": "0", "first": "1", "second": "2"})
+    assert browser.status == 404
+    assert browser.answers.find(code_hash(browser.begin())).number > number
+    browser.answers.close()
+    content = b"".join(path.read_bytes() for path in browser.folder.iterdir())
+    assert code_hash(stays).encode() in content
+    assert code_hash(leaves).encode() not in content, "it is overwritten, not only unlinked"
+
+
+def test_a_withdrawal_needs_a_form_of_this_site(browser: Browser):
+    code = browser.begin()
+    assert browser.client.get(f"/s/{code}/withdraw").status_code == 405
+    browser.post(f"/s/{code}/withdraw", {}, Origin="http://evil.example")
+    assert browser.status == 403
+    assert browser.answers.find(code_hash(code)) is not None
+
+
 @pytest.mark.parametrize(
     ("typed", "status", "said"),
     [("k7qm-2xwd-9hrt", 404, "No session has this code"), ("<b>", 400, "12 letters"), ("", 400, "12 letters")],

@@ -36,7 +36,7 @@ TABLES = (
 COUNTS = """
 SELECT s.form, s.distractors, COUNT(*), SUM(COALESCE(a.answered, 0) >= ?)
 FROM sessions AS s LEFT JOIN (SELECT session, COUNT(*) AS answered FROM answers GROUP BY session) AS a
-ON a.session = s.number GROUP BY s.form, s.distractors
+ON a.session = s.number WHERE s.code NOT LIKE 'withdrawn %' GROUP BY s.form, s.distractors
 """
 BUSY = 10
 """Seconds to wait for who reads a copy meanwhile."""
@@ -102,6 +102,7 @@ class AnswersDatabase:
             connection.execute("PRAGMA journal_mode = WAL")
             connection.execute("PRAGMA synchronous = FULL")
             connection.execute("PRAGMA foreign_keys = ON")
+            connection.execute("PRAGMA secure_delete = ON")  # what somebody withdraws is overwritten
         except sqlite3.Error as error:
             connection.close()
             raise _damaged(path, error) from None
@@ -190,6 +191,13 @@ class AnswersDatabase:
             connection.execute(f"DELETE FROM showings WHERE {_KEY}", key)
             return True
 
+    def withdraw(self, person: Participant) -> None:
+        """Remove all that a person has answered, and the way to their session; its number is given to nobody else."""
+        with self._writing() as connection:
+            for table in ("answers", "showings"):
+                connection.execute(f"DELETE FROM {table} WHERE session = ?", (person.number,))
+            connection.execute("UPDATE sessions SET code = 'withdrawn ' || number WHERE number = ?", (person.number,))
+
     def stored(self) -> Stored:
         """Return how much there is."""
         with self._reading() as connection:
@@ -204,6 +212,7 @@ class AnswersDatabase:
 
 
 _KEY = "session = ? AND part = ? AND number = ?"
+_PEOPLE = "SELECT number, form, distractors FROM sessions WHERE code NOT LIKE 'withdrawn %'"
 _ANSWERS = "SELECT session, part, number, goal, slots, picks, made, success, seconds, loads FROM answers"
 
 
@@ -214,7 +223,7 @@ def read_answers(path: Path, study: str) -> tuple[list[Participant], list[Stored
         ArtefactError: if the file is damaged, something else, or of another study.
     """
     with reading(path, study) as connection:
-        rows = connection.execute("SELECT number, form, distractors FROM sessions ORDER BY number").fetchall()
+        rows = connection.execute(f"{_PEOPLE} ORDER BY number").fetchall()
         people = [Participant(number, Cell(form, distractors)) for number, form, distractors in rows]
         found = connection.execute(f"{_ANSWERS} ORDER BY session, part DESC, number").fetchall()
         try:

@@ -23,7 +23,8 @@ What is kept: the things that you pick, how long each task takes, and how often 
 kept: no name, no address of your computer, no cookies, no date. Nobody can tell from the answers who gave them. They \
 may be published for research.
 
-You get a code with which you can go on later. Keep it to yourself: whoever has it can go on in your place."""
+You get a code with which you can go on later, or withdraw: then all your answers are removed. Keep it to yourself:
+whoever has it can go on in your place."""
 """What people are asked to agree to, unless another text is given."""
 
 

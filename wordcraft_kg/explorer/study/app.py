@@ -59,6 +59,8 @@ def make_study_app(
         Route("/s/{code}/answer", server.answer, methods=["POST"]),
         Route("/s/{code}/feedback/{number:int}", server.feedback),
         Route("/s/{code}/end", server.end),
+        Route("/s/{code}/withdraw", server.withdraw, methods=["POST"]),
+        Route("/withdrawn", server.withdrawn),
     ]
     router = Router(routes, redirect_slashes=False, default=server.not_found)
     return guarded(router, host, more_hosts, server.error, methods=("GET", "HEAD", "POST"))
@@ -82,6 +84,9 @@ class _Server:
 
     async def declined(self, _: Request) -> Response:
         return self._page("declined")
+
+    async def withdrawn(self, _: Request) -> Response:
+        return self._page("withdrawn")
 
     async def begin(self, request: Request) -> Response:
         """Begin a session if somebody agrees; the code comes with the form, so that one sent twice begins one."""
@@ -123,6 +128,9 @@ class _Server:
 
     async def end(self, request: Request) -> Response:
         return await self._of_person(request, self._end)
+
+    async def withdraw(self, request: Request) -> Response:
+        return await self._of_person(request, self._withdraw)
 
     async def answer(self, request: Request) -> Response:
         form = await _form(request)
@@ -192,6 +200,10 @@ class _Server:
             return _to(f"/s/{code}/task")
         task, answer = tasks[place], given[place]
         return self._page("feedback", code=code, task=task, answer=answer, place=place + 1, all=len(tasks))
+
+    def _withdraw(self, _: Request, __: str, person: Participant) -> Response:
+        self.answers.withdraw(person)
+        return _to("/withdrawn")
 
     def _end(self, _: Request, code: str, person: Participant) -> Response:
         given = self.answers.answers_of(person)

@@ -20,7 +20,7 @@ EXAMPLES = (
 )
 NOTE = (
     "Intervals of 95 %: of the rates by Wilson, as if all answers were independent;",
-    "over people and over tables by bootstrap, which is too narrow for a few of them.",
+    "over people and tables by bootstrap (Wilson if all are alike), narrow for few.",
 )
 
 

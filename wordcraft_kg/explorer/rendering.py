@@ -55,8 +55,6 @@ class Site:
         outline = Outline()
 
         def link(name: str, **fields: Any) -> str:
-            if name not in PAGES:
-                return ""
             found = PAGES[name]
             return self.address(found, found.state(**fields))
 

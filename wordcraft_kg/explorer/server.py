@@ -94,7 +94,7 @@ class _Server:
         if page is None or (subject and not page.subject):
             return self._error(404, f"There is no page '{name[:60]}'.")
         try:
-            # A vendor's own parser would read some hostile queries in its own way.
+            # Starlette reads bytes that are no text as others, and any number of fields.
             query = parse_qsl(request.url.query, keep_blank_values=True, errors="strict", max_num_fields=200)
         except (ValueError, UnicodeError):
             return self._error(
@@ -130,8 +130,7 @@ class _Server:
             return self._error(409, str(error))
 
     def _suggestions(self, wanted: str) -> dict[str, str]:
-        if (entity := PAGES.get("entity")) is None:
-            return {}
+        entity = PAGES["entity"]
         labels = search_entities(self.explored.opened.graph, wanted)
         return {label: entity.address(entity.state(entity=label)) for label in labels}
 

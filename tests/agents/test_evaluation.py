@@ -9,12 +9,13 @@ import torch
 
 from wordcraft_kg.agents import evaluation
 from wordcraft_kg.agents.config import ImpalaConfig
-from wordcraft_kg.agents.evaluation import ENDINGS, EVALUATION_SEED, Evaluator, PolicyPlayer, player_of
+from wordcraft_kg.agents.evaluation import ENDINGS, Evaluator, PolicyPlayer, player_of
 from wordcraft_kg.agents.impala import Impala
 from wordcraft_kg.agents.players import random_entity, recipe_oracle
 from wordcraft_kg.agents.states import states_of
 from wordcraft_kg.envs.batch import BatchEngine
 from wordcraft_kg.envs.config import WordCraftConfig
+from wordcraft_kg.envs.evaluation_tables import EVALUATION_SEED
 from wordcraft_kg.envs.wordcraft import WordCraftEnv
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.errors import ConfigError

@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 import torch
 
-from wordcraft_kg.agents import evaluation
-from wordcraft_kg.agents.evaluation import EVALUATION_SEED, Evaluator, PolicyPlayer
+from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer
 from wordcraft_kg.agents.explanation import MOST_ON_TABLE, ExplainedTable, Explainer
+from wordcraft_kg.envs import evaluation_tables
 from wordcraft_kg.envs.batch import BatchEngine
 from wordcraft_kg.envs.config import WordCraftConfig
+from wordcraft_kg.envs.evaluation_tables import EVALUATION_SEED
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.errors import ConfigError, UnknownEntityError
 from wordcraft_kg.graphs import RecipeGraph, open_graph
@@ -110,7 +111,7 @@ def test_an_explained_episode_is_that_of_the_evaluation(
 def test_of_a_sample_of_the_tasks_the_tables_are_those_that_were_played(
     opened: OpenedGraph, scorer: CrossFitted, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(evaluation, "MOST_TASKS", 20)
+    monkeypatch.setattr(evaluation_tables, "MOST_TASKS", 20)
     world = world_of(opened)
     evaluator = Evaluator(world, draws=1, limit=20)
     evaluator.engine.pose(evaluator.tasks, 0)

@@ -14,11 +14,11 @@ from typing import Any
 
 import pytest
 
-from wordcraft_kg.agents.people.picks import results_of, table_labels
 from wordcraft_kg.agents.people.protocol import HumanProtocol, episode_seed
 from wordcraft_kg.cli.terminal import Terminal
 from wordcraft_kg.envs.open_ended import OpenEndedEnv
 from wordcraft_kg.envs.wordcraft import WordCraftEnv
+from wordcraft_kg.envs.words import results_of, table_labels
 from wordcraft_kg.graphs.folder import open_graph
 
 Run = Callable[..., Any]
@@ -379,7 +379,7 @@ def test_a_beginning_that_many_things_have_names_only_some(typed: Run):
     shown = typed("a\n", "play", "everyday", "--distractors", "300", "--seed", "0").out
     line = next(line for line in shown.splitlines() if "could be" in line)
     assert line.count("(") == 8
-    assert re.search(r" and \d+ more; type more of the word", line)
+    assert re.search(r" and \d+ more; write more of the word", line)
 
 
 # --- protocol --------------------------------------------------------------------------------------------------------

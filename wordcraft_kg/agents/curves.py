@@ -7,7 +7,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from wordcraft_kg.agents.evaluation import MOST_TASKS, Evaluator, PolicyPlayer
+from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer
+from wordcraft_kg.envs.evaluation_tables import MOST_TASKS
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.errors import TaskError
 from wordcraft_kg.graphs.tasks import TaskPart

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from wordcraft_kg.agents.players import Player, knowledge_player, random_entity, recipe_oracle
 from wordcraft_kg.agents.states import bind_tasks, states_of
 from wordcraft_kg.envs.batch import GOAL, BatchEngine
+from wordcraft_kg.envs.evaluation_tables import EVALUATION_SEED, MOST_TASKS, distance_of
 from wordcraft_kg.envs.world import GraphLike, World
 from wordcraft_kg.errors import ConfigError
 from wordcraft_kg.graphs.arrays import Ids, padded
@@ -20,10 +21,6 @@ from wordcraft_kg.records import Count, Record, Share
 from wordcraft_kg.settings import MAX_SIZE, check_memory, whole
 from wordcraft_kg.statistics import task_bootstrap
 
-MOST_TASKS = 50_000
-"""Most tasks of a part that are played by default; of more, an evenly spaced sample. Figures say how many."""
-EVALUATION_SEED = 0
-"""Seed of the distractors: the same for all agents, whatever their own seed."""
 Ending = Literal["goal", "same_twice", "one_right_part", "no_right_part", "no_recipe"]
 ENDINGS: tuple[Ending, ...] = get_args(Ending)
 """How an episode ended; the first that holds.
@@ -152,7 +149,7 @@ class Evaluator:
             limit: the most tasks to play, evenly spaced in their order; None plays all.
         """
         amount = len(world.tasks)
-        step = _distance(amount, limit)
+        step = distance_of(amount, limit)
         self.tasks = np.arange(0, amount, step)
         if step > 1 and limit == MOST_TASKS:
             logging.getLogger(__name__).warning(
@@ -195,20 +192,6 @@ class Evaluator:
         is_right = ((self._parts == held[:, None]) | (self._parts == picked[:, None])).any(1)
         makes = self.engine.pairs(held, picked) != self.engine.world.graph.num_pairs
         return np.select([is_twice, is_right, makes], [1, 2, 3], 4)
-
-
-def _distance(amount: int, limit: int | None) -> int:
-    """Return the distance of the tasks that are played."""
-    return 1 if limit is None else -(-amount // limit)
-
-
-def environment_of(task: int, amount: int) -> int:
-    """Return the number of the environment in which an evaluation plays a task, on which its tables depend.
-
-    Of very many tasks a sample is played; one that is not in it has tables of its own.
-    """
-    place, rest = divmod(task, _distance(amount, MOST_TASKS))
-    return place if not rest else task
 
 
 def evaluate(player: Policy | Player, graph: GraphLike | World, *, draws: int = 5, **settings: Any) -> Evaluation:

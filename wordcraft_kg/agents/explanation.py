@@ -10,11 +10,9 @@ import torch
 from numpy.typing import NDArray
 from torch import nn
 
-from wordcraft_kg.agents.evaluation import EVALUATION_SEED, environment_of
 from wordcraft_kg.agents.states import States, has_train_recipes
-from wordcraft_kg.envs.arrays import arrays_of
 from wordcraft_kg.envs.batch import GOAL, IN_PROGRESS, OUT_OF_ATTEMPTS, OUTCOMES
-from wordcraft_kg.envs.draws import Draws
+from wordcraft_kg.envs.evaluation_tables import EvaluationTables
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.errors import ConfigError, TaskError, UnknownEntityError
 from wordcraft_kg.graphs.arrays import Ids
@@ -31,7 +29,7 @@ from wordcraft_kg.models.scorers.cross_fitting import models_of_tasks, seen_by_m
 from wordcraft_kg.models.scorers.recipes import Witness
 from wordcraft_kg.progress import steps
 from wordcraft_kg.records import Record, Share
-from wordcraft_kg.settings import MAX_SIZE, nearest, whole
+from wordcraft_kg.settings import nearest, whole
 
 TOLD = 3
 """Pairs of each pick for which the recipes that speak for them are told."""
@@ -206,7 +204,7 @@ class Explainer:
         self._exact = _exact(self._policy)
         with torch.no_grad():
             self._weights, self._exact_weights = self._policy.weights(), self._exact.weights()
-        self._draws = Draws(world, arrays_of("cpu"))
+        self._tables = EvaluationTables(world)
 
     def episode(self, task: int, draw: int = 0) -> ExplainedEpisode:
         """Explain the picks of an episode on a table of the evaluation.
@@ -262,11 +260,7 @@ class Explainer:
 
     def drawn(self, task: int, draw: int = 0) -> list[int]:
         """Return the ids on the table of a task, as the evaluation draws it; see :meth:`episode`."""
-        amount, draws = len(self.world.tasks), self._draws
-        whole("task", task, 0, amount - 1)
-        whole("draw", draw, 0, MAX_SIZE)
-        keys = draws.keys(draws.env_keys(EVALUATION_SEED, environment_of(task, amount), 1), np.array([draw]))
-        return [entity for entity in draws.tables(keys, np.array([task]))[0].tolist() if entity != self.world.nothing]
+        return self._tables.table(task, draw)
 
     def _of_task(self, task: int, table: list[int]) -> _Asked:
         tasks = self.world.tasks

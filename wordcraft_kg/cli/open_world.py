@@ -11,8 +11,9 @@ from wordcraft_kg.agents.open_game import (
     productive_pair,
 )
 from wordcraft_kg.cli.console import Output
-from wordcraft_kg.cli.terminal import Quit, Terminal, cells, combined
+from wordcraft_kg.cli.terminal import Quit, Terminal, cells
 from wordcraft_kg.envs.open_ended import OpenEndedEnv
+from wordcraft_kg.envs.words import combined
 from wordcraft_kg.errors import ArtefactError
 from wordcraft_kg.settings import whole
 from wordcraft_kg.views.play import WorldPlayed

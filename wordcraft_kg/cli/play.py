@@ -12,7 +12,7 @@ from cyclopts import Parameter
 
 from wordcraft_kg.cli.completion import Book
 from wordcraft_kg.cli.console import Flag, Output, split_labels
-from wordcraft_kg.cli.terminal import Answers, Quit, Terminal, cells, combined
+from wordcraft_kg.cli.terminal import Answers, Quit, Terminal, cells
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.errors import ConfigError
 from wordcraft_kg.graphs.tasks import TaskPart
@@ -111,7 +111,7 @@ class Attempt:
 
 def _attempt(terminal: Terminal, env: "WordCraftEnv", observation: "Observation") -> Attempt:
     """Show the table, ask for two picks and carry them out."""
-    from wordcraft_kg.agents.people.picks import results_of, table_labels
+    from wordcraft_kg.envs.words import results_of, table_labels
 
     table = table_labels(env, observation)
     terminal.say(*cells(table))
@@ -182,6 +182,8 @@ def _tally(view: "TasksPlayed") -> str:
 
 def _play_task(terminal: Terminal, env: "WordCraftEnv", observation: "Observation") -> bool:
     """Play an episode to its end, show the outcome, and return whether the goal was made."""
+    from wordcraft_kg.envs.words import combined
+
     outcome = "in_progress"
     while outcome == "in_progress":
         attempt = _attempt(terminal, env, observation)
@@ -204,6 +206,7 @@ def _play_protocol(terminal: Terminal, graph: str, distractors: int, seed: int |
     from wordcraft_kg.agents.people.config import TASKS_PER_PART
     from wordcraft_kg.agents.people.protocol import Answer, HumanProtocol
     from wordcraft_kg.agents.people.session_file import append_answer, open_session, read_session
+    from wordcraft_kg.envs.words import combined
 
     if seed is None:
         seed = read_session(out).seed if out.exists() else 0

@@ -7,6 +7,9 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal, TextIO
 
+from wordcraft_kg.errors import ActionError
+from wordcraft_kg.labels import read_label
+
 WIDTH = 80  # columns
 UNDO = ("u", "undo")
 Answers = Mapping[str, Callable[[], Iterable[str]]]
@@ -55,9 +58,6 @@ class Terminal:
 
     def pick(self, prompt: str, table: Sequence[str], answers: Answers) -> int | None:
         """Return the place in ``table`` that the player picks, asking until it is one; None to put a pick back."""
-        from wordcraft_kg.agents.people.picks import read_pick
-        from wordcraft_kg.errors import ActionError
-
         while True:
             typed = self.ask(prompt)
             if typed.casefold() in UNDO:
@@ -66,7 +66,7 @@ class Terminal:
                 self.say(*answers[typed.casefold()]())
                 continue
             try:
-                return read_pick(typed, table)
+                return read_label(typed, table)
             except ActionError as error:
                 self.say(str(error))
 
@@ -96,8 +96,3 @@ def cells(labels: Sequence[str]) -> Iterator[str]:
     per_line = max(1, WIDTH // width)
     for first in range(0, len(numbered), per_line):
         yield "".join(f"{cell:<{width}}" for cell in numbered[first : first + per_line]).rstrip()
-
-
-def combined(picks: Sequence[str], made: Sequence[str], otherwise: str = "nothing") -> str:
-    """Return an attempt in words."""
-    return f"{' + '.join(picks)} -> {', '.join(made) or otherwise}"

@@ -9,9 +9,11 @@ from gymnasium import spaces
 from gymnasium.vector import VectorEnv, VectorWrapper
 from numpy.typing import NDArray
 
+from wordcraft_kg.envs.open_ended import OpenEndedEnv
+from wordcraft_kg.envs.words import NOTHING, characters, numbered, told
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.errors import ActionError, ConfigError, GraphMismatchError
-from wordcraft_kg.settings import nearest
+from wordcraft_kg.errors import ConfigError, GraphMismatchError
+from wordcraft_kg.labels import read_label, read_pair
 
 ID_KEYS = ("goal", "selection", "table")
 
@@ -194,16 +196,22 @@ class TaskObservation(gym.ObservationWrapper[dict[str, Any], Any, dict[str, Any]
 
 
 class TextObservation(gym.Wrapper[Any, Any, Any, Any]):
-    """Describes the state in words and takes a word as an action, for language models and people."""
+    """Describes the state in words and takes words as actions, for language models and people.
+
+    In the crafting tasks an action is a pick, such as ``"water"``, the beginning of a word, or its number from 1 in the
+    order of the table; in the open-ended world it is a pair, such as ``"water + earth"``. Other actions than text are
+    passed on as they are. What is understood: :mod:`wordcraft_kg.labels`.
+    """
 
     MAX_LENGTH = 100_000
 
     def __init__(self, env: gym.Env[Any, Any]):
-        """Wrap a single environment."""
+        """Wrap a single environment, of crafting tasks or open-ended."""
         super().__init__(env)
-        self._names = _world(env).graph.entities
-        self.observation_space = spaces.Text(self.MAX_LENGTH, min_length=0, charset=_characters(self._names))
-        self._table: list[int] = []
+        self._is_open = isinstance(env.unwrapped, OpenEndedEnv)
+        self._graph = env.unwrapped.graph if isinstance(env.unwrapped, OpenEndedEnv) else _world(env).graph
+        self.observation_space = spaces.Text(self.MAX_LENGTH, min_length=0, charset=characters(self._graph))
+        self._ids: list[int] = []
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[str, dict[str, Any]]:
         """Begin an episode."""
@@ -211,39 +219,43 @@ class TextObservation(gym.Wrapper[Any, Any, Any, Any]):
         return self._text(observation), info
 
     def step(self, action: Any) -> tuple[str, Any, bool, bool, dict[str, Any]]:
-        """Pick an entity, by its word or by the number of its slot."""
-        slot = self.parse(action) if isinstance(action, str) else action
-        observation, reward, terminated, truncated, info = self.env.step(slot)
+        """Pick an entity or, in the open-ended world, combine two."""
+        chosen = self.parse(action) if isinstance(action, str) else action
+        observation, reward, terminated, truncated, info = self.env.step(chosen)
         return self._text(observation), reward, terminated, truncated, info
 
-    def parse(self, word: str) -> int:
-        """Return the slot of a word on the table, or of a slot's number; case and surrounding blanks are ignored.
+    def parse(self, written: str) -> Any:
+        """Return the action that is meant: a slot or, in the open-ended world, two ids.
 
         Raises:
-            ActionError: if it is not on the table, with the nearest words that are.
+            ActionError: if none is meant, or several, with what would be understood.
         """
-        wanted = word.strip().casefold()
-        words = [self._names[entity].casefold() for entity in self._table]
-        if wanted in words:
-            return words.index(wanted)
-        if wanted.isdecimal():
-            return int(wanted)
-        raise ActionError(f"'{word}' is not on the table; expected one of {', '.join(words)}.{nearest(wanted, words)}")
+        labels = self._graph.labels(self._ids)
+        if self._is_open:
+            return [self._ids[place] for place in read_pair(written, labels)]
+        return read_label(written, labels)
 
     def action_masks(self) -> NDArray[np.bool_]:
         """Return which slots hold an entity."""
         return np.asarray(self.env.get_wrapper_attr("action_masks")(), dtype=bool)
 
     def _text(self, observation: Mapping[str, Any]) -> str:
-        nothing = len(self._names)
-        self._table = [entity for entity in observation["table"].tolist() if entity < nothing]
+        left, nothing = int(observation["attempts_left"]), self._graph.num_entities
+        if self._is_open:
+            self._ids = [*self.env.get_wrapper_attr("discovery").known]
+            return told("world", known=len(self._ids), table=self._table(), attempts_left=left)
+        self._ids = [entity for entity in observation["table"].tolist() if entity < nothing]
         held = int(observation["selection"])
-        return (
-            f"Make: {self._names[observation['goal']]}\n"
-            f"On the table: {', '.join(self._names[entity] for entity in self._table)}\n"
-            f"In hand: {self._names[held] if held < nothing else 'nothing'}\n"
-            f"Attempts left: {observation['attempts_left']}"
+        return told(
+            "held",
+            goal=self._graph.entities[observation["goal"]],
+            table=self._table(),
+            held=self._graph.entities[held] if held < nothing else NOTHING,
+            attempts_left=left,
         )
+
+    def _table(self) -> str:
+        return numbered(self._graph.labels(self._ids))
 
 
 def _id_spaces(env: gym.Env[Any, Any]) -> dict[str, spaces.Space[Any]]:
@@ -258,8 +270,3 @@ def _world(env: gym.Env[Any, Any]) -> World:
     if not isinstance(world, World):
         raise ConfigError(f"{env.unwrapped} is not a WordCraft environment.")
     return world
-
-
-def _characters(names: tuple[str, ...]) -> frozenset[str]:
-    template = "Make: \nOn the table: , In hand: nothing\nAttempts left: 0123456789"
-    return frozenset(template).union(*names)

@@ -14,15 +14,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from wordcraft_kg.agents.people.config import TASKS_PER_PART
-from wordcraft_kg.agents.people.picks import read_pick, results_of, table_labels
 from wordcraft_kg.agents.people.protocol import Answer, HumanProtocol, episode_seed, schedule
 from wordcraft_kg.agents.people.session_file import Session, append_answer, open_session, read_session
 from wordcraft_kg.envs.wordcraft import WordCraftEnv
-from wordcraft_kg.errors import ActionError, ArtefactError, ConfigError, GraphMismatchError
+from wordcraft_kg.envs.words import results_of, table_labels
+from wordcraft_kg.errors import ArtefactError, ConfigError, GraphMismatchError
 from wordcraft_kg.graphs import OpenedGraph, RecipeGraph, SplitConfig, make_split
 from wordcraft_kg.statistics import wilson_interval
 
-TABLE = ("water", "watch", "Fire", "fire", "fire brigade", "wood", "3")
 EDIT = Callable[[dict[str, Any]], Any]
 
 
@@ -46,54 +45,6 @@ def play(path: Path, protocol: HumanProtocol, count: int = 80) -> Session:
     for part, number in protocol.turns[len(session.answers) : count]:
         session = append_answer(path, session, answer_to(protocol, part, number))
     return session
-
-
-# --- picks -----------------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("typed", "slot"),
-    [
-        ("1", 0),
-        ("7", 6),
-        ("3", 2),  # a number goes before a word
-        ("water", 0),
-        ("WATCH", 1),
-        ("wo", 5),
-        ("WO", 5),
-        ("Fire", 2),
-        ("fire", 3),
-        ("fire b", 4),
-        ("  fire   brigade ", 4),
-    ],
-)
-def test_a_pick_is_a_number_from_1_a_word_or_the_beginning_of_one(typed: str, slot: int):
-    assert read_pick(typed, TABLE) == slot
-
-
-@pytest.mark.parametrize("typed", ["0", "-1", "8", "01", "²", "9" * 5_000, "1.0", "x" * 100, "\ufffd", "watr"])
-def test_what_is_not_on_the_table_is_answered_with_what_is_expected(typed: str):
-    with pytest.raises(ActionError, match="expected 1 to 7") as error:
-        read_pick(typed, TABLE)
-    assert len(str(error.value)) < 160
-
-
-def test_an_empty_pick_is_not_the_beginning_of_every_word():
-    for typed in ("", "  "):
-        with pytest.raises(ActionError, match="nothing typed: expected"):
-            read_pick(typed, TABLE)
-
-
-@pytest.mark.parametrize(("typed", "expected"), [("wat", "water (1), watch (2)"), ("FIRE", "Fire (3), fire (4)")])
-def test_an_ambiguous_pick_is_answered_with_the_choices(typed: str, expected: str):
-    with pytest.raises(ActionError) as error:
-        read_pick(typed, TABLE)
-    assert expected in str(error.value)
-
-
-def test_a_misspelt_pick_is_answered_with_the_nearest_word():
-    with pytest.raises(ActionError, match="Did you mean 'water'"):
-        read_pick("watr", TABLE)
 
 
 # --- protocol --------------------------------------------------------------------------------------------------------

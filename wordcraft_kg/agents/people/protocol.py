@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from wordcraft_kg.agents.people.config import MOST_TASKS, TASKS_PER_PART
-from wordcraft_kg.agents.people.picks import results_of, table_labels
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.wordcraft import Observation, WordCraftEnv
+from wordcraft_kg.envs.words import results_of, table_labels
 from wordcraft_kg.envs.world import GraphLike, World
 from wordcraft_kg.graphs.recipes import Recipe
 from wordcraft_kg.settings import whole

@@ -1,0 +1,162 @@
+"""Which label somebody means: forgiving where only one can be meant, strict where it is ambiguous."""
+
+import re
+import unicodedata
+from collections.abc import Callable, Sequence
+from itertools import islice
+
+from wordcraft_kg.errors import ActionError
+from wordcraft_kg.settings import nearest
+
+MOST_CHOICES = 8
+"""How many of the labels that could be meant are named."""
+MOST_SHOWN = 40
+"""Characters of what was written that an error repeats."""
+MOST_WRITTEN = 1_000
+"""Characters in which two labels are looked for."""
+_ARTICLE = re.compile(r"^(?:an?|the|some)\s+(?=\S)")
+_MARKS = " \t*_`'\"“”‘’«».,;:!?()[]{}<>"
+_VERB = re.compile(r"^(?:i\s+)?(?:combine|mix|pair|pick|try|attempt|answer)\b[\s:]*", re.IGNORECASE)
+_MADE = re.compile(r"\s*(?:=>|->|=|→).*$")
+_SEPARATOR = re.compile(r"\s*[+&,;]\s*|\s+(?:and|with|plus|then)\s+", re.IGNORECASE)
+_LIST_MARK = re.compile(r"^(?:[-*•>#]+\s+)+")
+_NUMBERS = re.compile(r"\d+\s+\d+")
+
+
+def folded(text: str) -> str:
+    """Return a text as it is compared: without case, one kind of each character, hyphens and underscores as blanks."""
+    return " ".join(re.sub("[-_]", " ", unicodedata.normalize("NFKC", text).casefold()).split())
+
+
+def read_label(written: str, labels: Sequence[str], *, by_number: bool = True, by_beginning: bool = True) -> int:
+    """Return the place of the label that is meant.
+
+    In this order, the first that fits one label counts: the label's number from 1; the label; the same in another
+    case; without article, quotes and punctuation around it; in singular or plural; its beginning.
+
+    Args:
+        written: what somebody wrote.
+        labels: the labels to choose from, all different.
+        by_number: whether a number means a place.
+        by_beginning: whether the beginning of a label means it.
+
+    Raises:
+        ActionError: if it means no label or several, with what would be understood.
+
+    Example:
+        >>> labels = ["water", "fire", "fire brigade", "berry"]
+        >>> read_label("The Water", labels), read_label("berries", labels), read_label("fire", labels)
+        (0, 3, 1)
+    """
+    text = " ".join(written.split())
+    ways = [f"1 to {len(labels)}"] * by_number + ["one of the words"] + ["the beginning of one"] * by_beginning
+    expected = "expected " + (", ".join(ways[:-1]) + ", or " + ways[-1] if len(ways) > 1 else ways[0])
+    if not text:
+        raise ActionError(f"nothing written: {expected}.")
+    numbers = {str(place + 1): place for place in range(len(labels))} if by_number else {}
+    if text in numbers:
+        return numbers[text]
+    bare = [_bare(label) for label in labels]
+    for meant in (
+        [place for place, label in enumerate(labels) if label == text],
+        _fitting(folded, text, labels),
+        _fitting(_bare, text, labels),
+        [place for place, label in enumerate(bare) if _is_plural(label, _bare(text)) or _is_plural(_bare(text), label)],
+        [place for place, label in enumerate(labels) if by_beginning and folded(label).startswith(folded(text))],
+    ):
+        if len(meant) == 1:
+            return meant[0]
+        if meant:
+            choices = (f"{labels[place]} ({place + 1})" if by_number else labels[place] for place in meant)
+            shown = ", ".join(islice(choices, MOST_CHOICES))
+            more = f" and {len(meant) - MOST_CHOICES} more" if len(meant) > MOST_CHOICES else ""
+            way = "; write more of the word" + ", or the number" * by_number
+            raise ActionError(f"'{_shown(text)}' could be {shown}{more}{way}.")
+    raise ActionError(f"{_shown(text)!r}: {expected}.{nearest(folded(text)[:100], labels)}")
+
+
+def read_pair(written: str, labels: Sequence[str]) -> tuple[int, int]:
+    """Return the places of the two labels that are meant, in the order in which they are written.
+
+    Between them is ``+``, ``&``, a comma, a semicolon, ``and``, ``with``, ``plus`` or ``then``; of two numbers only a
+    blank. A verb before them and a result after them (``= mud``, ``-> mud``) are left out. A label that holds such a
+    word itself is found, if there is only one way to read it all.
+
+    Args:
+        written: what somebody wrote.
+        labels: the labels to choose from, all different.
+
+    Raises:
+        ActionError: if it does not mean two of the labels, or could mean several pairs.
+
+    Example:
+        >>> read_pair("Combine the water with earth", ["earth", "fire", "water"])
+        (2, 0)
+        >>> read_pair("2 2", ["earth", "fire", "water"])
+        (1, 1)
+    """
+    text = " ".join(written.split())
+    if not labels:
+        raise ActionError("there is nothing to combine.")
+    expected = f"expected two things, such as '{labels[0]} + {labels[-1]}'"
+    if not text:
+        raise ActionError(f"nothing written: {expected}.")
+    if len(text) > MOST_WRITTEN:
+        raise ActionError(f"{len(text):,} characters: {expected}, in one short line.")
+    said: ActionError | None = None
+    bare = text.strip(_MARKS)
+    readings = (text, _MADE.sub("", text), _VERB.sub("", bare), _VERB.sub("", _MADE.sub("", bare)))
+    for reading in dict.fromkeys(readings):
+        found: dict[tuple[int, int], None] = {}
+        for left, right in _halves(reading):
+            try:
+                found[read_label(left, labels), read_label(right, labels)] = None
+            except ActionError as error:
+                said = said or error
+        if len({tuple(sorted(pair)) for pair in found}) > 1:
+            ways = " or ".join(f"{labels[one]} + {labels[other]}" for one, other in found)
+            raise ActionError(f"'{_shown(text)}' could be {ways}; write the numbers, such as '1 2'.")
+        if found:
+            return next(iter(found))
+    raise said or ActionError(f"{_shown(text)!r}: {expected}.")
+
+
+def last_line(message: str) -> str:
+    """Return the line of a message that counts as its answer: the last one that is not empty.
+
+    List marks, quotes and the like around it are left out, as long as something is left.
+    """
+    lines = [line.strip() for line in message.splitlines() if line.strip(_MARKS + "-•>|#")]
+    return _LIST_MARK.sub("", lines[-1]).strip("*`| \t") if lines else ""
+
+
+def _halves(text: str) -> list[tuple[str, str]]:
+    if _NUMBERS.fullmatch(text):
+        one, other = text.split()
+        return [(one, other)]
+    return [(text[: at.start()], text[at.end() :]) for at in _SEPARATOR.finditer(text)]
+
+
+def _bare(text: str) -> str:
+    """Return a text without what may stand around a label."""
+    return _ARTICLE.sub("", folded(text).strip(_MARKS)).strip(_MARKS) or folded(text)
+
+
+def _fitting(form: Callable[[str], str], text: str, labels: Sequence[str]) -> list[int]:
+    wanted = form(text)
+    return [place for place, label in enumerate(labels) if form(label) == wanted]
+
+
+def _is_plural(word: str, other: str) -> bool:
+    """Return whether a text is another one in the plural, by the regular forms of English."""
+    if len(other) < 2:
+        return False
+    endings = {"y": "ies", "f": "ves"}
+    forms = {other + "s", other + "es", other[:-1] + endings.get(other[-1], other[-1] + "s")}
+    if other.endswith("fe"):
+        forms.add(other[:-2] + "ves")
+    return word in forms
+
+
+def _shown(text: str) -> str:
+    return text if len(text) <= MOST_SHOWN else f"{text[:MOST_SHOWN]}..."

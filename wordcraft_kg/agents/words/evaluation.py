@@ -1,0 +1,165 @@
+"""Judging players that use words like all others: on the same tasks, at the same tables, by the same counts."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from wordcraft_kg.agents.discovery import MARKS
+from wordcraft_kg.agents.evaluation import ENDINGS, Ending, Evaluation
+from wordcraft_kg.agents.words.conversation import Conversation
+from wordcraft_kg.agents.words.games import DiscoveryGame, TaskGame
+from wordcraft_kg.agents.words.records import PlayedTask, PlayedWorld, WordsResult, WordsSettings
+from wordcraft_kg.envs.evaluation_tables import distance_of
+from wordcraft_kg.envs.world import World
+from wordcraft_kg.graphs.arrays import Ids
+from wordcraft_kg.settings import MAX_SIZE, whole
+
+
+def chosen_tasks(world: World, limit: int | None) -> Ids:
+    """Return the numbers of the tasks that are played: all, or at most ``limit`` of them, evenly spaced.
+
+    Raises:
+        ConfigError: for a limit below 1.
+    """
+    if limit is not None:
+        whole("limit", limit, 1, MAX_SIZE)
+    return np.arange(0, len(world.tasks), distance_of(len(world.tasks), limit))
+
+
+def ending_of(game: TaskGame) -> Ending:
+    """Return how a game that is over ended, as the evaluation of agents tells it."""
+    if game.is_made:
+        return "goal"
+    if game.last is None:
+        return "no_recipe"
+    one, other = map(game.graph.id_of, game.last)
+    parts = {part for plan in game.tasks.plans[game.task] for part in game.graph.recipes[plan[-1], :2].tolist()}
+    if one == other:
+        return "same_twice"
+    if {one, other} & parts:
+        return "one_right_part"
+    return "no_right_part" if (min(one, other), max(one, other)) in game.graph.outcomes else "no_recipe"
+
+
+def played_task(talk: Conversation, messages: Sequence[str]) -> PlayedTask:
+    """Return what is recorded of a task that is over."""
+    game = talk.game
+    assert isinstance(game, TaskGame)
+    return PlayedTask(
+        task=game.task,
+        draw=game.draw,
+        goal=game.goal,
+        table=game.start,
+        success=game.is_made,
+        by_plan=game.by_plan,
+        picks=game.picks,
+        ending=ending_of(game),
+        last=game.last,
+        refused=talk.refused,
+        lost=talk.lost,
+        look_ups=talk.look_ups,
+        messages=tuple(messages),
+    )
+
+
+def played_world(talk: Conversation, number: int, messages: Sequence[str]) -> PlayedWorld:
+    """Return what is recorded of a game in the open-ended world that is over."""
+    game = talk.game
+    assert isinstance(game, DiscoveryGame)
+    return PlayedWorld(
+        game=number,
+        known_after=tuple(game.known_after),
+        repeated=game.repeated,
+        refused=talk.refused,
+        lost=talk.lost,
+        look_ups=talk.look_ups,
+        messages=tuple(messages),
+    )
+
+
+def evaluation_of(world: World, played: Sequence[PlayedTask]) -> Evaluation:
+    """Return games as the evaluation of agents has them: N tasks with D draws each, all of them played.
+
+    Raises:
+        ValueError: if a task lacks a draw that another one has.
+    """
+    tasks = np.array(sorted({one.task for one in played}), dtype=np.int64)
+    draws = sorted({one.draw for one in played})
+    if len(played) != len(tasks) * len(draws):
+        raise ValueError(f"{len(played)} games of {len(tasks)} tasks with {len(draws)} draws: expected all of them")
+    row = {int(task): place for place, task in enumerate(tasks)}
+    column = {draw: place for place, draw in enumerate(draws)}
+    shape, nothing = (len(tasks), len(draws)), world.nothing
+    found = Evaluation(
+        tasks,
+        np.zeros(shape, dtype=bool),
+        np.zeros(shape, dtype=bool),
+        np.zeros(shape, dtype=np.int64),
+        np.zeros(shape, dtype=np.int8),
+        np.full((*shape, 2), nothing),
+    )
+    for one in played:
+        place = row[one.task], column[one.draw]
+        found.success[place], found.by_plan[place] = one.success, one.by_plan
+        found.picks[place], found.endings[place] = one.picks, ENDINGS.index(one.ending)
+        if one.last is not None:
+            found.last[place] = [world.graph.id_of(label) for label in one.last]
+    return found
+
+
+@dataclass(frozen=True)
+class Tally:
+    """What is counted over games of either kind."""
+
+    refused: int
+    lost: int
+    look_ups: int
+
+    @classmethod
+    def of(cls, played: Sequence[PlayedTask] | Sequence[PlayedWorld]) -> "Tally":
+        """Count."""
+        return cls(*(sum(getattr(one, name) for one in played) for name in ("refused", "lost", "look_ups")))
+
+
+def result_of_tasks(player: str, settings: WordsSettings, world: World, played: Sequence[PlayedTask]) -> WordsResult:
+    """Return the result of a player on tasks."""
+    found, tally = evaluation_of(world, played), Tally.of(played)
+    return WordsResult(
+        player=player,
+        settings=settings,
+        games=len(played),
+        success=found.figures(),
+        outcomes=found.shares(),
+        known={},
+        refused=tally.refused,
+        lost=tally.lost,
+        look_ups=tally.look_ups,
+    )
+
+
+def result_of_worlds(player: str, settings: WordsSettings, played: Sequence[PlayedWorld]) -> WordsResult:
+    """Return the result of a player in the open-ended world.
+
+    A game that ended before its attempts were used up keeps what it knew.
+    """
+    marks = sorted({mark for mark in (*MARKS, settings.attempts) if mark <= settings.attempts})
+    known = {mark: float(np.mean([known_at(one, mark, len(settings.base)) for one in played])) for mark in marks}
+    tally = Tally.of(played)
+    return WordsResult(
+        player=player,
+        settings=settings,
+        games=len(played),
+        success=None,
+        outcomes={},
+        known=known,
+        refused=tally.refused,
+        lost=tally.lost,
+        look_ups=tally.look_ups,
+    )
+
+
+def known_at(played: PlayedWorld, attempts: int, base: int) -> int:
+    """Return how many entities were known after so many attempts, of ``base`` at the start."""
+    after = played.known_after[:attempts]
+    return after[-1] if after else base

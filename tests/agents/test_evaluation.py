@@ -9,8 +9,9 @@ import torch
 
 from wordcraft_kg.agents import evaluation
 from wordcraft_kg.agents.config import ImpalaConfig
-from wordcraft_kg.agents.evaluation import ENDINGS, Evaluator, PolicyPlayer, player_of
+from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer, player_of
 from wordcraft_kg.agents.impala import Impala
+from wordcraft_kg.agents.outcomes import ENDINGS
 from wordcraft_kg.agents.players import random_entity, recipe_oracle
 from wordcraft_kg.agents.states import states_of
 from wordcraft_kg.envs.batch import BatchEngine

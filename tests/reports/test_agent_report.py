@@ -13,8 +13,9 @@ import torch
 
 from wordcraft_kg.agents.agent_folder import OpenedAgent, open_agent
 from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
-from wordcraft_kg.agents.evaluation import ENDINGS, Evaluator, PolicyPlayer
+from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer
 from wordcraft_kg.agents.explanation import ExplainedSlot, ExplainedStep
+from wordcraft_kg.agents.outcomes import ENDINGS
 from wordcraft_kg.agents.players import recipe_oracle
 from wordcraft_kg.agents.records import MetricsRow
 from wordcraft_kg.agents.training import train_agent

@@ -2,12 +2,13 @@
 
 import logging
 from dataclasses import dataclass
-from typing import Any, Literal, get_args
+from typing import Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from wordcraft_kg.agents.outcomes import ENDINGS, Ending, Success
 from wordcraft_kg.agents.players import Player, knowledge_player, random_entity, recipe_oracle
 from wordcraft_kg.agents.states import bind_tasks, states_of
 from wordcraft_kg.envs.batch import GOAL, BatchEngine
@@ -17,22 +18,10 @@ from wordcraft_kg.errors import ConfigError
 from wordcraft_kg.graphs.arrays import Ids, padded
 from wordcraft_kg.models.policies.policy import Policy
 from wordcraft_kg.progress import steps
-from wordcraft_kg.records import Count, Record, Share
+from wordcraft_kg.records import Share
 from wordcraft_kg.settings import MAX_SIZE, check_memory, whole
 from wordcraft_kg.statistics import task_bootstrap
 
-Ending = Literal["goal", "same_twice", "one_right_part", "no_right_part", "no_recipe"]
-ENDINGS: tuple[Ending, ...] = get_args(Ending)
-"""How an episode ended; the first that holds.
-
-| ending | the last pair |
-|---|---|
-| goal | made the goal |
-| same_twice | was one entity twice |
-| one_right_part | has an ingredient of the goal's recipe in a plan |
-| no_right_part | made something else |
-| no_recipe | made nothing |
-"""
 ROWS = 2_048
 """States given to a policy at a time, so that its arrays stay in the processor's cache."""
 
@@ -74,28 +63,6 @@ def player_of(policy: Policy, kind: str) -> Player:
         return knowledge_player(list(policy.sources.values()))
     players: dict[str, Player] = {"trained": PolicyPlayer(policy), "random": random_entity, "oracle": recipe_oracle}
     return players[kind]
-
-
-class Success(Record):
-    """A player's success on the tasks of a part, all or a sample of them.
-
-    Attributes:
-        mean: share of episodes that made the goal.
-        ci_low: lower end of its 95 % interval over tasks.
-        ci_high: upper end.
-        tasks: number of tasks.
-        draws: draws of distractors for each task.
-        by_plan: share of episodes in which the last pair of a plan made the goal.
-        picks: mean number of picks in an episode.
-    """
-
-    mean: Share
-    ci_low: Share
-    ci_high: Share
-    tasks: Count
-    draws: Count
-    by_plan: Share
-    picks: float
 
 
 @dataclass(frozen=True)

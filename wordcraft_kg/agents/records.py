@@ -4,7 +4,7 @@ from pathlib import Path
 
 import msgspec
 
-from wordcraft_kg.agents.evaluation import Ending, Success
+from wordcraft_kg.agents.outcomes import Ending, Success
 from wordcraft_kg.artefacts import read_large_file
 from wordcraft_kg.errors import ArtefactError
 from wordcraft_kg.graphs.tasks import TaskPart

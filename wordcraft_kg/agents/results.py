@@ -7,7 +7,8 @@ from pathlib import Path
 import msgspec
 
 from wordcraft_kg.agents.config import AgentConfig
-from wordcraft_kg.agents.evaluation import ENDINGS, Evaluation
+from wordcraft_kg.agents.evaluation import Evaluation
+from wordcraft_kg.agents.outcomes import ENDINGS
 from wordcraft_kg.agents.records import EPISODES_FILE, AgentSummary, PlayedTask
 from wordcraft_kg.artefacts import dump_json, write_atomically
 from wordcraft_kg.envs.world import World

@@ -12,8 +12,9 @@ import torch
 from numpy.typing import NDArray
 
 from wordcraft_kg.agents.agent_folder import OpenedAgent
-from wordcraft_kg.agents.evaluation import ENDINGS, Ending, Evaluation, Evaluator, PolicyPlayer
+from wordcraft_kg.agents.evaluation import Evaluation, Evaluator, PolicyPlayer
 from wordcraft_kg.agents.explanation import ExplainedEpisode, explain_episodes
+from wordcraft_kg.agents.outcomes import ENDINGS, Ending
 from wordcraft_kg.agents.players import random_entity, recipe_oracle
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.errors import ConfigError, GraphMismatchError

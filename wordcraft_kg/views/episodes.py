@@ -3,9 +3,9 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from wordcraft_kg.agents.evaluation import Ending
 from wordcraft_kg.agents.explanation import ExplainedTable
 from wordcraft_kg.agents.following import FollowedRun
+from wordcraft_kg.agents.outcomes import Ending
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.errors import ArtefactError, ConfigError
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph

@@ -4,8 +4,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from wordcraft_kg.agents.agent_folder import OpenedAgent
-from wordcraft_kg.agents.evaluation import Ending, Evaluator, Success, player_of
+from wordcraft_kg.agents.evaluation import Evaluator, player_of
 from wordcraft_kg.agents.explanation import ExplainedEpisode, explain_episodes
+from wordcraft_kg.agents.outcomes import Ending, Success
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.tasks import TaskPart
 from wordcraft_kg.records import Record, Share

@@ -8,8 +8,8 @@ import msgspec
 
 from wordcraft_kg.agents.agent_folder import AgentRun
 from wordcraft_kg.agents.curves import JUDGED
-from wordcraft_kg.agents.evaluation import Ending
 from wordcraft_kg.agents.following import FollowedRun
+from wordcraft_kg.agents.outcomes import Ending
 from wordcraft_kg.errors import ArtefactError
 from wordcraft_kg.graphs.folder import KG
 from wordcraft_kg.graphs.tasks import TaskPart

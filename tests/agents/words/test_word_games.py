@@ -9,9 +9,10 @@ import pytest
 from wordcraft_kg.agents.evaluation import Evaluator
 from wordcraft_kg.agents.players import Player, knowledge_player, random_distinct, random_entity, recipe_oracle
 from wordcraft_kg.agents.words.conversation import REFUSALS, Conversation, converse
-from wordcraft_kg.agents.words.evaluation import evaluation_of, played_task, played_world, result_of_worlds
+from wordcraft_kg.agents.words.evaluation import evaluation_of, result_of_worlds
 from wordcraft_kg.agents.words.games import DiscoveryGames, TaskGames
 from wordcraft_kg.agents.words.knowledge import PartialGraphKnowledge, ScorerKnowledge, knowledge_of
+from wordcraft_kg.agents.words.played import played_task, played_world
 from wordcraft_kg.agents.words.records import PlayedTask, WordsSettings
 from wordcraft_kg.envs.batch import BatchEngine
 from wordcraft_kg.envs.config import WordCraftConfig

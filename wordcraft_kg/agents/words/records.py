@@ -1,10 +1,16 @@
 """What is recorded of players that use words: each game, and the result of many."""
 
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
-from wordcraft_kg.agents.evaluation import Ending, Success
+from wordcraft_kg.agents.outcomes import Ending, Success
+from wordcraft_kg.agents.words.conversation import LOOK_UPS, REFUSALS
 from wordcraft_kg.agents.words.knowledge import KnowledgeKind
+from wordcraft_kg.envs.open_ended import OpenEndedEnv
+from wordcraft_kg.envs.words import texts_hash
+from wordcraft_kg.envs.world import World
+from wordcraft_kg.graphs.recipe_graph import RecipeGraph
+from wordcraft_kg.graphs.splits import Split
 from wordcraft_kg.graphs.tasks import TaskPart
 from wordcraft_kg.records import Count, Hash, Record, Share, read_record
 
@@ -44,14 +50,55 @@ class WordsSettings(Record, frozen=True, kw_only=True):
     limit: Count | None = None
     knowledge: KnowledgeKind = "none"
     scorer: str | None = None
-    look_ups: Count = 0
-    refusals: Count
+    look_ups: Count = LOOK_UPS
+    refusals: Count = REFUSALS
     texts: Hash
 
     @property
     def is_open_ended(self) -> bool:
         """Whether it is the open-ended world."""
         return self.part is None
+
+    @classmethod
+    def of_tasks(cls, world: World, **rules: Any) -> "WordsSettings":
+        """Return the settings of the tasks of a world; ``rules`` are draws, limit, knowledge and so on."""
+        config = world.config
+        return cls._of(
+            world.graph,
+            world.split,
+            part=config.part,
+            depth=config.depth,
+            distractors=config.num_distractors,
+            attempts=config.attempts,
+            **rules,
+        )
+
+    @classmethod
+    def of_world(cls, env: OpenEndedEnv, split: Split, **rules: Any) -> "WordsSettings":
+        """Return the settings of the open-ended world of a graph; ``rules`` are draws, knowledge and so on."""
+        base = env.graph.labels(env.discovery.base)
+        return cls._of(
+            env.graph, split, part=None, depth=None, distractors=None, attempts=env.max_attempts, base=base, **rules
+        )
+
+    @classmethod
+    def _of(cls, graph: RecipeGraph, split: Split, **rules: Any) -> "WordsSettings":
+        if rules.get("knowledge", "none") == "none":
+            rules["look_ups"] = 0
+        return cls(graph=graph.name, graph_hash=graph.hash, split_hash=split.hash, texts=texts_hash(), **rules)
+
+
+class GamesHeader(Record, frozen=True, kw_only=True):
+    """The first line of ``games.jsonl``; the others are games.
+
+    Attributes:
+        player: what the player calls itself.
+        settings: what it was asked.
+    """
+
+    format: Literal["wordcraft-kg games in words 1"] = "wordcraft-kg games in words 1"
+    player: str
+    settings: WordsSettings
 
 
 class PlayedTask(Record, frozen=True, kw_only=True):

@@ -1,0 +1,40 @@
+"""How an episode ended, and a player's success; without torch, so that players in words can be counted alike."""
+
+from typing import Literal, get_args
+
+from wordcraft_kg.records import Count, Record, Share
+
+Ending = Literal["goal", "same_twice", "one_right_part", "no_right_part", "no_recipe"]
+ENDINGS: tuple[Ending, ...] = get_args(Ending)
+"""How an episode ended; the first that holds.
+
+| ending | the last pair |
+|---|---|
+| goal | made the goal |
+| same_twice | was one entity twice |
+| one_right_part | has an ingredient of the goal's recipe in a plan |
+| no_right_part | made something else |
+| no_recipe | made nothing |
+"""
+
+
+class Success(Record):
+    """A player's success on the tasks of a part, all or a sample of them.
+
+    Attributes:
+        mean: share of episodes that made the goal.
+        ci_low: lower end of its 95 % interval over tasks.
+        ci_high: upper end.
+        tasks: number of tasks.
+        draws: draws of distractors for each task.
+        by_plan: share of episodes in which the last pair of a plan made the goal.
+        picks: mean number of picks in an episode.
+    """
+
+    mean: Share
+    ci_low: Share
+    ci_high: Share
+    tasks: Count
+    draws: Count
+    by_plan: Share
+    picks: float

@@ -1,0 +1,67 @@
+"""The file of games that were played in words: a header and a line for each, on the disk before the next begins."""
+
+import logging
+import os
+from pathlib import Path
+from typing import TypeVar
+
+import msgspec
+
+from wordcraft_kg.agents.words.records import GamesHeader, PlayedTask, PlayedWorld
+from wordcraft_kg.artefacts import read_large_file, write_atomically
+from wordcraft_kg.errors import ConfigError, GraphMismatchError
+from wordcraft_kg.records import as_lines, parse_lines, parse_record
+
+Played = TypeVar("Played", PlayedTask, PlayedWorld)
+
+
+def open_games(path: Path, header: GamesHeader, kind: type[Played]) -> list[Played]:
+    """Begin a file, or read the existing one to go on with it; a torn last line is dropped.
+
+    Raises:
+        ArtefactError: if the file is not of this kind or damaged.
+        GraphMismatchError: if its games were played on another graph or split.
+        ConfigError: if they were played by another player or other settings. The file is unchanged in all these cases.
+    """
+    if not path.exists():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_atomically(path, as_lines([header]), durable=True)
+        return []
+    data = read_large_file(path)
+    whole = data[: data.rfind(b"\n") + 1]
+    first, _, rest = whole.partition(b"\n")
+    _check(path, parse_record(first, GamesHeader, f"{path}, line 1,"), header)
+    played = parse_lines(rest, kind, f"{path} (after line 1)")
+    if len(whole) < len(data):
+        logging.getLogger(__name__).warning(
+            "%s ended in a torn line, which was dropped; its game is played again", path
+        )
+        os.truncate(path, len(whole))
+    return played
+
+
+def append_game(path: Path, played: PlayedTask | PlayedWorld) -> None:
+    """Add a line; it is on the disk when this returns."""
+    with path.open("ab") as file:
+        file.write(as_lines([played])[0].encode())
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def _check(path: Path, found: GamesHeader, wanted: GamesHeader) -> None:
+    for name in ("graph_hash", "split_hash"):
+        began, asked = getattr(found.settings, name), getattr(wanted.settings, name)
+        if began != asked:
+            raise GraphMismatchError(
+                f"'{path}' holds games on a {name.removesuffix('_hash')} with hash {began[:12]}, and this is "
+                f"{asked[:12]}. Choose another `out`."
+            )
+    if found.player != wanted.player:
+        raise ConfigError(f"'{path}' holds games of '{found.player}', not of '{wanted.player}'. Choose another `out`.")
+    for field in msgspec.structs.fields(found.settings):
+        began, asked = getattr(found.settings, field.name), getattr(wanted.settings, field.name)
+        if began != asked:
+            raise ConfigError(
+                f"'{path}' holds games with `{field.name}` {began}, and this command has {asked}. Choose another "
+                "`out`, or give the same settings."
+            )

@@ -23,6 +23,7 @@ GIVEN = {
     "attempts": "3",
     "b folder": "in/model-table",
     "batch_size": "16",
+    "beside folder": "in/agent",
     "book": "in/graph",
     "checkpoint_every": "1000",
     "device": "cpu",

@@ -42,7 +42,7 @@ COMMANDS = {
         "compare-links",
         "score",
     ],
-    "Agents": ["train-agent", "resume", "evaluate-agent", "explain", "compare-agents"],
+    "Agents": ["train-agent", "resume", "evaluate-agent", "explain", "compare-agents", "reference"],
     "In the browser": ["explore"],
     "Studies": ["reproduce", "sweep", "results"],
 }

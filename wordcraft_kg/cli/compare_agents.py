@@ -59,15 +59,18 @@ def compare_agents(
     whole("episodes", episodes, 0, MAX_SIZE)
     amounts = whole_numbers("distractors", distractors) if distractors else None
     groups = group_agents([open_agent(folder, graph) for run in runs for folder in run_folders(run)])
+    source = next(iter(groups.values()))[0].opened.source
     folder = out or Path("reports") / "-and-".join(groups)
     check_output(folder, force=force)
     report = make_agent_report(groups, part=part, distractors=amounts, draws=draws, episodes=episodes)
     write_report(report, folder, force=force)
     page = folder / "index.html"
-    output.result(summarise_agents(report.view, str(page)), [*_text(report.view), f"wrote {folder}/   open {page}"])
+    output.result(
+        summarise_agents(report.view, str(page)), [*_text(report.view, source), f"wrote {folder}/   open {page}"]
+    )
 
 
-def _text(view: "AgentsView") -> Iterator[str]:
+def _text(view: "AgentsView", graph: str) -> Iterator[str]:
     width = max(len(agent.name) for agent in view.agents)
     for amount in map(str, view.distractors):
         yield f"{view.part} tasks of depth {view.depth}, {amount} distractor{'s' * (amount != '1')}"
@@ -75,6 +78,10 @@ def _text(view: "AgentsView") -> Iterator[str]:
             found = agent.success.get(amount)
             figures = f"plays with {agent.trained_with} distractors only" if found is None else _figures(found)
             yield f"  {agent.name:<{width}}  {figures}"
+    if view.references:
+        amounts = ",".join(map(str, view.distractors))
+        options = f"--part {view.part} --depth {view.depth} --distractors {amounts}"
+        yield f"for comparison: wordcraft-kg reference {graph} {options}"
 
 
 def _figures(found: "AgentSuccess") -> str:

@@ -18,6 +18,7 @@ from wordcraft_kg.agents.outcomes import ENDINGS, Ending
 from wordcraft_kg.agents.players import random_entity, recipe_oracle
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.errors import ConfigError, GraphMismatchError
+from wordcraft_kg.experiments.reference import ReferenceRow, pack_of, play_of
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folder import KG
 from wordcraft_kg.graphs.planner import layers
@@ -57,6 +58,9 @@ CONFUSIONS = 10
 NEVER = "never"
 """Layer of a goal that cannot be made from the base."""
 LINK_RANKS = ((1, 3), (4, 10), (11, 30), (31, 100), (101, OPEN_END))
+
+BASELINES = {"random": random_entity, "recipe oracle": recipe_oracle}
+"""Scripted players at the same tables as the agents."""
 
 Interval = tuple[float, float]
 Slice = Literal["train_recipes", "layer", "link_rank"]
@@ -189,6 +193,8 @@ class AgentsView(Record):
         tasks: number of tasks that were played.
         sampled_from: number of those of which they are an even sample; None if all were played.
         agents: the agents; the first is the reference of comparisons.
+        references: players and agents of the reference pack under these conditions, which are none of these runs;
+            empty if the pack does not have this graph and split.
     """
 
     format: Literal["wordcraft-kg agent report 1"]
@@ -204,6 +210,7 @@ class AgentsView(Record):
     agents: Annotated[tuple[AgentEntry, ...], msgspec.Meta(min_length=1)]
     baselines: tuple[BaselineSuccess, ...]
     episodes: tuple[AgentEpisodes, ...]
+    references: tuple[ReferenceRow, ...] = ()
 
 
 class AgentSummary(Record):
@@ -288,8 +295,9 @@ def view_agents(
     if headline not in played:
         headline = played[-1]
         world = world.variant(num_distractors=headline)
+    references = _references(first, part, played)
     judge = _Judge(world, draws)
-    plays = [(name, amount) for name, members in groups.items() for amount in played if _can_play(members[0], amount)]
+    plays = [(name, amount) for name, members in groups.items() for amount in played if can_play(members[0], amount)]
     found: dict[str, dict[int, list[Evaluation]]] = {name: {} for name in groups}
     for name, amount in steps("evaluating agents", plays):
         found[name][amount] = judge.runs(groups[name], amount)
@@ -317,12 +325,13 @@ def view_agents(
             BaselineSuccess(
                 name, {str(amount): float(judge.evaluator(amount)(player).success.mean()) for amount in played}
             )
-            for name, player in (("random", random_entity), ("recipe oracle", recipe_oracle))
+            for name, player in BASELINES.items()
         ),
         episodes=tuple(
             AgentEpisodes(name, members[0].name, _episodes(members[0], world, episodes))
             for name, members in groups.items()
         ),
+        references=references,
     )
 
 
@@ -330,6 +339,15 @@ def summarise_agents(view: AgentsView, report: str) -> AgentsSummary:
     """Return the headline of a view, and where its report is."""
     agents = {agent.name: AgentSummary(agent.runs, agent.seeds, agent.success) for agent in view.agents}
     return AgentsSummary(report, view.part, view.depth, agents, view.baselines)
+
+
+def _references(agent: OpenedAgent, part: TaskPart, played: Sequence[int]) -> tuple[ReferenceRow, ...]:
+    """Return what the reference pack has under an agent's conditions, without those who play at the same tables."""
+    play = play_of(agent.config.tasks, part)
+    pack = pack_of(agent.opened.graph.hash, agent.opened.split.hash)
+    if play is None or pack is None:
+        return ()
+    return tuple(row for row in pack.rows_of(play, played) if row.player not in BASELINES)
 
 
 def _check_alike(agents: Sequence[OpenedAgent], rules: Sequence[str]) -> None:
@@ -355,14 +373,14 @@ def _distractors(agents: Sequence[OpenedAgent], wanted: Sequence[int] | None, mo
     if wanted is None:
         usual = (amount for amount in DISTRACTORS if amount <= most)
         wanted = sorted({*usual, *(agent.config.tasks.distractors for agent in agents)})
-    played = [amount for amount in wanted if any(_can_play(agent, amount) for agent in agents)]
+    played = [amount for amount in wanted if any(can_play(agent, amount) for agent in agents)]
     if not played:
         trained_with = agents[0].config.tasks.distractors
         raise ConfigError(f"`distractors` {list(wanted)}: an mlp plays with as many as in training, {trained_with}.")
     return played
 
 
-def _can_play(agent: OpenedAgent, distractors: int) -> bool:
+def can_play(agent: OpenedAgent, distractors: int) -> bool:
     """Whether a policy takes tables of this size; an mlp takes one size only."""
     return agent.config.policy.policy != "mlp" or distractors == agent.config.tasks.distractors
 

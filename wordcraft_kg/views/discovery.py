@@ -14,6 +14,7 @@ from wordcraft_kg.agents.discovery import (
     summarise_curves,
 )
 from wordcraft_kg.envs.open_ended import Discovery
+from wordcraft_kg.experiments.reference import OpenPlay, ReferenceRow, literature, pack_of
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.records import Count, Hash, Record, Share
 
@@ -48,6 +49,7 @@ class DiscoveryView(Record, omit_defaults=True):
         marks: attempts after which the number of known entities is reported.
         players: what each player knows, by mark.
         people: entities that people know in another game, by attempts.
+        references: players of the reference pack who are not among these, from the same base, and the literature.
         out: file of the page, if it was written.
     """
 
@@ -64,6 +66,7 @@ class DiscoveryView(Record, omit_defaults=True):
     players: dict[str, dict[str, Known]]
     people: dict[str, float]
     people_source: str
+    references: tuple[ReferenceRow, ...] = ()
     out: str | None = None
 
 
@@ -109,6 +112,7 @@ def view_discovery(
         players={name: _known(table[table["player"] == name]) for name in players},
         people={str(attempt): known for attempt, known in HUMAN_CURVE.items()},
         people_source=HUMAN_SOURCE,
+        references=_references(graph, graph.labels(start.base), players),
     )
     return view, curves
 
@@ -116,6 +120,18 @@ def view_discovery(
 def written_to(view: DiscoveryView, out: Path) -> DiscoveryView:
     """Return a view with the file of its page."""
     return msgspec.structs.replace(view, out=str(out))
+
+
+def _references(graph: RecipeGraph, base: tuple[str, ...], players: Sequence[str]) -> tuple[ReferenceRow, ...]:
+    """Return what the reference pack and the literature have beside the players and the curve of people."""
+    pack = pack_of(graph.hash, None)
+    ours = pack.rows_of(OpenPlay(base)) if pack else ()
+    others = literature(["entities known", "new combinations"])
+    shown = {str(attempt): known for attempt, known in HUMAN_CURVE.items()}
+    return (
+        *(row for row in ours if row.player not in players),
+        *(row for row in others if {at: found.value for at, found in row.figures.items()} != shown),
+    )
 
 
 def _known(table: "pd.DataFrame") -> dict[str, Known]:

@@ -1,0 +1,183 @@
+"""Measure the reference pack, and write its files.
+
+    python benchmarks/make_reference.py everyday [--agents RUNS ...]
+    python benchmarks/make_reference.py little-alchemy-2 --studies docs/results/knowledge-little-alchemy-2.json ...
+    python benchmarks/make_reference.py everyday --check
+
+Scripted players are always measured: on test tasks of depth 1 with 1, 2 and 8 distractors, of depth 2 with 1 and 8, and
+in open-ended play. Agents come from run folders (``--agents``: a folder of seeds for each agent, played with 1, 2 and 8
+distractors) or from the results of studies (``--studies``: each variant with the number of distractors that it was
+trained with); without either, the rows of agents that the file has stay as they are. ``--check`` writes nothing; its
+exit code is 1 if a scripted player's figures are not those of the file.
+
+The agents of ``everyday`` are trained so, in half an hour of one core:
+
+    wordcraft-kg build-graph everyday --out graphs/everyday
+    wordcraft-kg train-agent graphs/everyday --steps 1000000 --seeds 0-4 --eval-every 0 --out runs/no-kg
+    wordcraft-kg train-complex graphs/everyday --out models/everyday
+    wordcraft-kg train-agent graphs/everyday --scorer models/everyday --steps 1000000 --seeds 0-4 --eval-every 0 \
+--out runs/complex
+    wordcraft-kg train-recipes graphs/everyday --out models/everyday-recipes
+    wordcraft-kg train-agent graphs/everyday --scorer models/everyday-recipes --use u,v,w --steps 1000000 --seeds 0-4 \
+--eval-every 0 --out runs/recipes
+    python benchmarks/make_reference.py everyday --agents "no scorer=runs/no-kg" "ComplEx, u v=runs/complex" \
+"recipe scorer, u v w=runs/recipes"
+"""
+
+import argparse
+import json
+import platform
+import sys
+from collections.abc import Iterator, Sequence
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+
+from wordcraft_kg.agents.agent_folder import open_agent
+from wordcraft_kg.errors import TaskError
+from wordcraft_kg.experiments.reference import (
+    FORMAT,
+    PACK,
+    TRAINED_WITH,
+    ReferencePack,
+    ReferenceRow,
+    TaskPlay,
+    figures_of,
+    read_pack,
+)
+from wordcraft_kg.experiments.results import StudyResults
+from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
+from wordcraft_kg.records import as_values, read_record
+from wordcraft_kg.runs.seeds import run_folders
+from wordcraft_kg.statistics import crossed_bootstrap
+from wordcraft_kg.views.references import (
+    DISTRACTORS,
+    OVER_SEEDS,
+    SEEN,
+    agent_rows,
+    in_order,
+    open_play,
+    open_rows,
+    played_graph,
+    scripted_rows,
+)
+
+PLAYS = ((TaskPlay("test", 1, 1), DISTRACTORS), (TaskPlay("test", 2, 2), (1, 8)))
+BASES = (None, ("air", "earth", "fire", "water"))
+"""The graph's own, and that of people who play Little Alchemy 2."""
+PACKAGES = ("wordcraft-kg", "torch", "numpy")
+PLAIN = "no graph, "
+"""Before the variants of the study of what an agent sees, in which no agent has a graph."""
+
+
+def main() -> None:
+    """Measure, and write or compare a file."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("graph", help="graph folder, recipe book or known book's name")
+    parser.add_argument("--agents", nargs="+", default=(), metavar="NAME=RUNS", help="folders of seeds, by agent")
+    parser.add_argument("--studies", nargs="+", default=(), type=Path, help="results of studies of this book")
+    parser.add_argument("--check", action="store_true", help="compare scripted players with the file")
+    chosen = parser.parse_args()
+    opened = open_graph(chosen.graph)
+    path = PACK / f"{opened.graph.name}.json"
+    scripted = tuple(scripted_players(opened))
+    kept = [row for row in read_pack(path).rows if row.kind == "agent"] if path.exists() else []
+    if chosen.check:
+        sys.exit(differences(read_pack(path), scripted))
+    agents = [*trained(opened, chosen.agents), *studied(opened, chosen.studies)] or kept
+    pack = ReferencePack(
+        format=FORMAT,
+        title=opened.graph.name,
+        graph=played_graph(opened),
+        versions=versions(),
+        rows=in_order([*scripted, *agents]),
+    )
+    path.write_text(pack_text(pack), encoding="utf-8")
+    print(f"wrote {path}: {len(pack.rows)} rows, {path.stat().st_size:,} bytes")
+
+
+def scripted_players(opened: OpenedGraph) -> Iterator[ReferenceRow]:
+    """Yield the rows of scripted players: crafting tasks, then open-ended play."""
+    for play, columns in PLAYS:
+        try:
+            yield from scripted_rows(opened, play, columns)
+        except TaskError as error:
+            print(error, file=sys.stderr)
+    for play in dict.fromkeys(open_play(opened, base) for base in BASES):
+        yield from open_rows(opened, play)
+
+
+def trained(opened: OpenedGraph, named: Sequence[str]) -> Iterator[ReferenceRow]:
+    """Yield the rows of agents by their run folders, ``NAME=RUNS``."""
+    groups = {}
+    for text in named:
+        name, _, folder = text.partition("=")
+        groups[name] = [open_agent(run, opened) for run in run_folders(Path(folder))]
+    if groups:
+        yield from agent_rows(groups, opened, PLAYS[0][0], DISTRACTORS, "ours")
+
+
+def studied(opened: OpenedGraph, paths: Sequence[Path]) -> Iterator[ReferenceRow]:
+    """Yield the rows of the variants of studies that played depth 1 on this graph and split; equal runs once."""
+    seen: set[str] = set()
+    for path in paths:
+        results = read_record(path, StudyResults)
+        study = results.study
+        for name, settings in study.variants.items():
+            runs = [
+                run
+                for run in results.runs
+                if run.variant == name
+                and results.graphs[run.graph].split == opened.split.hash
+                and run.values.keys() <= {"distractors"}
+                and run.run not in seen
+            ]
+            seen |= {run.run for run in runs}
+            amounts = sorted({int(run.values["distractors"]) for run in runs})
+            if not amounts:
+                continue
+            rates = {amount: [run.rates for run in runs if run.values["distractors"] == amount] for amount in amounts}
+            found = {amount: (float(np.mean(rate)), *crossed_bootstrap(rate)) for amount, rate in rates.items()}
+            scorer = study.scorers.get(str(settings.get("scorer")), {})
+            yield ReferenceRow(
+                player=name if scorer or name.startswith("no graph") else PLAIN + name,
+                kind="agent",
+                measure="success",
+                figures=figures_of(found),
+                origin="ours",
+                source=f"{results.command} ({study.title})",
+                play=PLAYS[0][0],
+                interval=OVER_SEEDS,
+                tasks=len(runs[0].won),
+                draws=runs[0].draws,
+                seeds=len({run.seed for run in runs}),
+                settings={key: str(value) for key, value in settings.items()}
+                | {"steps": f"{runs[0].steps:,}", TRAINED_WITH: "as many distractors as here"},
+                notes=f"its scorer {SEEN}" if scorer.get("kg") == "full" else "",
+            )
+
+
+def versions() -> dict[str, str]:
+    """Return the versions that figures may depend on."""
+    return {"python": platform.python_version()} | {name: version(name) for name in PACKAGES}
+
+
+def pack_text(pack: ReferencePack) -> str:
+    """Return a file of the pack: a line for each row, so that what changes can be seen."""
+    values = as_values(pack)
+    rows = ",\n".join(json.dumps(row, ensure_ascii=False) for row in values.pop("rows"))
+    return f'{json.dumps(values, ensure_ascii=False)[:-1]}, "rows": [\n{rows}\n]}}\n'
+
+
+def differences(pack: ReferencePack, scripted: Sequence[ReferenceRow]) -> int:
+    """Print what differs between the file and what was measured; return the exit code."""
+    recorded = {(row.player, row.play): row for row in pack.rows if row.kind != "agent"}
+    wrong = [row.player for row in scripted if recorded.pop((row.player, row.play), None) != row]
+    for name in [*wrong, *(player for player, _ in recorded)]:
+        print(f"'{name}' is not as in the file")
+    return 1 if wrong or recorded else 0
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,254 @@
+"""``reference`` as a user runs it, and the pack beside ``compare-agents`` and ``discover``."""
+
+import json
+from typing import Any
+
+import msgspec
+import pytest
+
+from wordcraft_kg.agents.people.protocol import HumanProtocol
+from wordcraft_kg.agents.people.session_file import append_answer, open_session
+from wordcraft_kg.experiments import reference
+from wordcraft_kg.experiments.reference import FORMAT, Figure, OpenPlay, ReferencePack, ReferenceRow, TaskPlay
+from wordcraft_kg.graphs import open_graph
+from wordcraft_kg.views.references import played_graph
+
+DEPTH_1 = TaskPlay("test", 1, 1)
+
+
+def row(player: str, kind: str, figures: dict[str, float], **more: Any) -> ReferenceRow:
+    return ReferenceRow(
+        **(
+            {
+                "player": player,
+                "kind": kind,
+                "measure": "success",
+                "figures": {column: Figure(value) for column, value in figures.items()},
+                "origin": "ours",
+                "source": "a command",
+                "play": DEPTH_1,
+            }
+            | more
+        )
+    )
+
+
+@pytest.fixture
+def pack(monkeypatch: pytest.MonkeyPatch) -> ReferencePack:
+    """A pack that has the kitchen, with figures that nobody would measure."""
+    opened = open_graph("kitchen")
+    base = OpenPlay(opened.graph.base)
+    rows = (
+        row("random", "chance", {"1": 0.111, "4": 0.444}),
+        row("recipe oracle", "oracle", {"1": 0.999, "4": 0.998}),
+        row("our agent", "agent", {"1": 0.777, "4": 0.666}, seeds=5, settings={"steps": "1,000"}),
+        row("of depth 2", "agent", {"1": 0.5}, play=TaskPlay("test", 2, 2)),
+        row("explorer", "other", {"1": 5.5, "10": 6.25}, measure="entities known", play=base),
+    )
+    found = ReferencePack(format=FORMAT, title="kitchen", rows=rows, graph=played_graph(opened))
+    real = [one for one in reference.read_packs() if one.graph is None]
+    monkeypatch.setattr(reference, "packs", lambda: (found, *real))
+    return found
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory: pytest.TempPathFactory):
+    """A folder of two seeds of an agent of the kitchen."""
+    from wordcraft_kg.cli import main
+
+    out = tmp_path_factory.mktemp("runs") / "plain"
+    small = ("--steps", "640", "--batch-size", "16", "--eval-every", "0", "--key-size", "8", "--value-size", "8")
+    arguments = ("train-agent", "kitchen", *small, "--distractors", "2", "--seeds", "0,1", "--out", str(out), "-q")
+    assert main(arguments) == 0
+    return out
+
+
+def session(path, *, right: int, wrong: int, graph: str = "kitchen", distractors: int = 4):
+    """Write the session of a person who makes some goals of test tasks and then fails at some."""
+    protocol = HumanProtocol(graph, distractors, tasks=right + wrong)
+    opened = open_session(path, protocol)
+    for number, (part, turn) in enumerate(protocol.turns):
+        task = protocol.task(part, turn)
+        plan = task.plans[0]
+        slots = task.table.index(plan.ingredient_a), task.table.index(plan.ingredient_b)
+        fails = number % (right + wrong) >= right
+        opened = append_answer(path, opened, protocol.answer(task, (slots[0], slots[0]) if fails else slots, 1.0))
+    return path
+
+
+def test_a_graph_without_a_pack_is_measured_as_baselines_does(run):
+    found = json.loads(run("reference", "kitchen", "--distractors", "1,4", "--json").out)
+    assert (found["pack"], found["measured"], found["columns"]) == (None, [1, 4], [1, 4])
+    expected = json.loads(run("baselines", "kitchen", "--distractors", "1,4", "--json").out)["rows"]
+    of = {(one["player"], str(one["distractors"])): one for one in expected}
+    figures = {(one["player"], column): value for one in found["rows"] for column, value in one["figures"].items()}
+    assert figures.keys() == of.keys()
+    for key, value in figures.items():
+        assert value["value"] == pytest.approx(of[key]["success"], abs=1e-6)
+        assert value["low"] == pytest.approx(of[key]["low"], abs=1e-6)
+    text = run("reference", "kitchen", "--distractors", "1,4")
+    assert text.code == 0
+    assert "measured now: scripted players with 1, 4 distractors" in text.out
+    assert "the pack does not have this graph and split" in text.out
+
+
+def test_ours_and_the_literature_are_apart_and_each_of_the_latter_has_a_source(run, pack):
+    lines = run("reference", "kitchen", "--distractors", "1,4").out.splitlines()
+    first, second = (next(n for n, line in enumerate(lines) if line.startswith(start)) for start in ("Meas", "From"))
+    assert first < second
+    ours, theirs = "\n".join(lines[first:second]), "\n".join(lines[second:])
+    assert "our agent" in ours
+    assert "gpt-4o-mini" not in ours
+    assert "gpt-4o-mini agent [1]" in theirs
+    assert "[1] Sarukkai" in theirs
+    assert "our agent" not in theirs
+    assert "measured now" not in theirs
+    assert "[a] 5 seeds, 1,000 steps" in theirs
+
+
+def test_what_the_pack_does_not_have_is_measured_and_the_rest_is_not(run, pack):
+    found = json.loads(run("reference", "kitchen", "--distractors", "4,2", "--json").out)
+    assert (found["pack"], found["measured"]) == ("kitchen", [2])
+    rows = {one["player"]: one for one in found["rows"]}
+    assert rows["random"]["figures"]["4"]["value"] == 0.444
+    assert 0 < rows["random"]["figures"]["2"]["value"] < 0.4
+    assert rows["our agent"]["figures"].keys() == {"4"}
+    assert "of depth 2" not in rows
+    assert next(iter(rows)) == "random"
+    assert "has no figures for 2 distractors" in run("reference", "kitchen", "--distractors", "4,2").out
+
+
+def test_the_pack_is_not_used_for_another_split(run, pack, tmp_path):
+    assert run("build-graph", "kitchen", "--seed", "5", "--out", tmp_path / "graph").code == 0
+    found = json.loads(run("reference", tmp_path / "graph", "--distractors", "1", "--json").out)
+    assert (found["pack"], found["measured"]) == (None, [1])
+
+
+def test_open_ended_play_stands_beside_people_and_language_models(run, pack):
+    found = json.loads(run("reference", "kitchen", "--open-ended", "--json").out)
+    assert [one["player"] for one in found["rows"]] == ["explorer"]
+    text = run("reference", "kitchen", "--open-ended").out
+    people = next(line for line in text.splitlines() if "people, Little Alchemy 2" in line)
+    assert people.split()[-5:] == ["5", "9.95", "14.05", "23.47", "35.96"]
+    assert "192 new combinations after 500 attempts" in text
+    assert "Success" not in text
+
+
+def test_open_ended_play_from_another_base_is_measured(run, pack):
+    base = pack.rows[-1].play.base
+    found = json.loads(run("reference", "kitchen", "--open-ended", "--base", ",".join(base[1:]), "--json").out)
+    assert found["measured"] == [1, 10, 20, 50, 100]
+    assert {"random", "random-no-repeat", "greedy", "empowerment"} == {one["player"] for one in found["rows"]}
+    assert found["play"]["base"] == list(base[1:])
+
+
+def test_an_agent_beside_has_the_figures_of_its_evaluation(run, pack, runs):
+    found = json.loads(run("reference", "kitchen", "--distractors", "1,4", "--beside", runs, "--json").out)
+    (own,) = (one for one in found["rows"] if one["origin"] == "beside")
+    assert (own["player"], own["seeds"]) == ("plain", 2)
+    of_seeds = [
+        json.loads(run("evaluate-agent", runs / f"seed-{seed}", "--distractors", "1,4", "--json").out)["success"]
+        for seed in (0, 1)
+    ]
+    for amount in ("1", "4"):
+        mean = sum(one[amount]["mean"] for one in of_seeds) / 2
+        assert own["figures"][amount]["value"] == pytest.approx(mean, abs=1e-6)
+        assert own["figures"][amount]["low"] <= mean <= own["figures"][amount]["high"]
+    assert "plain (yours)" in run("reference", "kitchen", "--distractors", "1,4", "--beside", runs).out
+
+
+def test_people_beside_have_the_share_of_their_right_answers(run, pack, tmp_path):
+    path = session(tmp_path / "one.jsonl", right=3, wrong=2)
+    found = json.loads(run("reference", "kitchen", "--distractors", "1,4", "--beside", path, "--json").out)
+    (own,) = (one for one in found["rows"] if one["origin"] == "beside")
+    assert (own["kind"], own["people"], own["figures"].keys()) == ("people", 1, {"4"})
+    assert own["figures"]["4"]["value"] == 0.6
+    assert "one person" in own["interval"]
+
+
+def test_bad_input_says_what_would_be_understood(run, pack, runs, tmp_path):
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "text.txt").write_text("hello")
+    (tmp_path / "graph").mkdir()
+    (tmp_path / "graph" / "graph.json").write_text("{}")
+    other = session(tmp_path / "other.jsonl", right=1, wrong=0, graph="everyday")
+    few = session(tmp_path / "few.jsonl", right=1, wrong=0, distractors=3)
+    cases = (
+        (("--beside", tmp_path / "empty"), "is an empty folder; expected a run folder of 'train-agent'"),
+        (("--beside", tmp_path / "text.txt"), "is a file; expected a run folder of 'train-agent'"),
+        (("--beside", tmp_path / "nowhere"), "does not exist; expected a run folder of 'train-agent'"),
+        (("--beside", tmp_path / "graph"), "is a graph folder; expected a run folder of 'train-agent'"),
+        (("--beside", other), "is of graph 917cafc4ad20, and the table of 43fe37e2e912"),
+        (("--beside", few, "--distractors", "1,4"), "it is of 3 distractors"),
+        (("--beside", runs, "--depth", "2"), "plays tasks of depth 1 with 1 attempt"),
+        (("--distractors", "x"), "expected whole numbers, such as 1,2,8."),
+        (("--distractors", "79"), "--distractors 79: kitchen has 80 entities"),
+        (("--depth", "0"), "--depth 0: expected a whole number, 1 to 5."),
+        (("--base", "water"), "--base is about open-ended play"),
+        (("--open-ended", "--distractors", "1"), "--distractors is about crafting tasks"),
+        (("--open-ended", "--beside", runs), "--beside is about crafting tasks"),
+    )
+    for arguments, says in cases:
+        outcome = run("reference", "kitchen", *arguments)
+        assert (outcome.code, outcome.out) == (1, ""), arguments
+        assert says in outcome.err
+        assert "Traceback" not in outcome.err
+
+
+def test_a_run_of_another_graph_is_refused(run, runs):
+    outcome = run("reference", "everyday", "--beside", runs)
+    assert (outcome.code, outcome.kind) == (1, "GraphMismatchError")
+    assert "was trained on graph 43fe37e2e912" in outcome.err
+
+
+def test_a_report_of_agents_shows_the_pack_apart_and_has_the_same_figures(run, runs, monkeypatch, tmp_path, pack):
+    arguments = ("compare-agents", runs, "--distractors", "1,4", "--draws", 1, "--episodes", 0)
+    with_pack = run(*arguments, "--out", tmp_path / "with")
+    assert with_pack.code == 0, with_pack.err
+    assert "for comparison: wordcraft-kg reference kitchen --part test --depth 1 --distractors 1,4" in with_pack.out
+    monkeypatch.setattr(reference, "packs", lambda: ())
+    without = run(*arguments, "--out", tmp_path / "without")
+    assert "for comparison" not in without.out
+    reports = [json.loads((tmp_path / name / "report.json").read_text()) for name in ("with", "without")]
+    assert [one["player"] for one in reports[0].pop("references")] == ["our agent"]
+    assert reports[1].pop("references") == []
+    assert reports[0] == reports[1]
+    page, plain = ((tmp_path / name / "index.html").read_text() for name in ("with", "without"))
+    assert "For comparison" in page
+    assert "our agent" in page
+    assert "For comparison" not in plain
+
+
+def test_the_page_of_discover_shows_what_did_not_play(run, tmp_path, pack):
+    small = ("discover", "kitchen", "--runs", 2, "--players", "random", "--out", tmp_path / "page.html")
+    values = json.loads(run(*small, "--json").out)
+    players = [one["player"] for one in values["references"]]
+    assert players[0] == "explorer"
+    assert "people, Little Alchemy 2" not in players  # it is in the table already
+    assert {"people, Tiny Alchemy", "o1"} <= set(players)
+    page = (tmp_path / "page.html").read_text()
+    assert "explorer" in page
+    assert "192 new combinations after 500 attempts" in page
+
+
+def test_an_agent_by_other_rules_gets_no_rows_of_the_pack(pack):
+    from wordcraft_kg.agents.config import TaskConfig
+
+    assert reference.play_of(TaskConfig(distractor_policy="no_shortcut"), "test") is None
+    assert pack.rows_of(TaskPlay("test", 1, 3)) == ()
+    assert msgspec.structs.replace(pack.rows[0]).at([4]).figures.keys() == {"4"}
+
+
+def test_the_page_has_the_table_with_ours_and_others_apart(run, pack, tmp_path):
+    page = tmp_path / "page.html"
+    done = run("reference", "kitchen", "--distractors", "1,4", "--out", page)
+    assert done.code == 0, done.err
+    assert f"wrote {page}" in done.out
+    ours, theirs = page.read_text().split("From the literature, in other environments")
+    assert "our agent" in ours
+    assert "gpt-4o-mini" not in ours
+    assert "gpt-4o-mini" in theirs
+    assert "arXiv 2505.00234" in theirs
+    again = run("reference", "kitchen", "--distractors", "1,4", "--out", page)
+    assert (again.code, again.kind) == (1, "OutputExistsError")
+    assert run("reference", "kitchen", "--open-ended", "--out", page, "--force").code == 0

@@ -6,6 +6,7 @@ import msgspec
 import numpy as np
 import pytest
 
+from tests.agents.words.scripted_words import picks_of
 from wordcraft_kg.agents.evaluation import Evaluator
 from wordcraft_kg.agents.players import Player, knowledge_player, random_distinct, random_entity, recipe_oracle
 from wordcraft_kg.agents.words.conversation import REFUSALS, Conversation, converse
@@ -14,7 +15,6 @@ from wordcraft_kg.agents.words.games import DiscoveryGames, TaskGames
 from wordcraft_kg.agents.words.knowledge import PartialGraphKnowledge, ScorerKnowledge, knowledge_of
 from wordcraft_kg.agents.words.played import played_task, played_world
 from wordcraft_kg.agents.words.records import PlayedTask, WordsSettings
-from wordcraft_kg.envs.batch import BatchEngine
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.words import texts_hash
 from wordcraft_kg.envs.world import World
@@ -32,25 +32,6 @@ def kitchen() -> OpenedGraph:
 @pytest.fixture(scope="module")
 def games(kitchen: OpenedGraph) -> TaskGames:
     return TaskGames(World(kitchen, WordCraftConfig(part="test", num_distractors=3)))
-
-
-def picks_of(player: Player, world: World, draws: int) -> dict[tuple[int, int], list[int]]:
-    """Return the slots that a scripted player picks, by task and draw, as an evaluation has them."""
-    found: dict[tuple[int, int], list[int]] = {}
-    evaluator = Evaluator(world, draws=draws)
-    episode = -1
-
-    def recording(engine: BatchEngine, rng: np.random.Generator) -> np.ndarray:
-        nonlocal episode
-        slots = player(engine, rng)
-        if (engine.selection == engine.nothing).all() and (engine.attempts_left == world.config.attempts).all():
-            episode += 1
-        for row in np.flatnonzero(engine.attempts_left > 0):
-            found.setdefault((int(evaluator.tasks[row]), episode), []).append(int(slots[row]))
-        return slots
-
-    evaluator(recording)
-    return found
 
 
 def play_all(games: TaskGames, draws: int, player: Callable[[int, int], Callable[[str], str]]) -> list[PlayedTask]:

@@ -26,8 +26,10 @@ def chosen_tasks(world: World, limit: int | None) -> Ids:
     return np.arange(0, len(world.tasks), distance_of(len(world.tasks), limit))
 
 
-def evaluation_of(world: World, played: Sequence[PlayedTask]) -> Evaluation:
+def evaluation_of(world: World | None, played: Sequence[PlayedTask]) -> Evaluation:
     """Return games as the evaluation of agents has them: N tasks with D draws each, all of them played.
+
+    Without a world, the last pairs have no ids: they are -1. Figures and shares do not depend on them.
 
     Raises:
         ValueError: if a task lacks a draw that another one has.
@@ -38,7 +40,7 @@ def evaluation_of(world: World, played: Sequence[PlayedTask]) -> Evaluation:
         raise ValueError(f"{len(played)} games of {len(tasks)} tasks with {len(draws)} draws: expected all of them")
     row = {int(task): place for place, task in enumerate(tasks)}
     column = {draw: place for place, draw in enumerate(draws)}
-    shape, nothing = (len(tasks), len(draws)), world.nothing
+    shape, nothing = (len(tasks), len(draws)), -1 if world is None else world.nothing
     found = Evaluation(
         tasks,
         np.zeros(shape, dtype=bool),
@@ -51,7 +53,7 @@ def evaluation_of(world: World, played: Sequence[PlayedTask]) -> Evaluation:
         place = row[one.task], column[one.draw]
         found.success[place], found.by_plan[place] = one.success, one.by_plan
         found.picks[place], found.endings[place] = one.picks, ENDINGS.index(one.ending)
-        if one.last is not None:
+        if one.last is not None and world is not None:
             found.last[place] = [world.graph.id_of(label) for label in one.last]
     return found
 
@@ -70,8 +72,10 @@ class Tally:
         return cls(*(sum(getattr(one, name) for one in played) for name in ("refused", "lost", "look_ups")))
 
 
-def result_of_tasks(player: str, settings: WordsSettings, world: World, played: Sequence[PlayedTask]) -> WordsResult:
-    """Return the result of a player on tasks."""
+def result_of_tasks(
+    player: str, settings: WordsSettings, world: World | None, played: Sequence[PlayedTask]
+) -> WordsResult:
+    """Return the result of a player on tasks; the world is not needed for it."""
     found, tally = evaluation_of(world, played), Tally.of(played)
     return WordsResult(
         player=player,
@@ -91,8 +95,6 @@ def result_of_worlds(player: str, settings: WordsSettings, played: Sequence[Play
 
     A game that ended before its attempts were used up keeps what it knew.
     """
-    marks = sorted({mark for mark in (*MARKS, settings.attempts) if mark <= settings.attempts})
-    known = {mark: float(np.mean([known_at(one, mark, len(settings.base)) for one in played])) for mark in marks}
     tally = Tally.of(played)
     return WordsResult(
         player=player,
@@ -100,11 +102,17 @@ def result_of_worlds(player: str, settings: WordsSettings, played: Sequence[Play
         games=len(played),
         success=None,
         outcomes={},
-        known=known,
+        known=mean_known(played, settings.attempts, len(settings.base)),
         refused=tally.refused,
         lost=tally.lost,
         look_ups=tally.look_ups,
     )
+
+
+def mean_known(played: Sequence[PlayedWorld], attempts: int, base: int) -> dict[int, float]:
+    """Return how many entities are known on average after some numbers of attempts, the last of them ``attempts``."""
+    marks = sorted({mark for mark in (*MARKS, attempts) if mark <= attempts})
+    return {mark: float(np.mean([known_at(one, mark, base) for one in played])) for mark in marks}
 
 
 def known_at(played: PlayedWorld, attempts: int, base: int) -> int:

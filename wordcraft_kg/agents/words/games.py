@@ -19,13 +19,16 @@ class Game(Protocol):
 
     Attributes:
         graph: the recipe graph.
-        tasks: the tasks that the game's task is one of; None in the open-ended world, which has none.
-        task: number of the game's task among them.
+        task: number of the game's task among :attr:`tasks`.
     """
 
     graph: RecipeGraph
-    tasks: TaskSet | None
     task: int
+
+    @property
+    def tasks(self) -> TaskSet | None:
+        """The tasks that the game's task is one of; None in the open-ended world, which has none."""
+        ...
 
     @property
     def rules(self) -> str:

@@ -1,0 +1,206 @@
+"""Games as Inspect AI sees them: a solver that holds the conversation, scorers, and our figures as its metrics."""
+
+from collections import defaultdict
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from wordcraft_kg.agents.words.conversation import Conversation
+from wordcraft_kg.errors import ArtefactError
+from wordcraft_kg.interfaces.inspect_extra import missing_inspect
+
+try:
+    from inspect_ai.model import ChatMessageUser
+    from inspect_ai.scorer import Metric, SampleScore, Score, Scorer, Target, Value, metric, scorer, stderr
+    from inspect_ai.solver import Generate, Solver, TaskState, solver
+except ModuleNotFoundError:
+    raise missing_inspect() from None
+
+if TYPE_CHECKING:
+    from wordcraft_kg.agents.words.records import PlayedTask, PlayedWorld
+
+PLAYED = "wordcraft_kg_played"
+"""Where the solver leaves what was played in a sample's store."""
+UNFINISHED = "unfinished"
+"""Key of what was played: whether a limit of Inspect's ended the game."""
+VERDICT = "verdict"
+"""Key of what was played: how the game ended, in words."""
+
+Begin = Callable[[Mapping[str, Any]], Conversation]
+"""Begins the game of a sample, by the sample's metadata."""
+
+
+@solver
+def conversation(begin: Begin) -> Solver:
+    """Let a model play: it is told what its last message did, until the game is over.
+
+    A game that a limit of Inspect's ends is given up: what was not made by then is not made.
+    """
+
+    async def solve(state: TaskState, generate: Generate) -> TaskState:
+        talk = begin(state.metadata)
+        try:
+            state = await generate(state)
+            told = talk.hear(state.output.completion)
+            while not talk.is_over:
+                state.messages.append(ChatMessageUser(content=told))
+                state = await generate(state)
+                told = talk.hear(state.output.completion)
+        finally:
+            # Also on a limit, which Inspect raises as an error: what was played until then is scored.
+            is_finished = talk.is_over
+            talk.game.end()
+            state.store.set(PLAYED, {**_played(talk, state), UNFINISHED: not is_finished, VERDICT: talk.game.state})
+        return state
+
+    return solve
+
+
+def _played(talk: Conversation, state: TaskState) -> dict[str, Any]:
+    """Return what is recorded of a game, without its messages, which Inspect's log has."""
+    from wordcraft_kg.agents.words.played import played_task, played_world
+    from wordcraft_kg.records import as_values
+
+    # Inspect counts epochs from 1.
+    played = played_world(talk, state.epoch - 1, []) if talk.game.tasks is None else played_task(talk, [])
+    return {key: value for key, value in as_values(played).items() if key != "messages"}
+
+
+def played_task_of(values: Mapping[str, Any] | None, where: str) -> "PlayedTask":
+    """Return the game of a task from the metadata of its score.
+
+    Raises:
+        ArtefactError: if it is not one; ``where`` says what it is read from.
+    """
+    from wordcraft_kg.agents.words.records import PlayedTask
+    from wordcraft_kg.records import as_record
+
+    return as_record(_bare(values), PlayedTask, where)
+
+
+def played_world_of(values: Mapping[str, Any] | None, where: str) -> "PlayedWorld":
+    """Return the game in the open-ended world from the metadata of its score.
+
+    Raises:
+        ArtefactError: if it is not one; ``where`` says what it is read from.
+    """
+    from wordcraft_kg.agents.words.records import PlayedWorld
+    from wordcraft_kg.records import as_record
+
+    return as_record(_bare(values), PlayedWorld, where)
+
+
+def _bare(values: Mapping[str, Any] | None) -> dict[str, Any]:
+    return {**{key: value for key, value in (values or {}).items() if key not in (UNFINISHED, VERDICT)}, "messages": []}
+
+
+def distinct_draws(played: "Sequence[PlayedTask]") -> "list[PlayedTask]":
+    """Return games so that no task has a draw twice: a table that is played again counts like a further draw.
+
+    Inspect's epochs play each sample several times.
+    """
+    import msgspec
+
+    draws = 1 + max((one.draw for one in played), default=0)
+    times: dict[tuple[int, int], int] = defaultdict(int)
+    found = []
+    for one in played:
+        place = one.task, one.draw
+        found.append(msgspec.structs.replace(one, draw=one.draw + draws * times[place]))
+        times[place] += 1
+    return found
+
+
+@metric(scores="unreduced")
+def crafting_figures() -> Metric:
+    """Our figures of success on tasks, those of an evaluation of agents, and Inspect's standard error over tasks."""
+
+    def figures(scores: list[SampleScore]) -> Value:
+        from wordcraft_kg.agents.words.evaluation import evaluation_of
+
+        if not scores:
+            return {}
+        played = distinct_draws([played_task_of(one.score.metadata, f"the score of {one.sample_id}") for one in scores])
+        games, tasks, draws = len(played), {one.task for one in played}, {one.draw for one in played}
+        # With some samples of a task missing there is no interval over tasks; what is not there is not shown.
+        success = evaluation_of(None, played).figures() if games == len(tasks) * len(draws) else None
+        return {
+            "success": success.mean if success else sum(one.success for one in played) / games,
+            "stderr": float(stderr(cluster="task")(scores)),  # type: ignore[arg-type]
+            "ci_low": success.ci_low if success else None,
+            "ci_high": success.ci_high if success else None,
+            "by_plan": success.by_plan if success else sum(one.by_plan for one in played) / games,
+            "picks": success.picks if success else sum(one.picks for one in played) / games,
+            **_counts(scores),
+        }
+
+    return figures
+
+
+@metric(scores="unreduced")
+def discovery_figures() -> Metric:
+    """Return the mean number of entities known after some numbers of attempts, and its standard error at the end."""
+
+    def figures(scores: list[SampleScore]) -> Value:
+        from wordcraft_kg.agents.words.evaluation import mean_known
+
+        if not scores:
+            return {}
+        played = [played_world_of(one.score.metadata, f"the score of {one.sample_id}") for one in scores]
+        about = scores[0].sample_metadata or {}
+        known = mean_known(played, about["attempts"], about["known_at_start"])
+        return {
+            **{f"known_{attempts}": value for attempts, value in known.items()},
+            "stderr": float(stderr()(scores)),  # type: ignore[arg-type]
+            **_counts(scores),
+        }
+
+    return figures
+
+
+def _counts(scores: list[SampleScore]) -> dict[str, int]:
+    """Return what is counted over all games."""
+    values = [one.score.metadata or {} for one in scores]
+    return {name: sum(one.get(name, 0) for one in values) for name in ("refused", "lost", "look_ups", UNFINISHED)}
+
+
+@scorer(metrics=[crafting_figures()])
+def goal_made() -> Scorer:
+    """Score a task: 1 if its goal was made, else 0; all that is recorded of the game is the score's metadata."""
+
+    async def score(state: TaskState, target: Target) -> Score:
+        played = _left(state)
+        last = played["last"]
+        return Score(
+            value=int(played["success"]),
+            answer=" + ".join(last) if last else None,
+            explanation=played[VERDICT],
+            metadata=played,
+        )
+
+    return score
+
+
+@scorer(metrics=[discovery_figures()])
+def things_known() -> Scorer:
+    """Score a game in the open-ended world: how much was known at its end."""
+
+    async def score(state: TaskState, target: Target) -> Score:
+        played = _left(state)
+        after = played["known_after"] or [state.metadata["known_at_start"]]
+        return Score(value=after[-1], explanation=played[VERDICT], metadata=played)
+
+    return score
+
+
+def _left(state: TaskState) -> dict[str, Any]:
+    """Return what the solver has left.
+
+    Raises:
+        ArtefactError: if another solver has played.
+    """
+    played = state.store.get(PLAYED)
+    if played is None:
+        raise ArtefactError(
+            f"sample {state.sample_id} has no game: these tasks are scored by their own solver; leave --solver out."
+        )
+    return dict(played)

@@ -4,7 +4,7 @@ from hypothesis import strategies as st
 
 from wordcraft_kg.errors import ActionError
 from wordcraft_kg.graphs.library import open_book
-from wordcraft_kg.labels import last_line, read_label, read_pair
+from wordcraft_kg.labels import LabelIndex, last_line, read_label, read_pair
 
 TABLE = ("water", "watch", "Fire", "fire", "fire brigade", "wood", "3")
 PANTRY = (
@@ -225,3 +225,54 @@ def test_any_text_is_read_or_refused(written: str, labels: list[str]):
         except ActionError:
             continue
         assert all(0 <= place < len(labels) for place in (found if isinstance(found, tuple) else (found,)))
+
+
+def test_an_index_of_labels_reads_as_the_reader_does_one_by_one():
+    labels = [
+        "Moon",
+        "moon",
+        "berries",
+        "berry",
+        "box",
+        "the box",
+        "wolf",
+        "knife",
+        "ice-cream",
+        "Ice Cream",
+        "c++",
+        "a",
+    ]
+    index = LabelIndex(labels)
+    texts = [
+        *labels,
+        "MOON",
+        "Berry",
+        "berrys",
+        "boxes",
+        "a box",
+        "wolves",
+        "knives",
+        "knife.",
+        "'ice cream'",
+        "ICE_CREAM",
+    ]
+    for text in [
+        *texts,
+        "icecream",
+        "ox",
+        "",
+        "  ",
+        "the",
+        "1",
+        "mo",
+        "an a",
+        "as",
+        "**berry**",
+        "berry!",
+        "the boxes",
+    ]:
+        try:
+            expected = read_label(text, labels, by_number=False, by_beginning=False)
+        except ActionError:
+            expected = None
+        assert index.find(text) == expected, text

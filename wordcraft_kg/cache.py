@@ -5,8 +5,9 @@ import shutil
 from pathlib import Path
 from typing import Literal, get_args
 
-CachePart = Literal["books", "vectors"]
-"""Fetched recipe books; and vectors of the words of a graph, read from a file of word vectors."""
+CachePart = Literal["books", "vectors", "opinions"]
+"""Fetched recipe books; vectors of the words of a graph, read from a file of word vectors; and answers of language
+models."""
 
 
 def cache_folder(part: CachePart) -> Path:

@@ -75,5 +75,9 @@ class FetchError(WordCraftKGError, OSError):
     """A published book could not be downloaded, or is not the pinned file."""
 
 
+class EndpointError(WordCraftKGError, ConnectionError):
+    """The endpoint of a language model refuses what it is asked, or does not answer; the message says what is kept."""
+
+
 class MissingExtraError(WordCraftKGError, ImportError):
     """An optional dependency is needed; the message names the extra that installs it."""

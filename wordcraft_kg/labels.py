@@ -2,6 +2,7 @@
 
 import re
 import unicodedata
+from collections import defaultdict
 from collections.abc import Callable, Sequence
 from itertools import islice
 
@@ -73,6 +74,43 @@ def read_label(written: str, labels: Sequence[str], *, by_number: bool = True, b
             way = "; write more of the word" + ", or the number" * by_number
             raise ActionError(f"'{_shown(text)}' could be {shown}{more}{way}.")
     raise ActionError(f"{_shown(text)!r}: {expected}.{nearest(folded(text)[:100], labels)}")
+
+
+class LabelIndex:
+    """Many texts read against the same labels, as :func:`read_label` does without numbers and beginnings."""
+
+    def __init__(self, labels: Sequence[str]):
+        """Take the labels to choose from, all different."""
+        self._exact = {label: place for place, label in enumerate(labels)}
+        self._folded: dict[str, set[int]] = defaultdict(set)
+        self._bare: dict[str, set[int]] = defaultdict(set)
+        self._plural: dict[str, set[int]] = defaultdict(set)
+        for place, label in enumerate(labels):
+            bare = _bare(label)
+            self._folded[folded(label)].add(place)
+            self._bare[bare].add(place)
+            for form in _plurals(bare):
+                self._plural[form].add(place)
+
+    def find(self, written: str) -> int | None:
+        """Return the place of the label that is meant, None if it is none or could be several.
+
+        Example:
+            >>> index = LabelIndex(["water", "fire", "Fire", "berry"])
+            >>> index.find("The Water"), index.find("berries"), index.find("FIRE")
+            (0, 3, None)
+        """
+        text = " ".join(written.split())
+        if not text:
+            return None
+        if text in self._exact:
+            return self._exact[text]
+        bare = _bare(text)
+        in_plural = self._plural.get(bare, set()).union(*(self._bare.get(form, ()) for form in _plurals(bare)))
+        for meant in (self._folded.get(folded(text)), self._bare.get(bare), in_plural):
+            if meant:
+                return next(iter(meant)) if len(meant) == 1 else None
+        return None
 
 
 def read_pair(written: str, labels: Sequence[str]) -> tuple[int, int]:
@@ -149,13 +187,17 @@ def _fitting(form: Callable[[str], str], text: str, labels: Sequence[str]) -> li
 
 def _is_plural(word: str, other: str) -> bool:
     """Return whether a text is another one in the plural, by the regular forms of English."""
-    if len(other) < 2:
-        return False
+    return word in _plurals(other)
+
+
+def _plurals(word: str) -> set[str]:
+    if len(word) < 2:
+        return set()
     endings = {"y": "ies", "f": "ves"}
-    forms = {other + "s", other + "es", other[:-1] + endings.get(other[-1], other[-1] + "s")}
-    if other.endswith("fe"):
-        forms.add(other[:-2] + "ves")
-    return word in forms
+    forms = {word + "s", word + "es", word[:-1] + endings.get(word[-1], word[-1] + "s")}
+    if word.endswith("fe"):
+        forms.add(word[:-2] + "ves")
+    return forms
 
 
 def _shown(text: str) -> str:

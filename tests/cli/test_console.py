@@ -235,7 +235,10 @@ IS = {
     "file": "is a file",
     "nothing": "does not exist",
 }
-RUN, MODEL = "expected a run of train-agent", "expected a model of train-complex, train-links or train-recipes"
+RUN, MODEL = (
+    "expected a run of train-agent",
+    "expected a model of train-complex, train-links, train-recipes or ask-opinions",
+)
 
 
 @pytest.mark.parametrize(
@@ -367,7 +370,8 @@ def test_completion_can_be_installed(run, tmp_path, monkeypatch):
 def test_the_cache_is_listed_with_sizes_and_cleared_but_for_what_is_not_ours(run, home, monkeypatch):
     monkeypatch.setenv("PYSTOW_HOME", str(home / "pystow"))
     cached = home / "cache" / "wordcraft-kg"
-    for path, size in ((cached / "books/a.json", 1000), (cached / "vectors/b", 20), (home / "pystow/pykeen/c", 3)):
+    ours = ((cached / "books/a.json", 1000), (cached / "vectors/b", 20), (cached / "opinions/c.json", 4))
+    for path, size in (*ours, (home / "pystow/pykeen/c", 3)):
         path.parent.mkdir(parents=True)
         path.write_bytes(b"x" * size)
     (cached / "notes.txt").touch()
@@ -377,11 +381,11 @@ def test_the_cache_is_listed_with_sizes_and_cleared_but_for_what_is_not_ours(run
             (found["files"], found["bytes"]) for found in json.loads(run("cache", *options, "--json").out)["folders"]
         ]
 
-    assert sizes() == [(1, 1000), (1, 20), (1, 3)]
+    assert sizes() == [(1, 1000), (1, 20), (1, 4), (1, 3)]
     assert f"fetched recipe books          1 file, 1.0 kB  {cached / 'books'}" in run("cache").out
-    assert sizes("--clear") == [(0, 0), (0, 0), (1, 3)]
+    assert sizes("--clear") == [(0, 0), (0, 0), (0, 0), (1, 3)]
     assert [path.name for path in cached.iterdir()] == ["notes.txt"]
-    assert sizes("--clear") == [(0, 0), (0, 0), (1, 3)]
+    assert sizes("--clear") == [(0, 0), (0, 0), (0, 0), (1, 3)]
 
 
 # --- examples --------------------------------------------------------------------------------------------------------

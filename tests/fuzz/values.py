@@ -30,6 +30,7 @@ GIVEN = {
     "dim": "4",
     "draws": "1",
     "embedding_size": "4",
+    "endpoint": "http://127.0.0.1:9/v1",
     "episodes": "1",
     "epochs": "1",
     "eval_every": "0",

@@ -16,7 +16,7 @@ from wordcraft_kg.envs.evaluation_tables import EvaluationTables
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.errors import ConfigError, TaskError, UnknownEntityError
 from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.graphs.folder import KG
+from wordcraft_kg.graphs.folder import Taught
 from wordcraft_kg.graphs.plan_search import Rows
 from wordcraft_kg.graphs.recipe_graph import Entity
 from wordcraft_kg.graphs.splits import Part
@@ -35,9 +35,10 @@ TOLD = 3
 """Pairs of each pick for which the recipes that speak for them are told."""
 MOST_ON_TABLE = 64
 """Most entities on a table of one's own; the time of an answer grows with their square."""
-Model = Literal["no_scorer", "all_recipes", "train_recipes", "without_a_fold", "no_knowledge"]
-"""Which model of an agent's scorer answers: none, as it has no scorer; that of all recipes; that of the train recipes;
-that of the train recipes but for a fold; or none, as each of them has seen a part of the task's plan."""
+Model = Literal["no_scorer", "no_recipes", "all_recipes", "train_recipes", "without_a_fold", "no_knowledge"]
+"""Which model of an agent's scorer answers: none, as it has no scorer; one that was taught no recipe; that of all
+recipes; that of the train recipes; that of the train recipes but for a fold; or none, as each of them has seen a part
+of the task's plan."""
 
 
 class SlotEvidence(Record):
@@ -179,7 +180,7 @@ class Explainer:
         policy: Policy,
         world: World,
         *,
-        kg: KG = "partial",
+        kg: Taught = "partial",
         taught: NDArray[np.bool_] | None = None,
         most_picks: int | None = None,
     ):
@@ -188,7 +189,7 @@ class Explainer:
         Args:
             policy: the policy; its parameters are copied.
             world: graph, tasks and settings.
-            kg: the knowledge graph that its scorer was trained on, if it has one.
+            kg: the knowledge graph that its scorer was trained on, if it has one, or none.
             taught: which recipes of that it was taught as they are, shape (num_recipes,). Default: all, as far as no
                 source tells otherwise.
             most_picks: picks after which an episode is left as it is, in progress; None plays to its end.
@@ -311,6 +312,8 @@ class Explainer:
         is_train, folds = self.world.split.is_in("train"), self._folds()
         if not self._policy.sources:
             return "no_scorer", None, np.zeros_like(is_train)
+        if self._kg == "none":
+            return "no_recipes", None, np.zeros_like(is_train)
         if folds is None:
             is_all = self._kg == "full"
             return "all_recipes" if is_all else "train_recipes", None, self._known(is_train | is_all, 0)

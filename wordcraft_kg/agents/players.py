@@ -21,6 +21,7 @@ from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
 from wordcraft_kg.models.policies.sources.source import ScoreView, make_sources
 from wordcraft_kg.models.scorers.cross_fitting import whole_of
 from wordcraft_kg.models.scorers.facts import SymbolicScorer
+from wordcraft_kg.models.scorers.opinions import OpinionScorer
 from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
 from wordcraft_kg.models.scorers.scales import SelfEdges
@@ -193,7 +194,8 @@ def scorer_players(
         "u+v, self edges dropped": of("u", "v", self_edges="drop"),
     }
     # By its source, so that no train task is played from memory.
-    return players | ({"w, best pair": of("w")} if isinstance(whole_of(scorer), RecipeScorer) else {})
+    scores_recipes = isinstance(whole_of(scorer), RecipeScorer | OpinionScorer)
+    return players | ({"w, best pair": of("w")} if scores_recipes else {})
 
 
 class PlayerSuccess(Record):

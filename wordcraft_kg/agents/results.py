@@ -56,6 +56,11 @@ def _episode_lines(world: World, results: Mapping[TaskPart, Evaluation]) -> Iter
 def _of_train_tasks(run: RunRecord) -> str:
     if run.kg is None:
         return ""
+    if run.kg == "none":
+        return (
+            "\nThe scorer was taught no recipe of the graph: train and test tasks are alike to it, unless whatever it "
+            "rests on knew recipes of this book.\n"
+        )
     if run.cross_fitted:
         return (
             f"\nThe scorer is cross-fitted in {run.cross_fitted} folds: on train tasks, too, it answered by a model "
@@ -71,7 +76,8 @@ def model_card(opened: OpenedGraph, config: AgentConfig, run: RunRecord, summary
     guide = "without a knowledge graph"
     if config.scorer:
         own = "only" if policy.kg_only else "mixed into its logits"
-        guide = f"with {' and '.join(policy.sources)} of a scorer of the {run.kg} knowledge graph {own}"
+        of = f"of the {run.kg} knowledge graph" if run.kg != "none" else "that was taught no recipe"
+        guide = f"with {' and '.join(policy.sources)} of a scorer {of} {own}"
     warning = (
         "\nThe scorer was trained on all triples, including those of the test recipes: success on test tasks says how "
         "well the agent uses a perfect source, not how well it generalises.\n"

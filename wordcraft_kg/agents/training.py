@@ -109,7 +109,7 @@ def train_agent(
         # Refused now, if it has to be: the tasks of a large graph take a while.
         asked = whole_of(scorer) if config.policy.in_sample else scorer
         pairs_need_factors(config.policy.sources, asked, config.policy.scale)
-        observed = model.triples
+        observed = model.observed
         inputs["scorer"] = model.run.outputs["model.safetensors"]
         if isinstance(scorer, CrossFitted) and not config.policy.in_sample:
             inputs["scorer_folds"] = model.run.outputs[FOLDS_TENSORS]

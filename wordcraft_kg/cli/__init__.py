@@ -35,6 +35,7 @@ COMMANDS = {
         "train-complex",
         "train-links",
         "train-recipes",
+        "ask-opinions",
         "link-models",
         "tune-links",
         "import-pykeen",

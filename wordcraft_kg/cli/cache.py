@@ -14,7 +14,8 @@ def cache(*, clear: Flag = False, output: Output = Output()) -> None:
     """List what is kept outside the folders that commands are given, and clear it on request.
 
     Args:
-        clear: remove the fetched books and the word vectors; PyKEEN's folder is left alone.
+        clear: remove the fetched books, the word vectors and the answers of language models; PyKEEN's folder is left
+            alone.
     """
     from wordcraft_kg.cache import clear_cache
     from wordcraft_kg.views.cache import view_cache

@@ -40,7 +40,7 @@ def discover(
         runs: how many times each player plays.
         players: comma-separated: random, random-no-repeat, greedy and empowerment (these two know the graph),
             empowerment-scorer (guided by --scorer). Default: all; the last one only with a scorer.
-        scorer: model folder, written by train-complex, train-links or train-recipes on this graph.
+        scorer: model folder, written by train-complex, train-links, train-recipes or ask-opinions on this graph.
         base: comma-separated entities known at the start. Default: the graph's base; people begin with air, earth,
             fire and water.
         seed: root seed of all draws.

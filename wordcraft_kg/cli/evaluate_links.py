@@ -40,7 +40,9 @@ def evaluate_links(
     from wordcraft_kg.runs.record import read_finished_run
 
     folder = out or model / "report"
-    read_finished_run(model, "a model of train-complex, train-links or train-recipes", "model.safetensors")
+    read_finished_run(
+        model, "a model of train-complex, train-links, train-recipes or ask-opinions", "model.safetensors"
+    )
     check_output(folder, force=force)
     from wordcraft_kg.models.links.folder import open_model
     from wordcraft_kg.reports.link_report import make_link_report
@@ -87,7 +89,7 @@ def _text(view: "LinkView", folder: Path) -> list[str]:
         if view.memory:
             left_out = f"MRR {view.memory.left_out_mrr:.3f} on train triples left out of training"
             rows.append(("cross-fitted", f"{left_out} ({view.memory.in_sample_mrr:.3f} where they were in it)"))
-        if view.leaked_left_out:
+        if view.leaked_left_out and view.model.kg != "none":
             rows.append(("with leaked", _with_leaked(view)))
     return [first, *aligned(rows), f"wrote {folder}/   open {folder / 'index.html'}"]
 

@@ -15,7 +15,7 @@ from wordcraft_kg.errors import ConfigError
 from wordcraft_kg.settings import whole
 
 if TYPE_CHECKING:
-    from wordcraft_kg.graphs.folder import KG
+    from wordcraft_kg.graphs.folder import Taught
     from wordcraft_kg.models.scorers.queries import Query, RecipeQuery
     from wordcraft_kg.records import Record
     from wordcraft_kg.views.recipe_scores import ScoredRecipe, ScoredRecipeRow
@@ -210,7 +210,7 @@ def _chance(probability: float) -> str:
     return "> 99 %" if probability > 0.99 else f"{100 * probability:.2g} %"
 
 
-def _note(kg: "KG | None", known: Iterable[str | None]) -> list[str]:
+def _note(kg: "Taught | None", known: Iterable[str | None]) -> list[str]:
     """Return what must be said about a model that has seen some of the triples."""
     if kg == "full" and {"valid", "test"} & set(known):
         return ["The model was trained on the full graph: it has seen test triples too."]
@@ -233,7 +233,7 @@ def _recipe_line(recipe: "ScoredRecipe | ScoredRecipeRow") -> str:
     return f"{score}{known}{recipe.ingredient_a} + {recipe.ingredient_b} -> {recipe.result}{chance}{memory}"
 
 
-def _recipe_notes(kg: "KG | None", recipes: "Sequence[ScoredRecipe | ScoredRecipeRow]") -> list[str]:
+def _recipe_notes(kg: "Taught | None", recipes: "Sequence[ScoredRecipe | ScoredRecipeRow]") -> list[str]:
     """Return what must be said about recipes that a scorer remembers."""
     notes = _note(kg, (recipe.known for recipe in recipes))
     if any(recipe.memory for recipe in recipes):

@@ -273,7 +273,7 @@ def train_agent_seeds(
     scorer, folds = None, None
     if config.scorer is not None:
         weights = "model.safetensors"
-        expected = "a model of train-complex, train-links or train-recipes"
+        expected = "a model of train-complex, train-links, train-recipes or ask-opinions"
         outputs = read_finished_run(Path(config.scorer), expected, weights).outputs
         scorer = outputs[weights]
         folds = None if config.policy.in_sample else outputs.get(FOLDS_TENSORS)

@@ -20,6 +20,9 @@ from wordcraft_kg.records import as_values
 
 KG = Literal["partial", "full"]
 """The triples of the train recipes, or those of all recipes."""
+Taught = Literal["partial", "full", "none"]
+"""What a scorer has been taught: the triples of the train recipes, those of all recipes, or nothing of the recipes at
+all, as one that rests on what is thought elsewhere of the entities' names."""
 
 
 @dataclass(frozen=True)
@@ -38,9 +41,9 @@ class OpenedGraph:
         """Return the triples of the full or the partial knowledge graph, shape (T, 3), sorted."""
         return self.graph.triples if kg == "full" else self.split.partial
 
-    def dose(self, kg: KG) -> Dose:
+    def dose(self, kg: Taught) -> Dose:
         """Return what a scorer of the full or the partial knowledge graph learns from, if nothing is left out."""
-        return Dose.of(self.graph, self.split.is_in("train") | (kg == "full"))
+        return Dose.of(self.graph, (self.split.is_in("train") | (kg == "full")) & (kg != "none"))
 
 
 @stage("writing the graph folder")

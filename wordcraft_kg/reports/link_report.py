@@ -7,7 +7,7 @@ import numpy as np
 from markupsafe import Markup
 
 from wordcraft_kg.graphs.doses import Dose
-from wordcraft_kg.graphs.folder import KG, OpenedGraph
+from wordcraft_kg.graphs.folder import OpenedGraph, Taught
 from wordcraft_kg.graphs.triples import RELATIONS
 from wordcraft_kg.models.links.records import TraceRow
 from wordcraft_kg.models.scorers.config import MAX_QUERIES
@@ -39,7 +39,7 @@ def make_link_report(
     scorer: TripleScorer,
     opened: OpenedGraph,
     *,
-    kg: KG = "partial",
+    kg: Taught = "partial",
     dose: Dose | None = None,
     name: str = "scorer",
     provenance: Mapping[str, str] | None = None,

@@ -13,7 +13,7 @@ from typing import Generic, Protocol, TypeVar
 
 from wordcraft_kg.artefacts import check_output, sha256_of, what_is, with_a_name, write_atomically
 from wordcraft_kg.errors import ArtefactError, OutputExistsError, TrainingError, reason
-from wordcraft_kg.graphs.folder import KG
+from wordcraft_kg.graphs.folder import Taught
 from wordcraft_kg.runs.checkpoints import Checkpoints
 from wordcraft_kg.runs.config_file import CONFIG_FILE
 from wordcraft_kg.runs.interruption import first_interrupt, interruption_message
@@ -109,7 +109,7 @@ class RunFolder(Generic[P]):
         *,
         inputs: Mapping[str, str],
         files: Sequence[str] = (),
-        kg: KG | None = None,
+        kg: Taught | None = None,
         cross_fitted: int = 0,
         trackers: Sequence[str] = (),
         missing_words: Sequence[str] = (),

@@ -15,7 +15,7 @@ from msgspec.structs import replace
 
 from wordcraft_kg.artefacts import dump_json, read_large_file, sha256_of, what_is, write_atomically
 from wordcraft_kg.errors import ArtefactError
-from wordcraft_kg.graphs.folder import KG
+from wordcraft_kg.graphs.folder import Taught
 from wordcraft_kg.records import Record, as_values, read_record
 
 RUN_FILE = "run.json"
@@ -51,7 +51,7 @@ class RunRecord(Record, frozen=True, kw_only=True, omit_defaults=True):
         git: None if the package is not run from a checkout.
         inputs: hashes by name: ``graph`` and ``split``, and the SHA-256 of files that training never changes.
         outputs: SHA-256 of the files that training wrote.
-        kg: which knowledge graph the scorer of an agent was trained on.
+        kg: which knowledge graph the scorer of an agent was trained on, if any.
         cross_fitted: number of folds of an agent's scorer, 0 if train tasks were scored by a model that has seen them.
         trackers: names of the trackers to which the figures go too.
         missing_words: words in entity labels for which an agent has no vector.
@@ -70,7 +70,7 @@ class RunRecord(Record, frozen=True, kw_only=True, omit_defaults=True):
     seed: int
     device: str
     threads: int
-    kg: KG | None = None
+    kg: Taught | None = None
     cross_fitted: int = 0
     trackers: tuple[str, ...] = ()
     missing_words: tuple[str, ...] = ()
@@ -86,7 +86,7 @@ def start_run(
     device: str = "cpu",
     threads: int = 1,
     inputs: Mapping[str, str] | None = None,
-    kg: KG | None = None,
+    kg: Taught | None = None,
     cross_fitted: int = 0,
     trackers: Sequence[str] = (),
     missing_words: Sequence[str] = (),

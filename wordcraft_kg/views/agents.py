@@ -20,7 +20,7 @@ from wordcraft_kg.envs.world import World
 from wordcraft_kg.errors import ConfigError, GraphMismatchError
 from wordcraft_kg.experiments.reference import ReferenceRow, pack_of, play_of
 from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.graphs.folder import KG
+from wordcraft_kg.graphs.folder import Taught
 from wordcraft_kg.graphs.planner import layers
 from wordcraft_kg.graphs.tasks import TaskPart, TaskSet
 from wordcraft_kg.models.policies.sources.component_of import ComponentOf
@@ -152,7 +152,7 @@ class AgentEntry(Record):
     seeds: tuple[int, ...]
     checkpoints: tuple[str, ...]
     settings: dict[str, str]
-    kg: KG | None
+    kg: Taught | None
     cross_fitted: Count
     trained_with: Count
     steps: tuple[int, ...]

@@ -39,6 +39,7 @@ def view_cache(*, cleared: bool = False) -> CacheView:
         (
             _files("fetched recipe books", cache_folder("books"), is_ours=True),
             _files("word vectors read from files", cache_folder("vectors"), is_ours=True),
+            _files("answers of language models", cache_folder("opinions"), is_ours=True),
             _files("PyKEEN's own folder", pykeen, is_ours=False),
         ),
         cleared,

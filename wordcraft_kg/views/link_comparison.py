@@ -14,6 +14,7 @@ from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.models.links.config import ComplExConfig, LinkSettings, SavedConfig
 from wordcraft_kg.models.links.folder import OpenedModel
 from wordcraft_kg.models.links.records import LinkMetrics
+from wordcraft_kg.models.opinions.config import OpinionsConfig
 from wordcraft_kg.models.recipes.config import RecipesConfig
 from wordcraft_kg.models.scorers.config import MAX_QUERIES
 from wordcraft_kg.models.scorers.ranking import (
@@ -190,13 +191,13 @@ def _check_alike(reference: OpenedModel, contender: Contender) -> None:
             )
 
 
-def _asked_for(run: OpenedModel) -> LinkSettings | SavedConfig | RecipesConfig:
+def _asked_for(run: OpenedModel) -> LinkSettings | SavedConfig | RecipesConfig | OpinionsConfig:
     """Return a run's settings but for the seed, and for what each seed chose for itself."""
     settings = run.settings
     if isinstance(run.metrics, LinkMetrics) and run.metrics.choice is not None:
         assert isinstance(settings, ComplExConfig)
         settings = replace(settings, n3=None, popularity=None)
-    return settings if isinstance(settings, SavedConfig) else replace(settings, seed=0)
+    return settings if isinstance(settings, SavedConfig | OpinionsConfig) else replace(settings, seed=0)
 
 
 def _ranked(contender: Contender, queries: Ids) -> tuple[ComparedModel, NDArray[np.float64]]:
@@ -218,7 +219,9 @@ def _ranked(contender: Contender, queries: Ids) -> tuple[ComparedModel, NDArray[
         amri=mean("amri"),
         name=contender.name,
         has_seen_the_test_recipes=contender.runs[0].kg == "full",
-        seeds=tuple(run.settings.seed for run in contender.runs if not isinstance(run.settings, SavedConfig)),
+        seeds=tuple(
+            run.settings.seed for run in contender.runs if not isinstance(run.settings, SavedConfig | OpinionsConfig)
+        ),
         mrr_of_seeds=tuple(one.mrr or 0.0 for one in metrics),
     )
     return model, np.mean([1 / one["rank"].to_numpy(dtype=float) for one in ranks], axis=0)

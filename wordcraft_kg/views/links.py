@@ -21,7 +21,7 @@ from wordcraft_kg.errors import SplitError, WordCraftKGError
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.audit import Leakage, SplitSummary, leakage, split_summary
 from wordcraft_kg.graphs.doses import Dose
-from wordcraft_kg.graphs.folder import KG, OpenedGraph
+from wordcraft_kg.graphs.folder import OpenedGraph, Taught
 from wordcraft_kg.graphs.planner import layers
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.triples import COMBINES_WITH, RELATIONS, Relation, is_in
@@ -32,6 +32,7 @@ from wordcraft_kg.models.scorers.facts import FrequencyScorer
 from wordcraft_kg.models.scorers.features import glove_features
 from wordcraft_kg.models.scorers.near_synonyms import NEAR_SYNONYM, near_synonym_recipes, near_synonym_triples
 from wordcraft_kg.models.scorers.neighbours import NeighbourScorer
+from wordcraft_kg.models.scorers.opinions import OpinionScorer
 from wordcraft_kg.models.scorers.protocol import TripleScorer
 from wordcraft_kg.models.scorers.ranking import (
     MIN_TRIPLES,
@@ -71,7 +72,7 @@ class JudgedModel(Record):
     """The model; one of the full graph has seen the triples that it is evaluated on."""
 
     name: str
-    kg: KG
+    kg: Taught
     has_seen_the_test_recipes: bool
 
 
@@ -287,7 +288,7 @@ class JudgedLinks:
     Attributes:
         scorer: the scorer.
         opened: graph and split.
-        kg: knowledge graph that the scorer was trained on.
+        kg: knowledge graph that the scorer was trained on, if any.
         population: number of triples that it could be evaluated on.
         queries: triples that it is evaluated on, shape (T, 3): all of them, or a uniform sample.
         ranks: a row for each query, see :func:`~wordcraft_kg.models.scorers.ranking.rank_triples`.
@@ -296,7 +297,7 @@ class JudgedLinks:
 
     scorer: TripleScorer
     opened: OpenedGraph
-    kg: KG
+    kg: Taught
     population: int
     queries: Ids
     ranks: pd.DataFrame
@@ -316,6 +317,11 @@ class JudgedLinks:
     def trained_on(self) -> Ids:
         """The triples that the scorer has seen, shape (T, 3)."""
         return self.dose.triples
+
+    @property
+    def observed(self) -> Ids:
+        """The triples that it holds to be true, shape (T, 3): those of its training, or of its opinions."""
+        return self.scorer.triples if isinstance(self.scorer, OpinionScorer) else self.trained_on
 
     @property
     def has_table(self) -> bool:
@@ -349,11 +355,15 @@ class JudgedLinks:
 
     @cached_property
     def baseline_ranks(self) -> dict[str, pd.DataFrame]:
-        """Rankings of the same queries by baselines that know the same triples, by name."""
-        scorers: dict[str, TripleScorer] = {"frequency": FrequencyScorer(self.graph, self.trained_on)}
+        """Rankings of the same queries by baselines that know the same triples, by name.
+
+        Beside a scorer that was taught no recipe, they know those of the train recipes.
+        """
+        known = self.opened.dose("partial") if self.kg == "none" else self.dose
+        scorers: dict[str, TripleScorer] = {"frequency": FrequencyScorer(self.graph, known.triples)}
         if self.has_table:
-            scorers["votes"] = VoteScorer(self.graph, self.dose.recipes)
-            scorers["neighbours"] = NeighbourScorer(self.graph, self.trained_on)
+            scorers["votes"] = VoteScorer(self.graph, known.recipes)
+            scorers["neighbours"] = NeighbourScorer(self.graph, known.triples)
         return {name: rank_triples(scorer, self.queries, self.graph.triples) for name, scorer in scorers.items()}
 
     @property
@@ -365,7 +375,7 @@ class JudgedLinks:
 def judge_links(
     scorer: TripleScorer,
     opened: OpenedGraph,
-    kg: KG = "partial",
+    kg: Taught = "partial",
     *,
     dose: Dose | None = None,
     max_queries: int = MAX_QUERIES,
@@ -400,7 +410,7 @@ def judge_links(
     return JudgedLinks(scorer, opened, kg, len(everything), queries, ranks, dose or opened.dose(kg))
 
 
-def _too_few(found: int, opened: OpenedGraph, kg: KG) -> str:
+def _too_few(found: int, opened: OpenedGraph, kg: Taught) -> str:
     needed = f"a meaningful figure needs at least {MIN_TRIPLES}."
     if kg == "full":
         return f"only {found} triples in the whole graph; {needed} Use a recipe book with more recipes."
@@ -497,10 +507,11 @@ def _checks(judged: JudgedLinks) -> Iterator[Check]:
     yield Check(
         "graph", "the model was trained on the graph that is evaluated", judged.scorer.graph_hash == graph.hash, ""
     )
-    uncovered = np.setdiff1d(np.arange(graph.num_entities) if not judged.is_full else [], judged.dose.recipes)
-    listed = f"{len(uncovered)} do not ({', '.join(graph.labels(uncovered[:6]))}): their ranks are near chance"
-    covered = not len(uncovered)
-    yield Check("coverage", "every entity occurs in training", covered, "all do" if covered else listed)
+    if judged.kg != "none":  # without training there is nothing to occur in
+        uncovered = np.setdiff1d(np.arange(graph.num_entities) if not judged.is_full else [], judged.dose.recipes)
+        listed = f"{len(uncovered)} do not ({', '.join(graph.labels(uncovered[:6]))}): their ranks are near chance"
+        covered = not len(uncovered)
+        yield Check("coverage", "every entity occurs in training", covered, "all do" if covered else listed)
     if judged.is_full:
         return
     test = judged.queries
@@ -667,7 +678,7 @@ def _kg_play(judged: JudgedLinks, seed: int) -> tuple[PlayerSuccess, ...]:
     """Return the success of players that use the scorer alone, on test tasks of depth 1 with 1 and 8 distractors."""
     try:
         players = {
-            **scorer_players(judged.graph, judged.scorer, judged.trained_on),
+            **scorer_players(judged.graph, judged.scorer, judged.observed),
             "random": random_entity,
             "recipe oracle": recipe_oracle,
         }

@@ -7,10 +7,11 @@ import numpy as np
 
 from wordcraft_kg.graphs.audit import SplitSummary, split_summary
 from wordcraft_kg.graphs.doses import dose_words
-from wordcraft_kg.graphs.folder import KG, OpenedGraph
+from wordcraft_kg.graphs.folder import OpenedGraph, Taught
 from wordcraft_kg.graphs.planner import layers
 from wordcraft_kg.models.links.config import SavedConfig
 from wordcraft_kg.models.links.folder import OpenedModel
+from wordcraft_kg.models.opinions.config import OpinionsConfig
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted, whole_of
 from wordcraft_kg.models.scorers.recipes import RecipeScores
 from wordcraft_kg.records import Count, Hash, Record
@@ -32,7 +33,7 @@ class ModelLine(Record):
 
     name: str
     command: str
-    kg: KG
+    kg: Taught
     dose: str
     folds: Count
     scores_recipes: bool
@@ -88,6 +89,6 @@ def view_overview(opened: OpenedGraph, models: Mapping[str, OpenedModel], runs: 
 
 def _line(name: str, model: OpenedModel) -> ModelLine:
     scorer, settings = model.scorer, model.settings
-    dose = "" if isinstance(settings, SavedConfig) else dose_words(settings.share, settings.noise)
+    dose = "" if isinstance(settings, SavedConfig | OpinionsConfig) else dose_words(settings.share, settings.noise)
     folds = scorer.count if isinstance(scorer, CrossFitted) else 0
     return ModelLine(name, settings.command, model.kg, dose, folds, isinstance(whole_of(scorer), RecipeScores))

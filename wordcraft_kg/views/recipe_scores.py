@@ -11,7 +11,7 @@ import torch
 
 from wordcraft_kg.errors import ConfigError
 from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.graphs.folder import KG
+from wordcraft_kg.graphs.folder import Taught
 from wordcraft_kg.graphs.splits import Part
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted, whole_of
 from wordcraft_kg.models.scorers.queries import RecipeQuery
@@ -58,7 +58,7 @@ class RankedRecipe(ScoredRecipe):
     rank_as_result: Count
     rank_as_ingredient_a: Count
     rank_as_ingredient_b: Count
-    trained_on: KG | None
+    trained_on: Taught | None
 
 
 class OpenRecipe(Record):
@@ -68,7 +68,7 @@ class OpenRecipe(Record):
     ingredient_b: str | None
     result: str | None
     top: tuple[ScoredRecipe, ...]
-    trained_on: KG | None
+    trained_on: Taught | None
 
 
 class ScoredRecipeRow(Record):
@@ -89,7 +89,7 @@ class ScoredRecipeFile(Record, omit_defaults=True):
 
     queries: Count
     found: Count
-    trained_on: KG | None
+    trained_on: Taught | None
     rows: tuple[ScoredRecipeRow, ...] = ()
     out: str | None = None
 

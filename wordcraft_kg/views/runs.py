@@ -11,7 +11,7 @@ from wordcraft_kg.agents.curves import JUDGED
 from wordcraft_kg.agents.following import FollowedRun
 from wordcraft_kg.agents.outcomes import Ending
 from wordcraft_kg.errors import ArtefactError
-from wordcraft_kg.graphs.folder import KG
+from wordcraft_kg.graphs.folder import Taught
 from wordcraft_kg.graphs.tasks import TaskPart
 from wordcraft_kg.models.policies.sources import ALPHA, SOURCES
 from wordcraft_kg.records import Count, Record, Share
@@ -60,7 +60,7 @@ class RunRow(Record):
     problem: str = ""
     policy: str = ""
     scorer: str = ""
-    kg: KG | None = None
+    kg: Taught | None = None
     use: tuple[str, ...] = ()
     steps: Count = 0
     planned: Count = 0

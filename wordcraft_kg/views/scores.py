@@ -11,7 +11,7 @@ import torch
 
 from wordcraft_kg.errors import ArtefactError
 from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.graphs.folder import KG
+from wordcraft_kg.graphs.folder import Taught
 from wordcraft_kg.graphs.splits import PARTS, Split
 from wordcraft_kg.graphs.triples import RELATIONS
 from wordcraft_kg.models.links.folder import open_model
@@ -45,7 +45,7 @@ class ScoredTriple(Record):
     known: Known | None
     rank_as_tail: int
     rank_as_head: int
-    trained_on: KG | None
+    trained_on: Taught | None
     probability: Share | None = None
     by_words: tuple[str, ...] = ()
 
@@ -66,7 +66,7 @@ class OpenSlot(Record):
     relation: str
     tail: str | None
     top: tuple[ScoredEntity, ...]
-    trained_on: KG | None
+    trained_on: Taught | None
     by_words: tuple[str, ...]
 
 
@@ -93,7 +93,7 @@ class ScoredFile(Record, omit_defaults=True):
 
     queries: Count
     found: Count
-    trained_on: KG | None
+    trained_on: Taught | None
     by_words: tuple[str, ...] = ()
     rows: tuple[ScoredRow, ...] = ()
     out: str | None = None
@@ -113,7 +113,7 @@ class ScoringModel:
 
     scorer: Scorer
     split: Split | None
-    kg: KG | None
+    kg: Taught | None
     missing: str = ""
     by_words: tuple[str, ...] = ()
 

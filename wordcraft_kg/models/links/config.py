@@ -6,7 +6,7 @@ from typing import Any, ClassVar, Literal, Self, get_args
 
 from wordcraft_kg.errors import ArtefactError, ConfigError
 from wordcraft_kg.graphs.doses import check_dose
-from wordcraft_kg.graphs.folder import KG
+from wordcraft_kg.graphs.folder import KG, Taught
 from wordcraft_kg.records import Record
 from wordcraft_kg.runs.config_file import read_config, write_config
 from wordcraft_kg.settings import LARGEST, MAX_DIM, MAX_SIZE, MAX_THREADS, number_in, one_of, positive, require, whole
@@ -253,18 +253,18 @@ class SavedConfig:
 
     Attributes:
         graph: graph folder, recipe book's file or known book's name.
-        kg: what it has seen, in the words of whoever saved it: partial (train recipes only) or full.
+        kg: what it has seen, in the words of whoever saved it: partial (train recipes only), full, or none (no recipe).
         origin: what it is, in a line for reports.
     """
 
     command: ClassVar[str] = "save-scorer"
 
     graph: str
-    kg: KG
+    kg: Taught
     origin: str
 
     def __post_init__(self) -> None:
-        one_of("kg", self.kg, get_args(KG))
+        one_of("kg", self.kg, get_args(Taught))
 
     def write(self, folder: Path) -> None:
         """Write ``config.toml``; the graph's path becomes relative to the folder, so both can be moved."""

@@ -7,19 +7,22 @@ from pathlib import Path
 from wordcraft_kg.errors import GraphMismatchError
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.doses import Dose, dose_words, is_dosed, make_dose
-from wordcraft_kg.graphs.folder import KG, OpenedGraph
+from wordcraft_kg.graphs.folder import OpenedGraph, Taught
 from wordcraft_kg.models.links.config import LinksConfig, LinkSettings, SavedConfig
 from wordcraft_kg.models.links.records import LinkMetrics, TraceRow
+from wordcraft_kg.models.opinions.config import OpinionsConfig
+from wordcraft_kg.models.opinions.records import OpinionMetrics
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.recipes.records import RecipeMetrics
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
 from wordcraft_kg.models.scorers.folder import load_scorer
+from wordcraft_kg.models.scorers.opinions import OpinionScorer
 from wordcraft_kg.models.scorers.scorer import Scorer
 from wordcraft_kg.records import parse_lines, parse_record
 from wordcraft_kg.runs.inputs import open_run_graph
 from wordcraft_kg.runs.record import RunRecord, read_finished_run, verified_bytes
 
-MODEL = "a model of train-complex, train-links or train-recipes"
+MODEL = "a model of train-complex, train-links, train-recipes or ask-opinions"
 WEIGHTS = "model.safetensors"
 
 
@@ -38,14 +41,14 @@ class OpenedModel:
 
     scorer: Scorer
     opened: OpenedGraph
-    settings: LinkSettings | SavedConfig | RecipesConfig
+    settings: LinkSettings | SavedConfig | RecipesConfig | OpinionsConfig
     run: RunRecord
-    metrics: LinkMetrics | RecipeMetrics | None
+    metrics: LinkMetrics | RecipeMetrics | OpinionMetrics | None
     trace: list[TraceRow]
 
     @property
-    def kg(self) -> KG:
-        """What it was trained on: ``partial`` or ``full``."""
+    def kg(self) -> Taught:
+        """What it was trained on: ``partial``, ``full``, or ``none`` of the recipes."""
         return self.settings.kg
 
     @cached_property
@@ -58,7 +61,7 @@ class OpenedModel:
         settings, split = self.settings, self.opened.split
         if isinstance(self.scorer, CrossFitted):
             found = self.scorer.dose(split.graph)
-        elif isinstance(settings, SavedConfig) or not is_dosed(settings.share, settings.noise):
+        elif isinstance(settings, SavedConfig | OpinionsConfig) or not is_dosed(settings.share, settings.noise):
             found = self.opened.dose(self.kg)
         else:
             found = make_dose(split, settings.share, settings.noise, settings.seed)
@@ -75,11 +78,23 @@ class OpenedModel:
         return self.dose.triples
 
     @property
+    def observed(self) -> Ids:
+        """The triples that it holds to be true, shape (T, 3): those of its training, or of its opinions."""
+        return self.scorer.triples if isinstance(self.scorer, OpinionScorer) else self.triples
+
+    @property
     def provenance(self) -> dict[str, str]:
         """Facts for a report."""
         metrics = self.metrics
         if isinstance(self.settings, SavedConfig):
             facts = {"trained by": "someone else, and saved as a model folder", "what it is": self.settings.origin}
+        elif isinstance(self.settings, OpinionsConfig) and isinstance(metrics, OpinionMetrics):
+            facts = {
+                "asked by": " ".join(self.run.argv),
+                "what it is": f"{metrics.opinions:,} opinions of {self.settings.model} at {self.settings.endpoint}",
+                "answered as": ", ".join(metrics.models) or "not said",
+                "prompts": f"{metrics.prompts:,}, wording {metrics.template[:12]}",
+            }
         elif isinstance(metrics, RecipeMetrics):
             facts = {
                 "trained by": " ".join(self.run.argv),
@@ -88,7 +103,7 @@ class OpenedModel:
                 "settings": ", ".join(f"{name} {value}" for name, value in vars(self.settings).items()),
                 **({"cross-fitted": _cross_fitted(metrics)} if metrics.folds else {}),
             }
-        elif metrics is not None:
+        elif isinstance(metrics, LinkMetrics):
             facts = {
                 "trained by": " ".join(self.run.argv),
                 "training": f"{metrics.epochs} epochs, {metrics.seconds:.1f} s, {metrics.parameters:,} parameters",
@@ -97,7 +112,7 @@ class OpenedModel:
                 **({"cross-fitted": _cross_fitted(metrics)} if metrics.folds else {}),
                 **({"regularisation chosen": str(metrics.choice)} if metrics.choice else {}),
             }
-        if not isinstance(self.settings, SavedConfig) and (
+        if not isinstance(self.settings, SavedConfig | OpinionsConfig) and (
             words := dose_words(self.settings.share, self.settings.noise)
         ):
             facts["learned from"] = words
@@ -139,6 +154,8 @@ def read_dose(folder: str | Path, opened: OpenedGraph, weights: str) -> Dose | N
     run = read_finished_run(folder, MODEL, WEIGHTS)
     if run.outputs[WEIGHTS] != weights:
         return None
+    if run.kind == OpinionsConfig.command:
+        return opened.dose("none")
     if run.kind != SavedConfig.command:
         verified_bytes(folder, run, "config.toml")
         is_of_recipes = run.kind == RecipesConfig.command
@@ -152,7 +169,7 @@ def open_model(folder: str | Path, graph: str | None = None) -> OpenedModel:
     """Open a model folder.
 
     Args:
-        folder: folder written by ``train-complex``, ``train-links`` or ``save_scorer``.
+        folder: folder written by ``train-complex``, ``train-links``, ``ask-opinions`` or ``save_scorer``.
         graph: where its graph is now, if it has moved.
 
     Raises:
@@ -171,6 +188,10 @@ def open_model(folder: str | Path, graph: str | None = None) -> OpenedModel:
     if run.kind == SavedConfig.command:
         saved = SavedConfig.read(folder)
         return OpenedModel(scorer, open_run_graph(folder, run, graph or saved.graph), saved, run, None, [])
+    if run.kind == OpinionsConfig.command:
+        asked = OpinionsConfig.read(folder)
+        of_opinions = parse_record(verified_bytes(folder, run, "metrics.json"), OpinionMetrics, folder / "metrics.json")
+        return OpenedModel(scorer, open_run_graph(folder, run, graph or asked.graph), asked, run, of_opinions, [])
     if run.kind == RecipesConfig.command:
         of_recipes = RecipeScorerConfig.read(folder)
         opened = open_run_graph(folder, run, graph or of_recipes.graph)

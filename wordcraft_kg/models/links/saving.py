@@ -8,7 +8,7 @@ from torch import Tensor
 
 from wordcraft_kg.artefacts import dump_json, staged_folder, with_a_name, write_atomically
 from wordcraft_kg.errors import ConfigError, GraphMismatchError
-from wordcraft_kg.graphs.folder import KG, OpenedGraph
+from wordcraft_kg.graphs.folder import OpenedGraph, Taught
 from wordcraft_kg.graphs.folds import Folds
 from wordcraft_kg.graphs.triples import RELATIONS
 from wordcraft_kg.models.links.config import SavedConfig
@@ -18,6 +18,7 @@ from wordcraft_kg.models.scorers.factors import factor_names
 from wordcraft_kg.models.scorers.fold_files import write_folds
 from wordcraft_kg.models.scorers.folder import FOLD_OUTPUTS, ScorerKind, Vocabulary
 from wordcraft_kg.models.scorers.limits import TABLE_LIMIT, table_bytes
+from wordcraft_kg.models.scorers.opinions import OpinionScorer
 from wordcraft_kg.models.scorers.protocol import FactoredScorer, TripleScorer, check_scorer
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
 from wordcraft_kg.records import as_values
@@ -34,7 +35,7 @@ def save_scorer(
     scorer: TripleScorer,
     opened: OpenedGraph,
     *,
-    kg: KG,
+    kg: Taught,
     origin: str = "",
     force: bool = False,
 ) -> Path:
@@ -52,7 +53,8 @@ def save_scorer(
         scorer: scores triples of the graph.
         opened: the graph, and the split that the scorer is judged by.
         kg: what the scorer has seen: ``partial`` if nothing but the train recipes; ``full`` if any other recipe of the
-            graph, so that its figures are marked as memory. Nobody else can know it.
+            graph, so that its figures are marked as memory; ``none`` if no recipe at all, such as one that rests on
+            words. Nobody else can know it.
         origin: what the scorer is, in a line for reports. Default: its name.
         force: replace the folder if it exists.
 
@@ -119,6 +121,8 @@ def _tensors_of(scorer: TripleScorer) -> tuple[ScorerKind, dict[str, Tensor]]:
         scorer = scorer.whole
     if isinstance(scorer, RecipeScorer):
         return "recipes", scorer.tensors()
+    if isinstance(scorer, OpinionScorer):
+        return "opinions", scorer.tensors()
     if isinstance(scorer, ComplExScorer):
         kind, tensors = "complex", scorer.embeddings()
     elif isinstance(scorer, FactoredScorer) and table_bytes(len(scorer.entities)) > TABLE_LIMIT:
@@ -148,11 +152,11 @@ def _tensors_of(scorer: TripleScorer) -> tuple[ScorerKind, dict[str, Tensor]]:
 
 
 def _model_card(config: SavedConfig, opened: OpenedGraph) -> str:
-    seen = (
-        "It is recorded as having seen more than the train recipes: its scores show what it remembers."
-        if config.kg == "full"
-        else "It is recorded as having seen the train recipes only."
-    )
+    seen = {
+        "full": "It is recorded as having seen more than the train recipes: its scores show what it remembers.",
+        "partial": "It is recorded as having seen the train recipes only.",
+        "none": "It is recorded as having seen no recipe of the graph.",
+    }[config.kg]
     return f"""{front_matter("knowledge-graph", "link-prediction")}
 # A scorer for {opened.graph.name}
 

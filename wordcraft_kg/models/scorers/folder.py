@@ -15,6 +15,7 @@ from wordcraft_kg.models.scorers.cross_fitting import CrossFitted, FoldsRecord
 from wordcraft_kg.models.scorers.embeddings import ComplExScorer
 from wordcraft_kg.models.scorers.factors import FactorsScorer, factor_names
 from wordcraft_kg.models.scorers.limits import TABLE_LIMIT, table_bytes
+from wordcraft_kg.models.scorers.opinions import OpinionScorer, check_opinions
 from wordcraft_kg.models.scorers.protocol import check_scorer
 from wordcraft_kg.models.scorers.recipes import RecipeScorer, check_tensors
 from wordcraft_kg.models.scorers.scorer import Scorer
@@ -32,8 +33,9 @@ OF_RECIPE = "of_recipe"
 TAUGHT = "taught"
 """The results of a dose, see :class:`~wordcraft_kg.graphs.doses.Dose`; absent if all train recipes were learned."""
 
-ScorerKind = Literal["complex", "factors", "table", "recipes"]
-"""What a scorer is stored as: embeddings, the factors of its scores, the scores themselves, or what recipes say."""
+ScorerKind = Literal["complex", "factors", "table", "recipes", "opinions"]
+"""What a scorer is stored as: embeddings, the factors of its scores, the scores themselves, what recipes say, or
+opinions with weights."""
 
 
 class Vocabulary(Record, frozen=True, kw_only=True):
@@ -57,7 +59,7 @@ def load_scorer(folder: str | Path, *, graph: RecipeGraph | None = None, device:
     """Load the scorer of a model folder.
 
     Args:
-        folder: folder written by ``train-complex``, ``train-links`` or ``train-recipes``.
+        folder: folder written by ``train-complex``, ``train-links``, ``train-recipes`` or ``ask-opinions``.
         graph: if given, the scorer must belong to it.
         device: torch device to score on.
 
@@ -74,7 +76,9 @@ def load_scorer(folder: str | Path, *, graph: RecipeGraph | None = None, device:
         torch.Size([2])
     """
     folder = Path(folder)
-    run = read_finished_run(folder, "a model of train-complex, train-links or train-recipes", "model.safetensors")
+    run = read_finished_run(
+        folder, "a model of train-complex, train-links, train-recipes or ask-opinions", "model.safetensors"
+    )
     tensors = read_tensors(folder / "model.safetensors", verified_bytes(folder, run, "model.safetensors"))
     scorer: Scorer
     path = folder / "vocabulary.json"
@@ -140,6 +144,9 @@ def _check_shapes(vocabulary: Vocabulary, tensors: dict[str, torch.Tensor]) -> N
     if vocabulary.scorer == "recipes":
         check_tensors(tensors, len(vocabulary.entities))
         return
+    if vocabulary.scorer == "opinions":
+        check_opinions(tensors, len(vocabulary.entities))
+        return
     size, relations = len(vocabulary.entities), len(RELATIONS)
     expected: dict[str, tuple[int, ...]] = {"scores": (relations, size, size)}
     if vocabulary.scorer == "complex":
@@ -157,7 +164,12 @@ def _check_shapes(vocabulary: Vocabulary, tensors: dict[str, torch.Tensor]) -> N
 
 def kind_of(tensors: Mapping[str, torch.Tensor]) -> ScorerKind:
     """Return the kind of scorer that tensors are of."""
-    marks: dict[str, ScorerKind] = {"speaking": "recipes", "scores": "table", factor_names()[0][0]: "factors"}
+    marks: dict[str, ScorerKind] = {
+        "speaking": "recipes",
+        "opinions": "opinions",
+        "scores": "table",
+        factor_names()[0][0]: "factors",
+    }
     return next((kind for name, kind in marks.items() if name in tensors), "complex")
 
 
@@ -179,6 +191,8 @@ def make_scorer(
     """
     if kind == "recipes":
         return RecipeScorer(tensors, entities, graph_hash, **settings)
+    if kind == "opinions":
+        return OpinionScorer(tensors, entities, graph_hash, **settings)
     if kind == "table":
         return TableScorer(tensors["scores"], entities, graph_hash, **settings)
     scorer: Scorer

@@ -1,15 +1,15 @@
 """w: whether a slot is part of a pair that makes the goal."""
 
 from collections.abc import Mapping
-from typing import Self
 
 import torch
 from torch import Tensor, nn
 
 from wordcraft_kg.errors import ConfigError
-from wordcraft_kg.models.policies.sources import Label
-from wordcraft_kg.models.policies.sources.source import Evidence, FoldedSource, ScoreView
+from wordcraft_kg.models.policies.sources.opinion import BestOpinion
+from wordcraft_kg.models.policies.sources.source import Evidence, FoldedSource, ScoreView, Source
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted, whole_of
+from wordcraft_kg.models.scorers.opinions import OpinionScorer
 from wordcraft_kg.models.scorers.pair_features import BUFFERS, RecipeKnowledge
 from wordcraft_kg.models.scorers.protocol import TripleScorer
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
@@ -20,13 +20,14 @@ class BestRecipe(FoldedSource):
     """``w_i = S(e_i, e_s -> e_g)``; while nothing is held, ``w_i = max_j S(e_i, e_j -> e_g)`` over the table.
 
     S is the score of a recipe, in nats, so w needs no common scale. A triple says who goes with whom or what goes into
-    what; only a recipe says that it is these two that make the goal.
+    what; only a recipe says that it is these two that make the goal. Of opinions it is a
+    :class:`~wordcraft_kg.models.policies.sources.opinion.BestOpinion`.
 
     Attributes:
         knowledge: tables and rankers; of a cross-fitted scorer those of K + 1 models.
     """
 
-    label = Label("w", "w", "makes the goal with its best partner")
+    label = BestOpinion.label
 
     def __init__(self, num_entities: int, knowledge: RecipeKnowledge, fold_of_recipe: Tensor | None = None):
         """Take the knowledge, and the fold of each recipe if the scorer is cross-fitted."""
@@ -36,12 +37,14 @@ class BestRecipe(FoldedSource):
         self.register_load_state_dict_post_hook(_forget)
 
     @classmethod
-    def of_scorer(cls, scorer: TripleScorer, view: ScoreView) -> "BestRecipe":  # noqa: D102 - inherited
+    def of_scorer(cls, scorer: TripleScorer, view: ScoreView) -> "BestRecipe | BestOpinion":  # noqa: D102 - inherited
         whole = whole_of(scorer)
+        if isinstance(whole, OpinionScorer):
+            return BestOpinion.of_scorer(whole, view)
         if not isinstance(whole, RecipeScorer):
             raise ConfigError(
                 "`use` w needs scores of recipes, and this scorer has scores of links only. Train one with "
-                "`wordcraft-kg train-recipes`, or leave out w."
+                "`wordcraft-kg train-recipes`, ask for opinions with `wordcraft-kg ask-opinions`, or leave out w."
             )
         size = len(scorer.entities)
         if not isinstance(scorer, CrossFitted):
@@ -57,7 +60,9 @@ class BestRecipe(FoldedSource):
         return cls(size, RecipeKnowledge.stacked([model.knowledge for model in models]).cpu(), of_recipe).bound(view)
 
     @classmethod
-    def restored(cls, num_entities: int, constants: Mapping[str, Tensor]) -> Self:  # noqa: D102 - inherited
+    def restored(cls, num_entities: int, constants: Mapping[str, Tensor]) -> Source:  # noqa: D102 - inherited
+        if "keys" in constants:
+            return BestOpinion.restored(num_entities, constants)
         empty = {name: lazily_zero(constants[f"knowledge.{name}"]) for name in BUFFERS}
         of_recipe = constants.get("fold_of_recipe")
         return cls(num_entities, RecipeKnowledge(empty), None if of_recipe is None else lazily_zero(of_recipe))

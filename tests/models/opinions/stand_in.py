@@ -1,0 +1,141 @@
+"""A stand-in for an endpoint of a language model: it answers from a table, and fails as it is told."""
+
+import json
+import re
+import socket
+import threading
+import time
+from collections import defaultdict
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from typing import Any
+
+from wordcraft_kg.graphs.recipe_graph import RecipeGraph
+
+Answerer = Callable[[list[str]], str]
+"""The text of an answer, given the things that a prompt asks about."""
+
+
+def table_of(graph: RecipeGraph) -> dict[str, list[tuple[str, str]]]:
+    """What makes each thing of a graph."""
+    found: dict[str, list[tuple[str, str]]] = defaultdict(list)
+    for a, b, result in graph.recipe_labels():
+        found[result].append((a, b))
+    return found
+
+
+def answers_from(table: dict[str, list[tuple[str, str]]]) -> Answerer:
+    return lambda goals: "\n".join(f"{goal}: {a} + {b}" for goal in goals for a, b in table.get(goal, ()))
+
+
+class StandIn:
+    """A server on the loopback.
+
+    Attributes:
+        answer: makes the text of an answer.
+        failures: what happens to the next requests, one after the other, instead of an answer: a status, ``half``,
+            ``invalid``, ``schema``, ``slow`` or ``closed``.
+        retry_after: the header of a 429.
+        asked: the bodies of all requests.
+        headers: their headers, by name in lower case.
+        said: body of an error.
+        delay: seconds that an answer takes.
+    """
+
+    def __init__(self, answer: Answerer):
+        self.answer = answer
+        self.failures: list[int | str] = []
+        self.retry_after: str | None = None
+        self.asked: list[dict[str, Any]] = []
+        self.headers: list[dict[str, str]] = []
+        self.times: list[float] = []
+        self.said: object = {"error": {"message": "told to fail", "code": "told"}}
+        self.delay = 0.0
+        self.most_at_once = self._at_once = 0
+        self._lock = threading.Lock()
+        self.address = ""
+
+    def handle(self, handler: BaseHTTPRequestHandler) -> None:
+        body = json.loads(handler.rfile.read(int(handler.headers["Content-Length"])))
+        with self._lock:
+            self.asked.append({"path": handler.path, **body})
+            self.headers.append({name.lower(): value for name, value in handler.headers.items()})
+            self.times.append(time.monotonic())
+            failure = self.failures.pop(0) if self.failures else None
+            self._at_once += 1
+            self.most_at_once = max(self.most_at_once, self._at_once)
+        try:
+            time.sleep(self.delay)
+            self._answer(handler, body, failure)
+        finally:
+            with self._lock:
+                self._at_once -= 1
+
+    def _answer(self, handler: BaseHTTPRequestHandler, body: dict[str, Any], failure: int | str | None) -> None:
+        goals = re.split(r"Which pairs make these things\?\n", body["messages"][-1]["content"])[1].split("\n")
+        whole = json.dumps(
+            {
+                "id": "1",
+                "object": "chat.completion",
+                "created": 0,
+                "model": f"{body['model']}-as-answered",
+                "choices": [
+                    {
+                        "index": 0,
+                        "finish_reason": "stop",
+                        "message": {"role": "assistant", "content": self.answer(goals)},
+                    }
+                ],
+                "usage": {"prompt_tokens": 7, "completion_tokens": 5, "total_tokens": 12},
+            }
+        ).encode()
+        if isinstance(failure, int):
+            return self._send(handler, failure, json.dumps(self.said).encode())
+        if failure == "slow":
+            time.sleep(1.0)
+        if failure == "closed":
+            handler.connection.shutdown(socket.SHUT_RDWR)
+            return None
+        if failure == "invalid":
+            return self._send(handler, 200, whole[: len(whole) // 2])
+        if failure == "schema":
+            return self._send(handler, 200, b'{"choices": [{"text": "mud"}]}')
+        return self._send(handler, 200, whole[: len(whole) // 2] if failure == "half" else whole, len(whole))
+
+    def _send(self, handler: BaseHTTPRequestHandler, status: int, body: bytes, length: int | None = None) -> None:
+        handler.send_response(status)
+        handler.send_header("Content-Type", "application/json")
+        handler.send_header("Content-Length", str(length or len(body)))
+        if status == 429 and self.retry_after is not None:
+            handler.send_header("Retry-After", self.retry_after)
+        handler.end_headers()
+        handler.wfile.write(body)
+        handler.close_connection = True
+
+
+@contextmanager
+def standing_in(answer: Answerer) -> Iterator[StandIn]:
+    stand_in = StandIn(answer)
+
+    class Handler(BaseHTTPRequestHandler):
+        protocol_version = "HTTP/1.1"
+
+        def do_POST(self) -> None:
+            with suppress(BrokenPipeError, ConnectionResetError):
+                stand_in.handle(self)
+
+        def log_message(self, *_: object) -> None:
+            pass
+
+    server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+    server.daemon_threads = True
+    thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.02}, daemon=True)
+    thread.start()
+    stand_in.address = f"http://127.0.0.1:{server.server_address[1]}/v1"
+    try:
+        yield stand_in
+    finally:
+        server.shutdown()
+        server.server_close()
+        thread.join()

@@ -1,0 +1,141 @@
+"""Scores of opinions: recipes with weights, and the links that they would give."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import safetensors.torch
+import torch
+
+from wordcraft_kg.agents.players import scorer_players
+from wordcraft_kg.errors import ArtefactError, UnknownEntityError
+from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
+from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
+from wordcraft_kg.models.links.folder import open_model
+from wordcraft_kg.models.links.saving import save_scorer
+from wordcraft_kg.models.policies.sources.source import Source, make_sources
+from wordcraft_kg.models.scorers.folder import load_scorer
+from wordcraft_kg.models.scorers.opinions import OpinionScorer, check_opinions
+from wordcraft_kg.runs.record import end_run, read_run
+
+
+@pytest.fixture(scope="module")
+def opened() -> OpenedGraph:
+    return open_graph("kitchen")
+
+
+@pytest.fixture(scope="module")
+def opinions(opened: OpenedGraph) -> tuple[np.ndarray, np.ndarray]:
+    """A third of the recipes and as many false ones, in any order of the pair, some twice; and weights."""
+    rng, size = np.random.default_rng(3), opened.graph.num_entities
+    true = opened.graph.recipes[::3].astype(np.int64)
+    rows = np.concatenate([true, rng.integers(size, size=true.shape), true[:5, [1, 0, 2]]])
+    rows = np.concatenate([rows, [[4, 4, 7]]])
+    return rng.permutation(rows), rng.random(len(rows)) + 0.1
+
+
+@pytest.fixture(scope="module")
+def scorer(opened: OpenedGraph, opinions: tuple[np.ndarray, np.ndarray]) -> OpinionScorer:
+    return OpinionScorer.of(*opinions, opened.graph.entities, opened.graph.hash, name="opinions")
+
+
+@pytest.fixture(scope="module")
+def said(opinions: tuple[np.ndarray, np.ndarray]) -> dict[tuple[frozenset[int], int], float]:
+    """The weight of each opinion, found with loops."""
+    found: dict[tuple[frozenset[int], int], float] = {}
+    for (a, b, c), weight in zip(opinions[0].tolist(), opinions[1].astype(np.float32).tolist(), strict=True):
+        key = frozenset((a, b)), c
+        found[key] = max(found.get(key, 0.0), weight)
+    return found
+
+
+def test_recipes_and_links_are_scored_as_loops_over_the_opinions_score_them(opened, scorer, said):
+    size = opened.graph.num_entities
+    everything = torch.arange(size)
+    recipes = scorer.score_recipes(everything[:, None, None], everything[None, :, None], everything)
+    pairs, parts = torch.zeros(size, size), torch.zeros(size, size)
+    expected = torch.zeros(size, size, size)
+    for (pair, c), weight in said.items():
+        a, b = sorted(pair) if len(pair) == 2 else (*pair, *pair)
+        expected[a, b, c] = expected[b, a, c] = weight
+        pairs[a, b] = pairs[b, a] = max(float(pairs[a, b]), weight)
+        for x in pair:
+            parts[x, c] = max(float(parts[x, c]), weight)
+    torch.testing.assert_close(recipes, expected, rtol=0, atol=0)
+    for relation, table in ((COMBINES_WITH, pairs), (COMPONENT_OF, parts)):
+        torch.testing.assert_close(scorer.table(relation), table, rtol=0, atol=0)
+        torch.testing.assert_close(scorer.score(everything[:, None], relation, everything), table, rtol=0, atol=0)
+    assert len(scorer.opinions) == len(said)
+
+
+def test_w_of_opinions_is_the_best_partner_on_the_table_as_a_loop_finds_it(opened, scorer, said):
+    (w,) = make_sources(["w"], scorer)
+    size, rng = opened.graph.num_entities, np.random.default_rng(0)
+    some = [(sorted(pair), c) for pair, c in said]
+    for number, (pair, goal) in enumerate(some[:60]):
+        others = rng.permutation([entity for entity in range(size) if entity not in pair])[:3].tolist()
+        table = [*others, pair[0], pair[-1] if number % 3 else size, size]
+        for held in (size, pair[0], int(others[0])):
+
+            def weight(a: int, b: int, goal: int = goal) -> float:
+                return 0.0 if size in (a, b) else said.get((frozenset((a, b)), goal), 0.0)
+
+            expected = [max(weight(x, y) for y in table) if held == size else weight(x, held) for x in table]
+            found = w(torch.tensor([goal]), torch.tensor([held]), torch.tensor([table]))
+            assert found[0].tolist() == pytest.approx(expected, abs=1e-7)
+
+
+def test_opinions_are_saved_loaded_and_judged_as_of_somebody_who_was_taught_no_recipe(opened, scorer, tmp_path):
+    folder = save_scorer(tmp_path / "opinions", scorer, opened, kg="none", origin="what somebody thinks")
+    loaded = load_scorer(folder, graph=opened.graph)
+    assert isinstance(loaded, OpinionScorer)
+    torch.testing.assert_close(loaded.tensors(), scorer.tensors(), rtol=0, atol=0)
+    model = open_model(folder)
+    assert (model.kg, len(model.triples), len(model.dose.recipes)) == ("none", 0, 0)
+    np.testing.assert_array_equal(model.observed, scorer.triples)
+    assert "no recipe of the graph" in (folder / "README.md").read_text()
+    assert "w, best pair" in scorer_players(opened.graph, loaded, model.observed)
+
+
+def test_a_source_of_opinions_is_restored_from_its_constants(scorer):
+    (w,) = make_sources(["w"], scorer)
+    again = type(w).restored(w.num_entities, w.state_dict())
+    again.load_state_dict(w.state_dict())
+    assert isinstance(again, Source)
+    goal, table = torch.arange(20), torch.randint(w.num_entities + 1, (20, 6), generator=torch.manual_seed(0))
+    nothing = torch.full((20,), w.num_entities)
+    torch.testing.assert_close(again(goal, nothing, table), w(goal, nothing, table))
+
+
+def test_no_opinions_at_all_score_everything_alike(opened):
+    scorer = OpinionScorer.of(np.empty((0, 3)), [], opened.graph.entities, opened.graph.hash)
+    assert not scorer.table(COMBINES_WITH).any()
+    assert not scorer.score_recipes(0, 1, range(5)).any()
+    assert len(scorer.triples) == 0
+    with pytest.raises(UnknownEntityError):
+        scorer.score_recipes("flour", "watr", "dough")
+
+
+@pytest.mark.parametrize(
+    ("spoil", "told"),
+    [
+        (lambda opinions, weights: (opinions[:, :2], weights), "opinions is of"),
+        (lambda opinions, weights: (opinions.long(), weights), "opinions is of torch.int64"),
+        (lambda opinions, weights: (opinions, weights[1:]), "weights is of"),
+        (lambda opinions, weights: (opinions, weights * 0), "not above 0"),
+        (lambda opinions, weights: (opinions.flip(0), weights), "not in order"),
+        (lambda opinions, weights: (opinions[:, [1, 0, 2]], weights), "not in order"),
+        (lambda opinions, weights: (opinions[torch.tensor([0, 0])], weights[:2]), "there twice"),
+        (lambda opinions, weights: (opinions + 200, weights), "outside 0 .. 79"),
+    ],
+)
+def test_tensors_that_are_no_opinions_are_refused(opened, scorer, tmp_path, spoil, told):
+    opinions, weights = spoil(scorer.opinions, scorer.weights)
+    spoilt = {"opinions": opinions.contiguous(), "weights": weights}
+    with pytest.raises(ValueError, match=told):
+        check_opinions(spoilt, opened.graph.num_entities)
+    folder = save_scorer(tmp_path / "opinions", scorer, opened, kg="none")
+    Path(folder / "model.safetensors").write_bytes(safetensors.torch.save(spoilt))
+    end_run(folder, read_run(folder), "done", tuple(read_run(folder).outputs))
+    with pytest.raises(ArtefactError, match="does not hold a scorer"):
+        load_scorer(folder)

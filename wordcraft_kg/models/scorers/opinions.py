@@ -1,0 +1,191 @@
+"""Opinions of what makes what: recipes with weights that come from elsewhere than the graph's own recipes."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from wordcraft_kg.graphs.arrays import Ids
+from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, recipe_triples
+from wordcraft_kg.models.scorers.recipes import Witness
+from wordcraft_kg.models.scorers.scorer import EntityIds, Scorer
+
+MOST_ENTITIES = 2_000_000
+"""Three ids of so many entities are one key of 64 bits."""
+
+
+class OpinionScorer(Scorer):
+    """Scores a recipe by the weight of the opinion that it is one, and 0 without such an opinion.
+
+    A link has the strongest recipe that it would be part of::
+
+        score(a, b -> c) = the opinion's weight
+        score(a, combinesWith, b) = max over c of score(a, b -> c)
+        score(x, componentOf, c) = max over b of score(x, b -> c)
+
+    Attributes:
+        opinions: shape (n, 3), int32: pairs, the smaller id first, and what they are thought to make; ascending, each
+            once.
+        weights: shape (n,), float32, above 0.
+        recipes: shape (0, 3): recipes of the graph that it has been trained on, which are none.
+    """
+
+    def __init__(self, tensors: Mapping[str, Tensor], entities: Sequence[str], graph_hash: str, **kwargs: Any):
+        """Take ``opinions`` and ``weights``; :meth:`of` takes them in any order.
+
+        Raises:
+            KeyError: if one is missing.
+            ValueError: if one has another shape or type than it should have, or holds what it cannot.
+        """
+        super().__init__(entities, graph_hash, **kwargs)
+        check_opinions(tensors, len(self.entities))
+        self.opinions, self.weights = tensors["opinions"], tensors["weights"]
+        self.recipes = torch.empty(0, 3, dtype=torch.int64)
+        rows = self.opinions.to(self.device, torch.int64)
+        self._keys = with_end(opinion_keys(rows, len(self.entities)))
+        self._weights = torch.cat([self.weights, self.weights.new_zeros(1)]).to(self.device)
+        self._links = self._strongest_links()
+
+    @classmethod
+    def of(
+        cls, opinions: Ids, weights: Sequence[float], entities: Sequence[str], graph_hash: str, **kwargs: Any
+    ) -> "OpinionScorer":
+        """Take opinions as they come: pairs in any order; of several equal ones the strongest counts.
+
+        Args:
+            opinions: shape (n, 3), ids.
+            weights: shape (n,), above 0.
+            entities: labels in id order.
+            graph_hash: content hash of the graph that the ids belong to.
+            kwargs: ``device`` and ``name``.
+
+        Example:
+            >>> scorer = OpinionScorer.of([[1, 0, 2]], [1.0], ["earth", "water", "mud"], "hash of the graph")
+            >>> scorer.score_recipes("earth", "water", ["mud", "earth"]).tolist()
+            [1.0, 0.0]
+        """
+        rows = np.array(opinions, dtype=np.int64).reshape(-1, 3)
+        rows[:, :2].sort(axis=1)
+        rows, group = np.unique(rows, axis=0, return_inverse=True)
+        strongest = np.zeros(len(rows), dtype=np.float32)
+        np.maximum.at(strongest, group.reshape(-1), np.asarray(weights, dtype=np.float32))
+        tensors = {"opinions": torch.from_numpy(rows.astype(np.int32)), "weights": torch.from_numpy(strongest)}
+        return cls(tensors, entities, graph_hash, **kwargs)
+
+    def tensors(self) -> dict[str, Tensor]:
+        """Return the tensors that it can be made from again."""
+        return {"opinions": self.opinions, "weights": self.weights}
+
+    @property
+    def triples(self) -> Ids:
+        """The triples of the opinions, shape (T, 3), sorted."""
+        return recipe_triples(self.opinions.numpy().astype(np.int64))
+
+    def score_recipes(self, ingredients: EntityIds, others: EntityIds, results: EntityIds) -> Tensor:
+        """Return the weight of the opinion that each pair makes a result, 0 where there is none.
+
+        Args:
+            ingredients: one entity, a sequence, or a tensor of ids of any shape.
+            others: the other ingredients; the order of a pair is no matter.
+            results: what they make; the three broadcast against each other.
+
+        Returns:
+            float32, of the broadcast shape.
+
+        Raises:
+            UnknownEntityError: for a label or id that the scorer does not know.
+        """
+        ids = torch.broadcast_tensors(*(self.entity_ids(part) for part in (ingredients, others, results)))
+        return weights_of(torch.stack(ids, dim=-1), self._keys, self._weights, len(self.entities))
+
+    def speaking_for(self, ingredient: str, other: str, result: str, limit: int = 5) -> list[Witness]:
+        """Return no recipe: an opinion does not rest on recipes of the graph."""
+        self.entity_ids([ingredient, other, result])
+        return []
+
+    def _strongest_links(self) -> tuple[Tensor, Tensor]:
+        """Return the key of each link that an opinion would give, ascending, and its largest weight."""
+        size = len(self.entities)
+        a, b, c = self.opinions.numpy().astype(np.int64).T
+        keys = np.concatenate(
+            [
+                *((COMBINES_WITH * size + head) * size + tail for head, tail in ((a, b), (b, a))),
+                *((COMPONENT_OF * size + head) * size + c for head in (a, b)),
+            ]
+        )
+        links, group = np.unique(keys, return_inverse=True)
+        strongest = np.zeros(len(links), dtype=np.float32)
+        np.maximum.at(strongest, group.reshape(-1), np.tile(self.weights.numpy(), 4))
+        weights = torch.from_numpy(np.append(strongest, np.float32(0)))
+        return with_end(torch.from_numpy(links)).to(self.device), weights.to(self.device)
+
+    def _score(self, heads: Tensor, relations: Tensor, tails: Tensor) -> Tensor:
+        size, (known, weights) = len(self.entities), self._links
+        keys = ((relations * size + heads) * size + tails).contiguous()
+        found = torch.searchsorted(known, keys)
+        return torch.where(known[found] == keys, weights[found], 0.0)
+
+    def table(self, relation: int | str) -> Tensor:  # noqa: D102 - inherited
+        size, (known, weights) = len(self.entities), self._links
+        cells = known - self.relation_ids(relation) * size**2
+        is_here = (cells >= 0) & (cells < size**2)
+        table = torch.zeros(size, size, device=self.device)
+        table.view(-1)[cells[is_here]] = weights[is_here]
+        return table
+
+
+def opinion_keys(recipes: Tensor, size: int) -> Tensor:
+    """Return a key for each recipe, shape (..., 3) -> (...), in which the order of the pair is no matter.
+
+    Ids are 0 .. E, where E stands for nothing; no recipe of entities has the key of one with nothing in it.
+    """
+    one, other, result = recipes.unbind(-1)
+    return (torch.minimum(one, other) * (size + 1) + torch.maximum(one, other)) * (size + 1) + result
+
+
+def weights_of(recipes: Tensor, keys: Tensor, weights: Tensor, size: int) -> Tensor:
+    """Return the weight of each recipe, shape (..., 3) -> (...); 0 for one that has none.
+
+    Args:
+        recipes: ids, as in :func:`opinion_keys`.
+        keys: shape (n + 1,), of the opinions, ascending; the last one is of none, see :func:`with_end`.
+        weights: shape (n + 1,); the last one is 0.
+        size: number of entities.
+    """
+    asked = opinion_keys(recipes, size).contiguous()
+    found = torch.searchsorted(keys, asked)
+    return torch.where(keys[found] == asked, weights[found], 0.0)
+
+
+def with_end(keys: Tensor) -> Tensor:
+    """Return keys with one more that is larger than any, so that a search always ends at one."""
+    return torch.cat([keys, keys.new_full((1,), torch.iinfo(torch.int64).max)])
+
+
+def check_opinions(tensors: Mapping[str, Tensor], size: int) -> None:
+    """Refuse tensors that are no opinions on E entities.
+
+    Raises:
+        KeyError: if one is missing.
+        ValueError: if one has another shape or type, or holds what it cannot.
+    """
+    opinions, weights = tensors["opinions"], tensors["weights"]
+    for name, found, shape, kind in (
+        ("opinions", opinions, (len(opinions) if opinions.ndim else 0, 3), torch.int32),
+        ("weights", weights, (len(opinions) if opinions.ndim else 0,), torch.float32),
+    ):
+        if found.shape != shape or found.dtype != kind:
+            raise ValueError(f"{name} is of {found.dtype} and shape {tuple(found.shape)}; expected {kind} and {shape}")
+    if size > MOST_ENTITIES:
+        raise ValueError(f"there are {size:,} entities; expected at most {MOST_ENTITIES:,}")
+    if not len(opinions):
+        return
+    if not 0 <= int(opinions.min()) <= int(opinions.max()) < size:
+        raise ValueError(f"opinions holds numbers outside 0 .. {size - 1}")
+    keys = opinion_keys(opinions.long(), size)
+    if bool((opinions[:, 0] > opinions[:, 1]).any()) or not bool((keys[1:] > keys[:-1]).all()):
+        raise ValueError("opinions are not in order, or one is there twice")
+    if not bool((torch.isfinite(weights) & (weights > 0)).all()):
+        raise ValueError("weights holds numbers that are not above 0")

@@ -71,6 +71,10 @@ class OutputExistsError(WordCraftKGError, FileExistsError):
     """The output exists already and overwriting was not requested."""
 
 
+class PlayerError(WordCraftKGError, RuntimeError):
+    """A program that plays could not be started, has ended, kept silent, or wrote what is no answer."""
+
+
 class FetchError(WordCraftKGError, OSError):
     """A published book could not be downloaded, or is not the pinned file."""
 

@@ -44,6 +44,7 @@ GIVEN = {
     "log_every": "1000",
     "model": "distmult",
     "model folder": "in/model",
+    "player": "cat",
     "port": "0",
     "relation": "combinesWith",
     "resamples": "5",

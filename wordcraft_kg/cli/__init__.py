@@ -44,6 +44,7 @@ COMMANDS = {
         "score",
     ],
     "Agents": ["train-agent", "resume", "evaluate-agent", "explain", "compare-agents", "reference"],
+    "Players that use words": ["evaluate-words"],
     "In the browser": ["explore"],
     "Studies": ["reproduce", "sweep", "results"],
 }

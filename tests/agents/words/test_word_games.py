@@ -9,7 +9,8 @@ import pytest
 from tests.agents.words.scripted_words import picks_of
 from wordcraft_kg.agents.evaluation import Evaluator
 from wordcraft_kg.agents.players import Player, knowledge_player, random_distinct, random_entity, recipe_oracle
-from wordcraft_kg.agents.words.conversation import REFUSALS, Conversation, converse
+from wordcraft_kg.agents.words.config import REFUSALS
+from wordcraft_kg.agents.words.conversation import Conversation, converse
 from wordcraft_kg.agents.words.evaluation import evaluation_of, result_of_worlds
 from wordcraft_kg.agents.words.games import DiscoveryGames, TaskGames
 from wordcraft_kg.agents.words.knowledge import PartialGraphKnowledge, ScorerKnowledge, knowledge_of

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Callable
 
+from wordcraft_kg.agents.words.config import LOOK_UPS, REFUSALS
 from wordcraft_kg.agents.words.games import Game
 from wordcraft_kg.agents.words.knowledge import Knowledge
 from wordcraft_kg.envs.words import told
@@ -10,10 +11,6 @@ from wordcraft_kg.errors import ActionError
 from wordcraft_kg.labels import last_line, read_label, read_pair
 from wordcraft_kg.settings import MAX_SIZE, whole
 
-REFUSALS = 3
-"""How often in a row an answer that is not understood costs nothing; the next one costs the attempt."""
-LOOK_UPS = 10
-"""How often a player may look something up in a game."""
 _LOOK_UP = re.compile(r"look[\s-]*up\b[\s:]*(.*)", re.IGNORECASE)
 
 
@@ -21,7 +18,7 @@ class Conversation:
     """A game in texts: the opening, and an answer to each message.
 
     The last line of a message counts: two things are an attempt, ``look up`` and a thing asks what is known of it. A
-    message that is not understood is refused with what would be, and costs nothing; after :data:`REFUSALS` refusals in
+    message that is not understood is refused with what would be, and costs nothing; after some refusals in
     a row the next one costs the attempt, so that every conversation ends.
 
     Attributes:

@@ -30,7 +30,11 @@ def open_games(path: Path, header: GamesHeader, kind: type[Played]) -> list[Play
     data = read_large_file(path)
     whole = data[: data.rfind(b"\n") + 1]
     first, _, rest = whole.partition(b"\n")
-    _check(path, parse_record(first, GamesHeader, f"{path}, line 1,"), header)
+    found = parse_record(first, GamesHeader, f"{path}, line 1,")
+    if not rest:  # nothing was played yet
+        write_atomically(path, as_lines([header]), durable=True)
+        return []
+    _check(path, found, header)
     played = parse_lines(rest, kind, f"{path} (after line 1)")
     if len(whole) < len(data):
         logging.getLogger(__name__).warning(

@@ -1,12 +1,15 @@
 """What a player may look up: nothing, the recipes of the partial graph, or what a trained scorer believes."""
 
-from typing import TYPE_CHECKING, Literal, Protocol, get_args
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple, Protocol, get_args
 
 import numpy as np
 
+from wordcraft_kg.agents.words.config import KnowledgeKind
 from wordcraft_kg.agents.words.games import Game
-from wordcraft_kg.errors import ConfigError, LeakError
+from wordcraft_kg.errors import ConfigError, GraphMismatchError, LeakError
 from wordcraft_kg.graphs.arrays import Ids
+from wordcraft_kg.graphs.folder import KG, OpenedGraph
 from wordcraft_kg.graphs.splits import Split
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
 from wordcraft_kg.settings import one_of
@@ -14,7 +17,6 @@ from wordcraft_kg.settings import one_of
 if TYPE_CHECKING:
     from wordcraft_kg.models.scorers.protocol import TripleScorer
 
-KnowledgeKind = Literal["none", "partial", "scorer"]
 MOST_FACTS = 40
 """Most recipes told of a thing; there are things with hundreds."""
 MOST_BELIEVED = 10
@@ -145,3 +147,47 @@ def knowledge_of(
     if scorer is not None:
         return ScorerKnowledge(scorer, split)
     return PartialGraphKnowledge(split) if kind == "partial" else None
+
+
+class OpenedKnowledge(NamedTuple):
+    """What a player may look up, and what is recorded of it.
+
+    Attributes:
+        knowledge: what it may look up; None for nothing.
+        scorer: hash of the weights of the scorer that is asked; None without one.
+        kg: what this scorer was trained on; one of the full graph remembers the answers.
+    """
+
+    knowledge: Knowledge | None
+    scorer: str | None
+    kg: KG | None
+
+
+def open_knowledge(kind: KnowledgeKind, opened: OpenedGraph, scorer: Path | None = None) -> OpenedKnowledge:
+    """Open what a player may look up.
+
+    Args:
+        kind: none, the partial graph, or a scorer.
+        opened: the graph and split of the games.
+        scorer: model folder of the scorer.
+
+    Raises:
+        ConfigError: for ``scorer`` without a folder, or another kind with one.
+        ArtefactError: if the folder is unfinished or damaged.
+        GraphMismatchError: if the scorer is of another graph or split.
+    """
+    if scorer is None or kind != "scorer":
+        if scorer is not None:
+            raise ConfigError(f"`scorer` {scorer}: only `knowledge` scorer asks one; add it, or leave the scorer out.")
+        return OpenedKnowledge(knowledge_of(kind, opened.split), None, None)
+    from wordcraft_kg.models.links.folder import open_model
+
+    model = open_model(scorer, opened.source)
+    if model.opened.split.hash != opened.split.hash:
+        raise GraphMismatchError(
+            f"{scorer} belongs to split {model.opened.split.hash[:12]}, and the games to {opened.split.hash[:12]}: it "
+            "may know their recipes. Play on the graph folder that it was trained on."
+        )
+    return OpenedKnowledge(
+        ScorerKnowledge(model.scorer, opened.split), model.run.outputs["model.safetensors"], model.kg
+    )

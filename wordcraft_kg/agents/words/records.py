@@ -4,11 +4,11 @@ from pathlib import Path
 from typing import Any, Literal
 
 from wordcraft_kg.agents.outcomes import Ending, Success
-from wordcraft_kg.agents.words.conversation import LOOK_UPS, REFUSALS
-from wordcraft_kg.agents.words.knowledge import KnowledgeKind
+from wordcraft_kg.agents.words.config import LOOK_UPS, REFUSALS, KnowledgeKind
 from wordcraft_kg.envs.open_ended import OpenEndedEnv
 from wordcraft_kg.envs.words import texts_hash
 from wordcraft_kg.envs.world import World
+from wordcraft_kg.graphs.folder import KG
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.splits import Split
 from wordcraft_kg.graphs.tasks import TaskPart
@@ -32,7 +32,8 @@ class WordsSettings(Record, frozen=True, kw_only=True):
         draws: draws of distractors of each task, or games in the open-ended world.
         limit: the most tasks that are played, evenly spaced; None for all.
         knowledge: what the player may look up.
-        scorer: hash of the scorer's model that it asks, if it does.
+        scorer: hash of the weights of the scorer that it asks, if it does.
+        kg: what that scorer was trained on.
         look_ups: how often it may in a game.
         refusals: how often in a row a message that is not understood costs nothing.
         texts: hash of what players are told, see :func:`~wordcraft_kg.envs.words.texts_hash`.
@@ -49,7 +50,8 @@ class WordsSettings(Record, frozen=True, kw_only=True):
     draws: Count = 1
     limit: Count | None = None
     knowledge: KnowledgeKind = "none"
-    scorer: str | None = None
+    scorer: Hash | None = None
+    kg: KG | None = None
     look_ups: Count = LOOK_UPS
     refusals: Count = REFUSALS
     texts: Hash

@@ -1,0 +1,91 @@
+"""Letting a player play many games, each saved as soon as it is over."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from wordcraft_kg.agents.words.conversation import Conversation, converse
+from wordcraft_kg.agents.words.evaluation import chosen_tasks, result_of_tasks, result_of_worlds
+from wordcraft_kg.agents.words.games import DiscoveryGames, TaskGames
+from wordcraft_kg.agents.words.games_file import append_game, open_games
+from wordcraft_kg.agents.words.knowledge import Knowledge
+from wordcraft_kg.agents.words.played import played_task, played_world
+from wordcraft_kg.agents.words.records import (
+    GAMES_FILE,
+    RESULT_FILE,
+    GamesHeader,
+    PlayedTask,
+    PlayedWorld,
+    WordsResult,
+    WordsSettings,
+)
+from wordcraft_kg.artefacts import dump_json, write_atomically
+from wordcraft_kg.progress import steps
+from wordcraft_kg.records import as_values
+
+Speaker = Callable[[Conversation], Callable[[str], str]]
+"""A player: for a conversation at its beginning, what answers to what is told."""
+
+
+def play_tasks(
+    player: str,
+    speak: Speaker,
+    games: TaskGames,
+    settings: WordsSettings,
+    folder: Path,
+    knowledge: Knowledge | None = None,
+) -> WordsResult:
+    """Let a player play the tasks that settings name, go on where a folder's games end, and write the result there.
+
+    Args:
+        player: what the player calls itself.
+        speak: the player.
+        games: the tasks.
+        settings: draws, limit and rules; those of the world of the games.
+        folder: folder of the games and the result.
+        knowledge: what the player may look up.
+
+    Raises:
+        ArtefactError: if the folder's games are damaged.
+        ConfigError: if they are of another player or other settings.
+        GraphMismatchError: if they are of another graph or split.
+    """
+    path = folder / GAMES_FILE
+    played = open_games(path, GamesHeader(player=player, settings=settings), PlayedTask)
+    there = {(one.task, one.draw) for one in played}
+    tasks = chosen_tasks(games.world, settings.limit).tolist()
+    missing = [(task, draw) for draw in range(settings.draws) for task in tasks if (task, draw) not in there]
+    for task, draw in steps("playing", missing):
+        talk = _conversation(games.begin(task, draw), knowledge, settings)
+        done = played_task(talk, converse(talk, speak(talk)))
+        append_game(path, done)
+        played.append(done)
+    return _written(folder, result_of_tasks(player, settings, games.world, played))
+
+
+def play_worlds(
+    player: str,
+    speak: Speaker,
+    games: DiscoveryGames,
+    settings: WordsSettings,
+    folder: Path,
+    knowledge: Knowledge | None = None,
+) -> WordsResult:
+    """Let a player play the open-ended world ``settings.draws`` times; like :func:`play_tasks`."""
+    path = folder / GAMES_FILE
+    played = open_games(path, GamesHeader(player=player, settings=settings), PlayedWorld)
+    for number in steps("playing", range(len(played), settings.draws)):
+        talk = _conversation(games.begin(), knowledge, settings)
+        done = played_world(talk, number, converse(talk, speak(talk)))
+        append_game(path, done)
+        played.append(done)
+    return _written(folder, result_of_worlds(player, settings, played))
+
+
+def _conversation(game: Any, knowledge: Knowledge | None, settings: WordsSettings) -> Conversation:
+    return Conversation(game, knowledge, refusals=settings.refusals, look_ups=settings.look_ups)
+
+
+def _written(folder: Path, result: WordsResult) -> WordsResult:
+    write_atomically(folder / RESULT_FILE, dump_json(as_values(result)))
+    return result

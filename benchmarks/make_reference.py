@@ -10,7 +10,7 @@ distractors) or from the results of studies (``--studies``: each variant with th
 trained with); without either, the rows of agents that the file has stay as they are. ``--check`` writes nothing; its
 exit code is 1 if a scripted player's figures are not those of the file.
 
-The agents of ``everyday`` are trained so, in half an hour of one core:
+The agents of ``everyday`` are trained so, in about 25 minutes of one core:
 
     wordcraft-kg build-graph everyday --out graphs/everyday
     wordcraft-kg train-agent graphs/everyday --steps 1000000 --seeds 0-4 --eval-every 0 --out runs/no-kg
@@ -51,11 +51,9 @@ from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
 from wordcraft_kg.records import as_values, read_record
 from wordcraft_kg.runs.seeds import run_folders
 from wordcraft_kg.statistics import crossed_bootstrap
+from wordcraft_kg.views.beside import OVER_SEEDS, SEEN, agent_rows
 from wordcraft_kg.views.references import (
     DISTRACTORS,
-    OVER_SEEDS,
-    SEEN,
-    agent_rows,
     in_order,
     open_play,
     open_rows,

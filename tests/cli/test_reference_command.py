@@ -6,8 +6,13 @@ from typing import Any
 import msgspec
 import pytest
 
+from wordcraft_kg.agents.outcomes import Success
 from wordcraft_kg.agents.people.protocol import HumanProtocol
 from wordcraft_kg.agents.people.session_file import append_answer, open_session
+from wordcraft_kg.agents.words.records import WordsResult, WordsSettings
+from wordcraft_kg.envs.config import WordCraftConfig
+from wordcraft_kg.envs.open_ended import OpenEndedEnv
+from wordcraft_kg.envs.world import World
 from wordcraft_kg.experiments import reference
 from wordcraft_kg.experiments.reference import FORMAT, Figure, OpenPlay, ReferencePack, ReferenceRow, TaskPlay
 from wordcraft_kg.graphs import open_graph
@@ -166,6 +171,60 @@ def test_people_beside_have_the_share_of_their_right_answers(run, pack, tmp_path
     assert "one person" in own["interval"]
 
 
+def result(folder, settings: WordsSettings, success: Success | None = None, known: dict[int, float] | None = None):
+    """Write the result of a player that uses words."""
+    found = WordsResult(
+        player="parrot",
+        settings=settings,
+        games=10,
+        success=success,
+        outcomes={},
+        known=known or {},
+        refused=3,
+        lost=2,
+        look_ups=0,
+    )
+    folder.mkdir()
+    (folder / "result.json").write_bytes(msgspec.json.encode(found))
+    return folder
+
+
+def test_results_of_players_that_use_words_are_one_row_by_distractors(run, pack, tmp_path):
+    world = World("kitchen", WordCraftConfig(part="test", num_distractors=4))
+    few = Success(mean=0.3, ci_low=0.2, ci_high=0.4, tasks=63, draws=1, by_plan=0.3, picks=2.0)
+    many = msgspec.structs.replace(few, mean=0.5, ci_high=0.6)
+    folders = (
+        result(tmp_path / "four", WordsSettings.of_tasks(world), few),
+        result(tmp_path / "one", WordsSettings.of_tasks(world.variant(num_distractors=1)), many),
+    )
+    asked = ("reference", "kitchen", "--distractors", "1,4")
+    values = json.loads(run(*asked, "--beside", folders[0], "--beside", folders[1], "--json").out)
+    (own,) = (one for one in values["rows"] if one["origin"] == "beside")
+    assert {at: found["value"] for at, found in own["figures"].items()} == {"4": 0.3, "1": 0.5}
+    assert (own["player"], own["tasks"], own["draws"]) == ("parrot", 63, 1)
+    assert "2 attempts lost by messages" in run(*asked, "--beside", folders[0]).out
+    refused = run("reference", "kitchen", "--distractors", "2", "--beside", folders[0])
+    assert (refused.code, refused.out) == (1, "")
+    assert "has 4 distractors, which are no column of the table" in refused.err
+    assert "of test tasks of depth 1" in run(*asked, "--depth", "2", "--beside", folders[0]).err
+    assert run("reference", "everyday", "--distractors", "4", "--beside", folders[0]).kind == "GraphMismatchError"
+    assert "is of crafting tasks" in run("reference", "kitchen", "--open-ended", "--beside", folders[0]).err
+
+
+def test_a_player_that_uses_words_stands_in_open_ended_play(run, pack, tmp_path):
+    env = OpenEndedEnv("kitchen", max_attempts=20)
+    settings = WordsSettings.of_world(env, open_graph("kitchen").split)
+    folder = result(tmp_path / "open", settings, known={1: 5.5, 10: 7.25, 20: 9.0})
+    values = json.loads(run("reference", "kitchen", "--open-ended", "--beside", folder, "--json").out)
+    (own,) = (one for one in values["rows"] if one["origin"] == "beside")
+    assert {at: found["value"] for at, found in own["figures"].items()} == {"1": 5.5, "10": 7.25, "20": 9.0}
+    assert own["runs"] == 10
+    base = pack.rows[-1].play.base
+    other = run("reference", "kitchen", "--open-ended", "--base", ",".join(base[1:]), "--beside", folder)
+    assert "and the table is about play from" in other.err
+    assert "of the open-ended world" in run("reference", "kitchen", "--beside", folder).err
+
+
 def test_bad_input_says_what_would_be_understood(run, pack, runs, tmp_path):
     (tmp_path / "empty").mkdir()
     (tmp_path / "text.txt").write_text("hello")
@@ -186,7 +245,7 @@ def test_bad_input_says_what_would_be_understood(run, pack, runs, tmp_path):
         (("--depth", "0"), "--depth 0: expected a whole number, 1 to 5."),
         (("--base", "water"), "--base is about open-ended play"),
         (("--open-ended", "--distractors", "1"), "--distractors is about crafting tasks"),
-        (("--open-ended", "--beside", runs), "--beside is about crafting tasks"),
+        (("--open-ended", "--beside", runs), "expected a result of 'evaluate-words' in the open-ended world"),
     )
     for arguments, says in cases:
         outcome = run("reference", "kitchen", *arguments)

@@ -63,7 +63,7 @@ def reference(
         open_ended: entities known after n attempts of open-ended play, instead of success on tasks.
         base: comma-separated entities known at the start of open-ended play. Default: the graph's base.
         beside: your own, in the same table: run folder of an agent or a folder of its seeds, folder of `study serve`,
-            file of `play --protocol paper`. May be given several times.
+            file of `play --protocol paper`, result of `evaluate-words`. May be given several times.
         out: HTML page to write, with the same table.
         force: replace the page if it exists.
     """
@@ -75,10 +75,9 @@ def reference(
     from wordcraft_kg.views.references import DISTRACTORS, view_open_references, view_references
 
     if open_ended:
-        for option, given in (("distractors", distractors), ("beside", beside)):
-            if given:
-                raise ConfigError(f"--{option} is about crafting tasks; leave it or --open-ended out.")
-        view = view_open_references(open_graph(graph), split_labels(base) if base else None)
+        if distractors:
+            raise ConfigError("--distractors is about crafting tasks; leave it or --open-ended out.")
+        view = view_open_references(open_graph(graph), split_labels(base) if base else None, beside or ())
     else:
         if base:
             raise ConfigError("--base is about open-ended play; add --open-ended.")

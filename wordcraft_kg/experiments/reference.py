@@ -29,8 +29,6 @@ Estimate = tuple[float, float | None, float | None]
 TRAINED_WITH = "trained with"
 """Name among the settings of an agent: the distractors on the tables of its training."""
 _DIGITS = {"success": 3, "entities known": 1, "new combinations": 0}
-MARKS = (1, 10, 20, 50, 100)
-"""Attempts after which open-ended play is reported."""
 
 
 class TaskPlay(Record, frozen=True, tag="tasks"):

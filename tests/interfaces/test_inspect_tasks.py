@@ -26,6 +26,7 @@ from wordcraft_kg.agents.players import Player, knowledge_player, random_entity,
 from wordcraft_kg.agents.words.conversation import Conversation, converse
 from wordcraft_kg.agents.words.evaluation import chosen_tasks
 from wordcraft_kg.agents.words.games import DiscoveryGames
+from wordcraft_kg.agents.words.records import WordsSettings
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.words import texts_hash
 from wordcraft_kg.envs.world import World
@@ -33,6 +34,7 @@ from wordcraft_kg.errors import ArtefactError, ConfigError, MissingExtraError
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
 from wordcraft_kg.interfaces.inspect_log import read_inspect_log
 from wordcraft_kg.interfaces.inspect_tasks import InspectTaskError, crafting, discovery
+from wordcraft_kg.models.links.saving import save_scorer
 from wordcraft_kg.models.policies.sources.source import make_sources
 from wordcraft_kg.models.scorers.facts import SymbolicScorer
 
@@ -147,8 +149,8 @@ def test_a_model_that_plays_like_a_scripted_player_has_its_evaluation_to_the_las
 
     result = read_inspect_log(log.location)
     assert (result.success, result.outcomes, result.games) == (figures, expected.shares(), expected.success.size)
-    assert (result.player, result.refused, result.settings.limit) == ("mockllm/model", 0, limit)
-    assert result.settings.texts == texts_hash()
+    assert (result.player, result.refused) == ("mockllm/model", 0)
+    assert result.settings == WordsSettings.of_tasks(world, draws=draws, limit=limit)
     assert log.eval.task_version == texts_hash()[:12]
 
 
@@ -203,6 +205,16 @@ def test_a_model_may_look_up_what_the_partial_graph_knows_and_only_if_it_is_aske
 
     without = read_inspect_log(play(crafting("kitchen", tasks=2), answer).location)
     assert (without.look_ups, without.refused, without.settings.knowledge) == (0, 4, "none")
+
+
+def test_a_scorer_that_remembers_the_tasks_is_refused_before_the_first_game(tmp_path: Path, kitchen: OpenedGraph):
+    scorer = SymbolicScorer(kitchen.graph, kitchen.split.partial)
+    save_scorer(tmp_path / "model", scorer, kitchen, kg="partial")
+    with pytest.raises(InspectTaskError, match="it has no folds"):
+        crafting("kitchen", part="train", knowledge="scorer", scorer=str(tmp_path / "model"))
+    task = crafting("kitchen", tasks=1, knowledge="scorer", scorer=str(tmp_path / "model"))
+    assert task.metadata is not None
+    assert len(task.metadata["wordcraft_kg"]["settings"]["scorer"]) == 64
 
 
 def test_the_open_ended_world_counts_what_is_known_after_each_attempt(
@@ -293,6 +305,8 @@ def test_what_is_no_log_of_ours_is_refused(play: Callable[..., EvalLog], tmp_pat
         (crafting, {"knowledge": "full"}, "`knowledge` 'full'"),
         (crafting, {"knowledge": "scorer"}, "name the scorer's model folder"),
         (crafting, {"knowledge": "scorer", "scorer": "models/none"}, "models/none"),
+        (crafting, {"scorer": "models/none"}, "only `knowledge` scorer asks one"),
+        (crafting, {"look_ups": 1.5}, "`look_ups` 1.5"),
         (crafting, {"distractor": 2}, "there is no parameter `distractor`.* Did you mean .*distractors"),
         (discovery, {"base": ["water", "unicorn"]}, "unicorn"),
         (discovery, {"games": 0}, "`games` 0"),

@@ -10,7 +10,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from wordcraft_kg.agents.words.conversation import LOOK_UPS, REFUSALS, Conversation
+from wordcraft_kg.agents.words.config import LOOK_UPS, REFUSALS
+from wordcraft_kg.agents.words.conversation import Conversation
 from wordcraft_kg.errors import ConfigError, UnknownSettingError, WordCraftKGError
 from wordcraft_kg.interfaces.inspect_extra import missing_inspect
 from wordcraft_kg.interfaces.inspect_games import conversation, goal_made, things_known
@@ -27,7 +28,6 @@ except ModuleNotFoundError:
     raise missing_inspect() from None
 
 if TYPE_CHECKING:
-    from wordcraft_kg.agents.words.knowledge import Knowledge
     from wordcraft_kg.agents.words.records import WordsSettings
     from wordcraft_kg.graphs.folder import OpenedGraph
 
@@ -89,6 +89,7 @@ def crafting(
     """
     from wordcraft_kg.agents.words.evaluation import chosen_tasks
     from wordcraft_kg.agents.words.games import TaskGames
+    from wordcraft_kg.agents.words.knowledge import open_knowledge
     from wordcraft_kg.agents.words.records import WordsSettings
     from wordcraft_kg.envs.config import WordCraftConfig
     from wordcraft_kg.envs.world import World
@@ -105,15 +106,19 @@ def crafting(
         opened = _opened(graph)
         games = TaskGames(World(opened, config))
         numbers = chosen_tasks(games.world, tasks).tolist()
-        known, asked = _knowledge(opened, knowledge, scorer)
+        known, asked, kg = open_knowledge(knowledge, opened, scorer and Path(str(scorer)))  # type: ignore[arg-type]
+        if known is not None:
+            # A scorer that has seen the tasks' recipes is refused now, not in the middle of the first game.
+            known.facts(0, games.begin(numbers[0]))
         settings = WordsSettings.of_tasks(
             games.world,
             draws=draws,
             limit=tasks,
             knowledge=knowledge,
             scorer=asked,
-            look_ups=look_ups,
-            refusals=refusals,
+            kg=kg,
+            look_ups=whole("look_ups", look_ups, 0, MAX_SIZE),
+            refusals=whole("refusals", refusals, 0, MAX_SIZE),
         )
 
         def begin(about: Mapping[str, Any]) -> Conversation:
@@ -166,6 +171,7 @@ def discovery(
     """
     from wordcraft_kg.agents.discovery import HUMAN_CURVE, HUMAN_SOURCE
     from wordcraft_kg.agents.words.games import DiscoveryGames
+    from wordcraft_kg.agents.words.knowledge import open_knowledge
     from wordcraft_kg.agents.words.records import WordsSettings
 
     with _readable():
@@ -174,15 +180,16 @@ def discovery(
         opened = _opened(graph)
         start = [base] if isinstance(base, str) else base
         worlds = DiscoveryGames(opened, attempts=attempts, base=start and [str(entity) for entity in start])
-        known, asked = _knowledge(opened, knowledge, scorer)
+        known, asked, kg = open_knowledge(knowledge, opened, scorer and Path(str(scorer)))  # type: ignore[arg-type]
         settings = WordsSettings.of_world(
             worlds.env,
             opened.split,
             draws=games,
             knowledge=knowledge,
             scorer=asked,
-            look_ups=look_ups,
-            refusals=refusals,
+            kg=kg,
+            look_ups=whole("look_ups", look_ups, 0, MAX_SIZE),
+            refusals=whole("refusals", refusals, 0, MAX_SIZE),
         )
 
         def begin(about: Mapping[str, Any]) -> Conversation:
@@ -211,21 +218,6 @@ def _opened(graph: str) -> "OpenedGraph":
     if not isinstance(graph, str) or not graph:
         raise refuse("graph", graph, "a graph folder, a recipe book's file, or the name of a known book")
     return open_graph(graph)
-
-
-def _knowledge(opened: "OpenedGraph", kind: str, folder: str | None) -> "tuple[Knowledge | None, str | None]":
-    """Return what may be looked up, and the hash of the scorer that is asked."""
-    from wordcraft_kg.agents.words.knowledge import knowledge_of
-
-    if folder is None or kind != "scorer":
-        # It says what is wrong with a folder that is not asked.
-        return knowledge_of(kind, opened.split, folder), None  # type: ignore[arg-type]
-    from wordcraft_kg.models.scorers.folder import load_scorer
-    from wordcraft_kg.runs.record import read_finished_run
-
-    scorer = load_scorer(folder, graph=opened.graph)
-    run = read_finished_run(Path(folder), "a scorer", "model.safetensors")
-    return knowledge_of("scorer", opened.split, scorer), run.outputs["model.safetensors"]
 
 
 def _hashes(settings: "WordsSettings") -> dict[str, str]:

@@ -9,7 +9,7 @@ from wordcraft_kg.agents.words.config import KnowledgeKind
 from wordcraft_kg.agents.words.games import Game
 from wordcraft_kg.errors import ConfigError, GraphMismatchError, LeakError
 from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.graphs.folder import KG, OpenedGraph
+from wordcraft_kg.graphs.folder import OpenedGraph, Taught
 from wordcraft_kg.graphs.splits import Split
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
 from wordcraft_kg.settings import one_of
@@ -160,7 +160,7 @@ class OpenedKnowledge(NamedTuple):
 
     knowledge: Knowledge | None
     scorer: str | None
-    kg: KG | None
+    kg: Taught | None
 
 
 def open_knowledge(kind: KnowledgeKind, opened: OpenedGraph, scorer: Path | None = None) -> OpenedKnowledge:

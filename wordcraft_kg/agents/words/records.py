@@ -8,7 +8,7 @@ from wordcraft_kg.agents.words.config import LOOK_UPS, REFUSALS, KnowledgeKind
 from wordcraft_kg.envs.open_ended import OpenEndedEnv
 from wordcraft_kg.envs.words import texts_hash
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.graphs.folder import KG
+from wordcraft_kg.graphs.folder import Taught
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.splits import Split
 from wordcraft_kg.graphs.tasks import TaskPart
@@ -51,7 +51,7 @@ class WordsSettings(Record, frozen=True, kw_only=True):
     limit: Count | None = None
     knowledge: KnowledgeKind = "none"
     scorer: Hash | None = None
-    kg: KG | None = None
+    kg: Taught | None = None
     look_ups: Count = LOOK_UPS
     refusals: Count = REFUSALS
     texts: Hash

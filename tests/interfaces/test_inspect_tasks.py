@@ -3,6 +3,7 @@
 import importlib
 import logging
 import re
+import subprocess
 import sys
 import tomllib
 from collections.abc import Callable, Iterator, Sequence
@@ -26,17 +27,19 @@ from wordcraft_kg.agents.players import Player, knowledge_player, random_entity,
 from wordcraft_kg.agents.words.conversation import Conversation, converse
 from wordcraft_kg.agents.words.evaluation import chosen_tasks
 from wordcraft_kg.agents.words.games import DiscoveryGames
+from wordcraft_kg.agents.words.inspect_log import read_inspect_log
 from wordcraft_kg.agents.words.records import WordsSettings
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.words import texts_hash
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.errors import ArtefactError, ConfigError, MissingExtraError
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
-from wordcraft_kg.interfaces.inspect_log import read_inspect_log
 from wordcraft_kg.interfaces.inspect_tasks import InspectTaskError, crafting, discovery
 from wordcraft_kg.models.links.saving import save_scorer
 from wordcraft_kg.models.policies.sources.source import make_sources
 from wordcraft_kg.models.scorers.facts import SymbolicScorer
+
+pytestmark = pytest.mark.filterwarnings("ignore:The 'initial' parameter is deprecated:DeprecationWarning")
 
 Answer = Callable[[Sequence[ChatMessage]], str]
 
@@ -340,6 +343,14 @@ def test_nothing_else_of_the_package_imports_inspect():
     files = Path(wordcraft_kg.__file__).parent.rglob("*.py")
     found = {path.name for path in files if importing.search(path.read_text())}
     assert found == {"inspect_games.py", "inspect_tasks.py", "inspect_log.py"}
+
+
+@pytest.mark.slow
+def test_finding_the_tasks_loads_no_torch():
+    # Inspect loads the tasks of all packages whatever somebody evaluates.
+    code = "import wordcraft_kg.interfaces.inspect_tasks, sys; print({'torch', 'pandas', 'pykeen'} & {*sys.modules})"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "set()"
 
 
 def test_without_inspect_the_error_names_the_extra(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):

@@ -1,12 +1,14 @@
 """Games as Inspect AI sees them: a solver that holds the conversation, scorers, and our figures as its metrics."""
 
-from collections import defaultdict
-from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Mapping
+from typing import Any
 
 from wordcraft_kg.agents.words.conversation import Conversation
+from wordcraft_kg.agents.words.inspect_extra import missing_inspect
+from wordcraft_kg.agents.words.inspect_log import UNFINISHED, VERDICT, distinct_draws, played_task_of, played_world_of
+from wordcraft_kg.agents.words.played import played_task, played_world
 from wordcraft_kg.errors import ArtefactError
-from wordcraft_kg.interfaces.inspect_extra import missing_inspect
+from wordcraft_kg.records import as_values
 
 try:
     from inspect_ai.model import ChatMessageUser
@@ -15,16 +17,8 @@ try:
 except ModuleNotFoundError:
     raise missing_inspect() from None
 
-if TYPE_CHECKING:
-    from wordcraft_kg.agents.words.records import PlayedTask, PlayedWorld
-
 PLAYED = "wordcraft_kg_played"
 """Where the solver leaves what was played in a sample's store."""
-UNFINISHED = "unfinished"
-"""Key of what was played: whether a limit of Inspect's ended the game."""
-VERDICT = "verdict"
-"""Key of what was played: how the game ended, in words."""
-
 Begin = Callable[[Mapping[str, Any]], Conversation]
 """Begins the game of a sample, by the sample's metadata."""
 
@@ -57,57 +51,9 @@ def conversation(begin: Begin) -> Solver:
 
 def _played(talk: Conversation, state: TaskState) -> dict[str, Any]:
     """Return what is recorded of a game, without its messages, which Inspect's log has."""
-    from wordcraft_kg.agents.words.played import played_task, played_world
-    from wordcraft_kg.records import as_values
-
     # Inspect counts epochs from 1.
     played = played_world(talk, state.epoch - 1, []) if talk.game.tasks is None else played_task(talk, [])
     return {key: value for key, value in as_values(played).items() if key != "messages"}
-
-
-def played_task_of(values: Mapping[str, Any] | None, where: str) -> "PlayedTask":
-    """Return the game of a task from the metadata of its score.
-
-    Raises:
-        ArtefactError: if it is not one; ``where`` says what it is read from.
-    """
-    from wordcraft_kg.agents.words.records import PlayedTask
-    from wordcraft_kg.records import as_record
-
-    return as_record(_bare(values), PlayedTask, where)
-
-
-def played_world_of(values: Mapping[str, Any] | None, where: str) -> "PlayedWorld":
-    """Return the game in the open-ended world from the metadata of its score.
-
-    Raises:
-        ArtefactError: if it is not one; ``where`` says what it is read from.
-    """
-    from wordcraft_kg.agents.words.records import PlayedWorld
-    from wordcraft_kg.records import as_record
-
-    return as_record(_bare(values), PlayedWorld, where)
-
-
-def _bare(values: Mapping[str, Any] | None) -> dict[str, Any]:
-    return {**{key: value for key, value in (values or {}).items() if key not in (UNFINISHED, VERDICT)}, "messages": []}
-
-
-def distinct_draws(played: "Sequence[PlayedTask]") -> "list[PlayedTask]":
-    """Return games so that no task has a draw twice: a table that is played again counts like a further draw.
-
-    Inspect's epochs play each sample several times.
-    """
-    import msgspec
-
-    draws = 1 + max((one.draw for one in played), default=0)
-    times: dict[tuple[int, int], int] = defaultdict(int)
-    found = []
-    for one in played:
-        place = one.task, one.draw
-        found.append(msgspec.structs.replace(one, draw=one.draw + draws * times[place]))
-        times[place] += 1
-    return found
 
 
 @metric(scores="unreduced")

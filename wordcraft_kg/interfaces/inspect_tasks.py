@@ -12,9 +12,12 @@ from typing import TYPE_CHECKING, Any
 
 from wordcraft_kg.agents.words.config import LOOK_UPS, REFUSALS
 from wordcraft_kg.agents.words.conversation import Conversation
+from wordcraft_kg.agents.words.inspect_extra import missing_inspect
+from wordcraft_kg.agents.words.inspect_log import METADATA, LoggedTask
+from wordcraft_kg.agents.words.records import WordsSettings
 from wordcraft_kg.errors import ConfigError, UnknownSettingError, WordCraftKGError
-from wordcraft_kg.interfaces.inspect_extra import missing_inspect
 from wordcraft_kg.interfaces.inspect_games import conversation, goal_made, things_known
+from wordcraft_kg.records import as_values
 from wordcraft_kg.settings import MAX_SIZE, nearest, refuse, whole
 
 try:
@@ -28,11 +31,8 @@ except ModuleNotFoundError:
     raise missing_inspect() from None
 
 if TYPE_CHECKING:
-    from wordcraft_kg.agents.words.records import WordsSettings
     from wordcraft_kg.graphs.folder import OpenedGraph
 
-METADATA = "wordcraft_kg"
-"""Key of the task's metadata under which are its settings, the number of its games, and what people do."""
 _CRAFTING = (
     *("graph", "part", "depth", "distractors", "attempts", "draws", "tasks"),
     *("knowledge", "scorer", "look_ups", "refusals"),
@@ -90,7 +90,6 @@ def crafting(
     from wordcraft_kg.agents.words.evaluation import chosen_tasks
     from wordcraft_kg.agents.words.games import TaskGames
     from wordcraft_kg.agents.words.knowledge import open_knowledge
-    from wordcraft_kg.agents.words.records import WordsSettings
     from wordcraft_kg.envs.config import WordCraftConfig
     from wordcraft_kg.envs.world import World
 
@@ -172,7 +171,6 @@ def discovery(
     from wordcraft_kg.agents.discovery import HUMAN_CURVE, HUMAN_SOURCE
     from wordcraft_kg.agents.words.games import DiscoveryGames
     from wordcraft_kg.agents.words.knowledge import open_knowledge
-    from wordcraft_kg.agents.words.records import WordsSettings
 
     with _readable():
         _check_names(unknown, _DISCOVERY)
@@ -220,14 +218,12 @@ def _opened(graph: str) -> "OpenedGraph":
     return open_graph(graph)
 
 
-def _hashes(settings: "WordsSettings") -> dict[str, str]:
+def _hashes(settings: WordsSettings) -> dict[str, str]:
     return {name: getattr(settings, name) for name in ("graph_hash", "split_hash", "texts")}
 
 
-def _metadata(settings: "WordsSettings", games: int, **more: Any) -> dict[str, Any]:
-    from wordcraft_kg.records import as_values
-
-    return {METADATA: {"settings": as_values(settings), "games": games, **more}}
+def _metadata(settings: WordsSettings, games: int, people: dict[str, Any] | None = None) -> dict[str, Any]:
+    return {METADATA: as_values(LoggedTask(settings=settings, games=games, people=people))}
 
 
 def _check_names(unknown: Mapping[str, Any], known: Sequence[str]) -> None:

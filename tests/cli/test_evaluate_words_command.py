@@ -25,7 +25,8 @@ def test_a_program_plays_all_tasks_and_the_result_is_the_view(run, tmp_path):
     lines = outcome.out.splitlines()
     assert f"{found.mean:.3f} [{found.ci_low:.3f}, {found.ci_high:.3f}]" in lines[1]
     assert "63 test tasks of depth 1, 2 distractors, 1 draw each" in lines[2]
-    assert lines[-1].endswith(f"next: wordcraft-kg reference kitchen --beside {folder}")
+    tasks = "--part test --depth 1 --distractors 2"
+    assert lines[-1].endswith(f"next: wordcraft-kg reference kitchen {tasks} --beside {folder}")
     assert len(games_of(folder)) == 64
     assert sum(json.loads(line)["success"] for line in games_of(folder)[1:]) == round(found.mean * 63)
     again = run(*arguments, "--json")  # everything is there: nothing is played again

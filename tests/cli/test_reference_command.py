@@ -206,8 +206,14 @@ def test_results_of_players_that_use_words_are_one_row_by_distractors(run, pack,
     refused = run("reference", "kitchen", "--distractors", "2", "--beside", folders[0])
     assert (refused.code, refused.out) == (1, "")
     assert "has 4 distractors, which are no column of the table" in refused.err
-    assert "of test tasks of depth 1" in run(*asked, "--depth", "2", "--beside", folders[0]).err
+    assert "give --part test --depth 1, or leave it out" in run(*asked, "--depth", "2", "--beside", folders[0]).err
     assert run("reference", "everyday", "--distractors", "4", "--beside", folders[0]).kind == "GraphMismatchError"
+    more = WordsSettings.of_tasks(world.variant(max_attempts=3), limit=50)
+    tries = result(tmp_path / "tries", more, few)
+    assert "give --part test --depth 1 --attempts 3" in run(*asked, "--beside", tries).err
+    done = run(*asked, "--attempts", 3, "--beside", tries)
+    assert "test tasks of depth 1, 3 attempts" in done.out
+    assert "an even sample of 63 tasks, 2 attempts lost" in done.out
     assert "is of crafting tasks" in run("reference", "kitchen", "--open-ended", "--beside", folders[0]).err
 
 
@@ -222,7 +228,7 @@ def test_a_player_that_uses_words_stands_in_open_ended_play(run, pack, tmp_path)
     base = pack.rows[-1].play.base
     other = run("reference", "kitchen", "--open-ended", "--base", ",".join(base[1:]), "--beside", folder)
     assert "and the table is about play from" in other.err
-    assert "of the open-ended world" in run("reference", "kitchen", "--beside", folder).err
+    assert "add --open-ended" in run("reference", "kitchen", "--beside", folder).err
 
 
 def test_bad_input_says_what_would_be_understood(run, pack, runs, tmp_path):
@@ -239,7 +245,10 @@ def test_bad_input_says_what_would_be_understood(run, pack, runs, tmp_path):
         (("--beside", tmp_path / "graph"), "is a graph folder; expected a run folder of 'train-agent'"),
         (("--beside", other), "is of graph 917cafc4ad20, and the table of 43fe37e2e912"),
         (("--beside", few, "--distractors", "1,4"), "it is of 3 distractors"),
-        (("--beside", runs, "--depth", "2"), "plays tasks of depth 1 with 1 attempt"),
+        (
+            ("--beside", runs, "--depth", "2"),
+            "is of test tasks of depth 1 with 1 attempt, and the table",
+        ),
         (("--distractors", "x"), "expected whole numbers, such as 1,2,8."),
         (("--distractors", "79"), "--distractors 79: kitchen has 80 entities"),
         (("--depth", "0"), "--depth 0: expected a whole number, 1 to 5."),

@@ -1,5 +1,6 @@
 """``wordcraft-kg evaluate-words``."""
 
+import shlex
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -16,7 +17,7 @@ from wordcraft_kg.settings import MAX_SIZE, whole
 from wordcraft_kg.wording import counted
 
 if TYPE_CHECKING:
-    from wordcraft_kg.agents.words.records import WordsResult
+    from wordcraft_kg.agents.words.records import WordsResult, WordsSettings
 
 EXAMPLES = (
     'wordcraft-kg evaluate-words everyday --player "python examples/line_player.py"',
@@ -119,7 +120,7 @@ def evaluate_words(
         except PlayerError as error:
             kept = f" The games so far are in {folder}; the same command goes on." if folder.is_dir() else ""
             raise PlayerError(f"{error}{kept}") from None
-    output.result(WordsView(result, str(folder)), _text(result, folder))
+    output.result(WordsView(result, str(folder)), _text(result, graph, folder))
 
 
 def _prepare(folder: Path, force: bool) -> None:
@@ -135,7 +136,7 @@ def _prepare(folder: Path, force: bool) -> None:
             (folder / name).unlink(missing_ok=True)
 
 
-def _text(result: "WordsResult", folder: Path) -> Iterator[str]:
+def _text(result: "WordsResult", graph: str, folder: Path) -> Iterator[str]:
     settings = result.settings
     rows = [("player", result.player)]
     if result.success is not None:
@@ -158,4 +159,12 @@ def _text(result: "WordsResult", folder: Path) -> Iterator[str]:
     yield from aligned(rows)
     if settings.kg == "full":
         yield "the scorer was trained on all recipes: it remembers the answers."
-    yield f"wrote {folder}/   next: wordcraft-kg reference {settings.graph} --beside {folder}"
+    yield f"wrote {folder}/   next: wordcraft-kg reference {graph} {_beside(settings)} --beside {folder}"
+
+
+def _beside(settings: "WordsSettings") -> str:
+    """Return the options of `reference` that show what was played."""
+    if settings.is_open_ended:
+        return f"--open-ended --base {shlex.quote(','.join(settings.base))}"
+    options = f"--part {settings.part} --depth {settings.depth} --distractors {settings.distractors}"
+    return options + (f" --attempts {settings.attempts}" if settings.attempts != settings.depth else "")

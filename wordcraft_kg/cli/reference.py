@@ -44,6 +44,7 @@ def reference(
     distractors: List = None,
     part: TaskPart = "test",
     depth: int = 1,
+    attempts: int | None = None,
     open_ended: Flag = False,
     base: List = None,
     beside: Annotated[list[Path] | None, Parameter(negative=(), consume_multiple=False)] = None,
@@ -59,7 +60,8 @@ def reference(
         graph: graph folder, book's file, or known book's name.
         distractors: comma-separated numbers of distractors. Default: 1,2,8.
         part: tasks that were played: train, valid, test or all.
-        depth: fewest attempts that solve a task, 1 to 5, which is also the number of attempts.
+        depth: fewest attempts that solve a task, 1 to 5.
+        attempts: attempts in an episode. Default: depth.
         open_ended: entities known after n attempts of open-ended play, instead of success on tasks.
         base: comma-separated entities known at the start of open-ended play. Default: the graph's base.
         beside: your own, in the same table: run folder of an agent or a folder of its seeds, folder of `study serve`,
@@ -83,8 +85,9 @@ def reference(
             raise ConfigError("--base is about open-ended play; add --open-ended.")
         amounts = whole_numbers("distractors", distractors) if distractors else list(DISTRACTORS)
         for amount in amounts:
-            WordCraftConfig(part=part, depth=depth, num_distractors=amount)
-        view = view_references(open_graph(graph), TaskPlay(part, depth, depth), amounts, beside or ())
+            config = WordCraftConfig(part=part, depth=depth, num_distractors=amount, max_attempts=attempts)
+        play = TaskPlay(part, depth, config.attempts)
+        view = view_references(open_graph(graph), play, amounts, beside or ())
     if out is not None:
         from wordcraft_kg.artefacts import staged_file, write_atomically
         from wordcraft_kg.reports.reference_page import reference_page

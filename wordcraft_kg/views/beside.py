@@ -188,11 +188,21 @@ def _check_play(agent: OpenedAgent, play: TaskPlay) -> None:
     its = play_of(agent.config.tasks, play.part)
     if its is None:
         raise ConfigError(f"--beside: '{agent.name}' plays by other rules than the table: {agent.config.tasks}.")
+    _check_tasks(agent.name, its, play)
+
+
+def _check_tasks(name: Path | str, its: TaskPlay, play: TaskPlay) -> None:
+    """Refuse other tasks than those of the table."""
     if its != play:
+        attempts = f" --attempts {its.attempts}" if its.attempts != its.depth else ""
         raise ConfigError(
-            f"--beside: '{agent.name}' plays tasks of depth {its.depth} with {counted(its.attempts, 'attempt')}, and "
-            f"the table is about depth {play.depth} with {play.attempts}; give --depth {its.depth}, or leave it out."
+            f"--beside: '{name}' is of {_in_words(its)}, and the table of {_in_words(play)}; give --part {its.part} "
+            f"--depth {its.depth}{attempts}, or leave it out."
         )
+
+
+def _in_words(play: TaskPlay) -> str:
+    return f"{play.part} tasks of depth {play.depth} with {counted(play.attempts, 'attempt')}"
 
 
 def _is_session(path: Path) -> bool:
@@ -210,11 +220,7 @@ def _people(
     _check_graph(path, "split", header["split_hash"], opened.split.hash)
     settings = view.settings
     its = TaskPlay(play.part, int(settings.get("depth", 1)), int(settings.get("attempts", 1)))
-    if its != play:
-        raise ConfigError(
-            f"--beside: '{path}' has tasks of depth {its.depth} with {counted(its.attempts, 'attempt')}, and the "
-            f"table is about depth {play.depth} with {play.attempts}."
-        )
+    _check_tasks(path, its, play)
     found: dict[int, Estimate] = {}
     people, over = 0, set()
     for condition in view.conditions:
@@ -254,13 +260,9 @@ def _words(
         _check_graph(path, "graph", settings.graph_hash, opened.graph.hash)
         _check_graph(path, "split", settings.split_hash, opened.split.hash)
         success, amount = result.success, settings.distractors
-        its = (settings.part, settings.depth, settings.attempts)
-        if success is None or amount is None or its != (play.part, play.depth, play.attempts):
-            what = "of the open-ended world" if settings.is_open_ended else f"of {its[0]} tasks of depth {its[1]}"
-            raise ConfigError(
-                f"--beside: '{path}' is {what} with {counted(its[2], 'attempt')}, and the table is about {play.part} "
-                f"tasks of depth {play.depth} with {play.attempts}."
-            )
+        if settings.part is None or settings.depth is None or amount is None or success is None:
+            raise ConfigError(f"--beside: '{path}' is of the open-ended world; add --open-ended, or leave it out.")
+        _check_tasks(path, TaskPlay(settings.part, settings.depth, settings.attempts), play)
         if amount not in columns:
             raise ConfigError(
                 f"--beside: '{path}' has {counted(amount, 'distractor')}, which are no column of the table; "
@@ -281,7 +283,13 @@ def _words_row(path: Path, result: WordsResult, play: TaskPlay | OpenPlay, figur
     """Return what a row says of a result, whatever was played."""
     settings = result.settings
     said = {"knowledge": settings.knowledge, "look-ups a game": str(settings.look_ups)}
-    lost = f"{counted(result.lost, 'attempt')} lost by messages that were not understood" if result.lost else ""
+    lost = f"{counted(result.lost, 'attempt')} lost by messages that were not understood"
+    sample = f"an even sample of {counted(result.success.tasks, 'task')}" if result.success else ""
+    notes = (
+        sample if settings.limit is not None else "",
+        lost if result.lost else "",
+        f"its scorer {SEEN}" if settings.kg == "full" else "",
+    )
     return ReferenceRow(
         player=result.player,
         kind="other",
@@ -291,7 +299,7 @@ def _words_row(path: Path, result: WordsResult, play: TaskPlay | OpenPlay, figur
         source=str(path),
         play=play,
         settings={} if settings.knowledge == "none" else said,
-        notes=lost,
+        notes=", ".join(note for note in notes if note),
     )
 
 

@@ -9,13 +9,14 @@ import pytest
 from wordcraft_kg.agents.outcomes import Success
 from wordcraft_kg.agents.people.protocol import HumanProtocol
 from wordcraft_kg.agents.people.session_file import append_answer, open_session
-from wordcraft_kg.agents.words.records import WordsResult, WordsSettings
+from wordcraft_kg.agents.words.records import WordsResult, WordsSettings, read_words_result
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.open_ended import OpenEndedEnv
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.experiments import reference
 from wordcraft_kg.experiments.reference import FORMAT, Figure, OpenPlay, ReferencePack, ReferenceRow, TaskPlay
 from wordcraft_kg.graphs import open_graph
+from wordcraft_kg.views import beside
 from wordcraft_kg.views.references import played_graph
 
 DEPTH_1 = TaskPlay("test", 1, 1)
@@ -217,6 +218,19 @@ def test_results_of_players_that_use_words_are_one_row_by_distractors(run, pack,
     assert "is of crafting tasks" in run("reference", "kitchen", "--open-ended", "--beside", folders[0]).err
 
 
+def test_a_log_of_inspect_is_the_row_of_a_language_model(run, pack, tmp_path, monkeypatch):
+    env = OpenEndedEnv("kitchen", max_attempts=10)
+    settings = WordsSettings.of_world(env, open_graph("kitchen").split)
+    folder = result(tmp_path / "as-a-folder", settings, known={1: 5.0, 10: 7.0})
+    log = tmp_path / "log.eval"
+    log.write_bytes(b"")
+    # Logs have tests of their own, which need Inspect AI.
+    monkeypatch.setattr(beside, "read_inspect_log", lambda path: read_words_result(folder) if path == log else None)
+    values = json.loads(run("reference", "kitchen", "--open-ended", "--beside", log, "--json").out)
+    (own,) = (one for one in values["rows"] if one["origin"] == "beside")
+    assert (own["kind"], own["source"], own["figures"]["10"]["value"]) == ("language model", str(log), 7.0)
+
+
 def test_a_player_that_uses_words_stands_in_open_ended_play(run, pack, tmp_path):
     env = OpenEndedEnv("kitchen", max_attempts=20)
     settings = WordsSettings.of_world(env, open_graph("kitchen").split)
@@ -254,7 +268,7 @@ def test_bad_input_says_what_would_be_understood(run, pack, runs, tmp_path):
         (("--depth", "0"), "--depth 0: expected a whole number, 1 to 5."),
         (("--base", "water"), "--base is about open-ended play"),
         (("--open-ended", "--distractors", "1"), "--distractors is about crafting tasks"),
-        (("--open-ended", "--beside", runs), "expected a result of 'evaluate-words' in the open-ended world"),
+        (("--open-ended", "--beside", runs), "expected a result of 'evaluate-words', or a log of Inspect AI"),
     )
     for arguments, says in cases:
         outcome = run("reference", "kitchen", *arguments)

@@ -11,6 +11,7 @@ from wordcraft_kg.agents.people.protocol import HUMAN_FORMAT
 from wordcraft_kg.agents.people.session_file import Session, read_session
 from wordcraft_kg.agents.people.study import STUDY_FILE
 from wordcraft_kg.agents.people.study_folder import read_study
+from wordcraft_kg.agents.words.inspect_log import read_inspect_log
 from wordcraft_kg.agents.words.records import RESULT_FILE, WordsResult, WordsSettings, read_words_result
 from wordcraft_kg.artefacts import what_is
 from wordcraft_kg.envs.world import World
@@ -43,10 +44,11 @@ SAID = ("steps", "distractors")
 """Settings of a training that its figures do not depend on, and those that a row says in other words."""
 OVER_SEEDS = "95 %, bootstrap over seeds and tasks"
 OVER_TASKS = "95 %, bootstrap over tasks"
-WORDS = "a result of 'evaluate-words'"
+WORDS = "a result of 'evaluate-words', or a log of Inspect AI (.eval, .json)"
+LOGS = (".eval", ".json")
 UNDERSTOOD = (
     "a run folder of 'train-agent' or a folder of its seeds, a folder of 'study serve', a file of "
-    f"'play --protocol paper', or {WORDS}"
+    f"'play --protocol paper', {WORDS}"
 )
 """What can stand beside the pack."""
 
@@ -76,10 +78,10 @@ def rows_beside(
             agents += [open_agent(folder, opened) for folder in folders]
         elif (path / STUDY_FILE).is_file():
             people.append(_people(path, read_study(path).sessions(), opened, play, columns))
-        elif (path / RESULT_FILE).is_file():
-            words.append((path, read_words_result(path)))
         elif path.is_file() and _is_session(path):
             people.append(_people(path, (read_session(path),), opened, play, columns))
+        elif result := _result_of(path):
+            words.append((path, result))
         else:
             raise ConfigError(f"--beside: '{path}' {what_is(path)}; expected {UNDERSTOOD}.")
     own = agent_rows(group_agents(agents), opened, play, columns, "beside") if agents else ()
@@ -96,9 +98,9 @@ def open_rows_beside(opened: OpenedGraph, play: OpenPlay, paths: Sequence[Path])
     """
     rows = []
     for path in paths:
-        if not (path / RESULT_FILE).is_file():
-            raise ConfigError(f"--beside: '{path}' {what_is(path)}; expected {WORDS} in the open-ended world.")
-        result = read_words_result(path)
+        result = _result_of(path)
+        if result is None:
+            raise ConfigError(f"--beside: '{path}' {what_is(path)}; expected {WORDS}, of the open-ended world.")
         settings = result.settings
         _check_graph(path, "graph", settings.graph_hash, opened.graph.hash)
         if not settings.is_open_ended or settings.base != play.base:
@@ -250,6 +252,15 @@ def _people(
     )
 
 
+def _result_of(path: Path) -> WordsResult | None:
+    """Return the result of a player that uses words, None if a path is nothing of the kind."""
+    if (path / RESULT_FILE).is_file():
+        return read_words_result(path)
+    if path.is_file() and path.suffix in LOGS:
+        return read_inspect_log(path)
+    return None
+
+
 def _words(
     results: Sequence[tuple[Path, WordsResult]], opened: OpenedGraph, play: TaskPlay, columns: Sequence[int]
 ) -> list[ReferenceRow]:
@@ -292,7 +303,7 @@ def _words_row(path: Path, result: WordsResult, play: TaskPlay | OpenPlay, figur
     )
     return ReferenceRow(
         player=result.player,
-        kind="other",
+        kind="language model" if path.suffix in LOGS else "other",
         measure="success",
         figures=figures,
         origin="beside",

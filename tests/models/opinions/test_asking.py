@@ -4,6 +4,7 @@ import json
 import signal
 import threading
 import time
+from email.utils import formatdate
 from pathlib import Path
 
 import pytest
@@ -14,7 +15,7 @@ from wordcraft_kg.errors import ConfigError, EndpointError
 from wordcraft_kg.models.opinions.answers import Answers
 from wordcraft_kg.models.opinions.asking import ask_all, plan_asking
 from wordcraft_kg.models.opinions.config import AskingConfig, OpinionsConfig, checked_endpoint
-from wordcraft_kg.models.opinions.endpoint import Endpoint
+from wordcraft_kg.models.opinions.endpoint import Endpoint, wait_of
 from wordcraft_kg.models.opinions.prompts import LISTED, make_prompts
 
 KEY = "sk-not-to-be-said-0123456789"
@@ -48,15 +49,18 @@ def test_a_prompt_without_an_answer_in_time_is_asked_again(stand_in, home):
     assert len(stand_in.asked) == 2
 
 
-@pytest.mark.parametrize("header", ["0.4", "date"])
-def test_the_wait_that_an_endpoint_asks_for_is_kept(stand_in, home, header):
-    from email.utils import formatdate
-
-    stand_in.failures = [429]
-    stand_in.retry_after = formatdate(time.time() + 2, usegmt=True) if header == "date" else header
+def test_the_wait_that_an_endpoint_asks_for_is_kept(stand_in, home):
+    stand_in.failures, stand_in.retry_after = [429], "0.4"
     asked_by(config_of(stand_in, goals_per_prompt=100), home / "answers")
     first, second = stand_in.times
-    assert second - first > (0.9 if header == "date" else 0.4)
+    assert second - first > 0.4
+
+
+def test_a_wait_is_read_as_seconds_or_as_a_date():
+    assert [wait_of({"retry-after": said}) for said in ("7", "0.5", "-3", "soon", "")] == [7.0, 0.5, 0.0, 0.0, 0.0]
+    assert wait_of({}) == 0.0
+    for shift, least, most in ((100, 90, 100), (-100, 0, 0)):
+        assert least <= wait_of({"retry-after": formatdate(time.time() + shift, usegmt=True)}) <= most
 
 
 def test_an_endpoint_that_wants_too_long_a_wait_is_left(stand_in, home):
@@ -180,6 +184,26 @@ def test_ctrl_c_keeps_every_answer_that_is_under_way(stand_in, home, run):
     stand_in.delay = 0.0
     assert run(*arguments, "--goals-per-prompt", "5").code == 0
     assert len(stand_in.asked) == 16
+
+
+def test_a_second_ctrl_c_waits_for_nothing(stand_in, home, run):
+    stand_in.delay = 3.0
+
+    def interrupt() -> None:
+        while not stand_in.asked:
+            time.sleep(0.01)
+        for _ in range(2):
+            signal.raise_signal(signal.SIGINT)
+            time.sleep(0.4)
+
+    thread = threading.Thread(target=interrupt)
+    thread.start()
+    outcome = run("ask-opinions", "kitchen", "--endpoint", stand_in.address, "--model", "oracle", "--yes", "--verbose")
+    ended = time.monotonic()
+    thread.join()
+    assert outcome.code == 130
+    assert "interrupted; 0 of 8 prompts are answered and kept" in outcome.err
+    assert ended - stand_in.times[0] < 2.5
 
 
 # --- keys ------------------------------------------------------------------------------------------------------------

@@ -8,7 +8,7 @@ import safetensors.torch
 import torch
 
 from wordcraft_kg.agents.players import scorer_players
-from wordcraft_kg.errors import ArtefactError, UnknownEntityError
+from wordcraft_kg.errors import ArtefactError, ConfigError, UnknownEntityError
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
 from wordcraft_kg.models.links.folder import open_model
@@ -139,3 +139,13 @@ def test_tensors_that_are_no_opinions_are_refused(opened, scorer, tmp_path, spoi
     end_run(folder, read_run(folder), "done", tuple(read_run(folder).outputs))
     with pytest.raises(ArtefactError, match="does not hold a scorer"):
         load_scorer(folder)
+
+
+def test_w_of_opinions_serves_books_whose_tables_of_all_pairs_would_be_too_large():
+    size = 7_000
+    scorer = OpinionScorer.of([[0, size - 1, 5]], [1.0], [f"thing {number}" for number in range(size)], "a graph")
+    (w,) = make_sources(["w"], scorer)
+    found = w(torch.tensor([5]), torch.tensor([size]), torch.tensor([[3, size - 1, 0, size]]))
+    assert found.tolist() == [[0.0, 1.0, 1.0, 0.0]]
+    with pytest.raises(ConfigError, match="scores of all pairs"):
+        make_sources(["u", "v", "w"], scorer)

@@ -97,39 +97,46 @@ def ask_all(
             done.put(None)
 
     workers = min(endpoint.config.settings.at_once, len(waiting))
-    kept, tokens, error = total - len(waiting), 0, None
+    kept, tokens = total - len(waiting), 0
+    errors: list[BaseException] = []
+
+    def collect(interrupted: threading.Event) -> None:
+        nonlocal kept, tokens
+        left = workers
+        while left:
+            if interrupted.is_set() and not endpoint.stop.is_set():
+                endpoint.stop.set()
+                logging.getLogger(__name__).warning(
+                    "waiting for the prompts that are under way; Ctrl-C again ends without them."
+                )
+            try:
+                found = done.get(timeout=TICK)
+            except queue.Empty:
+                continue
+            if found is None:
+                left -= 1
+            elif isinstance(found, Answer):
+                kept, tokens = kept + 1, tokens + (found.tokens_in or 0) + (found.tokens_out or 0)
+                if progress:
+                    progress(kept, total, {"tokens": tokens} if tokens else {})
+            else:
+                errors.append(found)
+
     with first_interrupt() as interrupted:
-        for number in range(workers):
-            # A second Ctrl-C has not to wait for them.
-            threading.Thread(target=work, name=f"prompts {number}", daemon=True).start()
         try:
-            while workers:
-                if interrupted.is_set() and not endpoint.stop.is_set():
-                    endpoint.stop.set()
-                    logging.getLogger(__name__).warning(
-                        "waiting for the prompts that are under way; Ctrl-C again ends without them."
-                    )
-                try:
-                    found = done.get(timeout=TICK)
-                except queue.Empty:
-                    continue
-                if found is None:
-                    workers -= 1
-                elif isinstance(found, Answer):
-                    kept, tokens = kept + 1, tokens + (found.tokens_in or 0) + (found.tokens_out or 0)
-                    if progress:
-                        progress(kept, total, {"tokens": tokens} if tokens else {})
-                else:
-                    error = error or found
+            for number in range(workers):
+                # A second Ctrl-C has not to wait for them.
+                threading.Thread(target=work, name=f"prompts {number}", daemon=True).start()
+            collect(interrupted)
         except KeyboardInterrupt:
             interrupted.set()
             endpoint.stop.set()
     safe = f"{kept:,} of {total:,} prompts are answered and kept; the same command goes on with the others"
     if interrupted.is_set():
         raise KeyboardInterrupt(f"interrupted; {safe}")
-    if isinstance(error, EndpointError):
-        raise EndpointError(f"{error} {safe}.")
-    if error is not None:
-        raise error
+    if errors and isinstance(errors[0], EndpointError):
+        raise EndpointError(f"{errors[0]} {safe}.")
+    if errors:
+        raise errors[0]
     given = (answers.find(prompt.request) for prompt in plan.prompts)
     return [answer for answer in given if answer is not None]

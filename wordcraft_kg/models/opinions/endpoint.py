@@ -57,6 +57,7 @@ class Endpoint:
         self._settings: AskingConfig = config.settings
         self._key = _key_of(config)
         self._has_answered = False
+        self._told: set[str] = set()
         self._openai = openai
         self._client = openai.OpenAI(
             api_key=self._key or "none",
@@ -83,7 +84,7 @@ class Endpoint:
                     raise self._error(f"{problem}, and asks us to wait for {problem.wait:,.0f} seconds.") from None
                 if is_last:
                     raise self._error(f"{problem} ({attempt + 1} times in a row).") from None
-                logging.getLogger(__name__).info("the endpoint %s; asking again", problem)
+                self._tell(str(problem))
                 # As several prompts wait at the same time, they do not come back at the same time.
                 backoff = min(FIRST_WAIT * 2**attempt, LONGEST_WAIT) * random.uniform(0.5, 1.0)
                 self.stop.wait(max(backoff, problem.wait))
@@ -91,6 +92,12 @@ class Endpoint:
                 self._has_answered = True
                 return answer
         raise Stopped
+
+    def _tell(self, problem: str) -> None:
+        """Warn of a problem, once: with a busy endpoint there would be a line for each prompt."""
+        level = logging.INFO if problem in self._told else logging.WARNING
+        self._told.add(problem)
+        logging.getLogger(__name__).log(level, "the endpoint %s; asking again", problem)
 
     def _ask_once(self, request: Request) -> Answer:
         given: dict[str, Any] = {"temperature": request.temperature, "seed": request.seed}
@@ -137,7 +144,7 @@ class Endpoint:
         if NO_MONEY in (details.get("code"), details.get("type")):
             return self._error(f"says that the account has no money left (status {status}).")
         if status in BUSY or status >= 500:
-            return _AgainError(f"is busy or fails (status {status}{said})", _wait_of(headers))
+            return _AgainError(f"is busy or fails (status {status}{said})", wait_of(headers))
         # What a server says about a key may hold a part of it.
         if status in (401, 403):
             there = "the key is refused" if self._key else "it needs a key"
@@ -225,7 +232,7 @@ def _count(value: object) -> int | None:
     return value if isinstance(value, int) and not isinstance(value, bool) and value >= 0 else None
 
 
-def _wait_of(headers: Any) -> float:
+def wait_of(headers: Any) -> float:
     """Return the seconds that a Retry-After header asks for, which may be a date; 0 without one."""
     said = headers.get("retry-after")
     try:

@@ -68,8 +68,10 @@ class BestRecipe(FoldedSource):
         return cls(num_entities, RecipeKnowledge(empty), None if of_recipe is None else lazily_zero(of_recipe))
 
     @classmethod
-    def num_bytes(cls, num_entities: int) -> int:  # noqa: D102 - inherited
-        return 16 * (num_entities + 1) ** 2
+    def num_bytes(cls, scorer: TripleScorer) -> int:  # noqa: D102 - inherited
+        if isinstance(whole_of(scorer), OpinionScorer):
+            return 0  # a few numbers for each opinion
+        return 16 * (len(scorer.entities) + 1) ** 2
 
     def forward(self, goal: Tensor, selection: Tensor, table: Tensor, task: Tensor | None = None) -> Tensor:  # noqa: D102 - inherited
         model = self.model_of(task)

@@ -84,8 +84,8 @@ class Source(nn.Module, ABC):
         return cls(num_entities)
 
     @classmethod
-    def num_bytes(cls, num_entities: int) -> int:
-        """Return the size of the constants, as far as it is known before they are computed."""
+    def num_bytes(cls, scorer: TripleScorer) -> int:
+        """Return the size of the constants of a scorer, as far as it is known before they are computed."""
         return 0
 
     def bind(self, tasks: TaskSet) -> None:
@@ -270,8 +270,8 @@ class PairSource(FoldedSource):
         return cls(num_entities, {name: lazily_zero(tensor) for name, tensor in constants.items()})
 
     @classmethod
-    def num_bytes(cls, num_entities: int) -> int:  # noqa: D102 - inherited
-        return (num_entities + 1) ** 2 * 4
+    def num_bytes(cls, scorer: TripleScorer) -> int:  # noqa: D102 - inherited
+        return (len(scorer.entities) + 1) ** 2 * 4
 
     @abstractmethod
     def key(self, goal: Tensor, selection: Tensor) -> Tensor:
@@ -320,7 +320,7 @@ def pairs_need_factors(names: Iterable[str], scorer: TripleScorer, scale: Scale)
         ConfigError: if they have to and cannot, saying what they would need and what works.
     """
     size = len(scorer.entities)
-    needed = sum(source_class(name).num_bytes(size) for name in names)
+    needed = sum(source_class(name).num_bytes(scorer) for name in names)
     if needed <= TABLE_LIMIT:
         if isinstance(scorer, CrossFitted):
             what = "tables of the scores of all pairs, one for each"

@@ -42,6 +42,7 @@ GIVEN = {
     "key_size": "4",
     "limit": "2",
     "log_every": "1000",
+    "mcp transport": "http",
     "model": "distmult",
     "model folder": "in/model",
     "player": "cat",
@@ -198,7 +199,7 @@ def trial(number: int, home: Path, sandbox: Path) -> Trial:
         copied(home, "model-interrupted", sandbox / CONTINUED)
     _odd_paths(sandbox / "odd")
     command = [*option.command.split(), "--quiet"]
-    if tuple(command[:-1]) in SERVERS:
+    if tuple(command[:-1]) in SERVERS and option.command != "mcp":
         command.append("--no-browser")
     for other in _of(option.command):
         given = other.given

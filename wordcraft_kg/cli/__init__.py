@@ -44,7 +44,7 @@ COMMANDS = {
         "score",
     ],
     "Agents": ["train-agent", "resume", "evaluate-agent", "explain", "compare-agents", "reference"],
-    "Players that use words": ["evaluate-words"],
+    "Players that use words": ["evaluate-words", "mcp"],
     "In the browser": ["explore"],
     "Studies": ["reproduce", "sweep", "results"],
 }

@@ -53,13 +53,16 @@ def listen(host: str, port: int) -> socket.socket:
     return found
 
 
-def serve(app: ASGIApp, listening: socket.socket, started: Callable[[str], None]) -> None:
+def serve(
+    app: ASGIApp, listening: socket.socket, started: Callable[[str], None], *, has_lifespan: bool = False
+) -> None:
     """Answer requests until Ctrl-C or SIGTERM, and let those end that have begun.
 
     Args:
         app: the application.
         listening: see :func:`listen`.
         started: called with the address as soon as requests are answered.
+        has_lifespan: whether the application wants to be told when it begins and ends.
     """
     import uvicorn
 
@@ -74,7 +77,7 @@ def serve(app: ASGIApp, listening: socket.socket, started: Callable[[str], None]
         app,
         log_config=None,
         access_log=False,
-        lifespan="off",
+        lifespan="on" if has_lifespan else "off",
         ws="none",
         server_header=False,
         timeout_graceful_shutdown=PATIENCE,

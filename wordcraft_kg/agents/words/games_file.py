@@ -31,7 +31,7 @@ def open_games(path: Path, header: GamesHeader, kind: type[Played]) -> list[Play
     whole = data[: data.rfind(b"\n") + 1]
     first, _, rest = whole.partition(b"\n")
     found = parse_record(first, GamesHeader, f"{path}, line 1,")
-    if not rest:  # nothing was played yet
+    if not rest and found != header:  # nothing was played yet
         write_atomically(path, as_lines([header]), durable=True)
         return []
     _check(path, found, header)

@@ -87,7 +87,8 @@ class WordsSettings(Record, frozen=True, kw_only=True):
     def _of(cls, graph: RecipeGraph, split: Split, **rules: Any) -> "WordsSettings":
         if rules.get("knowledge", "none") == "none":
             rules["look_ups"] = 0
-        return cls(graph=graph.name, graph_hash=graph.hash, split_hash=split.hash, texts=texts_hash(), **rules)
+        rules = {"texts": texts_hash(), **rules}  # other texts may be told besides
+        return cls(graph=graph.name, graph_hash=graph.hash, split_hash=split.hash, **rules)
 
 
 class GamesHeader(Record, frozen=True, kw_only=True):

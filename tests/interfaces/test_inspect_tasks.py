@@ -33,11 +33,13 @@ from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.words import texts_hash
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.errors import ArtefactError, ConfigError, MissingExtraError
+from wordcraft_kg.experiments.reference import OpenPlay, TaskPlay
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
 from wordcraft_kg.interfaces.inspect_tasks import InspectTaskError, crafting, discovery
 from wordcraft_kg.models.links.saving import save_scorer
 from wordcraft_kg.models.policies.sources.source import make_sources
 from wordcraft_kg.models.scorers.facts import SymbolicScorer
+from wordcraft_kg.views.beside import open_rows_beside, rows_beside
 
 pytestmark = pytest.mark.filterwarnings("ignore:The 'initial' parameter is deprecated:DeprecationWarning")
 
@@ -246,6 +248,19 @@ def test_tables_that_are_played_again_count_like_further_draws(play: Callable[..
     result = read_inspect_log(log.location)
     assert result.success is not None
     assert (result.games, result.success.tasks, result.success.draws) == (6, 3, 2)
+
+
+def test_a_log_stands_beside_the_reference_figures_as_a_language_model(
+    play: Callable[..., EvalLog], kitchen: OpenedGraph
+):
+    log = play(crafting("kitchen", tasks=3, distractors=2), lambda messages: "1 + 2")
+    success = read_inspect_log(log.location).success
+    assert success is not None
+    (row,) = rows_beside(kitchen, TaskPlay("test", 1, 1), [1, 2], [Path(log.location)])
+    assert (row.player, row.kind, row.tasks) == ("mockllm/model", "language model", 3)
+    assert (row.figures["2"].value, row.figures["2"].low) == (success.mean, success.ci_low)
+    with pytest.raises(ConfigError, match="is of crafting tasks"):
+        open_rows_beside(kitchen, OpenPlay(kitchen.graph.base), [Path(log.location)])
 
 
 def test_a_log_without_some_of_the_games_gives_no_result(play: Callable[..., EvalLog], tmp_path: Path):

@@ -191,3 +191,11 @@ def test_an_endpoint_that_says_nothing_of_use_gives_a_scorer_without_opinions(as
 def test_table_of_the_stand_in_is_that_of_the_graph(opened):
     table = table_of(opened.graph)
     assert sum(map(len, table.values())) == opened.graph.num_recipes
+
+
+def test_a_file_in_the_place_of_answers_is_refused_before_anything_is_asked(stand_in, run):
+    Path("answers").write_text("x")
+    arguments = ("ask-opinions", "kitchen", "--endpoint", stand_in.address, "--model", "oracle", "--yes")
+    outcome = run(*arguments, "--answers", "answers")
+    assert (outcome.code, outcome.kind) == (1, "OutputExistsError")
+    assert not stand_in.asked

@@ -244,7 +244,7 @@ def test_an_address_that_may_hold_a_secret_is_refused_without_repeating_it(run, 
 
 
 @pytest.mark.parametrize(
-    "address", ["", "localhost:8080", "ftp://host/v1", "http://", "http://host:x/v1", "http://a b"]
+    "address", ["", "localhost:8080", "ftp://host/v1", "http://", "http://host:x/v1", "http://a b", "http://a..b"]
 )
 def test_what_is_no_address_is_refused(address):
     with pytest.raises(ConfigError, match="such as http://localhost:8080/v1"):

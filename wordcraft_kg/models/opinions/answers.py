@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Literal
 
 from wordcraft_kg.artefacts import dump_json, write_atomically
-from wordcraft_kg.errors import ArtefactError
+from wordcraft_kg.errors import ArtefactError, OutputExistsError
 from wordcraft_kg.models.opinions.prompts import Request
 from wordcraft_kg.records import Count, Hash, Record, as_values, read_record
 
@@ -51,8 +51,20 @@ class Answers:
     """
 
     def __init__(self, folder: Path):
-        """Take a folder; it is made when there is an answer to keep."""
+        """Take a folder, which :meth:`open` makes."""
         self.folder = folder
+
+    def open(self) -> None:
+        """Make the folder, if there is none, before anything is asked that could not be kept.
+
+        Raises:
+            OutputExistsError: if something else is there.
+        """
+        if self.folder.exists() and not self.folder.is_dir():
+            raise OutputExistsError(
+                f"'{self.folder}' is a file, but `answers` are kept in a folder. Choose another one."
+            )
+        self.folder.mkdir(parents=True, exist_ok=True)
 
     def path_of(self, request: Request) -> Path:
         """Return where the answer to a request is, or would be."""
@@ -76,6 +88,5 @@ class Answers:
 
     def keep(self, request: Request, answer: Answer) -> None:
         """Write an answer; it is there as a whole, or not at all."""
-        self.folder.mkdir(parents=True, exist_ok=True)
         kept = KeptAnswer(request=request, answer=answer, sha256=answer.hash)
         write_atomically(self.path_of(request), dump_json(as_values(kept)), durable=True)

@@ -69,6 +69,7 @@ def ask_all(
         progress: called after each answer.
 
     Raises:
+        OutputExistsError: if answers cannot be kept where they should be.
         EndpointError: if a prompt is refused or not answered after all retries; what is answered is kept.
         KeyboardInterrupt: after Ctrl-C, saying how much is kept.
     """
@@ -76,6 +77,7 @@ def ask_all(
     if not waiting:
         return [answer for answer in plan.found if answer is not None]
     endpoint, total = make_endpoint(), len(plan.prompts)
+    answers.open()
     todo: queue.SimpleQueue[Prompt] = queue.SimpleQueue()
     done: queue.SimpleQueue[Answer | BaseException | None] = queue.SimpleQueue()
     for prompt in waiting:

@@ -136,6 +136,7 @@ def checked_endpoint(address: str) -> str:
     try:
         parts = urlsplit(address.strip())
         port_is_sound = parts.port is None or parts.port > 0
+        (parts.hostname or "").encode("idna")
     except ValueError:
         raise ConfigError(f"`endpoint` is no address: {expected}.") from None
     if parts.username is not None or parts.password is not None or parts.query or parts.fragment:

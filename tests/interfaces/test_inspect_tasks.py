@@ -47,8 +47,9 @@ Answer = Callable[[Sequence[ChatMessage]], str]
 
 
 @pytest.fixture(autouse=True)
-def untouched_logging() -> Iterator[None]:
-    """Take back what Inspect does to the root logger, which other tests listen to."""
+def untouched(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Take back what Inspect does to the root logger, which other tests listen to; it writes nothing at home."""
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "home"))
     root = logging.getLogger()
     level, handlers = root.level, [*root.handlers]
     yield

@@ -8,8 +8,10 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-PAGES = ["README.md", *(f"docs/{name}.md" for name in ("agents", "environment", "link-prediction"))]
-EXAMPLES = sorted(path.stem for path in (ROOT / "examples").glob("*.py"))
+PAGES = ["README.md", *(f"docs/{name}.md" for name in ("agents", "environment", "link-prediction", "words"))]
+PLAYERS = {"chat_player", "line_player"}
+"""Examples that wait for lines; they play in the tests of the line protocol."""
+EXAMPLES = sorted({path.stem for path in (ROOT / "examples").glob("*.py")} - PLAYERS)
 LONG = ("first_steps", "stable_baselines")
 SMALL = ("--steps", "256", "--eval-every", "0", "--quiet")
 

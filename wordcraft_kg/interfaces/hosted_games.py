@@ -14,7 +14,7 @@ from wordcraft_kg.labels import read_label
 from wordcraft_kg.settings import MAX_SIZE
 
 MOST_GAMES = 1_000
-"""Most games that are remembered: ten for each of a hundred players at once, within some ten megabytes."""
+"""Most games that are remembered: ten for each of a hundred players at once, in less than 100 MiB."""
 MOST_MESSAGES = 10_000
 """Most messages of a game that are kept: who is refused for ever shall not fill the memory."""
 NEVER = MAX_SIZE

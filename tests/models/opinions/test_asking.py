@@ -161,6 +161,7 @@ def test_an_answer_belongs_to_its_model_its_address_and_its_sampling(stand_in, h
     for number, config in enumerate(others, 2):
         assert asked_by(config, home / "answers") == texts
         assert len(stand_in.asked) == number
+    assert len(list((home / "answers").iterdir())) == 4
 
 
 def test_ctrl_c_keeps_every_answer_that_is_under_way(stand_in, home, run):

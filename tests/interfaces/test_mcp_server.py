@@ -496,7 +496,7 @@ def test_over_http_a_game_goes_on_in_another_connection(world: World, mode: str)
 # --- the command -----------------------------------------------------------------------------------------------------
 
 
-def test_the_command_serves_over_http_keeps_games_and_ends_with_ctrl_c(tmp_path: Path):
+def test_the_command_serves_over_http_and_what_was_answered_is_kept_though_it_is_killed(tmp_path: Path):
     out = tmp_path / "games.jsonl"
     process = subprocess.Popen(
         [sys.executable, *COMMAND, "--transport", "http", "--port", "0", "--json", "--out", str(out)],

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import get_args
 
 import msgspec
 
@@ -11,8 +12,9 @@ from wordcraft_kg.agents.people.protocol import HUMAN_FORMAT
 from wordcraft_kg.agents.people.session_file import Session, read_session
 from wordcraft_kg.agents.people.study import STUDY_FILE
 from wordcraft_kg.agents.people.study_folder import read_study
+from wordcraft_kg.agents.words.games_result import read_games_result
 from wordcraft_kg.agents.words.inspect_log import read_inspect_log
-from wordcraft_kg.agents.words.records import RESULT_FILE, WordsResult, WordsSettings, read_words_result
+from wordcraft_kg.agents.words.records import RESULT_FILE, GamesFormat, WordsResult, WordsSettings, read_words_result
 from wordcraft_kg.artefacts import what_is
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.errors import ConfigError, GraphMismatchError
@@ -44,7 +46,7 @@ SAID = ("steps", "distractors")
 """Settings of a training that its figures do not depend on, and those that a row says in other words."""
 OVER_SEEDS = "95 %, bootstrap over seeds and tasks"
 OVER_TASKS = "95 %, bootstrap over tasks"
-WORDS = "a result of 'evaluate-words', or a log of Inspect AI (.eval, .json)"
+WORDS = "a result of 'evaluate-words', a file of 'mcp --out', or a log of Inspect AI (.eval, .json)"
 LOGS = (".eval", ".json")
 UNDERSTOOD = (
     "a run folder of 'train-agent' or a folder of its seeds, a folder of 'study serve', a file of "
@@ -78,9 +80,9 @@ def rows_beside(
             agents += [open_agent(folder, opened) for folder in folders]
         elif (path / STUDY_FILE).is_file():
             people.append(_people(path, read_study(path).sessions(), opened, play, columns))
-        elif path.is_file() and _is_session(path):
+        elif path.is_file() and _begins_with(path, HUMAN_FORMAT):
             people.append(_people(path, (read_session(path),), opened, play, columns))
-        elif result := _result_of(path):
+        elif result := _result_of(path, opened):
             words.append((path, result))
         else:
             raise ConfigError(f"--beside: '{path}' {what_is(path)}; expected {UNDERSTOOD}.")
@@ -98,7 +100,7 @@ def open_rows_beside(opened: OpenedGraph, play: OpenPlay, paths: Sequence[Path])
     """
     rows = []
     for path in paths:
-        result = _result_of(path)
+        result = _result_of(path, opened)
         if result is None:
             raise ConfigError(f"--beside: '{path}' {what_is(path)}; expected {WORDS}, of the open-ended world.")
         settings = result.settings
@@ -207,9 +209,10 @@ def _in_words(play: TaskPlay) -> str:
     return f"{play.part} tasks of depth {play.depth} with {counted(play.attempts, 'attempt')}"
 
 
-def _is_session(path: Path) -> bool:
+def _begins_with(path: Path, form: str) -> bool:
+    """Return whether the first line of a file names a format."""
     with path.open("rb") as file:
-        return HUMAN_FORMAT.encode() in file.readline(10_000)
+        return form.encode() in file.readline(10_000)
 
 
 def _people(
@@ -252,12 +255,14 @@ def _people(
     )
 
 
-def _result_of(path: Path) -> WordsResult | None:
+def _result_of(path: Path, opened: OpenedGraph) -> WordsResult | None:
     """Return the result of a player that uses words, None if a path is nothing of the kind."""
     if (path / RESULT_FILE).is_file():
         return read_words_result(path)
     if path.is_file() and path.suffix in LOGS:
         return read_inspect_log(path)
+    if path.is_file() and _begins_with(path, *get_args(GamesFormat)):
+        return read_games_result(path, opened)
     return None
 
 

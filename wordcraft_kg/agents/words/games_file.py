@@ -44,6 +44,20 @@ def open_games(path: Path, header: GamesHeader, kind: type[Played]) -> list[Play
     return played
 
 
+def read_games(path: Path) -> tuple[GamesHeader, list[PlayedTask] | list[PlayedWorld]]:
+    """Read a file without changing it; a torn last line is left out.
+
+    Raises:
+        ArtefactError: if it is missing, not of this kind, or damaged.
+    """
+    data = read_large_file(path)
+    first, _, rest = data[: data.rfind(b"\n") + 1].partition(b"\n")
+    header, where = parse_record(first, GamesHeader, f"{path}, line 1,"), f"{path} (after line 1)"
+    if header.settings.is_open_ended:
+        return header, parse_lines(rest, PlayedWorld, where)
+    return header, parse_lines(rest, PlayedTask, where)
+
+
 def append_game(path: Path, played: PlayedTask | PlayedWorld) -> None:
     """Add a line; it is on the disk when this returns."""
     with path.open("ab") as file:

@@ -14,6 +14,7 @@ from wordcraft_kg.graphs.splits import Split
 from wordcraft_kg.graphs.tasks import TaskPart
 from wordcraft_kg.records import Count, Hash, Record, Share, read_record
 
+GamesFormat = Literal["wordcraft-kg games in words 1"]
 RESULT_FILE, GAMES_FILE = "result.json", "games.jsonl"
 
 
@@ -99,7 +100,7 @@ class GamesHeader(Record, frozen=True, kw_only=True):
         settings: what it was asked.
     """
 
-    format: Literal["wordcraft-kg games in words 1"] = "wordcraft-kg games in words 1"
+    format: GamesFormat = "wordcraft-kg games in words 1"
     player: str
     settings: WordsSettings
 

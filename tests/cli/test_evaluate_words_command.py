@@ -70,6 +70,7 @@ def test_the_open_ended_world_is_played_as_often_as_asked(run, tmp_path):
     [
         (["kitchn"], "Did you mean 'kitchen'"),
         (["kitchen", "--depth", "0"], "--depth 0: expected a whole number, 1 to 5."),
+        (["kitchen", "--attempts", "0"], "--attempts 0: expected a whole number, 1 to 1000."),
         (["kitchen", "--draws", "0"], "--draws 0: expected a whole number, 1 or more."),
         (["kitchen", "--tasks", "0"], "--tasks 0: expected a whole number, 1 or more."),
         (["kitchen", "--refusals", "-1"], "--refusals -1: expected a whole number, 0 or more."),

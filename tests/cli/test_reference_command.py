@@ -268,7 +268,7 @@ def test_bad_input_says_what_would_be_understood(run, pack, runs, tmp_path):
         (("--depth", "0"), "--depth 0: expected a whole number, 1 to 5."),
         (("--base", "water"), "--base is about open-ended play"),
         (("--open-ended", "--distractors", "1"), "--distractors is about crafting tasks"),
-        (("--open-ended", "--beside", runs), "expected a result of 'evaluate-words', a file of 'mcp --out', or a log of Inspect AI"),
+        (("--open-ended", "--beside", runs), "expected a result of 'evaluate-words', a file of 'mcp --out', or a log"),
     )
     for arguments, says in cases:
         outcome = run("reference", "kitchen", *arguments)

@@ -10,7 +10,7 @@ from cyclopts import Parameter
 from wordcraft_kg.agents.words.config import LOOK_UPS, REFUSALS, KnowledgeKind
 from wordcraft_kg.cli.completion import Book, Scorer
 from wordcraft_kg.cli.console import Flag, Output, aligned, split_labels
-from wordcraft_kg.envs.config import WordCraftConfig
+from wordcraft_kg.envs.config import MAX_ATTEMPTS, WordCraftConfig
 from wordcraft_kg.errors import ConfigError, OutputExistsError, PlayerError
 from wordcraft_kg.graphs.tasks import TaskPart
 from wordcraft_kg.settings import MAX_SIZE, whole
@@ -87,6 +87,8 @@ def evaluate_words(
         raise ConfigError("--open-ended has no tasks; of these options, it takes attempts, base and draws.")
     if base and not open_ended:
         raise ConfigError(f"--base {','.join(base)}: tasks have no base; add --open-ended.")
+    if attempts is not None:
+        whole("attempts", attempts, *((1, MAX_SIZE) if open_ended else (depth, MAX_ATTEMPTS)))
     opened = open_graph(graph)
     known, scorer_hash, kg = open_knowledge(knowledge, opened, scorer)
     rules = {

@@ -2,6 +2,8 @@
 
 python benchmarks/mcp_load.py --sessions 100 --seconds 10
 
+"http" speaks as clients of protocol versions before 2026-07-28 do, "http-new" as those of that version.
+
 The server is a process of its own. A step is a call of a tool: begin, then combine until the game is over, and again.
 Over HTTP each session is a connection; over standard streams, a client has one server, and the sessions are games that
 are played at once on it. Times: "work" is processor time of the server per step; "server" is from a request's arrival
@@ -26,6 +28,8 @@ from typing import Any
 
 MOST_WORK, MOST_MEMORY = 5.0, 400.0
 """Milliseconds a step, and MiB."""
+PRESENT = "2026-07-28"
+"""The protocol's first version without sessions."""
 Call = Callable[[str, dict[str, Any]], Awaitable[dict[str, Any]]]
 
 
@@ -38,9 +42,12 @@ class Load:
     at_server: list[float] = field(default_factory=list)
 
 
-def message(number: int, tool: str, arguments: dict[str, Any]) -> bytes:
-    """Return a call of a tool."""
-    params = {"name": tool, "arguments": arguments}
+def message(number: int, tool: str, arguments: dict[str, Any], version: str = "") -> bytes:
+    """Return a call of a tool; since the protocol's version 2026-07-28, a call says itself of which version it is."""
+    params: dict[str, Any] = {"name": tool, "arguments": arguments}
+    if version:
+        who = {"protocolVersion": version, "clientInfo": {"name": "load", "version": "1"}, "clientCapabilities": {}}
+        params["_meta"] = {f"io.modelcontextprotocol/{key}": value for key, value in who.items()}
     return json.dumps({"jsonrpc": "2.0", "id": number, "method": "tools/call", "params": params}).encode()
 
 
@@ -68,7 +75,7 @@ async def play(call: Call, seed: int, until: float, load: Load) -> None:
 # --- transports ------------------------------------------------------------------------------------------------------
 
 
-async def over_http(address: str, sessions: int, until: float, load: Load) -> None:
+async def over_http(address: str, sessions: int, until: float, load: Load, version: str = "") -> None:
     """Let each session play on a connection of its own."""
     found = re.fullmatch(r"http://([^:]+):(\d+)(/.*)", address)
     assert found
@@ -78,10 +85,13 @@ async def over_http(address: str, sessions: int, until: float, load: Load) -> No
         reader, writer = await asyncio.open_connection(host, port)
 
         async def call(tool: str, arguments: dict[str, Any]) -> dict[str, Any]:
-            body = message(1, tool, arguments)
+            body = message(1, tool, arguments, version)
+            names = (
+                f"MCP-Protocol-Version: {version}\r\nMcp-Method: tools/call\r\nMcp-Name: {tool}\r\n" if version else ""
+            )
             head = (
                 f"POST {path} HTTP/1.1\r\nHost: {host}:{port}\r\nContent-Type: application/json\r\n"
-                f"Accept: application/json, text/event-stream\r\nContent-Length: {len(body)}\r\n\r\n"
+                f"{names if version else ''}Accept: application/json, text/event-stream\r\nContent-Length: {len(body)}\r\n\r\n"
             )
             writer.write(head.encode() + body)
             headers = (await reader.readuntil(b"\r\n\r\n")).decode().lower()
@@ -165,16 +175,16 @@ async def measured(
     server = await asyncio.create_subprocess_exec(*command, *options, stdin=pipe, stdout=pipe, limit=2**24)
     assert server.stdout is not None
     load = Load()
-    if transport == "http":
+    if transport != "stdio":
         address = json.loads(await server.stdout.readline())["address"]
     else:
         await shake_hands(server)
 
     async def loaded(until: float) -> None:
-        if transport == "http":
-            await over_http(address, sessions, until, load)
-        else:
+        if transport == "stdio":
             await over_stdio(server, sessions, until, load)
+        else:
+            await over_http(address, sessions, until, load, PRESENT if transport == "http-new" else "")
 
     await loaded(time.monotonic() + 1)  # what is made once is made now
     load = Load(pause)
@@ -204,7 +214,7 @@ def main() -> int:
     times = [f"{where} {kind}" for where in ("server", "trip") for kind in ("p50", "p95", "p99")]
     rows = [["", "sessions", "pause", "steps/s", "work ms", *times, "MiB"]]
     is_over = False
-    for transport in ("http", "stdio"):
+    for transport in ("http", "http-new", "stdio"):
         for sessions, pause in ((1, 0.0), (arguments.sessions, 0.0), (arguments.sessions, arguments.pause)):
             row, work, memory = asyncio.run(measured(transport, command, sessions, arguments.seconds, pause))
             rows.append(row)

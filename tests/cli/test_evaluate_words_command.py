@@ -100,9 +100,10 @@ def test_games_of_another_player_or_other_settings_are_not_mixed(run, tmp_path):
     for more, says in (
         (("--name", "other"), "holds games of"),
         (("--distractors", "2"), "holds games with --distractors 8, and this command has 2"),
+        (("--tasks", "4"), "holds games with --tasks 3, and this command has 4"),
         (("--open-ended",), "holds games with --part"),
     ):
-        arguments = common if "--open-ended" not in more else (*common[:4], "--out", folder)
+        arguments = common if more[0] in ("--name", "--distractors") else (*common[:4], "--out", folder)
         outcome = run(*arguments, *more)
         assert (outcome.code, outcome.out) == (1, "")
         assert says in outcome.err

@@ -96,6 +96,7 @@ def test_a_graph_without_a_pack_is_measured_as_baselines_does(run):
     assert text.code == 0
     assert "measured now: scripted players with 1, 4 distractors" in text.out
     assert "the pack does not have this graph and split" in text.out
+    assert "with 1 distractor, because" in run("reference", "kitchen", "--distractors", "1").out
 
 
 def test_ours_and_the_literature_are_apart_and_each_of_the_latter_has_a_source(run, pack):
@@ -209,7 +210,7 @@ def test_results_of_players_that_use_words_are_one_row_by_distractors(run, pack,
     assert "has 4 distractors, which are no column of the table" in refused.err
     assert "give --part test --depth 1, or leave it out" in run(*asked, "--depth", "2", "--beside", folders[0]).err
     assert run("reference", "everyday", "--distractors", "4", "--beside", folders[0]).kind == "GraphMismatchError"
-    more = WordsSettings.of_tasks(world.variant(max_attempts=3), limit=50)
+    more = WordsSettings.of_tasks(world.variant(max_attempts=3), tasks=50)
     tries = result(tmp_path / "tries", more, few)
     assert "give --part test --depth 1 --attempts 3" in run(*asked, "--beside", tries).err
     done = run(*asked, "--attempts", 3, "--beside", tries)
@@ -267,7 +268,9 @@ def test_bad_input_says_what_would_be_understood(run, pack, runs, tmp_path):
         (("--distractors", "79"), "--distractors 79: kitchen has 80 entities"),
         (("--depth", "0"), "--depth 0: expected a whole number, 1 to 5."),
         (("--base", "water"), "--base is about open-ended play"),
-        (("--open-ended", "--distractors", "1"), "--distractors is about crafting tasks"),
+        (("--open-ended", "--distractors", "1"), "--open-ended has no tasks"),
+        (("--open-ended", "--part", "train"), "--open-ended has no tasks"),
+        (("--open-ended", "--attempts", "7"), "--open-ended has no tasks"),
         (("--open-ended", "--beside", runs), "expected a result of 'evaluate-words', a file of 'mcp --out', or a log"),
     )
     for arguments, says in cases:

@@ -136,11 +136,11 @@ def test_a_model_that_plays_like_a_scripted_player_has_its_evaluation_to_the_las
         num_distractors=settings["distractors"],
         max_attempts=settings.get("attempts"),
     )
-    world, draws, limit = World(kitchen, config), settings["draws"], settings.get("tasks")
+    world, draws, tasks = World(kitchen, config), settings["draws"], settings.get("tasks")
     player = PLAYERS[name](kitchen)
     # Of an evaluation of all tasks those that are played: a task's table does not depend on the others.
     everything = Evaluator(world, draws=draws)(player)
-    chosen = chosen_tasks(world, limit)
+    chosen = chosen_tasks(world, tasks)
     expected = Evaluation(*(getattr(everything, field.name)[chosen] for field in fields(Evaluation)))
     assert 0 < expected.success.mean() < 1 or name == "oracle"
     task = crafting("kitchen", **settings)
@@ -156,7 +156,7 @@ def test_a_model_that_plays_like_a_scripted_player_has_its_evaluation_to_the_las
     result = read_inspect_log(log.location)
     assert (result.success, result.outcomes, result.games) == (figures, expected.shares(), expected.success.size)
     assert (result.player, result.refused) == ("mockllm/model", 0)
-    assert result.settings == WordsSettings.of_tasks(world, draws=draws, limit=limit)
+    assert result.settings == WordsSettings.of_tasks(world, draws=draws, tasks=tasks)
     assert log.eval.task_version == texts_hash()[:12]
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from wordcraft_kg.agents.words.config import LOOK_UPS, REFUSALS, KnowledgeKind
+from wordcraft_kg.agents.words.config import ATTEMPTS, LOOK_UPS, REFUSALS, TIMEOUT, KnowledgeKind
 from wordcraft_kg.cli.completion import Book, Scorer
 from wordcraft_kg.cli.console import Flag, Output, aligned, split_labels
 from wordcraft_kg.envs.config import MAX_ATTEMPTS, WordCraftConfig
@@ -42,7 +42,7 @@ def evaluate_words(
     scorer: Scorer = None,
     look_ups: int = LOOK_UPS,
     refusals: int = REFUSALS,
-    timeout: float = 60.0,
+    timeout: float = TIMEOUT,
     name: str | None = None,
     out: Path | None = None,
     force: Flag = False,
@@ -105,15 +105,15 @@ def evaluate_words(
         try:
             if open_ended:
                 labels = split_labels(base) if base else None
-                worlds = DiscoveryGames(opened, attempts=100 if attempts is None else attempts, base=labels)
+                worlds = DiscoveryGames(opened, attempts=ATTEMPTS if attempts is None else attempts, base=labels)
                 settings = WordsSettings.of_world(worlds.env, opened.split, **rules)
                 _prepare(folder, force)
                 result = play_worlds(called, program.speaker, worlds, settings, folder, known)
             else:
                 config = WordCraftConfig(part=part, depth=depth, num_distractors=distractors, max_attempts=attempts)
                 games = TaskGames(World(opened, config))
-                limit = None if tasks is None else whole("tasks", tasks, 1, MAX_SIZE)
-                settings = WordsSettings.of_tasks(games.world, limit=limit, **rules)
+                most = None if tasks is None else whole("tasks", tasks, 1, MAX_SIZE)
+                settings = WordsSettings.of_tasks(games.world, tasks=most, **rules)
                 _prepare(folder, force)
                 result = play_tasks(called, program.speaker, games, settings, folder, known)
         except KeyboardInterrupt:

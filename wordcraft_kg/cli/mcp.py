@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 
-from wordcraft_kg.agents.words.config import LOOK_UPS, KnowledgeKind
+from wordcraft_kg.agents.words.config import ATTEMPTS, LOOK_UPS, KnowledgeKind
 from wordcraft_kg.cli.completion import Book, Scorer
 from wordcraft_kg.cli.console import Flag, Output, split_labels
 from wordcraft_kg.envs.config import MAX_ATTEMPTS, WordCraftConfig
@@ -28,7 +28,6 @@ EXAMPLES = (
     "wordcraft-kg mcp everyday --open-ended --attempts 100",
 )
 PLAYER = "MCP clients"
-ATTEMPTS = 100
 List = Annotated[list[str] | None, Parameter(negative=(), consume_multiple=False)]
 
 
@@ -62,10 +61,11 @@ def mcp(
         depth: fewest attempts that solve a task, 1 to 5.
         distractors: entities on the table that no plan needs.
         attempts: attempts in a game. Default: depth; 100 in the open-ended world.
-        open_ended: no tasks: begin with the base entities and discover as many others as you can.
+        open_ended: no tasks: discover as many entities as you can from the base.
         base: comma-separated entities known at the start of the open-ended world. Default: the graph's base.
-        knowledge: what a player may look up: none, partial (the train recipes) or scorer (what --scorer believes).
-        scorer: model folder of a link predictor of this graph.
+        knowledge: what a player may look up: none, partial (the train recipes, but none that solves the task) or
+            scorer (the best links of --scorer).
+        scorer: model folder, for --knowledge scorer.
         look_ups: how often something may be looked up in a game.
         transport: stdio, for a client on this machine that starts the server, or http.
         host: address of this machine to listen on; others than 127.0.0.1, such as 0.0.0.0, open the games to others.

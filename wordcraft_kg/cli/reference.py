@@ -77,8 +77,8 @@ def reference(
     from wordcraft_kg.views.references import DISTRACTORS, view_open_references, view_references
 
     if open_ended:
-        if distractors:
-            raise ConfigError("--distractors is about crafting tasks; leave it or --open-ended out.")
+        if distractors or (part, depth, attempts) != ("test", 1, None):
+            raise ConfigError("--open-ended has no tasks; leave --distractors, --part, --depth and --attempts out.")
         view = view_open_references(open_graph(graph), split_labels(base) if base else None, beside or ())
     else:
         if base:
@@ -126,7 +126,8 @@ def _text(view: "ReferenceTable") -> Iterator[str]:
     yield from (f"[{number}] {source}" for number, source in enumerate(sources, 1))
     yield f"intervals: {'; '.join(_intervals(view))}"
     if view.measured:
-        now = f"{', '.join(map(str, view.measured))} {'distractors' if tasks else 'attempts'}"
+        unit = "distractor" if tasks else "attempt"
+        now = f"{', '.join(map(str, view.measured))} {unit}{'' if view.measured == (1,) else 's'}"
         there = f"has no figures for {now}" if view.pack else "does not have this graph and split"
         yield f"measured now: scripted players with {now}, because the pack {there}"
     if view.out:

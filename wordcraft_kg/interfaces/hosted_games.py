@@ -8,7 +8,6 @@ from wordcraft_kg.agents.words.conversation import Conversation
 from wordcraft_kg.agents.words.games import DiscoveryGames, TaskGames
 from wordcraft_kg.agents.words.knowledge import Knowledge
 from wordcraft_kg.agents.words.records import WordsSettings
-from wordcraft_kg.envs.words import told
 from wordcraft_kg.errors import ActionError, EpisodeError
 from wordcraft_kg.labels import read_label
 from wordcraft_kg.settings import MAX_SIZE
@@ -171,7 +170,7 @@ class HostedGames:
         hosted = self.game(name)
         if not hosted.talk.is_over:
             hosted.talk.game.end()
-            hosted.note("end", told("ended"))
+            hosted.note("end", "")  # what is told is the state alone
         self._keep_if_over(hosted)
         return hosted
 

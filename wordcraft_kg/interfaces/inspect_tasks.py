@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from wordcraft_kg.agents.words.config import LOOK_UPS, REFUSALS
+from wordcraft_kg.agents.words.config import ATTEMPTS, LOOK_UPS, REFUSALS
 from wordcraft_kg.agents.words.conversation import Conversation
 from wordcraft_kg.agents.words.inspect_extra import missing_inspect
 from wordcraft_kg.agents.words.inspect_log import METADATA, LoggedTask
@@ -38,7 +38,7 @@ _CRAFTING = (
     *("knowledge", "scorer", "look_ups", "refusals"),
 )
 _DISCOVERY = ("graph", "attempts", "base", "games", "knowledge", "scorer", "look_ups", "refusals")
-_NAMES = {"num_distractors": "distractors", "max_attempts": "attempts", "limit": "tasks"}
+_NAMES = {"num_distractors": "distractors", "max_attempts": "attempts"}
 """Settings of ours by the names of the tasks' parameters."""
 
 
@@ -112,7 +112,7 @@ def crafting(
         settings = WordsSettings.of_tasks(
             games.world,
             draws=draws,
-            limit=tasks,
+            tasks=tasks,
             knowledge=knowledge,
             scorer=asked,
             kg=kg,
@@ -143,7 +143,7 @@ def crafting(
 @task
 def discovery(
     graph: str = "everyday",
-    attempts: int = 100,
+    attempts: int = ATTEMPTS,
     base: str | Sequence[str] | None = None,
     games: int = 1,
     knowledge: str = "none",

@@ -39,7 +39,7 @@ def kept_games(path: Path, header: GamesHeader) -> Iterator[Callable[[HostedGame
         def keep(hosted: HostedGame) -> None:
             nonlocal games
             game, talk = hosted.talk.game, hosted.talk
-            messages = [*hosted.messages[:-1], f"{hosted.messages[-1]}\n\n{game.state}"]
+            messages = [*hosted.messages[:-1], f"{hosted.messages[-1]}\n\n{game.state}".lstrip()]
             record = played_world(talk, games, messages) if is_world else played_task(talk, messages)
             size = path.stat().st_size
             try:

@@ -24,13 +24,12 @@ from queue import Empty, Full, Queue
 from types import TracebackType
 from typing import Self
 
+from wordcraft_kg.agents.words.config import TIMEOUT
 from wordcraft_kg.agents.words.conversation import Conversation
 from wordcraft_kg.agents.words.games import TaskGame
 from wordcraft_kg.errors import ConfigError, PlayerError
 from wordcraft_kg.settings import number_in
 
-TIMEOUT = 60.0
-"""Seconds for an answer."""
 MOST_CHARACTERS = 100_000
 """Of a line; a language model may think aloud."""
 _MOST_WAITING = 16

@@ -41,7 +41,13 @@ TOOLS = {
     "end": "Give a game up.",
 }
 """What language models are told of the tools, together with :data:`~wordcraft_kg.envs.words.TEXTS`."""
-PROMPT = "Play a game of crafting. Begin {what} and play until the game is over, with as few attempts as you can."
+PROMPTS = {
+    "task": "Play a game of crafting. Begin task {task} and play until the game is over, with as few attempts as you "
+    "can.",
+    "world": "Play a game of crafting. Begin a game and play until it is over; discover as many things as you can.",
+    "instructions": "Call begin, then combine until the game is over.",
+}
+"""What language models are told of playing as a whole."""
 _READS = ToolAnnotations(read_only_hint=True, open_world_hint=False)
 _PLAYS = ToolAnnotations(read_only_hint=False, destructive_hint=False, idempotent_hint=False, open_world_hint=False)
 _ENDS = ToolAnnotations(read_only_hint=False, destructive_hint=False, idempotent_hint=True, open_world_hint=False)
@@ -84,8 +90,8 @@ class HostedBook(Record, frozen=True, kw_only=True):
 
 
 def tools_hash() -> str:
-    """Return the hash of all that players are told here: that of other players, and the descriptions of the tools."""
-    return hashlib.sha256(json.dumps([texts_hash(), TOOLS], sort_keys=True).encode()).hexdigest()
+    """Return the hash of all that players are told here: that of other players, the tools' descriptions, the prompts."""
+    return hashlib.sha256(json.dumps([texts_hash(), TOOLS, PROMPTS], sort_keys=True).encode()).hexdigest()
 
 
 def _as_text(value: Any) -> Any:
@@ -130,7 +136,7 @@ def make_server(hosted: HostedGames) -> MCPServer[Any]:
     server = _Server(
         NAME,
         title="Crafting worlds of wordcraft-kg",
-        instructions=f"{rules}\nCall begin, then combine until the game is over.",
+        instructions=f"{rules}\n{PROMPTS['instructions']}",
         version=__version__,
         log_level="WARNING",
     )
@@ -261,12 +267,14 @@ def _add_prompt(server: MCPServer[Any], book: HostedBook) -> None:
 
         @server.prompt(title="Play", description=about)
         async def play() -> str:
-            return PROMPT.format(what="a game")
+            return PROMPTS["world"]
     else:
 
         @server.prompt(name="play", title="Play", description=about)
-        async def play_task(task: str = "0") -> str:
-            return PROMPT.format(what=f"task {task[:LONGEST]}")
+        async def play_task(
+            task: Annotated[str, Field(description=f"number of the task, 0 to {book.tasks - 1}; 0 if left out")] = "0",
+        ) -> str:
+            return PROMPTS["task"].format(task=task[:LONGEST])
 
 
 def _begun(found: HostedGame) -> CallToolResult:

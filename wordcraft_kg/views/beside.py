@@ -302,7 +302,7 @@ def _words_row(path: Path, result: WordsResult, play: TaskPlay | OpenPlay, figur
     lost = f"{counted(result.lost, 'attempt')} lost by messages that were not understood"
     sample = f"an even sample of {counted(result.success.tasks, 'task')}" if result.success else ""
     notes = (
-        sample if settings.limit is not None else "",
+        sample if settings.tasks is not None else "",
         lost if result.lost else "",
         f"its scorer {SEEN}" if settings.kg == "full" else "",
     )

@@ -15,15 +15,15 @@ from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.settings import MAX_SIZE, whole
 
 
-def chosen_tasks(world: World, limit: int | None) -> Ids:
-    """Return the numbers of the tasks that are played: all, or at most ``limit`` of them, evenly spaced.
+def chosen_tasks(world: World, most: int | None) -> Ids:
+    """Return the numbers of the tasks that are played: all, or at most ``most`` of them, evenly spaced.
 
     Raises:
-        ConfigError: for a limit below 1.
+        ConfigError: for a number below 1, as `tasks`.
     """
-    if limit is not None:
-        whole("limit", limit, 1, MAX_SIZE)
-    return np.arange(0, len(world.tasks), distance_of(len(world.tasks), limit))
+    if most is not None:
+        whole("tasks", most, 1, MAX_SIZE)
+    return np.arange(0, len(world.tasks), distance_of(len(world.tasks), most))
 
 
 def evaluation_of(world: World | None, played: Sequence[PlayedTask]) -> Evaluation:

@@ -53,7 +53,7 @@ def read_games_result(path: Path, opened: OpenedGraph) -> WordsResult:
         max_attempts=settings.attempts,
     )
     world = World(opened, config)
-    tasks = chosen_tasks(world, settings.limit).tolist()
+    tasks = chosen_tasks(world, settings.tasks).tolist()
     draws = 1 + max((draw for _, draw in first), default=0)
     needed = set(product(tasks, range(draws)))
     if set(first) != needed:

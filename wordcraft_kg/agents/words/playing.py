@@ -41,7 +41,7 @@ def play_tasks(
         player: what the player calls itself.
         speak: the player.
         games: the tasks.
-        settings: draws, limit and rules; those of the world of the games.
+        settings: draws, number of tasks and rules; those of the world of the games.
         folder: folder of the games and the result.
         knowledge: what the player may look up.
 
@@ -53,7 +53,7 @@ def play_tasks(
     path = folder / GAMES_FILE
     played = open_games(path, GamesHeader(player=player, settings=settings), PlayedTask)
     there = {(one.task, one.draw) for one in played}
-    tasks = chosen_tasks(games.world, settings.limit).tolist()
+    tasks = chosen_tasks(games.world, settings.tasks).tolist()
     missing = [(task, draw) for draw in range(settings.draws) for task in tasks if (task, draw) not in there]
     for task, draw in steps("playing", missing):
         talk = _conversation(games.begin(task, draw), knowledge, settings)

@@ -31,7 +31,7 @@ class WordsSettings(Record, frozen=True, kw_only=True):
         attempts: attempts in a game.
         base: what is known at the start of the open-ended world; empty for tasks.
         draws: draws of distractors of each task, or games in the open-ended world.
-        limit: the most tasks that are played, evenly spaced; None for all.
+        tasks: the most tasks that are played, evenly spaced; None for all.
         knowledge: what the player may look up.
         scorer: hash of the weights of the scorer that it asks, if it does.
         kg: what that scorer was trained on.
@@ -49,7 +49,7 @@ class WordsSettings(Record, frozen=True, kw_only=True):
     attempts: Count
     base: tuple[str, ...] = ()
     draws: Count = 1
-    limit: Count | None = None
+    tasks: Count | None = None
     knowledge: KnowledgeKind = "none"
     scorer: Hash | None = None
     kg: Taught | None = None
@@ -64,7 +64,7 @@ class WordsSettings(Record, frozen=True, kw_only=True):
 
     @classmethod
     def of_tasks(cls, world: World, **rules: Any) -> "WordsSettings":
-        """Return the settings of the tasks of a world; ``rules`` are draws, limit, knowledge and so on."""
+        """Return the settings of the tasks of a world; ``rules`` are draws, tasks, knowledge and so on."""
         config = world.config
         return cls._of(
             world.graph,

@@ -3,7 +3,8 @@
 import re
 import unicodedata
 from collections import defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from functools import lru_cache
 from itertools import islice
 
 from wordcraft_kg.errors import ActionError
@@ -49,30 +50,20 @@ def read_label(written: str, labels: Sequence[str], *, by_number: bool = True, b
         >>> read_label("The Water", labels), read_label("berries", labels), read_label("fire", labels)
         (0, 3, 1)
     """
+    meant = _meant(written, labels, by_number=by_number, by_beginning=by_beginning)
+    if len(meant) == 1:
+        return meant[0]
     text = " ".join(written.split())
+    if meant:
+        choices = (f"{labels[place]} ({place + 1})" if by_number else labels[place] for place in meant)
+        shown = ", ".join(islice(choices, MOST_CHOICES))
+        more = f" and {len(meant) - MOST_CHOICES} more" if len(meant) > MOST_CHOICES else ""
+        way = "; write more of the word" + ", or the number" * by_number
+        raise ActionError(f"'{_shown(text)}' could be {shown}{more}{way}.")
     ways = [f"1 to {len(labels)}"] * by_number + ["one of the words"] + ["the beginning of one"] * by_beginning
     expected = "expected " + (", ".join(ways[:-1]) + ", or " + ways[-1] if len(ways) > 1 else ways[0])
     if not text:
         raise ActionError(f"nothing written: {expected}.")
-    numbers = {str(place + 1): place for place in range(len(labels))} if by_number else {}
-    if text in numbers:
-        return numbers[text]
-    bare = [_bare(label) for label in labels]
-    for meant in (
-        [place for place, label in enumerate(labels) if label == text],
-        _fitting(folded, text, labels),
-        _fitting(_bare, text, labels),
-        [place for place, label in enumerate(bare) if _is_plural(label, _bare(text)) or _is_plural(_bare(text), label)],
-        [place for place, label in enumerate(labels) if by_beginning and folded(label).startswith(folded(text))],
-    ):
-        if len(meant) == 1:
-            return meant[0]
-        if meant:
-            choices = (f"{labels[place]} ({place + 1})" if by_number else labels[place] for place in meant)
-            shown = ", ".join(islice(choices, MOST_CHOICES))
-            more = f" and {len(meant) - MOST_CHOICES} more" if len(meant) > MOST_CHOICES else ""
-            way = "; write more of the word" + ", or the number" * by_number
-            raise ActionError(f"'{_shown(text)}' could be {shown}{more}{way}.")
     raise ActionError(f"{_shown(text)!r}: {expected}.{nearest(folded(text)[:100], labels)}")
 
 
@@ -141,22 +132,25 @@ def read_pair(written: str, labels: Sequence[str]) -> tuple[int, int]:
         raise ActionError(f"nothing written: {expected}.")
     if len(text) > MOST_WRITTEN:
         raise ActionError(f"{len(text):,} characters: {expected}, in one short line.")
-    said: ActionError | None = None
+    wrong: str | None = None
     bare = text.strip(_MARKS)
     readings = (text, _MADE.sub("", text), _VERB.sub("", bare), _VERB.sub("", _MADE.sub("", bare)))
     for reading in dict.fromkeys(readings):
         found: dict[tuple[int, int], None] = {}
         for left, right in _halves(reading):
-            try:
-                found[read_label(left, labels), read_label(right, labels)] = None
-            except ActionError as error:
-                said = said or error
+            meant = [_meant(half, labels) for half in (left, right)]
+            if all(len(places) == 1 for places in meant):
+                found[meant[0][0], meant[1][0]] = None
+            elif wrong is None:
+                wrong = left if len(meant[0]) != 1 else right
         if len({tuple(sorted(pair)) for pair in found}) > 1:
             ways = " or ".join(f"{labels[one]} + {labels[other]}" for one, other in found)
             raise ActionError(f"'{_shown(text)}' could be {ways}; write the numbers, such as '1 2'.")
         if found:
             return next(iter(found))
-    raise said or ActionError(f"{_shown(text)!r}: {expected}.")
+    if wrong is not None:
+        read_label(wrong, labels)  # says what is wrong with it
+    raise ActionError(f"{_shown(text)!r}: {expected}.")
 
 
 def last_line(message: str) -> str:
@@ -166,6 +160,29 @@ def last_line(message: str) -> str:
     """
     lines = [line.strip() for line in message.splitlines() if line.strip(_MARKS + "-•>|#")]
     return _LIST_MARK.sub("", lines[-1]).strip("*`| \t") if lines else ""
+
+
+def _meant(written: str, labels: Sequence[str], *, by_number: bool = True, by_beginning: bool = True) -> list[int]:
+    """Return the places of the labels that can be meant, by the first way of :func:`read_label` that fits any."""
+    text = " ".join(written.split())
+    if not text:
+        return []
+    if by_number and text.isascii() and text.isdigit() and text[0] != "0" and len(text) < 10:
+        place = int(text) - 1
+        if place < len(labels):
+            return [place]
+    # Each form of what was written is made once: it may be long, and there may be thousands of labels.
+    plain, bare = folded(text), _bare(text)
+    plurals = _plurals(bare)
+    forms = [_forms(label) for label in labels]
+    ways = (
+        (place for place, label in enumerate(labels) if label == text),
+        (place for place, (label, _) in enumerate(forms) if label == plain),
+        (place for place, (_, label) in enumerate(forms) if label == bare),
+        (place for place, (_, label) in enumerate(forms) if label in plurals or _is_plural(bare, label)),
+        (place for place, (label, _) in enumerate(forms) if by_beginning and label.startswith(plain)),
+    )
+    return next((meant for way in ways if (meant := list(way))), [])
 
 
 def _halves(text: str) -> list[tuple[str, str]]:
@@ -180,14 +197,15 @@ def _bare(text: str) -> str:
     return _ARTICLE.sub("", folded(text).strip(_MARKS)).strip(_MARKS) or folded(text)
 
 
-def _fitting(form: Callable[[str], str], text: str, labels: Sequence[str]) -> list[int]:
-    wanted = form(text)
-    return [place for place, label in enumerate(labels) if form(label) == wanted]
+@lru_cache(maxsize=2**15)
+def _forms(label: str) -> tuple[str, str]:
+    """Return a label as it is compared, and without what may stand around it; tables show the same ones again."""
+    return folded(label), _bare(label)
 
 
 def _is_plural(word: str, other: str) -> bool:
     """Return whether a text is another one in the plural, by the regular forms of English."""
-    return word in _plurals(other)
+    return word.startswith(other[:-2]) and word in _plurals(other)  # no ending changes more than two letters
 
 
 def _plurals(word: str) -> set[str]:

@@ -95,6 +95,13 @@ def test_a_program_that_does_not_keep_to_the_protocol_is_told_what_is_expected(g
     assert str(error.value).startswith("player 'python")
 
 
+def test_a_program_that_never_reads_is_told_after_the_time_however_long_a_line_is():
+    never = program("import time; time.sleep(60)")
+    with pytest.raises(PlayerError, match=r"did not answer within 0\.5"), LinePlayer(never, timeout=0.5) as player:
+        player.ask("x" * 10**6)  # more than a pipe holds
+    assert player._process.poll() is not None
+
+
 def test_bytes_that_are_no_text_are_an_answer_that_is_not_understood(games: TaskGames):
     code = "import os\nwhile True: input(); os.write(1, bytes([255, 254, 10]))"
     talk = Conversation(games.begin(0))

@@ -20,7 +20,7 @@ import threading
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from queue import Empty, Full, Queue
+from queue import Empty, Full, Queue, SimpleQueue
 from types import TracebackType
 from typing import Self
 
@@ -74,7 +74,10 @@ class LinePlayer:
             self._process = subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
         except OSError as error:
             raise PlayerError(f"player '{self.name}' cannot be started: {error.strerror or error}.") from None
-        threading.Thread(target=self._read, daemon=True).start()
+        # A program that does not read would keep whoever writes to it waiting for ever.
+        self._unsent: SimpleQueue[bytes | None] = SimpleQueue()
+        for work in (self._read, self._write):
+            threading.Thread(target=work, daemon=True).start()
 
     def __enter__(self) -> Self:
         """Return itself."""
@@ -90,9 +93,7 @@ class LinePlayer:
         Args:
             patient: wait a few seconds for it to end by itself once its input has.
         """
-        assert self._process.stdin is not None
-        with suppress(OSError):
-            self._process.stdin.close()
+        self._unsent.put(None)
         try:
             self._process.wait(_PATIENCE if patient else 0.1)
         except subprocess.TimeoutExpired:
@@ -132,12 +133,7 @@ class LinePlayer:
                 f"player '{self.name}' wrote more lines than it was asked for: expected one for each line that it "
                 "reads. Write everything else to stderr."
             )
-        assert self._process.stdin is not None
-        try:
-            self._process.stdin.write(line.encode() + b"\n")
-            self._process.stdin.flush()
-        except OSError:  # it has ended; what it wrote before may still be an answer
-            pass
+        self._unsent.put(line.encode() + b"\n")
         return self._receive(self._timeout)
 
     def _receive(self, timeout: float) -> str:
@@ -166,6 +162,17 @@ class LinePlayer:
             return self._process.wait(_PATIENCE)
         except subprocess.TimeoutExpired:
             return None
+
+    def _write(self) -> None:
+        """Pass on what the program is asked, and end its input at the end; runs in a thread of its own."""
+        stream = self._process.stdin
+        assert stream is not None
+        with suppress(OSError):  # it has ended; what it wrote before may still be an answer
+            while (line := self._unsent.get()) is not None:
+                stream.write(line)
+                stream.flush()
+        with suppress(OSError):
+            stream.close()
 
     def _read(self) -> None:
         """Pass on what the program writes, as long as somebody takes it; runs in a thread of its own."""

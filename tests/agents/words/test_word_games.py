@@ -21,6 +21,8 @@ from wordcraft_kg.envs.words import texts_hash
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.errors import ActionError, ConfigError, EpisodeError, LeakError
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
+from wordcraft_kg.graphs.recipe_graph import RecipeGraph
+from wordcraft_kg.graphs.splits import SplitConfig, make_split
 from wordcraft_kg.models.policies.sources.source import make_sources
 from wordcraft_kg.models.scorers.facts import FrequencyScorer, SymbolicScorer
 
@@ -180,16 +182,35 @@ def test_the_partial_graph_tells_train_recipes_only_and_none_that_solves_the_tas
     recipes = graph.recipe_labels()
     for task in range(0, len(world.tasks), 20):
         game = games.begin(task)
-        solving = {row for plan in world.tasks.plans[task] for row in plan}
+        solving = {recipes[row][:2] for plan in world.tasks.plans[task] for row in plan}
         for entity in range(graph.num_entities):
             label = graph.entities[entity]
             expected = {
                 f"{a} + {b} -> {c}"
                 for row, (a, b, c) in enumerate(recipes)
-                if label in (a, b, c) and is_train[row] and row not in solving
+                if label in (a, b, c) and is_train[row] and (a, b) not in solving
             }
             facts = knowledge.facts(entity, game)
             assert {*facts} == expected or (len(facts) == 41 and {*facts[:40]} <= expected)
+
+
+def test_a_pair_that_solves_the_task_is_not_told_by_the_other_thing_that_it_makes():
+    recipes = [
+        ("water", "earth", "mud"),
+        ("water", "earth", "plant"),
+        ("fire", "earth", "lava"),
+        ("fire", "mud", "pot"),
+    ]
+    graph = RecipeGraph.from_recipes(recipes)
+    games = TaskGames(World(graph, WordCraftConfig(part="all", num_distractors=0)))
+    knowledge = PartialGraphKnowledge(make_split(graph, SplitConfig("none")))
+    told = {}
+    for task, one in enumerate(games.world.tasks):
+        game = games.begin(task)
+        told[one.goal] = {fact for entity in range(graph.num_entities) for fact in knowledge.facts(entity, game)}
+    both = {"earth + water -> mud", "earth + water -> plant"}
+    assert both.isdisjoint(told["mud"] | told["plant"])
+    assert both < told["lava"]
 
 
 def test_a_look_up_costs_no_attempt_and_there_are_only_so_many(games: TaskGames, kitchen: OpenedGraph):

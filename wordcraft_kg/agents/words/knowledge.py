@@ -36,6 +36,8 @@ class Knowledge(Protocol):
 class PartialGraphKnowledge:
     """The train recipes, which are the partial graph; never a recipe that solves the task of the game.
 
+    A pair of the task's plans that makes two things is hidden with both: to combine it is what solves the task.
+
     Of a thing are told the recipes that make it, then those that use it with something at hand, then its other uses.
     """
 
@@ -49,7 +51,9 @@ class PartialGraphKnowledge:
     def facts(self, entity: int, game: Game) -> list[str]:
         """Return the recipes of a thing, at most :data:`MOST_FACTS`."""
         graph = self.graph
-        excluded = set() if game.tasks is None else {row for plan in game.tasks.plans[game.task] for row in plan}
+        pairs = graph.recipes[:, :2]
+        plans = () if game.tasks is None else game.tasks.plans[game.task]
+        solving = {tuple(pairs[row].tolist()) for plan in plans for row in plan}
         at_hand = {graph.id_of(label) for label in game.labels}
 
         def rank(row: int) -> tuple[int, int]:
@@ -58,7 +62,8 @@ class PartialGraphKnowledge:
             return (0 if result == entity else 1 if other in at_hand else 2), row
 
         rows = {*graph.recipes_of(entity).tolist(), *graph.uses_of(entity).tolist()}
-        known = sorted((row for row in rows if self._is_known[row] and row not in excluded), key=rank)
+        told = (row for row in rows if self._is_known[row] and tuple(pairs[row].tolist()) not in solving)
+        known = sorted(told, key=rank)
         facts = [f"{a} + {b} -> {c}" for a, b, c in graph.recipe_labels(graph.recipes[known[:MOST_FACTS]])]
         return facts + ([f"and {len(known) - MOST_FACTS} more"] if len(known) > MOST_FACTS else [])
 

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from wordcraft_kg.agents.words.records import GAMES_FILE, RESULT_FILE, read_words_result
+from wordcraft_kg.runs.folder import locked
 
 FIRST_TWO = "import sys\nfor line in sys.stdin: print('1 + 2', flush=True)"
 PLAYER = f"{shlex.quote(sys.executable)} -c {shlex.quote(FIRST_TWO)}"
@@ -110,6 +111,58 @@ def test_games_of_another_player_or_other_settings_are_not_mixed(run, tmp_path):
         assert games_of(folder) == before
     assert run(*common, "--distractors", "2", "--force").code == 0
     assert games_of(folder) != before
+
+
+@pytest.mark.parametrize(
+    ("edit", "says"),
+    [
+        (lambda lines: [*lines, lines[1]], "line 4, is damaged: task 0 with draw 0 is there twice, or not asked for"),
+        (lambda lines: [lines[0], lines[1].replace('"task": 0', '"task": 5')], "task 5 with draw 0 is there twice, or"),
+        (lambda lines: [lines[0], lines[1].replace('"goal": "', '"goal": "un')], "is to make"),
+        (lambda lines: [lines[0], lines[1].replace('"success": false', '"success": true')], "was made and not made"),
+    ],
+)
+def test_games_that_contradict_the_tasks_are_refused_and_kept(run, tmp_path, edit, says):
+    arguments = ["evaluate-words", "kitchen", "--player", PLAYER, "--tasks", "2", "--out", tmp_path / "out"]
+    run(*arguments)
+    path = tmp_path / "out" / GAMES_FILE
+    lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
+    edited = "".join(edit(lines))
+    path.write_text(edited, encoding="utf-8")
+    outcome = run(*arguments)
+    assert outcome.code == 1
+    assert says in outcome.err
+    assert path.read_text(encoding="utf-8") == edited
+
+
+def test_games_in_another_order_have_the_same_result_and_worlds_are_not_counted_twice(run, tmp_path):
+    arguments = ["evaluate-words", "kitchen", "--player", PLAYER, "--tasks", "9", "--out", tmp_path / "out"]
+    run(*arguments)
+    path = tmp_path / "out" / GAMES_FILE
+    before = read_words_result(tmp_path / "out")
+    header, *games = path.read_text(encoding="utf-8").splitlines(keepends=True)
+    path.write_text("".join([header, *reversed(games)]), encoding="utf-8")
+    assert run(*arguments).code == 0
+    assert read_words_result(tmp_path / "out") == before
+    world = ["evaluate-words", "kitchen", "--player", PLAYER, "--open-ended", "--attempts", "2"]
+    world += ["--draws", "2", "--out", tmp_path / "world"]
+    run(*world)
+    path = tmp_path / "world" / GAMES_FILE
+    lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
+    path.write_text("".join([*lines, lines[1]]), encoding="utf-8")
+    outcome = run(*world)
+    assert (outcome.code, "line 4, is damaged: game 0 is there twice" in outcome.err) == (1, True)
+
+
+def test_a_folder_in_which_another_process_plays_is_left_alone(run, tmp_path):
+    arguments = ["evaluate-words", "kitchen", "--player", PLAYER, "--tasks", "2", "--out", tmp_path / "out"]
+    run(*arguments)
+    before = (tmp_path / "out" / GAMES_FILE).read_bytes()
+    with locked(tmp_path / "out"):
+        for more in ([], ["--force"]):
+            outcome = run(*arguments, *more)
+            assert (outcome.code, "is being written by another process" in outcome.err) == (1, True)
+    assert (tmp_path / "out" / GAMES_FILE).read_bytes() == before
 
 
 def test_a_folder_of_something_else_is_left_alone(run, tmp_path):

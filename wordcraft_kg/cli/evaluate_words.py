@@ -128,14 +128,16 @@ def evaluate_words(
 def _prepare(folder: Path, force: bool) -> None:
     """Refuse a folder of something else, and forget the games of one if that is wanted."""
     from wordcraft_kg.agents.words.records import GAMES_FILE, RESULT_FILE
+    from wordcraft_kg.runs.folder import locked
 
     if folder.exists() and not folder.is_dir():
         raise OutputExistsError(f"'{folder}' is a file, but the output is a folder. Choose another --out.")
     if folder.is_dir() and any(folder.iterdir()) and not (folder / GAMES_FILE).is_file():
         raise OutputExistsError(f"'{folder}' exists and holds no {GAMES_FILE}; it is left alone. Choose another --out.")
-    if force:
-        for name in (RESULT_FILE, GAMES_FILE):
-            (folder / name).unlink(missing_ok=True)
+    if force and folder.is_dir():
+        with locked(folder, "written"):
+            for name in (RESULT_FILE, GAMES_FILE):
+                (folder / name).unlink(missing_ok=True)
 
 
 def _text(result: "WordsResult", graph: str, folder: Path) -> Iterator[str]:

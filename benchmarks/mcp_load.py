@@ -91,7 +91,8 @@ async def over_http(address: str, sessions: int, until: float, load: Load, versi
             )
             head = (
                 f"POST {path} HTTP/1.1\r\nHost: {host}:{port}\r\nContent-Type: application/json\r\n"
-                f"{names if version else ''}Accept: application/json, text/event-stream\r\nContent-Length: {len(body)}\r\n\r\n"
+                f"{names if version else ''}Accept: application/json, text/event-stream\r\n"
+                f"Content-Length: {len(body)}\r\n\r\n"
             )
             writer.write(head.encode() + body)
             headers = (await reader.readuntil(b"\r\n\r\n")).decode().lower()

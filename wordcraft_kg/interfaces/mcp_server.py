@@ -90,7 +90,7 @@ class HostedBook(Record, frozen=True, kw_only=True):
 
 
 def tools_hash() -> str:
-    """Return the hash of all that players are told here: that of other players, the tools' descriptions, the prompts."""
+    """Return the hash of all that players are told here: what others are told, the tools' descriptions, the prompts."""
     return hashlib.sha256(json.dumps([texts_hash(), TOOLS, PROMPTS], sort_keys=True).encode()).hexdigest()
 
 

@@ -16,6 +16,8 @@ MOST_SHOWN = 40
 """Characters of what was written that an error repeats."""
 MOST_WRITTEN = 1_000
 """Characters in which two labels are looked for."""
+MOST_AROUND = 200
+"""Characters that may stand around a label among many texts: blanks, quotes, an article."""
 _ARTICLE = re.compile(r"^(?:an?|the|some)\s+(?=\S)")
 _MARKS = " \t*_`'\"“”‘’«».,;:!?()[]{}<>"
 _VERB = re.compile(r"^(?:i\s+)?(?:combine|mix|pair|pick|try|attempt|answer)\b[\s:]*", re.IGNORECASE)
@@ -72,6 +74,8 @@ class LabelIndex:
 
     def __init__(self, labels: Sequence[str]):
         """Take the labels to choose from, all different."""
+        # What is much longer than any label means none, and many such texts would take long to compare.
+        self._longest = MOST_AROUND + 4 * max(map(len, labels), default=0)
         self._exact = {label: place for place, label in enumerate(labels)}
         self._folded: dict[str, set[int]] = defaultdict(set)
         self._bare: dict[str, set[int]] = defaultdict(set)
@@ -91,7 +95,7 @@ class LabelIndex:
             >>> index.find("The Water"), index.find("berries"), index.find("FIRE")
             (0, 3, None)
         """
-        text = " ".join(written.split())
+        text = " ".join(written.split()) if len(written) <= self._longest else ""
         if not text:
             return None
         if text in self._exact:

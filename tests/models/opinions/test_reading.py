@@ -1,5 +1,7 @@
 """Reading opinions from answers, as language models write them."""
 
+import time
+
 import pytest
 
 from wordcraft_kg.models.opinions.answers import Answer
@@ -38,6 +40,7 @@ def read(text: str, entities: tuple[str, ...] = ENTITIES) -> tuple[list[tuple[st
         "mud:\n  - water + earth",
         "**Mud**\n1) earth + water",
         "<think>mud: fire + fire\nperhaps not</think>\nmud: water + earth",
+        "perhaps\nmud: fire + fire\nor not</think>\nmud: water + earth",
         "```\nmud: water + earth\n```",
     ],
 )
@@ -81,6 +84,21 @@ def test_labels_with_signs_in_them_are_read_exactly():
         [("fire + water = c++", 1.0), ("c++ + earth = mud", 1.0), ("fire + mud = mud pie", 1.0)],
         [],
     )
+
+
+def test_a_label_that_begins_as_another_one_is_read_to_its_end():
+    entities = ("day", "day–night", "night", "star", "star: wars", "water")
+    assert read("star: wars: day + water\nday–night: star + water\nstar: night + water", entities) == (
+        [("day + water = star: wars", 1.0), ("star + water = day–night", 1.0), ("night + water = star", 1.0)],
+        [],
+    )
+
+
+@pytest.mark.parametrize("again", [": ", "+ ", "a = b + ", "mud: water + "])
+def test_a_model_that_repeats_itself_for_ever_is_read_in_no_time(again):
+    began = time.perf_counter()
+    assert read(f"mud: earth + water\n{again * 4_000}")[0] == [("earth + water = mud", 1.0)]
+    assert time.perf_counter() - began < 2  # a tenth of it; once each beginning of the line was compared, ten times it
 
 
 def test_any_text_is_read_without_an_error():

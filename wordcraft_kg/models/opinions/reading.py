@@ -16,6 +16,7 @@ something that the prompt did not ask for, or one of its own ingredients, or has
 WHYS: tuple[Why, ...] = get_args(Why)
 _MARKS = re.compile(r"\*\*|__|`")
 _THINKING = re.compile(r"<think(?:ing)?>.*?(?:</think(?:ing)?>|\Z)", re.DOTALL | re.IGNORECASE)
+_END_OF_THINKING = re.compile(r"</think(?:ing)?>", re.IGNORECASE)
 _BULLET = re.compile(r"^(?:[-*•·–>]+\s+|\(?\d{1,3}[.)]\s+)+")
 _MAKES = re.compile(r"\s*(?:=>|->|→|⇒|=)\s*")
 _GOAL = re.compile(r"\s*(?::|=>|->|→|⇒|=|<-|←|–|—)\s*")
@@ -95,7 +96,9 @@ def _pairs(
 ) -> Iterator[tuple[tuple[int, int] | None, int | None, str]]:
     """Yield each pair of an answer, what it is said to make, and its line; None for a pair that cannot be read."""
     heading: int | None = None
-    for raw in _THINKING.sub("\n", text).splitlines():
+    # Some servers leave the beginning of what was thought to the prompt, so that an answer holds its end alone.
+    *_, said = _END_OF_THINKING.split(_THINKING.sub("\n", text))
+    for raw in said.splitlines():
         line = _plain(raw)
         if not line:
             continue
@@ -118,11 +121,20 @@ def _pairs(
 
 
 def _divided(line: str, known: LabelIndex) -> tuple[int | None, str]:
-    """Return what a line is about and the rest of it; None for a line that is about nothing that the graph has."""
+    """Return what a line is about and the rest of it; None for a line that is about nothing that the graph has.
+
+    The beginning of a label may be a label too: ``star`` of ``star: wars``. Then the one counts after which is a pair.
+    """
+    about: list[tuple[int, str]] = []
     for match in _GOAL.finditer(line):
         goal = known.find(line[: match.start()])
         if goal is not None:
-            return goal, line[match.end() :]
+            about.append((goal, line[match.end() :]))
+    for goal, rest in about:
+        if len(about) == 1 or any(_pair(part, known) for part in (rest, *_SEVERAL.split(rest))):
+            return goal, rest
+    if about:
+        return about[0]
     for match in _MAKES.finditer(line):
         goal = known.find(line[match.end() :])
         if goal is not None and _PLUS.search(line[: match.start()]):

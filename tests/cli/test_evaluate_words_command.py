@@ -165,6 +165,24 @@ def test_a_folder_in_which_another_process_plays_is_left_alone(run, tmp_path):
     assert (tmp_path / "out" / GAMES_FILE).read_bytes() == before
 
 
+@pytest.mark.parametrize(
+    ("name", "folder"),
+    [("lab/model-1.5", "lab-model-1.5"), ("../../up", "-..-up"), ("..", "player"), ("été", "été")],
+)
+def test_a_name_with_slashes_names_one_folder_and_none_elsewhere(run, tmp_path, monkeypatch, name, folder):
+    monkeypatch.chdir(tmp_path)
+    assert run("evaluate-words", "kitchen", "--player", PLAYER, "--tasks", "1", "--name", name).code == 0
+    assert [path.relative_to(tmp_path) for path in tmp_path.rglob(RESULT_FILE)] == [Path("words", folder, RESULT_FILE)]
+    assert read_words_result(tmp_path / "words" / folder).player == name
+
+
+@pytest.mark.parametrize("name", ["", "  ", "two\nlines", "\x1b[31mred", "x" * 101])
+def test_a_name_that_cannot_stand_in_a_table_is_refused(run, tmp_path, monkeypatch, name):
+    monkeypatch.chdir(tmp_path)
+    outcome = run("evaluate-words", "kitchen", "--player", PLAYER, "--name", name)
+    assert (outcome.code, "--name" in outcome.err, [*tmp_path.iterdir()]) == (1, True, [])
+
+
 def test_a_folder_of_something_else_is_left_alone(run, tmp_path):
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "thesis.txt").write_text("years")

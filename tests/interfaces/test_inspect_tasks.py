@@ -328,6 +328,8 @@ def test_what_is_no_log_of_ours_is_refused(play: Callable[..., EvalLog], tmp_pat
         (crafting, {"look_ups": 1.5}, "`look_ups` 1.5"),
         (crafting, {"distractor": 2}, "there is no parameter `distractor`.* Did you mean .*distractors"),
         (discovery, {"base": ["water", "unicorn"]}, "unicorn"),
+        (discovery, {"base": 1}, "no entity '1'"),
+        (discovery, {"base": True}, "no entity 'True'"),
         (discovery, {"games": 0}, "`games` 0"),
         (discovery, {"attempts": 0}, "0"),
         (discovery, {"depth": 2}, "there is no parameter `depth`"),

@@ -1,5 +1,6 @@
 """``wordcraft-kg evaluate-words``."""
 
+import re
 import shlex
 from collections.abc import Iterator
 from pathlib import Path
@@ -24,6 +25,7 @@ EXAMPLES = (
     'wordcraft-kg evaluate-words everyday --player "python my_player.py" --distractors 8 --knowledge partial',
     'wordcraft-kg evaluate-words everyday --player "python my_player.py" --open-ended --attempts 100',
 )
+LONGEST_NAME = 100
 
 
 def evaluate_words(
@@ -89,6 +91,8 @@ def evaluate_words(
         raise ConfigError(f"--base {','.join(base)}: tasks have no base; add --open-ended.")
     if attempts is not None:
         whole("attempts", attempts, *((1, MAX_SIZE) if open_ended else (depth, MAX_ATTEMPTS)))
+    if name is not None and (not name.strip() or not name.isprintable() or len(name) > LONGEST_NAME):
+        raise ConfigError(f"--name {name[:LONGEST_NAME]!r}: expected 1 to {LONGEST_NAME} characters on one line.")
     opened = open_graph(graph)
     known, scorer_hash, kg = open_knowledge(knowledge, opened, scorer)
     rules = {
@@ -101,7 +105,8 @@ def evaluate_words(
     }
     with LinePlayer(player, timeout=timeout) as program:
         called = name or program.name
-        folder = out or Path("words") / called
+        # A model's name may hold a slash; it names one folder all the same, and none elsewhere.
+        folder = out or Path("words") / (re.sub(r"[^\w.+ -]", "-", called).strip(". ") or "player")
         try:
             if open_ended:
                 labels = split_labels(base) if base else None

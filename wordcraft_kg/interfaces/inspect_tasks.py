@@ -176,8 +176,10 @@ def discovery(
         _check_names(unknown, _DISCOVERY)
         whole("games", games, 1, MAX_SIZE)
         opened = _opened(graph)
-        start = [base] if isinstance(base, str) else base
-        worlds = DiscoveryGames(opened, attempts=attempts, base=start and [str(entity) for entity in start])
+        # Inspect reads a number or a truth value from what may be the name of a thing.
+        named = base if isinstance(base, list | tuple) else [base]
+        start = None if base is None else [str(entity) for entity in named]
+        worlds = DiscoveryGames(opened, attempts=attempts, base=start)
         known, asked, kg = open_knowledge(knowledge, opened, scorer and Path(str(scorer)))  # type: ignore[arg-type]
         settings = WordsSettings.of_world(
             worlds.env,

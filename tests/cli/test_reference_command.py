@@ -219,6 +219,24 @@ def test_results_of_players_that_use_words_are_one_row_by_distractors(run, pack,
     assert "is of crafting tasks" in run("reference", "kitchen", "--open-ended", "--beside", folders[0]).err
 
 
+def test_a_player_that_has_played_the_same_twice_has_two_rows(run, pack, tmp_path):
+    world = World("kitchen", WordCraftConfig(part="test", num_distractors=4))
+    one = Success(mean=0.3, ci_low=0.2, ci_high=0.4, tasks=63, draws=1, by_plan=0.3, picks=2.0)
+    settings = WordsSettings.of_tasks(world)
+    folders = [
+        result(tmp_path / "first", settings, one),
+        result(tmp_path / "second", settings, msgspec.structs.replace(one, mean=0.35)),
+        result(tmp_path / "other", WordsSettings.of_tasks(world.variant(num_distractors=1)), one),
+    ]
+    beside = [option for folder in folders for option in ("--beside", folder)]
+    values = json.loads(run("reference", "kitchen", "--distractors", "1,4", *beside, "--json").out)
+    own = [row for row in values["rows"] if row["origin"] == "beside"]
+    assert [{at: found["value"] for at, found in row["figures"].items()} for row in own] == [
+        {"4": 0.3, "1": 0.3},
+        {"4": 0.35},
+    ]
+
+
 def test_a_log_of_inspect_is_the_row_of_a_language_model(run, pack, tmp_path, monkeypatch):
     env = OpenEndedEnv("kitchen", max_attempts=10)
     settings = WordsSettings.of_world(env, open_graph("kitchen").split)

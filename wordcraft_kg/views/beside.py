@@ -1,6 +1,7 @@
 """What a user has beside the reference pack: runs of agents, sessions of people, results of players that use words."""
 
 from collections.abc import Sequence
+from itertools import count
 from pathlib import Path
 from typing import get_args
 
@@ -270,7 +271,7 @@ def _words(
     results: Sequence[tuple[Path, WordsResult]], opened: OpenedGraph, play: TaskPlay, columns: Sequence[int]
 ) -> list[ReferenceRow]:
     """Return a row for each player that uses words; results that differ in the distractors alone are one player's."""
-    rows: dict[tuple[str, WordsSettings], ReferenceRow] = {}
+    rows: dict[tuple[str, WordsSettings, int], ReferenceRow] = {}
     for path, result in results:
         settings = result.settings
         _check_graph(path, "graph", settings.graph_hash, opened.graph.hash)
@@ -287,10 +288,14 @@ def _words(
         figures = figures_of({amount: (success.mean, success.ci_low, success.ci_high)})
         row = _words_row(path, result, play, figures)
         row = msgspec.structs.replace(row, interval=OVER_TASKS, tasks=success.tasks, draws=success.draws)
-        key = result.player, msgspec.structs.replace(settings, distractors=None)
+        # A player that has played the same twice, such as one that draws at random, has a row for each time.
+        same = result.player, msgspec.structs.replace(settings, distractors=None)
+        times = ((*same, time) for time in count())
+        key = next(key for key in times if key not in rows or str(amount) not in rows[key].figures)
         if key in rows:
             figures = rows[key].figures | figures
-            row = msgspec.structs.replace(row, figures=figures, source=f"{rows[key].source}, {row.source}")
+            notes = ", ".join(dict.fromkeys(said for said in (rows[key].notes, row.notes) if said))
+            row = msgspec.structs.replace(row, figures=figures, source=f"{rows[key].source}, {row.source}", notes=notes)
         rows[key] = row
     return list(rows.values())
 

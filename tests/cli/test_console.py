@@ -217,7 +217,12 @@ def folders(tmp_path_factory):
     for name, kind in (("agent", "train-agent"), ("model", "train-complex")):
         (root / name).mkdir()
         end_run(root / name, start_run(root / name, kind), "done")
-    for name, file in (("report", "report.json"), ("own", "chapter.tex"), ("damaged", "run.json")):
+    for name, file in (
+        ("report", "report.json"),
+        ("words", "games.jsonl"),
+        ("own", "chapter.tex"),
+        ("damaged", "run.json"),
+    ):
         (root / name).mkdir()
         (root / name / file).write_text("{}")
     (root / "empty").mkdir()
@@ -230,6 +235,7 @@ IS = {
     "agent": "was written by train-agent",
     "model": "was written by train-complex",
     "report": "is the folder of a report",
+    "words": "is the folder of a player that uses words",
     "own": "has none of graph.json, run.json, report.json, dataset.yaml, search.json, site.json",
     "empty": "is an empty folder",
     "file": "is a file",

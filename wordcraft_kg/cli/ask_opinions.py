@@ -64,8 +64,6 @@ def ask_opinions(
     for name, price in (("price_in", price_in), ("price_out", price_out)):
         if price is not None:
             number_in(name, price, 0, 1e9, "0 or more, for a million tokens")
-    check_run_output(out, force=force)
-    check_extra()
     opened = open_graph(config.graph)
     kept = Answers(answers or cache_folder("opinions"))
     plan = plan_asking(config, opened.graph.entities, kept)
@@ -78,6 +76,8 @@ def ask_opinions(
             [*_estimate(estimate), "nothing was asked; add --yes to ask"],
         )
         return
+    check_run_output(out, force=force)
+    check_extra()
     said = ask_all(plan, lambda: Endpoint(config), kept, output.progress("asking", unit="prompt"))
     from wordcraft_kg.models.opinions.folder import write_opinions
 

@@ -169,6 +169,12 @@ GLOSSARY: dict[str, Term] = {
         "Baseline without training: asks what entities with the same neighbours in the training graph are linked to.",
     ),
     "random": Term("Links", "random order", "Baseline: what chance gives on average, computed instead of sampled."),
+    "opinion": Term(
+        "Links",
+        "opinion",
+        "A pair that a language model names as making an entity when it is asked; the earlier it is named, the larger "
+        "its weight. It rests on no recipe of the graph.",
+    ),
     "goal": Term("Play", "goal", "The entity to make in a task, by picking pairs from a table."),
     "distractor": Term("Play", "distractor", "An entity on the table that the task does not need."),
     "depth": Term("Play", "depth", "How many recipes the shortest plan of a task takes."),
@@ -179,6 +185,34 @@ GLOSSARY: dict[str, Term] = {
         "The last pair of one of the task's plans made the goal. Otherwise another pair on the table made it, "
         "perhaps that "
         "of a train recipe.",
+    ),
+    "open_ended": Term(
+        "Play",
+        "open-ended world",
+        "Play without a goal: whatever is made is known for good, and what counts is how many entities are known after "
+        "a number of attempts.",
+    ),
+    "look_up": Term(
+        "Play",
+        "look-up",
+        "Asking in a game what is known of a thing: train recipes, or what a scorer believes. It costs no attempt.",
+    ),
+    "refused": Term(
+        "Play",
+        "refused answer",
+        "An answer in words that is not understood. The player is told what would be; it costs nothing, but after "
+        "several in a row the next one costs an attempt.",
+    ),
+    "reference_pack": Term(
+        "Play",
+        "reference pack",
+        "Figures that come with the package: chance, graphs, oracles and agents on the same tasks, and apart from them "
+        "people and language models of the literature, on other tasks.",
+    ),
+    "mcp": Term(
+        "Play",
+        "Model Context Protocol, MCP",
+        "How programs with a language model call tools of other programs; here they play by it.",
     ),
     "greedy": Term("Play", "greedy", "The agent takes its best slot each time instead of drawing one."),
     "oracle": Term("Play", "recipe oracle", "A player that looks the recipes up; nothing can be better."),

@@ -84,6 +84,7 @@ def test_an_output_that_exists_is_refused_before_anything_is_asked(asked, stand_
     outcome = run("ask-opinions", "kitchen", "--endpoint", stand_in.address, "--model", "oracle", "--yes", "--force")
     assert (outcome.code, outcome.kind) == (1, "OutputExistsError")
     assert not stand_in.asked
+    assert asked().estimate.to_ask == 8  # an estimate writes nothing, so that nothing is in its way
 
 
 def test_the_folder_says_what_was_asked_and_what_could_not_be_read(asked, stand_in, opened):

@@ -400,7 +400,7 @@ SHORTER = {"train-complex": "--epochs 2", "train-links": "--epochs 1", "train-ag
 """What is added to examples that would take minutes."""
 IN_ORDER = (
     *("books", "cache", "check-book", "build-graph", "describe", "export", "tasks", "train-complex", "train-links"),
-    *("evaluate-links", "score", "discover", "baselines", "train-agent", "evaluate-agent", "explain"),
+    *("evaluate-links", "score", "discover", "baselines", "train-agent", "evaluate-agent", "explain", "reference"),
 )
 """Commands whose examples need nothing but the files of earlier examples; fetch needs a network, play a player."""
 

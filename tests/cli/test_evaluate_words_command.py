@@ -102,7 +102,8 @@ def test_games_of_another_player_or_other_settings_are_not_mixed(run, tmp_path):
         (("--name", "other"), "holds games of"),
         (("--distractors", "2"), "holds games with --distractors 8, and this command has 2"),
         (("--tasks", "4"), "holds games with --tasks 3, and this command has 4"),
-        (("--open-ended",), "holds games with --part"),
+        (("--open-ended",), "holds games of crafting tasks, and this command plays the open-ended world"),
+        (("--depth", "1"), "holds games with --tasks 3, and this command has none"),
     ):
         arguments = common if more[0] in ("--name", "--distractors") else (*common[:4], "--out", folder)
         outcome = run(*arguments, *more)

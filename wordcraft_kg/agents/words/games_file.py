@@ -76,10 +76,24 @@ def _check(path: Path, found: GamesHeader, wanted: GamesHeader) -> None:
             )
     if found.player != wanted.player:
         raise ConfigError(f"'{path}' holds games of '{found.player}', not of '{wanted.player}'. Choose another `out`.")
+    if found.settings.is_open_ended != wanted.settings.is_open_ended:
+        what, asked = _played(found), _played(wanted)
+        raise ConfigError(f"'{path}' holds games of {what}, and this command plays {asked}. Choose another `out`.")
     for field in msgspec.structs.fields(found.settings):
         began, asked = getattr(found.settings, field.name), getattr(wanted.settings, field.name)
         if began != asked:
             raise ConfigError(
-                f"'{path}' holds games with `{field.name}` {began}, and this command has {asked}. Choose another "
-                "`out`, or give the same settings."
+                f"'{path}' holds games with `{field.name}` {_given(began)}, and this command has {_given(asked)}. "
+                "Choose another `out`, or give the same settings."
             )
+
+
+def _played(header: GamesHeader) -> str:
+    return "the open-ended world" if header.settings.is_open_ended else "crafting tasks"
+
+
+def _given(value: object) -> str:
+    """Return a setting as a user would write it."""
+    if value is None:
+        return "none"
+    return ",".join(value) if isinstance(value, tuple) else str(value)

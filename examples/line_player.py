@@ -9,7 +9,12 @@ import json
 import sys
 from itertools import combinations
 
+import numpy as np
+
 from wordcraft_kg.models.scorers.features import glove_features
+
+VECTORS: dict[str, np.ndarray] = {}
+"""Unit vectors of the words so far; each look-up reads GloVe's whole vocabulary."""
 
 
 def choose(goal: str | None, table: list[str], turn: int) -> tuple[int, int]:
@@ -17,8 +22,9 @@ def choose(goal: str | None, table: list[str], turn: int) -> tuple[int, int]:
     pairs = list(combinations(range(len(table)), 2))
     if goal is None:
         return pairs[turn % len(pairs)]
-    *things, wanted = glove_features([*table, goal]).unit_vectors
-    nearness = [float(thing @ wanted) for thing in things]
+    if unknown := [word for word in (*table, goal) if word not in VECTORS]:
+        VECTORS.update(zip(unknown, glove_features(unknown).unit_vectors, strict=True))
+    nearness = [float(VECTORS[thing] @ VECTORS[goal]) for thing in table]
     return max(pairs, key=lambda pair: nearness[pair[0]] + nearness[pair[1]])
 
 

@@ -90,7 +90,7 @@ def test_the_site_as_files(run, tmp_path: Path):
 
 
 def test_without_the_extra_the_command_says_what_to_install(run, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("wordcraft_kg.explorer.extra.find_spec", lambda name: None)
+    monkeypatch.setattr("wordcraft_kg.extras.find_spec", lambda name: None)
     found = run("explore", "kitchen")
     assert (found.code, found.kind) == (1, "MissingExtraError")
     assert "wordcraft-kg[explore]" in found.err

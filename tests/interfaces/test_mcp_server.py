@@ -547,7 +547,7 @@ def test_bad_options_are_refused_before_anything_is_served(run: Any, tmp_path: P
 
 
 def test_without_its_package_the_command_names_the_extra(run: Any, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("wordcraft_kg.explorer.extra.find_spec", lambda name: None)
+    monkeypatch.setattr("wordcraft_kg.extras.find_spec", lambda name: None)
     outcome = run("mcp", "kitchen")
     assert (outcome.code, outcome.kind) == (1, "MissingExtraError")
     assert "pip install 'wordcraft-kg[mcp]'" in outcome.err

@@ -55,10 +55,11 @@ def ask_opinions(
         force: replace the folder if it exists.
     """
     from wordcraft_kg.cache import cache_folder
+    from wordcraft_kg.extras import check_extra
     from wordcraft_kg.graphs.folder import open_graph
     from wordcraft_kg.models.opinions.answers import Answers
     from wordcraft_kg.models.opinions.asking import ask_all, plan_asking
-    from wordcraft_kg.models.opinions.endpoint import Endpoint, check_extra
+    from wordcraft_kg.models.opinions.endpoint import Endpoint
 
     config = OpinionsConfig(str(graph), endpoint, model, settings)
     for name, price in (("price_in", price_in), ("price_out", price_out)):
@@ -77,7 +78,7 @@ def ask_opinions(
         )
         return
     check_run_output(out, force=force)
-    check_extra()
+    check_extra("opinions")
     said = ask_all(plan, lambda: Endpoint(config), kept, output.progress("asking", unit="prompt"))
     from wordcraft_kg.models.opinions.folder import write_opinions
 

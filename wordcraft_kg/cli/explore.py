@@ -51,11 +51,11 @@ def explore(
             proxy; several by several options.
         no_browser: do not open the browser.
     """
-    from wordcraft_kg.explorer.extra import check_extra
+    from wordcraft_kg.extras import check_extra
 
     if export is None and force:
         raise ConfigError("--force replaces what --export wrote; name a folder with --export.")
-    check_extra()
+    check_extra("explore")
     from wordcraft_kg.explorer.explored import Explored
 
     if export is not None:

@@ -74,7 +74,7 @@ def mcp(
             proxy; several by several options.
         out: file for the games that are over (JSON lines). The same command goes on with it.
     """
-    from wordcraft_kg.explorer.extra import check_extra
+    from wordcraft_kg.extras import check_extra
 
     if transport == "stdio" and output.json:
         raise ConfigError("--json: on stdio the output belongs to the protocol; leave it out, or add --transport http.")

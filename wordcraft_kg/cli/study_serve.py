@@ -56,9 +56,9 @@ def study_serve(
         no_browser: do not open the browser.
     """
     from wordcraft_kg.agents.people.study import Study
-    from wordcraft_kg.explorer.extra import check_extra
+    from wordcraft_kg.extras import check_extra
 
-    check_extra()
+    check_extra("explore")
     from wordcraft_kg.cli.explore import open_browser
     from wordcraft_kg.explorer.serving import Serving, listen, serve
     from wordcraft_kg.explorer.study.app import make_study_app

@@ -4,10 +4,10 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from wordcraft_kg.agents.words.conversation import Conversation
-from wordcraft_kg.agents.words.inspect_extra import missing_inspect
 from wordcraft_kg.agents.words.inspect_log import UNFINISHED, VERDICT, distinct_draws, played_task_of, played_world_of
 from wordcraft_kg.agents.words.played import played_task, played_world
 from wordcraft_kg.errors import ArtefactError
+from wordcraft_kg.extras import missing_extra
 from wordcraft_kg.records import as_values
 
 try:
@@ -15,7 +15,7 @@ try:
     from inspect_ai.scorer import Metric, SampleScore, Score, Scorer, Target, Value, metric, scorer, stderr
     from inspect_ai.solver import Generate, Solver, TaskState, solver
 except ModuleNotFoundError:
-    raise missing_inspect() from None
+    raise missing_extra("inspect", ["Inspect AI"]) from None
 
 PLAYED = "wordcraft_kg_played"
 """Where the solver leaves what was played in a sample's store."""

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any
 
 from wordcraft_kg.agents.words.config import ATTEMPTS, LOOK_UPS, REFUSALS
 from wordcraft_kg.agents.words.conversation import Conversation
-from wordcraft_kg.agents.words.inspect_extra import missing_inspect
 from wordcraft_kg.agents.words.inspect_log import METADATA, LoggedTask
 from wordcraft_kg.agents.words.records import WordsSettings
 from wordcraft_kg.errors import ConfigError, UnknownSettingError, WordCraftKGError
+from wordcraft_kg.extras import missing_extra
 from wordcraft_kg.interfaces.inspect_games import conversation, goal_made, things_known
 from wordcraft_kg.records import as_values
 from wordcraft_kg.settings import MAX_SIZE, nearest, refuse, whole
@@ -28,7 +28,7 @@ try:
     from inspect_ai.dataset import MemoryDataset, Sample
     from inspect_ai.model import ChatMessage, ChatMessageSystem, ChatMessageUser
 except ModuleNotFoundError:
-    raise missing_inspect() from None
+    raise missing_extra("inspect", ["Inspect AI"]) from None
 
 if TYPE_CHECKING:
     from wordcraft_kg.graphs.folder import OpenedGraph

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from wordcraft_kg.agents.words.inspect_extra import missing_inspect
 from wordcraft_kg.agents.words.records import PlayedTask, PlayedWorld, WordsResult, WordsSettings
 from wordcraft_kg.errors import ArtefactError, reason
+from wordcraft_kg.extras import missing_extra
 from wordcraft_kg.records import Count, Record, as_record
 
 if TYPE_CHECKING:
@@ -75,7 +75,7 @@ def _read(path: Path) -> "EvalLog":
     try:
         from inspect_ai.log import read_eval_log
     except ModuleNotFoundError:
-        raise missing_inspect() from None
+        raise missing_extra("inspect", ["Inspect AI"]) from None
     if not path.is_file():
         raise ArtefactError(f"{path} is not a file; expected a log of Inspect AI, .eval or .json.")
     try:

@@ -7,12 +7,12 @@ import threading
 import time
 from datetime import UTC, datetime
 from email.utils import parsedate_to_datetime
-from importlib.util import find_spec
 from typing import Any
 
 import msgspec
 
-from wordcraft_kg.errors import ConfigError, EndpointError, MissingExtraError
+from wordcraft_kg.errors import ConfigError, EndpointError
+from wordcraft_kg.extras import check_extra
 from wordcraft_kg.models.opinions.answers import Answer
 from wordcraft_kg.models.opinions.config import OPENAI_KEY, AskingConfig, OpinionsConfig
 from wordcraft_kg.models.opinions.prompts import Request
@@ -49,7 +49,7 @@ class Endpoint:
             MissingExtraError: if the client's library is not installed.
             ConfigError: if there is no such key, or it is none.
         """
-        check_extra()
+        check_extra("opinions")
         import openai
 
         self.config = config
@@ -168,16 +168,6 @@ class Endpoint:
 
     def _redacted(self, text: str) -> str:
         return text.replace(self._key, HIDDEN) if len(self._key) >= LEAST_KEY else text
-
-
-def check_extra() -> None:
-    """Check that the client's library is there.
-
-    Raises:
-        MissingExtraError: naming the extra that installs it.
-    """
-    if find_spec("openai") is None:
-        raise MissingExtraError("openai is not installed: pip install 'wordcraft-kg[opinions]'")
 
 
 def _key_of(config: OpinionsConfig) -> str:

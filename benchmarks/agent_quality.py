@@ -17,8 +17,8 @@ import numpy as np
 
 from wordcraft_kg.agents.agent_folder import open_agent
 from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer
+from wordcraft_kg.base.statistics import stratified_bootstrap
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.statistics import stratified_bootstrap
 
 MARKS = (100_000, 300_000, 1_000_000)
 """Environment steps at which the learning curves are read."""

@@ -14,13 +14,13 @@ from pathlib import Path
 
 import numpy as np
 
-from wordcraft_kg.explorer.explored import Explored
-from wordcraft_kg.explorer.pages import PAGES
-from wordcraft_kg.explorer.pages.map import Map
-from wordcraft_kg.explorer.rendering import Site
-from wordcraft_kg.explorer.server import make_app
-from wordcraft_kg.explorer.serving import address_of, listen
-from wordcraft_kg.views.maps import map_of
+from wordcraft_kg.apps.explorer.explored import Explored
+from wordcraft_kg.apps.explorer.pages import PAGES
+from wordcraft_kg.apps.explorer.pages.map import Map
+from wordcraft_kg.apps.explorer.rendering import Site
+from wordcraft_kg.apps.explorer.server import make_app
+from wordcraft_kg.apps.explorer.views.maps import map_of
+from wordcraft_kg.apps.web.serving import address_of, listen
 
 RECORD = """() => {
   window.frames = [];

@@ -35,8 +35,10 @@ from pathlib import Path
 import numpy as np
 
 from wordcraft_kg.agents.agent_folder import open_agent
-from wordcraft_kg.errors import TaskError
-from wordcraft_kg.experiments.reference import (
+from wordcraft_kg.base.errors import TaskError
+from wordcraft_kg.base.records import as_values, read_record
+from wordcraft_kg.base.statistics import crossed_bootstrap
+from wordcraft_kg.evaluation.reference import (
     FORMAT,
     PACK,
     TRAINED_WITH,
@@ -46,13 +48,10 @@ from wordcraft_kg.experiments.reference import (
     figures_of,
     read_pack,
 )
-from wordcraft_kg.experiments.results import StudyResults
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
-from wordcraft_kg.records import as_values, read_record
 from wordcraft_kg.runs.seeds import run_folders
-from wordcraft_kg.statistics import crossed_bootstrap
-from wordcraft_kg.views.beside import OVER_SEEDS, SEEN, agent_rows
-from wordcraft_kg.views.references import (
+from wordcraft_kg.studies.beside import OVER_SEEDS, SEEN, agent_rows
+from wordcraft_kg.studies.references import (
     DISTRACTORS,
     in_order,
     open_play,
@@ -60,6 +59,7 @@ from wordcraft_kg.views.references import (
     played_graph,
     scripted_rows,
 )
+from wordcraft_kg.studies.results import StudyResults
 
 PLAYS = ((TaskPlay("test", 1, 1), DISTRACTORS), (TaskPlay("test", 2, 2), (1, 8)))
 BASES = (None, ("air", "earth", "fire", "water"))

@@ -21,8 +21,8 @@ from typing import Any
 
 import numpy as np
 
-from wordcraft_kg.artefacts import write_atomically
-from wordcraft_kg.statistics import stratified_bootstrap
+from wordcraft_kg.base.artefacts import write_atomically
+from wordcraft_kg.base.statistics import stratified_bootstrap
 
 SPLITS = ("by-recipe", "by-slot", "by-goal")
 U_V = {"use": "u,v"}
@@ -102,7 +102,7 @@ def own_scorers(graph):  # type: ignore[no-untyped-def]
 
 def is_done(folder: Path) -> bool:
     """Return whether a finished model is there."""
-    from wordcraft_kg.errors import ArtefactError
+    from wordcraft_kg.base.errors import ArtefactError
     from wordcraft_kg.runs.record import read_run
 
     try:

@@ -13,14 +13,14 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-from wordcraft_kg.experiments.engine import run_plan
-from wordcraft_kg.experiments.figures import RunFigures, write_figures
-from wordcraft_kg.experiments.local_workers import LocalWorkers
-from wordcraft_kg.experiments.perform import is_done, perform
-from wordcraft_kg.experiments.plan import Plan, make_plan
-from wordcraft_kg.experiments.results import PlayedGraph
-from wordcraft_kg.experiments.study import parse_study
-from wordcraft_kg.experiments.tasks import Outcome, Task
+from wordcraft_kg.studies.engine import run_plan
+from wordcraft_kg.studies.figures import RunFigures, write_figures
+from wordcraft_kg.studies.local_workers import LocalWorkers
+from wordcraft_kg.studies.perform import is_done, perform
+from wordcraft_kg.studies.plan import Plan, make_plan
+from wordcraft_kg.studies.results import PlayedGraph
+from wordcraft_kg.studies.study import parse_study
+from wordcraft_kg.studies.tasks import Outcome, Task
 
 STUDY = """
 title = "Speed"

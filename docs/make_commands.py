@@ -6,7 +6,7 @@ import os
 import sys
 from pathlib import Path
 
-from wordcraft_kg.cli import COMMANDS, main
+from wordcraft_kg.cli import commands_by_group, main
 
 PAGE = Path(__file__).with_name("commands.md")
 
@@ -15,7 +15,7 @@ def page() -> str:
     """Return the page: the help of every command, as a terminal of 80 columns shows it."""
     os.environ |= {"COLUMNS": "80", "NO_COLOR": "1", "TERM": "dumb"}
     parts = ["# Commands\n", "Made by `make docs` from `wordcraft-kg COMMAND --help`.\n"]
-    for arguments in [[], *(name.split() for names in COMMANDS.values() for name in names)]:
+    for arguments in [[], *(name.split() for names in commands_by_group().values() for name in names)]:
         buffer = io.StringIO()
         with contextlib.redirect_stdout(buffer):
             main([*arguments, "--help"])

@@ -4,12 +4,12 @@ import sys
 from pathlib import Path
 from typing import get_args
 
-from wordcraft_kg.views.glossary import GLOSSARY, Topic
+from wordcraft_kg.reports.glossary import GLOSSARY, Topic
 
 PAGE = Path(__file__).with_name("glossary.md")
 BEGINNING = """# Concepts
 
-Made by `make docs` from `wordcraft_kg/views/glossary.py`, where the tooltips of the reports come from too.
+Made by `make docs` from `wordcraft_kg/reports/glossary.py`, where the tooltips of the reports come from too.
 
 ![Two recipes as triples: one triple is leaked, the others of the test recipe are unseen](images/concepts.svg)
 

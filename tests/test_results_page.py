@@ -8,8 +8,8 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from wordcraft_kg.experiments.results import Missing, PlayedGraph, RunResult, StudyResults, results_text
-from wordcraft_kg.experiments.study import Claim, Study, built_in, parse_study, read_study
+from wordcraft_kg.studies.results import Missing, PlayedGraph, RunResult, StudyResults, results_text
+from wordcraft_kg.studies.study import Claim, Study, built_in, parse_study, read_study
 
 DOCS = Path(__file__).parents[1] / "docs"
 HEAD = "# Results\n\n<!-- results -->\nold\n<!-- end of results -->\n\nThe end.\n"

@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     from wordcraft_kg.agents.training import train_agent
     from wordcraft_kg.envs.config import WordCraftConfig
     from wordcraft_kg.envs.world import World
-    from wordcraft_kg.experiments.running import run_study
-    from wordcraft_kg.experiments.study import Study, read_study
     from wordcraft_kg.graphs.folder import open_graph
     from wordcraft_kg.graphs.library import open_book
     from wordcraft_kg.graphs.recipe_graph import RecipeGraph
@@ -44,6 +42,8 @@ if TYPE_CHECKING:
     from wordcraft_kg.models.scorers.cross_fitting import cross_fit
     from wordcraft_kg.models.scorers.folder import load_scorer
     from wordcraft_kg.runs.trackers import Tracker
+    from wordcraft_kg.studies.running import run_study
+    from wordcraft_kg.studies.study import Study, read_study
 
 __version__ = _version("wordcraft-kg")
 
@@ -58,7 +58,7 @@ _MODULES = {
     "RecipeScorerConfig": "models.recipes.config",
     "RecipesConfig": "models.recipes.config",
     "SplitConfig": "graphs.splits",
-    "Study": "experiments.study",
+    "Study": "studies.study",
     "TaskConfig": "agents.config",
     "Tracker": "runs.trackers",
     "WordCraftConfig": "envs.config",
@@ -74,8 +74,8 @@ _MODULES = {
     "open_book": "graphs.library",
     "open_graph": "graphs.folder",
     "open_model": "models.links.folder",
-    "read_study": "experiments.study",
-    "run_study": "experiments.running",
+    "read_study": "studies.study",
+    "run_study": "studies.running",
     "save_policy": "models.policies.folder",
     "save_scorer": "models.links.saving",
     "train_agent": "agents.training",

@@ -8,8 +8,8 @@ from dataclasses import fields
 import pytest
 
 from wordcraft_kg.agents.config import ImpalaConfig, TaskConfig
+from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.envs.config import WordCraftConfig
-from wordcraft_kg.errors import ConfigError
 
 NAN, INF = float("nan"), float("inf")
 

@@ -10,7 +10,7 @@ from wordcraft_kg.agents.agent_folder import open_agent, read_agent_run
 from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
 from wordcraft_kg.agents.records import read_episodes
 from wordcraft_kg.agents.training import train_agent
-from wordcraft_kg.errors import ArtefactError, GraphMismatchError
+from wordcraft_kg.base.errors import ArtefactError, GraphMismatchError
 from wordcraft_kg.graphs import open_graph
 from wordcraft_kg.graphs.splits import SplitConfig
 

@@ -20,8 +20,8 @@ from wordcraft_kg.agents.discovery import (
     make_discoverers,
     summarise_curves,
 )
+from wordcraft_kg.base.errors import ConfigError, GraphMismatchError
 from wordcraft_kg.envs.open_ended import Discovery, OpenEndedEnv
-from wordcraft_kg.errors import ConfigError, GraphMismatchError
 from wordcraft_kg.graphs import RecipeGraph
 from wordcraft_kg.models.scorers.facts import SymbolicScorer
 from wordcraft_kg.models.scorers.tables import TableScorer

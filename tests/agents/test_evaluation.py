@@ -14,17 +14,17 @@ from wordcraft_kg.agents.impala import Impala
 from wordcraft_kg.agents.outcomes import ENDINGS
 from wordcraft_kg.agents.players import random_entity, recipe_oracle
 from wordcraft_kg.agents.states import states_of
+from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.base.statistics import task_bootstrap
 from wordcraft_kg.envs.batch import BatchEngine
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.evaluation_tables import EVALUATION_SEED
 from wordcraft_kg.envs.wordcraft import WordCraftEnv
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.errors import ConfigError
 from wordcraft_kg.graphs import open_graph
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.folder import make_policy
 from wordcraft_kg.models.scorers.facts import FrequencyScorer
-from wordcraft_kg.statistics import task_bootstrap
 
 RESULTS = ("success", "by_plan", "picks", "endings")
 

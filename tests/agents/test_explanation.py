@@ -11,12 +11,12 @@ import torch
 
 from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer
 from wordcraft_kg.agents.explanation import MOST_ON_TABLE, ExplainedTable, Explainer
+from wordcraft_kg.base.errors import ConfigError, UnknownEntityError
 from wordcraft_kg.envs import evaluation_tables
 from wordcraft_kg.envs.batch import BatchEngine
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.evaluation_tables import EVALUATION_SEED
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.errors import ConfigError, UnknownEntityError
 from wordcraft_kg.graphs import RecipeGraph, open_graph
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.splits import SplitConfig, make_split

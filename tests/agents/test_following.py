@@ -13,8 +13,8 @@ from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
 from wordcraft_kg.agents.following import FollowedRun
 from wordcraft_kg.agents.impala import Impala
 from wordcraft_kg.agents.training import resume_agent, train_agent
+from wordcraft_kg.base.errors import ArtefactError, GraphMismatchError
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.errors import ArtefactError, GraphMismatchError
 from wordcraft_kg.graphs import open_graph
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.splits import SplitConfig

@@ -13,10 +13,10 @@ from test_vtrace import slow_v_trace
 from wordcraft_kg.agents.config import ImpalaConfig
 from wordcraft_kg.agents.impala import LOSSES, Figures, Impala, check_compiler
 from wordcraft_kg.agents.vtrace import v_trace
+from wordcraft_kg.base.errors import ConfigError, TrainingError
 from wordcraft_kg.envs.batch import GOAL, BatchEngine
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.errors import ConfigError, TrainingError
 from wordcraft_kg.graphs import RecipeGraph, open_graph
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.folder import make_policy

@@ -16,10 +16,11 @@ from wordcraft_kg.agents.players import (
     recipe_oracle,
     scorer_players,
 )
+from wordcraft_kg.base.errors import GraphMismatchError, LeakError
+from wordcraft_kg.base.statistics import task_bootstrap, wilson_interval
 from wordcraft_kg.envs.batch import BatchEngine
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.errors import GraphMismatchError, LeakError
 from wordcraft_kg.graphs import SplitConfig, make_split, open_graph
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.models.policies.sources.source import make_sources
@@ -27,7 +28,6 @@ from wordcraft_kg.models.scorers.cross_fitting import whole_of
 from wordcraft_kg.models.scorers.facts import FrequencyScorer, SymbolicScorer
 from wordcraft_kg.models.scorers.folder import load_scorer
 from wordcraft_kg.models.scorers.tables import TableScorer
-from wordcraft_kg.statistics import task_bootstrap, wilson_interval
 
 
 @pytest.fixture(scope="module")

@@ -21,8 +21,8 @@ from wordcraft_kg.agents.agent_folder import AGENTS, open_agent
 from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
 from wordcraft_kg.agents.impala import Impala
 from wordcraft_kg.agents.training import _warn_of_self_pairs, resume_agent, train_agent
-from wordcraft_kg.artefacts import sha256_of
-from wordcraft_kg.errors import (
+from wordcraft_kg.base.artefacts import sha256_of
+from wordcraft_kg.base.errors import (
     ArtefactError,
     ConfigError,
     GraphMismatchError,

@@ -11,10 +11,10 @@ from types import ModuleType
 
 import pytest
 
-from wordcraft_kg.cli import ALL, COMMANDS, SUBJECTS, make_app, manual_of
+from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.cli import ALL, CORE, SUBJECTS, make_app, manual_of
 from wordcraft_kg.cli.console import Output
 from wordcraft_kg.cli.failures import with_options
-from wordcraft_kg.errors import ConfigError
 from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_book, write_graph_folder
 from wordcraft_kg.runs.record import end_run, start_run
 
@@ -159,7 +159,7 @@ def garden(run, tmp_path, monkeypatch):
         module = ModuleType(f"wordcraft_kg.cli.garden_{word}")
         vars(module).update({f"garden_{word}": function, "EXAMPLES": (f"wordcraft-kg garden {word} north",)})
         monkeypatch.setitem(sys.modules, module.__name__, module)
-    monkeypatch.setitem(COMMANDS, "Gardens", ["garden sow", "garden reap"])
+    monkeypatch.setitem(CORE, "Gardens", ["garden sow", "garden reap"])
     monkeypatch.setitem(SUBJECTS, "garden", "Work in the garden.")
     monkeypatch.setattr("wordcraft_kg.cli.ALL", [*ALL, "garden sow", "garden reap"])
     monkeypatch.chdir(tmp_path)

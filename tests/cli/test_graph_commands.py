@@ -790,7 +790,7 @@ def test_books_lists_sizes_where_they_are_known_at_once(run, home, monkeypatch):
     (home / "data" / "bad.csv").write_text("no header\n", encoding="utf-8")
     (home / "data" / "large.csv").write_text(TABLE + "a,b,c\n" * 200, encoding="utf-8")
     monkeypatch.setenv(DATA_VARIABLE, str(home / "data"))
-    monkeypatch.setattr("wordcraft_kg.views.books.MAX_COUNTED", 500)
+    monkeypatch.setattr("wordcraft_kg.evaluation.books.MAX_COUNTED", 500)
     books = {book["name"]: book for book in json.loads(run("books", "--json").out)["books"]}
     sizes = {name: (book["entities"], book["recipes"]) for name, book in books.items()}
     assert sizes["good"] == (3, 1)

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 import torch
 
-from wordcraft_kg.cli import COMMANDS, command_in, main, make_app, manual_of
+from wordcraft_kg.cli import ALL, command_in, main, make_app, manual_of
 from wordcraft_kg.cli.progress import Progress, Stages
 from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_book
 from wordcraft_kg.graphs.folder import open_graph, write_graph_folder
@@ -29,7 +29,7 @@ from wordcraft_kg.models.scorers.ranking import RankingMetrics
 
 Run = Callable[..., Any]
 TINY = ("--dim", "8", "--epochs", "4")
-NAMES = [name for group in COMMANDS.values() for name in group]
+NAMES = ALL
 SLICES = {"all", *RELATIONS}
 
 
@@ -403,7 +403,7 @@ def line_of(outcome: Any, name: str) -> str:
 
 def with_figures(monkeypatch: pytest.MonkeyPatch, **changes: Any) -> None:
     """Let `evaluate-links` see figures other than its own."""
-    from wordcraft_kg.views import links
+    from wordcraft_kg.evaluation import links
 
     original = links.view_links
     monkeypatch.setattr(

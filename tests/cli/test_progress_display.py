@@ -6,9 +6,9 @@ import signal
 
 import pytest
 
+from wordcraft_kg.base.progress import listening, steps
 from wordcraft_kg.cli.console import Output
 from wordcraft_kg.cli.progress import MIN_BAR, Progress, Stages
-from wordcraft_kg.progress import listening, steps
 
 FIGURES = {"success": 0.9407, "test_success": 0.3175, "steps_per_second": 12_439.0}
 

@@ -213,8 +213,8 @@ def test_a_file_of_recipes_gives_what_single_ones_give(run, recipes_folder: Path
 
 
 def test_without_its_graph_memory_is_still_known(run, tmp_path: Path, scorer: RecipeScorer):
-    from wordcraft_kg.views.recipe_scores import RecipeScoring, view_open_recipe
-    from wordcraft_kg.views.scores import ScoringModel
+    from wordcraft_kg.evaluation.recipe_scores import RecipeScoring, view_open_recipe
+    from wordcraft_kg.evaluation.scores import ScoringModel
 
     a, b, result = in_part("train")
     model = ScoringModel(scorer, None, None, "no graph")

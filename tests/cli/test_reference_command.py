@@ -7,17 +7,17 @@ import msgspec
 import pytest
 
 from wordcraft_kg.agents.outcomes import Success
-from wordcraft_kg.agents.people.protocol import HumanProtocol
-from wordcraft_kg.agents.people.session_file import append_answer, open_session
-from wordcraft_kg.agents.words.records import WordsResult, WordsSettings, read_words_result
+from wordcraft_kg.apps.people.protocol import HumanProtocol
+from wordcraft_kg.apps.people.session_file import append_answer, open_session
+from wordcraft_kg.apps.text_agents.records import WordsResult, WordsSettings, read_words_result
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.open_ended import OpenEndedEnv
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.experiments import reference
-from wordcraft_kg.experiments.reference import FORMAT, Figure, OpenPlay, ReferencePack, ReferenceRow, TaskPlay
+from wordcraft_kg.evaluation import reference
+from wordcraft_kg.evaluation.reference import FORMAT, Figure, OpenPlay, ReferencePack, ReferenceRow, TaskPlay
 from wordcraft_kg.graphs import open_graph
-from wordcraft_kg.views import beside
-from wordcraft_kg.views.references import played_graph
+from wordcraft_kg.studies import beside
+from wordcraft_kg.studies.references import played_graph
 
 DEPTH_1 = TaskPlay("test", 1, 1)
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from wordcraft_kg.experiments.results import StudyResults, results_text
+from wordcraft_kg.studies.results import StudyResults, results_text
 
 NO_GRAPH = ["00000", "50000", "05000"]
 GUIDED = ["55500", "55550", "55055"]

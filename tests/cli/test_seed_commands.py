@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 from wordcraft_kg.agents.impala import Impala
+from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.cli.console import read_seeds
-from wordcraft_kg.errors import ConfigError
 
 Run = Callable[..., Any]
 SMALL = ("--steps", 1_600, "--batch-size", 16, "--eval-every", 0, "--checkpoint-every", 800, "--quiet")

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from wordcraft_kg.experiments.study import built_in
+from wordcraft_kg.studies.study import built_in
 
 STUDY = """
 title = "A comparison"

@@ -8,11 +8,11 @@ import pytest
 import torch
 
 from wordcraft_kg.agents.players import recipe_oracle
+from wordcraft_kg.base.errors import ActionError, ConfigError, EpisodeError
 from wordcraft_kg.envs.batch import OUTCOMES, BatchEngine
 from wordcraft_kg.envs.config import REWARDS, RewardConfig, WordCraftConfig
 from wordcraft_kg.envs.wordcraft import WordCraftEnv
 from wordcraft_kg.envs.world import SHORTCUT_TRIES, World
-from wordcraft_kg.errors import ActionError, ConfigError, EpisodeError
 from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_graph
 from wordcraft_kg.graphs.folder import OpenedGraph
 

@@ -7,9 +7,9 @@ from gymnasium.utils.env_checker import check_env
 from hypothesis import given
 from hypothesis import strategies as st
 
+from wordcraft_kg.base.errors import ActionError, ConfigError, EpisodeError
 from wordcraft_kg.envs.open_ended import OpenEndedEnv
 from wordcraft_kg.envs.registration import register
-from wordcraft_kg.errors import ActionError, ConfigError, EpisodeError
 from wordcraft_kg.graphs import RecipeGraph
 
 RECIPES = [

@@ -10,11 +10,11 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import wordcraft_kg  # noqa: F401 - registers the environments
+from wordcraft_kg.base.errors import ConfigError, EpisodeError, MissingExtraError
 from wordcraft_kg.envs import rendering
 from wordcraft_kg.envs.open_ended import OpenEndedEnv
 from wordcraft_kg.envs.rendering import COLOURS, Scene, Tile, picture
 from wordcraft_kg.envs.wordcraft import WordCraftEnv
-from wordcraft_kg.errors import ConfigError, EpisodeError, MissingExtraError
 from wordcraft_kg.graphs import RecipeGraph
 
 NAMES = ("WordCraft-v0", "WordCraft-OpenEnded-v0")

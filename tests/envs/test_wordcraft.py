@@ -12,9 +12,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import wordcraft_kg  # noqa: F401 - registers the environments
-from wordcraft_kg.envs.config import REWARDS, RewardConfig, WordCraftConfig
-from wordcraft_kg.envs.wordcraft import WordCraftEnv
-from wordcraft_kg.errors import (
+from wordcraft_kg.base.errors import (
     ActionError,
     ArtefactError,
     ConfigError,
@@ -24,6 +22,8 @@ from wordcraft_kg.errors import (
     UnknownEntityError,
     WordCraftKGError,
 )
+from wordcraft_kg.envs.config import REWARDS, RewardConfig, WordCraftConfig
+from wordcraft_kg.envs.wordcraft import WordCraftEnv
 from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_graph
 from wordcraft_kg.graphs.folder import OpenedGraph
 

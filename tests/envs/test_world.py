@@ -9,11 +9,11 @@ import pytest
 
 import wordcraft_kg  # noqa: F401 - registers the environments
 from wordcraft_kg.agents.players import play_all, random_entity
+from wordcraft_kg.base.errors import ConfigError, TaskError
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.vector import WordCraftVectorEnv
 from wordcraft_kg.envs.wordcraft import WordCraftEnv
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.errors import ConfigError, TaskError
 from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.task_search import make_tasks

@@ -8,6 +8,7 @@ import pytest
 from gymnasium.vector import AutoresetMode
 
 import wordcraft_kg  # noqa: F401 - registers the environments
+from wordcraft_kg.base.errors import ActionError, ConfigError, EpisodeError, GraphMismatchError
 from wordcraft_kg.envs.words import numbered
 from wordcraft_kg.envs.wrappers import (
     FeatureObservation,
@@ -15,7 +16,6 @@ from wordcraft_kg.envs.wrappers import (
     TextObservation,
     VectorKGScoreObservation,
 )
-from wordcraft_kg.errors import ActionError, ConfigError, EpisodeError, GraphMismatchError
 from wordcraft_kg.graphs import COMBINES_WITH, COMPONENT_OF, RecipeGraph, open_book, open_graph
 from wordcraft_kg.models.policies.sources.source import make_sources
 from wordcraft_kg.models.scorers.facts import FrequencyScorer

@@ -6,7 +6,7 @@ import shutil
 import signal
 from pathlib import Path
 
-from wordcraft_kg.artefacts import sha256_of
+from wordcraft_kg.base.artefacts import sha256_of
 
 from .harness import call
 
@@ -47,9 +47,9 @@ def make_home(home: Path) -> Path:
 
 def _make_study(home: Path) -> None:
     """Make a study that two people have begun."""
-    from wordcraft_kg.agents.people.config import StudyConfig
-    from wordcraft_kg.agents.people.study import Study
-    from wordcraft_kg.explorer.study.keeping import kept_answers
+    from wordcraft_kg.apps.people.config import StudyConfig
+    from wordcraft_kg.apps.people.keeping import kept_answers
+    from wordcraft_kg.apps.people.study import Study
 
     study = Study(home / "graph", StudyConfig(tasks=3, distractors=(1, 2), forms=2))
     with kept_answers(home / "study", study) as answers:

@@ -11,7 +11,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, get_args
 
-from wordcraft_kg.cli import COMMANDS, make_app
+from wordcraft_kg.cli import ALL, make_app
 
 from .harness import CONTINUED, IN, SERVERS, Trial
 from .home import copied, linked
@@ -153,7 +153,7 @@ class Option:
 @cache
 def options() -> tuple[Option, ...]:
     """Return every option that takes a value."""
-    return tuple(option for names in COMMANDS.values() for name in names for option in _of(name))
+    return tuple(option for name in ALL for option in _of(name))
 
 
 @cache

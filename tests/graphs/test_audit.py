@@ -7,9 +7,9 @@ from graph_strategies import configs, splittable_graphs
 from hypothesis import given
 from test_splits import HELD_OUT_KINDS, drawn
 
+from wordcraft_kg.base.records import as_values
 from wordcraft_kg.graphs import RecipeBook, RecipeGraph, SplitConfig, audit, make_split
 from wordcraft_kg.graphs.audit import SHOWN, one_ingredient_away
-from wordcraft_kg.records import as_values
 
 
 @pytest.fixture(scope="module")

@@ -5,11 +5,11 @@ from graph_strategies import books
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wordcraft_kg.errors import RecipeFileError
+from wordcraft_kg.base.errors import RecipeFileError
+from wordcraft_kg.base.records import as_values
 from wordcraft_kg.graphs import RecipeGraph, open_book, read_book, write_book
 from wordcraft_kg.graphs.book_check import check_book
 from wordcraft_kg.graphs.library import locate_book
-from wordcraft_kg.records import as_values
 
 HEADER = "ingredient_a,ingredient_b,result\n"
 

@@ -8,8 +8,8 @@ from dataclasses import replace
 
 import pytest
 
-from wordcraft_kg.cache import cache_folder
-from wordcraft_kg.errors import FetchError, RecipeFileError
+from wordcraft_kg.base.cache import cache_folder
+from wordcraft_kg.base.errors import FetchError, RecipeFileError
 from wordcraft_kg.graphs import RecipeGraph, fetch_book, known_books, open_book
 from wordcraft_kg.graphs.library import DATA_VARIABLE, FETCHABLE
 

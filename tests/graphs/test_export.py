@@ -9,8 +9,8 @@ import networkx as nx
 import pandas as pd
 import pytest
 
+from wordcraft_kg.base.errors import ConfigError, MissingExtraError, OutputExistsError
 from wordcraft_kg.cli.export import Format
-from wordcraft_kg.errors import ConfigError, MissingExtraError, OutputExistsError
 from wordcraft_kg.graphs import Recipe, RecipeBook, RecipeGraph, SplitConfig, make_split, read_book
 from wordcraft_kg.graphs.export import EXPORTERS, NAMESPACE, export_graph
 from wordcraft_kg.graphs.folder import OpenedGraph

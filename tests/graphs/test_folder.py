@@ -3,7 +3,8 @@ import shutil
 
 import pytest
 
-from wordcraft_kg.errors import ArtefactError, GraphMismatchError, OutputExistsError, RecipeFileError
+from wordcraft_kg.base.errors import ArtefactError, GraphMismatchError, OutputExistsError, RecipeFileError
+from wordcraft_kg.base.records import as_values
 from wordcraft_kg.graphs import (
     RecipeBook,
     RecipeGraph,
@@ -16,7 +17,6 @@ from wordcraft_kg.graphs import (
     write_graph_folder,
 )
 from wordcraft_kg.graphs.triples import triple_lines
-from wordcraft_kg.records import as_values
 
 
 @pytest.fixture(scope="module")

@@ -4,7 +4,7 @@ from graph_strategies import graphs
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wordcraft_kg.errors import GraphError, UnknownEntityError
+from wordcraft_kg.base.errors import GraphError, UnknownEntityError
 from wordcraft_kg.graphs import Derivation, Planner, Recipe, RecipeGraph, layers, rounds
 from wordcraft_kg.graphs.planner import derivation_tree
 

@@ -8,7 +8,7 @@ from graph_strategies import graphs, rows
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wordcraft_kg.errors import GraphError, UnknownEntityError
+from wordcraft_kg.base.errors import GraphError, UnknownEntityError
 from wordcraft_kg.graphs import Recipe, RecipeBook, RecipeGraph, SplitConfig, make_split, open_graph, recipe_triples
 from wordcraft_kg.graphs.frames import entities_frame, recipes_frame, to_networkx, triples_frame
 from wordcraft_kg.graphs.triples import RELATIONS, is_in, triple_keys, triple_lines

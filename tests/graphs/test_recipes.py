@@ -10,7 +10,7 @@ from graph_strategies import books
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from wordcraft_kg.errors import RecipeFileError
+from wordcraft_kg.base.errors import RecipeFileError
 from wordcraft_kg.graphs import Recipe, RecipeBook, RecipeGraph, read_book, write_book
 from wordcraft_kg.graphs.recipes import book_name, check_label, trimmed
 

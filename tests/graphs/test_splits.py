@@ -11,7 +11,7 @@ import pytest
 from graph_strategies import configs, splittable_graphs
 from hypothesis import assume, given, settings
 
-from wordcraft_kg.errors import ArtefactError, ConfigError, GraphMismatchError, SplitError
+from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError, SplitError
 from wordcraft_kg.graphs import SPLITS, RecipeGraph, Split, SplitConfig, make_split
 from wordcraft_kg.graphs.split_kinds.slots import slots
 from wordcraft_kg.graphs.splits import PARTS, SplitKind, read_split

@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import chisquare
 
-from wordcraft_kg.errors import ConfigError, TaskError, UnknownEntityError
+from wordcraft_kg.base.errors import ConfigError, TaskError, UnknownEntityError
 from wordcraft_kg.graphs import Recipe, RecipeGraph, Split, SplitConfig, make_split, task_search
 from wordcraft_kg.graphs.plan_search import PlanSearch
 from wordcraft_kg.graphs.splits import PARTS, Draw

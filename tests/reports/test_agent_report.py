@@ -19,8 +19,10 @@ from wordcraft_kg.agents.outcomes import ENDINGS
 from wordcraft_kg.agents.players import recipe_oracle
 from wordcraft_kg.agents.records import MetricsRow
 from wordcraft_kg.agents.training import train_agent
+from wordcraft_kg.base.errors import ConfigError, GraphMismatchError
+from wordcraft_kg.base.records import as_values
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.errors import ConfigError, GraphMismatchError
+from wordcraft_kg.evaluation.agents import AgentsView, group_agents
 from wordcraft_kg.graphs.folder import open_graph
 from wordcraft_kg.graphs.splits import SplitConfig
 from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
@@ -28,11 +30,9 @@ from wordcraft_kg.models.links.training import train_links
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.scorers.cross_fitting import models_of_tasks
 from wordcraft_kg.models.scorers.folder import load_scorer
-from wordcraft_kg.records import as_values
 from wordcraft_kg.reports.agent_report import make_agent_report, report_schema
 from wordcraft_kg.reports.picks import slot_rows
 from wordcraft_kg.reports.report import Report, render, write_report
-from wordcraft_kg.views.agents import AgentsView, group_agents
 
 AgentReport = Report[AgentsView]
 

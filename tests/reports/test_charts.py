@@ -12,7 +12,7 @@ import zlib
 import numpy as np
 import pytest
 
-from wordcraft_kg.errors import MissingExtraError
+from wordcraft_kg.base.errors import MissingExtraError
 from wordcraft_kg.reports import charts
 from wordcraft_kg.reports.charts.plot import BOTTOM, HEIGHT, WIDTH
 from wordcraft_kg.reports.charts.scales import round_ticks, spread

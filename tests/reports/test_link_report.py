@@ -20,7 +20,9 @@ import pandas as pd
 import pytest
 import torch
 
-from wordcraft_kg.errors import ConfigError, OutputExistsError, SplitError
+from wordcraft_kg.base.errors import ConfigError, OutputExistsError, SplitError
+from wordcraft_kg.base.records import as_values
+from wordcraft_kg.evaluation.links import LinkView, judge_links, summarise_links
 from wordcraft_kg.graphs import SplitConfig, make_split
 from wordcraft_kg.graphs.doses import Dose
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
@@ -41,11 +43,9 @@ from wordcraft_kg.models.scorers.ranking import (
 )
 from wordcraft_kg.models.scorers.tables import TableScorer
 from wordcraft_kg.models.scorers.votes import VoteScorer
-from wordcraft_kg.records import as_values
+from wordcraft_kg.reports.glossary import GLOSSARY
 from wordcraft_kg.reports.link_report import make_link_report, report_schema
 from wordcraft_kg.reports.report import Report, render, write_report
-from wordcraft_kg.views.glossary import GLOSSARY
-from wordcraft_kg.views.links import LinkView, judge_links, summarise_links
 
 LinkReport = Report[LinkView]
 Values = dict[str, Any]
@@ -404,7 +404,7 @@ def test_a_leaked_test_triple_fails_the_leak_check(kitchen_model: OpenedModel, m
     leaked = next(t for t in split.partial.tolist() if t[1] == COMPONENT_OF)
     monkeypatch.setattr(Split, "held_out", lambda self, part: np.concatenate([honest, [leaked]]))
     monkeypatch.setattr(
-        "wordcraft_kg.views.links.recipe_clusters", lambda graph, chosen, triples: np.arange(len(triples))
+        "wordcraft_kg.evaluation.links.recipe_clusters", lambda graph, chosen, triples: np.arange(len(triples))
     )
     report = make_link_report(kitchen_model.scorer, kitchen_model.opened)
     assert checks(values_of(report)) == ALL_PASS | {"leak": False}
@@ -701,7 +701,7 @@ def test_the_page_shows_the_curves_of_the_training(kitchen_model: OpenedModel):
 
 
 def test_a_large_graph_has_a_report_without_the_map(kitchen_model: OpenedModel, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("wordcraft_kg.views.links.MAP_LIMIT", kitchen_model.opened.graph.num_entities - 1)
+    monkeypatch.setattr("wordcraft_kg.evaluation.links.MAP_LIMIT", kitchen_model.opened.graph.num_entities - 1)
     report = make_link_report(kitchen_model.scorer, kitchen_model.opened)
     assert set(report.pictures) == {"baselines", "ranks", "calibration"}
     assert set(report.view.baselines) == {"frequency", "random"}
@@ -713,7 +713,7 @@ def test_a_large_graph_has_a_report_that_says_what_it_leaves_out(
     kitchen_model: OpenedModel, kitchen_report: LinkReport, monkeypatch: pytest.MonkeyPatch
 ):
     assert "this report has no neighbour and vote baselines" not in " ".join(render(kitchen_report).split())
-    monkeypatch.setattr("wordcraft_kg.views.links.MAP_LIMIT", kitchen_model.opened.graph.num_entities - 1)
+    monkeypatch.setattr("wordcraft_kg.evaluation.links.MAP_LIMIT", kitchen_model.opened.graph.num_entities - 1)
     report = make_link_report(kitchen_model.scorer, kitchen_model.opened)
     assert report.view.without_pairs
     assert "this report has no neighbour and vote baselines" in " ".join(render(report).split())

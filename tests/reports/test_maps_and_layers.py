@@ -5,10 +5,10 @@ import json
 import re
 import xml.etree.ElementTree as ElementTree
 
+from wordcraft_kg.apps.explorer.views.paths import view_path
 from wordcraft_kg.graphs import Planner, SplitConfig, make_split
 from wordcraft_kg.reports.charts import Dot, Made, Region, colour_of, layered, world
 from wordcraft_kg.reports.charts.world import LINE
-from wordcraft_kg.views.paths import view_path
 
 HOSTILE = '<script>alert("x")</script>&'
 

@@ -18,8 +18,8 @@ import pytest
 from wordcraft_kg.agents.agent_folder import AGENTS
 from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
 from wordcraft_kg.agents.training import resume_agent, train_agent
-from wordcraft_kg.artefacts import sha256_of
-from wordcraft_kg.errors import ArtefactError, OutputExistsError
+from wordcraft_kg.base.artefacts import sha256_of
+from wordcraft_kg.base.errors import ArtefactError, OutputExistsError
 from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
 from wordcraft_kg.models.links.training import LINKS, resume_links, train_links
 from wordcraft_kg.runs.checkpoints import Checkpoints

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from wordcraft_kg.artefacts import sha256_of
-from wordcraft_kg.errors import ArtefactError
+from wordcraft_kg.base.artefacts import sha256_of
+from wordcraft_kg.base.errors import ArtefactError
 from wordcraft_kg.runs.record import RunRecord, end_run, read_finished_run, read_run, start_run, verified_bytes
 
 

@@ -11,7 +11,7 @@ import pytest
 
 from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig
 from wordcraft_kg.agents.training import resume_agent, train_agent
-from wordcraft_kg.errors import ConfigError, MissingExtraError
+from wordcraft_kg.base.errors import ConfigError, MissingExtraError
 from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
 from wordcraft_kg.models.links.training import resume_links, train_links
 from wordcraft_kg.runs.record import read_run

@@ -5,7 +5,8 @@ from pathlib import Path
 
 from wordcraft_kg.agents.config import AgentConfig
 from wordcraft_kg.agents.records import AgentProgress, AgentSummary, MetricsRow, read_metrics, read_summary
-from wordcraft_kg.artefacts import read_small_file
+from wordcraft_kg.base.artefacts import read_small_file
+from wordcraft_kg.base.tensors import read_tensors, with_prefix
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.models.policies.folder import read_policy
 from wordcraft_kg.models.policies.policy import Policy
@@ -14,7 +15,6 @@ from wordcraft_kg.runs.folder import RunKind
 from wordcraft_kg.runs.inputs import check_run_graph, open_run_graph
 from wordcraft_kg.runs.record import RunRecord, verified_bytes
 from wordcraft_kg.runs.seeds import run_name
-from wordcraft_kg.tensors import read_tensors, with_prefix
 
 AGENTS = RunKind((AgentConfig.command,), unit="step", progress=AgentProgress, judged_by="evaluate-agent")
 INPUTS = ("policy.json", "constants.safetensors")

@@ -4,13 +4,13 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
+from wordcraft_kg.base.errors import ArtefactError, ConfigError
+from wordcraft_kg.base.records import Record
+from wordcraft_kg.base.settings import MAX_SIZE, MAX_THREADS, SMALLEST, number_in, require, whole
 from wordcraft_kg.envs.config import Ambiguity, DistractorPolicy, DistractorWeighting, WordCraftConfig
-from wordcraft_kg.errors import ArtefactError, ConfigError
 from wordcraft_kg.graphs.tasks import TaskPart, TaskWeighting
 from wordcraft_kg.models.policies.config import PolicyConfig
-from wordcraft_kg.records import Record
 from wordcraft_kg.runs.config_file import read_config, write_config
-from wordcraft_kg.settings import MAX_SIZE, MAX_THREADS, SMALLEST, number_in, require, whole
 
 _LARGE = 1e9
 

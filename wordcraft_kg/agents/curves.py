@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer
+from wordcraft_kg.base.errors import TaskError
 from wordcraft_kg.envs.evaluation_tables import MOST_TASKS
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.errors import TaskError
 from wordcraft_kg.graphs.tasks import TaskPart
 from wordcraft_kg.models.policies.policy import Policy
 from wordcraft_kg.runs.trackers import Log

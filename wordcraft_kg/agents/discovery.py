@@ -7,15 +7,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.base.progress import steps
+from wordcraft_kg.base.settings import MAX_SIZE, check_memory, one_of, whole
+from wordcraft_kg.base.statistics import standardised
 from wordcraft_kg.envs.open_ended import Discovery
-from wordcraft_kg.errors import ConfigError
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.recipe_graph import Entity, RecipeGraph
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
 from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
-from wordcraft_kg.progress import steps
-from wordcraft_kg.settings import MAX_SIZE, check_memory, one_of, whole
-from wordcraft_kg.statistics import standardised
 
 if TYPE_CHECKING:
     import pandas as pd

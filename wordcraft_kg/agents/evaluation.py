@@ -11,16 +11,16 @@ from numpy.typing import NDArray
 from wordcraft_kg.agents.outcomes import ENDINGS, Ending, Success
 from wordcraft_kg.agents.players import Player, knowledge_player, random_entity, recipe_oracle
 from wordcraft_kg.agents.states import bind_tasks, states_of
+from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.base.progress import steps
+from wordcraft_kg.base.records import Share
+from wordcraft_kg.base.settings import MAX_SIZE, check_memory, whole
+from wordcraft_kg.base.statistics import task_bootstrap
 from wordcraft_kg.envs.batch import GOAL, BatchEngine
 from wordcraft_kg.envs.evaluation_tables import EVALUATION_SEED, MOST_TASKS, distance_of
 from wordcraft_kg.envs.world import GraphLike, World
-from wordcraft_kg.errors import ConfigError
 from wordcraft_kg.graphs.arrays import Ids, padded
 from wordcraft_kg.models.policies.policy import Policy
-from wordcraft_kg.progress import steps
-from wordcraft_kg.records import Share
-from wordcraft_kg.settings import MAX_SIZE, check_memory, whole
-from wordcraft_kg.statistics import task_bootstrap
 
 ROWS = 2_048
 """States given to a policy at a time, so that its arrays stay in the processor's cache."""

@@ -11,10 +11,13 @@ from numpy.typing import NDArray
 from torch import nn
 
 from wordcraft_kg.agents.states import States, has_train_recipes
+from wordcraft_kg.base.errors import ConfigError, TaskError, UnknownEntityError
+from wordcraft_kg.base.progress import steps
+from wordcraft_kg.base.records import Record, Share
+from wordcraft_kg.base.settings import nearest, whole
 from wordcraft_kg.envs.batch import GOAL, IN_PROGRESS, OUT_OF_ATTEMPTS, OUTCOMES
 from wordcraft_kg.envs.evaluation_tables import EvaluationTables
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.errors import ConfigError, TaskError, UnknownEntityError
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folder import Taught
 from wordcraft_kg.graphs.plan_search import Rows
@@ -27,9 +30,6 @@ from wordcraft_kg.models.policies.sources.recipe import BestRecipe
 from wordcraft_kg.models.policies.sources.source import FoldedSource, Source
 from wordcraft_kg.models.scorers.cross_fitting import models_of_tasks, seen_by_models
 from wordcraft_kg.models.scorers.recipes import Witness
-from wordcraft_kg.progress import steps
-from wordcraft_kg.records import Record, Share
-from wordcraft_kg.settings import nearest, whole
 
 TOLD = 3
 """Pairs of each pick for which the recipes that speak for them are told."""

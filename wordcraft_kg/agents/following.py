@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from wordcraft_kg.agents.agent_folder import AGENTS, AgentRun, OpenedAgent, open_agent, read_agent_run
 from wordcraft_kg.agents.explanation import Explainer
 from wordcraft_kg.agents.records import EPISODES_FILE, PlayedTask, read_episodes
+from wordcraft_kg.base.errors import WordCraftKGError
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.errors import WordCraftKGError
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.tasks import TaskPart
 from wordcraft_kg.models.links.folder import read_dose

@@ -17,11 +17,11 @@ from wordcraft_kg.agents.config import ImpalaConfig
 from wordcraft_kg.agents.losses import baseline_loss, entropy, policy_gradient_loss
 from wordcraft_kg.agents.states import bind_tasks, states_of
 from wordcraft_kg.agents.vtrace import v_trace
+from wordcraft_kg.base.errors import ConfigError, TrainingError
+from wordcraft_kg.base.settings import check_memory
+from wordcraft_kg.base.tensors import as_tensor, copied
 from wordcraft_kg.envs.batch import GOAL, BatchEngine
-from wordcraft_kg.errors import ConfigError, TrainingError
 from wordcraft_kg.models.policies.policy import Policy, Weights, log_policy
-from wordcraft_kg.settings import check_memory
-from wordcraft_kg.tensors import as_tensor, copied
 
 
 class Figures(NamedTuple):

@@ -2,7 +2,7 @@
 
 from typing import Literal, get_args
 
-from wordcraft_kg.records import Count, Record, Share
+from wordcraft_kg.base.records import Count, Record, Share
 
 Ending = Literal["goal", "same_twice", "one_right_part", "no_right_part", "no_recipe"]
 ENDINGS: tuple[Ending, ...] = get_args(Ending)

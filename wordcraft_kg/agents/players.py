@@ -11,6 +11,10 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from wordcraft_kg.agents.states import bind_tasks, states_of
+from wordcraft_kg.base.progress import steps
+from wordcraft_kg.base.records import Count, Record, Share
+from wordcraft_kg.base.settings import whole
+from wordcraft_kg.base.statistics import task_bootstrap
 from wordcraft_kg.envs.batch import GOAL, BatchEngine
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.arrays import Ids
@@ -26,10 +30,6 @@ from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
 from wordcraft_kg.models.scorers.scales import SelfEdges
 from wordcraft_kg.models.scorers.votes import VoteScorer
-from wordcraft_kg.progress import steps
-from wordcraft_kg.records import Count, Record, Share
-from wordcraft_kg.settings import whole
-from wordcraft_kg.statistics import task_bootstrap
 
 Player = Callable[[BatchEngine, np.random.Generator], Ids]
 SlotScores = Callable[[Tensor, Tensor, Tensor, Tensor | None], Tensor]
@@ -206,7 +206,7 @@ class PlayerSuccess(Record):
         distractors: number of distractors.
         episodes: number of episodes played.
         success: share of episodes that made the goal.
-        low: lower end of its 95 % interval over tasks, see :func:`~wordcraft_kg.statistics.task_bootstrap`: the
+        low: lower end of its 95 % interval over tasks, see :func:`~wordcraft_kg.base.statistics.task_bootstrap`: the
             episodes of a task differ in their distractors only, so they are no independent trials.
         high: upper end.
         by_plan: share of episodes in which the last pair of a plan made the goal.

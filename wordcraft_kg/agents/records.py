@@ -5,10 +5,10 @@ from pathlib import Path
 import msgspec
 
 from wordcraft_kg.agents.outcomes import Ending, Success
-from wordcraft_kg.artefacts import read_large_file
-from wordcraft_kg.errors import ArtefactError
+from wordcraft_kg.base.artefacts import read_large_file
+from wordcraft_kg.base.errors import ArtefactError
+from wordcraft_kg.base.records import Count, Record, Share, parse_lines, parse_record
 from wordcraft_kg.graphs.tasks import TaskPart
-from wordcraft_kg.records import Count, Record, Share, parse_lines, parse_record
 from wordcraft_kg.runs.record import RunRecord, verified_bytes
 
 EPISODES_FILE = "episodes.jsonl"

@@ -10,13 +10,13 @@ from wordcraft_kg.agents.config import AgentConfig
 from wordcraft_kg.agents.evaluation import Evaluation
 from wordcraft_kg.agents.outcomes import ENDINGS
 from wordcraft_kg.agents.records import EPISODES_FILE, AgentSummary, PlayedTask
-from wordcraft_kg.artefacts import dump_json, write_atomically
+from wordcraft_kg.base.artefacts import dump_json, write_atomically
+from wordcraft_kg.base.records import as_values
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.tasks import TaskPart
 from wordcraft_kg.models.policies.folder import usage, write_parameters
 from wordcraft_kg.models.policies.policy import Policy
-from wordcraft_kg.records import as_values
 from wordcraft_kg.runs.cards import front_matter
 from wordcraft_kg.runs.record import RunRecord
 

@@ -16,7 +16,7 @@ import torch
 from gymnasium import spaces
 from torch import Tensor
 
-from wordcraft_kg.errors import ActionError, ConfigError, LeakError, MissingExtraError
+from wordcraft_kg.base.errors import ActionError, ConfigError, LeakError, MissingExtraError
 from wordcraft_kg.models.policies.policy import Policy, PolicyOutput
 from wordcraft_kg.models.policies.sources.source import FoldedSource
 

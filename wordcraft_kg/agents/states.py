@@ -6,9 +6,9 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
+from wordcraft_kg.base.tensors import as_tensor
 from wordcraft_kg.envs.batch import BatchEngine
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.tensors import as_tensor
 
 
 class States(NamedTuple):

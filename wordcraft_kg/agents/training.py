@@ -20,6 +20,8 @@ from wordcraft_kg.agents.evaluation import PolicyPlayer
 from wordcraft_kg.agents.impala import Impala, check_compiler
 from wordcraft_kg.agents.records import AgentProgress, AgentSummary
 from wordcraft_kg.agents.results import OUTPUTS, model_card, write_results
+from wordcraft_kg.base.settings import check_memory
+from wordcraft_kg.base.tensors import check_device
 from wordcraft_kg.envs.batch import BatchEngine
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
@@ -35,8 +37,6 @@ from wordcraft_kg.runs.folder import Progress, RunFolder, check_run_output, new_
 from wordcraft_kg.runs.inputs import open_run_graph
 from wordcraft_kg.runs.progress import shown
 from wordcraft_kg.runs.trackers import Log, Tracker, checked_trackers, names_of, tracking
-from wordcraft_kg.settings import check_memory
-from wordcraft_kg.tensors import check_device
 
 MANY_SELF_PAIRS = 0.25
 """Share of pairs of a thing with itself from which a warning about self edges is given."""

@@ -1,8 +1,10 @@
 """The command line: one thin module per command; results on stdout, log and progress on stderr.
 
-A new command is a module with a function of its own name and ``EXAMPLES``, and an entry in :data:`COMMANDS`; one of
-two words has both in its module's name, ``study serve`` is in ``study_serve.py``. Heavy imports go inside the function,
-so that help stays fast.
+A new command is a module with a function of its own name and ``EXAMPLES``, and an entry in :data:`CORE`. An app, ours
+or another distribution's, adds commands by entry points of the group ``wordcraft_kg.commands``: the name of the
+command, with a dot between two words, and ``module:function``; its module has ``EXAMPLES`` and ``GROUP``, its place in
+the help.
+Heavy imports go inside the function, so that help stays fast.
 """
 
 import gc
@@ -12,6 +14,7 @@ import sys
 import tomllib
 from collections.abc import Callable, Iterator, Sequence
 from importlib import import_module
+from importlib.metadata import entry_points
 from pathlib import Path
 from types import ModuleType
 from typing import Any, get_args
@@ -20,22 +23,21 @@ from cyclopts import App, ArgumentCollection, CoercionError, CycloptsError, Grou
 from cyclopts.config import Dict
 
 from wordcraft_kg import __version__
-from wordcraft_kg.artefacts import read_small_file
+from wordcraft_kg.base.artefacts import read_small_file
+from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.base.settings import nearest
 from wordcraft_kg.cli.console import Output
 from wordcraft_kg.cli.failures import Manual, failure_of, misuse
 from wordcraft_kg.cli.help import FlowingHelp
-from wordcraft_kg.errors import ConfigError
-from wordcraft_kg.settings import nearest
 
-COMMANDS = {
+CORE = {
     "Recipe books": ["books", "fetch", "check-book", "cache"],
     "Graphs": ["build-graph", "describe", "export"],
-    "Environments": ["tasks", "play", "study serve", "study export", "human-summary", "discover", "baselines"],
+    "Environments": ["tasks", "discover", "baselines"],
     "Link prediction": [
         "train-complex",
         "train-links",
         "train-recipes",
-        "ask-opinions",
         "link-models",
         "tune-links",
         "import-pykeen",
@@ -44,12 +46,12 @@ COMMANDS = {
         "score",
     ],
     "Agents": ["train-agent", "resume", "evaluate-agent", "explain", "compare-agents", "reference"],
-    "Players that use words": ["evaluate-words", "mcp"],
-    "In the browser": ["explore"],
     "Studies": ["reproduce", "sweep", "results"],
 }
-"""Commands by group."""
-ALL = [name for names in COMMANDS.values() for name in names]
+"""Commands of the core, by group of the help."""
+APPS = {point.name.replace(".", " "): point for point in entry_points(group="wordcraft_kg.commands")}
+"""Commands of apps: where each is found."""
+ALL = [name for names in CORE.values() for name in names] + sorted(APPS)
 SUBJECTS = {"study": "Let people take the paper's test in the browser, and export their answers: serve, export."}
 """First words of commands of two words, and what these are about."""
 PROGRAM = "wordcraft-kg"
@@ -80,7 +82,7 @@ def make_app() -> App:
         help="Install completion for bash, zsh or fish: a script, and the line in ~/.bashrc or ~/.zshrc that loads it.",
         help_epilogue="",
     )
-    for rank, (title, commands) in enumerate(COMMANDS.items()):
+    for rank, (title, commands) in enumerate(commands_by_group().items()):
         group = Group(title, sort_key=rank)
         for name in commands:
             manual = manual_of(name)
@@ -113,11 +115,23 @@ def _examples(*manuals: Manual) -> str:
     return "Examples:\n\n" + "\n".join(f"  {line}" for manual in manuals for line in manual.examples)
 
 
+def commands_by_group() -> dict[str, list[str]]:
+    """Return the names of all commands by group of the help, those of apps after the core's."""
+    groups = {title: list(names) for title, names in CORE.items()}
+    for name in sorted(APPS):
+        groups.setdefault(sys.modules[manual_of(name).function.__module__].GROUP, []).append(name)
+    return groups
+
+
 def manual_of(name: str) -> Manual:
     """Return how a command is used."""
-    word = re.sub(r"\W", "_", name)
-    module: ModuleType = import_module(f"{__name__}.{word}")
-    function: Callable[..., Any] = getattr(module, word)
+    if name in APPS:
+        function: Callable[..., Any] = APPS[name].load()
+        module: ModuleType = sys.modules[function.__module__]
+    else:
+        word = re.sub(r"\W", "_", name)
+        module = import_module(f"{__name__}.{word}")
+        function = getattr(module, word)
     return Manual(f"{PROGRAM} {name}", function, module.EXAMPLES)
 
 

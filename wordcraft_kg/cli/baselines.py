@@ -4,14 +4,14 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
+from wordcraft_kg.base.settings import MAX_SIZE, whole
 from wordcraft_kg.cli.completion import Book, Scorer
 from wordcraft_kg.cli.console import Output, whole_numbers
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.graphs.tasks import TaskPart
-from wordcraft_kg.settings import MAX_SIZE, whole
 
 if TYPE_CHECKING:
-    from wordcraft_kg.views.baselines import Baselines
+    from wordcraft_kg.evaluation.baselines import Baselines
 
 EXAMPLES = (
     "wordcraft-kg baselines graphs/everyday --distractors 1,2,8",
@@ -41,8 +41,8 @@ def baselines(
         draws: draws of distractors for each task; all players see the same.
         seed: seed of the draws and of ties.
     """
+    from wordcraft_kg.evaluation.baselines import view_baselines
     from wordcraft_kg.graphs.folder import open_graph
-    from wordcraft_kg.views.baselines import view_baselines
 
     amounts = whole_numbers("distractors", distractors or ["1,2,8"])
     config = WordCraftConfig(part=part, depth=depth, num_distractors=amounts[0])

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 from wordcraft_kg.cli.console import Output
 
 if TYPE_CHECKING:
-    from wordcraft_kg.views.books import BookList
+    from wordcraft_kg.evaluation.books import BookList
 
 EXAMPLES = ("wordcraft-kg books", "wordcraft-kg books --json")
 
@@ -16,7 +16,7 @@ def books(*, output: Output = Output()) -> None:
 
     A book's name works wherever a path of a recipe book does.
     """
-    from wordcraft_kg.views.books import view_books
+    from wordcraft_kg.evaluation.books import view_books
 
     view = view_books()
     output.result(view, _text(view))

@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
+from wordcraft_kg.base.wording import counted
 from wordcraft_kg.cli.completion import Book
 from wordcraft_kg.cli.console import Flag, Output, aligned, names, split_labels
 from wordcraft_kg.cli.splits import split_rows
 from wordcraft_kg.graphs.splits import SPLITS, SplitConfig, SplitKind
-from wordcraft_kg.wording import counted
 
 if TYPE_CHECKING:
-    from wordcraft_kg.views.graphs import BuiltGraph
+    from wordcraft_kg.evaluation.graphs import BuiltGraph
 
 EXAMPLES = (
     "wordcraft-kg build-graph everyday --out graphs/everyday",
@@ -58,13 +58,13 @@ def build_graph(
         out: folder to write. Default: graphs/<name, or else the book's name>.
         force: replace the folder if it exists.
     """
-    from wordcraft_kg.artefacts import check_output
+    from wordcraft_kg.base.artefacts import check_output
+    from wordcraft_kg.evaluation.graphs import view_build
     from wordcraft_kg.graphs.folder import write_graph_folder
     from wordcraft_kg.graphs.library import open_book
     from wordcraft_kg.graphs.recipe_graph import RecipeGraph
     from wordcraft_kg.graphs.recipes import book_name, check_label
     from wordcraft_kg.graphs.splits import make_split
-    from wordcraft_kg.views.graphs import view_build
 
     config = SplitConfig(split, train_ratio, valid_ratio, seed)
     recipes = open_book(book, keep_self_results=keep_self_results, single_ingredient=single_ingredient)
@@ -91,8 +91,8 @@ def build_graph(
 def _base(base: list[str] | None, base_file: Path | None) -> list[str] | None:
     if base is None and base_file is None:
         return None
-    from wordcraft_kg.artefacts import read_small_file
-    from wordcraft_kg.errors import ConfigError
+    from wordcraft_kg.base.artefacts import read_small_file
+    from wordcraft_kg.base.errors import ConfigError
 
     labels = split_labels(base or [])
     if base_file is not None:

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 from wordcraft_kg.cli.console import Flag, Output, aligned
 
 if TYPE_CHECKING:
-    from wordcraft_kg.views.cache import CacheView
+    from wordcraft_kg.cli.cache_view import CacheView
 
 EXAMPLES = ("wordcraft-kg cache", "wordcraft-kg cache --clear")
 
@@ -17,8 +17,8 @@ def cache(*, clear: Flag = False, output: Output = Output()) -> None:
         clear: remove the fetched books, the word vectors and the answers of language models; PyKEEN's folder is left
             alone.
     """
-    from wordcraft_kg.cache import clear_cache
-    from wordcraft_kg.views.cache import view_cache
+    from wordcraft_kg.base.cache import clear_cache
+    from wordcraft_kg.cli.cache_view import view_cache
 
     if clear:
         clear_cache()

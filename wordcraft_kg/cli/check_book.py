@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
+from wordcraft_kg.base.wording import counted
 from wordcraft_kg.cli.completion import Book
 from wordcraft_kg.cli.console import Flag, Output, aligned, split_labels
-from wordcraft_kg.wording import counted
 
 if TYPE_CHECKING:
+    from wordcraft_kg.evaluation.books import CheckedBook
     from wordcraft_kg.graphs.book_check import BookFigures
-    from wordcraft_kg.views.books import CheckedBook
 
 EXAMPLES = (
     "wordcraft-kg check-book recipes.csv",
@@ -44,8 +44,8 @@ def check_book(
         limit: most findings of a kind to show; the others are counted. The JSON has all of them.
         all: show all findings.
     """
-    from wordcraft_kg.settings import whole
-    from wordcraft_kg.views.books import view_check
+    from wordcraft_kg.base.settings import whole
+    from wordcraft_kg.evaluation.books import view_check
 
     whole("limit", limit, 0)
     view = view_check(book, split_labels(base) if base else None, against, single_ingredient=single_ingredient)

@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
+from wordcraft_kg.base.settings import MAX_SIZE, whole
 from wordcraft_kg.cli.completion import Agent
 from wordcraft_kg.cli.console import Flag, Output, whole_numbers
 from wordcraft_kg.graphs.tasks import TaskPart
-from wordcraft_kg.settings import MAX_SIZE, whole
 
 if TYPE_CHECKING:
-    from wordcraft_kg.views.agents import AgentSuccess, AgentsView
+    from wordcraft_kg.evaluation.agents import AgentSuccess, AgentsView
 
 EXAMPLES = (
     "wordcraft-kg compare-agents runs/no-kg runs/partial",
@@ -46,12 +46,12 @@ def compare_agents(
         force: replace the report if it exists.
     """
     from wordcraft_kg.agents.agent_folder import open_agent
-    from wordcraft_kg.artefacts import check_output
-    from wordcraft_kg.errors import ConfigError
+    from wordcraft_kg.base.artefacts import check_output
+    from wordcraft_kg.base.errors import ConfigError
+    from wordcraft_kg.evaluation.agents import group_agents, summarise_agents
     from wordcraft_kg.reports.agent_report import make_agent_report
     from wordcraft_kg.reports.report import write_report
     from wordcraft_kg.runs.seeds import run_folders
-    from wordcraft_kg.views.agents import group_agents, summarise_agents
 
     if not runs:
         raise ConfigError("compare-agents needs at least one run folder.")

@@ -4,12 +4,12 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from wordcraft_kg.base.errors import OutputExistsError
 from wordcraft_kg.cli.completion import Model
 from wordcraft_kg.cli.console import Flag, Output, aligned
-from wordcraft_kg.errors import OutputExistsError
 
 if TYPE_CHECKING:
-    from wordcraft_kg.views.link_comparison import ComparedModel, LinkComparison
+    from wordcraft_kg.evaluation.link_comparison import ComparedModel, LinkComparison
 
 EXAMPLES = (
     "wordcraft-kg compare-links models/everyday models/everyday-rotate",
@@ -42,9 +42,9 @@ def compare_links(
     """
     if out is not None and out.exists() and not force:
         raise OutputExistsError(f"'{out}' exists. Choose another --out, or replace it with --force.")
+    from wordcraft_kg.evaluation.link_comparison import Contender, compare, written_to
     from wordcraft_kg.models.links.folder import open_model
     from wordcraft_kg.runs.seeds import run_folders, run_name
-    from wordcraft_kg.views.link_comparison import Contender, compare, written_to
 
     folders = [a, b, *others]
     names = [run_name(folder) for folder in folders]
@@ -56,7 +56,7 @@ def compare_links(
     ]
     view = compare(contenders, resamples=resamples, seed=seed)
     if out is not None:
-        from wordcraft_kg.artefacts import staged_file, write_atomically
+        from wordcraft_kg.base.artefacts import staged_file, write_atomically
         from wordcraft_kg.reports.link_comparison import comparison_page
 
         with staged_file(out, force=force) as file:

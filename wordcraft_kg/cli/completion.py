@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from wordcraft_kg.artefacts import read_json
-from wordcraft_kg.errors import ArtefactError
+from wordcraft_kg.base.artefacts import read_json
+from wordcraft_kg.base.errors import ArtefactError
 from wordcraft_kg.graphs.library import ENDINGS, FETCHABLE, known_books
 
 if TYPE_CHECKING:

@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
+from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.base.progress import listening
 from wordcraft_kg.cli.progress import Progress, Stages
-from wordcraft_kg.errors import ConfigError
-from wordcraft_kg.progress import listening
 
 if TYPE_CHECKING:
-    from wordcraft_kg.records import Record
+    from wordcraft_kg.base.records import Record
 
 
 @Parameter(name="*", group="Output and configuration")
@@ -41,7 +41,7 @@ class Output:
         """Print the result of a command, as one JSON object or as lines of text."""
         Progress.close_current()  # a training may end before its last epoch
         if self.json:
-            from wordcraft_kg.records import as_values
+            from wordcraft_kg.base.records import as_values
 
             print(json.dumps(as_values(view), ensure_ascii=False))
         else:

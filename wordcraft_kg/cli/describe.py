@@ -3,15 +3,15 @@
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from wordcraft_kg.base.wording import counted
 from wordcraft_kg.cli.completion import Book
 from wordcraft_kg.cli.console import Output, aligned, names
 from wordcraft_kg.cli.splits import split_rows
-from wordcraft_kg.wording import counted
 
 if TYPE_CHECKING:
+    from wordcraft_kg.evaluation.graphs import EntityView
     from wordcraft_kg.graphs.audit import Audit
     from wordcraft_kg.graphs.recipes import Recipe
-    from wordcraft_kg.views.graphs import EntityView
 
 EXAMPLES = ("wordcraft-kg describe everyday", "wordcraft-kg describe graphs/everyday --entity bread")
 
@@ -28,7 +28,7 @@ def describe(graph: Book, *, entity: str | None = None, output: Output = Output(
 
     opened = open_graph(graph)
     if entity is not None:
-        from wordcraft_kg.views.graphs import view_entity
+        from wordcraft_kg.evaluation.graphs import view_entity
 
         view = view_entity(opened.graph, entity)
         output.result(view, _entity_text(view))

@@ -5,12 +5,12 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
+from wordcraft_kg.base.errors import ConfigError, OutputExistsError
 from wordcraft_kg.cli.completion import Book, Scorer
 from wordcraft_kg.cli.console import Flag, Output, split_labels
-from wordcraft_kg.errors import ConfigError, OutputExistsError
 
 if TYPE_CHECKING:
-    from wordcraft_kg.views.discovery import DiscoveryView, Known
+    from wordcraft_kg.evaluation.discovery import DiscoveryView, Known
 
 EXAMPLES = (
     "wordcraft-kg discover everyday --players random,greedy --runs 20",
@@ -50,8 +50,8 @@ def discover(
     if out is not None and out.exists() and not force:
         raise OutputExistsError(f"'{out}' exists. Choose another --out, or replace it with --force.")
     from wordcraft_kg.agents.discovery import DISCOVERERS
+    from wordcraft_kg.evaluation.discovery import view_discovery, written_to
     from wordcraft_kg.graphs.folder import open_graph
-    from wordcraft_kg.views.discovery import view_discovery, written_to
 
     played = open_graph(graph).graph
     chosen = list(dict.fromkeys(split_labels(players))) if players else list(DISCOVERERS)[: None if scorer else -1]
@@ -74,7 +74,7 @@ def discover(
         progress=output.progress("discovery", unit="run"),
     )
     if out is not None:
-        from wordcraft_kg.artefacts import staged_file, write_atomically
+        from wordcraft_kg.base.artefacts import staged_file, write_atomically
         from wordcraft_kg.reports.discovery_report import discovery_page
 
         with staged_file(out, force=force) as file:

@@ -5,13 +5,13 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
+from wordcraft_kg.base.settings import MAX_SIZE, whole
 from wordcraft_kg.cli.completion import Agent
 from wordcraft_kg.cli.console import Output, whole_numbers
 from wordcraft_kg.graphs.tasks import TaskPart
-from wordcraft_kg.settings import MAX_SIZE, whole
 
 if TYPE_CHECKING:
-    from wordcraft_kg.views.evaluation import AgentEvaluation
+    from wordcraft_kg.evaluation.played import AgentEvaluation
 
 EXAMPLES = (
     "wordcraft-kg evaluate-agent runs/no-kg --part test --distractors 1,8 --draws 5",
@@ -40,7 +40,7 @@ def evaluate_agent(
         graph: where the graph is now, if it has moved since the training.
     """
     from wordcraft_kg.agents.agent_folder import open_agent
-    from wordcraft_kg.views.evaluation import view_evaluation
+    from wordcraft_kg.evaluation.played import view_evaluation
 
     whole("draws", draws, 1, MAX_SIZE)
     trained = open_agent(run, graph)

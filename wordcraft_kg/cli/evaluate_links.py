@@ -9,8 +9,8 @@ from wordcraft_kg.cli.console import Flag, Output, aligned
 from wordcraft_kg.models.scorers.config import MAX_QUERIES
 
 if TYPE_CHECKING:
+    from wordcraft_kg.evaluation.links import LinkView
     from wordcraft_kg.models.scorers.ranking import RankingMetrics
-    from wordcraft_kg.views.links import LinkView
 
 EXAMPLES = (
     "wordcraft-kg evaluate-links models/everyday",
@@ -36,7 +36,7 @@ def evaluate_links(
         out: folder to write. Default: report/ in the model folder.
         force: replace the report if it exists.
     """
-    from wordcraft_kg.artefacts import check_output
+    from wordcraft_kg.base.artefacts import check_output
     from wordcraft_kg.runs.record import read_finished_run
 
     folder = out or model / "report"
@@ -44,10 +44,10 @@ def evaluate_links(
         model, "a model of train-complex, train-links, train-recipes or ask-opinions", "model.safetensors"
     )
     check_output(folder, force=force)
+    from wordcraft_kg.evaluation.links import summarise_links
     from wordcraft_kg.models.links.folder import open_model
     from wordcraft_kg.reports.link_report import make_link_report
     from wordcraft_kg.reports.report import write_report
-    from wordcraft_kg.views.links import summarise_links
 
     trained = open_model(model, graph)
     report = make_link_report(

@@ -3,10 +3,10 @@
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
+from wordcraft_kg.base.settings import MAX_SIZE, whole
 from wordcraft_kg.cli.completion import Agent
 from wordcraft_kg.cli.console import Output
 from wordcraft_kg.graphs.tasks import TaskPart
-from wordcraft_kg.settings import MAX_SIZE, whole
 
 if TYPE_CHECKING:
     from wordcraft_kg.agents.explanation import ExplainedEpisode, ExplainedStep
@@ -40,7 +40,7 @@ def explain(
         graph: where the graph is now, if it has moved since the training.
     """
     from wordcraft_kg.agents.agent_folder import open_agent
-    from wordcraft_kg.views.evaluation import view_explanation
+    from wordcraft_kg.evaluation.played import view_explanation
 
     whole("episodes", episodes, 1, MAX_SIZE)
     agent = open_agent(run, graph)
@@ -58,8 +58,8 @@ def _text(number: int, episode: "ExplainedEpisode") -> Iterator[str]:
 
 
 def _step(step: "ExplainedStep") -> Iterator[str]:
+    from wordcraft_kg.evaluation.recipe_scores import because
     from wordcraft_kg.models.policies.sources import label_of
-    from wordcraft_kg.views.recipe_scores import because
 
     weights = "  ".join(f"{label_of(name).coefficient} {value:.2f}" for name, value in step.lambdas.items())
     yield from ("", f"  holding {step.held or 'nothing'}   V {step.value:.2f}   {weights}".rstrip())

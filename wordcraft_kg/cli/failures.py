@@ -10,8 +10,8 @@ from typing import Any
 
 from cyclopts import CycloptsError, MissingArgumentError, UnknownCommandError, UnusedCliTokensError
 
+from wordcraft_kg.base.errors import WordCraftKGError
 from wordcraft_kg.cli.console import Output
-from wordcraft_kg.errors import WordCraftKGError
 
 OPTIONS = {"num_distractors": "distractors", "kind": "split", "trackers": "track"}
 """Options by the settings that they set, where the two have different names."""

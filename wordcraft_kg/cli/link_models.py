@@ -10,7 +10,7 @@ def link_models(*, output: Output = Output()) -> None:
 
     Left out are PyKEEN's models that need more than triples, such as literals. The installed PyKEEN is asked.
     """
-    from wordcraft_kg.views.link_models import view_link_models
+    from wordcraft_kg.evaluation.link_models import view_link_models
 
     view = view_link_models()
     output.result(view, aligned((model.name, f"wordcraft-kg {model.command}") for model in view.models))

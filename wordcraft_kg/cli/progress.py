@@ -120,7 +120,7 @@ class Progress:
 
 
 class Stages:
-    """Shows one stage of a command's work after the other; a listener of :mod:`wordcraft_kg.progress`."""
+    """Shows one stage of a command's work after the other; a listener of :mod:`wordcraft_kg.base.progress`."""
 
     INTERVAL = 0.1  # seconds between two steps that are shown
 

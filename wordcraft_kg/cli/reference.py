@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 from msgspec.structs import replace
 
+from wordcraft_kg.base.errors import ConfigError, OutputExistsError
+from wordcraft_kg.base.wording import counted
 from wordcraft_kg.cli.completion import Book
 from wordcraft_kg.cli.console import Flag, Output, split_labels, whole_numbers
-from wordcraft_kg.errors import ConfigError, OutputExistsError
 from wordcraft_kg.graphs.tasks import TaskPart
-from wordcraft_kg.wording import counted
 
 if TYPE_CHECKING:
-    from wordcraft_kg.experiments.reference import OpenPlay, ReferenceRow, TaskPlay
-    from wordcraft_kg.views.references import ReferenceTable
+    from wordcraft_kg.evaluation.reference import OpenPlay, ReferenceRow, TaskPlay
+    from wordcraft_kg.studies.references import ReferenceTable
 
 EXAMPLES = (
     "wordcraft-kg reference everyday --distractors 1,2,8",
@@ -73,9 +73,9 @@ def reference(
     if out is not None and out.exists() and not force:
         raise OutputExistsError(f"'{out}' exists. Choose another --out, or replace it with --force.")
     from wordcraft_kg.envs.config import WordCraftConfig
-    from wordcraft_kg.experiments.reference import TaskPlay
+    from wordcraft_kg.evaluation.reference import TaskPlay
     from wordcraft_kg.graphs.folder import open_graph
-    from wordcraft_kg.views.references import DISTRACTORS, view_open_references, view_references
+    from wordcraft_kg.studies.references import DISTRACTORS, view_open_references, view_references
 
     if open_ended:
         if distractors or (part, depth, attempts) != ("test", 1, None):
@@ -90,8 +90,8 @@ def reference(
         play = TaskPlay(part, depth, config.attempts)
         view = view_references(open_graph(graph), play, amounts, beside or ())
     if out is not None:
-        from wordcraft_kg.artefacts import staged_file, write_atomically
-        from wordcraft_kg.reports.reference_page import reference_page
+        from wordcraft_kg.base.artefacts import staged_file, write_atomically
+        from wordcraft_kg.studies.reference_page import reference_page
 
         with staged_file(out, force=force) as file:
             write_atomically(file, reference_page(view))
@@ -136,7 +136,7 @@ def _text(view: "ReferenceTable") -> Iterator[str]:
 
 
 def _played(play: "TaskPlay | OpenPlay") -> str:
-    from wordcraft_kg.experiments.reference import TaskPlay
+    from wordcraft_kg.evaluation.reference import TaskPlay
 
     if isinstance(play, TaskPlay):
         return f"success on {play.part} tasks of depth {play.depth}, {counted(play.attempts, 'attempt')}"

@@ -8,7 +8,7 @@ from wordcraft_kg.cli.console import Output
 from wordcraft_kg.cli.studies import EngineOptions, run_studies
 
 if TYPE_CHECKING:
-    from wordcraft_kg.experiments.study import Study
+    from wordcraft_kg.studies.study import Study
 
 EXAMPLES = (
     "wordcraft-kg reproduce list",
@@ -36,10 +36,10 @@ def reproduce(
         steps: environment steps of each training. Default: the study's, which is the paper's 3,000,000.
         engine: where and how it runs.
     """
+    from wordcraft_kg.base.errors import ConfigError
+    from wordcraft_kg.base.settings import nearest
     from wordcraft_kg.cli.console import split_labels
-    from wordcraft_kg.errors import ConfigError
-    from wordcraft_kg.experiments.study import adapted, built_in, read_study
-    from wordcraft_kg.settings import nearest
+    from wordcraft_kg.studies.study import adapted, built_in, read_study
 
     if study == LIST:
         if books:
@@ -72,11 +72,11 @@ def _list(steps: int | None, seeds: int | None, engine: EngineOptions, output: O
     """Print the built-in studies, with the hours that each still takes on this machine."""
     from dataclasses import replace
 
-    from wordcraft_kg.errors import RecipeFileError
-    from wordcraft_kg.experiments.estimate import estimated_hours
-    from wordcraft_kg.experiments.plan import make_plan
-    from wordcraft_kg.experiments.study import adapted, built_in, cells_of, read_study
-    from wordcraft_kg.experiments.tasks import Task
+    from wordcraft_kg.base.errors import RecipeFileError
+    from wordcraft_kg.studies.estimate import estimated_hours
+    from wordcraft_kg.studies.plan import make_plan
+    from wordcraft_kg.studies.study import adapted, built_in, cells_of, read_study
+    from wordcraft_kg.studies.tasks import Task
 
     found: dict[str, dict[str, object]] = {}
     text: list[str] = []

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 from wordcraft_kg.cli.console import Flag, Output, split_labels
-from wordcraft_kg.views.metrics import Metric
+from wordcraft_kg.studies.metrics import Metric
 
 if TYPE_CHECKING:
-    from wordcraft_kg.experiments.results import StudyResults
+    from wordcraft_kg.studies.results import StudyResults
 
 EXAMPLES = (
     "wordcraft-kg results results --study knowledge-everyday",
@@ -44,10 +44,10 @@ def results(
         out: folder to write them to, which implies --plot. Default: reports/<the study's name> in the results folder.
         force: replace the report if it exists.
     """
-    from wordcraft_kg.artefacts import check_output
-    from wordcraft_kg.reports.study_report import write_study_report
-    from wordcraft_kg.views.metrics import lines_of
-    from wordcraft_kg.views.studies import view_study
+    from wordcraft_kg.base.artefacts import check_output
+    from wordcraft_kg.studies.metrics import lines_of
+    from wordcraft_kg.studies.report import write_study_report
+    from wordcraft_kg.studies.view import view_study
 
     found = _collect(folder, study, split_labels(by) if by else None)
     target = None
@@ -65,11 +65,11 @@ def results(
 
 def _collect(folder: Path, study: str | None, by: list[str] | None) -> "StudyResults":
     """Return the selected results, of a results folder or of a file."""
-    from wordcraft_kg.errors import ConfigError
-    from wordcraft_kg.experiments.collect import collect_runs, collect_study
-    from wordcraft_kg.experiments.results import StudyResults
-    from wordcraft_kg.experiments.store import studies_of
-    from wordcraft_kg.records import read_record
+    from wordcraft_kg.base.errors import ConfigError
+    from wordcraft_kg.base.records import read_record
+    from wordcraft_kg.studies.collect import collect_runs, collect_study
+    from wordcraft_kg.studies.results import StudyResults
+    from wordcraft_kg.studies.store import studies_of
 
     if study is not None and by is not None:
         raise ConfigError("`study` and `by` cannot be combined: `by` compares all runs of the folder.")

@@ -9,17 +9,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
+from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.base.settings import whole
 from wordcraft_kg.cli.completion import Model
 from wordcraft_kg.cli.console import Flag, Output
-from wordcraft_kg.errors import ConfigError
-from wordcraft_kg.settings import whole
 
 if TYPE_CHECKING:
+    from wordcraft_kg.base.records import Record
+    from wordcraft_kg.evaluation.recipe_scores import ScoredRecipe, ScoredRecipeRow
+    from wordcraft_kg.evaluation.scores import ScoredEntity, ScoredRow, ScoringModel
     from wordcraft_kg.graphs.folder import Taught
     from wordcraft_kg.models.scorers.queries import Query, RecipeQuery
-    from wordcraft_kg.records import Record
-    from wordcraft_kg.views.recipe_scores import ScoredRecipe, ScoredRecipeRow
-    from wordcraft_kg.views.scores import ScoredEntity, ScoredRow, ScoringModel
 
 EXAMPLES = (
     "wordcraft-kg score models/everyday flour combinesWith water",
@@ -72,9 +72,9 @@ def score(
         graph: where the graph is now, if it has moved since the training.
     """
     from wordcraft_kg.cli.failures import with_options
+    from wordcraft_kg.evaluation.new_words import AnyLabel, with_new_words
+    from wordcraft_kg.evaluation.scores import ScoringModel
     from wordcraft_kg.models.scorers.queries import Query, parse_query, read_queries
-    from wordcraft_kg.views.new_words import AnyLabel, with_new_words
-    from wordcraft_kg.views.scores import ScoringModel
 
     whole("top", top, 1)
     words = [word for word in (head, relation) if word is not None] + [word for word in (tail, *rest) if word]
@@ -102,8 +102,8 @@ def score(
 
 
 def _score_query(model: "ScoringModel", query: "Query", top: int, new_only: bool, output: Output) -> None:
-    from wordcraft_kg.views.new_words import note_of_words
-    from wordcraft_kg.views.scores import view_open_slot, view_triple
+    from wordcraft_kg.evaluation.new_words import note_of_words
+    from wordcraft_kg.evaluation.scores import view_open_slot, view_triple
 
     words = note_of_words(model)
 
@@ -127,8 +127,8 @@ def _score_query(model: "ScoringModel", query: "Query", top: int, new_only: bool
 
 
 def _score_recipe(model: "ScoringModel", query: "RecipeQuery", top: int, new_only: bool, output: Output) -> None:
-    from wordcraft_kg.views.new_words import note_of_words
-    from wordcraft_kg.views.recipe_scores import RecipeScoring, view_open_recipe, view_recipe
+    from wordcraft_kg.evaluation.new_words import note_of_words
+    from wordcraft_kg.evaluation.recipe_scores import RecipeScoring, view_open_recipe, view_recipe
 
     scoring = RecipeScoring.of(model)
     if query.is_open:
@@ -162,10 +162,10 @@ def _score_file(
     force: bool,
     output: Output,
 ) -> None:
-    from wordcraft_kg.artefacts import staged_file, write_atomically
+    from wordcraft_kg.base.artefacts import staged_file, write_atomically
+    from wordcraft_kg.evaluation import recipe_scores, scores
+    from wordcraft_kg.evaluation.new_words import note_of_words
     from wordcraft_kg.models.scorers.queries import RecipeQuery
-    from wordcraft_kg.views import recipe_scores, scores
-    from wordcraft_kg.views.new_words import note_of_words
 
     # A file holds queries of one kind.
     recipes = [query for query in queries if isinstance(query, RecipeQuery)]
@@ -218,7 +218,7 @@ def _note(kg: "Taught | None", known: Iterable[str | None]) -> list[str]:
 
 
 def _recipe(recipe: "ScoredRecipe", *, explained: bool) -> Iterator[str]:
-    from wordcraft_kg.views.recipe_scores import because
+    from wordcraft_kg.evaluation.recipe_scores import because
 
     yield _recipe_line(recipe)
     if explained and recipe.because:

@@ -2,8 +2,8 @@
 
 from typing import TYPE_CHECKING
 
+from wordcraft_kg.base.wording import counted
 from wordcraft_kg.cli.console import names
-from wordcraft_kg.wording import counted
 
 if TYPE_CHECKING:
     from wordcraft_kg.graphs.audit import SplitSummary

@@ -13,16 +13,16 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from cyclopts import Parameter
 
+from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.cli.console import Flag, Output
-from wordcraft_kg.errors import ConfigError
-from wordcraft_kg.experiments.study import Study
+from wordcraft_kg.studies.study import Study
 
 if TYPE_CHECKING:
     from rich.console import Group
 
-    from wordcraft_kg.experiments.engine import State, Watch
-    from wordcraft_kg.experiments.plan import Plan
-    from wordcraft_kg.experiments.workers import Workers
+    from wordcraft_kg.studies.engine import State, Watch
+    from wordcraft_kg.studies.plan import Plan
+    from wordcraft_kg.studies.workers import Workers
 
 LISTED = 10
 """Tasks that a dry run and a message of failures list."""
@@ -55,13 +55,13 @@ class EngineOptions:
         Raises:
             ConfigError: for options of the other engine.
         """
-        from wordcraft_kg.experiments.perform import perform
+        from wordcraft_kg.studies.perform import perform
 
         work = partial(perform, keep_all=self.keep == "all")
         if self.engine == "ray":
             if self.jobs is not None:
                 raise ConfigError("`jobs` is of the local engine; a cluster takes as many as it has cores.")
-            from wordcraft_kg.experiments.ray_workers import RayWorkers
+            from wordcraft_kg.studies.ray_workers import RayWorkers
 
             return lambda: RayWorkers(self.out, self.address, work)
         if self.address is not None:
@@ -70,7 +70,7 @@ class EngineOptions:
         return lambda: self._local(plan, work)
 
     def _local(self, plan: "Plan", work: Any) -> "Workers":
-        from wordcraft_kg.experiments.local_workers import LocalWorkers
+        from wordcraft_kg.studies.local_workers import LocalWorkers
 
         return LocalWorkers(self.out, plan.jobs(self.jobs), work, plan.threads)
 
@@ -83,13 +83,13 @@ def run_studies(studies: dict[str, Study], options: EngineOptions, output: Outpu
         options: where and how.
         output: where it is printed.
     """
-    from wordcraft_kg.experiments.plan import make_plan
+    from wordcraft_kg.studies.plan import make_plan
 
     plans = [make_plan(study, name) for name, study in studies.items()]
     if options.dry_run:
         return _dry(plans, options, output)
-    from wordcraft_kg.experiments.engine import run_plan
     from wordcraft_kg.runs.interruption import sigterm_as_interrupt
+    from wordcraft_kg.studies.engine import run_plan
 
     found, text, failed = {}, [], 0
     for plan in plans:
@@ -109,12 +109,12 @@ def _command() -> str:
 
 def _reported(plan: "Plan", state: "State", options: EngineOptions) -> tuple[dict[str, Any], list[str]]:
     """Write the report of a study; return its values and text."""
-    from wordcraft_kg.artefacts import write_atomically
-    from wordcraft_kg.experiments.collect import collect_study
-    from wordcraft_kg.experiments.results import results_text
-    from wordcraft_kg.reports.study_report import write_study_report
-    from wordcraft_kg.views.metrics import lines_of
-    from wordcraft_kg.views.studies import view_study
+    from wordcraft_kg.base.artefacts import write_atomically
+    from wordcraft_kg.studies.collect import collect_study
+    from wordcraft_kg.studies.metrics import lines_of
+    from wordcraft_kg.studies.report import write_study_report
+    from wordcraft_kg.studies.results import results_text
+    from wordcraft_kg.studies.view import view_study
 
     results = collect_study(options.out, plan.name)
     folder = options.out / "reports" / plan.name
@@ -143,7 +143,7 @@ def _reported(plan: "Plan", state: "State", options: EngineOptions) -> tuple[dic
 
 def _dry(plans: "list[Plan]", options: EngineOptions, output: Output) -> int:
     """List what studies consist of."""
-    from wordcraft_kg.experiments.estimate import estimated_hours
+    from wordcraft_kg.studies.estimate import estimated_hours
 
     found, text = {}, []
     for plan in plans:

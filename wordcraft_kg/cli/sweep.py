@@ -28,7 +28,7 @@ def sweep(
         steps: environment steps of each training. Default: the study's.
         engine: where and how it runs.
     """
-    from wordcraft_kg.experiments.study import adapted, read_study
+    from wordcraft_kg.studies.study import adapted, read_study
 
     found = adapted(read_study(study), steps=steps, seeds=seeds)
     return run_studies({study.stem: found}, engine, output)

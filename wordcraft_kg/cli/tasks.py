@@ -2,14 +2,14 @@
 
 from typing import TYPE_CHECKING
 
+from wordcraft_kg.base.settings import MAX_SIZE, whole
 from wordcraft_kg.cli.completion import Book
 from wordcraft_kg.cli.console import Output, aligned
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.graphs.tasks import TaskPart
-from wordcraft_kg.settings import MAX_SIZE, whole
 
 if TYPE_CHECKING:
-    from wordcraft_kg.views.tasks import TaskListing
+    from wordcraft_kg.evaluation.tasks import TaskListing
 
 EXAMPLES = (
     "wordcraft-kg tasks everyday --depth 2 --distractors 4 --part test --limit 5",
@@ -38,7 +38,7 @@ def tasks(
         seed: seed of the order in which tasks are shown, and of their tables.
     """
     from wordcraft_kg.envs.wordcraft import WordCraftEnv
-    from wordcraft_kg.views.tasks import view_tasks
+    from wordcraft_kg.evaluation.tasks import view_tasks
 
     whole("limit", limit, 0, MAX_SIZE)
     whole("seed", seed, 0)

@@ -6,12 +6,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.base.records import as_values
 from wordcraft_kg.cli.console import Output, aligned, read_seeds
-from wordcraft_kg.errors import ConfigError
 from wordcraft_kg.graphs.doses import dose_words
 from wordcraft_kg.graphs.tasks import TaskPart
 from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
-from wordcraft_kg.records import as_values
 from wordcraft_kg.runs.folder import check_run_output
 from wordcraft_kg.runs.interruption import interruption_message
 
@@ -99,10 +99,10 @@ def _link_values(trained: "TrainedLinks") -> Values:
 def _train_links_seeds(
     config: LinksConfig, seeds: str, out: Path | None, force: bool, trackers: Sequence[str], output: Output
 ) -> int:
+    from wordcraft_kg.base.records import parse_record
     from wordcraft_kg.graphs.folder import open_graph
     from wordcraft_kg.models.links.records import LinkMetrics
     from wordcraft_kg.models.links.training import LINKS, TrainedLinks, resume_links, train_links
-    from wordcraft_kg.records import parse_record
     from wordcraft_kg.runs.record import RunRecord, verified_bytes
     from wordcraft_kg.runs.seeds import SeededTraining, train_seeds
 
@@ -226,9 +226,9 @@ def report_agent(trained: "TrainedAgent", graph: str | None, output: Output) -> 
 
 def _write_agent_report(trained: "TrainedAgent", graph: str | None) -> None:
     from wordcraft_kg.agents.agent_folder import open_agent
+    from wordcraft_kg.evaluation.agents import group_agents
     from wordcraft_kg.reports.agent_report import make_agent_report
     from wordcraft_kg.reports.report import write_report
-    from wordcraft_kg.views.agents import group_agents
 
     assert trained.summary is not None
     part: TaskPart = "test" if "test" in trained.summary.success else "train"

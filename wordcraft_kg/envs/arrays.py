@@ -12,7 +12,7 @@ from typing import Any, Protocol, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from wordcraft_kg.errors import ConfigError
+from wordcraft_kg.base.errors import ConfigError
 
 Array = NDArray[Any]
 """A NumPy array, or on a device a torch tensor, used only in ways that NumPy's arrays share."""

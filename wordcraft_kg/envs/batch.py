@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from wordcraft_kg.base.errors import ActionError, ConfigError, EpisodeError
+from wordcraft_kg.base.settings import MAX_SIZE, whole
 from wordcraft_kg.envs.arrays import Array, Arrays, arrays_of
 from wordcraft_kg.envs.draws import Ahead, Draws
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.errors import ActionError, ConfigError, EpisodeError
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.settings import MAX_SIZE, whole
 
 IN_PROGRESS, GOAL, OUT_OF_ATTEMPTS = 0, 1, 2
 OUTCOMES = ("in_progress", "goal", "out_of_attempts")

@@ -5,11 +5,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any, Literal, get_args
 
-from wordcraft_kg.errors import UnknownSettingError
+from wordcraft_kg.base.errors import UnknownSettingError
+from wordcraft_kg.base.settings import MAX_SIZE, nearest, number_in, one_of, require, whole
 from wordcraft_kg.graphs.splits import PARTS
 from wordcraft_kg.graphs.task_search import DRAWN_TASKS, MAX_DEPTH
 from wordcraft_kg.graphs.tasks import TaskPart, TaskWeighting
-from wordcraft_kg.settings import MAX_SIZE, nearest, number_in, one_of, require, whole
 
 MAX_ATTEMPTS = 1_000
 DistractorWeighting = Literal["use", "uniform"]

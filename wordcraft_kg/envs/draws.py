@@ -6,10 +6,10 @@ episodes in any process, with NumPy or torch, however many others run beside it,
 
 import numpy as np
 
+from wordcraft_kg.base.settings import whole
 from wordcraft_kg.envs.arrays import Array, Arrays
 from wordcraft_kg.envs.guards import Guards
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.settings import whole
 
 AHEAD, AHEAD_OF_MANY, MANY = 16, 8, 1_024
 """Episodes drawn at a time for each environment: ``AHEAD``, or ``AHEAD_OF_MANY`` for more than ``MANY`` of them."""

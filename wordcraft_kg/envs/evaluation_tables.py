@@ -2,10 +2,10 @@
 
 import numpy as np
 
+from wordcraft_kg.base.settings import MAX_SIZE, whole
 from wordcraft_kg.envs.arrays import arrays_of
 from wordcraft_kg.envs.draws import Draws
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.settings import MAX_SIZE, whole
 
 MOST_TASKS = 50_000
 """Most tasks of a part that are played by default; of more, an evenly spaced sample. Figures say how many."""

@@ -8,13 +8,13 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from wordcraft_kg.base.errors import ActionError, ConfigError, EpisodeError, UnknownEntityError
+from wordcraft_kg.base.settings import MAX_SIZE, one_of, whole
 from wordcraft_kg.envs.config import IllegalAction
 from wordcraft_kg.envs.rendering import MODES, Picture, Renderer, Scene, Tile
 from wordcraft_kg.envs.world import GraphLike, open_world_graph
-from wordcraft_kg.errors import ActionError, ConfigError, EpisodeError, UnknownEntityError
 from wordcraft_kg.graphs.planner import layers
 from wordcraft_kg.graphs.recipe_graph import Entity, RecipeGraph
-from wordcraft_kg.settings import MAX_SIZE, one_of, whole
 
 Observation = dict[str, Any]
 SHOWN = 48

@@ -12,7 +12,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wordcraft_kg.errors import ConfigError, MissingExtraError
+from wordcraft_kg.base.errors import ConfigError, MissingExtraError
 
 MODES = ("ansi", "rgb_array", "human")
 Mark = Literal["plain", "goal", "held", "new", "empty"]

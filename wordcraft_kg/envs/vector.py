@@ -7,10 +7,10 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
+from wordcraft_kg.base.errors import ConfigError, EpisodeError
 from wordcraft_kg.envs.batch import OUTCOMES, BatchEngine
 from wordcraft_kg.envs.wordcraft import WordCraftEnv, observation_space
 from wordcraft_kg.envs.world import GraphLike, World
-from wordcraft_kg.errors import ConfigError, EpisodeError
 
 Arrays = dict[str, NDArray[Any]]
 

@@ -12,12 +12,12 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from wordcraft_kg.base.errors import ActionError, ConfigError, EpisodeError
+from wordcraft_kg.base.settings import whole
 from wordcraft_kg.envs.rendering import MODES, Mark, Picture, Renderer, Scene, Tile
 from wordcraft_kg.envs.world import GraphLike, World
-from wordcraft_kg.errors import ActionError, ConfigError, EpisodeError
 from wordcraft_kg.graphs.recipe_graph import Entity
 from wordcraft_kg.graphs.tasks import Task
-from wordcraft_kg.settings import whole
 
 Observation = dict[str, Any]
 DRAWN_AT_ONCE = 1_024  # uniform numbers taken from the generator in one call

@@ -1,8 +1,8 @@
 """The crafting worlds in words: what a player is told, and what its answers mean.
 
 One numbering and one reader, for people, programs and language models alike: things are numbered from 1 in the order of
-the table, and :mod:`wordcraft_kg.labels` reads what is written. What is told is made from :data:`TEXTS`, whose hash
-goes into each result, because a player that is told something else is another experiment.
+the table, and :mod:`wordcraft_kg.base.labels` reads what is written. What is told is made from :data:`TEXTS`, whose
+hash goes into each result, because a player that is told something else is another experiment.
 """
 
 import hashlib

@@ -8,8 +8,8 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.envs.config import WordCraftConfig
-from wordcraft_kg.errors import ConfigError
 from wordcraft_kg.graphs.arrays import Ids, frozen, padded
 from wordcraft_kg.graphs.folder import OpenedGraph, default_split, open_graph
 from wordcraft_kg.graphs.plan_search import PlanSearch

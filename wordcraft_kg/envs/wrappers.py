@@ -9,11 +9,11 @@ from gymnasium import spaces
 from gymnasium.vector import VectorEnv, VectorWrapper
 from numpy.typing import NDArray
 
+from wordcraft_kg.base.errors import ConfigError, GraphMismatchError
+from wordcraft_kg.base.labels import read_label, read_pair
 from wordcraft_kg.envs.open_ended import OpenEndedEnv
 from wordcraft_kg.envs.words import NOTHING, characters, numbered, told
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.errors import ConfigError, GraphMismatchError
-from wordcraft_kg.labels import read_label, read_pair
 
 ID_KEYS = ("goal", "selection", "table")
 
@@ -200,7 +200,7 @@ class TextObservation(gym.Wrapper[Any, Any, Any, Any]):
 
     In the crafting tasks an action is a pick, such as ``"water"``, the beginning of a word, or its number from 1 in the
     order of the table; in the open-ended world it is a pair, such as ``"water + earth"``. Other actions than text are
-    passed on as they are. What is understood: :mod:`wordcraft_kg.labels`.
+    passed on as they are. What is understood: :mod:`wordcraft_kg.base.labels`.
     """
 
     MAX_LENGTH = 100_000

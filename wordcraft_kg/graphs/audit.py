@@ -4,14 +4,14 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from wordcraft_kg.base.progress import stage
+from wordcraft_kg.base.records import Count, Hash, Record
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.planner import layers, rounds
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.recipes import RecipeBook
 from wordcraft_kg.graphs.splits import Split
 from wordcraft_kg.graphs.triples import COMPONENT_OF, RELATIONS, Relation, is_in
-from wordcraft_kg.progress import stage
-from wordcraft_kg.records import Count, Hash, Record
 
 SHOWN = 20
 """How many entities or pairs a list names; counts are always complete."""

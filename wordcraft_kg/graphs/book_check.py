@@ -15,7 +15,11 @@ from typing import Any, Literal
 import msgspec
 import numpy as np
 
-from wordcraft_kg.errors import RecipeFileError
+from wordcraft_kg.base.errors import RecipeFileError
+from wordcraft_kg.base.progress import stage
+from wordcraft_kg.base.records import Count, Record, Share
+from wordcraft_kg.base.settings import nearest
+from wordcraft_kg.base.wording import counted
 from wordcraft_kg.graphs.planner import layers
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.recipes import (
@@ -31,10 +35,6 @@ from wordcraft_kg.graphs.recipes import (
     unknown_base,
     with_second,
 )
-from wordcraft_kg.progress import stage
-from wordcraft_kg.records import Count, Record, Share
-from wordcraft_kg.settings import nearest
-from wordcraft_kg.wording import counted
 
 LISTED = 15
 """How many lines or names a finding lists at most."""

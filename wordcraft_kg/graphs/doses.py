@@ -12,12 +12,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from wordcraft_kg.errors import ConfigError
+from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.base.settings import SMALLEST, number_in, refuse
 from wordcraft_kg.graphs.arrays import Ids, frozen
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.splits import Split
 from wordcraft_kg.graphs.triples import COMPONENT_OF, recipe_triples
-from wordcraft_kg.settings import SMALLEST, number_in, refuse
 
 UNTAUGHT = -1
 """Result of a recipe that is not in a dose."""

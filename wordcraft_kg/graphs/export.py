@@ -8,16 +8,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args
 from urllib.parse import quote
 
-from wordcraft_kg.artefacts import staged_file, staged_folder, write_atomically
-from wordcraft_kg.errors import ConfigError, MissingExtraError
+from wordcraft_kg.base.artefacts import staged_file, staged_folder, write_atomically
+from wordcraft_kg.base.errors import ConfigError, MissingExtraError
+from wordcraft_kg.base.progress import stage
+from wordcraft_kg.base.settings import one_of
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.frames import to_networkx, triples_frame
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.recipes import RecipeBook, write_book
 from wordcraft_kg.graphs.triples import RELATIONS, triple_lines
-from wordcraft_kg.progress import stage
-from wordcraft_kg.settings import one_of
 
 NAMESPACE = "urn:wordcraft-kg:"
 """Prefix of the IRIs of entities (``...entity:<label>``), recipes (``...recipe:<a>+<b>=<result>``), relations

@@ -4,8 +4,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
-from wordcraft_kg.artefacts import dump_json, read_json, staged_folder, what_is, write_atomically
-from wordcraft_kg.errors import ArtefactError, RecipeFileError, SplitError
+from wordcraft_kg.base.artefacts import dump_json, read_json, staged_folder, what_is, write_atomically
+from wordcraft_kg.base.errors import ArtefactError, RecipeFileError, SplitError
+from wordcraft_kg.base.progress import stage
+from wordcraft_kg.base.records import as_values
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.audit import Audit, audit
 from wordcraft_kg.graphs.doses import Dose
@@ -15,8 +17,6 @@ from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.recipes import RecipeBook, book_json, read_book, recipe_table
 from wordcraft_kg.graphs.splits import Split, SplitConfig, make_split, read_split
 from wordcraft_kg.graphs.triples import triple_lines
-from wordcraft_kg.progress import stage
-from wordcraft_kg.records import as_values
 
 KG = Literal["partial", "full"]
 """The triples of the train recipes, or those of all recipes."""

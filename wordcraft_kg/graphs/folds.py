@@ -11,13 +11,13 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from wordcraft_kg.errors import GraphMismatchError
+from wordcraft_kg.base.errors import GraphMismatchError
+from wordcraft_kg.base.settings import refuse, whole
 from wordcraft_kg.graphs.arrays import Ids, frozen
 from wordcraft_kg.graphs.doses import Dose
 from wordcraft_kg.graphs.splits import Split, units_of
 from wordcraft_kg.graphs.tasks import TaskSet
 from wordcraft_kg.graphs.triples import recipe_triples
-from wordcraft_kg.settings import refuse, whole
 
 OUTSIDE = -1
 """Fold of a recipe that is not in train."""

@@ -11,12 +11,12 @@ from dataclasses import dataclass, replace
 from http.client import HTTPException
 from pathlib import Path
 
-from wordcraft_kg.artefacts import sha256_of, write_atomically
-from wordcraft_kg.cache import cache_folder
-from wordcraft_kg.errors import FetchError, RecipeFileError
+from wordcraft_kg.base.artefacts import sha256_of, write_atomically
+from wordcraft_kg.base.cache import cache_folder
+from wordcraft_kg.base.errors import FetchError, RecipeFileError
+from wordcraft_kg.base.progress import stage
+from wordcraft_kg.base.settings import nearest
 from wordcraft_kg.graphs.recipes import RecipeBook, read_book
-from wordcraft_kg.progress import stage
-from wordcraft_kg.settings import nearest
 
 DATA_VARIABLE = "WORDCRAFT_KG_DATA"
 """Environment variable that names a folder with recipe books of the user's own."""

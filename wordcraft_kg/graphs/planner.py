@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wordcraft_kg.errors import GraphError
+from wordcraft_kg.base.errors import GraphError
+from wordcraft_kg.base.wording import approximate, counted
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.recipe_graph import Entity, RecipeGraph
 from wordcraft_kg.graphs.recipes import Recipe
-from wordcraft_kg.wording import approximate, counted
 
 
 def layers(graph: RecipeGraph, start: Iterable[Entity] | None = None) -> Ids:

@@ -7,11 +7,11 @@ from functools import cached_property
 
 import numpy as np
 
-from wordcraft_kg.errors import GraphError, UnknownEntityError
+from wordcraft_kg.base.errors import GraphError, UnknownEntityError
+from wordcraft_kg.base.settings import nearest
 from wordcraft_kg.graphs.arrays import Ids, frozen
 from wordcraft_kg.graphs.recipes import Recipe, RecipeBook, check_label
 from wordcraft_kg.graphs.triples import recipe_triples
-from wordcraft_kg.settings import nearest
 
 Entity = int | str
 """An entity, by id or by label."""

@@ -16,10 +16,10 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from wordcraft_kg.artefacts import what_is, write_atomically
-from wordcraft_kg.errors import RecipeFileError
-from wordcraft_kg.progress import stage
-from wordcraft_kg.settings import nearest
+from wordcraft_kg.base.artefacts import what_is, write_atomically
+from wordcraft_kg.base.errors import RecipeFileError
+from wordcraft_kg.base.progress import stage
+from wordcraft_kg.base.settings import nearest
 
 CSV_HEADER = ("ingredient_a", "ingredient_b", "result")
 JSON_FORMAT = "wordcraft-kg recipe book 1"

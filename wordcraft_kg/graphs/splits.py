@@ -16,13 +16,13 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from wordcraft_kg.errors import ArtefactError, ConfigError, GraphMismatchError, SplitError
+from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError, SplitError
+from wordcraft_kg.base.progress import stage
+from wordcraft_kg.base.settings import one_of, require, whole
 from wordcraft_kg.graphs.arrays import Ids, frozen
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.recipes import Recipe
 from wordcraft_kg.graphs.triples import is_in, recipe_triples
-from wordcraft_kg.progress import stage
-from wordcraft_kg.settings import one_of, require, whole
 
 SPLIT_FORMAT = "wordcraft-kg split 1"
 TRAIN, VALID, TEST = 0, 1, 2

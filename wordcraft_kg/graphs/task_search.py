@@ -4,14 +4,14 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from wordcraft_kg.errors import TaskError
+from wordcraft_kg.base.errors import TaskError
+from wordcraft_kg.base.progress import stage
+from wordcraft_kg.base.settings import one_of, whole
 from wordcraft_kg.graphs.arrays import frozen, padded
 from wordcraft_kg.graphs.plan_search import PlanSearch, Rows
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.splits import PARTS, Split
 from wordcraft_kg.graphs.tasks import TaskPart, TaskSet, TaskWeighting
-from wordcraft_kg.progress import stage
-from wordcraft_kg.settings import one_of, whole
 
 MAX_DEPTH = 5
 """Longer plans are not searched: each further attempt makes the search six times slower."""

@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from wordcraft_kg.errors import TaskError
+from wordcraft_kg.base.errors import TaskError
 from wordcraft_kg.graphs.arrays import Ids, frozen, padded
 from wordcraft_kg.graphs.plan_search import Rows
 from wordcraft_kg.graphs.recipe_graph import Entity, RecipeGraph

@@ -6,13 +6,13 @@ from typing import Any
 
 from markupsafe import Markup
 
+from wordcraft_kg.base.records import schema_of
+from wordcraft_kg.evaluation.agents import NEVER, AgentsView, Groups, Slice, view_agents
 from wordcraft_kg.graphs.tasks import TaskPart
-from wordcraft_kg.records import schema_of
 from wordcraft_kg.reports import charts
 from wordcraft_kg.reports.picks import PICKS
 from wordcraft_kg.reports.report import Report
 from wordcraft_kg.reports.training_pictures import COLOURS, picture_of_lambdas, picture_of_success, pictures_of_figures
-from wordcraft_kg.views.agents import NEVER, AgentsView, Groups, Slice, view_agents
 
 MIN_SEEDS = 5
 """With fewer seeds the page warns that another seed may give another figure."""
@@ -32,7 +32,7 @@ def make_agent_report(
     draws: int = 5,
     episodes: int = 2,
 ) -> Report[AgentsView]:
-    """Evaluate agents on all tasks of a part; see :func:`~wordcraft_kg.views.agents.view_agents`."""
+    """Evaluate agents on all tasks of a part; see :func:`~wordcraft_kg.evaluation.agents.view_agents`."""
     view = view_agents(groups, part=part, distractors=distractors, draws=draws, episodes=episodes)
     return Report(
         view,

@@ -3,10 +3,10 @@
 from typing import TYPE_CHECKING
 
 from wordcraft_kg.agents.discovery import DISCOVERERS, HUMAN_CURVE, summarise_curves
+from wordcraft_kg.evaluation.discovery import DiscoveryView
 from wordcraft_kg.reports import charts
 from wordcraft_kg.reports.charts.series import CurvePoint
 from wordcraft_kg.reports.pages import render_page
-from wordcraft_kg.views.discovery import DiscoveryView
 
 if TYPE_CHECKING:
     import pandas as pd

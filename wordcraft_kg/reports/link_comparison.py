@@ -1,8 +1,8 @@
 """Link predictors compared, as one self-contained HTML page."""
 
+from wordcraft_kg.evaluation.link_comparison import LinkComparison
 from wordcraft_kg.reports import charts
 from wordcraft_kg.reports.pages import render_page
-from wordcraft_kg.views.link_comparison import LinkComparison
 
 
 def comparison_page(view: LinkComparison) -> str:

@@ -6,19 +6,19 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
+from wordcraft_kg.base.progress import stage
+from wordcraft_kg.base.records import schema_of
+from wordcraft_kg.evaluation.communities import Communities, communities_of
+from wordcraft_kg.evaluation.links import JudgedLinks, LinkView, judge_links, view_links
 from wordcraft_kg.graphs.doses import Dose
 from wordcraft_kg.graphs.folder import OpenedGraph, Taught
 from wordcraft_kg.graphs.triples import RELATIONS
 from wordcraft_kg.models.links.records import TraceRow
 from wordcraft_kg.models.scorers.config import MAX_QUERIES
 from wordcraft_kg.models.scorers.protocol import TripleScorer
-from wordcraft_kg.progress import stage
-from wordcraft_kg.records import schema_of
 from wordcraft_kg.reports import charts
+from wordcraft_kg.reports.glossary import GLOSSARY
 from wordcraft_kg.reports.report import Report
-from wordcraft_kg.views.communities import Communities, communities_of
-from wordcraft_kg.views.glossary import GLOSSARY
-from wordcraft_kg.views.links import JudgedLinks, LinkView, judge_links, view_links
 
 SEARCHABLE = 30_000
 """Most queries whose ranks are put into the page, for its search."""
@@ -53,12 +53,12 @@ def make_link_report(
         scorer: a scorer of this graph.
         opened: graph and split.
         kg: knowledge graph that the scorer was trained on, ``partial`` or ``full``; see
-            :func:`~wordcraft_kg.views.links.judge_links`.
+            :func:`~wordcraft_kg.evaluation.links.judge_links`.
         dose: the recipes that it was trained on, if these are not all of that graph.
         name: name of the scorer in the report.
         provenance: facts for the last section.
         trace: a row for each epoch.
-        max_queries: most queries to rank; 0 ranks all. See :func:`~wordcraft_kg.views.links.judge_links`.
+        max_queries: most queries to rank; 0 ranks all. See :func:`~wordcraft_kg.evaluation.links.judge_links`.
         seed: seed of the sample of queries, the bootstrap and the map.
 
     Raises:

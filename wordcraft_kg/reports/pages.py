@@ -13,7 +13,7 @@ from markupsafe import Markup
 
 from wordcraft_kg.reports.charts import palette
 from wordcraft_kg.reports.charts.standalone import resolved
-from wordcraft_kg.views.glossary import GLOSSARY, Term
+from wordcraft_kg.reports.glossary import GLOSSARY, Term
 
 
 class Outline:
@@ -53,7 +53,7 @@ def render_page(template: str, *, data: Sequence[str] = (), **values: Any) -> st
     """Return a page; labels and names are escaped, and a value that the template misses is an error.
 
     A template extends ``page.html.j2``. ``heading(title)`` puts a section into the table of contents, and ``term(key)``
-    explains a word of :data:`~wordcraft_kg.views.glossary.GLOSSARY`.
+    explains a word of :data:`~wordcraft_kg.reports.glossary.GLOSSARY`.
 
     Args:
         template: its file name.
@@ -62,12 +62,13 @@ def render_page(template: str, *, data: Sequence[str] = (), **values: Any) -> st
     """
     outline = Outline()
     shown = {"outline": outline, "heading": outline.heading, "term": outline.term, "data": data}
-    return _environment().get_template(template).render(**shown, **values)
+    package, _, name = template.rpartition("/")
+    return _environment(package).get_template(name).render(**shown, **values)
 
 
 def chart_style() -> str:
     """Return the style sheet's rules for charts, for figures that are files of their own."""
-    return resolved(_environment().get_template("chart.css.j2").render())
+    return resolved(_environment("").get_template("chart.css.j2").render())
 
 
 def make_environment(*packages: str) -> jinja2.Environment:
@@ -88,8 +89,8 @@ def make_environment(*packages: str) -> jinja2.Environment:
 
 
 @cache
-def _environment() -> jinja2.Environment:
-    environment = make_environment("wordcraft_kg.reports")
+def _environment(package: str) -> jinja2.Environment:
+    environment = make_environment(*([package] if package else []), "wordcraft_kg.reports")
     script = (files("wordcraft_kg.reports") / "templates" / "page.js").read_text(encoding="utf-8")
     environment.globals |= {
         "script": Markup(script),

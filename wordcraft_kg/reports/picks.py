@@ -5,11 +5,11 @@ from typing import Any
 from markupsafe import Markup
 
 from wordcraft_kg.agents.explanation import ExplainedSlot, ExplainedStep
+from wordcraft_kg.evaluation.recipe_scores import told
 from wordcraft_kg.models.policies.sources import Label, label_of
 from wordcraft_kg.reports.charts import contribution_bar
+from wordcraft_kg.reports.glossary import GLOSSARY
 from wordcraft_kg.reports.training_pictures import COLOURS
-from wordcraft_kg.views.glossary import GLOSSARY
-from wordcraft_kg.views.recipe_scores import told
 
 
 def column_labels(step: ExplainedStep) -> list[Label]:

@@ -5,9 +5,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
-from wordcraft_kg.artefacts import dump_json, staged_folder, write_atomically
-from wordcraft_kg.progress import stage
-from wordcraft_kg.records import Record, checked_values
+from wordcraft_kg.base.artefacts import dump_json, staged_folder, write_atomically
+from wordcraft_kg.base.progress import stage
+from wordcraft_kg.base.records import Record, checked_values
 from wordcraft_kg.reports.pages import render_page
 
 if TYPE_CHECKING:

@@ -4,9 +4,9 @@ from collections.abc import Mapping, Sequence
 
 from markupsafe import Markup
 
+from wordcraft_kg.evaluation.training_curves import CurvePoint, Figure, LambdaCurve, SeedCurve
 from wordcraft_kg.models.policies.sources import ALPHA, SOURCES, label_of
 from wordcraft_kg.reports import charts
-from wordcraft_kg.views.training_curves import CurvePoint, Figure, LambdaCurve, SeedCurve
 
 COLOURS = {name: number for number, name in enumerate((ALPHA.name, *SOURCES))}
 """Number of each source's colour."""

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Generic, TypeVar
 
-from wordcraft_kg.artefacts import dump_json, read_large_file, write_atomically
-from wordcraft_kg.errors import ArtefactError
-from wordcraft_kg.records import Record, as_values, read_record
+from wordcraft_kg.base.artefacts import dump_json, read_large_file, write_atomically
+from wordcraft_kg.base.errors import ArtefactError
+from wordcraft_kg.base.records import Record, as_values, read_record
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -111,7 +111,7 @@ class Checkpoints(Generic[P]):
         Raises:
             ArtefactError: if it is missing or damaged.
         """
-        from wordcraft_kg.tensors import read_tensors
+        from wordcraft_kg.base.tensors import read_tensors
 
         path = self.folder / f"{self.unit}-{number}.json"
         record: CheckpointRecord[P] = read_record(path, CheckpointRecord[self.progress])  # type: ignore[name-defined]

@@ -8,10 +8,10 @@ from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
-from wordcraft_kg.artefacts import read_small_file, write_atomically
-from wordcraft_kg.errors import ArtefactError
-from wordcraft_kg.feature_spec import FeatureSpec
-from wordcraft_kg.records import as_record
+from wordcraft_kg.base.artefacts import read_small_file, write_atomically
+from wordcraft_kg.base.errors import ArtefactError
+from wordcraft_kg.base.feature_spec import FeatureSpec
+from wordcraft_kg.base.records import as_record
 
 CONFIG_FILE = "config.toml"
 T = TypeVar("T")

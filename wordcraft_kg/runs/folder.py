@@ -11,8 +11,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Generic, Protocol, TypeVar
 
-from wordcraft_kg.artefacts import check_output, sha256_of, what_is, with_a_name, write_atomically
-from wordcraft_kg.errors import ArtefactError, OutputExistsError, TrainingError, reason
+from wordcraft_kg.base.artefacts import check_output, sha256_of, what_is, with_a_name, write_atomically
+from wordcraft_kg.base.errors import ArtefactError, OutputExistsError, TrainingError, reason
 from wordcraft_kg.graphs.folder import Taught
 from wordcraft_kg.runs.checkpoints import Checkpoints
 from wordcraft_kg.runs.config_file import CONFIG_FILE

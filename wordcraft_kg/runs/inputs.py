@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from wordcraft_kg.errors import ArtefactError, GraphMismatchError
+from wordcraft_kg.base.errors import ArtefactError, GraphMismatchError
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
 from wordcraft_kg.runs.record import RunRecord
 

@@ -13,10 +13,10 @@ from typing import Literal
 
 from msgspec.structs import replace
 
-from wordcraft_kg.artefacts import dump_json, read_large_file, sha256_of, what_is, write_atomically
-from wordcraft_kg.errors import ArtefactError
+from wordcraft_kg.base.artefacts import dump_json, read_large_file, sha256_of, what_is, write_atomically
+from wordcraft_kg.base.errors import ArtefactError
+from wordcraft_kg.base.records import Record, as_values, read_record
 from wordcraft_kg.graphs.folder import Taught
-from wordcraft_kg.records import Record, as_values, read_record
 
 RUN_FILE = "run.json"
 _PACKAGES = ("torch", "pykeen", "numpy", "pandas", "networkx", "safetensors")

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
-from wordcraft_kg.errors import ConfigError, OutputExistsError
+from wordcraft_kg.base.errors import ConfigError, OutputExistsError
 from wordcraft_kg.runs.config_file import moved
 from wordcraft_kg.runs.folder import RunKind
 from wordcraft_kg.runs.record import RUN_FILE, RunRecord

@@ -11,7 +11,7 @@ from multiprocessing.process import BaseProcess
 from types import ModuleType
 from typing import Protocol
 
-from wordcraft_kg.errors import TrainingError, WordCraftKGError, reason
+from wordcraft_kg.base.errors import TrainingError, WordCraftKGError, reason
 
 CORES_VARIABLE = "WORDCRAFT_KG_CORES"
 """Environment variable: the number of cores that a process may use, where it is not bound to cores of its own."""

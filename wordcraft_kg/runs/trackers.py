@@ -10,10 +10,10 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, Protocol
 
-from wordcraft_kg.errors import MissingExtraError
+from wordcraft_kg.base.errors import MissingExtraError
+from wordcraft_kg.base.settings import one_of
 from wordcraft_kg.runs.folder import RunFolder
 from wordcraft_kg.runs.record import Status
-from wordcraft_kg.settings import one_of
 
 Log = Callable[[int, Mapping[str, float | None]], None]
 """Called with the number of epochs or steps done and the figures, of which some may have no value."""

@@ -12,7 +12,7 @@ from pykeen.nn.modules import ComplExInteraction
 from pykeen.regularizers import PowerSumRegularizer
 from pykeen.training import SymmetricLCWATrainingLoop
 
-from wordcraft_kg.errors import ConfigError
+from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.models.links.complex import ComplExN3, MatmulComplExInteraction
 from wordcraft_kg.models.links.config import N3_PARTIAL, PAPER_DIM
 from wordcraft_kg.models.links.pykeen_bridge import triples_factory

@@ -15,8 +15,8 @@ import safetensors.torch
 import torch
 from link_helpers import contents, interrupt_after, train
 
-from wordcraft_kg.artefacts import sha256_of
-from wordcraft_kg.errors import ArtefactError, ConfigError, GraphMismatchError, LeakError, TrainingError
+from wordcraft_kg.base.artefacts import sha256_of
+from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError, LeakError, TrainingError
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.folds import make_folds
 from wordcraft_kg.graphs.library import open_book

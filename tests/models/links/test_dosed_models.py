@@ -13,8 +13,9 @@ from link_helpers import contents, interrupt_after, train
 
 from wordcraft_kg.agents import training as agents
 from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig
-from wordcraft_kg.artefacts import sha256_of
-from wordcraft_kg.errors import ArtefactError, ConfigError, GraphMismatchError, LeakError
+from wordcraft_kg.base.artefacts import sha256_of
+from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError, LeakError
+from wordcraft_kg.evaluation.links import judge_links, view_links
 from wordcraft_kg.graphs.doses import make_dose
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.folds import make_folds
@@ -33,7 +34,6 @@ from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
 from wordcraft_kg.models.scorers.facts import FrequencyScorer
 from wordcraft_kg.models.scorers.folder import load_scorer, make_scorer
 from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples
-from wordcraft_kg.views.links import judge_links, view_links
 
 SHORT = ComplExConfig(dim=8, epochs=4, n3=0.1, popularity=1.0, folds=3, share=0.5, noise=0.2, seed=1)
 PLAIN = replace(SHORT, folds=0)

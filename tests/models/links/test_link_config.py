@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from wordcraft_kg.errors import ArtefactError, ConfigError
+from wordcraft_kg.base.errors import ArtefactError, ConfigError
 from wordcraft_kg.models.links.config import CONFIGS, N3_PARTIAL, ComplExConfig, LinkModelConfig, LinksConfig
 
 NAN, INF = float("nan"), float("inf")

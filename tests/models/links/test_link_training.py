@@ -18,8 +18,9 @@ import safetensors.torch
 import torch
 from link_helpers import contents, flip_bit, global_states, interrupt_after, train
 
-from wordcraft_kg.artefacts import sha256_of
-from wordcraft_kg.errors import ArtefactError, ConfigError, GraphMismatchError, OutputExistsError, TrainingError
+from wordcraft_kg.base.artefacts import sha256_of
+from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError, OutputExistsError, TrainingError
+from wordcraft_kg.base.records import as_values
 from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_book
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph, write_graph_folder
 from wordcraft_kg.models.links import training as link_training
@@ -29,7 +30,6 @@ from wordcraft_kg.models.links.folder import open_model
 from wordcraft_kg.models.links.training import TrainedLinks, resume_links
 from wordcraft_kg.models.scorers.folder import load_scorer
 from wordcraft_kg.models.scorers.ranking import rank_triples, ranking_metrics
-from wordcraft_kg.records import as_values
 
 SHORT = ComplExConfig(dim=8, epochs=5, n3=0.1, folds=0)
 RESUMED: dict[str, LinkSettings] = {

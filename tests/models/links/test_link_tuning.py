@@ -9,7 +9,7 @@ import pytest
 from link_helpers import global_states, interrupt_after, random_graph, train
 from optuna.distributions import CategoricalDistribution, IntDistribution
 
-from wordcraft_kg.errors import ArtefactError, ConfigError, OutputExistsError, SplitError, TrainingError
+from wordcraft_kg.base.errors import ArtefactError, ConfigError, OutputExistsError, SplitError, TrainingError
 from wordcraft_kg.graphs import SplitConfig, make_split
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.models.links import tuning as link_tuning

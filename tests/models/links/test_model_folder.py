@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from link_helpers import flip_bit, train
 
-from wordcraft_kg.errors import ArtefactError, GraphMismatchError
+from wordcraft_kg.base.errors import ArtefactError, GraphMismatchError
 from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_book
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph, write_graph_folder
 from wordcraft_kg.models.links.config import ComplExConfig

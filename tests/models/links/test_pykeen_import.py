@@ -11,7 +11,7 @@ import torch
 from pykeen.pipeline import PipelineResult, pipeline
 from pykeen.triples import TriplesFactory
 
-from wordcraft_kg.errors import ArtefactError, ConfigError, GraphMismatchError, OutputExistsError
+from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError, OutputExistsError
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.triples import RELATIONS
 from wordcraft_kg.models.links.folder import open_model

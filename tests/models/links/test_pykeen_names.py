@@ -10,7 +10,7 @@ from pykeen.datasets import dataset_resolver, get_dataset
 from pykeen.hpo import hpo_pipeline
 from pykeen.pipeline import pipeline
 
-from wordcraft_kg.errors import ConfigError, SplitError
+from wordcraft_kg.base.errors import ConfigError, SplitError
 from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_book
 from wordcraft_kg.graphs.folder import OpenedGraph, write_graph_folder
 from wordcraft_kg.graphs.triples import RELATIONS

@@ -10,7 +10,7 @@ from link_helpers import contents, interrupt_after, random_graph, train
 from link_oracles import equation_2, n3
 from torch.nn.functional import cross_entropy
 
-from wordcraft_kg.errors import ConfigError
+from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.models.links import config as link_config
 from wordcraft_kg.models.links.builders import make_training_loop

@@ -7,7 +7,7 @@ import pytest
 import torch
 from link_helpers import contents, random_graph
 
-from wordcraft_kg.errors import ArtefactError, ConfigError, GraphMismatchError, OutputExistsError
+from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError, OutputExistsError
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.models.links.folder import open_model
 from wordcraft_kg.models.links.saving import save_scorer

@@ -7,7 +7,7 @@ import pytest
 import torch
 from link_helpers import flip_bit, random_graph
 
-from wordcraft_kg.errors import ArtefactError, ConfigError, OutputExistsError, UnknownEntityError
+from wordcraft_kg.base.errors import ArtefactError, ConfigError, OutputExistsError, UnknownEntityError
 from wordcraft_kg.models.policies.actor_critic import AttentionPolicy
 from wordcraft_kg.models.policies.attention import EntityVectors
 from wordcraft_kg.models.policies.config import PolicyConfig

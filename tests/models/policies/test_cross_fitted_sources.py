@@ -20,11 +20,11 @@ from wordcraft_kg.agents.impala import Impala
 from wordcraft_kg.agents.players import knowledge_player
 from wordcraft_kg.agents.states import states_of
 from wordcraft_kg.agents.training import resume_agent, train_agent
+from wordcraft_kg.base.errors import ConfigError, GraphMismatchError, LeakError
 from wordcraft_kg.envs.batch import BatchEngine
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.envs.wrappers import KGScoreObservation, TaskObservation, VectorKGScoreObservation
-from wordcraft_kg.errors import ConfigError, GraphMismatchError, LeakError
 from wordcraft_kg.graphs import SplitConfig, make_split
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
 from wordcraft_kg.graphs.folds import SEVERAL, make_folds

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from torch import Tensor
 
-from wordcraft_kg.errors import ConfigError
+from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.graphs.triples import RELATIONS
 from wordcraft_kg.models.policies.actor_critic import AttentionPolicy
 from wordcraft_kg.models.policies.attention import EntityVectors

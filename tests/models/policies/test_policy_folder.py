@@ -12,7 +12,7 @@ import torch
 from link_helpers import flip_bit, global_states, random_graph
 from torch import Tensor
 
-from wordcraft_kg.errors import ArtefactError, ConfigError, GraphMismatchError
+from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError
 from wordcraft_kg.graphs import RecipeGraph
 from wordcraft_kg.graphs.triples import COMBINES_WITH
 from wordcraft_kg.models.policies.actor_critic import AttentionPolicy

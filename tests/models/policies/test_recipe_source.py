@@ -7,10 +7,10 @@ import pytest
 import torch
 
 from wordcraft_kg.agents.states import states_of
+from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.envs.batch import BatchEngine
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.errors import ConfigError
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
 from wordcraft_kg.graphs.folds import OUTSIDE
 from wordcraft_kg.models.policies.sources.recipe import BestRecipe

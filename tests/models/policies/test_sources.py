@@ -18,9 +18,9 @@ from wordcraft_kg.agents.agent_folder import open_agent
 from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
 from wordcraft_kg.agents.explanation import explain_episodes
 from wordcraft_kg.agents.training import train_agent
+from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.envs.wrappers import KGScoreObservation
-from wordcraft_kg.errors import ConfigError
 from wordcraft_kg.graphs import RecipeGraph
 from wordcraft_kg.graphs.folder import open_graph
 from wordcraft_kg.graphs.triples import RELATIONS

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 import torch
 
-from wordcraft_kg.errors import ArtefactError, ConfigError, UnknownEntityError
+from wordcraft_kg.base.errors import ArtefactError, ConfigError, UnknownEntityError
+from wordcraft_kg.base.statistics import standardised
 from wordcraft_kg.graphs import RecipeGraph
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.models.recipes import fitting
@@ -19,7 +20,6 @@ from wordcraft_kg.models.scorers.folder import load_scorer
 from wordcraft_kg.models.scorers.kernel import kernel_regression
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
 from wordcraft_kg.models.scorers.similarity import cosines
-from wordcraft_kg.statistics import standardised
 
 DIMENSIONS = 8
 NEW = ("naan", "muffin", "cheese cake")

@@ -12,10 +12,10 @@ import safetensors.torch
 import torch
 from link_helpers import contents, interrupt_after, random_graph
 
-from wordcraft_kg.artefacts import sha256_of
+from wordcraft_kg.base.artefacts import sha256_of
+from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError, LeakError
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.errors import ArtefactError, ConfigError, GraphMismatchError, LeakError
 from wordcraft_kg.graphs import RecipeGraph, SplitConfig
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
 from wordcraft_kg.graphs.folds import OUTSIDE, Folds, make_folds

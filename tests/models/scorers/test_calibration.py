@@ -11,8 +11,8 @@ import torch
 from link_helpers import train
 from scipy.special import expit
 
-from wordcraft_kg.artefacts import sha256_of
-from wordcraft_kg.errors import ArtefactError, ConfigError
+from wordcraft_kg.base.artefacts import sha256_of
+from wordcraft_kg.base.errors import ArtefactError, ConfigError
 from wordcraft_kg.graphs import RecipeGraph, Split
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
 from wordcraft_kg.graphs.folds import Folds, make_folds

@@ -15,7 +15,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from link_helpers import flip_bit
 
-from wordcraft_kg.errors import ConfigError
+from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_book, recipe_triples
 from wordcraft_kg.models.scorers import features as features_module
 from wordcraft_kg.models.scorers.features import EntityFeatures, glove_features, make_features

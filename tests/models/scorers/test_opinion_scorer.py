@@ -8,7 +8,7 @@ import safetensors.torch
 import torch
 
 from wordcraft_kg.agents.players import scorer_players
-from wordcraft_kg.errors import ArtefactError, ConfigError, UnknownEntityError
+from wordcraft_kg.base.errors import ArtefactError, ConfigError, UnknownEntityError
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
 from wordcraft_kg.models.links.folder import open_model

@@ -15,7 +15,9 @@ from link_oracles import slow_clusters, slow_ranks
 from pykeen.evaluation import RankBasedEvaluator
 from pykeen.training import SLCWATrainingLoop
 
-from wordcraft_kg.errors import ArtefactError
+from wordcraft_kg.base.errors import ArtefactError
+from wordcraft_kg.base.records import as_values
+from wordcraft_kg.base.statistics import bootstrap, interval
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.triples import COMBINES_WITH, RELATIONS, is_in, triple_keys
 from wordcraft_kg.models.links.builders import scorer_tensors
@@ -40,8 +42,6 @@ from wordcraft_kg.models.scorers.ranking import (
     with_interval,
 )
 from wordcraft_kg.models.scorers.tables import TableScorer
-from wordcraft_kg.records import as_values
-from wordcraft_kg.statistics import bootstrap, interval
 
 HITS = (1, 3, 10)
 

@@ -7,7 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from kernel_oracles import explicit_ridge, slow_completion, slow_profiles, slow_recipe_scores, slow_similarity
 
-from wordcraft_kg.errors import ConfigError
+from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.base.statistics import standardised
 from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_book
 from wordcraft_kg.graphs.triples import recipe_triples
 from wordcraft_kg.models.scorers import kernel_scorer as kernel_scorer_module
@@ -30,7 +31,6 @@ from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_tripl
 from wordcraft_kg.models.scorers.recipe_kernel import RecipeKernel
 from wordcraft_kg.models.scorers.similarity import cosines, normalised, profiles, similarity
 from wordcraft_kg.models.scorers.similarity_rows import SimilarityRows
-from wordcraft_kg.statistics import standardised
 
 SIZE = 9
 """Entities; the last one is in no recipe."""

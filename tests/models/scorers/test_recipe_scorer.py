@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from wordcraft_kg.errors import UnknownEntityError
+from wordcraft_kg.base.errors import UnknownEntityError
 from wordcraft_kg.graphs import Recipe
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted, whole_of

@@ -7,7 +7,8 @@ import pytest
 import torch
 from link_helpers import random_graph
 
-from wordcraft_kg.errors import ConfigError
+from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.evaluation.links import judge_links
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.models.scorers import limits, roles
 from wordcraft_kg.models.scorers.embeddings import ComplExScorer
@@ -15,7 +16,6 @@ from wordcraft_kg.models.scorers.neighbours import NeighbourScorer
 from wordcraft_kg.models.scorers.roles import ROLES, EntityRoles
 from wordcraft_kg.models.scorers.scorer import Scorer
 from wordcraft_kg.models.scorers.tables import TableScorer
-from wordcraft_kg.views.links import judge_links
 
 GRAPH = random_graph(num_entities=9, num_recipes=30)
 SIZE = GRAPH.num_entities

@@ -18,8 +18,14 @@ from hypothesis import strategies as st
 from link_helpers import contents, flip_bit, interrupt_after, random_graph, train
 from link_oracles import equation_1
 
-from wordcraft_kg.artefacts import sha256_of
-from wordcraft_kg.errors import ArtefactError, ConfigError, GraphMismatchError, UnknownEntityError, WordCraftKGError
+from wordcraft_kg.base.artefacts import sha256_of
+from wordcraft_kg.base.errors import (
+    ArtefactError,
+    ConfigError,
+    GraphMismatchError,
+    UnknownEntityError,
+    WordCraftKGError,
+)
 from wordcraft_kg.graphs import RecipeGraph
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS

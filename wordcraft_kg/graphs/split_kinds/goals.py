@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from wordcraft_kg.errors import SplitError
+from wordcraft_kg.base.errors import SplitError
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.splits import TEST, TRAIN, VALID, Draw, SplitConfig, part_of_units

@@ -12,7 +12,8 @@ from pykeen.models import DistMult, ERModel, Model, model_resolver
 from pykeen.training import TrainingLoop, training_loop_resolver
 from pykeen.triples import TriplesFactory
 
-from wordcraft_kg.errors import ConfigError
+from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.base.settings import nearest, refuse
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.triples import RELATIONS
 from wordcraft_kg.models.links.complex import ComplExN3
@@ -23,7 +24,6 @@ from wordcraft_kg.models.links.sampled_softmax import SampledSymmetricLCWATraini
 from wordcraft_kg.models.links.symmetric_lcwa import IndexedSymmetricLCWATrainingLoop
 from wordcraft_kg.models.scorers.folder import ScorerKind
 from wordcraft_kg.models.scorers.limits import TABLE_LIMIT, table_bytes
-from wordcraft_kg.settings import nearest, refuse
 
 
 def make_training_loop(config: LinkSettings, factory: TriplesFactory) -> TrainingLoop:

@@ -4,12 +4,22 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar, Literal, Self, get_args
 
-from wordcraft_kg.errors import ArtefactError, ConfigError
+from wordcraft_kg.base.errors import ArtefactError, ConfigError
+from wordcraft_kg.base.records import Record
+from wordcraft_kg.base.settings import (
+    LARGEST,
+    MAX_DIM,
+    MAX_SIZE,
+    MAX_THREADS,
+    number_in,
+    one_of,
+    positive,
+    require,
+    whole,
+)
 from wordcraft_kg.graphs.doses import check_dose
 from wordcraft_kg.graphs.folder import KG, Taught
-from wordcraft_kg.records import Record
 from wordcraft_kg.runs.config_file import read_config, write_config
-from wordcraft_kg.settings import LARGEST, MAX_DIM, MAX_SIZE, MAX_THREADS, number_in, one_of, positive, require, whole
 
 PAPER_DIM = 128
 MAX_SEED = 2**32 - 1

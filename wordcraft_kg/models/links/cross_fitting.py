@@ -13,7 +13,8 @@ from pathlib import Path
 
 import torch
 
-from wordcraft_kg.errors import ArtefactError, ConfigError
+from wordcraft_kg.base.errors import ArtefactError, ConfigError
+from wordcraft_kg.base.tensors import copied
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.folds import Folds, make_folds
@@ -30,7 +31,6 @@ from wordcraft_kg.models.scorers.limits import TABLE_LIMIT, table_bytes
 from wordcraft_kg.models.scorers.scorer import Scorer
 from wordcraft_kg.runs.checkpoints import Checkpoints
 from wordcraft_kg.runs.side_by_side import cores, side_by_side
-from wordcraft_kg.tensors import copied
 
 LONG = 10.0
 """Seconds of a training from which its folds are trained side by side: a process takes some to import its libraries."""

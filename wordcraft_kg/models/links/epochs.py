@@ -11,6 +11,7 @@ from pykeen.training import TrainingLoop
 from pykeen.training.callbacks import TrainingCallback
 from torch import Tensor
 
+from wordcraft_kg.base.tensors import copied, with_prefix
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.models.links.builders import scorer_tensors
@@ -22,7 +23,6 @@ from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_tripl
 from wordcraft_kg.runs.checkpoints import Checkpoint
 from wordcraft_kg.runs.folder import Progress, RunFolder
 from wordcraft_kg.runs.trackers import Log
-from wordcraft_kg.tensors import copied, with_prefix
 
 QUIET = 20.0
 """Seconds of an epoch after which, and then between which, its progress is reported."""

@@ -9,7 +9,7 @@ from pykeen.training import NonFiniteLossError, TrainingLoop
 from pykeen.training.callbacks import TrainingCallback
 from pykeen.triples import TriplesFactory
 
-from wordcraft_kg.errors import TrainingError
+from wordcraft_kg.base.errors import TrainingError
 from wordcraft_kg.models.links.builders import make_training_loop
 from wordcraft_kg.models.links.config import LinkSettings
 from wordcraft_kg.models.links.pykeen_bridge import pykeen_guard, quiet_pykeen, seed_everything

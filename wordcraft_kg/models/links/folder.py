@@ -4,21 +4,21 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-from wordcraft_kg.errors import GraphMismatchError
+from wordcraft_kg.apps.elicitation.config import OpinionsConfig
+from wordcraft_kg.apps.elicitation.records import OpinionMetrics
+from wordcraft_kg.base.errors import GraphMismatchError
+from wordcraft_kg.base.records import parse_lines, parse_record
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.doses import Dose, dose_words, is_dosed, make_dose
 from wordcraft_kg.graphs.folder import OpenedGraph, Taught
 from wordcraft_kg.models.links.config import LinksConfig, LinkSettings, SavedConfig
 from wordcraft_kg.models.links.records import LinkMetrics, TraceRow
-from wordcraft_kg.models.opinions.config import OpinionsConfig
-from wordcraft_kg.models.opinions.records import OpinionMetrics
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.recipes.records import RecipeMetrics
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
 from wordcraft_kg.models.scorers.folder import load_scorer
 from wordcraft_kg.models.scorers.opinions import OpinionScorer
 from wordcraft_kg.models.scorers.scorer import Scorer
-from wordcraft_kg.records import parse_lines, parse_record
 from wordcraft_kg.runs.inputs import open_run_graph
 from wordcraft_kg.runs.record import RunRecord, read_finished_run, verified_bytes
 

@@ -9,8 +9,9 @@ import torch
 from pykeen.models import Model
 from pykeen.triples import TriplesFactory
 
-from wordcraft_kg.artefacts import check_output
-from wordcraft_kg.errors import ArtefactError, ConfigError, GraphMismatchError
+from wordcraft_kg.base.artefacts import check_output
+from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError
+from wordcraft_kg.base.records import Count, Record
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folder import KG, OpenedGraph, open_graph
 from wordcraft_kg.graphs.triples import RELATIONS, is_in
@@ -18,7 +19,6 @@ from wordcraft_kg.models.links.pykeen_bridge import all_scores
 from wordcraft_kg.models.links.saving import save_scorer
 from wordcraft_kg.models.scorers.limits import TABLE_LIMIT, table_bytes
 from wordcraft_kg.models.scorers.tables import TableScorer
-from wordcraft_kg.records import Count, Record
 
 Vocabulary = dict[str, int]
 """PyKEEN's ids by label."""

@@ -1,8 +1,8 @@
 """Records that a model folder holds beside the weights."""
 
+from wordcraft_kg.base.records import Count, Hash, Record, Share
+from wordcraft_kg.base.wording import counted
 from wordcraft_kg.graphs.folder import KG
-from wordcraft_kg.records import Count, Hash, Record, Share
-from wordcraft_kg.wording import counted
 
 
 class TraceRow(Record, frozen=True, kw_only=True, omit_defaults=True):

@@ -12,7 +12,7 @@ from itertools import count
 
 import numpy as np
 
-from wordcraft_kg.errors import SplitError
+from wordcraft_kg.base.errors import SplitError
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.splits import Split

@@ -6,7 +6,9 @@ import safetensors.torch
 from msgspec.structs import replace
 from pykeen.models import Model
 
-from wordcraft_kg.artefacts import dump_json, write_atomically
+from wordcraft_kg.base.artefacts import dump_json, write_atomically
+from wordcraft_kg.base.records import as_lines, as_values
+from wordcraft_kg.base.tensors import copied
 from wordcraft_kg.graphs.doses import Dose, dose_words
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.triples import RELATIONS
@@ -17,9 +19,7 @@ from wordcraft_kg.models.scorers.cross_fitting import FoldsRecord
 from wordcraft_kg.models.scorers.folder import Vocabulary, make_scorer
 from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples, sampled_for
 from wordcraft_kg.models.scorers.scorer import Scorer
-from wordcraft_kg.records import as_lines, as_values
 from wordcraft_kg.runs.cards import front_matter
-from wordcraft_kg.tensors import copied
 
 OUTPUTS = ("model.safetensors", "vocabulary.json", "config.toml", "metrics.json", "trace.jsonl")
 

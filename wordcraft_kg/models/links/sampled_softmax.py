@@ -15,7 +15,7 @@ from pykeen.models import ERModel
 from pykeen.nn import Embedding
 from pykeen.triples import CoreTriplesFactory
 
-from wordcraft_kg.errors import ConfigError
+from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.models.links.symmetric_lcwa import IndexedSymmetricLCWATrainingLoop
 
 

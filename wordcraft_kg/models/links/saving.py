@@ -6,8 +6,10 @@ import safetensors.torch
 import torch
 from torch import Tensor
 
-from wordcraft_kg.artefacts import dump_json, staged_folder, with_a_name, write_atomically
-from wordcraft_kg.errors import ConfigError, GraphMismatchError
+from wordcraft_kg.base.artefacts import dump_json, staged_folder, with_a_name, write_atomically
+from wordcraft_kg.base.errors import ConfigError, GraphMismatchError
+from wordcraft_kg.base.records import as_values
+from wordcraft_kg.base.tensors import copied
 from wordcraft_kg.graphs.folder import OpenedGraph, Taught
 from wordcraft_kg.graphs.folds import Folds
 from wordcraft_kg.graphs.triples import RELATIONS
@@ -21,11 +23,9 @@ from wordcraft_kg.models.scorers.limits import TABLE_LIMIT, table_bytes
 from wordcraft_kg.models.scorers.opinions import OpinionScorer
 from wordcraft_kg.models.scorers.protocol import FactoredScorer, TripleScorer, check_scorer
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
-from wordcraft_kg.records import as_values
 from wordcraft_kg.runs.cards import front_matter
 from wordcraft_kg.runs.config_file import CONFIG_FILE
 from wordcraft_kg.runs.record import end_run, start_run
-from wordcraft_kg.tensors import copied
 
 OUTPUTS = ("model.safetensors", "vocabulary.json", CONFIG_FILE)
 

@@ -19,7 +19,7 @@ from pykeen.triples import CoreTriplesFactory
 from torch.nn.functional import cross_entropy
 from torch.utils.data import BatchSampler, DataLoader, RandomSampler, TensorDataset
 
-from wordcraft_kg.errors import ConfigError
+from wordcraft_kg.base.errors import ConfigError
 
 
 class IndexedSymmetricLCWATrainingLoop(SymmetricLCWATrainingLoop):

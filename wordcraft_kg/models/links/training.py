@@ -8,8 +8,11 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from wordcraft_kg.artefacts import dump_json, write_atomically
-from wordcraft_kg.errors import ConfigError
+from wordcraft_kg.base.artefacts import dump_json, write_atomically
+from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.base.records import as_values, parse_record
+from wordcraft_kg.base.settings import check_memory
+from wordcraft_kg.base.tensors import check_device
 from wordcraft_kg.graphs.doses import Dose, is_dosed, make_dose
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
 from wordcraft_kg.graphs.folds import Folds, make_folds
@@ -24,15 +27,12 @@ from wordcraft_kg.models.links.records import Choice, LinkMetrics, LinkProgress
 from wordcraft_kg.models.links.regularisation import choose
 from wordcraft_kg.models.links.results import OUTPUTS, model_card, with_folds, write_results
 from wordcraft_kg.models.scorers.folder import FOLD_OUTPUTS
-from wordcraft_kg.records import as_values, parse_record
 from wordcraft_kg.runs.checkpoints import Checkpoint
 from wordcraft_kg.runs.folder import Progress, RunFolder, RunKind, check_run_output, new_run, resumed_run
 from wordcraft_kg.runs.inputs import open_run_graph
 from wordcraft_kg.runs.progress import shown
 from wordcraft_kg.runs.record import verified_bytes
 from wordcraft_kg.runs.trackers import Log, Tracker, checked_trackers, names_of, tracking
-from wordcraft_kg.settings import check_memory
-from wordcraft_kg.tensors import check_device
 
 CHOICE = "choice.json"
 LINKS = RunKind(tuple(CONFIGS), unit="epoch", progress=LinkProgress, judged_by="evaluate-links")

@@ -19,8 +19,11 @@ import optuna
 from optuna.distributions import BaseDistribution, CategoricalDistribution, FloatDistribution, IntDistribution
 from optuna.trial import TrialState, create_trial
 
-from wordcraft_kg.artefacts import check_output, dump_json, write_atomically
-from wordcraft_kg.errors import OutputExistsError, SplitError, TrainingError
+from wordcraft_kg.base.artefacts import check_output, dump_json, write_atomically
+from wordcraft_kg.base.errors import OutputExistsError, SplitError, TrainingError
+from wordcraft_kg.base.records import Count, Record, Share, as_lines, as_values, parse_lines, read_record
+from wordcraft_kg.base.settings import MAX_SIZE, refuse, whole
+from wordcraft_kg.base.tensors import check_device
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.models.links.builders import check_table_fits, scorer_tensors
@@ -31,12 +34,9 @@ from wordcraft_kg.models.links.pykeen_bridge import triples_factory
 from wordcraft_kg.models.links.regularisation import POPULARITY
 from wordcraft_kg.models.scorers.folder import make_scorer
 from wordcraft_kg.models.scorers.ranking import MIN_TRIPLES, mean_reciprocal_rank, rank_triples
-from wordcraft_kg.records import Count, Record, Share, as_lines, as_values, parse_lines, read_record
 from wordcraft_kg.runs.config_file import toml_value
 from wordcraft_kg.runs.folder import Progress, locked
 from wordcraft_kg.runs.interruption import first_interrupt
-from wordcraft_kg.settings import MAX_SIZE, refuse, whole
-from wordcraft_kg.tensors import check_device
 
 SEARCH, TRIALS, BEST = "search.json", "trials.jsonl", "best.toml"
 _EPOCHS = IntDistribution(20, 100, step=20)

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 import torch
 from torch import Tensor, nn
 
-from wordcraft_kg.errors import ConfigError
+from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.models.policies.attention import EntityVectors, Slots, TableAttention, masked_softmax
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.mixing import mix_logits

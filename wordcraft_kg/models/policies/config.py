@@ -3,10 +3,10 @@
 from dataclasses import dataclass
 from typing import Literal, get_args
 
+from wordcraft_kg.base.settings import MAX_DIM, nearest, one_of, refuse, require, whole
 from wordcraft_kg.models.policies.sources import SOURCES
 from wordcraft_kg.models.scorers.config import Scale, SelfEdges
 from wordcraft_kg.models.scorers.features import Pooling
-from wordcraft_kg.settings import MAX_DIM, nearest, one_of, refuse, require, whole
 
 PolicyKind = Literal["attention", "mlp"]
 Mixing = Literal["softmax", "free"]

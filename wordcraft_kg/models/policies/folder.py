@@ -8,9 +8,10 @@ import safetensors.torch
 import torch
 from torch import Tensor
 
-from wordcraft_kg.artefacts import dump_json, read_json, staged_folder, with_a_name, write_atomically
-from wordcraft_kg.errors import ArtefactError, ConfigError, reason
-from wordcraft_kg.feature_spec import LEARNED
+from wordcraft_kg.base.artefacts import dump_json, read_json, staged_folder, with_a_name, write_atomically
+from wordcraft_kg.base.errors import ArtefactError, ConfigError, reason
+from wordcraft_kg.base.feature_spec import LEARNED
+from wordcraft_kg.base.tensors import copied, read_tensors, with_prefix
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.tasks import TaskSet
@@ -26,7 +27,6 @@ from wordcraft_kg.models.scorers.features import EntityFeatures, make_features
 from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
 from wordcraft_kg.runs.cards import front_matter
 from wordcraft_kg.runs.record import end_run, read_finished_run, start_run, verified_bytes
-from wordcraft_kg.tensors import copied, read_tensors, with_prefix
 
 POLICY_FORMAT = "wordcraft-kg policy 1"
 POLICY_FILES = ("policy.json", "constants.safetensors", "policy.safetensors")

@@ -3,7 +3,7 @@
 import torch
 from torch import Tensor, nn
 
-from wordcraft_kg.errors import ConfigError
+from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.models.policies.attention import EntityVectors, look_up
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.policy import Policy, PolicyOutput, Weights

@@ -6,14 +6,14 @@ from typing import NamedTuple, cast
 import torch
 from torch import Tensor, nn
 
-from wordcraft_kg.errors import UnknownEntityError
+from wordcraft_kg.base.errors import UnknownEntityError
+from wordcraft_kg.base.settings import nearest, refuse
 from wordcraft_kg.graphs.recipe_graph import Entity
 from wordcraft_kg.graphs.tasks import TaskSet
 from wordcraft_kg.models.policies.attention import EntityVectors
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.sources import ALPHA, Label
 from wordcraft_kg.models.policies.sources.source import Source
-from wordcraft_kg.settings import nearest, refuse
 
 Weights = dict[str, Tensor]
 """Tensors that depend on the parameters alone, by name."""

@@ -4,12 +4,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, get_args
 
-from wordcraft_kg.errors import ArtefactError
+from wordcraft_kg.base.errors import ArtefactError
+from wordcraft_kg.base.records import Record
+from wordcraft_kg.base.settings import MAX_THREADS, one_of, refuse, require, whole
 from wordcraft_kg.graphs.doses import check_dose
 from wordcraft_kg.graphs.folder import KG
-from wordcraft_kg.records import Record
 from wordcraft_kg.runs.config_file import read_config, write_config
-from wordcraft_kg.settings import MAX_THREADS, one_of, refuse, require, whole
 
 
 @dataclass(frozen=True)

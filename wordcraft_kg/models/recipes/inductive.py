@@ -12,8 +12,9 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from wordcraft_kg.errors import ArtefactError, ConfigError, UnknownEntityError
-from wordcraft_kg.feature_spec import FeatureSpec
+from wordcraft_kg.base.errors import ArtefactError, ConfigError, UnknownEntityError
+from wordcraft_kg.base.feature_spec import FeatureSpec
+from wordcraft_kg.base.settings import nearest
 from wordcraft_kg.graphs.recipes import check_label
 from wordcraft_kg.models.recipes.base import Base
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
@@ -27,7 +28,6 @@ from wordcraft_kg.models.scorers.recipes import RecipeScorer
 from wordcraft_kg.models.scorers.scorer import Scorer
 from wordcraft_kg.models.scorers.similarity import cosines
 from wordcraft_kg.runs.record import read_finished_run, verified_bytes
-from wordcraft_kg.settings import nearest
 
 
 def extended(scorer: Scorer, labels: Sequence[str], text: Tensor) -> RecipeScorer:

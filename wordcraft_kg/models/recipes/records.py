@@ -1,7 +1,7 @@
 """Records that the folder of a recipe scorer holds beside its tensors."""
 
+from wordcraft_kg.base.records import Count, Hash, Record, Share
 from wordcraft_kg.graphs.folder import KG
-from wordcraft_kg.records import Count, Hash, Record, Share
 
 
 class FitDone(Record, frozen=True, kw_only=True):

@@ -16,8 +16,9 @@ import torch
 from threadpoolctl import threadpool_limits
 from torch import Tensor
 
-from wordcraft_kg.artefacts import dump_json, write_atomically
-from wordcraft_kg.errors import ArtefactError, ConfigError
+from wordcraft_kg.base.artefacts import dump_json, write_atomically
+from wordcraft_kg.base.errors import ArtefactError, ConfigError
+from wordcraft_kg.base.records import as_values
 from wordcraft_kg.graphs.doses import is_dosed, make_dose
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
 from wordcraft_kg.graphs.folds import Folds, make_folds
@@ -34,7 +35,6 @@ from wordcraft_kg.models.scorers.folder import FOLD_OUTPUTS, Vocabulary
 from wordcraft_kg.models.scorers.limits import check_dense
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
 from wordcraft_kg.models.scorers.similarity import cosines
-from wordcraft_kg.records import as_values
 from wordcraft_kg.runs.checkpoints import Checkpoints
 from wordcraft_kg.runs.folder import Progress, RunFolder, RunKind, check_run_output, new_run, resumed_run
 from wordcraft_kg.runs.inputs import open_run_graph

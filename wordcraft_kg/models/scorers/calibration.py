@@ -33,12 +33,12 @@ from scipy.optimize import minimize, minimize_scalar
 from scipy.special import expit, logsumexp
 from torch import Tensor
 
+from wordcraft_kg.base.records import Count, Record, Share
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folds import Folds
 from wordcraft_kg.graphs.triples import RELATIONS, is_in, recipe_triples
 from wordcraft_kg.models.scorers.protocol import TripleScorer
 from wordcraft_kg.models.scorers.recipes import RecipeScores
-from wordcraft_kg.records import Count, Record, Share
 
 SEGMENTS = (3.0, 6.0)
 """Places between which the slope may change: the best 5 % and the best .25 % of all pairs."""

@@ -16,7 +16,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from wordcraft_kg.errors import ConfigError, GraphMismatchError, LeakError
+from wordcraft_kg.base.errors import ConfigError, GraphMismatchError, LeakError
+from wordcraft_kg.base.records import Count, Hash, Record, Share
 from wordcraft_kg.graphs.arrays import Ids, frozen
 from wordcraft_kg.graphs.doses import Dose
 from wordcraft_kg.graphs.folds import OUTSIDE, SEVERAL, Folds, fold_of_tasks, make_folds
@@ -28,7 +29,6 @@ from wordcraft_kg.models.scorers.calibration import Probabilities
 from wordcraft_kg.models.scorers.protocol import FactoredScorer, TripleScorer
 from wordcraft_kg.models.scorers.recipes import RecipeScorer, RecipeScores
 from wordcraft_kg.models.scorers.scorer import EntityIds, RelationIds, Scorer
-from wordcraft_kg.records import Count, Hash, Record, Share
 
 
 class Fold(Record, frozen=True, kw_only=True):

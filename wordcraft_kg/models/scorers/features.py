@@ -19,11 +19,11 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from wordcraft_kg.artefacts import sha256_of, write_atomically
-from wordcraft_kg.cache import cache_folder
-from wordcraft_kg.errors import ConfigError
-from wordcraft_kg.feature_spec import SHUFFLED, VECTORS, FeatureSpec
-from wordcraft_kg.settings import nearest, one_of, refuse, whole
+from wordcraft_kg.base.artefacts import sha256_of, write_atomically
+from wordcraft_kg.base.cache import cache_folder
+from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.base.feature_spec import SHUFFLED, VECTORS, FeatureSpec
+from wordcraft_kg.base.settings import nearest, one_of, refuse, whole
 
 GLOVE_DIMENSIONS = 50
 VOCABULARY_BATCH = 20_000

@@ -6,7 +6,8 @@ from pathlib import Path
 import safetensors.torch
 import torch
 
-from wordcraft_kg.artefacts import dump_json, write_atomically
+from wordcraft_kg.base.artefacts import dump_json, write_atomically
+from wordcraft_kg.base.records import as_values
 from wordcraft_kg.graphs.folds import Folds
 from wordcraft_kg.graphs.triples import is_in, recipe_triples
 from wordcraft_kg.models.scorers.calibration import fit_probabilities, predictions
@@ -22,7 +23,6 @@ from wordcraft_kg.models.scorers.folder import (
 )
 from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples, sampled_for
 from wordcraft_kg.models.scorers.scorer import Scorer
-from wordcraft_kg.records import as_values
 
 
 def write_folds(

@@ -7,7 +7,9 @@ from typing import Any, Literal
 
 import torch
 
-from wordcraft_kg.errors import ArtefactError, GraphMismatchError, reason
+from wordcraft_kg.base.errors import ArtefactError, GraphMismatchError, reason
+from wordcraft_kg.base.records import Record, parse_record
+from wordcraft_kg.base.tensors import read_tensors, with_prefix
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.triples import RELATIONS
 from wordcraft_kg.models.scorers.calibration import Probabilities
@@ -20,9 +22,7 @@ from wordcraft_kg.models.scorers.protocol import check_scorer
 from wordcraft_kg.models.scorers.recipes import RecipeScorer, check_tensors
 from wordcraft_kg.models.scorers.scorer import Scorer
 from wordcraft_kg.models.scorers.tables import TableScorer
-from wordcraft_kg.records import Record, parse_record
 from wordcraft_kg.runs.record import RunRecord, read_finished_run, verified_bytes
-from wordcraft_kg.tensors import read_tensors, with_prefix
 
 FOLDS_RECORD, FOLDS_TENSORS, CALIBRATION = "folds.json", "folds.safetensors", "calibration.json"
 """The folds of a cross-fitted model: what is known of them, their tensors ``fold0.entity_real``, ..., and what makes

@@ -6,6 +6,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from wordcraft_kg.base.settings import whole
+from wordcraft_kg.base.statistics import standardised
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.triples import COMBINES_WITH, RELATIONS, recipe_triples
@@ -22,8 +24,6 @@ from wordcraft_kg.models.scorers.low_rank_kernel import Block, Term, factored_su
 from wordcraft_kg.models.scorers.similarity import cosines, similarity
 from wordcraft_kg.models.scorers.similarity_rows import SimilarityRows, check_vectors
 from wordcraft_kg.models.scorers.tables import TableScorer
-from wordcraft_kg.settings import whole
-from wordcraft_kg.statistics import standardised
 
 RANK = 256
 """Factors of a large graph's scores in each relation."""

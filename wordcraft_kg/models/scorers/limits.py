@@ -1,6 +1,6 @@
 """Up to which size the scores of all pairs of entities are computed; imports no torch."""
 
-from wordcraft_kg.errors import ConfigError
+from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.graphs.triples import RELATIONS
 
 TABLE_LIMIT = 2**28

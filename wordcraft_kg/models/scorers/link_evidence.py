@@ -21,12 +21,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from wordcraft_kg.base.records import Count, Record, Share
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.recipes import Recipe
 from wordcraft_kg.graphs.triples import COMBINES_WITH, RELATIONS, Relation, triple_keys
 from wordcraft_kg.models.scorers.protocol import TripleScorer
 from wordcraft_kg.models.scorers.roles import EntityRoles, Side
-from wordcraft_kg.records import Count, Record, Share
 
 POWER = 3
 """To which cosines are raised, so that what is nearest says most. 2 to 4 agree with scores as well."""

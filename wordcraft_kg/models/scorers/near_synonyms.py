@@ -6,12 +6,12 @@ A model that scores well on them may know synonyms rather than the world, so fig
 import numpy as np
 from numpy.typing import NDArray
 
+from wordcraft_kg.base.progress import stage
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.splits import Split
 from wordcraft_kg.graphs.triples import is_in, recipe_triples
 from wordcraft_kg.models.scorers.features import EntityFeatures
-from wordcraft_kg.progress import stage
 
 NEAR_SYNONYM = 0.7
 """Cosine from which two ingredients count as near-synonyms, for 50-d GloVe. It is generous: lake and river or bread and

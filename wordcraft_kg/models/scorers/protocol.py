@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
-from wordcraft_kg.errors import GraphMismatchError
+from wordcraft_kg.base.errors import GraphMismatchError
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 
 if TYPE_CHECKING:

@@ -7,9 +7,9 @@ from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from wordcraft_kg.errors import ConfigError, QueryFileError, UnknownEntityError, WordCraftKGError
+from wordcraft_kg.base.errors import ConfigError, QueryFileError, UnknownEntityError, WordCraftKGError
+from wordcraft_kg.base.settings import nearest
 from wordcraft_kg.graphs.triples import RELATIONS
-from wordcraft_kg.settings import nearest
 
 OPEN = ("_", "?")
 """How an open slot is written; ``_`` needs no quotes in a shell, where ``?`` stands for any file of one letter."""

@@ -8,14 +8,14 @@ import pandas as pd
 import torch
 from numpy.typing import NDArray
 
-from wordcraft_kg.errors import ArtefactError
+from wordcraft_kg.base.errors import ArtefactError
+from wordcraft_kg.base.progress import steps
+from wordcraft_kg.base.records import Count, Record, Share
+from wordcraft_kg.base.statistics import bootstrap, interval
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.triples import RELATIONS, triple_keys
 from wordcraft_kg.models.scorers.protocol import TripleScorer
-from wordcraft_kg.progress import steps
-from wordcraft_kg.records import Count, Record, Share
-from wordcraft_kg.statistics import bootstrap, interval
 
 MIN_TRIPLES = 30
 """Fewer held-out triples than this give no meaningful figure."""

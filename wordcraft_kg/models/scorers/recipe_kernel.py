@@ -7,11 +7,11 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from wordcraft_kg.base.settings import whole
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.models.scorers.limits import TABLE_LIMIT
 from wordcraft_kg.models.scorers.similarity_rows import CELLS, SimilarityRows
-from wordcraft_kg.settings import whole
 
 NEIGHBOURS = 64
 """Known recipes that are asked about a result: those whose results are most like it. More change nothing."""

@@ -6,13 +6,13 @@ from typing import Any, Protocol, runtime_checkable
 import torch
 from torch import Tensor
 
+from wordcraft_kg.base.records import Record, Share
+from wordcraft_kg.base.tensors import with_prefix
 from wordcraft_kg.graphs.recipes import Recipe
 from wordcraft_kg.graphs.triples import COMBINES_WITH, RELATIONS
 from wordcraft_kg.models.scorers.pair_features import BUFFERS, EVIDENCE, FEATURES, RANKER, RecipeKnowledge, Speaking
 from wordcraft_kg.models.scorers.protocol import TripleScorer
 from wordcraft_kg.models.scorers.scorer import EntityIds, Scorer
-from wordcraft_kg.records import Record, Share
-from wordcraft_kg.tensors import with_prefix
 
 ROWS = 4_096
 """Recipes scored at a time."""

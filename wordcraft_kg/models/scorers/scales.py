@@ -6,14 +6,14 @@ from typing import get_args
 import numpy as np
 import torch
 
-from wordcraft_kg.errors import ConfigError
+from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.base.settings import one_of
+from wordcraft_kg.base.statistics import standardised
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
 from wordcraft_kg.models.scorers.config import Scale, SelfEdges
 from wordcraft_kg.models.scorers.protocol import FactoredScorer, TripleScorer
 from wordcraft_kg.models.scorers.tables import TableScorer
-from wordcraft_kg.settings import one_of
-from wordcraft_kg.statistics import standardised
 
 
 def scaled_table(

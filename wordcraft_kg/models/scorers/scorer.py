@@ -10,9 +10,9 @@ from collections.abc import Sequence
 import numpy as np
 import torch
 
-from wordcraft_kg.errors import UnknownEntityError
+from wordcraft_kg.base.errors import UnknownEntityError
+from wordcraft_kg.base.settings import nearest
 from wordcraft_kg.graphs.triples import RELATIONS
-from wordcraft_kg.settings import nearest
 
 EntityIds = int | str | Sequence[int] | Sequence[str] | np.ndarray | torch.Tensor
 RelationIds = int | str | torch.Tensor

@@ -10,7 +10,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from wordcraft_kg.errors import ConfigError
+from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.models.scorers.similarity import TEXT, profiles
 

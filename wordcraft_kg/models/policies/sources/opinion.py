@@ -6,11 +6,11 @@ from typing import Self
 import torch
 from torch import Tensor
 
+from wordcraft_kg.base.tensors import lazily_zero
 from wordcraft_kg.models.policies.sources import Label
 from wordcraft_kg.models.policies.sources.source import ScoreView, Source
 from wordcraft_kg.models.scorers.opinions import OpinionScorer, opinion_keys, weights_of, with_end
 from wordcraft_kg.models.scorers.protocol import TripleScorer
-from wordcraft_kg.tensors import lazily_zero
 
 
 class BestOpinion(Source):

@@ -5,7 +5,8 @@ from collections.abc import Mapping
 import torch
 from torch import Tensor, nn
 
-from wordcraft_kg.errors import ConfigError
+from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.base.tensors import lazily_zero
 from wordcraft_kg.models.policies.sources.opinion import BestOpinion
 from wordcraft_kg.models.policies.sources.source import Evidence, FoldedSource, ScoreView, Source
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted, whole_of
@@ -13,7 +14,6 @@ from wordcraft_kg.models.scorers.opinions import OpinionScorer
 from wordcraft_kg.models.scorers.pair_features import BUFFERS, RecipeKnowledge
 from wordcraft_kg.models.scorers.protocol import TripleScorer
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
-from wordcraft_kg.tensors import lazily_zero
 
 
 class BestRecipe(FoldedSource):

@@ -9,7 +9,9 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from wordcraft_kg.errors import ConfigError, GraphMismatchError, LeakError
+from wordcraft_kg.base.errors import ConfigError, GraphMismatchError, LeakError
+from wordcraft_kg.base.settings import check_memory
+from wordcraft_kg.base.tensors import lazily_zero
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.tasks import TaskSet
 from wordcraft_kg.models.policies.sources import Label, source_class
@@ -19,8 +21,6 @@ from wordcraft_kg.models.scorers.limits import TABLE_LIMIT
 from wordcraft_kg.models.scorers.pair_features import Speaking
 from wordcraft_kg.models.scorers.protocol import FactoredScorer, TripleScorer, check_scorer
 from wordcraft_kg.models.scorers.scales import FACTORED_SCALES, scaled_factors, scaled_table
-from wordcraft_kg.settings import check_memory
-from wordcraft_kg.tensors import lazily_zero
 
 
 @dataclass(frozen=True)

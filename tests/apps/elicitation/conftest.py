@@ -1,0 +1,30 @@
+"""A stand-in that answers from the kitchen's recipes, and asking it."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from stand_in import StandIn, answers_from, standing_in, table_of
+
+from wordcraft_kg.apps.elicitation.config import OPENAI_KEY
+from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
+
+
+@pytest.fixture(scope="session")
+def opened() -> OpenedGraph:
+    return open_graph("kitchen")
+
+
+@pytest.fixture(autouse=True)
+def own_home(home: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A cache and a working folder of the test's own, no key, and retries that do not wait."""
+    monkeypatch.chdir(home)
+    monkeypatch.delenv(OPENAI_KEY, raising=False)
+    monkeypatch.setattr("wordcraft_kg.apps.elicitation.endpoint.FIRST_WAIT", 0.01)
+    return home
+
+
+@pytest.fixture
+def stand_in(opened: OpenedGraph) -> Iterator[StandIn]:
+    with standing_in(answers_from(table_of(opened.graph))) as found:
+        yield found

@@ -1,0 +1,139 @@
+"""A browser, the site in it, and a page that may not complain about anything."""
+
+import contextlib
+import itertools
+import shutil
+import threading
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from wordcraft_kg.apps.explorer.explored import Explored
+from wordcraft_kg.apps.explorer.pages import PAGES
+
+BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+PATIENCE = 30_000
+"""Milliseconds; nothing takes a tenth of that, unless the machine has much else to do."""
+
+
+# Of a module, not of the session: while Playwright is there, no other test of the process may run an event loop.
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    """The system's Chromium."""
+    sync_api = pytest.importorskip("playwright.sync_api", reason="needs Playwright: pip install 'wordcraft-kg[dev]'")
+    program = next(filter(None, map(shutil.which, BROWSERS)), None)
+    if program is None:
+        pytest.skip(f"needs a browser: one of {', '.join(BROWSERS)}")
+    with sync_api.sync_playwright() as playwright:
+        # Containers allow no sandbox, and have little shared memory.
+        options = ["--no-sandbox", "--disable-dev-shm-usage"]
+        found = playwright.chromium.launch(executable_path=program, args=options)
+        yield found
+        found.close()
+
+
+@contextlib.contextmanager
+def served(app: Any) -> Iterator[str]:
+    """Serve an application on a free port of this machine, and yield its address."""
+    import uvicorn
+
+    from wordcraft_kg.apps.web.serving import address_of, listen
+
+    listening = listen("127.0.0.1", 0)
+    server = uvicorn.Server(uvicorn.Config(app, log_config=None, lifespan="off", ws="none"))
+    thread = threading.Thread(target=server.run, kwargs={"sockets": [listening]}, daemon=True)
+    thread.start()
+    while not server.started and thread.is_alive():
+        time.sleep(0.01)
+    try:
+        yield address_of(listening)
+    finally:
+        server.should_exit = True
+        thread.join(10)
+        listening.close()
+
+
+@pytest.fixture(scope="session")
+def site(explored: Explored) -> Iterator[str]:
+    """The kitchen's site."""
+    from wordcraft_kg.apps.explorer.server import make_app
+
+    with served(make_app(explored)) as address:
+        yield address
+
+
+@pytest.fixture(scope="session")
+def hostile_site(hostile: Explored) -> Iterator[str]:
+    """The site of the graph with hostile labels."""
+    from wordcraft_kg.apps.explorer.server import make_app
+
+    with served(make_app(hostile)) as address:
+        yield address
+
+
+@dataclass
+class Opened:
+    """Opens pages, and remembers what the browser complained about.
+
+    Attributes:
+        complaints: console errors, failed requests, refused answers and dialogs.
+    """
+
+    browser: Any
+    complaints: list[str] = field(default_factory=list)
+    contexts: list[Any] = field(default_factory=list)
+
+    def __call__(self, **options: Any) -> Any:
+        """Return a new page; options are those of a browser's context."""
+        context = self.browser.new_context(**options)
+        context.set_default_timeout(PATIENCE)
+        self.contexts.append(context)
+        page = context.new_page()
+        complain = self.complaints.append
+        page.on("console", lambda message: message.type in ("error", "warning") and complain(message.text))
+        page.on("pageerror", lambda error: complain(f"error: {error}"))
+        page.on("requestfailed", lambda request: _is_failure(request) and complain(f"failed: {request.url}"))
+        page.on("response", lambda response: response.status >= 400 and complain(f"{response.status}: {response.url}"))
+        page.on("dialog", lambda dialog: (complain(f"dialog: {dialog.message}"), dialog.dismiss()))
+        return page
+
+
+def _is_failure(request: Any) -> bool:
+    """Return whether a request failed by itself: one that is given up for the next page did not."""
+    return request.failure != "net::ERR_ABORTED"
+
+
+@pytest.fixture
+def open_page(browser: Any) -> Iterator[Callable[..., Any]]:
+    """Open pages; at the end there must have been nothing to complain about."""
+    opened = Opened(browser)
+    yield opened
+    for context in opened.contexts:
+        context.close()
+    assert not opened.complaints
+
+
+def addresses(explored: Explored) -> list[str]:
+    """Return an address or two of each page: the first one of a static site, and that of an entity."""
+    found = []
+    for page in PAGES.values():
+        if page.is_there(explored):
+            states = [*itertools.islice(page.states(explored), 1)] or [page.state()]
+            if "entity" in page.state.__struct_fields__:
+                states.append(page.state(entity="bread"))
+            found += [page.address(state) for state in states]
+    return list(dict.fromkeys(found))
+
+
+@pytest.fixture(scope="session")
+def static_site(explored: Explored, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The kitchen's site as files."""
+    from wordcraft_kg.apps.explorer.export import export_site
+
+    out = tmp_path_factory.mktemp("static") / "site"
+    export_site(explored, out)
+    return out

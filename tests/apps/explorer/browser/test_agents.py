@@ -1,0 +1,133 @@
+"""Asking agents, and looking at one that trains, in a real browser."""
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.apps.explorer.browser.conftest import served
+from tests.apps.explorer.browser.test_pages import PHONE, TOO_WIDE
+from tests.apps.explorer.labels import HOSTILE
+from tests.apps.explorer.test_agent_pages import explored_of
+from wordcraft_kg.apps.explorer.explored import Explored
+from wordcraft_kg.graphs import SplitConfig
+from wordcraft_kg.graphs.recipes import RecipeBook
+
+OpenPage = Callable[..., Any]
+
+
+@pytest.mark.parametrize("has_script", [True, False])
+def test_a_table_is_edited_and_asked_again(open_page: OpenPage, site: str, has_script: bool):
+    page = open_page(java_script_enabled=has_script)
+    page.goto(f"{site}/episode?part=train&task=3")
+    before = page.locator("main").inner_text()
+    page.get_by_text("Change the table and ask again").click()
+    lines = page.locator("input[name=table]")
+    there = [lines.nth(i).input_value() for i in range(lines.count())]
+    kept = [label for label in there[1:] if label]
+    added = next(label for label in ("honey", "fire", "salt", "water") if label not in there)
+    lines.first.fill("")
+    lines.last.fill(f" {added} ")
+    page.get_by_role("button", name="Ask").click()
+    page.wait_for_url("**/episode?*table=*")
+    assert "at a table of your own" in page.locator("h1").inner_text()
+    lines = page.locator("input[name=table]")
+    assert [lines.nth(i).input_value() for i in range(lines.count())] == [*kept, added, "", "", ""]
+    rows = page.locator("table").first.locator("tbody th").all_inner_texts()
+    assert {row.removeprefix("▶ ").split("part of")[0].strip() for row in rows} == {*kept, added}
+    # What is held is the first pick, and takes effect at once where there is a script.
+    page.locator("#held").select_option(added)
+    if not has_script:
+        page.get_by_role("button", name="Ask").click()
+    page.wait_for_url("**held=*")
+    assert f"Holding {added}" in page.locator("main").inner_text()
+    assert page.locator("h3").all_inner_texts() == ["Pick 1"]
+    page.get_by_role("link", name="Back to the task’s own table").click()
+    assert page.locator("main").inner_text() == before
+    page.go_back()
+    page.go_back()
+    page.go_back()
+    assert page.locator("main").inner_text() == before
+
+
+def test_labels_with_markup_or_of_200_letters_fit_a_phone_and_do_nothing(open_page: OpenPage, tmp_path: Path):
+    from wordcraft_kg.apps.explorer.server import make_app
+
+    rows = [(label, HOSTILE[i - 2], HOSTILE[i - 1]) for i, label in enumerate(HOSTILE)]
+    explored = explored_of(RecipeBook.of("hostile", rows), SplitConfig("none"), tmp_path, distractors=4)
+    with served(make_app(explored)) as site:
+        page = open_page(viewport=PHONE)
+        page.goto(f"{site}/tasks")
+        assert page.evaluate(TOO_WIDE) == []
+        links = page.locator("tbody a", has_text="look")
+        addresses = [links.nth(i).get_attribute("href") for i in range(links.count())]
+        assert len(addresses) == len(HOSTILE)
+        for address in addresses:
+            page.goto(site + address)
+            assert page.evaluate(TOO_WIDE) == []
+            heading = page.locator("h1").inner_text()
+            page.get_by_text("Change the table and ask again").click()
+            page.get_by_role("button", name="Ask").click()
+            page.wait_for_url("**table=*")
+            assert page.locator("h1").inner_text() == f"{heading}, at a table of your own"
+            assert page.evaluate(TOO_WIDE) == []
+            assert not page.locator("main img, main script").count()
+
+
+def test_a_word_that_is_no_entity_is_answered_with_the_nearest(open_page: OpenPage, site: str):
+    page = open_page()
+    answer = page.goto(f"{site}/episode?goal=bread&table=flouur&table=water")
+    assert answer.status == 404
+    assert "Did you mean 'flour'" in page.locator("main").inner_text()
+    open_page.complaints.clear()  # type: ignore[attr-defined]
+
+
+def test_tasks_are_filtered_and_lead_to_their_episodes(open_page: OpenPage, site: str):
+    page = open_page()
+    page.goto(f"{site}/tasks")
+    page.get_by_label("Part").select_option("train")
+    page.wait_for_url("**part=train*")
+    page.get_by_label("Solved").select_option("never")
+    page.wait_for_url("**success=never*")
+    goal = page.locator("tbody th").first.inner_text()
+    assert page.locator("tbody tr").first.locator("td").nth(2).inner_text() == "0 of 5 tables"
+    page.locator("tbody a", has_text="look").first.click()
+    assert goal in page.locator("h1").inner_text()
+    assert "goal not made" in page.locator("main").inner_text()
+    page.go_back()
+    assert page.get_by_label("Solved").input_value() == "never"
+
+
+def test_a_training_is_followed_and_agents_are_compared(
+    open_page: OpenPage, kitchen_folder: Path, run_folder: Path, tmp_path: Path
+):
+    from wordcraft_kg.apps.explorer.server import make_app
+
+    live = tmp_path / "live"
+    shutil.copytree(run_folder, live, ignore=shutil.ignore_patterns("evaluation.json", "report"))
+    record = json.loads((live / "run.json").read_text())
+    (live / "run.json").write_text(json.dumps(record | {"status": "running", "ended": None, "outputs": {}}))
+    lines = (live / "metrics.jsonl").read_bytes()
+    last = json.loads(lines.splitlines()[-1])["step"]
+    first = lines.index(b"\n") + 1
+    (live / "metrics.jsonl").write_bytes(lines[: first + 20])  # the second line is half written
+    with served(make_app(Explored.open(kitchen_folder, [], [run_folder, live]))) as site:
+        page = open_page()
+        page.goto(f"{site}/run/live")
+        steps = page.locator("dl.facts > div", has_text="Steps").first
+        assert steps.inner_text().split("\n")[1].startswith("0 of")
+        (live / "metrics.jsonl").write_bytes(lines)
+        page.locator("dl.facts", has_text=f"{last:,} of").wait_for()
+        shutil.copytree(run_folder, live, dirs_exist_ok=True)
+        page.locator("[data-live]").wait_for(state="detached")
+        assert "done" in page.locator("dl.facts").inner_text()
+        page.goto(f"{site}/episode")
+        page.get_by_role("checkbox", name="live").click()
+        page.wait_for_url("**other=live*")
+        rows = page.locator("table").first.locator("tbody tr")
+        assert [rows.nth(i).locator("th").inner_text() for i in range(rows.count())] == ["guided", "live"]
+        picks = [rows.nth(i).locator("td").first.inner_text() for i in range(rows.count())]
+        assert picks[0] == picks[1]  # it is a copy

@@ -1,0 +1,192 @@
+"""What holds for each page, in a real browser."""
+
+import itertools
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.apps.explorer.browser.conftest import addresses
+from tests.apps.explorer.labels import HOSTILE
+from wordcraft_kg.apps.explorer.explored import Explored
+from wordcraft_kg.apps.explorer.pages import PAGES
+
+OpenPage = Callable[..., Any]
+PHONE = {"width": 360, "height": 640}
+PAPER = {"width": 718, "height": 1000}
+"""A4 in pixels, without its margins."""
+
+
+def visit(page: Any, address: str) -> str:
+    """Open an address and return the page's heading."""
+    page.goto(address)
+    return page.locator("h1").inner_text()
+
+
+SHORTEN = """() => document.querySelectorAll('tbody, ul, ol').forEach(
+  (list) => [...list.children].slice(4).forEach((row) => row.remove())
+)"""
+"""Keeps the first rows of tables and lists: the others are of the same kind."""
+
+
+def test_each_page_of_the_menu_is_reached_from_the_first_page(open_page: OpenPage, site: str, explored: Explored):
+    page = open_page()
+    visit(page, site)
+    titles = [one.title for one in PAGES.values() if one.title and one.is_there(explored)]
+    assert page.locator(".top nav a").all_inner_texts() == titles
+    for title in titles:
+        page.locator(".top nav").get_by_role("link", name=title, exact=True).click()
+        assert page.locator(".top nav a[aria-current=page]").inner_text() == title
+        assert page.locator("h1").count() == 1
+        assert page.title().endswith(explored.opened.graph.name)
+    page.locator(".brand a").click()
+    assert page.url == f"{site}/home"
+
+
+def test_each_page_is_the_same_after_it_is_loaded_again(open_page: OpenPage, site: str, explored: Explored):
+    page = open_page()
+    for address in addresses(explored):
+        visit(page, site + address)
+        before = page.url, page.locator("main").inner_text()
+        page.reload()
+        assert (page.url, page.locator("main").inner_text()) == before
+
+
+def test_headings_are_in_order(open_page: OpenPage, site: str, explored: Explored):
+    page = open_page()
+    for address in addresses(explored):
+        visit(page, site + address)
+        levels = page.evaluate("[...document.querySelectorAll('h1, h2, h3, h4')].map(h => Number(h.tagName[1]))")
+        assert levels[0] == 1, address
+        assert all(after <= before + 1 for before, after in itertools.pairwise(levels)), (address, levels)
+
+
+TOO_WIDE = """() => {
+  const limit = document.documentElement.clientWidth;
+  if (document.scrollingElement.scrollWidth <= limit) return [];
+  const clipped = (e) => e && (getComputedStyle(e).overflowX !== 'visible' || clipped(e.parentElement));
+  return [...document.querySelectorAll('body *')]
+    .filter(e => e.getBoundingClientRect().right > limit + 1 && !clipped(e.parentElement))
+    .map(e => e.outerHTML.slice(0, 120));
+}"""
+
+
+@pytest.mark.parametrize("medium", ["screen", "print"])
+def test_no_page_is_wider_than_a_phone_or_a_sheet_of_paper(
+    open_page: OpenPage, site: str, explored: Explored, medium: str
+):
+    page = open_page(viewport=PHONE if medium == "screen" else PAPER)
+    page.emulate_media(media=medium)
+    for address in addresses(explored):
+        visit(page, site + address)
+        assert page.evaluate(TOO_WIDE) == [], address
+
+
+FOCUSABLE = """() => [...document.querySelectorAll(
+  'a[href], button, input, select, textarea, summary, [tabindex]'
+)].filter(e => e.tabIndex >= 0 && !e.disabled && e.checkVisibility())
+  .map((e, i) => (e.dataset.stop = i, e.outerHTML.slice(0, 100)))"""
+FOCUSED = """() => {
+  const e = document.activeElement, drawn = e.ownerSVGElement ? e.querySelector('circle, rect') : e;
+  const style = getComputedStyle(e);
+  const seen = drawn === e ? style.outlineStyle !== 'none' : getComputedStyle(drawn).strokeWidth;
+  return [e.dataset.stop, seen && seen !== '0px' && seen !== '1px', e.outerHTML.slice(0, 100)];
+}"""
+
+
+def test_tab_reaches_everything_and_one_sees_where_one_is(open_page: OpenPage, site: str, explored: Explored):
+    page = open_page()
+    for address in addresses(explored):
+        visit(page, site + address)
+        page.evaluate(SHORTEN)
+        stops = page.evaluate(FOCUSABLE)
+        reached = set()
+        for _ in stops:
+            page.keyboard.press("Tab")
+            number, is_seen, element = page.evaluate(FOCUSED)
+            assert number is not None, (address, element)
+            assert is_seen, (address, element)
+            reached.add(int(number))
+        assert reached == set(range(min(len(stops), 150))), (
+            address,
+            [stops[i] for i in set(range(len(stops))) - reached],
+        )
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_axe_finds_nothing_that_matters(open_page: OpenPage, site: str, explored: Explored, scheme: str):
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright").Axe()
+    options: dict[str, Any] = {"resultTypes": ["violations"]}
+    if scheme == "dark":
+        options["runOnly"] = ["color-contrast"]  # all else is the same
+    page = open_page(color_scheme=scheme)
+    for address in addresses(explored):
+        visit(page, site + address)
+        page.evaluate(SHORTEN)
+        found = axe.run(page, options=options).response["violations"]
+        problems = [
+            (one["id"], [node["html"][:150] for node in one["nodes"]][:5]) for one in found if one["impact"] != "minor"
+        ]
+        assert not problems, address
+
+
+def test_each_page_works_without_javascript(open_page: OpenPage, site: str, explored: Explored):
+    page = open_page(java_script_enabled=False)
+    for address in addresses(explored):
+        assert visit(page, site + address)
+        assert page.locator("main").inner_text()
+    # A form leads to an address that says what was chosen.
+    page.locator("#q").fill("bread")
+    page.locator("#q").press("Enter")
+    assert page.url == f"{site}/entities?q=bread"
+    visit(page, f"{site}/map?entity=bread")
+    page.locator("svg.world a", has_text="flour").first.click()
+    assert "entity=flour" in page.url
+    assert "flour" in page.locator("h1").inner_text()
+
+
+def test_labels_with_markup_do_nothing_anywhere(open_page: OpenPage, hostile_site: str, hostile: Explored):
+    page = open_page()
+    with_entities = [one for one in PAGES.values() if one.is_there(hostile) and "entity" in one.state.__struct_fields__]
+    for label in HOSTILE:
+        for one in with_entities:
+            visit(page, hostile_site + one.address(one.state(entity=label)))
+            assert label in page.locator("h1").inner_text()
+            assert not page.locator("main img, main script:not([type])").count()
+    assert len(with_entities) >= 2
+
+
+def test_the_files_of_a_static_site_work_from_a_disk(open_page: OpenPage, static_site: Path, explored: Explored):
+    page = open_page()
+    visit(page, (static_site / "index.html").as_uri())
+    for title in page.locator(".top nav a").all_inner_texts():
+        page.locator(".top nav").get_by_role("link", name=title, exact=True).click()
+        assert page.locator(".top nav a[aria-current=page]").inner_text() == title
+        assert page.url.startswith("file://")
+    background = page.evaluate("getComputedStyle(document.querySelector('.top')).borderBottomStyle")
+    assert background == "solid"  # its style sheet is there
+    page.keyboard.press("/")
+    page.keyboard.type("brea")
+    page.locator("#found li").first.wait_for()
+    page.keyboard.press("ArrowDown")
+    page.keyboard.press("Enter")
+    page.wait_for_url("**/bread.html")
+    assert "bread" in page.locator("h1").inner_text()
+    # There the map shows the links of what is pointed at, and leads to the entity.
+    visit(page, (static_site / "map" / "map.html").as_uri())
+    page.locator("main").get_by_role("link", name="crafting layer").click()
+    assert "shade-0" in page.locator("svg.world .dots").inner_html()
+    dot = page.locator("svg.world a", has_text="bread").first.locator("circle")
+    dot.hover()
+    page.locator(".links + g path").first.wait_for(state="attached")
+    dot.click()
+    page.wait_for_url("**/entity/bread.html")
+
+
+def test_a_page_that_is_not_there_says_so_and_offers_the_nearest(open_page: OpenPage, site: str):
+    page = open_page()
+    answer = page.goto(f"{site}/path/braed")
+    assert answer.status == 404
+    assert "bread" in page.locator("main").inner_text()
+    open_page.complaints.clear()  # type: ignore[attr-defined]

@@ -1,0 +1,241 @@
+"""People's pages in a real browser: by mouse, by keyboard alone, without a script, on a phone, and under axe."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.apps.explorer.browser.conftest import served
+from wordcraft_kg.apps.people.config import StudyConfig
+from wordcraft_kg.apps.people.keeping import kept_answers
+from wordcraft_kg.apps.people.study import Study
+from wordcraft_kg.apps.people.study_folder import AnswerLine, read_study
+from wordcraft_kg.apps.people.web_app import make_study_app
+from wordcraft_kg.graphs import RecipeGraph
+
+OpenPage = Callable[..., Any]
+
+
+@dataclass
+class Served:
+    """A study of two tasks a part, and where it is served."""
+
+    address: str
+    folder: Path
+
+    def lines(self) -> list[AnswerLine]:
+        return list(read_study(self.folder).lines())
+
+
+@pytest.fixture
+def study(kitchen: RecipeGraph, tmp_path: Path) -> Iterator[Served]:
+    asked = Study(kitchen, StudyConfig(tasks=2, distractors=(8,), forms=1))
+    folder = tmp_path / "study"
+    with kept_answers(folder, asked) as answers, served(make_study_app(asked, answers)) as address:
+        yield Served(address, folder)
+
+
+def begin(page: Any, study: Served) -> None:
+    """Agree, and go to the first task."""
+    page.goto(study.address)
+    page.get_by_role("button", name="Yes, I agree").click()
+    page.get_by_role("link", name="Begin").click()
+    page.wait_for_url("**/task")
+
+
+def thing(page: Any, slot: int) -> Any:
+    """A thing on the table, from 0."""
+    return page.locator(".table button").nth(slot)
+
+
+def test_a_session_by_mouse(open_page: OpenPage, study: Served):
+    page = open_page()
+    begin(page, study)
+    for place in range(4):
+        thing(page, place).click()
+        page.wait_for_url("**held=*")
+        assert "in hand" in thing(page, place).inner_text()
+        thing(page, 5).click()
+        page.wait_for_url("**/feedback/*" if place < 2 else ("**/task" if place < 3 else "**/end"))
+        if place < 2:
+            page.get_by_role("link", name="Begin the test" if place else "Next task").click()
+            page.wait_for_url("**/task")
+    assert page.get_by_role("heading", level=1).inner_text() == "Thank you for taking part"
+    assert [line.picks for line in study.lines()] == [
+        (line.table[place], line.table[5]) for place, line in enumerate(study.lines())
+    ]
+
+
+def test_a_session_by_keyboard_alone(open_page: OpenPage, study: Served):
+    page = open_page()
+    page.goto(study.address)
+    agree = page.get_by_role("button", name="Yes, I agree")
+    for _ in range(5):
+        if agree.evaluate("button => button === document.activeElement"):
+            break
+        page.keyboard.press("Tab")
+    page.keyboard.press("Enter")
+    page.wait_for_url("**/s/*")
+    page.keyboard.press("Enter")
+    page.wait_for_url("**/task")
+    for place, keys in enumerate((("1", "2"), ("0", "9"), ("5", "5"), ("3", "1"))):
+        page.keyboard.press("7")
+        page.wait_for_url("**held=7")
+        page.keyboard.press("Escape")
+        page.wait_for_url("**held=")
+        page.keyboard.press(keys[0])
+        page.wait_for_url(f"**held={keys[0].replace('0', '10')}")
+        page.keyboard.press(keys[1])
+        page.wait_for_url("**/feedback/*" if place < 2 else ("**/task" if place < 3 else "**/end"))
+        if place < 2:
+            page.keyboard.press("Enter")
+            page.wait_for_url("**/task")
+    slots = [tuple(line.table.index(label) for label in line.picks) for line in study.lines()]
+    assert slots == [(0, 1), (9, 8), (4, 4), (2, 0)]
+
+
+def test_a_session_without_javascript(open_page: OpenPage, study: Served):
+    page = open_page(java_script_enabled=False)
+    begin(page, study)
+    for place in range(4):
+        thing(page, 2).click()
+        page.get_by_role("link", name="Put it back").click()
+        thing(page, place).click()
+        thing(page, place).click()
+        if place < 2:
+            page.locator("a.next").click()
+    assert page.url.endswith("/end")
+    assert [line.picks for line in study.lines()] == [
+        (line.table[place], line.table[place]) for place, line in enumerate(study.lines())
+    ]
+
+
+def test_a_double_click_is_one_pick(open_page: OpenPage, study: Served):
+    page = open_page()
+    begin(page, study)
+    thing(page, 3).dblclick()
+    page.wait_for_url("**held=4")
+    page.wait_for_timeout(500)
+    assert page.url.endswith("held=4")
+    assert study.lines() == []
+    thing(page, 3).click()  # meant
+    page.wait_for_url("**/feedback/1")
+    assert len(study.lines()) == 1
+
+
+def test_the_second_half_of_a_double_click_on_the_next_page_is_no_pick_but_a_key_is(open_page: OpenPage, study: Served):
+    page = open_page()
+    begin(page, study)
+    thing(page, 3).click()
+    page.wait_for_url("**held=4")
+    page.evaluate(
+        "performance.now = () => 399; const held = document.querySelector('.held');"
+        "held.dispatchEvent(new MouseEvent('click', { detail: 2, bubbles: true, cancelable: true }))"
+    )
+    page.wait_for_timeout(300)
+    assert page.url.endswith("held=4")
+    page.keyboard.press("4")
+    page.wait_for_url("**/feedback/1")
+
+
+def test_keys_that_come_before_the_next_page_are_not_taken_for_another_first_pick(open_page: OpenPage, study: Served):
+    page = open_page()
+    begin(page, study)
+    page.evaluate(
+        "for (const key of ['1', '2', '3']) document.body.dispatchEvent(new KeyboardEvent('keydown', "
+        "{ key, bubbles: true }))"
+    )
+    page.wait_for_url("**held=1")
+
+
+def test_the_back_button_and_reloads_change_no_answer(open_page: OpenPage, study: Served):
+    page = open_page()
+    begin(page, study)
+    task = page.url
+    thing(page, 0).click()
+    page.wait_for_url("**held=1")
+    thing(page, 1).click()
+    page.wait_for_url("**/feedback/1")
+    (kept,) = study.lines()
+    page.reload()
+    page.go_back()
+    page.wait_for_load_state()
+    assert "Practice 2 of 2" in page.locator("main").inner_text()
+    page.goto(task)
+    assert study.lines() == [kept]
+    page.reload()
+    thing(page, 0).click()
+    page.wait_for_url("**held=1")
+    thing(page, 1).click()
+    page.wait_for_url("**/feedback/2")
+    assert [line.number for line in study.lines()] == [1, 2]
+    assert study.lines()[1].loads >= 2
+
+
+def test_a_click_while_the_server_is_away_is_sent_again_by_a_reload(open_page: OpenPage, study: Served, browser: Any):
+    context = browser.new_context()
+    page = context.new_page()
+    begin(page, study)
+    thing(page, 0).click()
+    page.wait_for_url("**held=1")
+    context.set_offline(True)
+    thing(page, 1).click()
+    page.wait_for_url("chrome-error://**")
+    context.set_offline(False)
+    page.reload()
+    page.wait_for_load_state()
+    assert len(study.lines()) <= 1
+    page.goto(f"{study.address}/")
+    context.close()
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_axe_finds_nothing_and_nothing_is_wider_than_a_phone(open_page: OpenPage, study: Served, scheme: str):
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright").Axe()
+    page = open_page(color_scheme=scheme, viewport={"width": 360, "height": 700})
+
+    def check() -> None:
+        found = axe.run(page).response["violations"]
+        assert not [(one["id"], [node["html"][:150] for node in one["nodes"]]) for one in found], page.url
+        assert page.evaluate("document.documentElement.scrollWidth") <= 360, page.url
+
+    page.goto(study.address)
+    check()
+    page.goto(f"{study.address}/declined")
+    check()
+    page.goto(study.address)
+    page.get_by_role("button", name="Yes, I agree").click()
+    check()
+    page.get_by_role("link", name="Begin").click()
+    for place in range(4):
+        check()
+        thing(page, place).click()
+        page.wait_for_url("**held=*")
+        check()
+        thing(page, 5).click()
+        page.wait_for_url("**/feedback/*" if place < 2 else ("**/task" if place < 3 else "**/end"))
+        if place < 2:
+            check()
+            page.locator("a.next").click()
+            page.wait_for_url("**/task")
+    check()
+
+
+def test_several_people_at_once_in_browsers_of_their_own(browser: Any, study: Served):
+    contexts = [browser.new_context() for _ in range(3)]
+    pages = [context.new_page() for context in contexts]
+    for page in pages:
+        begin(page, study)
+    for _ in range(2):
+        for number, page in enumerate(pages):
+            thing(page, number).click()
+            page.wait_for_url("**held=*")
+            thing(page, 4).click()
+            page.wait_for_url("**/feedback/*")
+            page.goto(f"{page.url.partition('/feedback')[0]}/task")
+    for context in contexts:
+        context.close()
+    assert [(line.session, line.number) for line in study.lines()] == [(s, n) for s in (1, 2, 3) for n in (1, 2)]
+    assert all(line.picks == (line.table[line.session - 1], line.table[4]) for line in study.lines())

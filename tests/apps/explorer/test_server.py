@@ -1,0 +1,313 @@
+"""The server: who is answered, what an error shows, and that a label is a label."""
+
+import json
+import re
+import threading
+from collections.abc import Callable
+from html import escape
+from html.parser import HTMLParser
+from pathlib import Path
+from urllib.parse import quote
+
+import pytest
+from starlette.requests import Request
+from starlette.responses import PlainTextResponse
+from starlette.routing import Route, Router
+from starlette.testclient import TestClient
+
+from tests.apps.explorer.labels import HOSTILE
+from wordcraft_kg.apps.explorer.explored import Explored
+from wordcraft_kg.apps.explorer.pages import PAGES
+from wordcraft_kg.apps.explorer.server import make_app
+from wordcraft_kg.apps.web.guard import HEADERS, LONGEST_ADDRESS, LONGEST_BODY, guarded
+from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError, UnknownEntityError
+from wordcraft_kg.base.records import as_values
+
+Errors = Callable[[int, str], str]
+
+
+class Links(HTMLParser):
+    """Collects the addresses of a page's links."""
+
+    def __init__(self, page: str):
+        super().__init__()
+        self.found: list[str] = []
+        self.feed(page)
+
+    def handle_starttag(self, tag: str, attributes: list[tuple[str, str | None]]) -> None:
+        self.found += [value for name, value in attributes if tag == "a" and name == "href" and value]
+
+
+def client_of(explored: Explored) -> TestClient:
+    return TestClient(make_app(explored), base_url="http://localhost", follow_redirects=True)
+
+
+@pytest.fixture(scope="module")
+def client(explored: Explored) -> TestClient:
+    return client_of(explored)
+
+
+def test_every_link_that_can_be_reached_leads_to_a_page(client: TestClient):
+    todo, seen, kinds = ["/"], set(), {}
+    while todo:
+        address = todo.pop()
+        kind = address.partition("?")[0].split("/")[1]
+        seen.add(address)
+        # A few dozen of each kind: of entities, predictions and filters there are thousands.
+        kinds[kind] = kinds.get(kind, 0) + 1
+        if kinds[kind] > 40:
+            continue
+        answer = client.get(address)
+        assert answer.status_code == 200, (address, re.findall("<p>.*</p>", answer.text))
+        todo += [link for link in dict.fromkeys(Links(answer.text).found) if link[0] == "/" and link not in seen]
+        seen.update(todo)
+    assert set(kinds) >= set(PAGES)
+
+
+def test_every_page_of_the_menu_has_its_view_as_json(client: TestClient, explored: Explored):
+    for page in PAGES.values():
+        if page.title and not page.is_live:
+            answer = client.get(f"/{page.name}?format=json")
+            assert answer.json() == as_values(page.view(explored, page.state()))
+
+
+def test_a_page_that_was_kept_is_the_same(client: TestClient):
+    assert client.get("/entities?sort=uses").content == client.get("/entities?sort=uses").content
+
+
+def test_every_answer_has_the_security_headers(client: TestClient):
+    for address in ("/home", "/nothing", "/search?q=a", "/files/explorer.css", "/entity/nothing"):
+        answer = client.get(address)
+        assert {name: answer.headers[name] for name in HEADERS} == HEADERS
+
+
+def test_no_page_breaks_the_content_security_policy(client: TestClient, explored: Explored):
+    for page in PAGES.values():
+        if page.is_there(explored):
+            for state in list(page.states(explored))[:2]:
+                text = client.get(page.address(state)).text
+                assert not re.search(r"<[^>]+\s(style|on\w+)=", text), page.name
+                # Data are no script: browsers run none of another type.
+                assert not re.search(r"<script(?![^>]* src=)(?! type=.application/json)|<style", text), page.name
+
+
+@pytest.mark.parametrize("host", ["evil.example", "localhost.evil.example", "", "127.0.0.1.nip.io", "[::1"])
+def test_another_hosts_name_is_refused(client: TestClient, host: str):
+    answer = client.get("/home", headers={"Host": host})
+    assert answer.status_code == 421
+    assert "Crafting layers" not in answer.text
+
+
+@pytest.mark.parametrize("host", ["localhost", "127.0.0.1:8765", "[::1]:80", "LOCALHOST:1"])
+def test_the_names_of_this_machine_are_answered(client: TestClient, host: str):
+    assert client.get("/home", headers={"Host": host}).status_code == 200
+
+
+def test_a_further_name_may_be_allowed(explored: Explored):
+    app = make_app(explored, more_hosts=["Lab.example"])
+    assert TestClient(app, base_url="http://lab.example").get("/home").status_code == 200
+    assert TestClient(app, base_url="http://lab2.example").get("/home").status_code == 421
+
+
+@pytest.mark.parametrize("method", ["POST", "PUT", "DELETE", "OPTIONS", "TRACE"])
+def test_nothing_but_reading_is_possible(client: TestClient, method: str):
+    assert client.request(method, "/home").status_code == 405
+
+
+def test_a_huge_query_is_refused(client: TestClient):
+    assert client.get("/entities?q=" + "a" * (LONGEST_ADDRESS - 100)).status_code == 200
+    assert client.get("/entities?q=" + "a" * LONGEST_ADDRESS).status_code == 414
+    assert client.get("/entities?" + "&".join(f"q{i}=1" for i in range(500))).status_code == 400
+
+
+@pytest.mark.parametrize(
+    "path", ["/../../etc/passwd", "/files/../server.py", "/files/%2e%2e%2fserver.py", "/files/server.py"]
+)
+def test_no_path_leads_out_of_the_site(client: TestClient, path: str):
+    answer = client.get(path)
+    assert answer.status_code == 404
+    assert "import" not in answer.text
+    assert "root:" not in answer.text
+
+
+def test_a_query_that_is_not_text_is_refused(client: TestClient):
+    answer = client.get("/entities?q=%ff")
+    assert answer.status_code == 400
+    assert "UTF-8" in answer.text
+
+
+def test_an_entity_that_is_not_there_leads_to_those_that_may_be_meant(client: TestClient):
+    answer = client.get("/entity/brea")
+    assert answer.status_code == 404
+    assert "No entity &#39;brea&#39;" in answer.text
+    assert "/entity/bread" in Links(answer.text).found
+
+
+@pytest.mark.parametrize(
+    ("path", "is_meant"),
+    [("/map?entity=brea", True), ("/path?entity=brea", True), ("/run/brea", False), ("/entity/bread?model=x", False)],
+)
+def test_entities_are_offered_where_an_entity_is_not_there(client: TestClient, path: str, is_meant: bool):
+    answer = client.get(path)
+    assert answer.status_code == 404
+    assert ("Perhaps one of these" in answer.text, "/entity/bread" in Links(answer.text).found) == (is_meant, is_meant)
+
+
+def test_an_unknown_choice_of_a_page_is_named(client: TestClient):
+    answer = client.get("/entities?sort=size")
+    assert answer.status_code == 400
+    assert "size" in answer.text
+    assert client.get("/entities?page=99").status_code == 400
+
+
+def test_an_error_in_a_page_shows_nothing_of_the_program(explored: Explored, monkeypatch: pytest.MonkeyPatch):
+    import wordcraft_kg.apps.explorer.pages.entities as module
+
+    def broken(*_: object) -> None:
+        raise RuntimeError("secret detail")
+
+    monkeypatch.setattr(module, "list_entities", broken)
+    answer = client_of(explored).get("/entities")
+    assert answer.status_code == 500
+    assert "secret" not in answer.text
+    assert "Traceback" not in answer.text
+    assert {name: answer.headers[name] for name in HEADERS} == HEADERS
+
+
+def test_search_finds_labels_and_their_addresses(client: TestClient):
+    found = client.get("/search?q=BRE").json()
+    assert found[0] == ["bread", "/entity/bread"]
+    assert client.get("/search?q=").json() == []
+    assert client.get("/search?q=zzzz").json() == []
+
+
+@pytest.mark.parametrize("label", HOSTILE)
+def test_a_hostile_label_stays_text_and_its_link_works(hostile: Explored, label: str):
+    client = client_of(hostile)
+    page = PAGES["entity"]
+    answer = client.get(page.address(page.state(entity=label)))
+    assert answer.status_code == 200
+    assert f"<h1>{escape(label)}" in answer.text.replace("&#34;", "&quot;").replace("&#39;", "&#x27;")
+    assert "<script>alert" not in answer.text
+    assert "<img" not in answer.text
+    for link in Links(answer.text).found:
+        if link.startswith("/entity"):
+            assert client.get(link).status_code == 200, link
+
+
+def test_hostile_labels_are_text_in_lists_and_searches(hostile: Explored):
+    client = client_of(hostile)
+    for address in ("/home", "/entities", f"/entities?q={quote('<script>')}", f"/entity/{quote('<script>nothing')}"):
+        text = client.get(address).text
+        assert "<script>alert" not in text
+        assert "<script>nothing" not in text
+        assert "<b>hostile" not in text
+    found = client.get("/search", params={"q": "<scr"}).json()
+    assert [label for label, _ in found] == ["<script>alert(1)</script>"]
+    assert client.get(found[0][1]).status_code == 200
+
+
+# --- guard, with forms -----------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def form() -> TestClient:
+    async def receive(request: Request) -> PlainTextResponse:
+        return PlainTextResponse(str(len(await request.body())))
+
+    app = Router([Route("/", receive, methods=["POST", "GET"])])
+    wrapped = guarded(app, "127.0.0.1", (), lambda status, message: f"{status} {message}", methods=("GET", "POST"))
+    return TestClient(wrapped, base_url="http://localhost:8766")
+
+
+def test_a_form_of_another_site_is_refused(form: TestClient):
+    assert form.post("/", content=b"a=1", headers={"Origin": "http://localhost:8766"}).text == "3"
+    for origin in ("http://evil.example", "null", "http://localhost:9999", "http://localhost", "http://["):
+        assert form.post("/", content=b"a=1", headers={"Origin": origin}).status_code == 403
+
+
+def test_a_long_body_is_refused_whether_or_not_its_length_is_said(form: TestClient):
+    assert form.post("/", content=b"a" * LONGEST_BODY).text == str(LONGEST_BODY)
+    assert form.post("/", content=b"a" * (LONGEST_BODY + 1)).status_code == 413
+    assert form.post("/", content=(b"a" * 1000 for _ in range(100))).status_code == 413
+
+
+# --- what is explored ------------------------------------------------------------------------------------------------
+
+
+def test_a_value_is_made_once_however_many_ask(explored: Explored):
+    made = []
+
+    def make() -> int:
+        made.append(1)
+        return len(made)
+
+    threads = [threading.Thread(target=explored.once, args=("made once", make)) for _ in range(8)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert made == [1]
+
+
+def test_what_cannot_be_made_is_tried_again(explored: Explored):
+    def fail() -> int:
+        raise ConfigError("not yet")
+
+    with pytest.raises(ConfigError):
+        explored.once("fails first", fail)
+    assert explored.once("fails first", lambda: 7) == 7
+
+
+def test_a_model_or_run_of_another_graph_is_refused(links_folder: Path, run_folder: Path):
+    with pytest.raises(GraphMismatchError, match="was trained on graph"):
+        Explored.open("everyday", [links_folder])
+    with pytest.raises(GraphMismatchError, match="was trained on graph"):
+        Explored.open("everyday", [], [run_folder])
+
+
+def test_a_folder_of_another_kind_is_refused(kitchen_folder: Path, links_folder: Path, run_folder: Path):
+    with pytest.raises(ArtefactError, match="train-agent"):
+        Explored.open(kitchen_folder, [], [links_folder])
+    with pytest.raises(ArtefactError):
+        Explored.open(kitchen_folder, [run_folder])
+    with pytest.raises(ArtefactError):
+        Explored.open(kitchen_folder, [kitchen_folder / "nowhere"])
+
+
+def test_models_and_runs_are_found_by_name_and_the_first_without(explored: Explored):
+    names = list(explored.models)
+    assert names == ["kitchen-complex", "kitchen-recipes"]
+    assert explored.model().name == names[0]
+    assert explored.model(names[1]).name == names[1]
+    with pytest.raises(UnknownEntityError, match="Did you mean 'kitchen-complex'"):
+        explored.model("kitchen-complx")
+    with pytest.raises(ConfigError, match="--model"):
+        Explored(explored.opened).model()
+    with pytest.raises(ConfigError, match="--run"):
+        Explored(explored.opened).run()
+
+
+def test_folders_of_one_name_are_told_apart_by_their_parents(kitchen_folder: Path, links_folder: Path, tmp_path: Path):
+    import shutil
+
+    for place in ("one", "two"):
+        shutil.copytree(links_folder, tmp_path / place / "cx")
+    found = Explored.open(kitchen_folder, [tmp_path / "one" / "cx", tmp_path / "two" / "cx"])
+    assert list(found.models) == ["cx", "two-cx"]
+
+
+def test_looking_writes_nothing(client: TestClient, kitchen_folder: Path, links_folder: Path, run_folder: Path):
+    def content() -> dict[str, tuple[int, int]]:
+        folders = (kitchen_folder, links_folder, run_folder)
+        files = [path for folder in folders for path in folder.rglob("*")]
+        return {str(path): (path.stat().st_size, path.stat().st_mtime_ns) for path in files}
+
+    before = content()
+    for page in PAGES.values():
+        client.get(f"/{page.name}")
+    assert content() == before
+
+
+def test_the_json_of_a_page_is_json_whatever_its_labels_are(hostile: Explored):
+    assert json.loads(client_of(hostile).get("/entities?format=json").text)["paging"]["total"] == len(HOSTILE) + 3

@@ -1,0 +1,240 @@
+"""The table of all ranks: its headline is the report's, its filters choose what they say, and two models beside."""
+
+from collections.abc import Callable, Iterable
+from itertools import pairwise, product
+
+import numpy as np
+import pytest
+
+from wordcraft_kg.apps.explorer.views import link_ranks
+from wordcraft_kg.apps.explorer.views.link_ranks import (
+    ComparedQuery,
+    RankedTriples,
+    RankFilter,
+    check_comparable,
+    rank_graph,
+    view_compared_ranks,
+    view_link_ranks,
+)
+from wordcraft_kg.apps.explorer.views.predictor import LinkPredictor
+from wordcraft_kg.base.errors import ConfigError, GraphMismatchError, UnknownEntityError
+from wordcraft_kg.base.records import checked_values
+from wordcraft_kg.evaluation.link_comparison import Contender, compare
+from wordcraft_kg.evaluation.links import judge_links, view_links
+from wordcraft_kg.graphs.triples import is_in
+from wordcraft_kg.models.scorers.ranking import MIN_TRIPLES, rank_triples, ranking_metrics
+
+UNSEEN = RankFilter(known="unseen", part="test")
+
+
+@pytest.fixture(scope="module")
+def ranked(neighbours: LinkPredictor) -> RankedTriples:
+    return rank_graph(neighbours)
+
+
+@pytest.fixture(scope="module")
+def by_kernel(kernel: LinkPredictor) -> RankedTriples:
+    return rank_graph(kernel)
+
+
+def pages(found: RankedTriples, chosen: RankFilter, **options: str) -> list:
+    first = view_link_ranks(found, chosen, **options)
+    rest = (view_link_ranks(found, chosen, page=page, **options) for page in range(2, first.paging.pages + 1))
+    return [query for page in (first, *rest) for query in page.queries]
+
+
+def test_the_headline_of_unseen_test_triples_is_that_of_the_report(neighbours: LinkPredictor, ranked: RankedTriples):
+    report = view_links(judge_links(neighbours.model.scorer, neighbours.model.opened))
+    found = view_link_ranks(ranked, UNSEEN)
+    assert found.metrics.mrr == pytest.approx(report.metrics["all"].mrr)
+    assert found.metrics.queries == report.queries
+    assert found.learned == 0
+    for relation in ("combinesWith", "componentOf"):
+        of_relation = view_link_ranks(ranked, RankFilter(relation=relation, known="unseen", part="test"))
+        assert of_relation.metrics.mrr == pytest.approx(report.metrics[relation].mrr)
+
+
+def test_the_headline_is_that_of_the_report_on_a_sample_too(neighbours: LinkPredictor):
+    few = rank_graph(neighbours, 40)
+    report = judge_links(neighbours.model.scorer, neighbours.model.opened, max_queries=80)
+    found = view_link_ranks(few, UNSEEN)
+    assert found.metrics.mrr == pytest.approx(ranking_metrics(report.ranks).mrr)
+    assert (found.sample.unseen, found.sample.others) == (40, 40)
+    assert found.sample.unseen_of == len(neighbours.split.held_out("test"))
+    assert found.sample.unseen_of + found.sample.others_of == len(neighbours.graph.triples)
+    assert not found.sample.is_whole
+    assert view_link_ranks(rank_graph(neighbours), UNSEEN).sample.is_whole
+
+
+def test_of_many_entities_fewer_triples_are_ranked(neighbours: LinkPredictor, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(link_ranks, "SCORES", 50 * neighbours.graph.num_entities)
+    sample = rank_graph(neighbours).sample
+    assert (sample.unseen, sample.others) == (50, 50)
+    monkeypatch.setattr(link_ranks, "SCORES", 0)
+    assert rank_graph(neighbours).sample.unseen == MIN_TRIPLES
+
+
+def test_all_triples_are_ranked_on_both_sides_as_reports_rank_them(neighbours: LinkPredictor, ranked: RankedTriples):
+    graph = neighbours.graph
+    expected = rank_triples(neighbours.model.scorer, graph.triples, graph.triples)
+    labelled = {
+        (graph.entities[row.head], row.relation, graph.entities[row.tail], row.side): row
+        for row in expected.itertuples()
+    }
+    queries = pages(ranked, RankFilter())
+    assert len(queries) == 2 * len(graph.triples) == len(labelled)
+    for query in queries:
+        row = labelled[query.head, ["combinesWith", "componentOf"].index(query.relation), query.tail, query.side]
+        assert (query.rank, query.score, query.candidates) == (row.rank, row.score, row.candidates)
+        assert query.top == graph.entities[row.top]
+        triple = np.array([[row.head, row.relation, row.tail]])
+        assert query.learned == bool(is_in(triple, neighbours.split.partial, graph.num_entities)[0])
+
+
+FILTERS = [
+    RankFilter(*values)
+    for values in product(
+        ("", "combinesWith"), ("", "head"), ("", "train", "valid", "test"), ("all", "learned", "unseen"), ("", "water")
+    )
+]
+
+
+@pytest.mark.parametrize("chosen", FILTERS, ids=str)
+def test_a_filter_chooses_what_it_says(ranked: RankedTriples, chosen: RankFilter):
+    def fits(query: object) -> bool:
+        return (
+            chosen.relation in ("", query.relation)
+            and chosen.side in ("", query.side)
+            and chosen.part in ("", query.known)
+            and (chosen.known == "all" or query.learned == (chosen.known == "learned"))
+            and (not chosen.entity or chosen.entity in (query.head, query.tail))
+        )
+
+    everything = _everything(ranked)
+    found = view_link_ranks(ranked, chosen)
+    expected = [query for query in everything if fits(query)]
+    assert found.metrics.queries == found.paging.total == len(expected)
+    assert found.learned == sum(query.learned for query in expected)
+    assert all(fits(query) for query in found.queries)
+    if expected:
+        assert found.metrics.mrr == pytest.approx(sum(1 / query.rank for query in expected) / len(expected))
+
+
+_KEPT: dict[int, list] = {}
+
+
+def _everything(ranked: RankedTriples) -> list:
+    if id(ranked) not in _KEPT:
+        _KEPT[id(ranked)] = pages(ranked, RankFilter(), order="label")
+    return _KEPT[id(ranked)]
+
+
+def test_queries_are_sorted_as_asked(ranked: RankedTriples):
+    def in_order(keys: Iterable[object]) -> bool:
+        return all(one <= other for one, other in pairwise(keys))
+
+    assert in_order((-query.rank, query.score) for query in pages(ranked, UNSEEN, order="worst"))
+    assert in_order((query.rank, -query.score) for query in pages(ranked, UNSEEN, order="best"))
+    assert in_order(-query.score for query in pages(ranked, UNSEEN, order="score"))
+    assert in_order((query.relation, query.head, query.tail) for query in pages(ranked, UNSEEN, order="label"))
+
+
+def test_no_query_may_be_chosen(ranked: RankedTriples):
+    found = view_link_ranks(ranked, RankFilter(part="test", known="learned", entity="water"))
+    assert (found.queries, found.metrics.queries, found.metrics.mrr) == ((), 0, None)
+    checked_values(found)
+
+
+def test_an_unknown_entity_and_a_page_that_is_not_there_are_refused(ranked: RankedTriples):
+    with pytest.raises(UnknownEntityError, match="Did you mean 'water'"):
+        view_link_ranks(ranked, RankFilter(entity="wter"))
+    with pytest.raises(ConfigError, match="`page` 99"):
+        view_link_ranks(ranked, UNSEEN, page=99)
+
+
+def test_a_model_of_the_full_graph_has_learned_every_row(all_seeing: LinkPredictor):
+    ranked = rank_graph(all_seeing)
+    found = view_link_ranks(ranked, RankFilter())
+    assert found.has_seen_the_test_recipes
+    assert found.learned == found.metrics.queries == 2 * len(all_seeing.graph.triples)
+    assert view_link_ranks(ranked, UNSEEN).queries == ()
+
+
+def test_a_book_without_a_split_has_no_unseen_rows(of_recipes: Callable[..., LinkPredictor]):
+    ranked = rank_graph(of_recipes([("a", "b", "c"), ("b", "c", "d"), ("a", "d", "e")], kind="none"))
+    assert view_link_ranks(ranked, RankFilter()).learned == 2 * ranked.sample.others > 0
+    assert view_link_ranks(ranked, UNSEEN).metrics.queries == 0
+
+
+def test_hostile_labels_stay_what_they_are(hostile: LinkPredictor):
+    ranked = rank_graph(hostile)
+    for label in hostile.graph.entities:
+        found = view_link_ranks(ranked, RankFilter(entity=label))
+        assert {label} <= {name for query in found.queries for name in (query.head, query.tail)}
+        checked_values(found)
+
+
+def test_two_models_are_compared_query_by_query(ranked: RankedTriples, by_kernel: RankedTriples):
+    found = view_compared_ranks(ranked, by_kernel, UNSEEN)
+    one, other = (
+        {(q.head, q.relation, q.tail, q.side): q for q in pages(model, UNSEEN)} for model in (ranked, by_kernel)
+    )
+    compared = [
+        query
+        for page in range(1, found.paging.pages + 1)
+        for query in view_compared_ranks(ranked, by_kernel, UNSEEN, page=page).queries
+    ]
+    assert len(compared) == len(one) == len(other)
+    for query in compared:
+        key = (query.head, query.relation, query.tail, query.side)
+        assert (query.rank_one, query.top_one) == (one[key].rank, one[key].top)
+        assert (query.rank_other, query.top_other) == (other[key].rank, other[key].top)
+    gains = [abs(gain(query)) for query in compared]
+    assert gains == pytest.approx(sorted(gains, reverse=True))
+    assert gains[0] > 0.5
+    assert found.metrics_one.mrr == pytest.approx(sum(1 / query.rank_one for query in compared) / len(compared))
+    assert found.metrics_other.mrr == pytest.approx(sum(1 / query.rank_other for query in compared) / len(compared))
+    assert found.better_one == sum(gain(query) > 0 for query in compared) > 0
+    assert found.better_other == sum(gain(query) < 0 for query in compared) > 0
+
+
+def gain(query: ComparedQuery) -> float:
+    return 1 / query.rank_one - 1 / query.rank_other
+
+
+def test_the_headline_of_a_comparison_is_that_of_compare_links(
+    neighbours: LinkPredictor, kernel: LinkPredictor, ranked: RankedTriples, by_kernel: RankedTriples
+):
+    view = compare([Contender(one.name, [one.model]) for one in (neighbours, kernel)], resamples=10)
+    found = view_compared_ranks(ranked, by_kernel, UNSEEN)
+    assert [found.metrics_one.mrr, found.metrics_other.mrr] == pytest.approx([model.mrr for model in view.models])
+
+
+def test_queries_that_one_of_both_ranks_better_can_be_chosen(ranked: RankedTriples, by_kernel: RankedTriples):
+    for better, sign in (("one", 1), ("other", -1)):
+        found = view_compared_ranks(ranked, by_kernel, UNSEEN, better)
+        assert found.queries
+        assert all(sign * gain(query) > 0 for query in found.queries)
+        assert found.paging.total == (found.better_one if sign > 0 else found.better_other)
+        assert found.metrics_one.queries == view_compared_ranks(ranked, by_kernel, UNSEEN).metrics_one.queries
+
+
+def test_a_model_that_has_seen_the_answers_is_marked_beside_one_that_has_not(
+    ranked: RankedTriples, all_seeing: LinkPredictor
+):
+    found = view_compared_ranks(ranked, rank_graph(all_seeing), RankFilter(part="test"))
+    assert found.learned == found.metrics_one.queries
+    assert any(query.learned_by_other and not query.learned_by_one for query in found.queries)
+    assert view_compared_ranks(ranked, rank_graph(all_seeing), UNSEEN).queries == ()
+
+
+def test_models_of_other_splits_or_graphs_are_not_compared(
+    neighbours: LinkPredictor, rankers: LinkPredictor, hostile: LinkPredictor, ranked: RankedTriples
+):
+    check_comparable(neighbours, neighbours)
+    with pytest.raises(GraphMismatchError, match="different splits"):
+        check_comparable(neighbours, rankers)
+    with pytest.raises(GraphMismatchError, match="different graphs"):
+        check_comparable(neighbours, hostile)
+    with pytest.raises(GraphMismatchError, match="are of other triples"):
+        view_compared_ranks(ranked, rank_graph(rankers), RankFilter())

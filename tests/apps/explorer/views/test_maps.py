@@ -1,0 +1,162 @@
+import itertools
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from wordcraft_kg.apps.explorer.views import maps
+from wordcraft_kg.apps.explorer.views.maps import HEIGHT, WIDTH, EntityMap, map_of, view_map
+from wordcraft_kg.base.errors import UnknownEntityError
+from wordcraft_kg.base.records import checked_values
+from wordcraft_kg.graphs import RecipeGraph
+from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
+
+
+@pytest.fixture(scope="module")
+def kitchen_map(kitchen: RecipeGraph) -> EntityMap:
+    return map_of(kitchen)
+
+
+def test_each_entity_has_a_place_on_the_map_the_most_used_first(kitchen, kitchen_map):
+    view = kitchen_map.view
+    assert sorted(spot.entity for spot in view.spots) == list(kitchen.entities)
+    uses = [kitchen.use_counts[kitchen.id_of(spot.entity)] for spot in view.spots]
+    assert [spot.uses for spot in view.spots] == uses == sorted(uses, reverse=True)
+    assert all(0 <= spot.x <= WIDTH and 0 <= spot.y <= HEIGHT for spot in view.spots)
+    assert len({(spot.x, spot.y) for spot in view.spots}) > 0.9 * len(view.spots)
+    checked_values(view)
+
+
+def test_entities_that_are_linked_lie_nearer_than_others_and_so_do_those_of_a_group(kitchen, kitchen_map):
+    places, view = kitchen_map.places, kitchen_map.view
+    far = np.linalg.norm(places[:, None] - places[None], axis=2)
+    linked = np.zeros_like(far, dtype=bool)
+    for one, other in (*view.combines, *view.components):
+        linked[one, other] = linked[other, one] = True
+    group = np.array([spot.group for spot in view.spots])
+    same = (group[:, None] == group[None]) & ~np.eye(len(group), dtype=bool)
+    assert far[linked].mean() < 0.8 * far[~linked].mean()
+    assert far[same].mean() < 0.6 * far[group[:, None] != group[None]].mean()
+
+
+def test_the_map_holds_the_links_between_different_entities(kitchen, kitchen_map):
+    names = [spot.entity for spot in kitchen_map.view.spots]
+    triples = [(kitchen.entities[a], relation, kitchen.entities[b]) for a, relation, b in kitchen.triples.tolist()]
+    combines = {frozenset((names[a], names[b])) for a, b in kitchen_map.view.combines}
+    assert combines == {frozenset((a, b)) for a, relation, b in triples if relation == COMBINES_WITH and a != b}
+    assert len(combines) == len(kitchen_map.view.combines)
+    components = [(names[a], names[b]) for a, b in kitchen_map.view.components]
+    assert sorted(components) == sorted((a, b) for a, relation, b in triples if relation == COMPONENT_OF and a != b)
+
+
+def test_the_links_of_a_chosen_entity_are_those_of_its_recipes(kitchen, kitchen_map):
+    for entity in kitchen.entities:
+        view = view_map(kitchen_map, entity)
+        combines, makes, made_of = set(), set(), set()
+        for a, b, result in kitchen.recipe_labels():
+            if entity in (a, b):
+                combines.add(b if a == entity else a)
+                makes.add(result)
+            if entity == result:
+                made_of |= {a, b}
+        assert view.chosen is not None
+        assert view.spots[view.chosen.entity].entity == entity
+        for expected, found in zip(
+            (combines, makes, made_of), (view.chosen.combines, view.chosen.makes, view.chosen.made_of), strict=True
+        ):
+            assert found.total == len(expected)
+            assert {view.spots[number].entity for number in found.placed} == expected
+            assert set(found.listed) == expected
+            uses = [kitchen.use_counts[kitchen.id_of(label)] for label in found.listed]
+            assert uses == sorted(uses, reverse=True)
+
+
+def test_without_a_chosen_entity_there_are_no_links_and_an_unknown_one_is_an_error(kitchen_map):
+    assert view_map(kitchen_map).chosen is None
+    with pytest.raises(UnknownEntityError, match="no entity 'flower pot'"):
+        view_map(kitchen_map, "flower pot")
+
+
+def test_groups_have_the_sizes_of_their_spots_and_are_named_after_the_most_used(kitchen_map):
+    view = kitchen_map.view
+    for number, group in enumerate(view.groups):
+        members = [spot for spot in view.spots if spot.group == number]
+        assert group.size == len(members)
+        assert group.name == members[0].entity
+        assert min(spot.x for spot in members) <= group.x <= max(spot.x for spot in members)
+
+
+def test_above_the_limit_the_most_used_are_placed_and_a_chosen_one_is_a_guest_with_what_it_is_linked_to(
+    kitchen, monkeypatch
+):
+    monkeypatch.setattr(maps, "PLACED", 20)
+    monkeypatch.setattr(maps, "GUESTS", 4)
+    found = map_of(kitchen)
+    assert len(found.view.spots) == 20
+    assert found.view.entities == kitchen.num_entities
+    least = sorted(kitchen.use_counts.tolist(), reverse=True)[19]
+    assert all(spot.uses >= least for spot in found.view.spots)
+    has_guests = 0
+    for entity in kitchen.entities:
+        view = view_map(found, entity)
+        guests = [spot for spot in view.spots[20:] if spot.group == -1]
+        assert len(guests) == len(view.spots) - 20 <= 4
+        assert entity in {spot.entity for spot in view.spots}
+        assert view.spots[:20] == found.view.spots
+        assert len({spot.entity for spot in view.spots}) == len(view.spots)
+        chosen = view.chosen
+        assert chosen is not None
+        for kind, number in itertools.product((chosen.combines, chosen.makes, chosen.made_of), range(4)):
+            assert len(kind.listed) == kind.total
+            assert all(place < len(view.spots) for place in kind.placed[number:])
+        checked_values(view)
+        has_guests += len(guests) > 1
+    assert has_guests > 40
+
+
+@pytest.mark.parametrize(
+    "rows", [[], [("a", "b", "c")], [("a", "a", "b")], [("a", "b", "c"), ("d", "d", "d"), ("e", "e", "f")]]
+)
+def test_small_and_disconnected_graphs_have_maps(rows):
+    graph = RecipeGraph.from_recipes(rows)
+    found = map_of(graph)
+    assert sorted(spot.entity for spot in found.view.spots) == list(graph.entities)
+    assert all(0 <= spot.x <= WIDTH and 0 <= spot.y <= HEIGHT for spot in found.view.spots)
+    for entity in graph.entities:
+        checked_values(view_map(found, entity))
+
+
+def test_the_map_does_not_depend_on_the_hash_seed():
+    code = (
+        "from wordcraft_kg.graphs import RecipeGraph, open_book\n"
+        "from wordcraft_kg.apps.explorer.views.maps import map_of, view_map\n"
+        "found = map_of(RecipeGraph.from_book(open_book('kitchen')))\n"
+        "print(found.places.tolist(), view_map(found, 'bread'))"
+    )
+    outputs = [
+        subprocess.run(
+            [sys.executable, "-c", code],
+            env={**os.environ, "PYTHONHASHSEED": seed},
+            capture_output=True,
+            text=True,
+            check=True,
+        ).stdout
+        for seed in ("1", "2")
+    ]
+    assert outputs[0] == outputs[1] != ""
+
+
+def test_of_very_many_links_a_map_holds_and_draws_some(kitchen, monkeypatch):
+    monkeypatch.setattr(maps, "ALL_LINKS", 100)
+    monkeypatch.setattr(maps, "DRAWN", 3)
+    monkeypatch.setattr(maps, "LISTED", 2)
+    found = map_of(kitchen)
+    assert found.view.combines == found.view.components == ()
+    most = kitchen.entities[int(kitchen.use_counts.argmax())]
+    chosen = view_map(found, most).chosen
+    assert chosen is not None
+    assert (len(chosen.combines.placed), len(chosen.combines.listed)) == (3, 2)
+    assert chosen.combines.total > 3
+    assert tuple(found.view.spots[number].entity for number in chosen.combines.placed)[:2] == chosen.combines.listed

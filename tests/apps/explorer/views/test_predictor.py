@@ -1,0 +1,192 @@
+"""Open slots: what is true, what was learned, ranks and reasons, against loops and the ranking of reports."""
+
+from collections.abc import Callable
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from wordcraft_kg.apps.explorer.views.predictor import NEW, LinkPredictor, recipes_giving, status_of
+from wordcraft_kg.graphs.folder import OpenedGraph
+from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS, is_in
+from wordcraft_kg.models.links.folder import open_model
+from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
+from wordcraft_kg.models.scorers.ranking import rank_triples
+
+SLOTS = list(product(range(0, 80, 9), range(len(RELATIONS)), ("head", "tail")))
+
+
+def test_each_entity_of_a_slot_has_the_part_of_its_triple_and_whether_it_was_learned(neighbours: LinkPredictor):
+    seen = set()
+    for entity, relation, side in SLOTS:
+        slot = neighbours.slot(entity, relation, side)
+        triples = slot.triples(np.arange(neighbours.graph.num_entities))
+        part = neighbours.split.part_of(triples)
+        assert np.where(part < 0, NEW, part).tolist() == slot.part.tolist()
+        assert is_in(triples, neighbours.split.partial, neighbours.graph.num_entities).tolist() == slot.learned.tolist()
+        scores = neighbours.model.scorer.score(*triples.T[:1], relation, triples[:, 2])
+        assert slot.scores.tolist() == pytest.approx(scores.flatten().tolist())
+        seen |= set(slot.part.tolist())
+    assert seen == {0, 1, 2, NEW}
+
+
+def test_ranks_are_those_of_reports_whether_a_link_is_true_or_not(neighbours: LinkPredictor):
+    graph = neighbours.graph
+    for entity, relation, side in SLOTS:
+        slot = neighbours.slot(entity, relation, side)
+        triples = slot.triples(np.arange(graph.num_entities))
+        ranked = rank_triples(neighbours.model.scorer, triples, graph.triples)
+        expected = ranked[ranked["side"] == side]
+        assert slot.ranks(np.arange(graph.num_entities)).tolist() == expected["rank"].tolist()
+        for other in (0, 17, 40):
+            found = slot.rank(other)
+            assert (found.rank, found.candidates) == (expected["rank"].iloc[other], expected["candidates"].iloc[other])
+
+
+def test_the_best_leave_out_what_was_learned_unless_it_is_asked_for(neighbours: LinkPredictor):
+    flour = neighbours.graph.id_of("flour")
+    slot = neighbours.slot(flour, COMBINES_WITH, "tail")
+    labels = neighbours.graph.entities
+    by_score = sorted(range(len(labels)), key=lambda i: (-slot.scores[i], i))
+    honest = neighbours.best(slot, top=12)
+    assert [row.entity for row in honest.best] == [labels[i] for i in by_score if not slot.learned[i]][:12]
+    assert [row.place for row in honest.best] == list(range(1, 13))
+    assert "learned" not in {row.status for row in honest.best}
+    everything = neighbours.best(slot, with_learned=True, top=12)
+    assert [row.entity for row in everything.best] == [labels[i] for i in by_score[:12]]
+    assert "learned" in {row.status for row in everything.best}
+    assert (honest.head, honest.relation, honest.tail) == ("flour", "combinesWith", None)
+
+
+def test_beside_the_best_stands_what_is_true_and_was_not_learned(neighbours: LinkPredictor):
+    compared = 0
+    for entity, relation, side in SLOTS:
+        slot = neighbours.slot(entity, relation, side)
+        found = neighbours.best(slot, truth=1_000)
+        true = [i for i in range(neighbours.graph.num_entities) if slot.part[i] != NEW and not slot.learned[i]]
+        assert {row.entity for row in found.truth} == {neighbours.graph.entities[i] for i in true}
+        assert found.true_unlearned == len(true)
+        assert found.true_learned == int(slot.learned.sum())
+        assert [row.rank for row in found.truth] == sorted(row.rank for row in found.truth)
+        assert {row.status for row in found.truth} <= {"held out"}
+        assert {row.known for row in found.truth} <= {"valid", "test"}
+        assert neighbours.best(slot, truth=2).truth == found.truth[:2]
+        compared += len(true)
+    assert compared > 20
+
+
+def test_a_model_of_the_full_graph_has_learned_all_that_is_true(all_seeing: LinkPredictor):
+    slot = all_seeing.slot(all_seeing.graph.id_of("water"), COMBINES_WITH, "tail")
+    assert ((slot.part != NEW) == slot.learned).all()
+    found = all_seeing.best(slot)
+    assert (found.truth, found.true_unlearned) == ((), 0)
+    assert found.true_learned > 5
+    assert {row.known for row in found.best} == {"new"}
+
+
+def test_status_says_what_is_known_of_a_link():
+    assert status_of("train", True) == "learned"
+    assert status_of("test", True) == "learned"
+    assert status_of("test", False) == status_of("valid", False) == "held out"
+    assert status_of("train", False) == "not learned"
+    assert status_of("new", False) == "not in the book"
+    assert status_of("new", False, is_itself=True) == "itself"
+    assert status_of("test", False, is_itself=True) == "held out"
+    assert status_of("new", True) == "learned"
+
+
+def test_an_entity_in_its_own_slot_is_marked(neighbours: LinkPredictor):
+    statuses = set()
+    for label in neighbours.graph.entities:
+        entity = neighbours.graph.id_of(label)
+        slot = neighbours.slot(entity, COMPONENT_OF, "tail")
+        found = neighbours.best(slot, with_learned=True, top=1_000, witnesses=0)
+        statuses |= {row.status for row in found.best if row.entity == label}
+        assert "itself" not in {row.status for row in found.best if row.entity != label}
+    assert statuses == {"itself"}
+
+
+def test_probabilities_are_those_of_the_scorer_and_none_for_what_was_learned(
+    kernel: LinkPredictor, neighbours: LinkPredictor
+):
+    scorer = kernel.model.scorer
+    assert isinstance(scorer, CrossFitted)
+    found = kernel.best(kernel.slot(3, COMPONENT_OF, "head"), with_learned=True, top=80)
+    assert {row.status for row in found.best} >= {"learned", "not in the book"}
+    for row in found.best:
+        expected = None if row.status == "learned" else float(scorer.probability(row.entity, COMPONENT_OF, 3))
+        assert row.probability == (expected if expected is None else pytest.approx(expected))
+    without = neighbours.best(neighbours.slot(3, COMPONENT_OF, "head"))
+    assert {row.probability for row in without.best} == {None}
+
+
+def test_each_prediction_names_links_of_training_that_speak_for_it(neighbours: LinkPredictor):
+    known = {(a, b) for a, b, _ in neighbours.split.recipes("train").tolist()}
+    found = neighbours.best(neighbours.slot(3, COMBINES_WITH, "tail"), witnesses=3)
+    named = 0
+    for row in found.best:
+        assert row.reason is not None
+        assert not row.reason.is_memory
+        for witness in row.reason.witnesses:
+            pair = sorted(neighbours.graph.id_of(label) for label in (witness.head, witness.tail))
+            assert tuple(pair) in known
+            assert witness.recipes
+            named += 1
+    assert named > 10
+    assert neighbours.best(neighbours.slot(3, COMBINES_WITH, "tail"), witnesses=0).best[0].reason is None
+
+
+def test_what_a_dose_left_out_is_true_but_not_learned(parted_kitchen: OpenedGraph, tmp_path: Path):
+    from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
+    from wordcraft_kg.models.links.training import train_links
+
+    config = LinksConfig(parted_kitchen.source, ComplExConfig(dim=2, epochs=1, folds=0, share=0.5))
+    predictor = LinkPredictor.of("half", open_model(train_links(config, tmp_path / "half").folder))
+    statuses = set()
+    for entity, relation, side in SLOTS:
+        slot = predictor.slot(entity, relation, side)
+        found = predictor.best(slot, with_learned=True, top=80, witnesses=0)
+        statuses |= {(row.status, row.known) for row in found.best}
+    assert {("not learned", "train"), ("learned", "train"), ("held out", "test")} <= statuses
+    assert ("learned", "test") not in statuses
+
+
+def test_what_was_taught_wrong_is_learned_and_has_no_probability(parted_kitchen: OpenedGraph, tmp_path: Path):
+    from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
+    from wordcraft_kg.models.links.training import train_links
+
+    config = LinksConfig(parted_kitchen.source, ComplExConfig(dim=2, epochs=1, folds=2, noise=0.5))
+    predictor = LinkPredictor.of("wrong", open_model(train_links(config, tmp_path / "wrong").folder))
+    dose = predictor.model.dose
+    a, _, result = dose.among(dose.is_wrong)[0].tolist()
+    found = predictor.best(predictor.slot(a, COMPONENT_OF, "tail"), with_learned=True, top=80, witnesses=0)
+    (wrong,) = [row for row in found.best if row.entity == predictor.graph.entities[result]]
+    assert (wrong.status, wrong.known, wrong.probability) == ("learned", "new", None)
+    assert any(row.probability is not None for row in found.best)
+
+
+def test_the_recipes_of_a_link_are_those_that_give_its_triple(neighbours: LinkPredictor):
+    graph = neighbours.graph
+    for head, relation, tail in graph.triples[::11].tolist():
+        expected = [
+            row
+            for row, (a, b, c) in enumerate(graph.recipes.tolist())
+            if (relation == COMBINES_WITH and (head, tail) in {(a, b), (b, a)})
+            or (relation == COMPONENT_OF and head in (a, b) and tail == c)
+        ]
+        assert recipes_giving(graph, head, relation, tail).tolist() == expected
+
+
+def test_hostile_labels_are_predicted_as_they_are(hostile: LinkPredictor):
+    for label in hostile.graph.entities:
+        found = hostile.best(hostile.slot(hostile.graph.id_of(label), COMBINES_WITH, "tail"), with_learned=True)
+        assert {row.entity for row in found.best} <= set(hostile.graph.entities)
+        assert found.head == label
+
+
+def test_a_book_without_a_split_has_nothing_held_out(of_recipes: Callable[..., LinkPredictor]):
+    predictor = of_recipes([("a", "b", "c"), ("a", "c", "d"), ("b", "d", "e")], kind="none")
+    found = predictor.best(predictor.slot(0, COMBINES_WITH, "tail"), with_learned=True)
+    assert (found.true_unlearned, found.true_learned) == (0, 2)
+    assert {row.status for row in found.best} == {"learned", "not in the book", "itself"}

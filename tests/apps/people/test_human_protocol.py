@@ -1,0 +1,341 @@
+"""The paper's protocol for people: picks, tasks, the file of answers, its summary, and the interval of a rate."""
+
+import json
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from statistics import NormalDist
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from wordcraft_kg.apps.people.config import TASKS_PER_PART
+from wordcraft_kg.apps.people.protocol import Answer, HumanProtocol, episode_seed, schedule
+from wordcraft_kg.apps.people.session_file import Session, append_answer, open_session, read_session
+from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError
+from wordcraft_kg.base.statistics import wilson_interval
+from wordcraft_kg.envs.wordcraft import WordCraftEnv
+from wordcraft_kg.envs.words import results_of, table_labels
+from wordcraft_kg.graphs import OpenedGraph, RecipeGraph, SplitConfig, make_split
+
+EDIT = Callable[[dict[str, Any]], Any]
+
+
+@pytest.fixture(scope="module")
+def protocol(kitchen: RecipeGraph) -> HumanProtocol:
+    return HumanProtocol(kitchen)
+
+
+def answer_to(protocol: HumanProtocol, part: str, number: int) -> Answer:
+    """The answer of somebody who combines the first two things, or in every third task is right."""
+    env, observation = protocol.pose(part, number)
+    table = table_labels(env, observation)
+    picks = tuple(env.task.plans[0][0][:2]) if number % 3 == 0 else table[:2]
+    made = results_of(env, *picks)
+    return Answer(part, number, env.task.goal, table, picks, made, env.task.goal in made, 1.5)
+
+
+def play(path: Path, protocol: HumanProtocol, count: int = 80) -> Session:
+    """Go on with a session until so many tasks are answered."""
+    session = open_session(path, protocol)
+    for part, number in protocol.turns[len(session.answers) : count]:
+        session = append_answer(path, session, answer_to(protocol, part, number))
+    return session
+
+
+# --- protocol --------------------------------------------------------------------------------------------------------
+
+
+def test_a_session_is_40_train_tasks_and_then_40_test_tasks():
+    assert [part for part, _ in schedule()] == ["train"] * 40 + ["test"] * 40
+    assert [number for _, number in schedule()] == [*range(1, 41), *range(1, 41)]
+
+
+def test_the_tasks_are_those_of_an_environment_as_agents_get_it(protocol: HumanProtocol, kitchen: RecipeGraph):
+    for part in ("train", "test"):
+        agents = WordCraftEnv(kitchen, part=part, num_distractors=8)
+        for number in range(1, TASKS_PER_PART + 1):
+            expected, _ = agents.reset(seed=episode_seed(0, part, number))
+            env, observation = protocol.pose(part, number)
+            assert env.task == agents.task
+            assert np.array_equal(observation["table"], expected["table"])
+            assert observation["attempts_left"] == 1
+
+
+def test_fewer_tasks_are_the_first_of_more_and_a_world_may_be_shared(protocol: HumanProtocol):
+    few = HumanProtocol(protocol.world, tasks=3)
+    assert few.turns == tuple((part, number) for part in ("train", "test") for number in (1, 2, 3))
+    assert [few.task(*turn) for turn in few.turns] == [protocol.task(*turn) for turn in few.turns]
+    assert few.header == protocol.header | {"settings": protocol.header["settings"] | {"tasks_per_part": 3}}
+
+
+@pytest.mark.parametrize("tasks", [0, -1, 1_001, True, 1.5])
+def test_a_number_of_tasks_that_cannot_be_is_refused(protocol: HumanProtocol, tasks: Any):
+    with pytest.raises(ConfigError, match="`tasks`"):
+        HumanProtocol(protocol.world, tasks=tasks)
+
+
+def test_an_answer_is_what_an_environment_says_of_the_same_picks(protocol: HumanProtocol):
+    outcomes = set()
+    for part, number in protocol.turns:
+        task = protocol.task(part, number)
+        parts = [task.table.index(label) for label in task.plans[0][:2]]
+        for slots in ((0, 1), (number % 10, 0), (4, 4), (parts[0], parts[1])):
+            env, observation = protocol.pose(part, number)
+            assert table_labels(env, observation) == task.table
+            assert env.state.task == task.index
+            env.step(slots[0])
+            *_, info = env.step(slots[1])
+            answer = protocol.answer(task, slots, 1.23456)
+            assert (answer.part, answer.number, answer.goal, answer.table) == (part, number, task.goal, task.table)
+            assert answer.picks == tuple(task.table[slot] for slot in slots)
+            assert answer.success == (info["outcome"] == "goal")
+            assert set(answer.made) >= set(env.world.graph.labels(env.state.table[10:]))
+            assert answer.seconds == 1.23
+            outcomes.add((answer.success, bool(answer.made)))
+    assert outcomes == {(True, True), (False, True), (False, False)}
+
+
+def test_the_goals_are_the_same_with_any_number_of_distractors(protocol: HumanProtocol):
+    few = HumanProtocol(protocol.world, 1)
+    for turn in protocol.turns:
+        assert few.task(*turn).goal == protocol.task(*turn).goal
+        assert len(few.task(*turn).table) == len(protocol.task(*turn).table) - 7
+
+
+def test_a_task_does_not_depend_on_what_was_posed_before(protocol: HumanProtocol, kitchen: RecipeGraph):
+    env, observation = HumanProtocol(kitchen).pose("test", 7)
+    first = env.task, table_labels(env, observation)
+    for number in (3, 7):
+        env, observation = protocol.pose("test", number)
+    assert (env.task, table_labels(env, observation)) == first
+
+
+def test_episode_seeds_differ_by_seed_part_and_number_and_never_change():
+    keys = [(seed, part, number) for seed in (0, 1, 2**40) for part in ("train", "test") for number in range(1, 41)]
+    assert len({episode_seed(*key) for key in keys}) == len(keys)
+    golden = {(0, "train", 1): 3613627650, (0, "test", 1): 1321936645, (1, "train", 40): 264182322}
+    assert {key: episode_seed(*key) for key in golden} == golden
+
+
+def test_a_negative_seed_is_refused(kitchen: RecipeGraph):
+    with pytest.raises(ConfigError, match="`seed` -1"):
+        HumanProtocol(kitchen, seed=-1)
+
+
+def test_the_header_says_what_makes_sessions_comparable_and_nothing_about_people(
+    protocol: HumanProtocol, kitchen: RecipeGraph, tmp_path: Path
+):
+    play(tmp_path / "human.jsonl", protocol, 3)
+    lines = (tmp_path / "human.jsonl").read_text().splitlines()
+    header, first = json.loads(lines[0]), json.loads(lines[1])
+    assert header["format"] == "wordcraft-kg human protocol 1"
+    assert (header["graph"], header["graph_hash"]) == ("kitchen", kitchen.hash)
+    assert header["split_hash"] == make_split(kitchen, SplitConfig()).hash
+    assert header["settings"] == {
+        "tasks_per_part": 40,
+        "depth": 1,
+        "num_distractors": 8,
+        "attempts": 1,
+        "distractor_weighting": "use",
+        "distractor_policy": "any",
+        "task_weighting": "task",
+        "ambiguity": "all",
+    }
+    assert header["seed"] == 0
+    assert set(header) == {"format", "graph", "graph_hash", "split_hash", "settings", "seed"}
+    assert set(first) == {"part", "number", "goal", "table", "picks", "made", "success", "seconds"}
+
+
+# --- file ------------------------------------------------------------------------------------------------------------
+
+
+def test_a_session_in_pieces_is_the_session_in_one(protocol: HumanProtocol, tmp_path: Path):
+    for count in (0, 1, 39, 40, 41, 80, 80):
+        session = play(tmp_path / "pieces.jsonl", protocol, count)
+        assert session.is_finished == (count == 80)
+    assert session == play(tmp_path / "one.jsonl", protocol) == read_session(tmp_path / "one.jsonl")
+    assert (tmp_path / "pieces.jsonl").read_bytes() == (tmp_path / "one.jsonl").read_bytes()
+
+
+def test_a_last_line_torn_anywhere_is_dropped_and_its_task_asked_again(
+    protocol: HumanProtocol, tmp_path: Path, caplog: pytest.LogCaptureFixture
+):
+    path = tmp_path / "human.jsonl"
+    play(path, protocol, 3)
+    data = path.read_bytes()
+    start = data.rindex(b"\n", 0, -1) + 1
+    for end in range(start + 1, len(data)):
+        path.write_bytes(data[:end])
+        session = open_session(path, protocol)
+        assert (len(session.answers), session.torn) == (2, 0)
+        assert path.read_bytes() == data[:start]
+    assert "torn" in caplog.text
+    play(path, protocol, 3)
+    assert path.read_bytes() == data
+
+
+@pytest.mark.parametrize(
+    ("other", "kind", "message"),
+    [
+        ({"seed": 1}, ConfigError, "has seed 0, but this command has 1"),
+        ({"num_distractors": 1}, ConfigError, "has num_distractors 8, but this command has 1"),
+        ({"split": 1}, GraphMismatchError, "split_hash"),
+        ({"graph": 1}, GraphMismatchError, "graph_hash"),
+    ],
+)
+def test_a_file_of_another_session_is_refused_and_stays(
+    protocol: HumanProtocol, kitchen: RecipeGraph, tmp_path: Path, other: dict[str, int], kind: type, message: str
+):
+    path = tmp_path / "human.jsonl"
+    play(path, protocol, 3)
+    with path.open("ab") as file:
+        file.write(b'{"torn')
+    before = path.read_bytes()
+    graph = kitchen
+    if other.pop("graph", None):
+        graph = RecipeGraph.from_recipes([*kitchen.recipe_labels(), ("bread", "sand", "kiln")])
+    split = make_split(graph, SplitConfig(seed=other.pop("split", 0)))
+    with pytest.raises(kind, match=message):
+        open_session(path, HumanProtocol(OpenedGraph(graph, split, "here"), **other))
+    assert path.read_bytes() == before
+
+
+def test_another_name_of_the_same_graph_goes_on(protocol: HumanProtocol, kitchen: RecipeGraph, tmp_path: Path):
+    play(tmp_path / "human.jsonl", protocol, 3)
+    renamed = RecipeGraph(kitchen.entities, kitchen.recipes, kitchen.base_ids, "cuisine")
+    assert len(open_session(tmp_path / "human.jsonl", HumanProtocol(renamed)).answers) == 3
+
+
+@pytest.mark.parametrize(
+    "content", ["", "my notes", "my notes\n", "{}\n", "[]\n", "\n", '{"format": "other"}\n', "\xff"]
+)
+def test_a_file_that_is_something_else_is_refused_and_stays(protocol: HumanProtocol, tmp_path: Path, content: str):
+    path = tmp_path / "notes"
+    path.write_text(content, encoding="latin-1")
+    with pytest.raises(ArtefactError, match="not a file of the human protocol"):
+        open_session(path, protocol)
+    assert path.read_text(encoding="latin-1") == content
+
+
+DAMAGES: dict[str, EDIT] = {
+    "another part": lambda row: row | {"part": "test"},
+    "another number": lambda row: row | {"number": 3},
+    "a number that is none": lambda row: row | {"number": True},
+    "a pick that was not there": lambda row: row | {"picks": ["gold", "gold"]},
+    "one pick": lambda row: row | {"picks": row["picks"][:1]},
+    "a table of numbers": lambda row: row | {"table": [*row["table"], 1]},
+    "a success that was none": lambda row: row | {"success": not row["success"]},
+    "negative seconds": lambda row: row | {"seconds": -1.0},
+    "endless seconds": lambda row: row | {"seconds": math.inf},
+    "a key more": lambda row: row | {"name": "somebody"},
+    "a key less": lambda row: {key: value for key, value in row.items() if key != "made"},
+    "a list": lambda row: [row],
+    "nothing": lambda row: None,
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_a_damaged_answer_is_refused_with_its_line(protocol: HumanProtocol, tmp_path: Path, damage: str):
+    path = tmp_path / "human.jsonl"
+    play(path, protocol, 4)
+    lines = path.read_text().splitlines()
+    lines[2] = json.dumps(DAMAGES[damage](json.loads(lines[2])))
+    path.write_text("\n".join(lines) + "\n")
+    before = path.read_bytes()
+    for read in (read_session, lambda path: open_session(path, protocol)):
+        with pytest.raises(ArtefactError, match="line 3 is damaged"):
+            read(path)
+    assert path.read_bytes() == before
+
+
+def test_a_task_that_is_not_posed_there_is_refused(protocol: HumanProtocol, tmp_path: Path):
+    path = tmp_path / "human.jsonl"
+    session = play(path, protocol, 2)
+    third = answer_to(protocol, "train", 3)
+    append_answer(path, session, replace(third, table=third.table[::-1]))
+    with pytest.raises(ArtefactError, match="line 4: this version poses another task"):
+        open_session(path, protocol)
+
+
+@pytest.mark.parametrize("name", ["tasks_per_part", "num_distractors"])
+@pytest.mark.parametrize("value", [None, "8", True, -1, 10**9, 1.0])
+def test_a_header_whose_settings_are_none_is_refused(protocol: HumanProtocol, tmp_path: Path, name: str, value: Any):
+    path = tmp_path / "human.jsonl"
+    play(path, protocol, 2)
+    header, *lines = path.read_text().splitlines()
+    changed = json.loads(header)
+    changed["settings"][name] = value
+    path.write_text("\n".join([json.dumps(changed), *lines]) + "\n")
+    with pytest.raises(ArtefactError, match=f"line 1 is damaged: '{name}'"):
+        read_session(path)
+
+
+def test_a_session_of_fewer_tasks_ends_after_them(protocol: HumanProtocol, tmp_path: Path):
+    few = HumanProtocol(protocol.world, tasks=2)
+    assert [play(tmp_path / "few.jsonl", few, count).is_finished for count in (3, 4)] == [False, True]
+    assert read_session(tmp_path / "few.jsonl").is_finished
+    with pytest.raises(ConfigError, match="has tasks_per_part 2, but this command has 40"):
+        open_session(tmp_path / "few.jsonl", protocol)
+
+
+def test_lines_lost_doubled_or_in_excess_are_refused(protocol: HumanProtocol, tmp_path: Path):
+    path = tmp_path / "human.jsonl"
+    play(path, protocol)
+    lines = path.read_bytes().splitlines(keepends=True)
+    for changed in (lines[:3] + lines[4:], [*lines[:3], *lines[2:]], [*lines, lines[-1]], [*lines[:4], b"\n"]):
+        path.write_bytes(b"".join(changed))
+        with pytest.raises(ArtefactError, match="damaged"):
+            read_session(path)
+
+
+# --- Wilson ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("successes", "n", "low", "high"),
+    [(81, 263, 0.2553, 0.3662), (15, 148, 0.0624, 0.1605), (0, 20, 0.0, 0.1611), (1, 29, 0.0061, 0.1718)],
+)
+def test_wilson_intervals_are_those_of_newcombe_1998_table_1(successes: int, n: int, low: float, high: float):
+    assert wilson_interval(successes, n) == pytest.approx((low, high), abs=5e-5)
+
+
+@given(st.integers(1, 10_000), st.data(), st.sampled_from([0.5, 0.9, 0.95, 0.999]))
+def test_the_wilson_interval_holds_the_probabilities_that_a_score_test_does_not_refuse(
+    n: int, data: st.DataObject, level: float
+):
+    successes = data.draw(st.integers(0, n))
+    z = NormalDist().inv_cdf((1 + level) / 2)
+
+    def is_kept(p: float) -> bool:
+        return abs(successes / n - p) <= z * math.sqrt(p * (1 - p) / n)
+
+    def edge(kept: float, refused: float) -> float:
+        """Bisect between a probability that is kept and one that is refused."""
+        if is_kept(refused):
+            return refused
+        for _ in range(60):
+            middle = (kept + refused) / 2
+            kept, refused = (middle, refused) if is_kept(middle) else (kept, middle)
+        return kept
+
+    low, high = wilson_interval(successes, n, level)
+    assert low == pytest.approx(edge(successes / n, 0.0), abs=1e-9)
+    assert high == pytest.approx(edge(successes / n, 1.0), abs=1e-9)
+    assert 0 <= low <= successes / n <= high <= 1
+    assert wilson_interval(n - successes, n, level) == pytest.approx((1 - high, 1 - low), abs=1e-12)
+
+
+def test_no_success_and_all_successes_have_exact_bounds():
+    assert wilson_interval(0, 7)[0] == 0
+    assert wilson_interval(7, 7)[1] == 1
+
+
+@pytest.mark.parametrize(("successes", "n", "level"), [(0, 0, 0.95), (-1, 3, 0.95), (4, 3, 0.95), (1, 3, 0), (1, 3, 1)])
+def test_a_rate_that_cannot_be_is_refused(successes: int, n: int, level: float):
+    with pytest.raises(ConfigError, match="expected"):
+        wilson_interval(successes, n, level)

@@ -1,0 +1,208 @@
+"""Sums over people: rates by condition and part, their intervals, and an agent at the same tables."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from wordcraft_kg.agents.agent_folder import OpenedAgent, open_agent
+from wordcraft_kg.agents.evaluation import PolicyPlayer
+from wordcraft_kg.apps.people.beside import greedy_slots, successes_beside
+from wordcraft_kg.apps.people.protocol import HumanProtocol
+from wordcraft_kg.apps.people.session_file import Session
+from wordcraft_kg.apps.people.summary import view_people
+from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError
+from wordcraft_kg.base.records import checked_values
+from wordcraft_kg.base.statistics import wilson_interval
+from wordcraft_kg.envs.batch import GOAL, BatchEngine
+from wordcraft_kg.graphs import OpenedGraph, RecipeGraph, SplitConfig, make_split
+
+
+def session(protocol: HumanProtocol, right: str, seconds: float = 1.0) -> Session:
+    """Somebody's answers: a digit for each, 1 for a right one."""
+    answers = []
+    for turn, digit in zip(protocol.turns, right, strict=False):
+        task = protocol.task(*turn)
+        one, other = (task.table.index(label) for label in task.plans[0][:2])
+        wrong = next(slot for slot in range(len(task.table)) if slot not in (one, other))
+        answer = protocol.answer(task, (one, other) if digit == "1" else (wrong, wrong), seconds)
+        assert answer.success == (digit == "1")
+        answers.append(answer)
+    return Session(protocol.header, tuple(answers))
+
+
+@pytest.fixture(scope="module")
+def protocol(kitchen: RecipeGraph) -> HumanProtocol:
+    return HumanProtocol(kitchen, tasks=3)
+
+
+def by_file(*sessions: Session) -> dict[Path, Sequence[Session]]:
+    return {Path(f"{number}.jsonl"): (one,) for number, one in enumerate(sessions)}
+
+
+# --- rates -----------------------------------------------------------------------------------------------------------
+
+
+def test_each_part_is_summed_up_over_all_sessions(protocol: HumanProtocol):
+    people = [session(protocol, "110100"), session(protocol, "1110"), session(protocol, "")]
+    view = view_people(by_file(*people))
+    checked_values(view)
+    assert (view.graph, view.sessions, view.finished) == ("kitchen", 3, 1)
+    assert view.settings == {k: v for k, v in protocol.header["settings"].items() if k != "num_distractors"}
+    (condition,) = view.conditions
+    assert (condition.distractors, condition.sessions, condition.finished) == (8, 3, 1)
+    train, test = condition.parts["train"], condition.parts["test"]
+    assert (train.answered, train.successes, train.people) == (6, 5, 2)
+    assert (train.rate, train.interval) == (5 / 6, wilson_interval(5, 6))
+    assert (test.answered, test.successes, test.people) == (4, 1, 2)
+    assert train.agents == {}
+
+
+def test_the_interval_over_people_is_that_of_all_resamples_of_people(protocol: HumanProtocol):
+    """With two people there are four resamples, which a thousand draws meet about equally often."""
+    people = [session(protocol, "111"), session(protocol, "100")]
+    row = view_people(by_file(*people)).conditions[0].parts["train"]
+    drawn = [np.mean([3, 3]) / 3, np.mean([3, 1]) / 3, np.mean([1, 3]) / 3, np.mean([1, 1]) / 3]
+    assert row.people_interval == pytest.approx((min(drawn), max(drawn)))
+
+
+@pytest.mark.parametrize("answers", ["111", "000"])
+def test_people_who_are_all_right_or_all_wrong_have_an_interval_and_not_a_point(protocol: HumanProtocol, answers: str):
+    people = [session(protocol, answers[:2]), session(protocol, answers), session(protocol, answers[:1])]
+    sessions = by_file(*people)
+    made = {one.table_of(answer): answers == "111" for one in people for answer in one.answers}
+    row = view_people(sessions, {"agent": made}).conditions[0].parts["train"]
+    right = 3 * (answers == "111")
+    assert row.people_interval == wilson_interval(right, 3)
+    assert (row.agents["agent"].tables, row.agents["agent"].interval) == (3, wilson_interval(right, 3))
+
+
+def test_one_person_alone_has_no_interval_over_people_and_none_without_answers(protocol: HumanProtocol):
+    row = view_people(by_file(session(protocol, "111"))).conditions[0]
+    assert row.parts["train"].people_interval is None
+    assert row.parts["test"].interval is None
+    assert row.parts["test"].rate is None
+    assert row.parts["test"].people == 0
+
+
+def test_numbers_of_distractors_are_conditions_of_their_own(protocol: HumanProtocol):
+    few = HumanProtocol(protocol.world, 1, tasks=3)
+    view = view_people(by_file(session(protocol, "110"), session(few, "100100"), session(few, "000", 2.0)))
+    assert [condition.distractors for condition in view.conditions] == [1, 8]
+    assert [condition.parts["train"].successes for condition in view.conditions] == [1, 2]
+    assert [condition.sessions for condition in view.conditions] == [2, 1]
+    assert [condition.finished for condition in view.conditions] == [1, 0]
+
+
+def test_sessions_with_other_seeds_belong_together_and_other_settings_do_not(protocol: HumanProtocol):
+    other = HumanProtocol(protocol.world, seed=1, tasks=3)
+    assert view_people(by_file(session(protocol, "1"), session(other, "1"))).sessions == 2
+    longer = HumanProtocol(protocol.world, tasks=4)
+    with pytest.raises(ConfigError, match=r"'1\.jsonl' has tasks_per_part 4, but '0\.jsonl' has 3"):
+        view_people(by_file(session(protocol, "1"), session(longer, "1")))
+
+
+@pytest.mark.parametrize("what", ["graph", "split"])
+def test_another_graph_or_split_is_not_summed_up(protocol: HumanProtocol, kitchen: RecipeGraph, what: str):
+    graph = kitchen
+    if what == "graph":
+        graph = RecipeGraph.from_recipes([*kitchen.recipe_labels(), ("bread", "sand", "kiln")])
+    opened = OpenedGraph(graph, make_split(graph, SplitConfig(seed=1)), "here")
+    with pytest.raises(GraphMismatchError, match=f"{what}_hash"):
+        view_people(by_file(session(protocol, "1"), session(HumanProtocol(opened, tasks=3), "1")))
+
+
+def test_a_session_is_not_counted_twice_but_unbegun_ones_are_alike(protocol: HumanProtocol):
+    with pytest.raises(ArtefactError, match=r"1\.jsonl has the same answers as 0\.jsonl"):
+        view_people(by_file(session(protocol, "10"), session(protocol, "10")))
+    assert view_people(by_file(session(protocol, ""), session(protocol, ""))).sessions == 2
+
+
+def test_a_torn_session_and_no_session_are_refused(protocol: HumanProtocol):
+    with pytest.raises(ArtefactError, match="torn"):
+        view_people(by_file(replace(session(protocol, "1"), torn=3)))
+    for nothing in ({}, {Path("study"): ()}):
+        with pytest.raises(ConfigError, match="at least one"):
+            view_people(nothing)
+
+
+# --- agents beside people --------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def agent(recipes_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> OpenedAgent:
+    """A little trained agent of the kitchen, whose scorer is cross-fitted."""
+    from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
+    from wordcraft_kg.agents.training import train_agent
+
+    trainer = ImpalaConfig(steps=2_000, eval_every=0)
+    config = AgentConfig("kitchen", str(recipes_folder), TaskConfig(distractors=4), trainer=trainer)
+    folder = tmp_path_factory.mktemp("runs") / "guided"
+    train_agent(config, folder)
+    return open_agent(folder)
+
+
+@pytest.mark.parametrize("part", ["train", "test"])
+def test_the_greedy_picks_are_those_of_a_player_in_an_engine_with_the_same_tables(agent: OpenedAgent, part: str):
+    protocol = HumanProtocol(agent.opened, 5, seed=3)
+    world = protocol.world.variant(part=part)
+    tasks = [protocol.task(part, number) for number in range(1, 41)]
+    slots = greedy_slots(agent.policy, world, tasks)
+    engine = BatchEngine(world, len(tasks))
+    state = engine.state()
+    state["wide"][:] = world.nothing
+    for row, task in enumerate(tasks):
+        state["wide"][row, : len(task.table)] = [world.graph.id_of(label) for label in task.table]
+        state["goal"][row], state["task"][row] = world.graph.id_of(task.goal), task.index
+        state["count"][row] = len(task.table)
+    engine.restore(state)
+    player, rng = PolicyPlayer(agent.policy), np.random.default_rng(0)
+    for pick in range(2):
+        picked = player(engine, rng)
+        assert picked.tolist() == slots[:, pick].tolist()
+        outcome = engine.step_once(picked).outcome
+    made = [protocol.answer(task, pair, 1.0).success for task, pair in zip(tasks, slots.tolist(), strict=True)]
+    assert made == (outcome == GOAL).tolist()
+    assert 0 < sum(made) < len(made)
+
+
+def test_an_agent_stands_beside_each_answer_at_the_table_of_that_answer(agent: OpenedAgent):
+    first, second = (HumanProtocol(agent.opened, 5, seed, tasks=20) for seed in (0, 1))
+    people = [session(first, "1" * 40), session(first, "0" * 7), session(second, "01" * 12)]
+    made = successes_beside(agent, people)
+    assert len(made) == 40 + 24
+    view = view_people(by_file(*people), {"guided": made})
+    checked_values(view)
+    for part, row in view.conditions[0].parts.items():
+        expected = []
+        for protocol, one in zip((first, first, second), people, strict=True):
+            for answer in one.answers:
+                if answer.part == part:
+                    task = protocol.task(part, answer.number)
+                    pair = greedy_slots(agent.policy, protocol.world.variant(part=part), [task])[0].tolist()
+                    expected.append(protocol.answer(task, (pair[0], pair[1]), 1.0).success)
+        beside = row.agents["guided"]
+        assert (beside.successes, row.answered) == (sum(expected), len(expected))
+        assert beside.rate == sum(expected) / len(expected)
+        assert beside.tables == len({(key[1], key[3]) for key in made if key[2] == part})
+        assert beside.interval is not None
+        assert beside.interval[0] <= beside.rate <= beside.interval[1]
+
+
+def test_an_agent_of_another_graph_or_split_is_refused(agent: OpenedAgent, kitchen: RecipeGraph):
+    split = make_split(kitchen, SplitConfig(seed=1))
+    other = HumanProtocol(OpenedGraph(kitchen, split, "here"), 5, tasks=3)
+    with pytest.raises(GraphMismatchError, match="of a split with hash"):
+        successes_beside(agent, [session(other, "1")])
+    everyday = HumanProtocol("everyday", 5, tasks=3)
+    with pytest.raises(GraphMismatchError, match="of a graph with hash"):
+        successes_beside(agent, [session(everyday, "1")])
+
+
+def test_answers_at_a_table_that_is_not_posed_today_are_refused(agent: OpenedAgent):
+    one = session(HumanProtocol(agent.opened, 5, tasks=3), "1")
+    turned = replace(one, answers=(replace(one.answers[0], table=one.answers[0].table[::-1]),))
+    with pytest.raises(ArtefactError, match="poses another task"):
+        successes_beside(agent, [turned])

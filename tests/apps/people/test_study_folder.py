@@ -1,0 +1,490 @@
+"""The folder of a study: who gets which tasks, what is stored once and stays, and what is refused unchanged."""
+
+import json
+import math
+import sqlite3
+import subprocess
+import sys
+import threading
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from wordcraft_kg.apps.people.answers_database import AnswersDatabase, Participant, read_answers
+from wordcraft_kg.apps.people.codes import ALPHABET, code_hash, new_code, read_code
+from wordcraft_kg.apps.people.config import MOST_CONDITIONS, MOST_FORMS, MOST_TASKS, StudyConfig
+from wordcraft_kg.apps.people.protocol import HumanProtocol
+from wordcraft_kg.apps.people.session_file import read_session
+from wordcraft_kg.apps.people.study import (
+    ANSWERS_FILE,
+    Cell,
+    Study,
+    check_study_folder,
+    read_study_record,
+    write_study_record,
+)
+from wordcraft_kg.apps.people.study_folder import read_study
+from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError, OutputExistsError
+from wordcraft_kg.graphs import OpenedGraph, RecipeGraph, SplitConfig, make_split
+
+SMALL = StudyConfig(tasks=3, distractors=(1, 8), forms=2, seed=5)
+
+
+@pytest.fixture(scope="module")
+def study(kitchen: RecipeGraph) -> Study:
+    return Study(kitchen, SMALL)
+
+
+@pytest.fixture
+def folder(study: Study, tmp_path: Path) -> Path:
+    """A study that has been begun; its name has what addresses of databases treat specially."""
+    path = tmp_path / "a study #1 100%?"
+    assert not check_study_folder(path, study.record)
+    write_study_record(path, study.record)
+    opened(path).close()
+    return path
+
+
+@pytest.fixture
+def answers(folder: Path) -> Iterator[AnswersDatabase]:
+    found = opened(folder)
+    yield found
+    found.close()
+
+
+def opened(folder: Path) -> AnswersDatabase:
+    return AnswersDatabase.open(folder / ANSWERS_FILE, read_study_record(folder)[1], 6)
+
+
+def begin(answers: AnswersDatabase, study: Study) -> Participant:
+    return answers.begin(code_hash(new_code()), study.cells)
+
+
+def go_on(answers: AnswersDatabase, study: Study, person: Participant, count: int = 6) -> None:
+    """Answer so many tasks more; every second one rightly."""
+    begun = len(answers.answers_of(person))
+    for place, task in list(enumerate(study.tasks(person.cell)))[begun : begun + count]:
+        answers.show(person, task.part, task.number, 100.0)
+        one, other = (task.table.index(label) for label in task.plans[0][:2])
+        slots = (one, other) if place % 2 else (0, 0)
+        assert answers.add(person, study.protocol(person.cell).answer(task, slots, 2.5))
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in sorted(folder.iterdir()) if path.is_file()}
+
+
+# --- codes -----------------------------------------------------------------------------------------------------------
+
+
+def test_codes_are_read_as_people_type_them():
+    code = new_code()
+    assert len(set(code)) > 4
+    assert read_code(code) == code
+    for typed in (code.upper(), code.replace("-", ""), f"  {code.replace('-', ' ')}\n", code.replace("-", "–")):
+        assert read_code(typed) == code
+
+
+@pytest.mark.parametrize(
+    "typed", ["", "-", "abcd", "k7qm-2xwd-9hr", "k7qm-2xwd-9hrtt", "k7qm-2xwd-9hr0", "k7qm-2xwd-9hrï", "x" * 10_000]
+)
+def test_what_is_no_code_is_none(typed: str):
+    assert read_code(typed) is None
+
+
+def test_codes_differ_and_have_nothing_that_looks_alike():
+    codes = {new_code() for _ in range(1_000)}
+    assert len(codes) == 1_000
+    assert set("".join(codes)) == {*ALPHABET, "-"}
+    assert not set("01ilo") & set(ALPHABET)
+    assert 12 * math.log2(len(ALPHABET)) > 59
+
+
+def test_a_code_is_not_stored(study: Study, folder: Path, answers: AnswersDatabase):
+    code = new_code()
+    go_on(answers, study, answers.begin(code_hash(code), study.cells), 2)
+    answers.close()
+    for data in contents(folder).values():
+        assert code.encode() not in data
+        assert code.replace("-", "").encode() not in data
+
+
+# --- tasks -----------------------------------------------------------------------------------------------------------
+
+
+def test_the_tasks_of_a_form_and_condition_are_those_of_the_protocol_with_its_seed(study: Study, kitchen: RecipeGraph):
+    for cell in study.cells:
+        protocol = HumanProtocol(kitchen, cell.distractors, 5 + cell.form, tasks=3)
+        assert study.tasks(cell) == tuple(protocol.task(*turn) for turn in protocol.turns)
+        assert study.protocol(cell).header == protocol.header == study.record.header(cell.form, cell.distractors)
+
+
+def test_several_threads_get_the_same_tasks(kitchen: RecipeGraph):
+    fresh, found = Study(kitchen, SMALL), []
+    threads = [threading.Thread(target=lambda: found.append(fresh.tasks(fresh.cells[0]))) for _ in range(8)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert set(found) == {Study(kitchen, SMALL).tasks(fresh.cells[0])}
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"tasks": 0}, "`tasks` 0"),
+        ({"tasks": MOST_TASKS + 1}, "`tasks`"),
+        ({"forms": 0}, "`forms` 0"),
+        ({"forms": MOST_FORMS + 1}, "`forms`"),
+        ({"seed": -1}, "`seed` -1"),
+        ({"seed": 2**63 - 1}, "`seed`"),
+        ({"distractors": ()}, "expected 1 to 10 different"),
+        ({"distractors": (1, 1)}, "expected 1 to 10 different"),
+        ({"distractors": tuple(range(MOST_CONDITIONS + 1))}, "expected 1 to 10 different"),
+        ({"distractors": (1, -1)}, "`num_distractors` -1"),
+        ({"distractors": (1, 10_000)}, "`num_distractors` 10000"),
+        ({"consent": " \n"}, "`consent`"),
+        ({"consent": "x" * 20_001}, "at most 20,000"),
+    ],
+)
+def test_settings_that_cannot_be_are_refused(kitchen: RecipeGraph, changes: dict[str, Any], message: str):
+    with pytest.raises(ConfigError, match=message):
+        Study(kitchen, replace(SMALL, **changes))
+
+
+# --- assignment ------------------------------------------------------------------------------------------------------
+
+
+def test_people_are_assigned_to_the_cell_that_fewest_have_begun(study: Study, answers: AnswersDatabase):
+    people = [begin(answers, study) for _ in range(8)]
+    assert [person.number for person in people] == list(range(1, 9))
+    expected = [Cell(0, 1), Cell(0, 8), Cell(1, 1), Cell(1, 8)]
+    assert [person.cell for person in people] == expected * 2
+
+
+def test_of_cells_that_as_many_have_begun_the_one_fewest_have_finished_comes_first(
+    study: Study, answers: AnswersDatabase
+):
+    people = [begin(answers, study) for _ in range(4)]
+    go_on(answers, study, people[0])
+    go_on(answers, study, people[1])
+    go_on(answers, study, people[2], 5)  # not quite
+    assert begin(answers, study).cell == people[2].cell
+    assert begin(answers, study).cell == people[3].cell
+    assert begin(answers, study).cell == people[0].cell
+    assert answers.stored().finished == 2
+
+
+def test_people_who_begin_at_once_are_spread_evenly(study: Study, answers: AnswersDatabase):
+    found: list[Participant] = []
+    threads = [threading.Thread(target=lambda: found.append(begin(answers, study))) for _ in range(40)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert Counter(person.cell for person in found) == dict.fromkeys(study.cells, 10)
+    assert sorted(person.number for person in found) == list(range(1, 41))
+
+
+def test_a_code_begins_one_session(study: Study, answers: AnswersDatabase):
+    code = code_hash(new_code())
+    person = answers.begin(code, study.cells)
+    assert answers.begin(code, study.cells) == person == answers.find(code)
+    assert answers.find(code_hash(new_code())) is None
+    assert answers.stored().people == 1
+
+
+# --- answers ---------------------------------------------------------------------------------------------------------
+
+
+def test_the_first_answer_to_a_task_stays(study: Study, folder: Path, answers: AnswersDatabase):
+    person = begin(answers, study)
+    task, protocol = study.tasks(person.cell)[0], study.protocol(person.cell)
+    first, second = protocol.answer(task, (0, 1), 1.0), protocol.answer(task, (1, 1), 2.0)
+    assert not answers.add(person, first)  # nobody has seen the task
+    answers.show(person, task.part, task.number, 10.0)
+    assert answers.add(person, first)
+    assert not answers.add(person, second)
+    answers.show(person, task.part, task.number, 20.0)  # a page that was loaded late
+    assert answers.shown(person, task.part, task.number) is None
+    assert not answers.add(person, second)
+    assert answers.answers_of(person) == [first]
+    assert [line.picks for line in read_study(folder).lines()] == [first.picks]
+
+
+def test_the_first_showing_of_a_task_is_kept_and_each_is_counted(study: Study, folder: Path, answers: AnswersDatabase):
+    person = begin(answers, study)
+    task = study.tasks(person.cell)[0]
+    assert answers.shown(person, task.part, task.number) is None
+    for now in (10.0, 20.0, 5.0):
+        answers.show(person, task.part, task.number, now)
+        assert answers.shown(person, task.part, task.number) == 10.0
+    answers.add(person, study.protocol(person.cell).answer(task, (0, 1), 1.0))
+    assert [line.loads for line in read_study(folder).lines()] == [3]
+
+
+def test_no_time_of_day_stays_with_an_answer(study: Study, folder: Path, answers: AnswersDatabase):
+    go_on(answers, study, begin(answers, study), 2)
+    with sqlite3.connect(folder / ANSWERS_FILE) as connection:
+        assert connection.execute("SELECT COUNT(*) FROM showings").fetchone() == (0,)
+        (names,) = zip(*connection.execute("SELECT name FROM pragma_table_info('answers')"), strict=True)
+    assert names == (*("session", "part", "number", "goal", "slots", "picks", "made", "success", "seconds", "loads"),)
+
+
+def test_what_is_read_is_what_was_given_while_it_is_served_and_afterwards(
+    study: Study, folder: Path, answers: AnswersDatabase
+):
+    people = [begin(answers, study) for _ in range(3)]
+    go_on(answers, study, people[1], 4)
+    go_on(answers, study, people[0])
+    given = {person.number: answers.answers_of(person) for person in people}
+    served = read_study(folder)
+    answers.close()
+    assert sorted(contents(folder)) == ["answers.sqlite", "study.json"]
+    before = contents(folder)
+    read = read_study(folder)
+    assert contents(folder) == before
+    assert sorted(path.name for path in folder.iterdir()) == sorted(before)
+    for found in (served, read):
+        assert [len(session.answers) for session in found.sessions()] == [6, 4, 0]
+        assert [session.is_finished for session in found.sessions()] == [True, False, False]
+        for person, session in zip(people, found.sessions(), strict=True):
+            assert list(session.answers) == given[person.number]
+            assert session.header == study.protocol(person.cell).header
+        assert [line.session for line in found.lines()] == [1] * 6 + [2] * 4
+        assert [line.part for line in found.lines()] == ["train"] * 3 + ["test"] * 3 + ["train"] * 3 + ["test"]
+
+
+def test_a_session_of_a_study_is_one_that_play_could_have_written(
+    study: Study, folder: Path, answers: AnswersDatabase, tmp_path: Path
+):
+    from wordcraft_kg.apps.people.session_file import append_answer, open_session
+
+    person = begin(answers, study)
+    go_on(answers, study, person)
+    (session,) = read_study(folder).sessions()
+    path = tmp_path / "human.jsonl"
+    written = open_session(path, study.protocol(person.cell))
+    for answer in session.answers:
+        written = append_answer(path, written, answer)
+    assert read_session(path) == session
+
+
+KILLED = """
+import os, signal, sys
+from pathlib import Path
+from wordcraft_kg.apps.people.answers_database import *
+from wordcraft_kg.apps.people.study import *
+from wordcraft_kg.apps.people.config import StudyConfig
+folder = Path(sys.argv[1])
+study = Study("kitchen", StudyConfig(tasks=3, distractors=(1, 8), forms=2, seed=5))
+answers = AnswersDatabase.open(folder / ANSWERS_FILE, read_study_record(folder)[1], 6)
+person = answers.begin("0" * 64, study.cells)
+for task in study.tasks(person.cell)[:4]:
+    answers.show(person, task.part, task.number, 100.0)
+    answers.add(person, study.protocol(person.cell).answer(task, (0, 1), 1.0))
+answers.show(person, "test", 2, 200.0)
+os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def test_what_was_stored_is_there_after_a_kill(study: Study, folder: Path):
+    done = subprocess.run([sys.executable, "-c", KILLED, str(folder)], capture_output=True, text=True, check=False)
+    assert done.returncode == -9, done.stderr
+    assert (folder / f"{ANSWERS_FILE}-wal").exists()
+    assert [len(session.answers) for session in read_study(folder).sessions()] == [4]
+    answers = opened(folder)
+    person = answers.find("0" * 64)
+    assert person is not None
+    assert len(answers.answers_of(person)) == 4
+    assert answers.shown(person, "test", 2) == 200.0
+    go_on(answers, study, person)
+    answers.close()
+    assert sorted(contents(folder)) == ["answers.sqlite", "study.json"]
+    assert read_study(folder).sessions()[0].is_finished
+
+
+# --- another study, damage -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"tasks": 4}, "with tasks_per_part 3, but this command has 4"),
+        ({"distractors": (8, 1)}, "with distractors 1, 8, but this command has 8, 1"),
+        ({"forms": 3}, "with forms 2, but this command has 3"),
+        ({"seed": 6}, "with seed 5, but this command has 6"),
+        ({"consent": "Do you?"}, "agreed to another text"),
+    ],
+)
+def test_a_study_with_other_settings_is_refused_with_what_differs(
+    kitchen: RecipeGraph, folder: Path, changes: dict[str, Any], message: str
+):
+    before = contents(folder)
+    with pytest.raises(ConfigError, match=message):
+        check_study_folder(folder, Study(kitchen, replace(SMALL, **changes)).record)
+    assert contents(folder) == before
+
+
+def test_a_study_of_another_graph_or_split_is_refused(kitchen: RecipeGraph, folder: Path):
+    with pytest.raises(GraphMismatchError, match=r"is a study of the graph [0-9a-f]{12} \(kitchen\)"):
+        check_study_folder(folder, Study("everyday", SMALL).record)
+    other = OpenedGraph(kitchen, make_split(kitchen, SplitConfig(seed=1)), "here")
+    with pytest.raises(GraphMismatchError, match="is a study of the split"):
+        check_study_folder(folder, Study(other, SMALL).record)
+
+
+def test_the_same_study_under_another_name_of_its_graph_goes_on(kitchen: RecipeGraph, folder: Path):
+    renamed = RecipeGraph(kitchen.entities, kitchen.recipes, kitchen.base_ids, "cuisine")
+    assert check_study_folder(folder, Study(renamed, SMALL).record)
+
+
+def test_what_is_no_study_is_refused_and_an_empty_folder_is_not(study: Study, tmp_path: Path):
+    (tmp_path / "empty").mkdir()
+    assert not check_study_folder(tmp_path / "empty", study.record)
+    (tmp_path / "notes").write_text("mine")
+    with pytest.raises(OutputExistsError, match="is a file"):
+        check_study_folder(tmp_path / "notes", study.record)
+    with pytest.raises(OutputExistsError, match="has none of"):
+        check_study_folder(tmp_path, study.record)
+    for path in (tmp_path, tmp_path / "notes", tmp_path / "nowhere"):
+        with pytest.raises(ArtefactError, match="expected the folder that `study serve` writes"):
+            read_study(path)
+
+
+RECORDS: dict[str, Any] = {
+    "another format": lambda record: record | {"format": "wordcraft-kg study 2"},
+    "a key more": lambda record: record | {"name": "somebody"},
+    "a key less": lambda record: {key: value for key, value in record.items() if key != "seed"},
+    "a negative seed": lambda record: record | {"seed": -1},
+    "a hash that is none": lambda record: record | {"graph_hash": "x"},
+    "no number of tasks": lambda record: record | {"settings": {}},
+    "too many tasks": lambda record: record | {"settings": record["settings"] | {"tasks_per_part": 10**9}},
+    "a list": lambda record: [record],
+}
+
+
+@pytest.mark.parametrize("change", RECORDS)
+def test_a_damaged_record_is_refused(study: Study, folder: Path, change: str):
+    path = folder / "study.json"
+    path.write_text(json.dumps(RECORDS[change](json.loads(path.read_text()))))
+    before = contents(folder)
+    for use in (read_study, lambda folder: check_study_folder(folder, study.record)):
+        with pytest.raises(ArtefactError, match=r"study\.json is damaged"):
+            use(folder)
+    assert contents(folder) == before
+
+
+def spoil(data: bytes) -> dict[str, bytes]:
+    middle = len(data) // 2
+    return {
+        "empty": b"",
+        "a text": b"my notes\n" * 1_000,
+        "cut off": data[: len(data) - 5_000],
+        "half": data[:middle],
+        "zeros within": data[:4_096] + bytes(4_096) + data[8_192:],
+        "noise within": data[:200] + bytes(range(256)) * 15 + data[200 + 256 * 15 :],
+        "no header": bytes(100) + data[100:],
+    }
+
+
+@pytest.mark.parametrize("damage", spoil(b""))
+def test_a_damaged_database_is_refused_and_stays(study: Study, folder: Path, damage: str):
+    answers = opened(folder)
+    go_on(answers, study, begin(answers, study))
+    answers.close()
+    path = folder / ANSWERS_FILE
+    path.write_bytes(spoil(path.read_bytes())[damage])
+    before = contents(folder)
+    for use in (read_study, opened):
+        with pytest.raises(ArtefactError, match=r"answers\.sqlite is (damaged|not a database of answers)"):
+            use(folder)
+        assert contents(folder) == before
+
+
+def test_another_database_or_one_of_another_study_is_refused_and_stays(kitchen: RecipeGraph, folder: Path):
+    path = folder / ANSWERS_FILE
+    own = path.read_bytes()
+    path.unlink()
+    with sqlite3.connect(path) as connection:
+        connection.execute("CREATE TABLE mine (thing TEXT)")
+    connection.close()
+    before = contents(folder)
+    with pytest.raises(ArtefactError, match="not a database of answers"):
+        opened(folder)
+    assert contents(folder) == before
+    path.write_bytes(own)
+    record = folder / "study.json"
+    record.write_text(record.read_text().replace('"seed": 5', '"seed": 6'))
+    before = contents(folder)
+    for use in (opened, read_study):
+        with pytest.raises(ArtefactError, match="belongs to another study"):
+            use(folder)
+    assert contents(folder) == before
+
+
+CHANGES = {
+    "an answer is missing": "DELETE FROM answers WHERE part = 'train' AND number = 2",
+    "a success that was none": "UPDATE answers SET success = 1 - success WHERE number = 1",
+    "a pick that was not there": 'UPDATE answers SET picks = \'["gold", "gold"]\' WHERE number = 1',
+    "no list": "UPDATE answers SET made = '3' WHERE number = 1",
+    "no JSON": "UPDATE answers SET made = '[' WHERE number = 1",
+    "negative seconds": "UPDATE answers SET seconds = -1 WHERE number = 1",
+    "never loaded": "UPDATE answers SET loads = 0 WHERE number = 1",
+    "another part": "UPDATE answers SET part = 'valid' WHERE number = 1 AND part = 'test'",
+    "another condition": "UPDATE sessions SET distractors = 3",
+    "nobody's answers": "PRAGMA foreign_keys = OFF; DELETE FROM sessions",
+}
+
+
+@pytest.mark.parametrize("change", CHANGES)
+def test_answers_that_cannot_be_are_refused(study: Study, folder: Path, change: str):
+    answers = opened(folder)
+    go_on(answers, study, begin(answers, study))
+    answers.close()
+    connection = sqlite3.connect(folder / ANSWERS_FILE)
+    connection.executescript(CHANGES[change])
+    connection.commit()
+    connection.close()
+    with pytest.raises(ArtefactError, match="is damaged"):
+        read_study(folder)
+
+
+@pytest.mark.parametrize(
+    "foreign",
+    [
+        "CREATE TRIGGER t AFTER INSERT ON answers BEGIN DELETE FROM answers; END",
+        "DROP TABLE answers; CREATE VIEW answers AS SELECT 1 AS session, 'train' AS part, 1 AS number, 'a' AS goal, "
+        "'[]' AS slots, '[]' AS picks, '[]' AS made, 0 AS success, 0.0 AS seconds, 1 AS loads",
+        "CREATE TABLE more (thing TEXT)",
+    ],
+)
+def test_a_database_with_more_than_a_study_s_tables_is_refused_and_stays(folder: Path, foreign: str):
+    opened(folder).close()
+    connection = sqlite3.connect(folder / ANSWERS_FILE)
+    connection.executescript(foreign)
+    connection.close()
+    before = contents(folder)
+    for use in (read_study, opened):
+        with pytest.raises(ArtefactError, match="its tables are not those of a study"):
+            use(folder)
+        assert contents(folder) == before
+
+
+def test_a_database_that_was_not_finished_is_made_again(study: Study, folder: Path):
+    (folder / ANSWERS_FILE).unlink()
+    (folder / f".{ANSWERS_FILE}.new").write_bytes(b"half")
+    answers = opened(folder)
+    go_on(answers, study, begin(answers, study), 1)
+    answers.close()
+    assert sorted(path.name for path in folder.iterdir()) == ["answers.sqlite", "study.json"]
+
+
+def test_reading_needs_the_file(folder: Path):
+    (folder / ANSWERS_FILE).unlink()
+    with pytest.raises(ArtefactError, match=r"answers\.sqlite is missing"):
+        read_answers(folder / ANSWERS_FILE, "0" * 64)

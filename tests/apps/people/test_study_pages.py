@@ -1,0 +1,493 @@
+"""A study's pages as a browser gets them: consent, tasks, answers once, and nothing about the person."""
+
+import re
+from collections.abc import Iterator
+from html import unescape
+from pathlib import Path
+
+import pytest
+from starlette.testclient import TestClient
+
+from tests.apps.explorer.labels import HOSTILE
+from wordcraft_kg.apps.people.answers_database import AnswersDatabase
+from wordcraft_kg.apps.people.codes import code_hash
+from wordcraft_kg.apps.people.config import StudyConfig
+from wordcraft_kg.apps.people.keeping import kept_answers
+from wordcraft_kg.apps.people.study import Study
+from wordcraft_kg.apps.people.study_folder import AnswerLine, read_study
+from wordcraft_kg.apps.people.web_app import make_study_app
+from wordcraft_kg.apps.web.guard import HEADERS
+from wordcraft_kg.graphs import RecipeGraph
+
+CONSENT = "Do you <b>agree</b>?\n\nSecond & last\nline."
+
+
+class Browser:
+    """Somebody's browser, and a clock that the server reads."""
+
+    def __init__(self, study: Study, answers: AnswersDatabase, folder: Path):
+        self.study, self.answers, self.folder, self.now = study, answers, folder, 1_000.0
+        app = make_study_app(study, answers, clock=lambda: self.now)
+        self.client = TestClient(app, base_url="http://localhost:8766", follow_redirects=False)
+        self.place = self.page = ""
+        self.status = 0
+
+    def get(self, path: str) -> str:
+        """Load a page, and follow where it leads."""
+        return self._follow(self.client.get(path))
+
+    def post(self, path: str, form: dict[str, str], **headers: str) -> str:
+        return self._follow(self.client.post(path, data=form, headers=headers))
+
+    def _follow(self, answer) -> str:
+        self.place = answer.request.url.path
+        while answer.status_code == 303:
+            self.place = answer.headers["location"]
+            answer = self.client.get(self.place)
+        self.status, self.page = answer.status_code, answer.text
+        return self.page
+
+    def begin(self) -> str:
+        """Agree; return the code."""
+        code = found(r'name="code" value="([^"]+)"', self.get("/"))
+        self.post("/begin", {"consent": "yes", "code": code})
+        assert self.place == f"/s/{code}"
+        return code
+
+    def answer(self, code: str, first: int, second: int, place: int | None = None) -> str:
+        """Answer the task that the page shows, or another."""
+        number = self.given(code) if place is None else place
+        form = {"task": str(number), "first": str(first), "second": str(second)}
+        return self.post(f"/s/{code}/answer", form)
+
+    def given(self, code: str) -> int:
+        person = self.answers.find(code_hash(code))
+        assert person is not None
+        return len(self.answers.answers_of(person))
+
+    def lines(self) -> list[AnswerLine]:
+        return list(read_study(self.folder).lines())
+
+
+def found(pattern: str, page: str) -> str:
+    match = re.search(pattern, page)
+    assert match is not None, page
+    return match[1]
+
+
+@pytest.fixture(scope="module")
+def study(kitchen: RecipeGraph) -> Study:
+    return Study(kitchen, StudyConfig(tasks=2, distractors=(8,), forms=2, consent=CONSENT))
+
+
+@pytest.fixture
+def browser(study: Study, tmp_path: Path) -> Iterator[Browser]:
+    with kept_answers(tmp_path / "study", study) as answers:
+        yield Browser(study, answers, tmp_path / "study")
+
+
+# --- consent and codes -----------------------------------------------------------------------------------------------
+
+
+def test_the_consent_text_is_shown_as_text_in_its_paragraphs(browser: Browser):
+    page = browser.get("/")
+    assert re.findall(r"<p>(.*?)</p>", page, re.DOTALL)[:2] == [
+        "Do you &lt;b&gt;agree&lt;/b&gt;?",
+        "Second &amp; last\nline.",
+    ]
+
+
+def test_a_no_ends_politely_and_stores_nothing(browser: Browser):
+    code = found(r'name="code" value="([^"]+)"', browser.get("/"))
+    page = browser.post("/begin", {"consent": "no", "code": code})
+    assert browser.place == "/declined"
+    assert "nothing was stored" in page
+    assert browser.answers.stored().people == 0
+
+
+@pytest.mark.parametrize(
+    "form", [{}, {"consent": "yes"}, {"consent": "maybe", "code": "k7qm-2xwd-9hrt"}, {"consent": "yes", "code": "mine"}]
+)
+def test_only_an_explicit_yes_begins_a_session(browser: Browser, form: dict[str, str]):
+    browser.post("/begin", form)
+    assert browser.place == "/"
+    assert browser.answers.stored().people == 0
+
+
+def test_a_yes_that_is_sent_twice_begins_one_session(browser: Browser):
+    code = found(r'name="code" value="([^"]+)"', browser.get("/"))
+    for _ in range(2):
+        browser.post("/begin", {"consent": "yes", "code": code})
+        assert browser.place == f"/s/{code}"
+    assert browser.answers.stored().people == 1
+
+
+def test_each_first_page_has_a_code_of_its_own(browser: Browser):
+    codes = {found(r'name="code" value="([^"]+)"', browser.get("/")) for _ in range(20)}
+    assert len(codes) == 20
+
+
+def test_the_code_is_shown_at_the_start_and_at_the_end_and_leads_back(browser: Browser):
+    code = browser.begin()
+    assert f">{code}<" in browser.page
+    browser.get(f"/s/{code}/task")
+    browser.answer(code, 1, 2)
+    page = browser.post("/return", {"code": code.upper().replace("-", " ")})
+    assert browser.place == f"/s/{code}"
+    assert "Welcome back" in page
+    assert "Answered 1 of 4" in page
+    for _ in range(3):
+        browser.get(f"/s/{code}/task")
+        browser.answer(code, 1, 2)
+    assert browser.place == f"/s/{code}/end"
+    assert f">{code}<" in browser.page
+    assert "Thank you for taking part" in browser.post("/return", {"code": code})
+
+
+def test_who_withdraws_leaves_nothing_behind_and_nobody_gets_their_place(browser: Browser):
+    stays, leaves = browser.begin(), browser.begin()
+    for code in (stays, leaves):
+        browser.get(f"/s/{code}/task")
+        browser.answer(code, 1, 2)
+    number = browser.answers.find(code_hash(leaves)).number
+    goal = [line.goal for line in browser.lines() if line.session == number]
+    assert len(goal) == 1
+    browser.get(f"/s/{leaves}")
+    assert f'action="/s/{leaves}/withdraw"' in browser.page
+    assert "You have withdrawn" in browser.post(f"/s/{leaves}/withdraw", {})
+    assert [line.session for line in browser.lines()] == [browser.answers.find(code_hash(stays)).number]
+    assert browser.answers.stored().people == 1
+    browser.get(f"/s/{leaves}/task")
+    assert browser.status == 404
+    browser.post(f"/s/{leaves}/answer", {"task": "0", "first": "1", "second": "2"})
+    assert browser.status == 404
+    assert browser.answers.find(code_hash(browser.begin())).number > number
+    browser.answers.close()
+    content = b"".join(path.read_bytes() for path in browser.folder.iterdir())
+    assert code_hash(stays).encode() in content
+    assert code_hash(leaves).encode() not in content, "it is overwritten, not only unlinked"
+
+
+def test_a_withdrawal_needs_a_form_of_this_site(browser: Browser):
+    code = browser.begin()
+    assert browser.client.get(f"/s/{code}/withdraw").status_code == 405
+    browser.post(f"/s/{code}/withdraw", {}, Origin="http://evil.example")
+    assert browser.status == 403
+    assert browser.answers.find(code_hash(code)) is not None
+
+
+@pytest.mark.parametrize(
+    ("typed", "status", "said"),
+    [("k7qm-2xwd-9hrt", 404, "No session has this code"), ("<b>", 400, "12 letters"), ("", 400, "12 letters")],
+)
+def test_a_code_that_leads_nowhere_is_answered_on_the_first_page(browser: Browser, typed: str, status: int, said: str):
+    page = browser.post("/return", {"code": typed})
+    assert (browser.status, browser.place) == (status, "/return")
+    assert said in page
+    assert "<b>" not in page.replace(CONSENT, "")
+    assert "Yes, I agree" in page
+
+
+@pytest.mark.parametrize("path", ["", "/task", "/feedback/1", "/end"])
+def test_a_session_that_is_not_there_is_not_found(browser: Browser, path: str):
+    for code in ("k7qm-2xwd-9hrt", "nonsense", "..%2f..", "%00"):
+        page = browser.get(f"/s/{code}{path}")
+        assert browser.status == 404
+        assert "Traceback" not in page
+
+
+# --- tasks -----------------------------------------------------------------------------------------------------------
+
+
+def test_a_person_gets_the_tasks_of_the_protocol_with_answers_in_practice_only(browser: Browser, study: Study):
+    code = browser.begin()
+    person = browser.answers.find(code_hash(code))
+    assert person is not None
+    right = {"train": 0, "test": 0}
+    for place, task in enumerate(study.tasks(person.cell)):
+        page = browser.get(f"/s/{code}/task")
+        assert unescape(found(r'class="goal">([^<]*)<', page)) == task.goal
+        labels = [unescape(label) for label in re.findall(r'class="label">([^<]*)<', page)]
+        assert labels == list(task.table)
+        part = {"train": "Practice", "test": "Test"}[task.part]
+        assert f"{part} {task.number} of 2" in page
+        assert f'value="{place}" max="4"' in page
+        one, other = (labels.index(label) + 1 for label in task.plans[0][:2])
+        held = browser.get(f"/s/{code}/task?task={place}&held={one}")
+        assert f"<strong>{labels[one - 1]}</strong>" in held
+        is_right = place % 2 == 0
+        shown = browser.answer(code, one, other if is_right else next(i for i in range(1, 9) if i not in (one, other)))
+        if task.part == "train":
+            assert browser.place == f"/s/{code}/feedback/{task.number}"
+            assert ("Right: " in shown, "Not right: " in shown) == (is_right, not is_right)
+            assert ("The answer: " in shown) == (not is_right)
+        else:
+            assert browser.place == f"/s/{code}/{'task' if place < 3 else 'end'}"
+            assert "ight: " not in shown
+        right[task.part] += browser.lines()[-1].success
+    assert right == {"train": 1, "test": 1}
+    assert browser.page.count("1 of 2 right") == 2
+
+
+def test_how_many_are_right_is_said_at_the_end_only(browser: Browser):
+    code = browser.begin()
+    for _ in range(3):
+        browser.get(f"/s/{code}/task")
+        browser.answer(code, 1, 1)
+        for path in ("", "/task", "/end", "/feedback/1", "/feedback/2", "/feedback/3"):
+            assert not re.search(r"\d of \d right", browser.get(f"/s/{code}{path}"))
+            assert not browser.place.endswith(("/end", "/feedback/3"))
+    browser.get(f"/s/{code}/task")
+    browser.answer(code, 1, 1)
+    assert re.search(r"\d of 2 right", browser.get(f"/s/{code}/task"))
+    assert browser.place == f"/s/{code}/end"
+
+
+def test_the_answer_of_a_task_is_not_shown_before_it_was_answered(browser: Browser):
+    code = browser.begin()
+    for number in (0, 1, 2, 99, 10**30):
+        browser.get(f"/s/{code}/feedback/{number}")
+        assert (browser.status, browser.place) == (200, f"/s/{code}/task")
+    browser.answer(code, 1, 2)
+    browser.get(f"/s/{code}/feedback/1")
+    assert browser.place == f"/s/{code}/feedback/1"
+    assert browser.get(f"/s/{code}/feedback/2")
+    assert browser.place == f"/s/{code}/task"
+
+
+def test_the_same_thing_may_be_picked_twice_and_a_pick_put_back(browser: Browser):
+    code = browser.begin()
+    assert "Put it back" not in browser.get(f"/s/{code}/task")
+    assert "Put it back" in browser.get(f"/s/{code}/task?task=0&held=3")
+    assert "Pick the first thing" in browser.get(f"/s/{code}/task?task=0&held=")
+    browser.answer(code, 3, 3)
+    (line,) = browser.lines()
+    assert line.picks == (line.table[2], line.table[2])
+
+
+def test_a_pick_at_the_table_of_another_task_is_none_at_this_one(browser: Browser):
+    code = browser.begin()
+    browser.get(f"/s/{code}/task")
+    browser.answer(code, 1, 1)
+    browser.get(f"/s/{code}/task")
+    assert "Put it back" in browser.get(f"/s/{code}/task?task=1&held=3")
+    # A second tab, or the browser after going back, still shows the first task.
+    for stale in ("task=0&held=3", "held=3", "task=2&held=3", "task=x&held=3"):
+        assert "Pick the first thing" in browser.get(f"/s/{code}/task?{stale}")
+        assert browser.place == f"/s/{code}/task"
+
+
+def test_a_table_is_not_seen_before_its_time_begins(browser: Browser):
+    code = browser.begin()
+    browser.get(f"/s/{code}/task?task=0&held=1")
+    browser.now += 7
+    browser.answer(code, 1, 1)
+    assert [line.seconds for line in browser.lines()] == [7.0]
+
+
+@pytest.mark.parametrize("held", ["0", "11", "-1", "1.0", "x", "²", "٣", "9" * 5_000, "1&held=2"])
+def test_a_first_pick_that_is_none_is_no_pick(browser: Browser, held: str):
+    code = browser.begin()
+    browser.get(f"/s/{code}/task")
+    page = browser.get(f"/s/{code}/task?task=0&held={held}")
+    assert browser.status == 200
+    assert ("Pick the first thing" in page) == ("&" not in held)
+
+
+# --- answers ---------------------------------------------------------------------------------------------------------
+
+
+def test_time_goes_from_the_first_showing_to_the_second_pick_and_loads_are_counted(browser: Browser):
+    code = browser.begin()
+    browser.get(f"/s/{code}/task")
+    browser.now += 10
+    browser.get(f"/s/{code}/task")  # a reload
+    browser.client.head(f"/s/{code}/task")
+    browser.now += 2.25
+    browser.get(f"/s/{code}/task?task=0&held=1")
+    browser.get(f"/s/{code}/task?task=0&held=")
+    browser.get(f"/s/{code}/task?task=0&held=2")
+    browser.now += 1
+    browser.answer(code, 2, 1)
+    browser.now += 50  # looks at the answer
+    browser.get(f"/s/{code}/task")
+    browser.now -= 5  # the machine's clock was put right
+    browser.answer(code, 1, 1)
+    assert [(line.seconds, line.loads) for line in browser.lines()] == [(13.25, 2), (0.0, 1)]
+
+
+def test_a_double_click_and_a_form_sent_again_are_one_answer(browser: Browser):
+    code = browser.begin()
+    browser.get(f"/s/{code}/task")
+    browser.answer(code, 1, 2)
+    first = browser.lines()
+    for second in (2, 5):
+        page = browser.answer(code, 1, second, place=0)
+        assert browser.place == f"/s/{code}/feedback/1"
+        assert f"{first[0].picks[0]} + {first[0].picks[1]} makes" in unescape(page)
+    assert browser.lines() == first
+
+
+def test_a_copy_of_a_test_answer_leads_on(browser: Browser):
+    code = browser.begin()
+    for _ in range(4):
+        browser.get(f"/s/{code}/task")
+        browser.answer(code, 1, 2)
+    kept = browser.lines()
+    for place, leads in ((2, "end"), (3, "end"), (0, "feedback/1")):
+        browser.answer(code, 4, 4, place=place)
+        assert browser.place == f"/s/{code}/{leads}"
+    assert browser.lines() == kept
+    assert len(kept) == 4
+
+
+@pytest.mark.parametrize(
+    "form",
+    [
+        {},
+        {"task": "0"},
+        {"task": "0", "first": "1"},
+        {"task": "0", "first": "0", "second": "1"},
+        {"task": "0", "first": "1", "second": "11"},
+        {"task": "1", "first": "1", "second": "2"},
+        {"task": "99999999", "first": "1", "second": "2"},
+        {"task": "-1", "first": "1", "second": "2"},
+        {"task": "x", "first": "1", "second": "2"},
+        {"task": "²", "first": "1", "second": "2"},
+        {"task": "9" * 5_000, "first": "1", "second": "2"},
+    ],
+)
+def test_a_form_that_is_no_answer_to_this_task_leads_back_to_it(browser: Browser, form: dict[str, str]):
+    code = browser.begin()
+    browser.get(f"/s/{code}/task")
+    browser.post(f"/s/{code}/answer", form)
+    assert (browser.status, browser.place) == (200, f"/s/{code}/task")
+    assert browser.lines() == []
+
+
+def test_a_task_that_was_not_shown_cannot_be_answered(browser: Browser):
+    code = browser.begin()
+    browser.answer(code, 1, 2)
+    assert browser.place == f"/s/{code}/task"
+    assert browser.lines() == []
+
+
+def test_people_do_not_see_each_others_tasks_as_answered(browser: Browser):
+    one, other = browser.begin(), browser.begin()
+    for code in (one, one, other):
+        browser.get(f"/s/{code}/task")
+        browser.answer(code, 1, 2)
+    assert [(line.session, line.number, line.form) for line in browser.lines()] == [(1, 1, 0), (1, 2, 0), (2, 1, 1)]
+
+
+# --- a server's manners ----------------------------------------------------------------------------------------------
+
+
+def test_nothing_of_a_request_is_stored_and_no_cookie_is_set(browser: Browser):
+    browser.client.headers.update({"User-Agent": "Mozilla-of-Ada", "X-Forwarded-For": "203.0.113.77", "Cookie": "a=b"})
+    code = browser.begin()
+    answer = browser.client.get(f"/s/{code}/task")
+    browser.answer(code, 1, 2)
+    assert "set-cookie" not in answer.headers
+    for path in browser.folder.iterdir():
+        data = path.read_bytes()
+        for told in (b"Mozilla-of-Ada", b"203.0.113.77", b"testclient", code.encode()):
+            assert told not in data
+
+
+def test_every_page_is_kept_by_no_browser_and_has_the_headers_of_the_guard(browser: Browser):
+    code = browser.begin()
+    paths = ("/", "/declined", f"/s/{code}", f"/s/{code}/task", f"/s/{code}/end", "/nowhere", "/s/nobody/task")
+    for path in paths:
+        answer = browser.client.get(path)
+        assert answer.headers["cache-control"] == "no-store", path
+        for name, value in HEADERS.items():
+            assert answer.headers[name] == value
+        for forbidden in ("style=", "<style", "onclick", "http://", "https://"):
+            assert forbidden not in answer.text
+        assert re.findall(r"<script[^>]*>([^<]*)</script>", answer.text) in ([""], [])
+
+
+def test_forms_of_other_sites_and_other_hosts_are_refused(browser: Browser):
+    code = browser.begin()
+    browser.get(f"/s/{code}/task")
+    form = {"task": "0", "first": "1", "second": "2"}
+    for path, values in ((f"/s/{code}/answer", form), ("/begin", {"consent": "yes", "code": "k7qm-2xwd-9hrt"})):
+        for origin in ("http://evil.example", "http://localhost:1", "null"):
+            assert browser.client.post(path, data=values, headers={"Origin": origin}).status_code == 403
+        assert browser.client.post(path, data=values, headers={"Host": "evil.example"}).status_code == 421
+    assert browser.lines() == []
+    assert browser.answers.stored().people == 1
+    assert browser.client.post("/begin", data={}, headers={"Origin": "http://localhost:8766"}).status_code == 303
+
+
+def test_what_is_too_long_or_of_another_method_is_refused(browser: Browser):
+    code = browser.begin()
+    assert browser.client.post(f"/s/{code}/answer", content=b"x" * 70_000).status_code == 413
+    assert browser.client.put("/begin").status_code == 405
+    for path in ("/begin", "/return", f"/s/{code}/answer"):
+        assert browser.client.get(path).status_code in (404, 405)
+    for content in (b"\xff\xfe", b"=&=&;", b"task=%ff&first=1", b"&" * 1_000, b"a=1&" * 1_000):
+        assert browser.client.post(f"/s/{code}/answer", content=content).status_code == 303
+
+
+def test_the_files_of_the_pages_are_there_and_no_others(browser: Browser):
+    for name, kind in (("explorer.css", "text/css"), ("study.css", "text/css"), ("study.js", "text/javascript")):
+        answer = browser.client.get(f"/files/{name}")
+        assert (answer.status_code, answer.headers["content-type"].partition(";")[0]) == (200, kind)
+    for name in ("app.py", "..%2fapp.py", "layout.html.j2", "%00"):
+        assert browser.client.get(f"/files/{name}").status_code == 404
+
+
+def test_an_error_within_shows_nothing_of_itself(browser: Browser, monkeypatch: pytest.MonkeyPatch):
+    code = browser.begin()
+
+    def fail(*_: object) -> None:
+        raise RuntimeError("the secret of line 42")
+
+    monkeypatch.setattr(browser.answers, "answers_of", fail)
+    answer = browser.client.get(f"/s/{code}/task")
+    assert answer.status_code == 500
+    assert "secret" not in answer.text
+    assert "Please load the page again" in answer.text
+    assert "No answer is lost" in answer.text
+
+
+def test_on_a_full_disk_an_answer_is_not_acknowledged_and_can_be_sent_again(kitchen: RecipeGraph, tmp_path: Path):
+    study = Study(kitchen, StudyConfig(tasks=40, forms=1))
+    with kept_answers(tmp_path / "study", study) as answers:
+        browser = Browser(study, answers, tmp_path / "study")
+        code = browser.begin()
+        (pages,) = answers._connection.execute("PRAGMA page_count").fetchone()
+        answers._connection.execute(f"PRAGMA max_page_count = {pages}")
+        acknowledged = 0
+        while browser.status != 500:
+            browser.get(f"/s/{code}/task")
+            if browser.status != 500:
+                browser.answer(code, 1, 2)
+                acknowledged += browser.status != 500
+            assert acknowledged < 80
+        assert "Something went wrong" in browser.page
+        assert len(browser.lines()) == acknowledged
+        answers._connection.execute("PRAGMA max_page_count = 1000000")
+        browser.get(f"/s/{code}/task")
+        browser.answer(code, 1, 2)
+        assert [line.number for line in browser.lines()] == list(range(1, acknowledged + 2))
+
+
+def test_labels_stay_text(tmp_path: Path):
+    rows = [(one, other, made) for one, other, made in zip(HOSTILE, HOSTILE[1:], HOSTILE[2:], strict=False)]
+    graph = RecipeGraph.from_recipes([*rows, *rows[:1], ("water", "earth", "mud"), ("mud", "water", "clay")])
+    study = Study(graph, StudyConfig(tasks=12, distractors=(4,), forms=1))
+    with kept_answers(tmp_path / "study", study) as answers:
+        browser = Browser(study, answers, tmp_path / "study")
+        code = browser.begin()
+        plain = browser.get(f"/s/{code}/task").count("<")
+        for place, task in enumerate(study.tasks(study.cells[0])):
+            page = browser.get(f"/s/{code}/task")
+            assert page.count("<") == plain
+            assert [unescape(text) for text in re.findall(r'class="label">([^<]*)<', page)] == list(task.table)
+            browser.get(f"/s/{code}/task?task={place}&held=1")
+            browser.answer(code, 1, 2)
+        assert browser.place.endswith("/end")
+        assert [line.table for line in browser.lines()] == [task.table for task in study.tasks(study.cells[0])]

@@ -1,0 +1,341 @@
+"""``study serve`` as a process of its own, ``study export``, and ``human-summary`` of a study."""
+
+import json
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
+import urllib.error
+import urllib.parse
+import urllib.request
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from wordcraft_kg.apps.people.config import StudyConfig
+from wordcraft_kg.apps.people.keeping import kept_answers
+from wordcraft_kg.apps.people.study import Study
+from wordcraft_kg.apps.people.study_folder import AnswerLine
+from wordcraft_kg.base.records import parse_lines
+
+Run = Callable[..., Any]
+ROOT = Path(__file__).parents[2]
+SETTINGS = {"--tasks": "2", "--distractors": "1,8", "--forms": "2"}
+SMALL = ("--no-browser", *(word for option in SETTINGS.items() for word in option))
+
+
+@contextmanager
+def served(out: Path, *options: str, graph: str = "kitchen") -> Iterator[tuple[subprocess.Popen[str], str]]:
+    """Serve a study on a free port; yield the process and its address."""
+    command = [sys.executable, "-m", "wordcraft_kg", "study", "serve", graph, "--out", str(out), "--port", "0"]
+    process = subprocess.Popen(
+        [*command, *SMALL, *options], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=ROOT
+    )
+    try:
+        assert process.stdout is not None
+        line = process.stdout.readline()
+        assert line, process.communicate()[1]
+        yield process, json.loads(line)["address"] if "--json" in options else line.split()[0]
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def page(address: str, path: str = "/", **form: str) -> str:
+    """Load a page, or send a form and load what follows."""
+    data = urllib.parse.urlencode(form).encode() if form else None
+    with urllib.request.urlopen(f"{address}{path}", data, timeout=30) as answer:
+        return str(answer.read().decode())
+
+
+def begin(address: str) -> str:
+    match = re.search(r'name="code" value="([^"]+)"', page(address))
+    assert match
+    page(address, "/begin", consent="yes", code=match[1])
+    return match[1]
+
+
+def answer(address: str, code: str, task: int) -> str:
+    page(address, f"/s/{code}/task")
+    return page(address, f"/s/{code}/answer", task=str(task), first="1", second="2")
+
+
+def refused(outcome: Any, kind: str) -> str:
+    assert (outcome.code, outcome.out, outcome.kind) == (1, "", kind)
+    assert outcome.err.startswith("error: ")
+    return str(outcome.err)
+
+
+@pytest.fixture(autouse=True)
+def nothing_waits(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A command that should be refused, and is not, would wait for people in this process."""
+
+    def serve(*_: object) -> None:
+        raise AssertionError("it serves")
+
+    monkeypatch.setattr("wordcraft_kg.apps.web.serving.serve", serve)
+
+
+# --- serving ---------------------------------------------------------------------------------------------------------
+
+
+def test_a_killed_server_goes_on_where_it_was_and_ctrl_c_says_what_is_stored(tmp_path: Path):
+    out = tmp_path / "study"
+    with served(out) as (process, address):
+        code = begin(address)
+        for task in range(3):
+            answer(address, code, task)
+        process.kill()
+    with served(out, "--json") as (process, address):
+        assert "Answered 3 of 4" in page(address, "/return", code=code)
+        assert "Thank you for taking part" in answer(address, code, 3)
+        process.send_signal(signal.SIGINT)
+        said, log = process.communicate(timeout=20)
+        assert (process.returncode, said) == (0, "")
+        assert log == f"ended; 1 person (1 finished) and 4 answers stored in {out}; the same command goes on\n"
+    assert sorted(path.name for path in out.iterdir()) == ["answers.sqlite", "study.json"]
+
+
+def test_who_asks_is_nobodys_business_and_a_service_manager_ends_it_like_ctrl_c(tmp_path: Path):
+    with served(tmp_path / "study", "--verbose") as (process, address):
+        code = begin(address)
+        with pytest.raises(urllib.error.HTTPError):
+            page(address, f"/s/{code}/nothing")
+        process.send_signal(signal.SIGTERM)
+        said, log = process.communicate(timeout=20)
+    assert (process.returncode, "ended; 1 person" in log) == (0, True)
+    assert sorted(path.name for path in (tmp_path / "study").iterdir()) == ["answers.sqlite", "study.json"]
+    assert code not in said + log
+    assert "GET" not in log
+    assert "127.0.0.1" not in log
+
+
+def test_two_servers_do_not_share_a_folder(run: Run, tmp_path: Path):
+    out = tmp_path / "study"
+    with served(out) as (_, address):
+        code = begin(address)
+        outcome = run("study", "serve", "kitchen", "--out", out, *SMALL, "--port", "0")
+        assert "is being served by another process" in refused(outcome, "ArtefactError")
+        assert "First come 2 practice tasks" in page(address, f"/s/{code}")
+
+
+def test_a_port_in_use_is_an_error_before_anything_is_written(run: Run, tmp_path: Path):
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", 0))
+        other.listen()
+        port = str(other.getsockname()[1])
+        outcome = run("study", "serve", "kitchen", "--out", tmp_path / "study", *SMALL, "--port", port)
+    assert f"--port {port} is in use by another program" in refused(outcome, "ConfigError")
+    assert not (tmp_path / "study").exists()
+
+
+def test_names_behind_a_proxy_are_allowed_one_by_one(tmp_path: Path):
+    def status(address: str, host: str) -> int:
+        request = urllib.request.Request(address, headers={"Host": host})
+        try:
+            with urllib.request.urlopen(request, timeout=30) as found:
+                return int(found.status)
+        except urllib.error.HTTPError as error:
+            return error.code
+
+    with served(tmp_path / "study", "--allow-host", "lab.example.org") as (_, address):
+        assert status(address, "lab.example.org") == 200
+        assert status(address, "LAB.example.org:443") == 200
+        assert status(address, "evil.example.org") == 421
+
+
+# --- what is refused -------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def begun(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A study whose four people have answered 4, 3, 2 and 1 of 4 tasks; every other answer is right."""
+    folder = tmp_path_factory.mktemp("studies") / "begun"
+    study = Study("kitchen", StudyConfig(tasks=2, distractors=(1, 8), forms=2))
+    with kept_answers(folder, study) as answers:
+        for person in [answers.begin(str(number), study.cells) for number in range(4)]:
+            for place, task in list(enumerate(study.tasks(person.cell)))[: 5 - person.number]:
+                answers.show(person, task.part, task.number, 1.0)
+                one, other = (task.table.index(label) for label in task.plans[0][:2])
+                slots = (0, 0) if place % 2 else (one, other)
+                answers.add(person, study.protocol(person.cell).answer(task, slots, 3.5))
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("graph", "options", "kind", "message"),
+    [
+        ("everyday", {}, "GraphMismatchError", "is a study of the graph"),
+        ("kitchen", {"--tasks": "3"}, "ConfigError", "with tasks_per_part 2, but this command has 3"),
+        ("kitchen", {"--distractors": "8"}, "ConfigError", "with distractors 1, 8, but this command has 8"),
+        ("kitchen", {"--seed": "1"}, "ConfigError", "with seed 0, but this command has 1"),
+        ("kitchen", {"--consent": "consent.txt"}, "ConfigError", "agreed to another text"),
+    ],
+)
+def test_a_folder_of_another_study_is_refused_and_stays(
+    run: Run, begun: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, graph, options, kind, message
+):
+    monkeypatch.chdir(tmp_path)
+    Path("consent.txt").write_text("Do you agree?")
+    before = {path.name: path.read_bytes() for path in begun.iterdir()}
+    settings = [word for option in (SETTINGS | options).items() for word in option]
+    outcome = run("study", "serve", graph, "--out", begun, *settings, "--port", "0", "--no-browser")
+    assert message in refused(outcome, kind)
+    assert {path.name: path.read_bytes() for path in begun.iterdir()} == before
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--tasks", "0"), "--tasks 0: expected a whole number, 1 to 1000"),
+        (("--forms", "0"), "--forms 0"),
+        (("--seed", "-1"), "--seed -1"),
+        (("--distractors", "x"), "--distractors 'x': expected whole numbers"),
+        (("--distractors", "10000"), "--distractors 10000"),
+        (("--port", "65536"), "--port 65536"),
+        (("--host", "256.1.1.1"), "--host '256.1.1.1': there is no such host"),
+        (("--consent", "nowhere.txt"), "--consent nowhere.txt: expected a text file"),
+        (("--consent", "latin.txt"), "not a text in UTF-8"),
+        (("--consent", "empty.txt"), "--consent: the text has 0 characters"),
+    ],
+)
+def test_options_that_cannot_be_are_one_line_and_nothing_is_written(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, options: tuple[str, ...], message: str
+):
+    monkeypatch.chdir(tmp_path)
+    Path("latin.txt").write_bytes("Einverständnis".encode("latin-1"))
+    Path("empty.txt").write_text(" \n\n")
+    settings = ("--port", "0", "--no-browser") if "--port" not in options else ("--no-browser",)
+    outcome = run("study", "serve", "kitchen", "--out", "study", *settings, *options)
+    assert message in refused(outcome, "ConfigError")
+    assert not Path("study").exists()
+
+
+def test_a_folder_with_something_else_is_refused(run: Run, tmp_path: Path):
+    (tmp_path / "notes.txt").write_text("mine")
+    outcome = run("study", "serve", "kitchen", "--out", tmp_path, *SMALL, "--port", "0")
+    assert "expected the folder of this study, or a new one" in refused(outcome, "OutputExistsError")
+
+
+def test_a_consent_text_is_shown_in_paragraphs_however_its_lines_end(tmp_path: Path):
+    text = tmp_path / "consent.txt"
+    text.write_bytes(b"\xef\xbb\xbfWhat it is about. \r\n  It takes long.\r\n\r\n\r\n \r\nDo you agree?\r\n")
+    with served(tmp_path / "study", "--consent", str(text)) as (_, address):
+        shown = re.findall(r"<p>(.*?)</p>", page(address), re.DOTALL)
+    assert shown[:2] == ["What it is about.\nIt takes long.", "Do you agree?"]
+
+
+# --- export ----------------------------------------------------------------------------------------------------------
+
+
+def test_the_export_has_a_line_for_each_answer_and_the_study_stays(run: Run, begun: Path, tmp_path: Path):
+    before = {path.name: path.read_bytes() for path in begun.iterdir()}
+    out = tmp_path / "answers.jsonl"
+    outcome = run("study", "export", begun, "--out", out)
+    assert (outcome.code, outcome.out) == (0, f"wrote {out}: answers: 10, people: 4\n")
+    lines = parse_lines(out.read_bytes(), AnswerLine, out)
+    assert [(line.session, line.form, line.distractors, line.seed) for line in lines[::4]] == [
+        (1, 0, 1, 0),
+        (2, 0, 8, 0),
+        (3, 1, 1, 1),
+    ]
+    assert [line.success for line in lines[:4]] == [True, False, True, False]
+    assert {(line.seconds, line.loads) for line in lines} == {(3.5, 1)}
+    assert {path.name: path.read_bytes() for path in begun.iterdir()} == before
+    assert json.loads(run("study", "export", begun, "--out", out, "--force", "--json").out) == {
+        "out": str(out),
+        "people": 4,
+        "answers": 10,
+    }
+    assert "exists" in refused(run("study", "export", begun, "--out", out), "OutputExistsError")
+
+
+def test_answers_can_be_exported_while_they_come_in(run: Run, tmp_path: Path):
+    with served(tmp_path / "study") as (_, address):
+        code = begin(address)
+        answer(address, code, 0)
+        outcome = run("study", "export", tmp_path / "study", "--out", tmp_path / "one.jsonl")
+        assert "answers: 1, people: 1" in outcome.out
+        answer(address, code, 1)
+        assert "of 2 right" in run("human-summary", tmp_path / "study").out
+
+
+@pytest.mark.parametrize("command", ["study export {} --out out", "human-summary {}"])
+def test_a_folder_that_is_no_study_is_named(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: str):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "empty").mkdir()
+    outcome = run(*command.format("empty").split())
+    assert "'empty' is an empty folder; expected the folder that" in refused(outcome, "ArtefactError")
+    assert not Path("out").exists()
+
+
+# --- summary ---------------------------------------------------------------------------------------------------------
+
+
+def test_the_summary_of_a_study_is_by_condition_with_its_people(run: Run, begun: Path):
+    values = json.loads(run("human-summary", begun, "--json").out)
+    assert (values["graph"], values["sessions"], values["finished"]) == ("kitchen", 4, 1)
+    answered = [[part["answered"] for part in one["parts"].values()] for one in values["conditions"]]
+    assert [condition["distractors"] for condition in values["conditions"]] == [1, 8]
+    assert answered == [[4, 2], [3, 1]]
+    text = run("human-summary", begun).out.splitlines()
+    assert text[0] == "kitchen; sessions: 4, finished: 1"
+    assert text[1].startswith("1 distractor, train   2 of 4 right, rate 0.500 [")
+    assert text[2] == "  over 2 people       [0.500, 0.500]"
+    assert text[-2].startswith("Intervals of 95 %: of the rates by Wilson")
+    assert max(map(len, text)) <= 80
+
+
+def test_a_study_and_files_of_play_are_summed_up_together(run: Run, begun: Path, tmp_path: Path):
+    from wordcraft_kg.apps.people.protocol import HumanProtocol
+    from wordcraft_kg.apps.people.session_file import append_answer, open_session
+
+    protocol = HumanProtocol("kitchen", 8, seed=3, tasks=2)
+    path = tmp_path / "human.jsonl"
+    session = open_session(path, protocol)
+    append_answer(path, session, protocol.answer(protocol.task("train", 1), (0, 0), 1.0))
+    values = json.loads(run("human-summary", begun, path, "--json").out)
+    assert values["sessions"] == 5
+    assert values["conditions"][1]["parts"]["train"]["answered"] == 4
+
+
+def test_agents_stand_beside_people(run: Run, begun: Path, tmp_path: Path):
+    for name in ("one", "two"):
+        assert run("train-agent", "kitchen", "--steps", "256", "--eval-every", "0", "--out", tmp_path / name).code == 0
+    options = ("--run", tmp_path / "one", "--run", tmp_path / "two")
+    values = json.loads(run("human-summary", begun, *options, "--json").out)
+    agents = values["conditions"][0]["parts"]["train"]["agents"]
+    assert list(agents) == ["one", "two"]
+    assert agents["one"]["tables"] == 4
+    assert "  one " in (text := run("human-summary", begun, *options).out)
+    assert "at the same 4 tables" in text
+    assert "expected a run" in refused(run("human-summary", begun, "--run", tmp_path / "nowhere"), "ArtefactError")
+
+
+def test_an_agent_of_another_graph_does_not_stand_beside_people(run: Run, begun: Path, tmp_path: Path):
+    steps = ("--steps", "64", "--batch-size", "16", "--eval-every", "0")
+    assert run("train-agent", "paper-examples", *steps, "--distractors", "0", "--out", tmp_path / "other").code == 0
+    assert "graph" in refused(run("human-summary", begun, "--run", tmp_path / "other"), "GraphMismatchError")
+
+
+# --- many people and a killed server ---------------------------------------------------------------------------------
+
+
+def test_of_people_at_once_and_a_killed_server_no_answer_is_lost_and_none_is_double():
+    program = ROOT / "benchmarks" / "study_server.py"
+    small = ["--graph", "kitchen", "--people", "6", "--seconds", "3", "--kills", "1", "--tasks", "4", "--pause", "0.05"]
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    done = subprocess.run(
+        [sys.executable, program, *small], capture_output=True, text=True, timeout=120, env=environment, check=False
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    report = json.loads(done.stdout)
+    assert report["problems"] == []
+    assert report["interrupted_requests"] > 0
+    assert 0 < report["acknowledged"] <= report["answers"] < report["sent"]
+    assert report["in_a_cell"][1] - report["in_a_cell"][0] <= 1

@@ -1,0 +1,384 @@
+"""Tasks of Inspect AI: the figures of an evaluation to the last digit, limits, bad answers, and logs read back."""
+
+import importlib
+import logging
+import re
+import subprocess
+import sys
+import tomllib
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import pytest
+from inspect_ai import Task, eval
+from inspect_ai._util.error import PrerequisiteError
+from inspect_ai._util.registry import registry_info
+from inspect_ai.dataset import Sample
+from inspect_ai.log import EvalLog, write_eval_log
+from inspect_ai.model import ChatMessage, ModelOutput, ModelUsage, get_model
+
+import wordcraft_kg
+from tests.apps.text_agents.scripted_words import picks_of
+from wordcraft_kg.agents.discovery import HUMAN_CURVE
+from wordcraft_kg.agents.evaluation import Evaluation, Evaluator
+from wordcraft_kg.agents.players import Player, knowledge_player, random_entity, recipe_oracle
+from wordcraft_kg.apps.text_agents.conversation import Conversation, converse
+from wordcraft_kg.apps.text_agents.evaluation import chosen_tasks
+from wordcraft_kg.apps.text_agents.games import DiscoveryGames
+from wordcraft_kg.apps.text_agents.inspect_log import read_inspect_log
+from wordcraft_kg.apps.text_agents.inspect_tasks import InspectTaskError, crafting, discovery
+from wordcraft_kg.apps.text_agents.records import WordsSettings
+from wordcraft_kg.base.errors import ArtefactError, ConfigError, MissingExtraError
+from wordcraft_kg.envs.config import WordCraftConfig
+from wordcraft_kg.envs.words import texts_hash
+from wordcraft_kg.envs.world import World
+from wordcraft_kg.evaluation.reference import OpenPlay, TaskPlay
+from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
+from wordcraft_kg.models.links.saving import save_scorer
+from wordcraft_kg.models.policies.sources.source import make_sources
+from wordcraft_kg.models.scorers.facts import SymbolicScorer
+from wordcraft_kg.studies.beside import open_rows_beside, rows_beside
+
+pytestmark = pytest.mark.filterwarnings("ignore:The 'initial' parameter is deprecated:DeprecationWarning")
+
+Answer = Callable[[Sequence[ChatMessage]], str]
+
+
+@pytest.fixture(autouse=True)
+def untouched(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Take back what Inspect does to the root logger, which other tests listen to; it writes nothing at home."""
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "home"))
+    root = logging.getLogger()
+    level, handlers = root.level, [*root.handlers]
+    yield
+    root.setLevel(level)
+    for handler in {*root.handlers} - {*handlers}:
+        root.removeHandler(handler)
+
+
+@pytest.fixture(scope="module")
+def kitchen() -> OpenedGraph:
+    return open_graph("kitchen")
+
+
+@pytest.fixture
+def play(tmp_path: Path) -> Callable[..., EvalLog]:
+    """Let a model, which is a function of the messages, play a task; nothing is shown."""
+
+    def play(task: Task, answer: Answer, **options: Any) -> EvalLog:
+        def output(messages: Sequence[ChatMessage], *_: object) -> ModelOutput:
+            said = ModelOutput.from_content("mockllm", answer(messages))
+            # Without it the mock counts tokens, and loads what it needs for that from the network.
+            said.usage = ModelUsage(input_tokens=100, output_tokens=10, total_tokens=110)
+            return said
+
+        model = get_model("mockllm/model", custom_outputs=output, memoize=False)
+        settings = {"display": "none", "log_dir": str(tmp_path), "log_realtime": False} | options
+        (log,) = eval(task, model=model, **settings)
+        return log
+
+    return play
+
+
+def said(messages: Sequence[ChatMessage]) -> int:
+    """Return how often the model has spoken."""
+    return sum(message.role == "assistant" for message in messages)
+
+
+def scripted(task: Task, picks: dict[tuple[int, int], list[int]]) -> Answer:
+    """Return a model that picks the slots of a scripted player; it knows a game by what it is told first."""
+    games = {}
+    for sample in task.dataset:
+        assert sample.metadata is not None
+        games[sample.input[1].text] = picks[sample.metadata["task"], sample.metadata["draw"]]
+    assert len(games) == len(task.dataset)
+
+    def answer(messages: Sequence[ChatMessage]) -> str:
+        one, other = games[messages[1].text][2 * said(messages) :][:2]
+        return f"I wonder.\n{one + 1} + {other + 1}"
+
+    return answer
+
+
+def metrics_of(log: EvalLog) -> dict[str, float]:
+    assert log.status == "success", log.error
+    assert log.results is not None
+    return {name: one.value for name, one in log.results.scores[0].metrics.items()}
+
+
+PLAYERS: dict[str, Callable[[OpenedGraph], Player]] = {
+    "oracle": lambda opened: recipe_oracle,
+    "random": lambda opened: random_entity,
+    "full graph": lambda opened: knowledge_player(
+        make_sources(["u", "v"], SymbolicScorer(opened.graph, opened.graph.triples))
+    ),
+}
+
+
+@pytest.mark.parametrize(
+    ("name", "settings", "log_format"),
+    [
+        ("random", {"distractors": 1, "draws": 2, "tasks": 16}, "eval"),
+        ("full graph", {"distractors": 3, "draws": 1, "tasks": 16, "depth": 2, "attempts": 3}, "json"),
+        pytest.param("oracle", {"distractors": 8, "draws": 1}, "eval", marks=pytest.mark.slow),
+        pytest.param("random", {"distractors": 1, "draws": 3, "depth": 2, "tasks": 60}, "eval", marks=pytest.mark.slow),
+    ],
+    ids=["depth 1", "depth 2", "oracle", "many"],
+)
+def test_a_model_that_plays_like_a_scripted_player_has_its_evaluation_to_the_last_digit(
+    kitchen: OpenedGraph, play: Callable[..., EvalLog], name: str, settings: dict[str, int], log_format: str
+):
+    config = WordCraftConfig(
+        part="test",
+        depth=settings.get("depth", 1),
+        num_distractors=settings["distractors"],
+        max_attempts=settings.get("attempts"),
+    )
+    world, draws, tasks = World(kitchen, config), settings["draws"], settings.get("tasks")
+    player = PLAYERS[name](kitchen)
+    # Of an evaluation of all tasks those that are played: a task's table does not depend on the others.
+    everything = Evaluator(world, draws=draws)(player)
+    chosen = chosen_tasks(world, tasks)
+    expected = Evaluation(*(getattr(everything, field.name)[chosen] for field in fields(Evaluation)))
+    assert 0 < expected.success.mean() < 1 or name == "oracle"
+    task = crafting("kitchen", **settings)
+    log = play(task, scripted(task, picks_of(player, world, draws)), log_format=log_format)
+
+    found, figures = metrics_of(log), expected.figures()
+    assert (found["success"], found["by_plan"], found["picks"]) == (figures.mean, figures.by_plan, figures.picks)
+    assert (found["ci_low"], found["ci_high"]) == (figures.ci_low, figures.ci_high)
+    # Standard error over tasks: those of one task are not independent.
+    rates = expected.success.mean(axis=1)
+    assert found["stderr"] == pytest.approx(rates.std(ddof=1) / len(rates) ** 0.5)
+
+    result = read_inspect_log(log.location)
+    assert (result.success, result.outcomes, result.games) == (figures, expected.shares(), expected.success.size)
+    assert (result.player, result.refused) == ("mockllm/model", 0)
+    assert result.settings == WordsSettings.of_tasks(world, draws=draws, tasks=tasks)
+    assert log.eval.task_version == texts_hash()[:12]
+
+
+def test_what_a_model_is_told_is_the_opening_of_the_conversation_and_the_goal_is_only_in_the_log(kitchen: OpenedGraph):
+    sample = crafting("kitchen", tasks=3, draws=2).dataset[1]
+    assert (sample.id, sample.target) == ("test-21-0", World(kitchen, WordCraftConfig(part="test")).tasks[21].goal)
+    system, user = sample.input
+    assert (system.role, user.role) == ("system", "user")
+    assert system.text.startswith("This is a game of crafting.")
+    assert user.text.startswith(f"Make: {sample.target}\nOn the table: 1 ")
+    assert sample.metadata["graph_hash"] == kitchen.graph.hash
+
+
+def test_nonsense_silence_and_limits_are_not_made_and_none_is_missing(play: Callable[..., EvalLog]):
+    task = crafting("kitchen", tasks=4, depth=2, refusals=1)
+    (silent, foolish, last, fine) = (sample.input[1].text for sample in task.dataset)
+
+    def answer(messages: Sequence[ChatMessage]) -> str:
+        started = messages[1].text
+        if started == fine:
+            return "1 + 1"
+        return {silent: "", foolish: "unicorn + [dragon]"}.get(started, "1 + 2\nthat is all")
+
+    log = play(task, answer, message_limit=7)
+    assert log.samples is not None
+    scores = {sample.input[1].text: sample.scores["goal_made"] for sample in log.samples if sample.scores}
+    # Two attempts, each lost with the second refusal: 8 messages without the rules, of which the limit leaves 6.
+    for name in (silent, foolish, last):
+        assert (scores[name].value, scores[name].metadata["unfinished"]) == (0, True)
+        assert (scores[name].metadata["refused"], scores[name].metadata["lost"]) == (3, 1)
+    assert (scores[fine].metadata["unfinished"], scores[fine].metadata["ending"]) == (False, "same_twice")
+    found = metrics_of(log)
+    assert (found["success"], found["unfinished"], found["refused"], found["lost"]) == (0, 3, 9, 3)
+    result = read_inspect_log(log.location)
+    assert (result.games, result.refused, result.lost) == (4, 9, 3)
+    told = [message.text for message in log.samples[0].messages if message.role == "user"]
+    assert told[1].startswith("Not understood: nothing written")
+
+
+def test_a_model_may_look_up_what_the_partial_graph_knows_and_only_if_it_is_asked_for(play: Callable[..., EvalLog]):
+    def answer(messages: Sequence[ChatMessage]) -> str:
+        return "look up bread" if said(messages) < 2 else "1 + 2"
+
+    log = play(crafting("kitchen", tasks=2, knowledge="partial", look_ups=1), answer)
+    assert log.samples is not None
+    messages = [message.text for message in log.samples[0].messages]
+    assert "you may do it 1 times" in messages[0]
+    assert messages[3].startswith("Of bread is known:\n")
+    assert "No look-up is left" in messages[5]
+    result = read_inspect_log(log.location)
+    assert (result.look_ups, result.refused, result.settings.look_ups) == (2, 2, 1)
+
+    without = read_inspect_log(play(crafting("kitchen", tasks=2), answer).location)
+    assert (without.look_ups, without.refused, without.settings.knowledge) == (0, 4, "none")
+
+
+def test_a_scorer_that_remembers_the_tasks_is_refused_before_the_first_game(tmp_path: Path, kitchen: OpenedGraph):
+    scorer = SymbolicScorer(kitchen.graph, kitchen.split.partial)
+    save_scorer(tmp_path / "model", scorer, kitchen, kg="partial")
+    with pytest.raises(InspectTaskError, match="it has no folds"):
+        crafting("kitchen", part="train", knowledge="scorer", scorer=str(tmp_path / "model"))
+    task = crafting("kitchen", tasks=1, knowledge="scorer", scorer=str(tmp_path / "model"))
+    assert task.metadata is not None
+    assert len(task.metadata["wordcraft_kg"]["settings"]["scorer"]) == 64
+
+
+def test_the_open_ended_world_counts_what_is_known_after_each_attempt(
+    kitchen: OpenedGraph, play: Callable[..., EvalLog]
+):
+    def pair(turn: int) -> str:
+        return f"{1 + turn % 8} + {1 + turn // 3 % 8}"
+
+    turns = iter(range(100))
+    talk = Conversation(DiscoveryGames(kitchen, attempts=12).begin())
+    converse(talk, lambda told: pair(next(turns)))
+    expected = talk.game.known_after
+
+    log = play(discovery("kitchen", attempts=12, games=2), lambda messages: pair(said(messages)))
+    found = metrics_of(log)
+    assert (found["known_1"], found["known_10"], found["known_12"]) == (expected[0], expected[9], expected[11])
+    assert expected[11] > 8
+    result = read_inspect_log(log.location)
+    assert result.known == {1: expected[0], 10: expected[9], 12: expected[11]}
+    assert (result.games, result.success, result.settings.base) == (2, None, kitchen.graph.base)
+    assert log.eval.metadata["wordcraft_kg"]["people"]["known"] == {str(after): n for after, n in HUMAN_CURVE.items()}
+
+
+def test_tables_that_are_played_again_count_like_further_draws(play: Callable[..., EvalLog]):
+    log = play(crafting("kitchen", tasks=3), lambda messages: "1 + 1", epochs=2)
+    result = read_inspect_log(log.location)
+    assert result.success is not None
+    assert (result.games, result.success.tasks, result.success.draws) == (6, 3, 2)
+
+
+def test_a_log_stands_beside_the_reference_figures_as_a_language_model(
+    play: Callable[..., EvalLog], kitchen: OpenedGraph
+):
+    log = play(crafting("kitchen", tasks=3, distractors=2), lambda messages: "1 + 2")
+    success = read_inspect_log(log.location).success
+    assert success is not None
+    (row,) = rows_beside(kitchen, TaskPlay("test", 1, 1), [1, 2], [Path(log.location)])
+    assert (row.player, row.kind, row.tasks) == ("mockllm/model", "language model", 3)
+    assert (row.figures["2"].value, row.figures["2"].low) == (success.mean, success.ci_low)
+    with pytest.raises(ConfigError, match="is of crafting tasks"):
+        open_rows_beside(kitchen, OpenPlay(kitchen.graph.base), [Path(log.location)])
+
+
+def test_a_log_without_some_of_the_games_gives_no_result(play: Callable[..., EvalLog], tmp_path: Path):
+    task = crafting("kitchen", tasks=3, draws=2)
+    failing = task.dataset[4].input[1].text
+
+    def answer(messages: Sequence[ChatMessage]) -> str:
+        if messages[1].text == failing:
+            raise RuntimeError("the model is not there")
+        return "1 + 1"
+
+    log = play(task, answer, fail_on_error=False)
+    assert "ci_low" not in metrics_of(log)
+    with pytest.raises(ArtefactError, match=r"5 of 6 games were played; expected all.*tasks=N instead of --limit"):
+        read_inspect_log(log.location)
+
+    path = tmp_path / "stopped.eval"
+    log.status = "cancelled"
+    write_eval_log(log, str(path))
+    with pytest.raises(ArtefactError, match=r"not done: it was stopped, and 5 of 6 games .* inspect eval-retry"):
+        read_inspect_log(path)
+
+    half = tmp_path / "half.eval"
+    half.write_bytes(path.read_bytes()[:-300])
+    with pytest.raises(ArtefactError, match="or it is damaged"):
+        read_inspect_log(half)
+    log.samples[0].scores["goal_made"].metadata["picks"] = "many"
+    spoilt = tmp_path / "spoilt.json"
+    log.status, log.eval.config.epochs = "success", None
+    log.eval.metadata["wordcraft_kg"]["games"] = 5
+    write_eval_log(log, str(spoilt))
+    with pytest.raises(ArtefactError, match=r"spoilt.json is damaged.*picks"):
+        read_inspect_log(spoilt)
+
+
+def test_what_is_no_log_of_ours_is_refused(play: Callable[..., EvalLog], tmp_path: Path):
+    other = play(Task(dataset=[Sample(input="Say hello.", target="hello")], name="greeting"), lambda messages: "hello")
+    with pytest.raises(ArtefactError, match="is a log of 'greeting'; expected one of wordcraft_kg/crafting"):
+        read_inspect_log(other.location)
+    for name, text in (("result.json", '{"success": 1}'), ("notes.txt", "hello"), ("empty.eval", "")):
+        (tmp_path / name).write_text(text)
+        with pytest.raises(ArtefactError, match=f"{name} is no log of Inspect AI"):
+            read_inspect_log(tmp_path / name)
+    with pytest.raises(ArtefactError, match="is not a file; expected a log of Inspect AI"):
+        read_inspect_log(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("make", "parameters", "message"),
+    [
+        (crafting, {"graph": "kitchn"}, "kitchen"),
+        (crafting, {"graph": 7}, "`graph` 7: expected a graph folder"),
+        (crafting, {"part": "tests"}, "`part` 'tests'"),
+        (crafting, {"distractors": -1}, "`distractors` -1: expected a whole number, 0 or more"),
+        (crafting, {"depth": 2, "attempts": 1}, "`attempts` 1: expected 2 or more"),
+        (crafting, {"depth": "two"}, "`depth` 'two': expected a whole number, 1 to 5"),
+        (crafting, {"draws": 0}, "`draws` 0"),
+        (crafting, {"tasks": 0}, "`tasks` 0: expected a whole number, 1 or more"),
+        (crafting, {"refusals": -1}, "`refusals` -1"),
+        (crafting, {"knowledge": "full"}, "`knowledge` 'full'"),
+        (crafting, {"knowledge": "scorer"}, "name the scorer's model folder"),
+        (crafting, {"knowledge": "scorer", "scorer": "models/none"}, "models/none"),
+        (crafting, {"scorer": "models/none"}, "only `knowledge` scorer asks one"),
+        (crafting, {"look_ups": 1.5}, "`look_ups` 1.5"),
+        (crafting, {"distractor": 2}, "there is no parameter `distractor`.* Did you mean .*distractors"),
+        (discovery, {"base": ["water", "unicorn"]}, "unicorn"),
+        (discovery, {"base": 1}, "no entity '1'"),
+        (discovery, {"base": True}, "no entity 'True'"),
+        (discovery, {"games": 0}, "`games` 0"),
+        (discovery, {"attempts": 0}, "0"),
+        (discovery, {"depth": 2}, "there is no parameter `depth`"),
+    ],
+)
+def test_a_wrong_parameter_is_told_without_a_traceback(
+    make: Callable[..., Task], parameters: dict[str, Any], message: str
+):
+    with pytest.raises(InspectTaskError, match=message) as raised:
+        make(**{"graph": "kitchen", **parameters})
+    # Inspect shows these without a traceback; with brackets that its terminal would take for a style.
+    assert isinstance(raised.value, PrerequisiteError)
+    assert isinstance(raised.value, ConfigError)
+    assert raised.value.message.replace("\\[", "[") == str(raised.value)
+
+
+def test_inspect_finds_both_tasks_by_the_package_s_name():
+    root = Path(wordcraft_kg.__file__).parents[1]
+    project = tomllib.loads((root / "pyproject.toml").read_text())["project"]
+    ((name, module),) = project["entry-points"]["inspect_ai"].items()
+    registered = importlib.import_module(module)
+    assert name == "wordcraft_kg"
+    assert registry_info(registered.crafting).name == "wordcraft_kg/crafting"
+    assert registry_info(registered.discovery).name == "wordcraft_kg/discovery"
+
+
+def test_nothing_else_of_the_package_imports_inspect():
+    importing = re.compile(r"^\s*(?:import|from) inspect_ai\b", re.MULTILINE)
+    files = Path(wordcraft_kg.__file__).parent.rglob("*.py")
+    found = {path.name for path in files if importing.search(path.read_text())}
+    assert found == {"inspect_games.py", "inspect_tasks.py", "inspect_log.py"}
+
+
+@pytest.mark.slow
+def test_finding_the_tasks_loads_no_torch():
+    # Inspect loads the tasks of all packages whatever somebody evaluates.
+    code = (
+        "import wordcraft_kg.apps.text_agents.inspect_tasks, sys; print({'torch', 'pandas', 'pykeen'} & {*sys.modules})"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "set()"
+
+
+def test_without_inspect_the_error_names_the_extra(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+    monkeypatch.setitem(sys.modules, "inspect_ai.log", None)
+    with pytest.raises(MissingExtraError, match=r"pip install 'wordcraft-kg\[inspect\]'"):
+        read_inspect_log(tmp_path / "log.eval")
+    monkeypatch.setitem(sys.modules, "inspect_ai.model", None)
+    monkeypatch.delitem(sys.modules, "wordcraft_kg.apps.text_agents.inspect_games")
+    monkeypatch.delitem(sys.modules, "wordcraft_kg.apps.text_agents.inspect_tasks")
+    with pytest.raises(MissingExtraError, match="Inspect AI is not installed"):
+        importlib.import_module("wordcraft_kg.apps.text_agents.inspect_tasks")

@@ -1,0 +1,553 @@
+"""The MCP server, asked by the SDK's own client: in this process, on standard streams, and over HTTP."""
+
+import asyncio
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import urllib.error
+import urllib.request
+from collections.abc import Awaitable, Callable, Iterator, Sequence
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import httpx2
+import numpy as np
+import pytest
+
+pytest.importorskip("mcp.server")
+
+from mcp.client.client import Client
+from mcp.client.stdio import StdioServerParameters
+from mcp.server import MCPServer
+
+from tests.apps.text_agents.scripted_words import picks_of
+from wordcraft_kg.agents.evaluation import Evaluator
+from wordcraft_kg.agents.players import random_distinct
+from wordcraft_kg.apps.text_agents.evaluation import evaluation_of
+from wordcraft_kg.apps.text_agents.games import DiscoveryGames, TaskGames
+from wordcraft_kg.apps.text_agents.hosted_games import NEVER, HostedGames
+from wordcraft_kg.apps.text_agents.kept_games import kept_games
+from wordcraft_kg.apps.text_agents.knowledge import PartialGraphKnowledge, ScorerKnowledge
+from wordcraft_kg.apps.text_agents.mcp_server import make_server, tools_hash
+from wordcraft_kg.apps.text_agents.mcp_serving import make_http_app
+from wordcraft_kg.apps.text_agents.played import played_task
+from wordcraft_kg.apps.text_agents.records import GamesHeader, PlayedTask, PlayedWorld, WordsSettings
+from wordcraft_kg.apps.web.serving import listen
+from wordcraft_kg.base.errors import ArtefactError, EpisodeError, LeakError
+from wordcraft_kg.base.records import parse_lines
+from wordcraft_kg.envs.config import WordCraftConfig
+from wordcraft_kg.envs.world import World
+from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
+from wordcraft_kg.models.scorers.facts import FrequencyScorer
+
+ROOT = Path(__file__).parents[2]
+MODES = ("legacy", "auto")
+COMMAND = ["-m", "wordcraft_kg", "mcp", "kitchen", "--distractors", "3"]
+HELLO = {"protocolVersion": "2025-06-18", "capabilities": {}, "clientInfo": {"name": "test", "version": "1"}}
+
+
+@pytest.fixture(scope="module")
+def kitchen() -> OpenedGraph:
+    return open_graph("kitchen")
+
+
+@pytest.fixture(scope="module")
+def world(kitchen: OpenedGraph) -> World:
+    return World(kitchen, WordCraftConfig(part="test", num_distractors=3))
+
+
+def hosted(world: World, **options: Any) -> HostedGames:
+    knowledge = options.pop("knowledge", None)
+    kind = "none" if knowledge is None else knowledge.kind
+    settings = WordsSettings.of_tasks(world, refusals=NEVER, texts=tools_hash(), knowledge=kind, **options)
+    return HostedGames(TaskGames(world), settings, knowledge)
+
+
+def hosted_worlds(kitchen: OpenedGraph, attempts: int = 4) -> HostedGames:
+    games = DiscoveryGames(kitchen, attempts=attempts)
+    settings = WordsSettings.of_world(games.env, kitchen.split, refusals=NEVER, texts=tools_hash())
+    return HostedGames(games, settings)
+
+
+def asked(server: Any, ask: Callable[[Client], Any], mode: str = "auto") -> Any:
+    """Connect to a server and ask it something."""
+
+    async def connected() -> Any:
+        async with Client(server, mode=mode) as client:
+            return await ask(client)
+
+    return asyncio.run(connected())
+
+
+async def called(client: Client, tool: str, **arguments: Any) -> tuple[str, dict[str, Any] | None]:
+    """Call a tool; return its text and values, which are None if it was refused."""
+    result = await client.call_tool(tool, arguments)
+    (content,) = result.content
+    assert result.is_error == (result.structured_content is None)
+    return content.text, result.structured_content
+
+
+@contextmanager
+def served(server: MCPServer[Any]) -> Iterator[str]:
+    """Serve over HTTP in a thread of this process."""
+    import uvicorn
+
+    listening = listen("127.0.0.1", 0)
+    web = uvicorn.Server(uvicorn.Config(make_http_app(server), log_config=None, timeout_graceful_shutdown=1))
+    thread = threading.Thread(target=web.run, kwargs={"sockets": [listening]})
+    thread.start()
+    try:
+        yield f"http://127.0.0.1:{listening.getsockname()[1]}/mcp"
+    finally:
+        web.should_exit = True
+        thread.join()
+        listening.close()
+
+
+# --- playing ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_a_scripted_player_that_plays_by_tools_has_its_evaluation_to_the_last_digit(world: World, mode: str):
+    slots = picks_of(random_distinct, world, 1)
+    expected = Evaluator(world, draws=1)(random_distinct)
+    host = hosted(world)
+    played = []
+    host.keep = lambda over: played.append(played_task(over.talk, over.messages))
+
+    async def play(client: Client) -> None:
+        for task in range(len(world.tasks)):
+            _, begun = await called(client, "begin", task=task)
+            one, other = slots[task, 0]
+            _, over = await called(client, "combine", game=begun["game"], first=one + 1, second=begun["things"][other])
+            assert over["is_over"]
+
+    asked(make_server(host), play, mode)
+    found = evaluation_of(world, played)
+    for field in ("tasks", "success", "by_plan", "picks", "endings", "last"):
+        assert np.array_equal(getattr(found, field), getattr(expected, field)), field
+    assert found.figures() == expected.figures()
+    assert 0 < found.success.mean() < 1
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_a_game_is_told_in_words_and_in_values(world: World, mode: str):
+    one, other, goal = world.tasks[0].plans[0][0]
+    made_of = ", ".join(world.graph.labels(world.graph.outcomes[world.graph.id_of(one), world.graph.id_of(other)]))
+
+    async def play(client: Client) -> None:
+        text, begun = await called(client, "begin", task=0)
+        assert begun["goal"] == world.tasks[0].goal == goal
+        assert begun["rules"] in text
+        assert text.endswith("Attempts left: 1")
+        game = begun["game"]
+        text, listed = await called(client, "known", game=game)
+        assert text == ", ".join(f"{number} {thing}" for number, thing in enumerate(begun["things"], 1))
+        assert (listed["attempts"], listed["success"], listed["is_over"]) == ([], None, False)
+        text, made = await called(client, "combine", game=game, first=f"the {one.upper()}", second=other)
+        assert text == f"{one} + {other} -> {made_of}\n\nYou made {goal}."
+        assert (made["success"], made["attempts_left"], made["is_over"]) == (True, 0, True)
+        text, state = await called(client, "state", game=game)
+        assert (text, state) == (f"You made {goal}.", {key: made[key] for key in state})
+        assert (await called(client, "known", game=game))[1]["attempts"] == [made["result"]]
+
+    asked(make_server(hosted(world)), play, mode)
+
+
+def test_what_is_not_understood_is_a_tools_error_that_costs_nothing(world: World):
+    async def play(client: Client) -> None:
+        _, begun = await called(client, "begin", task=1)
+        game = begun["game"]
+        for arguments, said in (
+            ({"first": "unicorn", "second": 1}, "'unicorn': expected 1 to 5, one of the words"),
+            ({"first": 6, "second": 1}, "'6': expected 1 to 5"),
+            ({"first": "", "second": 1}, "nothing written: expected 1 to 5"),
+            ({"first": True, "second": 1}, "'first': Input should be a valid string"),
+            ({"first": ["1"], "second": None}, "'first': Input should be a valid string; 'second': Input should"),
+            ({"first": 10**40, "second": 1}, "'first': Input should be a valid string"),
+            ({"second": 1}, "'first': Field required"),
+            ({"first": "x" * 201, "second": 1}, "'first': String should have at most 200 characters"),
+        ):
+            text, values = await called(client, "combine", game=game, **arguments)
+            assert text.startswith(f"Not understood: {said}"), text
+            assert text.endswith("Nothing was lost; answer again.")
+            assert values is None
+        for task, said in (
+            (True, "a truth value is no number"),
+            (10**6, "less than or equal to 62"),
+            (-1, "greater than or equal to 0"),
+            (1.5, "a valid integer"),
+            ("one", "a valid integer"),
+            (None, "a valid integer"),
+        ):
+            text, values = await called(client, "begin", task=task)
+            assert said in text
+            assert "pydantic" not in text
+            assert values is None
+        assert await called(client, "fly", game=game) == ("Unknown tool: fly", None)
+        text, values = await called(client, "state", game="elsewhere")
+        assert text == (
+            "There is no game 'elsewhere': expected the id that `begin` returned, of one of the last 1,000 games. "
+            "Begin another one."
+        )
+        assert (await called(client, "state", game=game))[1]["attempts_left"] == 1
+        await called(client, "end", game=game)
+        text, values = await called(client, "combine", game=game, first=1, second=2)
+        assert (text, values) == ("This game is over. The game was ended. Begin another one.", None)
+
+    asked(make_server(hosted(world)), play)
+
+
+def test_the_open_ended_world_has_no_tasks_and_no_goal(kitchen: OpenedGraph):
+    host = hosted_worlds(kitchen)
+    pair = next(pair for pair in kitchen.graph.outcomes if {*pair} <= {*host.games.env.discovery.base})
+    one, other = kitchen.graph.labels(pair)
+
+    async def play(client: Client) -> None:
+        (tool,) = (tool for tool in (await client.list_tools()).tools if tool.name == "begin")
+        assert tool.input_schema["properties"] == {}
+        _, begun = await called(client, "begin")
+        assert (begun["goal"], begun["success"], begun["attempts_left"]) == (None, None, 4)
+        _, made = await called(client, "combine", game=begun["game"], first=one, second=other)
+        assert made["new"] == list(kitchen.graph.labels(kitchen.graph.outcomes[pair]))
+        assert made["things"] == begun["things"] + made["new"]
+        text, again = await called(client, "combine", game=begun["game"], first=one, second=other)
+        assert text.startswith(f"{one} + {other} -> nothing new (tried before)")
+        assert again["new"] == []
+
+    asked(make_server(host), play)
+
+
+def test_look_ups_cost_no_attempt_are_counted_and_only_there_if_something_can_be_looked_up(
+    world: World, kitchen: OpenedGraph
+):
+    async def names(client: Client) -> list[str]:
+        return [tool.name for tool in (await client.list_tools()).tools]
+
+    async def play(client: Client) -> None:
+        assert "look_up" in await names(client)
+        _, begun = await called(client, "begin", task=0)
+        game = begun["game"]
+        text, facts = await called(client, "look_up", game=game, thing="the Bread")
+        assert text == "Of bread is known:\n" + "\n".join(facts["facts"])
+        assert (facts["thing"], facts["look_ups_left"]) == ("bread", 1)
+        assert "expected one of the words" in (await called(client, "look_up", game=game, thing="unicorn"))[0]
+        assert (await called(client, "look_up", game=game, thing="water"))[1]["look_ups_left"] == 0
+        assert (await called(client, "look_up", game=game, thing="water"))[1] is None
+        assert (await called(client, "state", game=game))[1]["attempts_left"] == 1
+
+    assert "look_up" not in asked(make_server(hosted(world)), names)
+    asked(make_server(hosted(world, knowledge=PartialGraphKnowledge(kitchen.split), look_ups=2)), play)
+
+
+def test_what_a_scorer_remembers_is_refused_before_somebody_plays(kitchen: OpenedGraph):
+    train = World(kitchen, WordCraftConfig(part="train"))
+    scorer = FrequencyScorer(kitchen.graph, kitchen.split.partial)
+    with pytest.raises(LeakError, match="it has no folds"):
+        hosted(train, knowledge=ScorerKnowledge(scorer, kitchen.split))
+
+
+def test_rules_facts_and_things_can_be_read_and_tell_no_recipe(world: World, kitchen: OpenedGraph):
+    async def read(client: Client) -> list[str]:
+        found = [str(resource.uri) for resource in (await client.list_resources()).resources]
+        assert found == ["wordcraft://rules", "wordcraft://book", "wordcraft://things"]
+        (prompt,) = (await client.list_prompts()).prompts
+        said = (await client.get_prompt(prompt.name, {"task": "7"})).messages[0].content.text
+        assert (prompt.name, "Begin task 7" in said) == ("play", True)
+        assert prompt.arguments[0].description.startswith("number of the task, 0 to ")
+        return [(await client.read_resource(uri)).contents[0].text for uri in found]
+
+    rules, book, things = asked(make_server(hosted(world)), read)
+    assert rules.startswith("This is a game of crafting.")
+    assert things.splitlines() == list(kitchen.graph.entities)
+    facts = json.loads(book)
+    assert (facts["name"], facts["tasks"], facts["split_hash"]) == ("kitchen", len(world.tasks), kitchen.split.hash)
+    assert "->" not in book
+
+
+def test_the_oldest_games_are_forgotten_and_others_go_on(world: World):
+    host = hosted(world)
+    host._most = 3
+    names = [host.begin(task).name for task in range(3)]
+    host.game(names[0])  # it was played last
+    host.begin(3)
+    assert host.game(names[0]).name == names[0]
+    with pytest.raises(EpisodeError, match="one of the last 3 games"):
+        host.game(names[1])
+
+
+# --- keeping ---------------------------------------------------------------------------------------------------------
+
+
+def test_each_game_that_is_over_is_in_the_file_once_and_the_file_goes_on(world: World, tmp_path: Path):
+    path, host = tmp_path / "new" / "games.jsonl", hosted(world)
+    header = GamesHeader(player="clients", settings=host.settings)
+    with kept_games(path, header) as host.keep:
+        first = host.begin(5, draw=2).name
+        host.begin(6)  # never played
+        with pytest.raises(ValueError, match="unicorn"):
+            host.combine(first, "unicorn", "1")
+        host.combine(first, "1", "1")
+        host.end(first)
+        with pytest.raises(ArtefactError, match="being written by another process"), kept_games(path, header):
+            pass
+    with kept_games(path, header) as host.keep:
+        host.end(host.begin(7).name)
+    one, two = parse_lines(path.read_bytes().partition(b"\n")[2], PlayedTask, path)
+    thing = one.table[0]
+    assert (one.task, one.draw, one.success, one.ending, one.refused) == (5, 2, False, "same_twice", 1)
+    assert one.messages[1:3] == (
+        "unicorn + 1",
+        "'unicorn': expected 1 to 5, one of the words, or the beginning of one.",
+    )
+    assert one.messages[3] == "1 + 1"
+    assert one.messages[4].startswith(f"{thing} + {thing} -> ")
+    assert one.messages[4].endswith(f"No attempt is left; {one.goal} was not made.")
+    assert (two.task, two.picks, two.messages[1:]) == (7, 0, ("end", "The game was ended."))
+
+
+def test_a_record_that_cannot_be_written_is_said_and_written_later(
+    world: World, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    path, host = tmp_path / "games.jsonl", hosted(world)
+    with kept_games(path, GamesHeader(player="clients", settings=host.settings)) as host.keep:
+        before = path.read_bytes()
+
+        def full(file: Path, played: object) -> None:
+            with file.open("ab") as torn:
+                torn.write(b'{"task":')
+            raise OSError(28, "No space left on device")
+
+        async def play(client: Client) -> None:
+            _, begun = await called(client, "begin", task=0)
+            with monkeypatch.context() as patched:
+                patched.setattr("wordcraft_kg.apps.text_agents.kept_games.append_game", full)
+                text, values = await called(client, "combine", game=begun["game"], first=1, second=1)
+            assert "its record could not be written: No space left on device" in text
+            assert (values, path.read_bytes()) == (None, before)
+            await called(client, "end", game=begun["game"])
+
+        asked(make_server(host), play)
+    (line,) = parse_lines(path.read_bytes().removeprefix(before), PlayedTask, path)
+    assert (line.task, line.picks) == (0, 2)
+
+
+def test_games_in_the_open_ended_world_are_numbered_as_they_end(kitchen: OpenedGraph, tmp_path: Path):
+    path, host = tmp_path / "games.jsonl", hosted_worlds(kitchen, attempts=2)
+    header = GamesHeader(player="clients", settings=host.settings)
+    for _ in range(2):
+        with kept_games(path, header) as host.keep:
+            name = host.begin().name
+            host.combine(name, "1", "1")
+            host.combine(name, "1", "2")
+    played = parse_lines(path.read_bytes().partition(b"\n")[2], PlayedWorld, path)
+    assert [(one.game, len(one.known_after)) for one in played] == [(0, 2), (1, 2)]
+
+
+# --- transports ------------------------------------------------------------------------------------------------------
+
+
+Call = Callable[..., Awaitable[tuple[str, dict[str, Any] | None]]]
+
+
+async def transcript(call: Call, task: int) -> list[Any]:
+    """Play a task and return all that was told, but for the game's id."""
+    text, begun = await call("begin", task=task, draw=1)
+    assert begun is not None
+    game = begun["game"]
+    told = [(text.replace(game, ""), begun)]
+    for tool, arguments in (
+        ("combine", {"first": "nonsense", "second": 1}),
+        ("known", {}),
+        ("combine", {"first": 2, "second": 1}),
+        ("state", {}),
+    ):
+        told.append(await call(tool, game=game, **arguments))
+    return [(text, {**(values or {}), "game": ""}) for text, values in told]
+
+
+def played_alone(world: World, tasks: Sequence[int]) -> list[Any]:
+    async def play(client: Client) -> list[Any]:
+        return [await transcript(partial(called, client), task) for task in tasks]
+
+    found: list[Any] = asked(make_server(hosted(world)), play)
+    return found
+
+
+def test_a_hundred_sessions_at_once_over_http_go_like_each_alone(world: World):
+    tasks = [number % len(world.tasks) for number in range(100)]
+
+    async def together(address: str) -> list[Any]:
+        # The SDK's client compiles the schemas of all tools for each session: that would take most of the time.
+        async def call(tool: str, **arguments: Any) -> tuple[str, dict[str, Any] | None]:
+            asks = {"jsonrpc": "2.0", "id": 1, "method": "tools/call", "params": {"name": tool, "arguments": arguments}}
+            answer = await web.post(address, json=asks, headers={"Accept": "application/json, text/event-stream"})
+            result = answer.json()["result"]
+            return result["content"][0]["text"], result.get("structuredContent")
+
+        async with httpx2.AsyncClient(limits=httpx2.Limits(max_connections=len(tasks))) as web:
+            return await asyncio.gather(*(transcript(call, task) for task in tasks))
+
+    with served(make_server(hosted(world))) as address:
+        found = asyncio.run(together(address))
+    assert found == played_alone(world, tasks)
+
+
+def test_clients_of_both_versions_of_the_protocol_play_at_once_over_http(world: World):
+    async def together(address: str) -> list[Any]:
+        async def session(task: int) -> list[Any]:
+            async with Client(address, mode=MODES[task % 2]) as client:
+                return await transcript(partial(called, client), task)
+
+        return await asyncio.gather(*(session(task) for task in range(4)))
+
+    with served(make_server(hosted(world))) as address:
+        found = asyncio.run(together(address))
+    assert found == played_alone(world, range(4))
+
+
+def test_the_same_game_is_played_by_another_process_on_standard_streams(world: World, tmp_path: Path):
+    path = {"PYTHONPATH": str(ROOT), "PYTHONHASHSEED": "7"}
+    command = StdioServerParameters(command=sys.executable, args=COMMAND, env=path, cwd=tmp_path)
+
+    async def play(client: Client) -> list[Any]:
+        return [await transcript(partial(called, client), task) for task in (0, 40)]
+
+    assert asked(command, play, "legacy") == played_alone(world, (0, 40))
+
+
+def test_malformed_messages_on_stdin_are_answered_with_errors_and_the_server_goes_on(tmp_path: Path):
+    process = subprocess.Popen(
+        [sys.executable, *COMMAND], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, cwd=ROOT
+    )
+    assert process.stdin is not None
+    assert process.stdout is not None
+
+    def exchange(line: bytes) -> Any:
+        process.stdin.write(line + b"\n")  # type: ignore[union-attr]
+        process.stdin.flush()  # type: ignore[union-attr]
+        return json.loads(process.stdout.readline())  # type: ignore[union-attr]
+
+    try:
+        for line, said in (
+            (b"nonsense", "not a JSON-RPC message"),
+            (b'{"jsonrpc": "2.0", "id": 1, "method": "tools/list", "params": 5}', "not a JSON-RPC message"),
+            (b'"\xff\xfe"', "not UTF-8"),
+            (b"[" * 100_000, "not a JSON-RPC message"),
+            (b"x" * 3_000_000, "longer than 1,048,576 bytes"),
+        ):
+            found = exchange(line)
+            assert (found["id"], found["error"]["code"]) == (None, -32700)
+            assert said in found["error"]["message"]
+        begun = exchange(json.dumps({"jsonrpc": "2.0", "id": 7, "method": "initialize", "params": HELLO}).encode())
+        assert begun["result"]["serverInfo"]["name"] == "wordcraft-kg"
+        assert exchange(b'{"jsonrpc": "2.0", "id": 8, "method": "fly"}')["error"]["code"] == -32601
+        process.send_signal(signal.SIGINT)
+        assert process.communicate(timeout=20) == (b"", b"")
+        assert process.returncode == 0
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def posted(address: str, body: bytes, **headers: str) -> tuple[int, str]:
+    kind = {"Content-Type": "application/json", "Accept": "application/json, text/event-stream"}
+    request = urllib.request.Request(address, body, {**kind, **{k.replace("_", "-"): v for k, v in headers.items()}})
+    try:
+        with urllib.request.urlopen(request, timeout=20) as answer:
+            return answer.status, answer.read().decode()
+    except urllib.error.HTTPError as error:
+        return error.code, error.read().decode()
+
+
+def test_over_http_what_is_malformed_too_long_or_of_another_site_is_refused_and_the_server_goes_on(world: World):
+    hello = json.dumps({"jsonrpc": "2.0", "id": 7, "method": "initialize", "params": HELLO}).encode()
+    with served(make_server(hosted(world))) as address:
+        for version in ({}, {"MCP_Protocol_Version": "2026-07-28"}):
+            for body in (b"nonsense", b"", b"[" * 60_000, b'{"jsonrpc": "2.0"}', b'{"id": 1, "method": 5}', b"\xff"):
+                status, text = posted(address, body, **version)
+                assert (status, "error" in json.loads(text)) == (400, True), (body[:20], text)
+        assert posted(address, b"x" * 70_000)[0] == 413
+        assert posted(address, hello, Host="elsewhere.org")[0] == 421
+        assert posted(address, hello, Origin="http://elsewhere.org")[0] == 403
+        assert posted(address, hello, Content_Type="text/plain")[0] == 400
+        assert posted(address.replace("/mcp", "/other"), hello)[0] == 404
+        status, text = posted(address, hello)
+        assert (status, json.loads(text)["result"]["serverInfo"]["name"]) == (200, "wordcraft-kg")
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_over_http_a_game_goes_on_in_another_connection(world: World, mode: str):
+    with served(make_server(hosted(world))) as address:
+
+        async def begin(client: Client) -> str:
+            return str((await called(client, "begin", task=0))[1]["game"])
+
+        game = asked(address, begin, mode)
+        _, state = asked(address, lambda client: called(client, "state", game=game), mode)
+    assert (state["game"], state["attempts_left"]) == (game, 1)
+
+
+# --- the command -----------------------------------------------------------------------------------------------------
+
+
+def test_the_command_serves_over_http_and_what_was_answered_is_kept_though_it_is_killed(tmp_path: Path):
+    out = tmp_path / "games.jsonl"
+    process = subprocess.Popen(
+        [sys.executable, *COMMAND, "--transport", "http", "--port", "0", "--json", "--out", str(out)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=ROOT,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )
+    try:
+        assert process.stdout is not None
+        address = json.loads(process.stdout.readline())["address"]
+
+        async def play(client: Client) -> None:
+            _, begun = await called(client, "begin", task=3)
+            await called(client, "combine", game=begun["game"], first=1, second=1)
+            process.send_signal(signal.SIGKILL)  # what was answered is on the disk
+
+        asked(address, play)
+        process.communicate(timeout=20)
+    finally:
+        process.kill()
+        process.communicate()
+    (line,) = parse_lines(out.read_bytes().partition(b"\n")[2], PlayedTask, out)
+    assert (line.task, line.ending) == (3, "same_twice")
+
+
+def test_bad_options_are_refused_before_anything_is_served(run: Any, tmp_path: Path):
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        for options, said in (
+            (["--transport", "http", "--port", port], f"--port {port} is in use by another program"),
+            (["--json"], "--json: on stdio the output belongs to the protocol"),
+            (["--knowledge", "scorer"], "--knowledge scorer: name the scorer's model folder"),
+            (["--scorer", tmp_path], "only --knowledge scorer asks one"),
+            (["--base", "water"], "tasks have no base; add --open-ended"),
+            (["--open-ended", "--depth", "2"], "--open-ended has no tasks"),
+            (["--open-ended", "--base", "unicorn"], "--base: no entity 'unicorn' in kitchen"),
+            (["--look-ups", "-1"], "--look-ups -1: expected a whole number, 0 or more"),
+            (["--attempts", "0"], "--attempts 0"),
+        ):
+            outcome = run("mcp", "kitchen", *options)
+            assert outcome.code == 1, options
+            assert said in outcome.err
+
+
+def test_without_its_package_the_command_names_the_extra(run: Any, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("wordcraft_kg.base.extras.find_spec", lambda name: None)
+    outcome = run("mcp", "kitchen")
+    assert (outcome.code, outcome.kind) == (1, "MissingExtraError")
+    assert "pip install 'wordcraft-kg[mcp]'" in outcome.err

@@ -1,0 +1,263 @@
+"""Games in words: the same tables, rules and counts as those of the agents, to the last digit."""
+
+from collections.abc import Callable
+
+import msgspec
+import numpy as np
+import pytest
+
+from tests.apps.text_agents.scripted_words import picks_of
+from wordcraft_kg.agents.evaluation import Evaluator
+from wordcraft_kg.agents.players import Player, knowledge_player, random_distinct, random_entity, recipe_oracle
+from wordcraft_kg.apps.text_agents.config import REFUSALS
+from wordcraft_kg.apps.text_agents.conversation import Conversation, converse
+from wordcraft_kg.apps.text_agents.evaluation import evaluation_of, result_of_worlds
+from wordcraft_kg.apps.text_agents.games import DiscoveryGames, TaskGames
+from wordcraft_kg.apps.text_agents.knowledge import PartialGraphKnowledge, ScorerKnowledge, knowledge_of
+from wordcraft_kg.apps.text_agents.played import played_task, played_world
+from wordcraft_kg.apps.text_agents.records import PlayedTask, WordsSettings
+from wordcraft_kg.base.errors import ActionError, ConfigError, EpisodeError, LeakError
+from wordcraft_kg.envs.config import WordCraftConfig
+from wordcraft_kg.envs.words import texts_hash
+from wordcraft_kg.envs.world import World
+from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
+from wordcraft_kg.graphs.recipe_graph import RecipeGraph
+from wordcraft_kg.graphs.splits import SplitConfig, make_split
+from wordcraft_kg.models.policies.sources.source import make_sources
+from wordcraft_kg.models.scorers.facts import FrequencyScorer, SymbolicScorer
+
+
+@pytest.fixture(scope="module")
+def kitchen() -> OpenedGraph:
+    return open_graph("kitchen")
+
+
+@pytest.fixture(scope="module")
+def games(kitchen: OpenedGraph) -> TaskGames:
+    return TaskGames(World(kitchen, WordCraftConfig(part="test", num_distractors=3)))
+
+
+def play_all(games: TaskGames, draws: int, player: Callable[[int, int], Callable[[str], str]]) -> list[PlayedTask]:
+    """Let a player, by task and draw, play all tasks in words."""
+    played = []
+    for task in range(len(games.world.tasks)):
+        for draw in range(draws):
+            talk = Conversation(games.begin(task, draw))
+            played.append(played_task(talk, converse(talk, player(task, draw))))
+    return played
+
+
+PLAYERS: dict[str, Callable[[OpenedGraph], Player]] = {
+    "oracle": lambda opened: recipe_oracle,
+    "random": lambda opened: random_entity,
+    "random distinct": lambda opened: random_distinct,
+    "full graph": lambda opened: knowledge_player(
+        make_sources(["u", "v"], SymbolicScorer(opened.graph, opened.graph.triples))
+    ),
+}
+
+
+@pytest.mark.parametrize("name", PLAYERS)
+@pytest.mark.parametrize("settings", [{}, {"depth": 2, "num_tasks": 60, "max_attempts": 3}], ids=["depth 1", "depth 2"])
+def test_a_text_player_that_plays_like_a_scripted_one_has_its_evaluation_to_the_last_digit(
+    kitchen: OpenedGraph, name: str, settings: dict[str, int]
+):
+    world = World(kitchen, WordCraftConfig(part="test", num_distractors=3, **settings))
+    player = PLAYERS[name](kitchen)
+    slots = picks_of(player, world, 2)
+    expected = Evaluator(world, draws=2)(player)
+
+    def speaker(task: int, draw: int) -> Callable[[str], str]:
+        mine = iter(slots[task, draw])
+        return lambda told: f"{next(mine) + 1} + {next(mine) + 1}"
+
+    found = evaluation_of(world, play_all(TaskGames(world), 2, speaker))
+    for field in ("tasks", "success", "by_plan", "picks", "endings", "last"):
+        assert np.array_equal(getattr(found, field), getattr(expected, field)), field
+    assert found.figures() == expected.figures()
+    assert 0 < found.success.mean() < 1 or name == "oracle"
+
+
+def test_a_player_that_reads_nothing_but_the_texts_makes_every_goal(games: TaskGames, kitchen: OpenedGraph):
+    recipes = {}
+    for a, b, result in kitchen.graph.recipe_labels():
+        recipes.setdefault(result, []).append((a, b))
+
+    def answer(told: str) -> str:
+        lines = dict(line.split(": ", 1) for line in told.splitlines() if ": " in line)
+        table = {thing.split(" ", 1)[1] for thing in lines["On the table"].split(", ")}
+        return next(f"{a} + {b}" for a, b in recipes[lines["Make"]] if {a, b} <= table)
+
+    played = play_all(games, 1, lambda task, draw: answer)
+    assert all(one.success for one in played)
+    assert played[0].messages[-1].endswith(f"You made {played[0].goal}.")
+
+
+def test_what_is_not_understood_costs_nothing_until_it_happens_too_often(games: TaskGames):
+    talk = Conversation(games.begin(0))
+    before = talk.game.state
+    for _ in range(REFUSALS):
+        told = talk.hear("unicorn + dragon")
+        assert told.startswith("Not understood: 'unicorn': expected 1 to 5")
+        assert told.endswith(before)
+    assert "The attempt is lost." in talk.hear("unicorn + dragon")
+    assert (talk.is_over, talk.refused, talk.lost, talk.game.is_made) == (True, REFUSALS + 1, 1, False)
+    with pytest.raises(EpisodeError):
+        talk.hear("1 2")
+    assert played_task(talk, []).ending == "no_recipe"
+
+
+def test_a_refusal_in_between_does_not_count_with_later_ones(kitchen: OpenedGraph):
+    games = TaskGames(World(kitchen, WordCraftConfig(part="test", num_distractors=3, max_attempts=4)))
+    talk = Conversation(games.begin(0), refusals=1)
+    talk.hear("nonsense")
+    assert talk.game.attempts_left == 4
+    talk.hear("1 1")
+    talk.hear("nonsense")
+    assert talk.game.attempts_left == 3
+    talk.hear("nonsense")
+    assert talk.game.attempts_left == 2
+
+
+def test_many_games_at_once_do_not_touch_each_other(games: TaskGames):
+    alone = []
+    for task in range(6):
+        talk = Conversation(games.begin(task, draw=1))
+        alone.append((talk.opening, talk.hear("1 2")))
+    talks = [Conversation(games.begin(task, draw=1)) for task in range(6)]
+    assert [talk.opening for talk in talks] == [opening for opening, _ in alone]
+    assert [talk.hear("1 2") for talk in reversed(talks)] == [told for _, told in reversed(alone)]
+
+
+def test_a_game_that_is_given_up_takes_no_attempt_more(games: TaskGames):
+    game = games.begin(0)
+    game.end()
+    assert (game.is_over, game.state, game.is_made) == (True, "The game was ended.", False)
+    with pytest.raises(EpisodeError):
+        game.combine(0, 1)
+
+
+# --- the open-ended world --------------------------------------------------------------------------------------------
+
+
+def test_the_open_ended_world_is_played_by_pairs_and_counts_what_is_known(kitchen: OpenedGraph):
+    games = DiscoveryGames(kitchen, attempts=4)
+    base = len(games.env.discovery.base)
+    talk, other = Conversation(games.begin()), Conversation(games.begin())
+    pair = next(pair for pair in kitchen.graph.outcomes if {*pair} <= {*games.env.discovery.base})
+    words = " with ".join(kitchen.graph.labels(pair))
+    assert " -> " in talk.hear(words)
+    assert "nothing new (tried before)" in talk.hear(words)
+    for _ in range(REFUSALS + 1):
+        talk.hear("?")
+    talk.hear("1 1")
+    assert talk.is_over
+    known = base + len(kitchen.graph.outcomes[pair])
+    played = played_world(talk, 0, [])
+    assert played.known_after[:3] == (known,) * 3
+    assert (played.repeated, played.lost, len(other.game.labels)) == (1, 1, base)
+    settings = WordsSettings(
+        graph="kitchen",
+        graph_hash=kitchen.graph.hash,
+        split_hash=kitchen.split.hash,
+        part=None,
+        depth=None,
+        distractors=None,
+        attempts=4,
+        base=games.env.graph.labels(games.env.discovery.base),
+        refusals=REFUSALS,
+        texts=texts_hash(),
+    )
+    result = result_of_worlds("somebody", settings, [played, msgspec.structs.replace(played, known_after=())])
+    assert result.known == {1: (known + base) / 2, 4: (played.known_after[-1] + base) / 2}
+
+
+# --- knowledge -------------------------------------------------------------------------------------------------------
+
+
+def test_the_partial_graph_tells_train_recipes_only_and_none_that_solves_the_task(kitchen: OpenedGraph):
+    graph, is_train = kitchen.graph, kitchen.split.is_in("train")
+    world = World(kitchen, WordCraftConfig(part="train", num_distractors=3))
+    games, knowledge = TaskGames(world), PartialGraphKnowledge(kitchen.split)
+    recipes = graph.recipe_labels()
+    for task in range(0, len(world.tasks), 20):
+        game = games.begin(task)
+        solving = {recipes[row][:2] for plan in world.tasks.plans[task] for row in plan}
+        for entity in range(graph.num_entities):
+            label = graph.entities[entity]
+            expected = {
+                f"{a} + {b} -> {c}"
+                for row, (a, b, c) in enumerate(recipes)
+                if label in (a, b, c) and is_train[row] and (a, b) not in solving
+            }
+            facts = knowledge.facts(entity, game)
+            assert {*facts} == expected or (len(facts) == 41 and {*facts[:40]} <= expected)
+
+
+def test_a_pair_that_solves_the_task_is_not_told_by_the_other_thing_that_it_makes():
+    recipes = [
+        ("water", "earth", "mud"),
+        ("water", "earth", "plant"),
+        ("fire", "earth", "lava"),
+        ("fire", "mud", "pot"),
+    ]
+    graph = RecipeGraph.from_recipes(recipes)
+    games = TaskGames(World(graph, WordCraftConfig(part="all", num_distractors=0)))
+    knowledge = PartialGraphKnowledge(make_split(graph, SplitConfig("none")))
+    told = {}
+    for task, one in enumerate(games.world.tasks):
+        game = games.begin(task)
+        told[one.goal] = {fact for entity in range(graph.num_entities) for fact in knowledge.facts(entity, game)}
+    both = {"earth + water -> mud", "earth + water -> plant"}
+    assert both.isdisjoint(told["mud"] | told["plant"])
+    assert both < told["lava"]
+
+
+def test_a_look_up_costs_no_attempt_and_there_are_only_so_many(games: TaskGames, kitchen: OpenedGraph):
+    talk = Conversation(games.begin(0), PartialGraphKnowledge(kitchen.split), look_ups=2, refusals=0)
+    assert "look up water. It costs no attempt; you may do it 2 times" in talk.opening
+    assert talk.hear("Look up: the Bread").startswith("Of bread is known:\n")
+    talk.hear("look up bread")
+    assert (talk.look_ups, talk.game.attempts_left, talk.refused) == (2, 1, 0)
+    assert "No look-up is left" in talk.hear("look up bread")
+    assert talk.is_over
+
+
+def test_without_knowledge_nothing_can_be_looked_up(games: TaskGames):
+    talk = Conversation(games.begin(0))
+    assert "look up" not in talk.opening
+    assert talk.hear("look up bread").startswith("Not understood")
+
+
+def test_a_scorer_tells_its_best_links_and_never_what_it_remembers(games: TaskGames, kitchen: OpenedGraph):
+    scorer = FrequencyScorer(kitchen.graph, kitchen.split.partial)
+    knowledge = ScorerKnowledge(scorer, kitchen.split)
+    game = games.begin(0)
+    entity = kitchen.graph.id_of(game.labels[0])
+    partners, parts_of, made_of = knowledge.facts(entity, game)
+    assert partners.startswith("combines best, of what is at hand, with: ")
+    assert all(label in partners for label in game.labels[1:])
+    assert f" {game.labels[0]} (" not in partners
+    best = scorer.top(None, "componentOf", entity)[0]
+    assert made_of.startswith(f"is most likely made of: {best[0]} (")
+    assert parts_of.count("(") == 10
+    train = TaskGames(World(kitchen, WordCraftConfig(part="train"))).begin(0)
+    with pytest.raises(LeakError, match="it has no folds"):
+        knowledge.facts(entity, train)
+
+
+def test_knowledge_needs_a_scorer_if_and_only_if_it_is_one(kitchen: OpenedGraph):
+    scorer = FrequencyScorer(kitchen.graph, kitchen.split.partial)
+    assert knowledge_of("none", kitchen.split) is None
+    with pytest.raises(ConfigError, match="name the scorer's model folder"):
+        knowledge_of("scorer", kitchen.split)
+    with pytest.raises(ConfigError, match="only 'scorer' asks a scorer"):
+        knowledge_of("partial", kitchen.split, scorer)
+
+
+def test_what_may_be_looked_up_is_any_thing_of_the_graph_but_must_be_one(games: TaskGames, kitchen: OpenedGraph):
+    talk = Conversation(games.begin(0), PartialGraphKnowledge(kitchen.split))
+    with pytest.raises(ActionError, match="No look-up is left"):
+        Conversation(games.begin(0)).facts(0)
+    assert talk.hear("look up unicorn").startswith("Not understood: 'unicorn': expected one of the words")
+    assert talk.look_ups == 0

@@ -1,0 +1,290 @@
+import time
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from wordcraft_kg.base.errors import ActionError
+from wordcraft_kg.base.labels import LabelIndex, last_line, read_label, read_pair
+from wordcraft_kg.graphs.library import open_book
+
+TABLE = ("water", "watch", "Fire", "fire", "fire brigade", "wood", "3")
+PANTRY = (
+    "berry",
+    "glass",
+    "glasses",
+    "knife",
+    "salt and pepper",
+    "pepper",
+    "salt",
+    "t-shirt",
+    "the sun",
+    "leaf",
+    "box",
+)
+
+
+@pytest.mark.parametrize(
+    ("written", "place"),
+    [
+        ("1", 0),
+        ("7", 6),
+        ("3", 2),  # a number goes before a word
+        ("water", 0),
+        ("WATCH", 1),
+        ("wo", 5),
+        ("WO", 5),
+        ("Fire", 2),
+        ("fire", 3),
+        ("fire b", 4),
+        ("  fire   brigade ", 4),
+        ("fire-brigade", 4),
+        ("fire_brigade", 4),
+        ("the water", 0),
+        ("A Fire brigade.", 4),
+        ("'wood'", 5),
+        ("**wood**", 5),
+        ("waters", 0),
+        ("watches", 1),
+    ],
+)
+def test_a_label_is_meant_by_its_number_its_word_or_the_beginning_of_one(written: str, place: int):
+    assert read_label(written, TABLE) == place
+
+
+@pytest.mark.parametrize(
+    ("written", "label"),
+    [
+        ("berries", "berry"),
+        ("glass", "glass"),
+        ("glasses", "glasses"),
+        ("knives", "knife"),
+        ("leaves", "leaf"),
+        ("boxes", "box"),
+        ("the boxes", "box"),
+        ("T shirt", "t-shirt"),
+        ("t-shirts", "t-shirt"),
+        ("sun", "the sun"),
+        ("the suns", "the sun"),
+        ("salt", "salt"),
+        ("salt and", "salt and pepper"),
+    ],
+)
+def test_articles_plurals_and_hyphens_are_forgiven(written: str, label: str):
+    assert PANTRY[read_label(written, PANTRY)] == label
+
+
+def test_a_singular_means_a_label_in_the_plural():
+    assert read_label("ash", ("ashes", "fire")) == 0
+
+
+@pytest.mark.parametrize("written", ["0", "-1", "8", "01", "²", "9" * 5_000, "1.0", "x" * 100, "\ufffd", "watr"])
+def test_what_is_not_there_is_answered_with_what_is_expected(written: str):
+    with pytest.raises(ActionError, match="expected 1 to 7, one of the words, or the beginning of one") as error:
+        read_label(written, TABLE)
+    assert len(str(error.value)) < 160
+
+
+def test_nothing_is_not_the_beginning_of_every_word():
+    for written in ("", "  "):
+        with pytest.raises(ActionError, match="nothing written: expected"):
+            read_label(written, TABLE)
+    for written in ("the", "*", "..."):  # nor is what is left out
+        with pytest.raises(ActionError, match="expected 1 to 4"):
+            read_label(written, ("water", "fire", "wood", "stone"))
+
+
+@pytest.mark.parametrize(
+    ("written", "expected"), [("wat", "water (1), watch (2)"), ("FIRE", "Fire (3), fire (4)"), ("w", "water (1)")]
+)
+def test_an_ambiguous_word_is_answered_with_the_choices(written: str, expected: str):
+    with pytest.raises(ActionError) as error:
+        read_label(written, TABLE)
+    assert expected in str(error.value)
+    assert "or the number" in str(error.value)
+
+
+def test_a_misspelt_word_is_answered_with_the_nearest():
+    with pytest.raises(ActionError, match="Did you mean 'water'"):
+        read_label("watr", TABLE)
+
+
+def test_numbers_and_beginnings_can_be_switched_off():
+    assert read_label("3", TABLE, by_number=False) == 6
+    with pytest.raises(ActionError, match="'wo': expected one of the words"):
+        read_label("wo", TABLE, by_number=False, by_beginning=False)
+
+
+@pytest.mark.parametrize(
+    ("written", "pair"),
+    [
+        ("water + wood", (0, 5)),
+        ("wood+water", (5, 0)),
+        ("1 6", (0, 5)),
+        ("1, 6", (0, 5)),
+        ("6 + 6", (5, 5)),
+        ("combine the water with a watch.", (0, 1)),
+        ("I combine water and wood", (0, 5)),
+        ("Answer: **water + wood**", (0, 5)),
+        ("water + wood = boat", (0, 5)),
+        ("water & wood -> boat", (0, 5)),
+        ("Fire + fire", (2, 3)),
+        ("fire brigade plus wo", (4, 5)),
+    ],
+)
+def test_a_pair_is_written_in_many_ways(written: str, pair: tuple[int, int]):
+    assert read_pair(written, TABLE) == pair
+
+
+@pytest.mark.parametrize(
+    ("written", "pair"),
+    [
+        ("salt and pepper", ("salt", "pepper")),
+        ("salt and pepper + salt", ("salt and pepper", "salt")),
+        ("salt and pepper and salt", ("salt and pepper", "salt")),
+        ("salt and salt and pepper", ("salt", "salt and pepper")),
+        ("pepper and salt and pepper", ("pepper", "salt and pepper")),
+    ],
+)
+def test_a_label_may_hold_what_stands_between_two(written: str, pair: tuple[str, str]):
+    one, other = read_pair(written, PANTRY)
+    assert (PANTRY[one], PANTRY[other]) == pair
+
+
+def test_what_could_be_several_pairs_is_refused_with_all():
+    labels = ("a", "a and b", "b", "b and a")
+    with pytest.raises(ActionError, match=r"could be a \+ b and a or a and b \+ a; write the numbers"):
+        read_pair("a and b and a", labels)
+    assert read_pair("1 + 4", labels) == (0, 3)
+
+
+@pytest.mark.parametrize(
+    ("written", "said"),
+    [
+        ("", r"nothing written: expected two things, such as 'water \+ 3'"),
+        ("water", r"'water': expected two things, such as 'water \+ 3'"),
+        ("water + unicorn", "'unicorn': expected 1 to 7"),
+        ("water + ", "nothing written: expected 1 to 7"),
+        ("water + wood + fire", "expected 1 to 7"),
+        ("wat + wood", "'wat' could be water"),
+        ("1 9", "'9': expected 1 to 7"),
+        ("x" * 2_000, "2,000 characters: expected two things"),
+    ],
+)
+def test_what_is_no_pair_is_answered_with_what_is_expected(written: str, said: str):
+    with pytest.raises(ActionError, match=said) as error:
+        read_pair(written, TABLE)
+    assert len(str(error.value)) < 200
+
+
+def test_a_long_message_is_read_at_once_among_thousands_of_labels():
+    labels = [f"entity {number}" for number in range(7_000)]
+    began = time.perf_counter()
+    with pytest.raises(ActionError, match="expected one of the words"):
+        read_label("look up " + "water " * 15_000, labels, by_number=False)
+    with pytest.raises(ActionError, match="'a': expected 1 to 700"):
+        read_pair("a + " * 200, labels[:700])
+    assert time.perf_counter() - began < 5  # a second at most; once each form was made for each label, for a minute
+
+
+def test_an_empty_table_has_no_pair():
+    with pytest.raises(ActionError, match="there is nothing to combine"):
+        read_pair("a + b", ())
+
+
+@pytest.mark.parametrize(
+    ("message", "line"),
+    [
+        ("I think of mud.\n\n  water + earth \n\n", "water + earth"),
+        ("- **water + earth**\n```", "water + earth"),
+        ("> `1 2`", "1 2"),
+        ("water + earth", "water + earth"),
+        ("", ""),
+        ("\n \n", ""),
+        ("***\n---", ""),
+    ],
+)
+def test_the_last_line_of_a_message_counts(message: str, line: str):
+    assert last_line(message) == line
+
+
+@pytest.mark.parametrize("book", ["everyday", "kitchen"])
+def test_every_label_of_a_book_means_itself_in_every_case_and_with_an_article(book: str):
+    labels = sorted({label for recipe in open_book(book).recipes for label in recipe})
+    for place in range(0, len(labels), 7):
+        label = labels[place]
+        for written in (label, label.upper(), f"the {label}", f'"{label}"', str(place + 1)):
+            assert read_label(written, labels) == place
+
+
+LABEL = st.text("abs +&, the", min_size=1, max_size=8).map(lambda text: " ".join(text.split())).filter(bool)
+LABELS = st.lists(LABEL, min_size=1, max_size=6, unique=True)
+
+
+@given(LABELS, st.data())
+def test_a_label_always_means_itself_and_two_numbers_always_mean_their_pair(labels: list[str], data: st.DataObject):
+    place = data.draw(st.integers(0, len(labels) - 1))
+    other = data.draw(st.integers(0, len(labels) - 1))
+    assert read_label(labels[place], labels) == place
+    assert read_pair(f"{place + 1} {other + 1}", labels) == (place, other)
+
+
+@given(st.text(max_size=50), LABELS)
+def test_any_text_is_read_or_refused(written: str, labels: list[str]):
+    for read in (read_label, read_pair):
+        try:
+            found = read(written, labels)
+        except ActionError:
+            continue
+        assert all(0 <= place < len(labels) for place in (found if isinstance(found, tuple) else (found,)))
+
+
+def test_an_index_of_labels_reads_as_the_reader_does_one_by_one():
+    labels = [
+        "Moon",
+        "moon",
+        "berries",
+        "berry",
+        "box",
+        "the box",
+        "wolf",
+        "knife",
+        "ice-cream",
+        "Ice Cream",
+        "c++",
+        "a",
+    ]
+    index = LabelIndex(labels)
+    texts = [
+        *labels,
+        "MOON",
+        "Berry",
+        "berrys",
+        "boxes",
+        "a box",
+        "wolves",
+        "knives",
+        "knife.",
+        "'ice cream'",
+        "ICE_CREAM",
+    ]
+    for text in [
+        *texts,
+        "icecream",
+        "ox",
+        "",
+        "  ",
+        "the",
+        "1",
+        "mo",
+        "an a",
+        "as",
+        "**berry**",
+        "berry!",
+        "the boxes",
+    ]:
+        try:
+            expected = read_label(text, labels, by_number=False, by_beginning=False)
+        except ActionError:
+            expected = None
+        assert index.find(text) == expected, text

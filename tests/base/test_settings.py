@@ -1,0 +1,75 @@
+"""What a setting may be: whole numbers that are whole, sizes that a machine can hold."""
+
+from decimal import Decimal
+from typing import Any
+
+import numpy as np
+import pytest
+
+from wordcraft_kg.agents.config import ImpalaConfig
+from wordcraft_kg.base.errors import ConfigError, reason
+from wordcraft_kg.base.settings import MAX_DIM, MAX_SIZE, MOST, check_memory, memory, number_in, whole
+from wordcraft_kg.models.links.config import ComplExConfig, LinkModelConfig
+from wordcraft_kg.models.policies.config import PolicyConfig
+
+
+@pytest.mark.parametrize("value", [1.5, 1.0, "1", True, None, [1], np.float64(2), Decimal(1), 2**63, -1])
+def test_what_is_no_whole_number_in_its_range_is_refused(value: Any) -> None:
+    with pytest.raises(ConfigError, match=r"`seed` .*: expected a whole number, 0 (or more|to 9223372036854775807)\."):
+        whole("seed", value, 0)
+
+
+@pytest.mark.parametrize("value", [0, MOST, np.int32(7)])
+def test_whole_numbers_of_any_type_are_taken(value: Any) -> None:
+    assert whole("seed", value, 0) == value
+
+
+@pytest.mark.parametrize("value", [float("nan"), -0.1, 1.1, "0.5", True, None])
+def test_what_is_no_number_in_its_range_is_refused(value: Any) -> None:
+    with pytest.raises(ConfigError, match=r"`discount` .*: expected 0 to 1"):
+        number_in("discount", value, 0, 1, "0 to 1")
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "largest"),
+    [
+        (ComplExConfig, "dim", MAX_DIM),
+        (ComplExConfig, "batch_size", MAX_SIZE),
+        (ComplExConfig, "threads", 1_024),
+        (LinkModelConfig, "negatives", MAX_SIZE),
+        (PolicyConfig, "key_size", MAX_DIM),
+        (PolicyConfig, "value_size", MAX_DIM),
+        (ImpalaConfig, "unroll", MAX_SIZE),
+        (ImpalaConfig, "batch_size", MAX_SIZE),
+        (ImpalaConfig, "policy_lag", MAX_SIZE),
+        (ImpalaConfig, "threads", 1_024),
+    ],
+)
+def test_a_size_has_a_limit(kind: Any, name: str, largest: int) -> None:
+    assert getattr(kind(**{name: largest}), name) == largest
+    with pytest.raises(ConfigError, match=rf"`{name}` {largest + 1}: expected a whole number, \d to {largest}\."):
+        kind(**{name: largest + 1})
+
+
+@pytest.mark.parametrize("name", ["learning_rate", "rms_epsilon", "clip", "entropy_cost", "momentum"])
+@pytest.mark.parametrize("value", [1e308, float("nan"), "1", True])
+def test_a_rate_that_is_no_sensible_number_is_refused(name: str, value: Any) -> None:
+    with pytest.raises(ConfigError, match=f"`{name}`"):
+        ImpalaConfig(**{name: value})
+
+
+def test_a_size_beyond_the_machines_memory_is_refused_with_its_cost() -> None:
+    check_memory("dim", 4, "the vectors", memory())
+    with pytest.raises(
+        ConfigError, match=r"`dim` 4,000: the vectors would take [\d,.]+ GiB, and [\d,.]+ GiB are there"
+    ):
+        check_memory("dim", 4_000, "the vectors", memory() + 1)
+
+
+def test_the_reason_of_an_error_is_one_line_however_many_torch_wrote() -> None:
+    told = 'Error(s) in loading state_dict:\n\tMissing key(s): "a".\n\tUnexpected key(s): "b". '
+    assert reason(RuntimeError(told)) == (
+        'RuntimeError: Error(s) in loading state_dict: Missing key(s): "a". Unexpected key(s): "b".'
+    )
+    assert reason(KeyError()) == "KeyError: no reason given"
+    assert len(reason(ValueError("x" * 1_000))) < 330

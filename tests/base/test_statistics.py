@@ -1,0 +1,541 @@
+"""Statistics over seeds and tasks: against cases by hand, slow references, exhaustive resampling, and by coverage."""
+
+import itertools
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.base.statistics import (
+    correlation,
+    crossed_bootstrap,
+    holm,
+    interquartile_mean,
+    interval_p_value,
+    paired_difference,
+    performance_profile,
+    performance_profile_band,
+    probability_of_improvement,
+    probability_of_improvement_interval,
+    resampled_means,
+    samples,
+    stratified_bootstrap,
+    task_bootstrap,
+    wilson_interval,
+)
+
+SCORES = np.array([[0.1, 5.0], [0.4, 7.0], [0.9, 6.0]])
+OTHERS = np.array([[0.4, 5.0], [0.2, 8.0]])
+TASKS = np.array([[1, 1, 0], [0, 0, 0], [1, 1, 1], [1, 1, 1]])
+
+
+def iqm_by_hand(scores: np.ndarray) -> float:
+    """Strike out the lowest and the highest score, so often as four go into their number."""
+    left = sorted(scores.ravel().tolist())
+    for _ in range(scores.size // 4):
+        left.remove(min(left))
+        left.remove(max(left))
+    return sum(left) / len(left)
+
+
+def wins_by_hand(x: np.ndarray, y: np.ndarray) -> float:
+    shares = []
+    for k in range(x.shape[1]):
+        points = 0.0
+        for a in x[:, k]:
+            for b in y[:, k]:
+                points += 1 if a > b else 0.5 if a == b else 0
+        shares.append(points / (len(x) * len(y)))
+    return sum(shares) / len(shares)
+
+
+def all_resamples(scores: np.ndarray) -> list[np.ndarray]:
+    """Every table whose columns are drawn, each on its own, from the columns of the scores."""
+    columns = [list(itertools.product(column, repeat=len(column))) for column in scores.T]
+    return [np.array(chosen).T for chosen in itertools.product(*columns)]
+
+
+def all_task_means(table: np.ndarray) -> list[float]:
+    return [float(np.mean(rows)) for rows in itertools.product(table, repeat=len(table))]
+
+
+def assert_between_quantiles(bounds: tuple[float, float], values: Sequence[float], level: float, slack: float = 0.01):
+    """Bounds of 20,000 draws lie between the exact quantiles of slightly lower and higher probability."""
+    for bound, p in zip(bounds, [(1 - level) / 2, (1 + level) / 2], strict=True):
+        low, high = np.quantile(values, [max(p - slack, 0), min(p + slack, 1)])
+        assert low - 1e-12 <= bound <= high + 1e-12
+
+
+@pytest.mark.parametrize(
+    ("scores", "expected"),
+    [
+        ([3], 3),
+        ([1, 2, 6], 3),
+        ([100, 1, 2, 4], 3),
+        ([5, 1, 2, 3, -90], 2),
+        ([[8, 1, 2, 3], [7, 6, 4, 5]], 4.5),
+        ([0, 0, 1, 2, 3, 9, 9], 3),
+    ],
+)
+def test_the_interquartile_mean_is_that_of_the_middle_half(scores: list, expected: float):
+    assert interquartile_mean(scores) == pytest.approx(expected)
+    assert isinstance(interquartile_mean(scores), float)
+
+
+@given(arrays(np.float64, st.tuples(st.integers(1, 7), st.integers(1, 5)), elements=st.integers(-5, 5)))
+def test_the_interquartile_mean_is_that_of_a_slow_reference(scores: np.ndarray):
+    assert interquartile_mean(scores) == pytest.approx(iqm_by_hand(scores))
+
+
+def test_the_interquartile_mean_is_the_trimmed_mean_of_scipy():
+    stats = pytest.importorskip("scipy.stats")
+    for n in range(1, 30):
+        scores = np.random.default_rng(n).normal(size=n)
+        assert interquartile_mean(scores) == pytest.approx(stats.trim_mean(scores, 0.25))
+
+
+def test_the_interquartile_mean_over_axes_is_that_of_each_part():
+    scores = np.random.default_rng(0).normal(size=(4, 3, 5, 2))
+    over_last = interquartile_mean(scores, axis=(-2, -1))
+    over_others = interquartile_mean(scores, axis=(0, 2))
+    assert over_last.shape == (4, 3)
+    assert over_others.shape == (3, 2)
+    for i, j in np.ndindex(4, 3):
+        assert over_last[i, j] == pytest.approx(iqm_by_hand(scores[i, j]))
+    for i, j in np.ndindex(3, 2):
+        assert over_others[i, j] == pytest.approx(iqm_by_hand(scores[:, i, :, j]))
+
+
+@pytest.mark.parametrize("statistic", [np.mean, np.median, np.min, interquartile_mean])
+@pytest.mark.parametrize("level", [0.5, 0.9, 0.95])
+def test_the_stratified_bootstrap_has_the_quantiles_of_all_resamples(statistic, level: float):
+    exact = [float(statistic(drawn)) for drawn in all_resamples(SCORES)]
+    assert len(exact) == 27**2
+    assert_between_quantiles(stratified_bootstrap(SCORES, statistic, level=level, draws=20_000), exact, level)
+
+
+def test_one_stratum_is_the_plain_bootstrap_over_seeds():
+    scores = np.array([0.2, 0.5, 0.6, 0.95])
+    exact = [float(np.mean(drawn)) for drawn in itertools.product(scores, repeat=4)]
+    assert_between_quantiles(stratified_bootstrap(scores, np.mean, draws=20_000), exact, 0.95)
+    assert stratified_bootstrap(scores, np.mean) == stratified_bootstrap(scores[:, None], np.mean)
+
+
+def test_strata_are_resampled_independently_and_not_mixed():
+    # Whole rows would always sum to 1, so that the mean would have no interval; mixed columns would reach 0 and 10.
+    scores = np.array([[0.0, 10.0], [1.0, 9.0], [0.0, 10.0], [1.0, 9.0]])
+    low, high = stratified_bootstrap(scores, np.mean)
+    assert 4.5 <= low < 5 < high <= 5.5
+
+
+def test_one_seed_has_no_interval():
+    assert stratified_bootstrap([[0.3, 0.4]], np.mean) is None
+    assert probability_of_improvement_interval([[0.3]], [[0.1], [0.2]]) is None
+    assert probability_of_improvement_interval([0.1, 0.2], [0.3]) is None
+
+
+def test_equal_seeds_have_an_interval_without_width():
+    assert stratified_bootstrap([[0.3, 0.5], [0.3, 0.5]], np.mean) == pytest.approx((0.4, 0.4))
+
+
+def test_bounds_are_right_however_many_draws_are_held_at_once(monkeypatch: pytest.MonkeyPatch):
+    exact = [float(np.mean(drawn)) for drawn in all_resamples(SCORES)]
+    for chunk in (1, 13, 600):
+        monkeypatch.setattr(samples, "CHUNK", chunk)
+        assert_between_quantiles(stratified_bootstrap(SCORES, np.mean, draws=5_001), exact, 0.95, 0.015)
+
+
+def test_intervals_are_repeatable_follow_the_seed_and_leave_the_global_generator_alone():
+    def bounds(seed: int) -> list:
+        return [
+            stratified_bootstrap(SCORES, np.mean, draws=200, seed=seed),
+            probability_of_improvement_interval(SCORES, OTHERS, level=0.5, draws=201, seed=seed),
+            task_bootstrap(np.random.default_rng(0).integers(0, 2, (50, 7)), draws=200, seed=seed),
+        ]
+
+    np.random.seed(3)  # noqa: NPY002
+    first = bounds(0)
+    after = np.random.random()  # noqa: NPY002
+    assert bounds(0) == first
+    assert bounds(1)[0] != first[0]
+    assert bounds(1)[2] != first[2]
+    np.random.seed(3)  # noqa: NPY002
+    assert np.random.random() == after  # noqa: NPY002
+
+
+def test_a_higher_level_makes_a_wider_interval():
+    scores = np.random.default_rng(0).normal(size=(8, 3))
+    (a, b), (c, d) = (stratified_bootstrap(scores, np.mean, level=level) for level in (0.8, 0.99))
+    assert c < a < b < d
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "expected"),
+    [
+        ([2, 3], [0, 1], 1),
+        ([0, 1], [2, 3], 0),
+        ([1, 1], [1], 0.5),
+        ([1, 3], [2, 2, 2], 0.5),
+        ([1, 2, 3], [2, 2], 0.5),
+        ([2, 3], [2, 4], 0.375),
+        ([[2, 0], [3, 0]], [[0, 1], [1, 1]], 0.5),
+        ([[2, 5], [3, 0]], [[2, 1], [4, 1]], (0.375 + 0.5) / 2),
+    ],
+)
+def test_the_probability_of_improvement_counts_pairs_and_ties_half(x: list, y: list, expected: float):
+    assert probability_of_improvement(x, y) == pytest.approx(expected)
+
+
+@given(st.data(), st.integers(1, 5), st.integers(1, 5), st.integers(1, 3))
+def test_the_probability_of_improvement_is_that_of_a_slow_reference(data: st.DataObject, s: int, s2: int, k: int):
+    x, y = (data.draw(arrays(np.float64, (n, k), elements=st.integers(0, 4))) for n in (s, s2))
+    assert probability_of_improvement(x, y) == pytest.approx(wins_by_hand(x, y))
+    assert probability_of_improvement(x, y) + probability_of_improvement(y, x) == pytest.approx(1)
+
+
+def test_the_probability_of_improvement_is_the_statistic_of_mann_and_whitney():
+    stats = pytest.importorskip("scipy.stats")
+    x, y = np.random.default_rng(0).integers(0, 9, (2, 7)).astype(float)
+    u = stats.mannwhitneyu(x, y[:5]).statistic
+    assert probability_of_improvement(x, y[:5]) == pytest.approx(u / 35)
+
+
+def test_the_interval_of_the_probability_of_improvement_has_the_quantiles_of_all_resamples():
+    exact = [wins_by_hand(x, y) for x in all_resamples(SCORES) for y in all_resamples(OTHERS)]
+    for level in (0.5, 0.9):
+        bounds = probability_of_improvement_interval(SCORES, OTHERS, level=level, draws=20_000)
+        assert_between_quantiles(bounds, exact, level)
+
+
+def test_a_win_of_all_seeds_over_all_has_an_interval_without_width():
+    assert probability_of_improvement_interval([2, 3, 4], [0, 1]) == (1, 1)
+
+
+def test_the_task_bootstrap_has_the_quantiles_of_all_resamples_of_tasks():
+    exact = all_task_means(TASKS)
+    assert len(exact) == 4**4
+    for level in (0.5, 0.9, 0.95):
+        assert_between_quantiles(task_bootstrap(TASKS, level=level, draws=20_000), exact, level)
+
+
+def test_attempts_at_a_task_stay_together():
+    once = np.random.default_rng(0).integers(0, 2, (40, 1))
+    copied = np.repeat(once, 25, axis=1)
+    low, high = task_bootstrap(copied)
+    assert (low, high) == pytest.approx(task_bootstrap(once))
+    # Taken for independent, the same attempts look five times as certain.
+    apart = task_bootstrap(copied.reshape(-1, 1))
+    assert high - low == pytest.approx(5 * (apart[1] - apart[0]), rel=0.15)
+
+
+@pytest.mark.parametrize("attempts", [1, 3])
+def test_rates_of_0_and_1_have_the_interval_of_wilson_over_tasks(attempts: int):
+    assert task_bootstrap(np.zeros((30, attempts))) == wilson_interval(0, 30)
+    assert task_bootstrap(np.ones((30, attempts)), level=0.9) == wilson_interval(30, 30, 0.9)
+
+
+def test_tasks_of_the_same_rate_have_the_interval_of_wilson_over_tasks():
+    assert task_bootstrap([[0, 1], [1, 0]]) == pytest.approx(wilson_interval(1, 2))
+    low, high = task_bootstrap([[0, 1, 1, 1]])
+    assert low < 0.25 < 0.75 < high < 1
+
+
+def test_the_task_bootstrap_takes_truth_values():
+    assert task_bootstrap(TASKS.astype(bool)) == task_bootstrap(TASKS)
+
+
+def coverage(hits: Sequence[bool]) -> float:
+    return sum(hits) / len(hits)
+
+
+def test_intervals_of_many_seeds_and_strata_hold_the_mean_as_often_as_they_say():
+    rng = np.random.default_rng(0)
+    centre = rng.normal(size=6) * 10
+    hits = []
+    for _ in range(400):
+        low, high = stratified_bootstrap(rng.normal(size=(10, 6)) + centre, np.mean, level=0.9, draws=300)
+        hits.append(low <= centre.mean() <= high)
+    assert 0.83 < coverage(hits) < 0.93
+
+
+def test_intervals_of_five_seeds_are_too_narrow_by_as_much_as_the_documentation_says():
+    rng = np.random.default_rng(0)
+    hits = []
+    for _ in range(1_000):
+        low, high = stratified_bootstrap(rng.normal(size=5), np.mean, draws=300)
+        hits.append(low <= 0 <= high)
+    assert coverage(hits) == pytest.approx(0.84, abs=0.035)
+    assert "about 84 %" in (stratified_bootstrap.__doc__ or "")
+
+
+def test_intervals_of_the_probability_of_improvement_hold_it_about_as_often_as_they_say():
+    rng = np.random.default_rng(0)
+    shift = 1.0
+    truth = (1 + math.erf(shift / 2)) / 2  # P(X - Y > 0) for normal X - Y of mean 1 and variance 2.
+    hits = []
+    for _ in range(300):
+        bounds = probability_of_improvement_interval(
+            rng.normal(size=(8, 4)) + shift, rng.normal(size=(8, 4)), level=0.9, draws=300
+        )
+        hits.append(bounds is not None and bounds[0] <= truth <= bounds[1])
+    assert 0.8 < coverage(hits) < 0.96
+
+
+def test_intervals_over_tasks_hold_the_rate_as_often_as_they_say_although_attempts_are_alike():
+    rng = np.random.default_rng(0)
+    hits, naive = [], []
+    for _ in range(400):
+        # Rates of tasks by Beta(1/2, 1/2): mostly always or never solved.
+        table = rng.random((60, 8)) < rng.beta(0.5, 0.5, (60, 1))
+        low, high = task_bootstrap(table, level=0.9, draws=300)
+        hits.append(low <= 0.5 <= high)
+        low, high = wilson_interval(int(table.sum()), table.size, 0.9)
+        naive.append(low <= 0.5 <= high)
+    assert 0.85 < coverage(hits) < 0.95
+    assert coverage(naive) < 0.7
+
+
+@pytest.mark.parametrize(
+    ("scores", "message"),
+    [
+        ([], "at least one"),
+        (np.zeros((3, 0)), "at least one"),
+        ([0.1, math.nan], r"scores\[1\]: nan"),
+        ([[0.1, 0.2], [math.inf, 0.2]], r"scores\[1, 0\]: inf"),
+        ([[0.1], [0.2, 0.3]], "same length"),
+        (["a", "b"], "numbers"),
+        (None, "scores"),
+    ],
+)
+def test_scores_that_cannot_be_summed_up_are_refused(scores, message: str):
+    with pytest.raises(ConfigError, match=message):
+        interquartile_mean(scores)
+    with pytest.raises(ConfigError, match=message):
+        stratified_bootstrap(scores, np.mean)
+    for call in (probability_of_improvement, probability_of_improvement_interval):
+        with pytest.raises(ConfigError, match=message.replace("scores", "y")):
+            call([1.0, 2.0], scores)
+        with pytest.raises(ConfigError, match=message.replace("scores", "x")):
+            call(scores, [1.0, 2.0])
+    with pytest.raises(ConfigError, match=message.replace("scores", "successes")):
+        task_bootstrap(scores)
+
+
+@pytest.mark.parametrize("shape", [(), (2, 3, 4)])
+def test_scores_of_another_shape_are_refused(shape: tuple[int, ...]):
+    with pytest.raises(ConfigError, match=r"expected \(seeds, strata\)"):
+        stratified_bootstrap(np.ones(shape), np.mean)
+    with pytest.raises(ConfigError, match=r"expected \(seeds, strata\)"):
+        probability_of_improvement(np.ones(shape), np.ones((2, 3)))
+    with pytest.raises(ConfigError, match=r"expected \(tasks, attempts\)"):
+        task_bootstrap(np.ones(shape))
+
+
+def test_agents_of_different_strata_are_not_compared():
+    for call in (probability_of_improvement, probability_of_improvement_interval):
+        with pytest.raises(ConfigError, match="x has 2 strata and y 1"):
+            call(np.ones((3, 2)), np.ones(3))
+
+
+@pytest.mark.parametrize("table", [np.ones(4), [[0, 2]], [[0.5, 1]], [[-1, 1]]])
+def test_successes_are_a_table_of_0_and_1(table):
+    with pytest.raises(ConfigError, match="expected"):
+        task_bootstrap(table)
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"level": 0}, "`level` 0"),
+        ({"level": 1}, "`level` 1"),
+        ({"level": 95}, "`level` 95"),
+        ({"level": math.nan}, "`level` nan"),
+        ({"draws": 0}, "`draws` 0"),
+        ({"draws": 2.5}, "`draws` 2.5"),
+        ({"seed": -1}, "`seed` -1"),
+    ],
+)
+@pytest.mark.parametrize("num_seeds", [1, 3])
+def test_settings_out_of_range_are_refused_even_where_there_is_no_interval(
+    settings: dict, message: str, num_seeds: int
+):
+    ones = np.ones((num_seeds, 2))
+    calls = [
+        lambda: stratified_bootstrap(ones, np.mean, **settings),
+        lambda: probability_of_improvement_interval(ones, ones, **settings),
+        lambda: task_bootstrap(ones, **settings),
+    ]
+    for call in calls:
+        with pytest.raises(ConfigError, match=message):
+            call()
+
+
+def test_a_statistic_that_mixes_the_draws_is_refused():
+    with pytest.raises(ConfigError, match=r"gave shape \(\) for 9 draws"):
+        stratified_bootstrap(SCORES, lambda scores, axis: np.mean(scores), draws=9)
+
+
+def test_a_paired_difference_is_narrower_than_two_intervals_where_tasks_are_hard_for_both() -> None:
+    rng = np.random.default_rng(0)
+    hard = rng.random((400, 1))
+    x, y = rng.random((400, 5)) < hard, rng.random((400, 5)) < hard - 0.05
+    difference, low, high = paired_difference(x, y)
+    assert difference == pytest.approx(x.mean() - y.mean())
+    assert low < difference < high
+    widths = [np.ptp(task_bootstrap(table)) for table in (x, y)]
+    assert high - low < 0.8 * min(widths)
+
+
+def test_a_paired_difference_is_that_of_a_slow_bootstrap() -> None:
+    rng = np.random.default_rng(1)
+    x, y = rng.random((30, 3)) < 0.6, rng.random((30, 2)) < 0.4
+    slow = []
+    for _ in range(4_000):
+        rows = rng.integers(30, size=30)
+        slow.append(np.mean([x[row].mean() - y[row].mean() for row in rows]))
+    _, low, high = paired_difference(x, y, draws=4_000)
+    assert [low, high] == pytest.approx(np.quantile(slow, [0.025, 0.975]), abs=0.015)
+
+
+def test_a_paired_difference_of_other_tasks_is_an_error() -> None:
+    with pytest.raises(ConfigError, match="of the same tasks"):
+        paired_difference(np.zeros((3, 1)), np.zeros((4, 1)))
+
+
+def all_crossed_means(table: np.ndarray) -> list[float]:
+    """The mean of every table made of rows and columns drawn with replacement."""
+    rows, columns = (list(itertools.product(range(size), repeat=size)) for size in table.shape)
+    return [float(np.mean(table[np.ix_(r, c)])) for r in rows for c in columns]
+
+
+@pytest.mark.parametrize("transposed", [False, True])
+def test_crossed_bootstrap_draws_rows_and_columns(transposed: bool) -> None:
+    table = np.array([[0.1, 0.2, 0.1], [0.8, 0.9, 1.0], [0.4, 0.6, 0.5]])
+    table = table.T if transposed else table
+    means = all_crossed_means(table)
+    found = crossed_bootstrap(table, draws=20_000)
+    assert_between_quantiles(found, means, 0.95)
+
+
+@pytest.mark.parametrize("chunk", [1, 7, 10**6])
+def test_crossed_bootstrap_does_not_depend_on_how_many_draws_are_held_at_once(
+    chunk: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    table = np.random.default_rng(0).random((4, 30))
+    expected = crossed_bootstrap(table)
+    monkeypatch.setattr(samples, "CHUNK", chunk * 30)
+    assert crossed_bootstrap(table) == pytest.approx(expected, abs=0.02)
+
+
+def test_crossed_bootstrap_of_one_seed_is_that_of_its_tasks() -> None:
+    table = np.random.default_rng(0).integers(0, 2, (60, 1))
+    assert crossed_bootstrap(table.T, draws=20_000) == pytest.approx(task_bootstrap(table, draws=20_000), abs=0.01)
+
+
+def test_an_interval_over_seeds_and_tasks_covers_other_seeds_and_tasks() -> None:
+    """Both vary: the mean of all agents on all tasks is covered nearly as often as the level says."""
+    rng = np.random.default_rng(0)
+    hits = {"crossed": 0, "tasks": 0}
+    for number in range(200):
+        rates = 0.5 + rng.normal(0, 0.05, (10, 1)) + rng.normal(0, 0.2, (1, 60)) + rng.normal(0, 0.05, (10, 60))
+        low, high = crossed_bootstrap(rates, draws=400, seed=number)
+        hits["crossed"] += low <= 0.5 <= high
+        low, high = crossed_bootstrap(rates.mean(axis=0, keepdims=True), draws=400, seed=number)
+        hits["tasks"] += low <= 0.5 <= high
+    assert 0.88 <= hits["crossed"] / 200 <= 1
+    assert hits["tasks"] < hits["crossed"]
+
+
+@pytest.mark.parametrize("bad", [[0.1, 0.2], [], [[math.nan]]])
+def test_crossed_bootstrap_refuses_what_is_no_table(bad: list[object]) -> None:
+    with pytest.raises(ConfigError, match="scores"):
+        crossed_bootstrap(bad)
+
+
+def test_resampled_means_keep_rows_together() -> None:
+    drawn = resampled_means([[0.0, 10.0], [1.0, 11.0], [2.0, 12.0]], draws=500)
+    assert drawn.shape == (500, 2)
+    np.testing.assert_allclose(drawn[:, 1] - drawn[:, 0], 10)
+    possible = {round(sum(rows) / 3, 9) for rows in itertools.product(range(3), repeat=3)}
+    assert {round(value, 9) for value in drawn[:, 0]} == possible
+
+
+def test_performance_profile_is_the_share_of_runs_above() -> None:
+    found = performance_profile(SCORES, [0.0, 0.4, 6.5, 8.0])
+    assert found.tolist() == pytest.approx([1.0, (1 / 3 + 1) / 2, (0 + 1 / 3) / 2, 0.0])
+
+
+def test_the_area_under_a_profile_is_the_mean() -> None:
+    scores = np.random.default_rng(0).random((7, 3))
+    taus = (np.arange(20_000) + 0.5) / 20_000
+    assert performance_profile(scores, taus).mean() == pytest.approx(scores.mean(), abs=1e-4)
+
+
+def test_the_band_of_a_profile_is_that_of_all_resamples_within_strata() -> None:
+    scores, taus = np.array([[0.1, 0.5], [0.4, 0.7], [0.9, 0.6]]), [0.05, 0.45, 0.65, 0.95]
+    band = performance_profile_band(scores, taus, draws=20_000)
+    assert band is not None
+    for t, tau in enumerate(taus):
+        shares = [float((drawn > tau).mean()) for drawn in all_resamples(scores)]
+        assert_between_quantiles((band[0, t], band[1, t]), shares, 0.95)
+    assert performance_profile_band(scores[:1], taus) is None
+
+
+def test_a_p_value_is_that_of_the_interval_it_is_made_from() -> None:
+    """By hand, and .05 where a 95 % interval ends at 0; a difference of none has p 1."""
+    assert interval_p_value(1.0, (0.0, 2.0)) == pytest.approx(0.05)
+    assert interval_p_value(-1.0, (-2.0, 0.0), level=0.9) == pytest.approx(0.1)
+    assert interval_p_value(2.0, (1.0, 3.0)) == pytest.approx(math.erfc(2 * 1.959964 / math.sqrt(2)), rel=1e-4)
+    assert interval_p_value(0.0, (-1.0, 1.0)) == pytest.approx(1.0)
+    assert interval_p_value(0.3, (0.3, 0.3)) == 0.0
+    assert interval_p_value(0.0, (0.0, 0.0)) == 1.0
+
+
+def test_p_values_of_no_difference_are_even_enough() -> None:
+    """Of two agents that are the same on 200 tasks, about 5 % have a p-value below .05."""
+    rng = np.random.default_rng(0)
+    values = []
+    for seed in range(300):
+        differences = rng.normal(size=(1, 200))
+        values.append(interval_p_value(differences.mean(), crossed_bootstrap(differences, draws=300, seed=seed)))
+    assert 0.02 < np.mean(np.array(values) < 0.05) < 0.1
+
+
+def test_holm_corrects_the_smallest_most() -> None:
+    assert holm([0.01, 0.04, 0.03, 0.005]) == pytest.approx([0.03, 0.06, 0.06, 0.02])
+    assert holm([0.6, 0.9]) == [1.0, 1.0]
+    assert holm([]) == []
+    with pytest.raises(ConfigError, match=r"1\.5"):
+        holm([1.5])
+
+
+@given(st.lists(st.floats(0, 1), max_size=8))
+def test_holm_is_never_stricter_than_bonferroni_and_keeps_the_order(values: list[float]) -> None:
+    found = holm(values)
+    assert all(p <= q <= min(1.0, len(values) * p) + 1e-12 for p, q in zip(values, found, strict=True))
+    assert [found[i] for i in np.argsort(values, kind="stable")] == sorted(found)
+
+
+@pytest.mark.parametrize("kind", ["pearson", "spearman"])
+def test_correlation_is_scipys_and_resamples_whole_cells(kind: str) -> None:
+    import scipy.stats
+
+    x, y = [0.1, 0.4, 0.5, 0.9], [2.0, 1.0, 5.0, 5.0]
+    theirs = {"pearson": scipy.stats.pearsonr, "spearman": scipy.stats.spearmanr}[kind]
+    value, low, high = correlation(x, y, kind, draws=20_000) or (0, 0, 0)
+    assert value == pytest.approx(theirs(x, y).statistic)
+    drawn = [([x[i] for i in rows], [y[i] for i in rows]) for rows in itertools.product(range(4), repeat=4)]
+    values = [theirs(a, b).statistic for a, b in drawn if len(set(a)) > 1 and len(set(b)) > 1]
+    assert_between_quantiles((low, high), values, 0.95)
+
+
+def test_correlation_needs_three_cells_that_vary() -> None:
+    assert correlation([1, 2], [1, 2]) is None
+    assert correlation([1, 1, 1], [1, 2, 3]) is None
+    with pytest.raises(ConfigError, match="one number for each cell"):
+        correlation([1, 2, 3], [1, 2])

@@ -1,0 +1,240 @@
+"""Comparing models by a paired bootstrap over recipes."""
+
+import numpy as np
+import pytest
+import torch
+from msgspec.structs import asdict
+
+from wordcraft_kg.base.errors import ConfigError, GraphMismatchError, SplitError
+from wordcraft_kg.evaluation import link_comparison
+from wordcraft_kg.evaluation.link_comparison import ComparedModel, Contender, LinkComparison, compare
+from wordcraft_kg.graphs import SplitConfig, make_split
+from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
+from wordcraft_kg.models.links.config import ComplExConfig
+from wordcraft_kg.models.links.folder import OpenedModel
+from wordcraft_kg.models.scorers.facts import FrequencyScorer, SymbolicScorer
+from wordcraft_kg.models.scorers.ranking import (
+    RankingMetrics,
+    rank_triples,
+    ranking_metrics,
+    recipe_clusters,
+    with_interval,
+)
+from wordcraft_kg.models.scorers.scorer import Scorer
+from wordcraft_kg.models.scorers.tables import TableScorer
+
+
+def model(scorer: Scorer, data: OpenedGraph, kg: str = "partial") -> OpenedModel:
+    return OpenedModel(scorer, data, ComplExConfig(kg=kg), run=None, metrics=None, trace=[])
+
+
+def noise(data: OpenedGraph, seed: int) -> Scorer:
+    size = data.graph.num_entities
+    scores = torch.rand(2, size, size, generator=torch.Generator().manual_seed(seed))
+    return TableScorer(scores, data.graph.entities, data.graph.hash, name=f"noise-{seed}")
+
+
+def compared(*models: OpenedModel, **settings: int) -> LinkComparison:
+    """Compare models of one run each."""
+    return compare([Contender(one.scorer.name, [one]) for one in models], **settings)
+
+
+def second(*models: OpenedModel, **settings: int) -> ComparedModel:
+    """The figures of the second of two models."""
+    return compared(*models, **settings).models[1]
+
+
+@pytest.fixture(scope="module")
+def opened_kitchen() -> OpenedGraph:
+    return open_graph("kitchen")
+
+
+@pytest.fixture
+def frequency(opened_kitchen: OpenedGraph) -> OpenedModel:
+    return model(FrequencyScorer(opened_kitchen.graph, opened_kitchen.split.partial), opened_kitchen)
+
+
+@pytest.fixture
+def facts(opened_kitchen: OpenedGraph) -> OpenedModel:
+    return model(SymbolicScorer(opened_kitchen.graph, opened_kitchen.graph.triples), opened_kitchen)
+
+
+def test_a_model_does_not_differ_from_itself(frequency: OpenedModel):
+    values = compared(frequency, frequency)
+    one, other = values.models
+    assert (other.difference, other.difference_ci, other.probability_better) == (0, (0, 0), 0.5)
+    assert (one.difference, one.difference_ci, one.probability_better) == (None, None, None)
+    assert one.mrr == other.mrr
+    assert values.not_told_apart == (other.name,)
+
+
+def test_a_model_that_knows_the_answers_is_surely_better(facts: OpenedModel, frequency: OpenedModel):
+    values = compared(frequency, facts)
+    assert values.models[1].probability_better == 1
+    assert values.models[1].difference_ci[0] > 0
+    assert values.models[1].mrr == 1
+    assert (values.best, values.not_told_apart) == (facts.scorer.name, ())
+
+
+def test_the_difference_is_that_of_the_mean_reciprocal_ranks(
+    facts: OpenedModel, frequency: OpenedModel, opened_kitchen: OpenedGraph
+):
+    queries = opened_kitchen.split.held_out("test")
+    metrics = [
+        ranking_metrics(rank_triples(opened.scorer, queries, opened_kitchen.graph.triples))
+        for opened in (facts, frequency)
+    ]
+    values = compared(facts, frequency)
+    other = values.models[1]
+    assert values.queries == metrics[0].queries == 2 * len(queries) == 2 * values.triples
+    assert other.difference == pytest.approx(metrics[1].mrr - metrics[0].mrr)
+    found = {name: getattr(other, name) for name in RankingMetrics.__struct_fields__}
+    assert found.pop("mrr_ci") is not None
+    assert found == {name: value for name, value in asdict(metrics[1]).items() if name != "mrr_ci"}
+    assert other.difference_ci[0] <= other.difference <= other.difference_ci[1]
+
+
+def test_of_very_many_queries_a_sample_is_ranked_and_said_to_be_one(
+    frequency: OpenedModel, opened_kitchen: OpenedGraph, monkeypatch: pytest.MonkeyPatch
+):
+    everything = len(opened_kitchen.split.held_out("test"))
+    assert compared(frequency, frequency).sampled_from is None
+    monkeypatch.setattr(link_comparison, "MAX_QUERIES", 80)
+    found = compared(frequency, frequency)
+    assert (found.triples, found.queries, found.sampled_from) == (40, 80, everything)
+
+
+def test_swapping_the_models_turns_the_signs(opened_kitchen: OpenedGraph):
+    one, two = (model(noise(opened_kitchen, seed), opened_kitchen) for seed in (1, 2))
+    there, back = second(one, two), second(two, one)
+    assert there.difference == pytest.approx(-back.difference)
+    assert there.difference_ci == pytest.approx([-back.difference_ci[1], -back.difference_ci[0]])
+    assert 0 < there.probability_better < 1
+    assert there.probability_better == pytest.approx(1 - back.probability_better)
+
+
+def test_a_paired_interval_is_narrower_than_the_separate_ones(opened_kitchen: OpenedGraph):
+    table = noise(opened_kitchen, 1).table("combinesWith")
+    nudged = torch.stack([table, table]) + 1e-3 * torch.stack([noise(opened_kitchen, 2).table(r) for r in (0, 1)])
+    graph = opened_kitchen.graph
+    scorers = [TableScorer(scores, graph.entities, graph.hash) for scores in (torch.stack([table, table]), nudged)]
+    other = second(*(model(scorer, opened_kitchen) for scorer in scorers))
+    assert other.difference_ci[1] - other.difference_ci[0] < (other.mrr_ci[1] - other.mrr_ci[0]) / 2
+
+
+def test_the_interval_of_a_model_is_that_of_its_report(frequency: OpenedModel, opened_kitchen: OpenedGraph):
+    graph, split = opened_kitchen.graph, opened_kitchen.split
+    queries = split.held_out("test")
+    clusters = np.tile(recipe_clusters(graph, split.is_in("test"), queries), 2)
+    ranks = rank_triples(frequency.scorer, queries, graph.triples)
+    expected = with_interval(ranks, clusters, resamples=300, seed=1).mrr_ci
+    assert compared(frequency, frequency, resamples=300, seed=1).models[0].mrr_ci == expected
+
+
+def test_the_comparison_is_determined_by_its_seed(opened_kitchen: OpenedGraph):
+    one, two = (model(noise(opened_kitchen, seed), opened_kitchen) for seed in (1, 2))
+    assert compared(one, two, seed=3) == compared(one, two, seed=3)
+    assert second(one, two, seed=3).difference_ci != second(one, two, seed=4).difference_ci
+
+
+def test_more_models_widen_the_intervals_of_differences_but_not_those_of_models(opened_kitchen: OpenedGraph):
+    several = [model(noise(opened_kitchen, seed), opened_kitchen) for seed in range(4)]
+    two, four = compared(*several[:2]), compared(*several)
+    assert (two.pairs, four.pairs) == (1, 6)
+    assert two.models[0] == four.models[0]
+    one, other = two.models[1], four.models[1]
+    assert (one.difference, one.mrr_ci) == (other.difference, other.mrr_ci)
+    assert other.difference_ci[0] < one.difference_ci[0] < one.difference_ci[1] < other.difference_ci[1]
+
+
+def test_the_best_is_the_one_with_the_highest_mrr_and_says_who_is_as_good(
+    facts: OpenedModel, frequency: OpenedModel, opened_kitchen: OpenedGraph
+):
+    one, two = (model(noise(opened_kitchen, seed), opened_kitchen) for seed in (1, 2))
+    values = compared(one, facts, two, facts)
+    assert values.best == facts.scorer.name
+    assert values.not_told_apart == (facts.scorer.name,)
+    values = compared(one, two)
+    mrr = {found.name: found.mrr for found in values.models}
+    assert values.best == max(mrr, key=mrr.__getitem__)
+    assert values.not_told_apart == (min(mrr, key=mrr.__getitem__),)
+
+
+def test_a_model_of_the_full_graph_is_marked_and_is_never_the_best(
+    frequency: OpenedModel, facts: OpenedModel, opened_kitchen: OpenedGraph
+):
+    full = model(facts.scorer, opened_kitchen, kg="full")
+    values = compared(full, frequency)
+    assert [found.has_seen_the_test_recipes for found in values.models] == [True, False]
+    assert values.best == frequency.scorer.name
+    assert values.not_told_apart == ()
+    assert compared(full, full).best is None
+
+
+def test_seeds_are_averaged_query_by_query(frequency: OpenedModel, opened_kitchen: OpenedGraph):
+    runs = [
+        OpenedModel(noise(opened_kitchen, seed), opened_kitchen, ComplExConfig(seed=seed), None, None, [])
+        for seed in (5, 6)
+    ]
+    singles = [second(frequency, run) for run in runs]
+    other = compare([Contender("frequency", [frequency]), Contender("noise", runs)]).models[1]
+    assert (other.name, other.seeds) == ("noise", (5, 6))
+    assert other.mrr_of_seeds == tuple(single.mrr for single in singles)
+    for name in ("mrr", "hits_at_10", "mean_rank", "difference"):
+        assert getattr(other, name) == pytest.approx(np.mean([getattr(single, name) for single in singles]))
+    widths = [single.mrr_ci[1] - single.mrr_ci[0] for single in singles]
+    assert other.mrr_ci[1] - other.mrr_ci[0] < max(widths)
+
+
+def test_seeds_with_other_settings_are_refused(frequency: OpenedModel, opened_kitchen: OpenedGraph):
+    runs = [
+        OpenedModel(noise(opened_kitchen, 1), opened_kitchen, ComplExConfig(dim=dim), None, None, []) for dim in (8, 9)
+    ]
+    with pytest.raises(ConfigError, match="the seeds of 'noise' were trained with different settings"):
+        compare([Contender("frequency", [frequency]), Contender("noise", runs)])
+
+
+def test_models_of_different_splits_are_refused(frequency: OpenedModel, opened_kitchen: OpenedGraph):
+    graph = opened_kitchen.graph
+    other = OpenedGraph(graph, make_split(graph, SplitConfig(seed=1)), "other")
+    with pytest.raises(GraphMismatchError, match="different splits"):
+        compared(frequency, model(FrequencyScorer(graph, other.split.partial), other))
+
+
+def test_models_of_different_graphs_are_refused(frequency: OpenedModel):
+    other = open_graph("paper-examples")
+    with pytest.raises(GraphMismatchError, match="different graphs"):
+        compared(frequency, model(FrequencyScorer(other.graph, other.graph.triples), other))
+
+
+def test_a_split_without_unseen_triples_is_refused(opened_kitchen: OpenedGraph):
+    graph = opened_kitchen.graph
+    data = OpenedGraph(graph, make_split(graph, SplitConfig(kind="none")), "unsplit")
+    opened = model(FrequencyScorer(graph, graph.triples), data)
+    with pytest.raises(SplitError, match="unseen test triples to compare on"):
+        compared(opened, opened)
+
+
+@pytest.mark.parametrize("resamples", [0, -5])
+def test_no_resamples_are_refused(frequency: OpenedModel, resamples: int):
+    with pytest.raises(ConfigError, match=f"`resamples` {resamples}"):
+        compared(frequency, frequency, resamples=resamples)
+
+
+def test_the_page_holds_every_model_and_needs_no_other_file(
+    frequency: OpenedModel, facts: OpenedModel, opened_kitchen: OpenedGraph
+):
+    from wordcraft_kg.reports.link_comparison import comparison_page
+
+    odd = noise(opened_kitchen, 1)
+    odd.name = 'a <b> & "c"'
+    values = compared(frequency, facts, model(odd, opened_kitchen), model(odd, opened_kitchen, kg="full"))
+    page = comparison_page(values)
+    for shown in ("a &lt;b&gt; &amp;", "(Bonferroni)", "it has seen these triples", f"{values.best} (best)"):
+        assert shown in page
+    for found in values.models:
+        assert f"{found.mrr:.3f}" in page
+    assert "<b> &" not in page
+    assert "://" not in page
+    assert page.count("<svg") == 2
+    assert page.count('class="whisker') == 4 + 3

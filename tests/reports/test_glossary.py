@@ -1,0 +1,41 @@
+"""The glossary: every word that a page explains is in it, and the page of concepts is made from it."""
+
+import importlib.util
+import re
+from importlib.resources import files
+from pathlib import Path
+
+from wordcraft_kg.models.policies.sources import ALPHA, SOURCES, label_of
+from wordcraft_kg.reports.glossary import GLOSSARY
+
+ROOT = Path(__file__).parents[2]
+
+
+def test_every_word_that_a_template_explains_is_in_the_glossary():
+    folders = [files(f"wordcraft_kg.{package}") / "templates" for package in ("reports", "studies", "apps.explorer")]
+    templates = [path.read_text(encoding="utf-8") for folder in folders for path in folder.iterdir()]
+    keys = {key for text in templates for key in re.findall(r'\bterm\("(\w+)"', text)}
+    assert len(keys) > 20
+    assert keys <= GLOSSARY.keys()
+
+
+def test_every_source_of_knowledge_is_explained_under_its_symbol():
+    for name in (ALPHA.name, *SOURCES):
+        assert GLOSSARY[name].symbol == label_of(name).symbol
+
+
+def test_no_two_terms_have_the_same_name_or_symbol_and_each_meaning_is_a_sentence():
+    names = [term.name for term in GLOSSARY.values()]
+    symbols = [term.symbol for term in GLOSSARY.values() if term.symbol]
+    assert len(set(names)) == len(names)
+    assert len(set(symbols)) == len(symbols)
+    assert all(term.meaning.endswith(".") and term.meaning[0].isupper() for term in GLOSSARY.values())
+
+
+def test_the_page_of_concepts_is_up_to_date():
+    found = importlib.util.spec_from_file_location("make_glossary", ROOT / "docs" / "make_glossary.py")
+    assert found is not None
+    assert found.loader is not None
+    module = importlib.util.module_from_spec(found)
+    found.loader.exec_module(module)
+    assert (ROOT / "docs" / "glossary.md").read_text(encoding="utf-8") == module.page()

@@ -1,0 +1,94 @@
+"""A study of the kitchen that takes seconds, and workers that perform tasks where they are asked to."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+from wordcraft_kg.runs.record import end_run, start_run
+from wordcraft_kg.studies.engine import run_plan
+from wordcraft_kg.studies.figures import Figures, RunFigures, ScorerFigures, write_figures
+from wordcraft_kg.studies.perform import perform
+from wordcraft_kg.studies.plan import Plan, make_plan
+from wordcraft_kg.studies.results import PlayedGraph
+from wordcraft_kg.studies.study import parse_study
+from wordcraft_kg.studies.tasks import Outcome, Task
+
+TEXT = """
+title = "A comparison"
+seeds = 2
+[settings]
+book = "kitchen"
+steps = 512
+[grid]
+distractors = [2, 1]
+[scorers.partial]
+command = "train-complex"
+epochs = 2
+dim = 4
+folds = 3
+[variants.none]
+[variants.guided]
+scorer = "partial"
+"""
+
+
+def small_plan(more: str = "", name: str = "small") -> Plan:
+    return make_plan(parse_study(TEXT + more, "a test"), name)
+
+
+NO_GRAPH = PlayedGraph("nowhere", "0" * 64, "by-recipe", 0, "0" * 64)
+
+
+def pretend(task: Task, root: Path) -> Outcome:
+    """Make a folder that looks done, and counts how often it was made."""
+    folder = task.folder(root)
+    folder.mkdir(parents=True, exist_ok=True)
+    with (folder / "made").open("a") as file:
+        file.write("once\n")
+    end_run(folder, start_run(folder, "pretend"), "done")
+    figures: Figures = ScorerFigures(seconds=1.0, versions={}, mrr=0.5, kg="partial")
+    if task.kind == "runs":
+        figures = RunFigures(
+            seconds=1.0,
+            versions={},
+            graph=NO_GRAPH,
+            success={"test": 0.5},
+            by_plan={"test": 0.5},
+            endings={"goal": 0.5},
+            won="5",
+            draws=10,
+            curve=((0, 0.0), (10, 0.5)),
+            steps=10,
+            steps_per_second=10,
+        )
+    write_figures(folder, figures)
+    return Outcome(task.address, "done")
+
+
+class Inline:
+    """Performs one task after the other in this process."""
+
+    places = 1
+
+    def __init__(self, root: Path, work: Callable[[Task, Path], Outcome] = perform):
+        self.root, self.work = root, work
+        self.began: list[str] = []
+        self.stopped = False
+        self._ended: list[Outcome] = []
+
+    def start(self, task: Task) -> None:
+        self.began.append(task.title)
+        self._ended.append(self.work(task, self.root))
+
+    def wait(self, seconds: float) -> list[Outcome]:
+        ended, self._ended = self._ended, []
+        return ended
+
+    def stop(self) -> None:
+        self.stopped = True
+
+
+def run_small(root: Path, plan: Plan | None = None, work: Callable[[Task, Path], Outcome] = perform) -> Inline:
+    """Run a study inline; return the workers, which know what was begun."""
+    workers = Inline(root, work)
+    run_plan(plan or small_plan(), root, lambda: workers)
+    return workers

@@ -1,0 +1,307 @@
+import json
+import multiprocessing
+import os
+import shutil
+import signal
+import time
+from errno import ENOSPC
+from functools import partial
+from pathlib import Path
+
+import msgspec
+import pytest
+from small_study import TEXT, Inline, pretend, run_small, small_plan
+
+from wordcraft_kg.base.errors import ArtefactError
+from wordcraft_kg.base.records import as_values
+from wordcraft_kg.runs.record import end_run, start_run
+from wordcraft_kg.studies.collect import collect_runs, collect_study
+from wordcraft_kg.studies.engine import FullDiskError, run_plan
+from wordcraft_kg.studies.figures import Figures, RunFigures, read_figures, write_figures
+from wordcraft_kg.studies.local_workers import LocalWorkers
+from wordcraft_kg.studies.perform import perform
+from wordcraft_kg.studies.plan import agent_config, make_plan
+from wordcraft_kg.studies.store import failure_of
+from wordcraft_kg.studies.study import adapted, parse_study
+from wordcraft_kg.studies.tasks import Outcome, Task
+
+NO_FIGURES = Figures(seconds=1.0, versions={})
+
+
+def times_made(root: Path) -> list[int]:
+    return [len(path.read_text().splitlines()) for path in sorted(root.glob("*/*/made"))]
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory) -> Path:
+    """A results folder with a study that is done."""
+    root = tmp_path_factory.mktemp("study") / "results"
+    run_small(root)
+    return root
+
+
+def figures(root: Path) -> list[dict]:
+    """All figures but those of time."""
+    runs = as_values(collect_study(root, "small").runs)
+    return [{name: value for name, value in run.items() if "second" not in name} for run in runs]
+
+
+def test_a_study_gives_figures_of_every_cell(done):
+    results = collect_study(done, "small")
+    assert [(run.variant, run.values["distractors"], run.seed) for run in results.runs] == [
+        (variant, amount, seed) for amount in (2, 1) for variant in ("none", "guided") for seed in (0, 1)
+    ]
+    assert not results.missing
+    for run in results.runs:
+        assert (run.mrr is None) == (run.variant == "none")
+        assert len(run.won) == 63, "one digit for each test task"
+        assert sum(map(int, run.won)) / run.draws / len(run.won) == pytest.approx(run.success["test"], abs=1e-6)
+        assert run.curve[-1] == (run.steps, pytest.approx(run.success["test"], abs=1e-5))
+    assert len({run.run for run in results.runs}) == 8
+    assert results.hours > 0
+
+
+def test_what_is_done_is_not_done_again(done):
+    before = figures(done)
+    assert run_small(done).began == []
+    assert figures(done) == before
+
+
+def test_a_study_that_replaces_another_of_its_name_says_so(tmp_path, caplog):
+    plan = small_plan()
+    run_small(tmp_path, plan, pretend)
+    run_small(tmp_path, make_plan(adapted(plan.study, seeds=3), "small"), pretend)
+    assert not caplog.text, "more seeds of the same study"
+    run_small(tmp_path, make_plan(adapted(plan.study, steps=1024), "small"), pretend)
+    assert "was another one" in caplog.text
+
+
+def test_two_studies_share_what_is_equal(done):
+    more = small_plan('[variants.more]\nscorer = "partial"\nuse = "v"', name="larger")
+    assert run_small(done, more).began == [
+        f"more, distractors {amount}, seed {seed}" for seed in (0, 1) for amount in (2, 1)
+    ]
+
+
+def test_settings_at_their_default_are_those_of_studies_that_say_them(tmp_path):
+    run_small(tmp_path, small_plan(name="silent"), pretend)
+    said = TEXT.replace("steps", 'policy = "attention"\nsteps') + '[variants.other]\nscorer = "partial"\nuse = "u"'
+    run_small(tmp_path, make_plan(parse_study(said.replace("seeds = 2", "seeds = 3"), "x"), "telling"), pretend)
+    found = collect_runs(tmp_path, ["scorer"])
+    assert found.study.grid == {"distractors": [2, 1], "use": ["u,v", "u"]}
+    assert len(found.runs) == 18
+    by_use = collect_runs(tmp_path, ["scorer", "use"]).study.variants
+    assert list(by_use) == ["none, none", "partial, u,v", "partial, u"]
+
+
+def test_processes_give_the_figures_of_one(done, tmp_path):
+    run_plan(small_plan(), tmp_path, lambda: LocalWorkers(tmp_path, 2, partial(perform, keep_all=False)))
+    assert figures(tmp_path) == figures(done)
+    assert not list(tmp_path.glob("runs/*/constants.safetensors")), "figures alone were to be kept"
+
+
+def test_a_training_that_was_interrupted_goes_on_and_ends_the_same(done, tmp_path):
+    from wordcraft_kg.agents.training import train_agent
+
+    plan = small_plan()
+    task = plan.tasks[plan.runs[0]]
+    run_small(tmp_path, work=lambda task, root: Outcome(task.address, "failed", "not now"))  # the graph alone
+    config = agent_config(task.settings["settings"], str(tmp_path / task.needs[0]), None)
+    train_agent(config, task.folder(tmp_path), progress=lambda *_: os.kill(os.getpid(), signal.SIGINT))
+    assert json.loads((task.folder(tmp_path) / "run.json").read_text())["status"] == "interrupted"
+    run_small(tmp_path)
+    assert json.loads((task.folder(tmp_path) / "run.json").read_text())["resumed"], "it went on"
+    assert figures(tmp_path) == figures(done)
+
+
+def test_damaged_figures_are_noticed_and_made_again(done, tmp_path, caplog):
+    before = figures(done)
+    path = done / small_plan().runs[3] / "figures.json"
+    path.write_text(path.read_text().replace('"draws": 5', '"draws": 4'))
+    (missing,) = collect_study(done, "small").missing
+    assert "its hash does not fit" in missing.why
+    assert len(run_small(done).began) == 1
+    assert "made again now" in caplog.text
+    assert figures(done) == before
+
+
+def test_a_damaged_scorer_that_is_still_needed_is_made_again(done, tmp_path):
+    plan = small_plan()
+    scorer = next(task for task in plan.tasks.values() if task.kind == "scorers")
+    (scorer.folder(done) / "model.safetensors").write_bytes(b"damaged")
+    assert run_small(done).began == [], "nobody needs it any more"
+    (done / plan.runs[2] / "figures.json").unlink()
+    assert run_small(done).began == [scorer.title, "guided, distractors 2, seed 0"]
+
+
+def test_a_damaged_graph_that_is_still_needed_is_made_again(done):
+    plan = small_plan()
+    (done / plan.runs[0] / "figures.json").unlink()
+    graph = next(task for task in plan.tasks.values() if task.kind == "graphs").folder(done) / "graph.json"
+    before = graph.read_bytes()
+    graph.write_bytes(b"{")
+    assert run_small(done).began == ["none, distractors 2, seed 0"]
+    assert not collect_study(done, "small").missing
+    assert graph.read_bytes() == before
+
+
+def test_a_scorer_whose_checkpoint_is_damaged_is_begun_again(done, tmp_path):
+    plan = small_plan()
+    task = next(task for task in plan.tasks.values() if task.kind == "scorers")
+    shutil.copytree(done / "graphs", tmp_path / "graphs")
+    folder = task.folder(tmp_path)
+    folder.mkdir(parents=True)
+    end_run(folder, start_run(folder, "train-complex"), "interrupted")
+    (folder / "checkpoints").mkdir()
+    (folder / "checkpoints" / "fold.json").write_text("{")
+    outcome = perform(task, tmp_path)
+    assert outcome.ending == "done", outcome.error
+
+
+def test_a_failure_stops_nothing_but_what_needs_it_and_is_tried_again(tmp_path):
+    plan = small_plan()
+    broken = next(address for address, task in plan.tasks.items() if task.kind == "scorers")
+
+    def work(task: Task, root: Path) -> Outcome:
+        assert failure_of(root, task.address) is None, "what went wrong the last time is forgotten"
+        return Outcome(task.address, "failed", "the oven is broken") if task.address == broken else pretend(task, root)
+
+    state = run_plan(plan, tmp_path, lambda: Inline(tmp_path, work))
+    assert (state.done, len(state.failed), state.left) == (8, 3, 0)
+    assert failure_of(tmp_path, broken) == "the oven is broken"
+    run = next(address for address, task in plan.tasks.items() if broken in task.needs)
+    assert failure_of(tmp_path, run) == f"{plan.tasks[broken].title} failed: the oven is broken"
+    assert run_plan(plan, tmp_path, lambda: Inline(tmp_path, work)).kept == 8
+    assert len(run_small(tmp_path, plan, pretend).began) == 3
+    assert failure_of(tmp_path, run) is None
+
+
+def test_a_full_disk_ends_the_study_with_what_is_done_safe(tmp_path):
+    plan, began = small_plan(), []
+
+    def work(task: Task, root: Path) -> Outcome:
+        began.append(task)
+        return pretend(task, root) if len(began) < 3 else Outcome(task.address, "failed", "full", disk_full=True)
+
+    with pytest.raises(FullDiskError, match="the same command goes on"):
+        run_small(tmp_path, plan, work)
+    assert len(began) == 3
+    assert len(run_small(tmp_path, plan, pretend).began) == 8
+    assert set(times_made(tmp_path)) == {1}
+
+
+def test_a_full_disk_is_recognised_behind_the_error_that_names_the_run(done, tmp_path, monkeypatch):
+    plan = small_plan()
+    run_small(tmp_path, plan, lambda task, root: Outcome(task.address, "failed", "not now"))
+
+    def full(*_, **__):
+        raise ArtefactError("cannot be written") from OSError(ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("wordcraft_kg.agents.training.train_agent", full)
+    outcome = perform(plan.tasks[plan.runs[0]], tmp_path)
+    assert outcome.disk_full
+    assert outcome.error == "cannot be written"
+
+
+def test_ctrl_c_ends_a_study_and_its_workers(tmp_path):
+    workers = Inline(tmp_path, lambda task, root: Outcome(task.address, "interrupted"))
+    with pytest.raises(KeyboardInterrupt):
+        run_plan(small_plan(), tmp_path, lambda: workers)
+    assert workers.stopped
+    assert len(workers.began) == 1
+
+
+def _hold(root: Path, ready, release) -> None:
+    from wordcraft_kg.studies.store import own_results
+
+    with own_results(root):
+        ready.set()
+        release.wait(30)
+
+
+def test_two_engines_do_not_work_in_one_folder(tmp_path):
+    context = multiprocessing.get_context("spawn")
+    ready, release = context.Event(), context.Event()
+    process = context.Process(target=_hold, args=(tmp_path, ready, release))
+    process.start()
+    try:
+        assert ready.wait(30)
+        with pytest.raises(ArtefactError, match="another study is being run"):
+            run_small(tmp_path, work=pretend)
+    finally:
+        release.set()
+        process.join()
+    assert run_small(tmp_path, work=pretend).began
+
+
+def die_once(task: Task, root: Path) -> Outcome:
+    """Be killed in the middle of the first task."""
+    if not (root / "died").exists():
+        (root / "died").touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return pretend(task, root)
+
+
+def die(task: Task, root: Path) -> Outcome:
+    os.kill(os.getpid(), signal.SIGKILL)
+    raise AssertionError
+
+
+def endless(task: Task, root: Path) -> Outcome:
+    """A training that takes Ctrl-C as a request to write a checkpoint."""
+    asked = []
+    signal.signal(signal.SIGINT, lambda *_: asked.append(1))
+    (root / "begun").touch()
+    while not asked:
+        time.sleep(0.01)
+    (root / "checkpoint").touch()
+    return Outcome(task.address, "interrupted")
+
+
+def test_a_task_whose_process_is_killed_is_begun_again(tmp_path):
+    state = run_plan(small_plan(), tmp_path, lambda: LocalWorkers(tmp_path, 2, die_once))
+    assert (state.done, state.failed) == (11, {})
+    assert set(times_made(tmp_path)) == {1}, "nothing lost, nothing double"
+
+
+def test_a_task_that_is_always_killed_fails(tmp_path):
+    state = run_plan(small_plan(), tmp_path, lambda: LocalWorkers(tmp_path, 1, die))
+    assert len(state.failed) == 10
+    assert "too little memory" in next(iter(state.failed.values())).error
+
+
+def test_workers_that_are_stopped_write_a_checkpoint_first(tmp_path):
+    plan = small_plan()
+    workers = LocalWorkers(tmp_path, 1, endless)
+    workers.start(plan.tasks[plan.runs[0]])
+    while not (tmp_path / "begun").exists():
+        time.sleep(0.01)
+    workers.stop()
+    assert (tmp_path / "checkpoint").exists()
+    assert multiprocessing.active_children() == []
+
+
+def test_a_run_without_test_tasks_is_missing_and_says_why(tmp_path):
+    plan = small_plan()
+
+    def work(task: Task, root: Path) -> Outcome:
+        outcome = pretend(task, root)
+        if task.address == plan.runs[0]:
+            path = task.folder(root)
+            write_figures(path, msgspec.structs.replace(read_figures(path, RunFigures), success={"train": 0.5}))
+        return outcome
+
+    run_small(tmp_path, plan, work)
+    results = collect_study(tmp_path, "small")
+    assert [(gap.variant, gap.seed, gap.why) for gap in results.missing] == [
+        ("none", 0, "the split has no test tasks of this kind")
+    ]
+    assert len(results.runs) == 7
+
+
+def test_figures_are_read_with_their_type(tmp_path):
+    write_figures(tmp_path, NO_FIGURES)
+    assert read_figures(tmp_path, Figures) == NO_FIGURES
+    (tmp_path / "figures.json").write_text('{"sha256": "", "figures": [')
+    with pytest.raises(ArtefactError, match="damaged"):
+        read_figures(tmp_path, Figures)

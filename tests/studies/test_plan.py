@@ -1,0 +1,144 @@
+from collections import Counter
+from dataclasses import fields
+
+import pytest
+from small_study import TEXT, small_plan
+
+from wordcraft_kg.agents.config import ImpalaConfig, TaskConfig
+from wordcraft_kg.base.errors import ConfigError, RecipeFileError
+from wordcraft_kg.graphs.splits import SplitConfig
+from wordcraft_kg.models.links.config import ComplExConfig, LinkModelConfig
+from wordcraft_kg.models.policies.config import PolicyConfig
+from wordcraft_kg.models.recipes.config import RecipesConfig
+from wordcraft_kg.studies.plan import DEFAULTS, make_plan
+from wordcraft_kg.studies.study import adapted, parse_study, read_study
+
+
+def kinds(plan):
+    return Counter(task.kind for task in plan.tasks.values())
+
+
+def test_what_cells_share_is_planned_once_and_before_what_needs_it():
+    plan = small_plan()
+    assert len(plan.cells) == 8
+    assert kinds(plan) == {"graphs": 1, "scorers": 2, "runs": 8}, "a scorer for each seed, for both tables"
+    seen = set()
+    for address, task in plan.tasks.items():
+        assert seen.issuperset(task.needs)
+        seen.add(address)
+
+
+def test_a_scorer_with_a_seed_of_its_own_is_shared_by_all_seeds():
+    text = TEXT.replace("folds = 3", "folds = 3\nseed = 7")
+    assert kinds(make_plan(parse_study(text, "x"), "x"))["scorers"] == 1
+
+
+def test_equal_trainings_have_one_address_in_all_studies():
+    """The default spelt out, another variant's name and another title change nothing; a setting does."""
+    same = '[variants.other]\nscorer = "partial"\nuse = "u,v"\nkg_only = true'
+    plan, other = small_plan(same), small_plan(same.replace("variants.other", "variants.renamed") + '\nmixing = "free"')
+    assert set(plan.runs) == set(other.runs)
+    assert set(plan.runs).isdisjoint(make_plan(adapted(plan.study, steps=1024), "x").runs)
+    assert set(plan.runs).isdisjoint(make_plan(adapted(plan.study, book="paper-examples"), "x").runs)
+
+
+@pytest.mark.parametrize("scorer", [False, True])
+def test_a_file_of_vectors_that_changes_makes_other_trainings(tmp_path, scorer):
+    path = tmp_path / "vectors.txt"
+    own = f"features = '{path}'"
+    more = f"[variants.own]\nscorer = 'own'\n[scorers.own]\ncommand = 'train-recipes'\n{own}" if scorer else own
+    found = []
+    for content in ("a 1 2", "a 1 3", "a 1 2"):
+        path.write_text(content)
+        found.append(set(small_plan(more if scorer else f"[variants.own]\n{own}").runs))
+    assert found[0] == found[2]
+    assert len(found[0] & found[1]) == 8, "the runs of the other variants stay"
+
+
+def test_a_split_counts_for_the_default_book_too():
+    text = 'title = "x"\nseeds = 1\n[grid]\nsplit = ["by-recipe", "by-goal"]\n[variants.none]'
+    tasks = make_plan(parse_study(text, "x"), "x").tasks.values()
+    assert [task.settings["split"]["kind"] for task in tasks if task.kind == "graphs"] == ["by-recipe", "by-goal"]
+
+
+def test_addresses_do_not_depend_on_the_hash_seed_or_the_machine():
+    assert small_plan().runs[0] == "runs/96588143ccebf6ba"
+
+
+def test_all_variants_come_with_their_first_seed_first():
+    seeds = [task.settings["settings"].get("seed", 0) for task in small_plan().tasks.values() if task.kind == "runs"]
+    assert seeds == sorted(seeds)
+
+
+def test_defaults_are_those_that_addresses_stand_for():
+    """An address leaves out what is at its default: where one changes, DEFAULTS has to change too."""
+    assert DEFAULTS == 1
+    expected = {
+        TaskConfig: (1, 8, None, "sparse", "use", "any", "task", "all"),
+        PolicyConfig: (
+            *("attention", "glove", "mean", False, 300, 300, 300, 50, "u,v"),
+            *(False, "free", "ranks", "observed", False, "softmax"),
+        ),
+        ImpalaConfig: (
+            *(3_000_000, 128, 2, 0, 0.99, 0.001, 0.99, 0.01, 0.0, 0.01, 0.5, 40.0, 0, "cpu", 1, False),
+            *(10_000, 100_000, 100_000),
+        ),
+        SplitConfig: ("by-recipe", 0.8, 0.0, 0),
+    }
+    for kind, values in expected.items():
+        assert tuple(field.default for field in fields(kind)) == values
+    of_scorers = {
+        ComplExConfig: {"epochs": 50, "batch_size": 512, "folds": None, "dim": 128, "learning_rate": 0.2, "n3": None},
+        LinkModelConfig: {"epochs": 50, "model": "rotate", "dim": 128, "learning_rate": 0.01, "loop": "slcwa"},
+        RecipesConfig: {"kg": "partial", "folds": 5, "features": "glove", "allow_missing": False, "seed": 0},
+    }
+    for kind, known in of_scorers.items():
+        defaults = {field.name: field.default for field in fields(kind)}
+        assert known.items() <= defaults.items()
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        ('[variants.odd]\nscorer = "partial"\nuse = "x"', "variant 'odd', distractors 2: `use` 'x'"),
+        ('[variants.odd]\nkg_only = true', "`kg_only` says how to use a scorer"),
+        ('[variants.odd]\nsplit = "none"', "there are no test tasks to compare agents on"),
+        ('[variants.odd]\nuse = 3', "`use` 3: expected text"),
+        ('[variants.odd]\nunroll = "long"', "`unroll` 'long': expected a number"),
+        ('[variants.odd]\ntrain_ratio = "most"', "`train_ratio` 'most': expected a number"),
+        ('[variants.odd]\ncompile = 1', "`compile` 1: expected true or false"),
+        ('[variants.odd]\nfeatures = "glvoe"', "`features` 'glvoe': expected a file"),
+        ('[variants.odd]\nscorer = "odd"\n[scorers.odd]\ncommand = "facts"\nkg = "ful"', "Did you mean 'full'"),
+        ('[variants.odd]\nscorer = "odd"\n[scorers.odd]\ncommand = "train-links"\nmodel = 3', "`model` 3"),
+        ('[variants.odd]\nsplit = "by-gaol"', "Did you mean 'by-goal'"),
+        ('[variants.odd]\nscorer = "partial"\n"scorer.model" = "rotate"', "no setting 'scorer.model'"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_is_refused_before_anything_starts(more, said):
+    with pytest.raises(ConfigError, match="variant 'odd'") as raised:
+        small_plan(more)
+    assert said in str(raised.value)
+
+
+@pytest.mark.parametrize("more", ['policy = "attention"', '"scorer.dim" = 3', "distractors = 8"])
+def test_variants_that_differ_in_words_alone_are_refused(more):
+    text = 'title = "x"\n[settings]\nbook = "kitchen"\n[variants.plain]\n[variants.same]\n'
+    with pytest.raises(ConfigError, match="'plain' and 'same' are the same trainings"):
+        make_plan(parse_study(text + more, "x"), "x")
+
+
+@pytest.mark.parametrize("name", ["", "a/b", "../a", ".."])
+def test_a_name_that_leads_out_of_its_folder_is_refused(name):
+    with pytest.raises(ConfigError, match="cannot be called"):
+        small_plan(name=name)
+
+
+def test_a_book_that_is_not_there_is_refused_before_anything_starts():
+    with pytest.raises(RecipeFileError, match="no-such-book"):
+        make_plan(adapted(read_study("knowledge"), book="no-such-book"), "x")
+
+
+def test_a_study_that_varies_the_book_itself_takes_no_other():
+    study = parse_study(TEXT.replace('book = "kitchen"\n', "").replace("[grid]", '[grid]\nbook = ["kitchen"]'), "x")
+    with pytest.raises(ConfigError, match="`book`: the study itself says which"):
+        adapted(study, book="everyday")

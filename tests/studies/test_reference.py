@@ -1,0 +1,149 @@
+"""The reference pack: its files are sound, are what the package measures, and keep ours and others apart."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from wordcraft_kg.agents.config import TaskConfig
+from wordcraft_kg.agents.discovery import HUMAN_CURVE
+from wordcraft_kg.agents.players import play_all, random_distinct
+from wordcraft_kg.base.errors import ArtefactError
+from wordcraft_kg.envs.config import WordCraftConfig
+from wordcraft_kg.envs.world import World
+from wordcraft_kg.evaluation.discovery import view_discovery
+from wordcraft_kg.evaluation.reference import (
+    PACK,
+    OpenPlay,
+    TaskPlay,
+    literature,
+    pack_of,
+    play_of,
+    read_pack,
+    read_packs,
+)
+from wordcraft_kg.graphs import open_graph
+
+DEPTH_1 = TaskPlay("test", 1, 1)
+
+
+@pytest.fixture(scope="module")
+def everyday():
+    return open_graph("everyday")
+
+
+def test_the_files_of_the_pack_are_sound_and_small():
+    assert {path.stem for path in PACK.glob("*.json")} >= {"everyday", "little-alchemy-2", "literature"}
+    assert all(pack.rows for pack in read_packs())
+    assert sum(path.stat().st_size for path in PACK.iterdir()) <= 100_000
+
+
+def test_the_pack_has_everyday_as_the_package_builds_it_now(everyday):
+    pack = pack_of(everyday.graph.hash, everyday.split.hash)
+    assert pack is not None
+    assert pack.title == "everyday"
+    for distractors in (1, 2, 8):
+        kinds = {row.kind for row in pack.rows_of(DEPTH_1, [distractors])}
+        assert kinds == {"chance", "knowledge graph", "oracle", "agent"}
+    assert {row.player for row in pack.rows_of(OpenPlay(("air", "earth", "fire", "water")))} >= {"random", "greedy"}
+
+
+def test_another_split_has_no_rows_and_open_ended_play_needs_none(everyday):
+    assert pack_of(everyday.graph.hash, "0" * 64) is None
+    assert pack_of("0" * 64, None) is None
+    assert pack_of(everyday.graph.hash, None) is not None
+
+
+def test_a_scripted_player_has_exactly_the_figure_of_the_pack(everyday):
+    world = World(everyday, WordCraftConfig(part="test", num_distractors=2))
+    (measured,) = play_all(world, {"random, distinct": random_distinct}, [2])
+    (row,) = (row for row in read_pack(PACK / "everyday.json").rows_of(DEPTH_1) if row.player == "random, distinct")
+    found = row.figures["2"]
+    assert (found.value, found.low, found.high) == tuple(
+        round(value, 6) for value in (measured.success, measured.low, measured.high)
+    )
+    assert row.tasks is not None
+    assert row.draws is not None
+    assert measured.episodes == row.tasks * row.draws
+
+
+def test_open_ended_play_has_exactly_the_figures_of_the_pack(everyday):
+    view, _ = view_discovery(everyday.graph, ["random"])
+    (row,) = (row for row in read_pack(PACK / "everyday.json").rows_of(OpenPlay(view.base)) if row.player == "random")
+    assert {mark: round(known.mean, 6) for mark, known in view.players["random"].items()} == {
+        mark: found.value for mark, found in row.figures.items()
+    }
+
+
+def test_agents_of_little_alchemy_2_are_those_of_the_committed_studies():
+    pack = read_pack(PACK / "little-alchemy-2.json")
+    results = json.loads((Path(__file__).parents[2] / "docs/results/knowledge-little-alchemy-2.json").read_text())
+    assert pack.graph is not None
+    assert {"hash": pack.graph.hash, "split": pack.graph.split}.items() <= results["graphs"][0].items()
+    for variant in ("partial, u v", "partial, u v w"):
+        (row,) = (row for row in pack.rows if row.player == variant)
+        for distractors in (1, 8):
+            runs = [
+                run
+                for run in results["runs"]
+                if run["variant"] == variant and run["values"] == {"distractors": distractors}
+            ]
+            mean = sum(run["success"]["test"] for run in runs) / len(runs)
+            assert row.figures[str(distractors)].value == pytest.approx(mean, abs=2e-6)
+            assert row.seeds == len(runs)
+
+
+def test_people_are_the_same_in_the_pack_and_in_discover():
+    (people,) = (row for row in literature(["entities known"]) if row.player == "people, Little Alchemy 2")
+    assert {int(at): found.value for at, found in people.figures.items()} == HUMAN_CURVE
+
+
+def test_every_row_of_the_literature_says_what_was_played_and_where_it_is_printed():
+    rows = literature(["success", "entities known", "new combinations"])
+    assert {row.kind for row in rows} == {"people", "language model"}
+    for row in rows:
+        assert row.environment
+        assert str(row.year) in row.source
+        assert row.play is None
+
+
+@pytest.mark.parametrize(
+    ("file", "wrong", "says"),
+    [
+        ("everyday", lambda pack: pack.pop("title"), "missing required field 'title'"),
+        ("everyday", lambda pack: pack["rows"][0].update(score=1), "unknown field 'score'"),
+        ("everyday", lambda pack: pack["rows"][0].update(figures={}), "Expected 'object' of length >= 1"),
+        ("everyday", lambda pack: pack["rows"][0].update(origin="literature"), "row 1, 'random', is of a graph"),
+        ("everyday", lambda pack: pack["rows"][0].pop("play"), "row 1, 'random', is of a graph"),
+        ("everyday", lambda pack: pack["rows"][0].update(measure="entities known"), "of another kind of play"),
+        ("everyday", lambda pack: pack["rows"][0]["figures"]["1"].update(value=1.5), "a success outside of 0 to 1"),
+        ("everyday", lambda pack: pack["rows"][0]["figures"]["1"].update(low=0.9, high=0.1), "two ends in their order"),
+        ("everyday", lambda pack: pack["rows"][0]["figures"]["1"].pop("high"), "two ends in their order"),
+        ("everyday", lambda pack: pack["rows"][0].pop("interval"), "does not say what the interval at 1 is"),
+        (
+            "everyday",
+            lambda pack: pack["rows"][0]["figures"].update(many={"value": 0}),
+            "'many', which is not a number",
+        ),
+        ("literature", lambda pack: pack["rows"][0].update(origin="ours"), "of no graph"),
+        ("literature", lambda pack: pack["rows"][0].pop("year"), "of no graph"),
+        ("literature", lambda pack: pack["rows"][0].pop("environment"), "of no graph"),
+        ("literature", lambda pack: pack["rows"][0].update(source=""), "Expected 'str' of length >= 1"),
+    ],
+)
+def test_a_damaged_file_is_an_error_that_names_it(tmp_path, file, wrong, says):
+    pack = json.loads((PACK / f"{file}.json").read_text())
+    wrong(pack)
+    path = tmp_path / f"{file}.json"
+    path.write_text(json.dumps(pack))
+    with pytest.raises(ArtefactError, match=r"is damaged") as error:
+        read_packs(tmp_path)
+    assert str(path) in str(error.value)
+    assert says in str(error.value).replace("`", "'")
+
+
+def test_rows_are_about_the_usual_rules_only():
+    assert play_of(TaskConfig(depth=2, distractors=3), "train") == TaskPlay("train", 2, 2)
+    assert play_of(TaskConfig(max_attempts=4, reward="official"), "test") == TaskPlay("test", 1, 4)
+    assert play_of(TaskConfig(distractor_weighting="uniform"), "test") is None
+    assert play_of(TaskConfig(ambiguity="last"), "test") is None

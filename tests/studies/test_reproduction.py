@@ -1,0 +1,102 @@
+"""One small cell of a study is made again, and compared with the committed figures of the first time.
+
+Run this file to write the figures anew, after a change that is meant to change what agents learn.
+"""
+
+from pathlib import Path
+
+import msgspec
+import pytest
+import torch
+
+from wordcraft_kg.base.artefacts import write_atomically
+from wordcraft_kg.base.records import as_values, read_record
+from wordcraft_kg.graphs.library import open_book
+from wordcraft_kg.graphs.recipe_graph import RecipeGraph
+from wordcraft_kg.studies.collect import collect_study
+from wordcraft_kg.studies.engine import run_plan
+from wordcraft_kg.studies.local_workers import LocalWorkers
+from wordcraft_kg.studies.perform import perform
+from wordcraft_kg.studies.plan import make_plan
+from wordcraft_kg.studies.results import RunResult, StudyResults, results_text
+from wordcraft_kg.studies.study import Study, parse_study
+
+FILE = Path(__file__).parent / "data" / "kitchen.json"
+COMMAND = "python tests/experiments/test_reproduction.py"
+PROCESSOR = "AVX512"
+"""With another set of instructions sums are rounded otherwise, so that an agent may learn something slightly else."""
+STUDY = """
+title = "A cell that is made again"
+seeds = 1
+[settings]
+book = "kitchen"
+steps = 5_120
+distractors = 2
+[scorers.partial]
+command = "train-complex"
+dim = 8
+epochs = 20
+folds = 2
+[variants."no graph"]
+[variants."partial, u v"]
+scorer = "partial"
+"""
+TIMES = {"seconds": 0.0, "steps_per_second": 0}
+
+
+def remade(study: Study, root: Path) -> StudyResults:
+    plan = make_plan(study, "kitchen")
+    state = run_plan(
+        plan, root, lambda: LocalWorkers(root, 1, perform), command="python tests/experiments/test_reproduction.py"
+    )
+    assert not state.failed
+    return collect_study(root, plan.name)
+
+
+def is_alike(was: StudyResults) -> bool:
+    """Return whether this machine computes to the bit what that of the file did."""
+    return was.versions["torch"] == torch.__version__ and torch.backends.cpu.get_cpu_capability() == PROCESSOR
+
+
+@pytest.fixture(scope="module")
+def was() -> StudyResults:
+    return read_record(FILE, StudyResults)
+
+
+@pytest.fixture(scope="module")
+def now(was, tmp_path_factory) -> StudyResults:
+    return remade(was.study, tmp_path_factory.mktemp("results"))
+
+
+def test_a_cell_that_is_made_again_has_the_same_inputs(was, now):
+    assert [run.run for run in now.runs] == [run.run for run in was.runs]
+    assert now.graphs == was.graphs
+
+
+def test_a_cell_that_is_made_again_has_the_same_figures(was, now):
+    if not is_alike(was):
+        pytest.skip(f"the figures are of torch {was.versions['torch']} on {PROCESSOR}; compared roughly below")
+    for old, new in zip(was.runs, now.runs, strict=True):
+        assert msgspec.structs.replace(new, **TIMES) == msgspec.structs.replace(old, **TIMES)
+
+
+def test_a_cell_that_is_made_again_has_about_the_same_figures_anywhere(was, now):
+    for old, new in zip(was.runs, now.runs, strict=True):
+        assert new.success == pytest.approx(old.success, abs=0.1)
+        assert len(new.won) == len(old.won)
+        assert [step for step, _ in new.curve] == [step for step, _ in old.curve]
+        assert new.mrr == pytest.approx(old.mrr, abs=0.05)
+
+
+def test_the_file_knows_no_entity_of_its_book(was):
+    text = FILE.read_text(encoding="utf-8")
+    labels = RecipeGraph.from_book(open_book("kitchen")).entities
+    assert {label for label in labels if f'"{label}"' in text} <= {"kitchen", "seed"}, "its name and a key"
+    assert set(RunResult.__struct_fields__) == as_values(was.runs[0]).keys()
+
+
+if __name__ == "__main__":
+    from tempfile import TemporaryDirectory
+
+    with TemporaryDirectory() as folder:
+        write_atomically(FILE, results_text(remade(parse_study(STUDY, "the study above"), Path(folder))))

@@ -1,0 +1,180 @@
+"""The report of a study: its tables say what its view says, in every format, and its files are the same each time."""
+
+import csv
+import io
+import json
+import re
+import sys
+import xml.etree.ElementTree as ET
+from collections.abc import Callable
+from pathlib import Path
+
+import jsonschema
+import msgspec
+import pytest
+
+from wordcraft_kg.base.errors import OutputExistsError
+from wordcraft_kg.base.records import schema_of
+from wordcraft_kg.reports.report import render
+from wordcraft_kg.studies.report import make_study_report, panels_of, study_figure, write_study_report
+from wordcraft_kg.studies.results import Missing, StudyResults
+from wordcraft_kg.studies.study import Claim
+from wordcraft_kg.studies.tables import as_csv, as_latex, as_markdown, latex, signed, tables_of
+from wordcraft_kg.studies.view import StudyView, view_study
+
+Fabricate = Callable[..., StudyResults]
+NO_GRAPH = ["00000", "50000", "05000", "00500", "55000"]
+GUIDED = ["55500", "55550", "55055", "05555", "55555"]
+ODD = r"a_b & 50% | <i>#{x}^~\ *y*"
+
+
+@pytest.fixture(scope="module")
+def view(fabricate: Fabricate) -> StudyView:
+    cells = {"no graph": NO_GRAPH, "guided": GUIDED, ODD: NO_GRAPH[::-1]}
+    results = fabricate(
+        [({"distractors": 8}, cells), ({"distractors": 1}, cells)], mrr={"guided": 0.2}, title="Graphs & <agents>"
+    )
+    gap = Missing("guided", {"distractors": 2}, 3, "<b>why</b>")
+    return view_study(msgspec.structs.replace(results, missing=(gap,)))
+
+
+def dose_view(fabricate: Fabricate) -> StudyView:
+    points = [
+        ({"scorer.share": share}, {"no graph": NO_GRAPH, "folds": GUIDED[i:] + GUIDED[:i], "memory": NO_GRAPH[i:]})
+        for i, share in enumerate((0.1, 0.5, 1.0))
+    ]
+    mrr = {f"{name}@{i}": 0.1 * (i + 1) for i in range(3) for name in ("folds", "memory")}
+    return view_study(fabricate(points, mrr=mrr, drawing="dose", settings={"memory": {"in_sample": True}}))
+
+
+def test_csv_has_a_row_for_each_variant_of_each_point(view: StudyView) -> None:
+    rows = list(csv.DictReader(io.StringIO(as_csv(view))))
+    assert [(row["distractors"], row["variant"]) for row in rows] == [
+        (amount, name) for amount in ("8", "1") for name in ("no graph", "guided", ODD)
+    ]
+    found = rows[1]
+    assert (float(found["success"]), float(found["difference"])) == pytest.approx((0.8, 0.6))
+    assert float(found["mrr"]) == pytest.approx(0.22)
+    assert float(found["p_value"]) < float(found["p_holm"])
+    assert (rows[0]["difference"], rows[0]["mrr"]) == ("", "")
+    entry = view.points[0].variants[1]
+    assert [float(found[f"success_{end}"]) for end in ("low", "high")] == pytest.approx(entry.interval, rel=1e-5)
+
+
+def test_markdown_shows_names_as_they_are(view: StudyView) -> None:
+    text = as_markdown(view)
+    (row,) = {line for line in text.splitlines() if line.startswith(r"| a\_b")}
+    assert r"\| \<i\>\#{x}^\~\\ \*y\*" in row
+    cells = re.split(r"(?<!\\)\|", row)
+    assert len(cells) - 2 == len(tables_of(view)[0].headings)
+    assert "0.800 [" in text
+    assert "+0.600 [" in text
+
+
+def test_latex_has_as_many_columns_as_it_says_and_escapes_names(view: StudyView) -> None:
+    text = as_latex(view)
+    (columns,) = set(re.findall(r"\\begin\{tabular\}\{(l r*|lr*)\}", text))
+    rows = [line for line in text.splitlines() if line.endswith(r" \\")]
+    assert len(rows) == 2 * (1 + 3)
+    assert {len(re.split(r"(?<!\\)&", row)) for row in rows} == {len(columns)}
+    assert r"a\_b \& 50\% \textbar{} \textless{}i\textgreater{}\#\{x\}\textasciicircum{}\textasciitilde{}" in text
+    assert text.count(r"\toprule") == text.count(r"\bottomrule") == 2
+
+
+def test_latex_escapes_each_letter_once() -> None:
+    assert latex("\\{}") == r"\textbackslash{}\{\}"
+    assert latex("two\nlines") == "two lines"
+
+
+@pytest.mark.parametrize(
+    ("value", "form", "text"), [(-0.5, "+.2f", "−0.50"), (-0.0001, "+.2f", "+0.00"), (-0.001, ".2f", "0.00")]
+)
+def test_numbers_have_a_true_minus_and_none_for_zero(value: float, form: str, text: str) -> None:
+    assert signed(value, form) == text
+
+
+def test_columns_without_any_figure_are_left_out(view: StudyView, fabricate: Fabricate) -> None:
+    assert "MRR" in tables_of(view)[0].headings
+    alone = tables_of(view_study(fabricate({"no graph": NO_GRAPH[:1]})))[0].headings
+    assert alone == ("variant", "seeds", "success [seeds, tasks]", "train", "reached after")
+
+
+def test_a_report_is_written_whole(view: StudyView, tmp_path: Path) -> None:
+    pytest.importorskip("typst", reason="needs the extra figures")
+    files = write_study_report(view, tmp_path / "report")
+    assert [file.name for file in files] == [
+        *("index.html", "report.json", "table.csv", "table.md", "table.tex"),
+        *("figure.svg", "figure.png", "figure.pdf", "profiles.svg", "profiles.png", "profiles.pdf"),
+    ]
+    assert sorted(files) == sorted((tmp_path / "report").iterdir())
+    values = json.loads((tmp_path / "report" / "report.json").read_text())
+    jsonschema.Draft202012Validator(schema_of(StudyView, "urn:x", "x")).validate(values)
+    page = files[0].read_text()
+    assert "<b>why</b>" not in page
+    assert "&lt;b&gt;why&lt;/b&gt;" in page
+    assert "<i>" not in page
+    for name in ("figure.pdf", "table.tex"):
+        assert f'href="{name}"' in page
+    with pytest.raises(OutputExistsError):
+        write_study_report(view, tmp_path / "report")
+
+
+def test_without_the_extra_there_are_svg_files(
+    view: StudyView, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "typst", None)
+    names = {file.name for file in write_study_report(view, tmp_path / "report")}
+    assert "figure.svg" in names
+    assert not {name for name in names if name.endswith(("png", "pdf"))}
+
+
+def test_equal_results_have_equal_files(view: StudyView, tmp_path: Path) -> None:
+    again = msgspec.json.decode(msgspec.json.encode(view), type=StudyView)
+    one, other = make_study_report(view).files, make_study_report(again).files
+    for name in ("table.csv", "table.md", "table.tex", "figure.svg", "profiles.svg"):
+        assert one[name] == other[name]
+
+
+def test_a_figure_has_a_panel_for_each_point(view: StudyView) -> None:
+    root = ET.fromstring(study_figure(view))
+    texts = ["".join(text.itertext()) for text in root.iter() if text.tag.endswith("text")]
+    assert "Graphs & <agents>" in texts
+    assert {"8 distractors", "1 distractor"} <= set(texts)
+    assert texts.count("guided") == 2
+
+
+def test_a_variant_keeps_its_colour_where_others_are_missing(fabricate: Fabricate) -> None:
+    points = [({"distractors": 8}, {"a": NO_GRAPH, "b": GUIDED}), ({"distractors": 1}, {"b": GUIDED})]
+    (_, both), (_, one) = panels_of(view_study(fabricate(points)))
+    for chart in (both, one):
+        assert re.search(r'class="series-1">b<', chart)
+
+
+def test_a_study_of_doses_is_drawn_by_mrr(fabricate: Fabricate) -> None:
+    view = dose_view(fabricate)
+    ((title, chart),) = panels_of(view)
+    assert title == ""
+    assert "cross-fitted" in chart
+    assert "in-sample" in chart
+    assert "no graph" in chart
+    assert "share 0.5" in chart
+    assert "train tasks scored in-sample</th><td>3</td>" in " ".join(render(make_study_report(view)).split())
+
+
+def test_bars_are_drawn_where_there_are_no_curves(fabricate: Fabricate) -> None:
+    curves = {"no graph": [[(2000, 0.1)]] * 5}
+    ((_, chart),) = panels_of(view_study(fabricate({"no graph": NO_GRAPH}, curves=curves)))
+    assert "over seeds and tasks" in chart
+
+
+def test_the_page_says_of_each_claim_whether_it_holds(fabricate: Fabricate) -> None:
+    claims = [
+        Claim(text="Guided agents <b>are</b> better.", left="guided", right="no graph"),
+        Claim(text="They are worse.", left="guided", right="no graph", expected="less"),
+    ]
+    results = fabricate({"no graph": NO_GRAPH, "guided": GUIDED})
+    study = msgspec.structs.replace(results.study, claims=claims)
+    page = render(make_study_report(view_study(msgspec.structs.replace(results, study=study))))
+    assert "<h3>Guided agents &lt;b&gt;are&lt;/b&gt; better.</h3>" in page
+    assert page.index("<b>reproduced</b>: more") < page.index("<b>not reproduced</b>: it is more")
+    assert "guided .800 against no graph .200: +.600 [" in page

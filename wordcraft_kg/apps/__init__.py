@@ -1,0 +1,1 @@
+"""Products on top of the core: none is imported by the core, and none imports another."""

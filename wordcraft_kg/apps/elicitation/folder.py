@@ -1,0 +1,206 @@
+"""A model folder of opinions: their scorer, the opinions as a table, what could not be read, and how good they are."""
+
+import csv
+import hashlib
+import io
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import safetensors.torch
+
+from wordcraft_kg.apps.elicitation.answers import Answer
+from wordcraft_kg.apps.elicitation.config import OpinionsConfig
+from wordcraft_kg.apps.elicitation.prompts import TEMPLATE_HASH, Prompt
+from wordcraft_kg.apps.elicitation.reading import WHYS, Opinion, Unread, read_opinions
+from wordcraft_kg.apps.elicitation.records import Agreement, OpinionMetrics
+from wordcraft_kg.base.artefacts import dump_json, staged_folder, with_a_name, write_atomically
+from wordcraft_kg.base.records import as_values
+from wordcraft_kg.base.tensors import copied
+from wordcraft_kg.graphs.folder import OpenedGraph
+from wordcraft_kg.graphs.triples import RELATIONS
+from wordcraft_kg.models.scorers.folder import Vocabulary
+from wordcraft_kg.models.scorers.opinions import OpinionScorer
+from wordcraft_kg.runs.cards import front_matter
+from wordcraft_kg.runs.record import end_run, start_run
+
+TABLE, UNREAD = "opinions.csv", "unread.txt"
+OUTPUTS = ("model.safetensors", "vocabulary.json", "config.toml", "metrics.json", TABLE, UNREAD)
+MOST_UNREAD = 200
+"""Lines that are listed as examples of what could not be read."""
+LONGEST_LINE = 200
+
+
+@dataclass(frozen=True)
+class WrittenOpinions:
+    """The outcome of asking.
+
+    Attributes:
+        folder: folder of the model.
+        metrics: content of ``metrics.json``.
+    """
+
+    folder: Path
+    metrics: OpinionMetrics
+
+
+def write_opinions(
+    out: str | Path,
+    opened: OpenedGraph,
+    config: OpinionsConfig,
+    prompts: Sequence[Prompt],
+    answers: Sequence[Answer],
+    *,
+    force: bool = False,
+) -> WrittenOpinions:
+    """Write the model folder of the opinions in some answers.
+
+    Args:
+        out: folder to write.
+        opened: the graph; its split only says how the opinions are judged.
+        config: model and settings.
+        prompts: what was asked.
+        answers: an answer for each.
+        force: replace the folder if it exists.
+
+    Raises:
+        OutputExistsError: if ``out`` exists and ``force`` is False.
+    """
+    graph = opened.graph
+    opinions, unread = read_opinions(prompts, answers, graph.entities)
+    rows = np.array([one.recipe for one in opinions], dtype=np.int64).reshape(-1, 3)
+    scorer = OpinionScorer.of(rows, [one.weight for one in opinions], graph.entities, graph.hash)
+    metrics = _metrics(opened, prompts, answers, opinions, unread)
+    vocabulary = Vocabulary(
+        format="wordcraft-kg vocabulary 1",
+        scorer="opinions",
+        graph=graph.hash,
+        entities=graph.entities,
+        relations=RELATIONS,
+    )
+    inputs = {
+        "graph": graph.hash,
+        "split": opened.split.hash,
+        "prompt_template": TEMPLATE_HASH,
+        "answers": hashlib.sha256("".join(answer.hash for answer in answers).encode()).hexdigest(),
+    }
+    folder = with_a_name(Path(out))
+    with staged_folder(folder, force=force) as staging:
+        config.write(staging)
+        write_atomically(staging / "model.safetensors", safetensors.torch.save(copied(scorer.tensors())))
+        write_atomically(staging / "vocabulary.json", dump_json(as_values(vocabulary)))
+        write_atomically(staging / "metrics.json", dump_json(as_values(metrics)))
+        write_atomically(staging / TABLE, _table(opinions, graph.entities))
+        write_atomically(staging / UNREAD, _examples(unread))
+        write_atomically(staging / "README.md", _card(opened, config, metrics))
+        end_run(staging, start_run(staging, config.command, seed=config.settings.seed, inputs=inputs), "done", OUTPUTS)
+    return WrittenOpinions(folder, metrics)
+
+
+def _metrics(
+    opened: OpenedGraph,
+    prompts: Sequence[Prompt],
+    answers: Sequence[Answer],
+    opinions: Sequence[Opinion],
+    unread: Sequence[Unread],
+) -> OpinionMetrics:
+    why = Counter(one.why for one in unread)
+    counts = [(answer.tokens_in, answer.tokens_out) for answer in answers]
+    tokens_in, tokens_out = (
+        None if None in of or not of else sum(filter(None, of)) for of in (list(zip(*counts, strict=True)) or [(), ()])
+    )
+    return OpinionMetrics(
+        template=TEMPLATE_HASH,
+        prompts=len(prompts),
+        goals=sum(len(prompt.goals) for prompt in prompts),
+        goals_with_opinions=len({one.recipe[2] for one in opinions}),
+        opinions=len(opinions),
+        unread={name: why[name] for name in WHYS},
+        cut=sum(answer.finish == "length" for answer in answers),
+        models=tuple(sorted({answer.model for answer in answers if answer.model})),
+        tokens_in=tokens_in,
+        tokens_out=tokens_out,
+        agreement={"all": agreement(opened, opinions), "test": agreement(opened, opinions, test_only=True)},
+    )
+
+
+def agreement(opened: OpenedGraph, opinions: Sequence[Opinion], *, test_only: bool = False) -> Agreement:
+    """Compare opinions with the recipes of a graph, or with those of its test part.
+
+    An opinion that is a recipe of another part is neither right nor wrong of the test part, and is left out there.
+    """
+    graph, split = opened.graph, opened.split
+    of_part = split.is_in("test") | (not test_only)
+    wanted = {tuple(row) for row in graph.recipes[of_part].tolist()}
+    others = {tuple(row) for row in graph.recipes[~of_part].tolist()}
+    judged = [one for one in opinions if one.recipe not in others]
+    right = sum(one.recipe in wanted for one in judged)
+    goals = {recipe[2] for recipe in wanted}
+    # Of those judged, the best one of a goal, since ranks are unique there.
+    first: dict[int, Opinion] = {}
+    for one in sorted(judged, key=lambda one: -one.rank):
+        first[one.recipe[2]] = one
+    hits = sum(goal in first and first[goal].recipe in wanted for goal in goals)
+    return Agreement(
+        opinions=len(judged),
+        recipes=len(wanted),
+        right=right,
+        precision=right / len(judged) if judged else None,
+        recall=right / len(wanted) if wanted else None,
+        goals=len(goals),
+        first_right=hits / len(goals) if goals else None,
+    )
+
+
+def _table(opinions: Sequence[Opinion], entities: Sequence[str]) -> str:
+    buffer = io.StringIO()
+    writer = csv.writer(buffer, lineterminator="\n")
+    writer.writerow(["ingredient_a", "ingredient_b", "result", "weight"])
+    for one in sorted(opinions, key=lambda one: (one.recipe[2], one.rank)):
+        writer.writerow([*(entities[entity] for entity in one.recipe), f"{one.weight:.6g}"])
+    return buffer.getvalue()
+
+
+def _examples(unread: Sequence[Unread]) -> str:
+    """Return lines that could not be read, each once, with why."""
+    rows = dict.fromkeys(f"{one.why}\t{' '.join(one.line.split())[:LONGEST_LINE]}" for one in unread)
+    return "".join(f"{row}\n" for row in list(rows)[:MOST_UNREAD])
+
+
+def _card(opened: OpenedGraph, config: OpinionsConfig, metrics: OpinionMetrics) -> str:
+    graph, everything, test = opened.graph, metrics.agreement["all"], metrics.agreement["test"]
+    a, b, result = graph.recipe_labels()[0] if graph.num_recipes else (*(graph.entities * 3)[:3],)
+    unread = ", ".join(f"{number:,} {why}" for why, number in metrics.unread.items() if number) or "none"
+
+    def shown(share: float | None) -> str:
+        return "–" if share is None else f"{share:.3f}"
+
+    return f"""{front_matter("knowledge-graph", "language-model")}
+# What {config.model} thinks makes what in {graph.name}
+
+The opinions of a language model, asked for each of {graph.num_entities:,} entities which pairs of things make it.
+The prompts held labels of entities and nothing else of the graph: no recipe, and nothing of the split. So no score
+here was learned from recipes of the graph, train or test; but a language model may have read about a published book.
+
+- model `{config.model}` at {config.endpoint}{f"; answered as {', '.join(metrics.models)}" if metrics.models else ""}
+- {metrics.prompts:,} prompts, wording `{metrics.template[:12]}`; {metrics.opinions:,} opinions about \
+{metrics.goals_with_opinions:,} of {metrics.goals:,} entities; lines not read: {unread}
+- graph `{graph.hash[:12]}`; split `{opened.split.config.kind}`, seed {opened.split.config.seed}
+
+| recipes | precision | recall | first pair right |
+|---|---|---|---|
+| all | {shown(everything.precision)} | {shown(everything.recall)} | {shown(everything.first_right)} |
+| test part | {shown(test.precision)} | {shown(test.recall)} | {shown(test.first_right)} |
+
+`{TABLE}` lists the opinions, `{UNREAD}` examples of lines that could not be read. The pair that is named first has
+weight 1, the next 3/4, then 2/3, 5/8, ...
+
+```python
+from wordcraft_kg import load_scorer
+
+scorer = load_scorer("this folder")
+scorer.score_recipes({a!r}, {b!r}, {result!r})  # the weight, 0 without an opinion
+```
+"""

@@ -1,0 +1,120 @@
+"""What a language model is asked, and what names an answer: the request itself."""
+
+import hashlib
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from wordcraft_kg.apps.elicitation.config import AskingConfig, OpinionsConfig
+from wordcraft_kg.base.records import Record
+
+LISTED = 1_500
+"""Entities up to which each prompt lists all of them; of a larger graph, the model names things freely."""
+TASK = """\
+In a crafting game, two things are combined and make another thing, as in the real world or in a play on words.
+A thing may be combined with itself.
+For each thing that you are asked about, name up to {pairs} pairs of things that could make it, the likeliest first.
+Write a line for each pair, exactly like this, and nothing else:
+thing: first + second
+"""
+THINGS = """
+These are all things of the game. Use no others, and write them as they are written here:
+{things}
+"""
+QUESTION = """\
+Which pairs make these things?
+{goals}
+"""
+TEMPLATE_HASH = hashlib.sha256("\0".join((TASK, THINGS, QUESTION)).encode()).hexdigest()
+"""The version of the prompts: SHA-256 of their wording."""
+CHARACTERS_PER_TOKEN = 4
+"""Of English text, about; tokenizers differ."""
+
+
+class Message(Record, frozen=True):
+    """A message of a chat."""
+
+    role: str
+    content: str
+
+
+class Request(Record, frozen=True, kw_only=True):
+    """What an endpoint is asked, and so what an answer is an answer to; the key is no part of it.
+
+    Attributes:
+        endpoint: address, because a model of the same name may be another one elsewhere.
+        temperature: None to leave it to the endpoint, as for ``seed``.
+    """
+
+    endpoint: str
+    model: str
+    messages: tuple[Message, ...]
+    temperature: float | None
+    seed: int | None
+
+    @property
+    def hash(self) -> str:
+        """SHA-256 of all of it, in hexadecimal."""
+        values = [self.endpoint, self.model, [[one.role, one.content] for one in self.messages]]
+        return hashlib.sha256(json.dumps([*values, self.temperature, self.seed]).encode()).hexdigest()
+
+    @property
+    def tokens(self) -> int:
+        """About how many tokens it has."""
+        return sum(len(message.content) for message in self.messages) // CHARACTERS_PER_TOKEN + 1
+
+
+@dataclass(frozen=True)
+class Prompt:
+    """Some goals, and what is asked about them.
+
+    Attributes:
+        goals: labels of the entities.
+        request: what the endpoint is asked.
+        answer_tokens: about how many tokens the answer will have.
+    """
+
+    goals: tuple[str, ...]
+    request: Request
+    answer_tokens: int
+
+
+def make_prompts(config: OpinionsConfig, entities: Sequence[str]) -> list[Prompt]:
+    """Return the prompts that ask about all entities, in the order of their ids.
+
+    Args:
+        config: model and settings.
+        entities: labels of the graph's entities, of which nothing else is asked or told.
+
+    Example:
+        >>> config = OpinionsConfig("kitchen", "http://localhost:8080/v1", "some-model")
+        >>> [prompt.goals for prompt in make_prompts(config, ["earth", "mud", "water"])]
+        [('earth', 'mud', 'water')]
+    """
+    settings = config.settings
+    task = TASK.format(pairs=settings.pairs)
+    if len(entities) <= LISTED:
+        task += THINGS.format(things="\n".join(entities))
+    return [
+        _prompt(config, task, tuple(entities[begin : begin + settings.goals_per_prompt]))
+        for begin in range(0, len(entities), settings.goals_per_prompt)
+    ]
+
+
+def _prompt(config: OpinionsConfig, task: str, goals: tuple[str, ...]) -> Prompt:
+    settings: AskingConfig = config.settings
+    is_greedy = settings.sampling == "greedy"
+    # What all prompts share comes first, because servers keep what they have read of a beginning.
+    messages = (
+        Message("system", task.strip()),
+        Message("user", QUESTION.format(goals="\n".join(goals)).strip()),
+    )
+    request = Request(
+        endpoint=config.endpoint,
+        model=config.model,
+        messages=messages,
+        temperature=0.0 if is_greedy else None,
+        seed=settings.seed if is_greedy else None,
+    )
+    letters = sum(3 * len(goal) + 6 for goal in goals) * settings.pairs
+    return Prompt(goals, request, letters // CHARACTERS_PER_TOKEN + 1)

@@ -1,0 +1,157 @@
+"""Making opinions of answers: lines such as ``mud: water + earth``, read forgivingly, in one place."""
+
+import re
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+from wordcraft_kg.apps.elicitation.answers import Answer
+from wordcraft_kg.apps.elicitation.prompts import Prompt
+from wordcraft_kg.base.labels import LabelIndex
+
+Why = Literal["no pair", "unknown thing", "not asked for", "makes itself", "named twice"]
+"""Why a line says nothing: there is no pair in it, or a thing that the graph does not have, or the pair is said to make
+something that the prompt did not ask for, or one of its own ingredients, or has been named before."""
+WHYS: tuple[Why, ...] = get_args(Why)
+_MARKS = re.compile(r"\*\*|__|`")
+_THINKING = re.compile(r"<think(?:ing)?>.*?(?:</think(?:ing)?>|\Z)", re.DOTALL | re.IGNORECASE)
+_END_OF_THINKING = re.compile(r"</think(?:ing)?>", re.IGNORECASE)
+_BULLET = re.compile(r"^(?:[-*•·–>]+\s+|\(?\d{1,3}[.)]\s+)+")
+_MAKES = re.compile(r"\s*(?:=>|->|→|⇒|=)\s*")
+_GOAL = re.compile(r"\s*(?::|=>|->|→|⇒|=|<-|←|–|—)\s*")
+_PLUS = re.compile(r"\s*(?:\+|＋|&)\s*")
+_SEVERAL = re.compile(r"\s*[,;|]\s*(?:or\s+)?|\s+or\s+")
+
+
+@dataclass(frozen=True)
+class Opinion:
+    """A pair that is thought to make a goal.
+
+    Attributes:
+        recipe: ids of both ingredients, the smaller one first, and of the goal.
+        rank: place among the pairs of the goal, from 1.
+    """
+
+    recipe: tuple[int, int, int]
+    rank: int
+
+    @property
+    def weight(self) -> float:
+        """1 for the pair that is named first, then 3/4, 2/3, 5/8, ...: ``(1 + 1 / rank) / 2``.
+
+        An order is all that an answer gives. That a pair is named at all says at least as much as its place.
+        """
+        return (1 + 1 / self.rank) / 2
+
+
+@dataclass(frozen=True)
+class Unread:
+    """A line that says nothing, and why."""
+
+    why: Why
+    line: str
+
+
+def read_opinions(
+    prompts: Sequence[Prompt], answers: Sequence[Answer], entities: Sequence[str]
+) -> tuple[list[Opinion], list[Unread]]:
+    """Return the opinions in the answers to prompts, and the lines that none could be read from.
+
+    Places are counted among the pairs that could be read. A line may have a bullet, a number, quotes or emphasis; it
+    may say ``first + second = thing`` as well, or name several pairs; and the pairs may stand below the thing.
+
+    Args:
+        prompts: what was asked.
+        answers: an answer for each.
+        entities: labels of the graph, in the order of their ids.
+    """
+    known = LabelIndex(entities)
+    opinions: list[Opinion] = []
+    unread: list[Unread] = []
+    for prompt, answer in zip(prompts, answers, strict=True):
+        goals = {known.find(goal) for goal in prompt.goals}
+        named: dict[int, dict[tuple[int, int], None]] = defaultdict(dict)
+        why: Why
+        for pair, goal, line in _pairs(answer.text, known, goals):
+            if pair is None or goal is None:
+                why = "unknown thing" if _PLUS.search(line) else "no pair"
+            elif goal not in goals:
+                why = "not asked for"
+            elif goal in pair:
+                why = "makes itself"
+            elif pair in named[goal]:
+                why = "named twice"
+            else:
+                named[goal][pair] = None
+                continue
+            unread.append(Unread(why, line))
+        for goal, pairs in named.items():
+            opinions += (Opinion((*pair, goal), rank) for rank, pair in enumerate(pairs, 1))
+    return opinions, unread
+
+
+def _pairs(
+    text: str, known: LabelIndex, goals: set[int | None]
+) -> Iterator[tuple[tuple[int, int] | None, int | None, str]]:
+    """Yield each pair of an answer, what it is said to make, and its line; None for a pair that cannot be read."""
+    heading: int | None = None
+    # Some servers leave the beginning of what was thought to the prompt, so that an answer holds its end alone.
+    *_, said = _END_OF_THINKING.split(_THINKING.sub("\n", text))
+    for raw in said.splitlines():
+        line = _plain(raw)
+        if not line:
+            continue
+        title = known.find(line.rstrip(" :"))
+        if title is not None and title in goals:
+            heading = title
+            continue
+        goal, rest = _divided(line, known)
+        if goal is None and (alone := _pair(line, known)) is not None and heading is not None:
+            yield alone, heading, line
+            continue
+        if goal is None:
+            yield None, None, line
+            continue
+        whole = _pair(rest, known)
+        parts = [rest] if whole is not None else [part for part in _SEVERAL.split(rest) if part]
+        for part in parts or [rest]:
+            yield _pair(part, known), goal, line
+    return
+
+
+def _divided(line: str, known: LabelIndex) -> tuple[int | None, str]:
+    """Return what a line is about and the rest of it; None for a line that is about nothing that the graph has.
+
+    The beginning of a label may be a label too: ``star`` of ``star: wars``. Then the one counts after which is a pair.
+    """
+    about: list[tuple[int, str]] = []
+    for match in _GOAL.finditer(line):
+        goal = known.find(line[: match.start()])
+        if goal is not None:
+            about.append((goal, line[match.end() :]))
+    for goal, rest in about:
+        if len(about) == 1 or any(_pair(part, known) for part in (rest, *_SEVERAL.split(rest))):
+            return goal, rest
+    if about:
+        return about[0]
+    for match in _MAKES.finditer(line):
+        goal = known.find(line[match.end() :])
+        if goal is not None and _PLUS.search(line[: match.start()]):
+            return goal, line[: match.start()]
+    return None, line
+
+
+def _pair(text: str, known: LabelIndex) -> tuple[int, int] | None:
+    for match in _PLUS.finditer(text):
+        one, other = known.find(text[: match.start()]), known.find(text[match.end() :])
+        if one is not None and other is not None:
+            return min(one, other), max(one, other)
+    return None
+
+
+def _plain(line: str) -> str:
+    """Return a line without what lists and emphasis add to it; labels keep what belongs to them."""
+    line = _BULLET.sub("", line.strip())
+    line = _MARKS.sub("", line).strip()
+    return "" if re.fullmatch(r"[-=*#~ ]*", line) or line.startswith("```") else line.rstrip(".,; ")

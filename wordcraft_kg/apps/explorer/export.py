@@ -1,0 +1,151 @@
+"""A site as files: the pages that need no server, with relative links, to publish or to open from a disk."""
+
+import json
+import os
+import re
+from pathlib import Path
+from typing import Any
+
+from markupsafe import escape
+
+from wordcraft_kg.apps.explorer.explored import Explored
+from wordcraft_kg.apps.explorer.page import Page, State
+from wordcraft_kg.apps.explorer.pages import HOME, PAGES
+from wordcraft_kg.apps.explorer.rendering import Site
+from wordcraft_kg.apps.explorer.server import scripts
+from wordcraft_kg.apps.web.style_sheet import style_sheet
+from wordcraft_kg.base.artefacts import dump_json, sha256_of, staged_folder, write_atomically
+from wordcraft_kg.base.errors import WordCraftKGError
+from wordcraft_kg.base.progress import stage, steps
+from wordcraft_kg.base.records import Count, Hash, Record, as_values
+from wordcraft_kg.runs.record import RUN_FILE
+
+SITE_FILE = "site.json"
+LONGEST_NAME = 60
+"""Letters of a file's name that come from a label."""
+
+
+class ExportedSite(Record):
+    """A static site (``site.json``).
+
+    Attributes:
+        pages: number of its pages.
+        largest: bytes of the largest page.
+        bytes: bytes of all pages.
+        models: hashes of the models' weights by name.
+        runs: hashes of the records of the runs by name.
+        skipped: pages that could not be made, with the reason.
+    """
+
+    graph: str
+    graph_hash: Hash
+    split_hash: Hash
+    pages: Count
+    largest: Count
+    bytes: Count
+    models: dict[str, str]
+    runs: dict[str, str]
+    skipped: dict[str, str]
+
+
+@stage("writing the site")
+def export_site(explored: Explored, out: Path, *, force: bool = False) -> ExportedSite:
+    """Write the pages of a site that need no server into a folder, with ``index.html`` as the first.
+
+    Raises:
+        OutputExistsError: if ``out`` exists and ``force`` is False.
+    """
+    files = _Files(explored)
+    sizes, skipped = [], {}
+    with staged_folder(out, force=force) as folder:
+        for name, text in {"explorer.css": style_sheet(), **scripts(), "search.js": files.search()}.items():
+            write_atomically(folder / name, text)
+        for (page, state), name in steps("writing pages", list(files.names.items())):
+            site = Site(explored, files.from_file(name), _own_file(name), is_static=True)
+            try:
+                text = site.page(PAGES[page], state)
+            except WordCraftKGError as error:
+                skipped[PAGES[page].address(state)] = _without_places(str(error), explored)
+                text = site.error(404, str(error))
+            content = _without_places(text, explored).encode()
+            (folder / name).parent.mkdir(exist_ok=True)
+            write_atomically(folder / name, content)
+            sizes.append(len(content))
+        found = ExportedSite(
+            graph=explored.opened.graph.name,
+            graph_hash=explored.opened.graph.hash,
+            split_hash=explored.opened.split.hash,
+            pages=len(sizes),
+            largest=max(sizes),
+            bytes=sum(sizes),
+            models={name: one.model.run.outputs["model.safetensors"] for name, one in explored.models.items()},
+            runs={name: sha256_of(path / RUN_FILE) for name, path in explored.runs.items()},
+            skipped=skipped,
+        )
+        write_atomically(folder / SITE_FILE, dump_json(as_values(found)))
+    return found
+
+
+class _Files:
+    """The names of a site's files.
+
+    Attributes:
+        names: path of the file of each page's state.
+    """
+
+    def __init__(self, explored: Explored):
+        self.explored = explored
+        self.names: dict[tuple[str, State], str] = {(HOME.name, HOME.state()): "index.html"}
+        taken: set[str] = {"index.html"}
+        for page in PAGES.values():
+            for state in page.states(explored):
+                key = (page.name, state)
+                if key not in self.names:
+                    self.names[key] = _unused(f"{page.name}/{_stem(page, state)}", taken)
+
+    def from_file(self, name: str) -> Any:
+        """Return the function that returns the address of a page from that of a file; empty if there is none."""
+
+        def address(page: Page[Any], state: State) -> str:
+            found = self.names.get((page.name, state))
+            return "" if found is None else os.path.relpath(found, os.path.dirname(name) or ".")
+
+        return address
+
+    def search(self) -> str:
+        """Return the script with the entities, the most used first, and the files of their pages."""
+        graph, entity = self.explored.opened.graph, PAGES["entity"]
+        labels = graph.labels(sorted(range(graph.num_entities), key=lambda i: -graph.use_counts[i]))
+        files = [self.names.get((entity.name, entity.state(entity=label))) for label in labels]
+        found = [[label, file] for label, file in zip(labels, files, strict=True) if file]
+        return f"window.entities = {json.dumps(found, ensure_ascii=True)};\n"
+
+
+def _without_places(text: str, explored: Explored) -> str:
+    """Return a text in which folders are called by their names: where they are on this machine is nobody's business."""
+    folders = {name: one.folder for name, one in explored.models.items()} | explored.runs
+    for name, folder in folders.items():
+        if folder.is_absolute():
+            text = text.replace(str(folder), name).replace(str(escape(str(folder))), str(escape(name)))
+    return text
+
+
+def _stem(page: Page[Any], state: State) -> str:
+    """Return the name of a state's file, from letters and digits of its choices."""
+    plain = page.state()
+    values = ((getattr(state, name), getattr(plain, name)) for name in state.__struct_fields__)
+    chosen = "-".join(str(value) for value, usual in values if value != usual)
+    return re.sub(r"[^a-z0-9]+", "-", chosen.lower()).strip("-")[:LONGEST_NAME].strip("-") or page.name
+
+
+def _unused(name: str, taken: set[str]) -> str:
+    number, found = 1, f"{name}.html"
+    while found in taken:
+        number += 1
+        found = f"{name}-{number}.html"
+    taken.add(found)
+    return found
+
+
+def _own_file(name: str) -> Any:
+    return lambda file: os.path.relpath(file, os.path.dirname(name) or ".")

@@ -1,0 +1,142 @@
+"""What a page is: a name, a state that is its address, and the view that it shows."""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from functools import cache
+from typing import Any, Generic, TypeVar, get_origin
+from urllib.parse import quote, urlencode
+
+import msgspec
+
+from wordcraft_kg.apps.explorer.explored import Explored
+from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.base.records import Record
+from wordcraft_kg.base.settings import nearest
+
+
+class State(Record):
+    """What a page shows, and so its address; fields are str, int, bool, Literal or a tuple of str, with defaults."""
+
+
+S = TypeVar("S", bound=State)
+Addresses = Callable[["Page[Any]", State], str]
+"""Returns the address of a page, or an empty text where there is none."""
+
+
+def everywhere(_: Explored) -> bool:
+    """Return True: a page that needs neither a model nor a run."""
+    return True
+
+
+def has_models(explored: Explored) -> bool:
+    """Return whether there is a model."""
+    return bool(explored.models)
+
+
+def has_runs(explored: Explored) -> bool:
+    """Return whether there is a run."""
+    return bool(explored.runs)
+
+
+def settled(_: Explored, __: State) -> bool:
+    """Return False: what a page shows does not change."""
+    return False
+
+
+def nowhere(_: Explored) -> tuple[()]:
+    """Return no state: a page that only a server can make."""
+    return ()
+
+
+@dataclass(frozen=True)
+class Page(Generic[S]):
+    """A kind of page.
+
+    Attributes:
+        name: first segment of its address, and the name of its template.
+        state: what it shows.
+        view: makes the view of a state. An UnknownEntityError becomes a page "not found", any other error of a user's
+            input a page that says what is wrong.
+        title: its name in the menu; without one it is not in the menu.
+        subject: the field of the state that is the second segment of the address, as in ``/entity/paper``.
+        draw: makes the pictures of a view, as server-side SVG, by the names that the template uses.
+        exported: the states that a static site holds.
+        is_there: whether there is something to show.
+        is_live: whether what a state shows may change while it is looked at, so that the page must not be kept.
+    """
+
+    name: str
+    state: type[S]
+    view: Callable[[Explored, S], Record]
+    title: str = ""
+    subject: str = ""
+    draw: Callable[[Any, S, Addresses], Mapping[str, Any]] | None = None
+    exported: Callable[[Explored], Iterable[S]] | None = None
+    is_there: Callable[[Explored], bool] = everywhere
+    is_live: Callable[[Explored, S], bool] = settled
+
+    def states(self, explored: Explored) -> Iterable[S]:
+        """Return the states that a static site holds: by default the one without any choices."""
+        if not self.is_there(explored):
+            return []
+        if self.exported is not None:
+            return self.exported(explored)
+        return [] if self.subject else [self.state()]
+
+    def address(self, state: S) -> str:
+        """Return the path and query of a state; choices at their defaults are left out."""
+        path = f"/{self.name}"
+        query: list[tuple[str, str]] = []
+        for field in _fields(self.state):
+            value = getattr(state, field.name)
+            if field.name == self.subject and fits_path(value):
+                path += f"/{quote(value, safe='')}"
+            elif value != field.default:
+                query += [(field.name, _written(one)) for one in (value if isinstance(value, tuple) else (value,))]
+        return f"{path}?{urlencode(query)}" if query else path
+
+    def read(self, subject: str, query: Iterable[tuple[str, str]]) -> S:
+        """Return the state of an address.
+
+        Args:
+            subject: the second segment of the path, decoded; may be empty.
+            query: names and values of the query; an empty value, as forms send it, is the default.
+
+        Raises:
+            ConfigError: for an unknown name, a value of another type, or one that is given twice.
+        """
+        fields = {field.name: field for field in _fields(self.state)}
+        given: dict[str, Any] = {self.subject: subject} if self.subject and subject else {}
+        for name, value in query:
+            if name not in fields:
+                raise ConfigError(f"'{_cut(name)}' is no choice of this page.{nearest(name[:50], fields)}")
+            if get_origin(fields[name].type) is tuple:
+                given.setdefault(name, []).append(value)
+            elif value and given.setdefault(name, value) != value:
+                raise ConfigError(f"'{name}' is given twice: '{_cut(given[name])}' and '{_cut(value)}'.")
+        try:
+            return msgspec.convert(given, self.state, strict=False)
+        except msgspec.ValidationError as error:
+            raise ConfigError(f"The address is wrong: {str(error).replace('`', chr(39))}.") from None
+
+
+def fits_path(value: str) -> bool:
+    """Return whether a label can be a segment of a path.
+
+    Browsers take dots as folders, some servers slashes, and what stands between may decode a percent sign twice.
+    """
+    return bool(value.strip(".")) and not set(value) & {"/", "\\", "%"}
+
+
+@cache
+def _fields(state: type[State]) -> tuple[msgspec.structs.FieldInfo, ...]:
+    """Return the fields of a state; a page asks for them once for each of its links."""
+    return msgspec.structs.fields(state)
+
+
+def _written(value: Any) -> str:
+    return str(value).lower() if isinstance(value, bool) else str(value)
+
+
+def _cut(text: str) -> str:
+    return text if len(text) <= 60 else f"{text[:60]}..."

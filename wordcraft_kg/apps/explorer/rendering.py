@@ -1,0 +1,85 @@
+"""Rendering pages from their templates; the same for the server and for a static site."""
+
+from collections.abc import Callable, Mapping
+from functools import cache
+from typing import Any
+
+import jinja2
+import msgspec
+from markupsafe import Markup
+
+from wordcraft_kg.apps.explorer.explored import Explored
+from wordcraft_kg.apps.explorer.page import Addresses, Page, State
+from wordcraft_kg.apps.explorer.pages import PAGES
+from wordcraft_kg.reports.pages import Outline, make_environment
+from wordcraft_kg.reports.picks import PICKS
+
+
+class Site:
+    """How pages of a site are rendered.
+
+    Attributes:
+        explored: what it shows.
+        address: returns the address of a page, or an empty text where the site does not have it.
+        file: returns the address of one of the site's own files, such as the style sheet.
+        is_static: whether there is no server, so that there are no forms.
+    """
+
+    def __init__(self, explored: Explored, address: Addresses, file: Callable[[str], str], *, is_static: bool = False):
+        """Take what it shows and how it links."""
+        self.explored, self.address, self.file, self.is_static = explored, address, file, is_static
+
+    @property
+    def menu(self) -> list[tuple[Page[Any], str]]:
+        """The pages of the menu that have something to show, with their addresses."""
+        there = [page for page in PAGES.values() if page.title and page.is_there(self.explored)]
+        found = [(page, self.address(page, page.state())) for page in there]
+        return [(page, address) for page, address in found if address]
+
+    def page(self, page: Page[Any], state: State) -> str:
+        """Return a page as HTML.
+
+        Raises:
+            WordCraftKGError: if the state asks for what is not there.
+        """
+        view = page.view(self.explored, state)
+        pictures = page.draw(view, state, self.address) if page.draw else {}
+        return self._render(f"{page.name}.html.j2", page, state, view=view, pictures=pictures)
+
+    def error(self, status: int, message: str, suggestions: Mapping[str, str] | None = None) -> str:
+        """Return the page that says what is wrong, with addresses by label of what may have been meant."""
+        values = {"status": status, "message": message, "suggestions": suggestions or {}}
+        return self._render("error.html.j2", None, None, **values)
+
+    def _render(self, template: str, page: Page[Any] | None, state: State | None, **values: Any) -> str:
+        outline = Outline()
+
+        def link(name: str, **fields: Any) -> str:
+            found = PAGES[name]
+            return self.address(found, found.state(**fields))
+
+        def here(**changes: Any) -> str:
+            assert page is not None
+            assert state is not None
+            return self.address(page, msgspec.structs.replace(state, **changes))
+
+        def entity(label: str) -> Markup:
+            model = getattr(state, "model", "")
+            return anchor(link("entity", entity=label, **({"model": model} if model else {})), label)
+
+        shown = {"site": self, "page": page, "state": state, "outline": outline, "heading": outline.heading}
+        functions = {"term": outline.term, "link": link, "here": here, "entity": entity, "a": anchor}
+        return _environment().get_template(template).render(**shown, **functions, **values)
+
+
+def anchor(address: str, text: str) -> Markup:
+    """Return a link, or only its text where there is no address."""
+    return Markup('<a href="{}">{}</a>').format(address, text) if address else Markup("{}").format(text)
+
+
+@cache
+def _environment() -> jinja2.Environment:
+    # Charts look as in reports, and templates share their macros.
+    environment = make_environment("wordcraft_kg.apps.explorer", "wordcraft_kg.apps.web", "wordcraft_kg.reports")
+    environment.globals["picks"] = PICKS
+    return environment

@@ -1,0 +1,1 @@
+"""What the explorer's pages show, as typed values."""

@@ -1,0 +1,308 @@
+"""A model with all that its pages ask of it: what it has learned, what is true, and why it scores a link as it does."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from wordcraft_kg.base.records import Count, Record, Share
+from wordcraft_kg.evaluation.scores import Known, ScoringModel
+from wordcraft_kg.graphs.arrays import Ids
+from wordcraft_kg.graphs.recipe_graph import RecipeGraph
+from wordcraft_kg.graphs.splits import PARTS, Split
+from wordcraft_kg.graphs.triples import COMBINES_WITH, RELATIONS, Relation, is_in
+from wordcraft_kg.models.links.folder import OpenedModel
+from wordcraft_kg.models.scorers.cross_fitting import whole_of
+from wordcraft_kg.models.scorers.link_evidence import LinkEvidence, LinkReason
+from wordcraft_kg.models.scorers.recipes import RecipeScores
+from wordcraft_kg.models.scorers.roles import Side
+
+NEW = len(PARTS)
+"""Part of a triple that no recipe of the book gives."""
+Status = Literal["learned", "held out", "not learned", "not in the book", "itself"]
+"""Whether a model was trained on a link; else whether it is true: held out of training, or in the train part but not in
+the model's dose; or not in the book, or of an entity with itself and not in the book."""
+
+
+class PredictedEntity(Record):
+    """An entity in an open slot.
+
+    Attributes:
+        place: in the list of all entities by score, in which links that the model was trained on count only if they are
+            listed; 0 for a link that does not count.
+        rank: filtered rank with realistic ties: other true ones do not compete.
+        known: the part whose recipes give the link.
+        probability: of a link that training does not contain; None for others, and without a calibration.
+        reason: what speaks for it.
+    """
+
+    place: Count
+    rank: float
+    entity: str
+    score: float
+    status: Status
+    known: Known
+    probability: Share | None
+    reason: LinkReason | None
+
+
+class PredictedSlot(Record):
+    """The best entities in an open slot, and beside them what is true.
+
+    Attributes:
+        head: the head; None if it is asked for.
+        tail: the tail; None if it is asked for.
+        with_learned: whether links are listed that the model was trained on.
+        best: the best entities, best first.
+        truth: entities that make the link true, although the model was not trained on it, best rank first.
+        true_unlearned: how many of these there are; ``truth`` may be some of them.
+        true_learned: how many links of the slot it was trained on.
+    """
+
+    head: str | None
+    relation: Relation
+    tail: str | None
+    with_learned: bool
+    best: tuple[PredictedEntity, ...]
+    truth: tuple[PredictedEntity, ...]
+    true_unlearned: Count
+    true_learned: Count
+
+
+class FilteredRank(Record):
+    """The rank of a link among those with another entity in one slot; other true ones do not compete.
+
+    Attributes:
+        rank: realistic: ties count half.
+        candidates: how many compete, this one included.
+    """
+
+    rank: float
+    candidates: Count
+
+
+class JudgedLink(Record):
+    """What a model says of a link.
+
+    Attributes:
+        score: higher is more plausible, on a scale of the model's own.
+        status: whether it is learned, or else true.
+        known: the part whose recipes give it.
+        probability: of a link that training does not contain; None for others, and without a calibration.
+        rank: its rank in the slot that was asked about.
+    """
+
+    score: float
+    status: Status
+    known: Known
+    probability: Share | None
+    rank: FilteredRank
+
+
+@dataclass(frozen=True)
+class Slot:
+    """The scores of all entities in an open slot.
+
+    Attributes:
+        entity: id of the entity that is given.
+        relation: id.
+        side: the side that is open.
+        scores: shape (E,).
+        part: shape (E,): number of the part that gives the link, :data:`NEW` for none.
+        learned: shape (E,): whether the model was trained on the link.
+    """
+
+    entity: int
+    relation: int
+    side: Side
+    scores: NDArray[np.float64]
+    part: NDArray[np.int64]
+    learned: NDArray[np.bool_]
+
+    def triples(self, entities: Ids) -> Ids:
+        """Return the links with some entities in the slot, shape (n, 3)."""
+        given, relation = np.full(len(entities), self.entity), np.full(len(entities), self.relation)
+        return np.column_stack([entities, relation, given] if self.side == "head" else [given, relation, entities])
+
+    def ranks(self, entities: Ids) -> NDArray[np.float64]:
+        """Return filtered ranks of some entities with realistic ties, shape (n,): as ``rank_triples`` ranks them."""
+        others = np.sort(self.scores[self.part == NEW])
+        of = self.scores[entities]
+        above = len(others) - np.searchsorted(others, of, "right")
+        equal = np.searchsorted(others, of, "right") - np.searchsorted(others, of, "left")
+        # An entity that is not true is among the others itself.
+        return np.asarray(above + 1 + (equal - (self.part[entities] == NEW)) / 2)
+
+    def rank(self, entity: int) -> FilteredRank:
+        """Return the filtered rank of an entity."""
+        candidates = int((self.part == NEW).sum()) + int(self.part[entity] != NEW)
+        return FilteredRank(float(self.ranks(np.array([entity]))[0]), candidates)
+
+
+@dataclass(frozen=True)
+class LinkPredictor:
+    """A model of a graph, opened for questions about links.
+
+    Attributes:
+        name: what pages call it.
+        model: the opened folder.
+        scoring: its scorer with what the recipes know.
+        evidence: which links of training speak for a link.
+    """
+
+    name: str
+    model: OpenedModel
+    scoring: ScoringModel
+    evidence: LinkEvidence
+
+    @classmethod
+    def of(cls, name: str, model: OpenedModel, scoring: ScoringModel | None = None) -> "LinkPredictor":
+        """Prepare a model for questions; ``scoring`` is made if it is not given.
+
+        Raises:
+            ConfigError: if it has too many entities for the scores of all pairs, and no factors of these.
+        """
+        scoring = scoring or ScoringModel(model.scorer, model.opened.split, model.kg)
+        return cls(name, model, scoring, LinkEvidence(whole_of(model.scorer), model.dose.recipes))
+
+    @property
+    def graph(self) -> RecipeGraph:
+        """The graph that it was trained on."""
+        return self.model.opened.graph
+
+    @property
+    def split(self) -> Split:
+        """The split that it was trained on."""
+        return self.model.opened.split
+
+    @property
+    def scores_recipes(self) -> bool:
+        """Whether it scores recipes, and not links only."""
+        return isinstance(whole_of(self.model.scorer), RecipeScores)
+
+    @property
+    def has_seen_the_test_recipes(self) -> bool:
+        """Whether it was trained on all recipes."""
+        return self.model.kg == "full"
+
+    def learned(self, triples: Ids) -> NDArray[np.bool_]:
+        """Return which triples it was trained on, shape (T, 3) -> (T,)."""
+        return is_in(triples, self.model.triples, self.graph.num_entities)
+
+    def slot(self, entity: int, relation: int, side: Side) -> Slot:
+        """Return the scores of all entities in an open slot, with what is true and what was learned."""
+        size = self.graph.num_entities
+        # In two dimensions, as for rankings, where factors and embeddings take one matrix product.
+        everything, given = torch.arange(size)[None], torch.tensor([[entity]])
+        ids = (everything, relation, given) if side == "head" else (given, relation, everything)
+        with torch.no_grad():
+            scores = self.model.scorer.score(*ids)[0].cpu().numpy().astype(np.float64)
+        part = np.full(size, NEW)
+        entities, parts = true_answers(self.split, entity, relation, side)
+        np.minimum.at(part, entities, parts)
+        learned = np.zeros(size, dtype=bool)
+        learned[self.evidence.ends(entity, relation, side)] = True
+        return Slot(entity, relation, side, scores, part, learned)
+
+    def judged(self, slot: Slot, entity: int) -> JudgedLink:
+        """Return what it says of the link with an entity in an open slot."""
+        known, learned = part_name(int(slot.part[entity])), bool(slot.learned[entity])
+        chance = self.scoring.probabilities(slot.triples(np.array([entity])), [known])[0]
+        return JudgedLink(
+            score=float(slot.scores[entity]),
+            status=status_of(known, learned, is_itself=entity == slot.entity),
+            known=known,
+            probability=None if learned else chance,
+            rank=slot.rank(entity),
+        )
+
+    def best(
+        self, slot: Slot, *, with_learned: bool = False, top: int = 10, witnesses: int = 1, truth: int = 5
+    ) -> PredictedSlot:
+        """List the best entities in an open slot, and the best ranked of those that are true.
+
+        Args:
+            slot: the slot.
+            with_learned: list links that the model was trained on, too.
+            top: the most entities to list.
+            witnesses: the most links to name that speak for one; 0 gives no reasons.
+            truth: the most true entities to list.
+        """
+        order = np.argsort(-slot.scores, kind="stable")
+        listed = order if with_learned else order[~slot.learned[order]]
+        places = np.zeros(len(order), dtype=np.int64)
+        places[listed] = np.arange(1, len(listed) + 1)
+        unlearned = np.flatnonzero((slot.part != NEW) & ~slot.learned)
+        nearest = unlearned[np.argsort(slot.ranks(unlearned), kind="stable")]
+        given = self.graph.entities[slot.entity]
+        return PredictedSlot(
+            head=None if slot.side == "head" else given,
+            relation=RELATIONS[slot.relation],
+            tail=None if slot.side == "tail" else given,
+            with_learned=with_learned,
+            best=tuple(self._predicted(slot, listed[:top], places, witnesses)),
+            truth=tuple(self._predicted(slot, nearest[:truth], places, 0)),
+            true_unlearned=len(unlearned),
+            true_learned=int((slot.learned & (slot.part != NEW)).sum()),
+        )
+
+    def _predicted(self, slot: Slot, entities: Ids, places: Ids, witnesses: int) -> Iterator[PredictedEntity]:
+        triples, ranks = slot.triples(entities), slot.ranks(entities)
+        known = [part_name(part) for part in slot.part[entities].tolist()]
+        chances = self.scoring.probabilities(triples, known)
+        for row, (entity, rank, part, chance) in enumerate(zip(entities.tolist(), ranks, known, chances, strict=True)):
+            learned = bool(slot.learned[entity])
+            head, relation, tail = triples[row].tolist()
+            yield PredictedEntity(
+                place=int(places[entity]),
+                rank=float(rank),
+                entity=self.graph.entities[entity],
+                score=float(slot.scores[entity]),
+                status=status_of(part, learned, is_itself=entity == slot.entity),
+                known=part,
+                probability=None if learned else chance,
+                reason=self.evidence.reason(head, relation, tail, witnesses) if witnesses else None,
+            )
+
+
+def true_answers(split: Split, entity: int, relation: int, side: Side) -> tuple[Ids, Ids]:
+    """Return the entities that make a link of an open slot true, and the number of the part of each recipe that does.
+
+    An entity of several recipes comes several times.
+    """
+    graph = split.graph
+    rows = graph.recipes_of(entity) if relation != COMBINES_WITH and side == "head" else graph.uses_of(entity)
+    a, b, result = graph.recipes[rows].T
+    parts = split.parts[rows].astype(np.int64)
+    if relation == COMBINES_WITH:
+        return np.where(a == entity, b, a), parts
+    if side == "tail":
+        return result, parts
+    return np.concatenate([a, b]), np.concatenate([parts, parts])
+
+
+def recipes_giving(graph: RecipeGraph, head: int, relation: int, tail: int) -> Ids:
+    """Return the recipes that give a link of ids: indices into the graph's recipes, ascending."""
+    if relation != COMBINES_WITH:
+        return np.intersect1d(graph.uses_of(head), graph.recipes_of(tail))
+    rows = graph.uses_of(head)
+    pairs = graph.recipes[rows, :2]
+    return rows[(pairs == sorted((head, tail))).all(axis=1)]
+
+
+def part_name(part: int) -> Known:
+    """Return the name of a part by its number."""
+    names: tuple[Known, ...] = ("train", "valid", "test", "new")
+    return names[part]
+
+
+def status_of(known: Known, learned: bool, *, is_itself: bool = False) -> Status:
+    """Return what is known of a link; ``is_itself`` says that both entities are the same."""
+    if learned:
+        return "learned"
+    if known == "new":
+        return "itself" if is_itself else "not in the book"
+    return "not learned" if known == "train" else "held out"

@@ -1,0 +1,317 @@
+"""The database of a study's answers: each is on the disk before the person sees the next page.
+
+SQLite in write-ahead mode with full synchronisation: what was committed survives a killed process and a power failure.
+The primary keys are what keeps a form that is sent twice from becoming two answers.
+"""
+
+import json
+import os
+import sqlite3
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from wordcraft_kg.apps.people.protocol import Answer
+from wordcraft_kg.apps.people.study import Cell
+from wordcraft_kg.base.artefacts import check_file
+from wordcraft_kg.base.errors import ArtefactError
+
+APPLICATION = 0x57434B47
+"""Marks the file as ours: "WCKG"."""
+VERSION = 1
+TABLES = (
+    "CREATE TABLE study (record TEXT PRIMARY KEY) STRICT",
+    "CREATE TABLE sessions (number INTEGER PRIMARY KEY, code TEXT NOT NULL UNIQUE, form INTEGER NOT NULL, "
+    "distractors INTEGER NOT NULL) STRICT",
+    # Of the task that somebody has before them only: when it was answered is nobody's business.
+    "CREATE TABLE showings (session INTEGER NOT NULL REFERENCES sessions, part TEXT NOT NULL, number INTEGER NOT NULL, "
+    "shown REAL NOT NULL, loads INTEGER NOT NULL, PRIMARY KEY (session, part, number)) STRICT",
+    "CREATE TABLE answers (session INTEGER NOT NULL REFERENCES sessions, part TEXT NOT NULL, number INTEGER NOT NULL, "
+    "goal TEXT NOT NULL, slots TEXT NOT NULL, picks TEXT NOT NULL, made TEXT NOT NULL, success INTEGER NOT NULL, "
+    "seconds REAL NOT NULL, loads INTEGER NOT NULL, PRIMARY KEY (session, part, number)) STRICT",
+)
+COUNTS = """
+SELECT s.form, s.distractors, COUNT(*), SUM(COALESCE(a.answered, 0) >= ?)
+FROM sessions AS s LEFT JOIN (SELECT session, COUNT(*) AS answered FROM answers GROUP BY session) AS a
+ON a.session = s.number WHERE s.code NOT LIKE 'withdrawn %' GROUP BY s.form, s.distractors
+"""
+BUSY = 10
+"""Seconds to wait for who reads a copy meanwhile."""
+
+
+@dataclass(frozen=True)
+class Participant:
+    """A person of a study.
+
+    Attributes:
+        number: from 1, in the order in which they began.
+        cell: form and condition.
+    """
+
+    number: int
+    cell: Cell
+
+
+@dataclass(frozen=True)
+class StoredAnswer:
+    """An answer with the person who gave it, and how often its page was loaded."""
+
+    session: int
+    answer: Answer
+    loads: int
+
+
+@dataclass(frozen=True)
+class Stored:
+    """How many people have begun and finished, and how many answers there are."""
+
+    people: int
+    finished: int
+    answers: int
+
+
+class AnswersDatabase:
+    """The answers of a study, for its server; safe to be called from several threads."""
+
+    def __init__(self, connection: sqlite3.Connection, turns: int):
+        """Take a connection to a sound database; ``turns`` is the number of tasks of a person."""
+        self._connection, self._turns = connection, turns
+        self._lock = threading.Lock()
+
+    @classmethod
+    def open(cls, path: Path, study: str, turns: int) -> "AnswersDatabase":
+        """Open the database of a study, or make it.
+
+        Args:
+            path: the file.
+            study: hash of the study's record.
+            turns: number of tasks of a person.
+
+        Raises:
+            ArtefactError: if the file is damaged, something else, or of another study; it is unchanged then.
+        """
+        if not path.exists():
+            _make(path, study)
+        with reading(path, study):
+            pass
+        connection = sqlite3.connect(path, timeout=BUSY, isolation_level=None, check_same_thread=False)
+        try:
+            connection.execute("PRAGMA journal_mode = WAL")
+            connection.execute("PRAGMA synchronous = FULL")
+            connection.execute("PRAGMA foreign_keys = ON")
+            connection.execute("PRAGMA secure_delete = ON")  # what somebody withdraws is overwritten
+        except sqlite3.Error as error:
+            connection.close()
+            raise _damaged(path, error) from None
+        return cls(connection, turns)
+
+    @contextmanager
+    def _writing(self) -> Iterator[sqlite3.Connection]:
+        with self._lock:
+            self._connection.execute("BEGIN IMMEDIATE")
+            try:
+                yield self._connection
+                self._connection.execute("COMMIT")
+            except BaseException:
+                if self._connection.in_transaction:  # a full disk has ended it already
+                    self._connection.execute("ROLLBACK")
+                raise
+
+    @contextmanager
+    def _reading(self) -> Iterator[sqlite3.Connection]:
+        with self._lock:
+            yield self._connection
+
+    def begin(self, code: str, cells: Sequence[Cell]) -> Participant:
+        """Begin the session of a new person, in the cell that fewest have begun, then finished, then the first one.
+
+        A code that has begun already keeps its session, so that a form that is sent twice begins one.
+
+        Args:
+            code: hash of the person's code.
+            cells: forms and conditions, in the order in which they are preferred.
+        """
+        with self._writing() as connection:
+            if (known := _find(connection, code)) is not None:
+                return known
+            counts = {
+                Cell(form, distractors): (begun, finished)
+                for form, distractors, begun, finished in connection.execute(COUNTS, (self._turns,))
+            }
+            cell = min(cells, key=lambda cell: counts.get(cell, (0, 0)))
+            cursor = connection.execute(
+                "INSERT INTO sessions (code, form, distractors) VALUES (?, ?, ?)", (code, cell.form, cell.distractors)
+            )
+            assert cursor.lastrowid is not None
+            return Participant(cursor.lastrowid, cell)
+
+    def find(self, code: str) -> Participant | None:
+        """Return the person with this hash of a code, None if there is none."""
+        with self._reading() as connection:
+            return _find(connection, code)
+
+    def answers_of(self, person: Participant) -> list[Answer]:
+        """Return a person's answers in their order."""
+        with self._reading() as connection:
+            rows = connection.execute(f"{_ANSWERS} WHERE session = ? ORDER BY part DESC, number", (person.number,))
+            return [_answer(row).answer for row in rows]
+
+    def show(self, person: Participant, part: str, number: int, now: float) -> None:
+        """Note that a task without an answer is shown: the first time counts, and each is counted."""
+        key = (person.number, part, number)
+        with self._writing() as connection:
+            if connection.execute(f"SELECT 1 FROM answers WHERE {_KEY}", key).fetchone() is None:
+                connection.execute(
+                    "INSERT INTO showings VALUES (?, ?, ?, ?, 1) ON CONFLICT DO UPDATE SET loads = loads + 1",
+                    (*key, now),
+                )
+
+    def shown(self, person: Participant, part: str, number: int) -> float | None:
+        """Return when a task was first shown, None if it was not, or has been answered."""
+        with self._reading() as connection:
+            key = (person.number, part, number)
+            row = connection.execute(f"SELECT shown FROM showings WHERE {_KEY}", key).fetchone()
+            return None if row is None else float(row[0])
+
+    def add(self, person: Participant, answer: Answer) -> bool:
+        """Store an answer to a task that was shown; return False if there is one already, which stays."""
+        key = (person.number, answer.part, answer.number)
+        lists = (json.dumps(value, ensure_ascii=False) for value in (answer.table, answer.picks, answer.made))
+        with self._writing() as connection:
+            row = connection.execute(f"SELECT loads FROM showings WHERE {_KEY}", key).fetchone()
+            if row is None:
+                return False
+            connection.execute(
+                "INSERT INTO answers VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+                (*key, answer.goal, *lists, int(answer.success), answer.seconds, row[0]),
+            )
+            connection.execute(f"DELETE FROM showings WHERE {_KEY}", key)
+            return True
+
+    def withdraw(self, person: Participant) -> None:
+        """Remove all that a person has answered, and the way to their session; its number is given to nobody else."""
+        with self._writing() as connection:
+            for table in ("answers", "showings"):
+                connection.execute(f"DELETE FROM {table} WHERE session = ?", (person.number,))
+            connection.execute("UPDATE sessions SET code = 'withdrawn ' || number WHERE number = ?", (person.number,))
+
+    def stored(self) -> Stored:
+        """Return how much there is."""
+        with self._reading() as connection:
+            counts = connection.execute(COUNTS, (self._turns,)).fetchall()
+            (answers,) = connection.execute("SELECT COUNT(*) FROM answers").fetchone()
+        return Stored(sum(row[2] for row in counts), sum(row[3] for row in counts), answers)
+
+    def close(self) -> None:
+        """Close the file, which is then the only one."""
+        with self._lock:
+            self._connection.close()
+
+
+_KEY = "session = ? AND part = ? AND number = ?"
+_PEOPLE = "SELECT number, form, distractors FROM sessions WHERE code NOT LIKE 'withdrawn %'"
+_ANSWERS = "SELECT session, part, number, goal, slots, picks, made, success, seconds, loads FROM answers"
+
+
+def read_answers(path: Path, study: str) -> tuple[list[Participant], list[StoredAnswer]]:
+    """Return the people of a study and their answers, in order; nothing is written, and its server may be running.
+
+    Raises:
+        ArtefactError: if the file is damaged, something else, or of another study.
+    """
+    with reading(path, study) as connection:
+        rows = connection.execute(f"{_PEOPLE} ORDER BY number").fetchall()
+        people = [Participant(number, Cell(form, distractors)) for number, form, distractors in rows]
+        found = connection.execute(f"{_ANSWERS} ORDER BY session, part DESC, number").fetchall()
+        try:
+            return people, [_answer(row) for row in found]
+        except (ValueError, TypeError, RecursionError) as error:
+            raise _damaged(path, error) from None
+
+
+@contextmanager
+def reading(path: Path, study: str) -> Iterator[sqlite3.Connection]:
+    """Open the database of a study for reading, after checking that it is sound.
+
+    Raises:
+        ArtefactError: if it is damaged, something else, or of another study.
+    """
+    check_file(path)
+    try:
+        with _opened(path) as connection:
+            kind = [connection.execute(f"PRAGMA {name}").fetchone()[0] for name in ("application_id", "user_version")]
+            if kind != [APPLICATION, VERSION]:
+                raise ArtefactError(f"{path} is not a database of answers of this version. Nothing was changed.")
+            # What a stranger's file holds besides, such as views and triggers, would run as soon as it is asked.
+            found = connection.execute("SELECT sql FROM sqlite_schema WHERE sql IS NOT NULL").fetchall()
+            if sorted(found) != sorted((table,) for table in TABLES):
+                raise _damaged(path, "its tables are not those of a study")
+            if (found := connection.execute("PRAGMA quick_check(1)").fetchone()[0]) != "ok":
+                raise _damaged(path, found)
+            if connection.execute("SELECT record FROM study").fetchall() != [(study,)]:
+                raise ArtefactError(
+                    f"{path} belongs to another study than the study.json beside it, or that was changed. "
+                    "Nothing was changed; restore a copy."
+                )
+            yield connection
+    except sqlite3.Error as error:
+        raise _damaged(path, error) from None
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[sqlite3.Connection]:
+    # With a log beside it, what is in the log counts; without one nobody writes, and not even a lock is needed.
+    has_log = path.with_name(f"{path.name}-wal").exists()
+    connection = sqlite3.connect(
+        f"{path.resolve().as_uri()}?{'mode=ro' if has_log else 'immutable=1'}", uri=True, timeout=BUSY
+    )
+    try:
+        connection.execute("BEGIN")
+        yield connection
+    finally:
+        connection.close()
+
+
+def _make(path: Path, study: str) -> None:
+    """Make the database under another name first, so that it is whole or not there."""
+    new = path.with_name(f".{path.name}.new")
+    new.unlink(missing_ok=True)
+    try:
+        connection = sqlite3.connect(new, isolation_level=None)
+        try:
+            connection.execute("BEGIN IMMEDIATE")
+            for table in TABLES:
+                connection.execute(table)
+            connection.execute("INSERT INTO study VALUES (?)", (study,))
+            connection.execute(f"PRAGMA application_id = {APPLICATION}")
+            connection.execute(f"PRAGMA user_version = {VERSION}")
+            connection.execute("COMMIT")
+        finally:
+            connection.close()
+        os.replace(new, path)
+    finally:
+        new.unlink(missing_ok=True)
+    if os.name == "posix":  # the new name is on the disk too
+        folder = os.open(path.parent, os.O_RDONLY)
+        try:
+            os.fsync(folder)
+        finally:
+            os.close(folder)
+
+
+def _find(connection: sqlite3.Connection, code: str) -> Participant | None:
+    row = connection.execute("SELECT number, form, distractors FROM sessions WHERE code = ?", (code,)).fetchone()
+    return None if row is None else Participant(row[0], Cell(row[1], row[2]))
+
+
+def _answer(row: Sequence[Any]) -> StoredAnswer:
+    session, part, number, goal, *lists, success, seconds, loads = row
+    table, picks, made = (tuple(json.loads(text)) for text in lists)
+    return StoredAnswer(session, Answer(part, number, goal, table, picks, made, bool(success), float(seconds)), loads)
+
+
+def _damaged(path: Path, error: object) -> ArtefactError:
+    return ArtefactError(f"{path} is damaged: {error}. Nothing was changed; restore a copy.")

@@ -1,0 +1,96 @@
+"""What an agent picks at the very tables that people had."""
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+import torch
+
+from wordcraft_kg.agents.agent_folder import OpenedAgent
+from wordcraft_kg.agents.evaluation import ROWS
+from wordcraft_kg.agents.states import States, bind_tasks, has_train_recipes
+from wordcraft_kg.apps.people.protocol import HumanProtocol, PosedTask
+from wordcraft_kg.apps.people.session_file import Session, TableKey
+from wordcraft_kg.base.errors import ArtefactError, GraphMismatchError
+from wordcraft_kg.base.tensors import as_tensor
+from wordcraft_kg.envs.batch import BatchEngine
+from wordcraft_kg.envs.world import World
+from wordcraft_kg.graphs.arrays import Ids
+from wordcraft_kg.models.policies.policy import Policy
+
+
+def successes_beside(agent: OpenedAgent, sessions: Iterable[Session]) -> dict[TableKey, bool]:
+    """Return whether an agent makes the goal at each table that somebody has answered; it picks greedily.
+
+    Train tasks of a cross-fitted scorer are scored by the model that has not seen their recipes, as in its training.
+
+    Raises:
+        GraphMismatchError: if the agent was trained on another graph or split than the people's tasks are of.
+        ArtefactError: if this version poses another task than the one answered.
+        ConfigError: if the agent cannot play at tables of that size.
+    """
+    protocols: dict[tuple[int, int], HumanProtocol] = {}
+    posed: dict[TableKey, PosedTask] = {}
+    world: World | None = None
+    for session in sessions:
+        _check_graph(agent, session)
+        distractors, seed = session.distractors, session.seed
+        if (distractors, seed) not in protocols:
+            protocols[distractors, seed] = HumanProtocol(world or agent.opened, distractors, seed, tasks=session.tasks)
+            world = protocols[distractors, seed].world
+        for answer in session.answers:
+            key = session.table_of(answer)
+            if key not in posed:
+                posed[key] = protocols[distractors, seed].task(answer.part, answer.number)
+            if (posed[key].goal, posed[key].table) != (answer.goal, answer.table):
+                raise ArtefactError(
+                    f"{answer.part} task {answer.number} of seed {seed}, {distractors} distractors: "
+                    "this version poses another task there than the one answered."
+                )
+    found: dict[TableKey, bool] = {}
+    for distractors, part in sorted({(key[0], key[2]) for key in posed}):
+        assert world is not None
+        keys = [key for key in posed if (key[0], key[2]) == (distractors, part)]
+        there = world.variant(num_distractors=distractors, part=part)
+        slots = greedy_slots(agent.policy, there, [posed[key] for key in keys])
+        for key, pair in zip(keys, slots.tolist(), strict=True):
+            one, other = sorted(there.graph.id_of(posed[key].table[slot]) for slot in pair)
+            found[key] = there.graph.id_of(posed[key].goal) in there.outcomes.get((one, other), ())
+    return found
+
+
+def _check_graph(agent: OpenedAgent, session: Session) -> None:
+    there = {"graph": agent.opened.graph.hash, "split": agent.opened.split.hash}
+    for what, own in there.items():
+        asked = session.header[f"{what}_hash"]
+        if asked != own:
+            raise GraphMismatchError(
+                f"the tasks that people answered are of a {what} with hash {asked[:12]}, but '{agent.name}' was "
+                f"trained on one with {own[:12]}. Give an agent of the same graph and split."
+            )
+
+
+@torch.no_grad()
+def greedy_slots(policy: Policy, world: World, tasks: Sequence[PosedTask]) -> Ids:
+    """Return the two slots that a policy picks at each table, shape (N, 2); ties go to the first slot.
+
+    Args:
+        policy: a policy of the world's graph.
+        world: of the tasks' part and number of distractors.
+        tasks: N tasks of depth 1.
+    """
+    engine = BatchEngine(world, 1)
+    bind_tasks([policy], engine)
+    table = np.full((len(tasks), world.num_slots), world.nothing)
+    for row, task in enumerate(tasks):
+        table[row, : len(task.table)] = [world.graph.id_of(label) for label in task.table]
+    goal = as_tensor(np.array([world.graph.id_of(task.goal) for task in tasks]))
+    number = as_tensor(np.array([task.index for task in tasks])) if has_train_recipes(engine) else None
+    held = torch.full_like(goal, world.nothing)
+    weights, device = policy.weights(), next(policy.parameters()).device
+    picks = []
+    for _ in range(2):
+        states = States(goal, held, as_tensor(table), number)
+        batches = (states.rows(start, start + ROWS, device) for start in range(0, len(tasks), ROWS))
+        picks.append(torch.cat([policy(*batch[:3], weights, batch.task).logits.argmax(1).cpu() for batch in batches]))
+        held = states.table.gather(1, picks[-1][:, None])[:, 0]
+    return torch.stack(picks, dim=1).numpy()

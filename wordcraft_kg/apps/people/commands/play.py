@@ -1,0 +1,255 @@
+"""``wordcraft-kg play``."""
+
+import secrets
+import sys
+import time
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from cyclopts import Parameter
+
+from wordcraft_kg.apps.people.terminal import Answers, Quit, Terminal, cells
+from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.base.settings import MAX_SIZE, whole
+from wordcraft_kg.cli.completion import Book
+from wordcraft_kg.cli.console import Flag, Output, split_labels
+from wordcraft_kg.envs.config import WordCraftConfig
+from wordcraft_kg.graphs.tasks import TaskPart
+
+if TYPE_CHECKING:
+    from wordcraft_kg.apps.people.play_view import TasksPlayed
+    from wordcraft_kg.apps.people.session_file import Session
+    from wordcraft_kg.envs.wordcraft import Observation, WordCraftEnv
+    from wordcraft_kg.graphs.recipes import Recipe
+
+GROUP = "Environments"
+EXAMPLES = (
+    "wordcraft-kg play",
+    "wordcraft-kg play kitchen --depth 2 --attempts 4 --seed 3",
+    "wordcraft-kg play everyday --open-ended --out game.jsonl",
+    "wordcraft-kg play everyday --protocol paper --out human.jsonl",
+)
+
+HELP = """Two picks make an attempt: the two are combined, and their results come to the
+table. Nothing is used up, and the same thing may be picked twice. Type the
+number of a thing, its word, or the word's beginning. u puts the first pick
+back, ? shows this, q quits."""
+INTRODUCTION = """The paper's protocol: 40 train tasks, each with its answer afterwards, then 40
+test tasks without. Every goal can be made in one attempt, from two things on
+the table or from one with itself."""
+ANSWERS: Answers = {"?": lambda: [HELP]}
+
+
+def play(
+    graph: Book = "everyday",
+    *,
+    depth: int = WordCraftConfig.depth,
+    distractors: int = WordCraftConfig.num_distractors,
+    part: TaskPart = "all",
+    attempts: int | None = None,
+    seed: int | None = None,
+    episodes: int = 0,
+    open_ended: Flag = False,
+    base: Annotated[list[str] | None, Parameter(negative=(), consume_multiple=False)] = None,
+    protocol: Literal["paper"] | None = None,
+    out: Path | None = None,
+    output: Output = Output(),
+) -> None:
+    """Play crafting tasks by hand, discover the open-ended world, or take the paper's test for people.
+
+    Args:
+        graph: graph folder, recipe book or known book's name.
+        depth: fewest attempts that solve a task, 1 to 5.
+        distractors: entities on the table that no plan needs.
+        part: tasks to play: train, valid, test or all.
+        attempts: attempts in an episode. Default: depth; 100 in the open-ended world.
+        seed: seed of tasks and tables. Default: another one each time, which is shown; with a protocol that of the
+            file, or 0 for a new one.
+        episodes: number of episodes to play; 0 plays until you quit.
+        open_ended: no tasks: begin with the base entities and discover as many others as you can.
+        base: comma-separated entities known at the start of the open-ended world. Default: the graph's base.
+        protocol: paper asks 40 train tasks with their answers and then 40 test tasks, at depth 1 with one attempt.
+        out: file for a protocol's answers or an open-ended game (JSON lines). The same command goes on with it.
+    """
+    terminal = Terminal(sys.stderr if output.json else sys.stdout)
+    is_untouched = (depth, distractors, part, seed, episodes) == (1, WordCraftConfig.num_distractors, "all", None, 0)
+    if open_ended:
+        from wordcraft_kg.apps.people.open_world import play_open_world
+
+        if protocol is not None or not is_untouched:
+            raise ConfigError("--open-ended has no tasks; of the options, it takes attempts, base and out.")
+        labels = split_labels(base) if base else None
+        play_open_world(terminal, graph, labels, attempts, out, output)
+        return
+    if base:
+        raise ConfigError(f"--base {','.join(base)}: tasks have no base; add --open-ended.")
+    if protocol is None:
+        if out is not None:
+            raise ConfigError(f"--out {out}: only a protocol or an open-ended game is saved; add --protocol paper.")
+        _play_tasks(terminal, graph, depth, distractors, part, attempts, seed, episodes, output)
+        return
+    if out is None:
+        raise ConfigError("--protocol paper: name a file for the answers, such as --out human.jsonl.")
+    if (depth, part, attempts in (None, 1), episodes) != (1, "all", True, 0):
+        raise ConfigError("--protocol paper fixes depth, part, attempts and episodes; leave these options out.")
+    session = _play_protocol(terminal, graph, distractors, seed, out)
+    output.result(*_protocol_result(session, out))
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """Two picks and their results."""
+
+    table: tuple[str, ...]
+    picks: tuple[str, str]
+    made: tuple[str, ...]
+    seconds: float
+    observation: "Observation"
+    outcome: str
+
+
+def _attempt(terminal: Terminal, env: "WordCraftEnv", observation: "Observation") -> Attempt:
+    """Show the table, ask for two picks and carry them out."""
+    from wordcraft_kg.envs.words import results_of, table_labels
+
+    table = table_labels(env, observation)
+    terminal.say(*cells(table))
+    began = time.monotonic()
+    one, other = terminal.pick_two(f"hand: {{}}   attempts left: {observation['attempts_left']} > ", table, ANSWERS)
+    seconds = time.monotonic() - began
+    env.step(one)
+    observation, _, _, _, info = env.step(other)
+    picks = (table[one], table[other])
+    return Attempt(table, picks, results_of(env, *picks), seconds, observation, info["outcome"])
+
+
+def _recipes(recipes: Iterable["Recipe"]) -> str:
+    return "; ".join(f"{a} + {b} -> {result}" for a, b, result in recipes)
+
+
+# --- tasks -----------------------------------------------------------------------------------------------------------
+
+
+def _play_tasks(
+    terminal: Terminal,
+    graph: str,
+    depth: int,
+    distractors: int,
+    part: TaskPart,
+    attempts: int | None,
+    seed: int | None,
+    episodes: int,
+    output: Output,
+) -> None:
+    from wordcraft_kg.apps.people.play_view import TasksPlayed
+    from wordcraft_kg.apps.people.protocol import episode_seed
+    from wordcraft_kg.envs.config import MAX_ATTEMPTS
+    from wordcraft_kg.envs.wordcraft import WordCraftEnv
+
+    whole("episodes", episodes, 0, MAX_SIZE)
+    if attempts is not None:
+        whole("attempts", attempts, depth, MAX_ATTEMPTS)
+    if seed is None:
+        seed = secrets.randbelow(1_000_000)
+    env = WordCraftEnv(graph, part=part, depth=depth, num_distractors=distractors, max_attempts=attempts)
+    played = successes = 0
+
+    def view() -> TasksPlayed:
+        name = env.world.graph.name
+        return TasksPlayed(name, depth, distractors, part, env.config.attempts, seed, played, successes)
+
+    try:
+        while not episodes or played < episodes:
+            observation, _ = env.reset(seed=episode_seed(seed, part, played + 1))
+            number = f"{played + 1} of {episodes}" if episodes else f"{played + 1}"
+            so_far = f"   (made {successes} of {played})" if played else ""
+            goal = terminal.styled(env.task.goal, "bold")
+            terminal.say("" if played else f"{HELP}\n", f"{number}. Make: {goal}{so_far}")
+            successes += _play_task(terminal, env, observation)
+            played += 1
+    except Quit:
+        terminal.say("")
+    except KeyboardInterrupt:
+        terminal.say("")
+        raise KeyboardInterrupt(f"interrupted; {_tally(view())}") from None
+    output.result(view(), [_tally(view())])
+
+
+def _tally(view: "TasksPlayed") -> str:
+    return f"goals made: {view.successes} of {view.episodes}   the same tasks again: --seed {view.seed}"
+
+
+def _play_task(terminal: Terminal, env: "WordCraftEnv", observation: "Observation") -> bool:
+    """Play an episode to its end, show the outcome, and return whether the goal was made."""
+    from wordcraft_kg.envs.words import combined
+
+    outcome = "in_progress"
+    while outcome == "in_progress":
+        attempt = _attempt(terminal, env, observation)
+        observation, outcome = attempt.observation, attempt.outcome
+        terminal.say(combined(attempt.picks, attempt.made))
+    goal, plans = env.task.goal, env.task.plans
+    made = outcome == "goal"
+    verdict = f"You made {goal}." if made else f"No attempt is left; {goal} was not made."
+    terminal.say(
+        terminal.styled(verdict, "good" if made else "bad"),
+        f"{'The plan' if len(plans) == 1 else f'One of {len(plans)} plans'}: {_recipes(plans[0])}",
+    )
+    return made
+
+
+# --- protocol --------------------------------------------------------------------------------------------------------
+
+
+def _play_protocol(terminal: Terminal, graph: str, distractors: int, seed: int | None, out: Path) -> "Session":
+    from wordcraft_kg.apps.people.config import TASKS_PER_PART
+    from wordcraft_kg.apps.people.protocol import Answer, HumanProtocol
+    from wordcraft_kg.apps.people.session_file import append_answer, open_session, read_session
+    from wordcraft_kg.envs.words import combined
+
+    if seed is None:
+        seed = read_session(out).seed if out.exists() else 0
+    protocol = HumanProtocol(graph, distractors, seed)
+    session = open_session(out, protocol)
+    if session.is_finished:
+        terminal.say(f"{out} is finished; nothing was changed.")
+        return session
+    terminal.say(INTRODUCTION, HELP)
+    if session.answers:
+        terminal.say(f"Continuing after {len(session.answers)} answers.")
+    try:
+        for part, number in protocol.turns[len(session.answers) :]:
+            env, observation = protocol.pose(part, number)
+            goal, plans = env.task.goal, env.task.plans
+            if (part, number) == ("test", 1):
+                terminal.say("", "The test begins; no answers are shown from here on.")
+            terminal.say("", f"{part} {number} of {TASKS_PER_PART}. Make: {terminal.styled(goal, 'bold')}")
+            done = _attempt(terminal, env, observation)
+            is_made = done.outcome == "goal"
+            answer = Answer(part, number, goal, done.table, done.picks, done.made, is_made, round(done.seconds, 2))
+            session = append_answer(out, session, answer)
+            if part == "train":
+                verdict = terminal.styled("right", "good") if is_made else terminal.styled("wrong", "bad")
+                terminal.say(f"{verdict}: {combined(done.picks, done.made)}", f"answer: {_recipes(plans[0])}")
+    except Quit:
+        terminal.say("")
+    except KeyboardInterrupt:
+        terminal.say("")
+        kept = f"interrupted; {len(session.answers)} answers are in {out}, the same command continues"
+        raise KeyboardInterrupt(kept) from None
+    return session
+
+
+def _protocol_result(session: "Session", out: Path) -> tuple[dict[str, Any], list[str]]:
+    from wordcraft_kg.apps.people.config import TASKS_PER_PART
+    from wordcraft_kg.apps.people.protocol import HUMAN_PARTS
+
+    answered, finished, tasks = len(session.answers), session.is_finished, len(HUMAN_PARTS) * TASKS_PER_PART
+    values = {"out": str(out), "answered": answered, "tasks": tasks, "finished": finished}
+    if not finished:  # the number of right test answers is shown at the end only
+        return values, [f"answered {answered} of {tasks}; the same command continues {out}"]
+    right = {part: sum(answer.success for answer in session.answers if answer.part == part) for part in HUMAN_PARTS}
+    shown = ", ".join(f"{part} {count} of {TASKS_PER_PART}" for part, count in right.items())
+    return values | {"successes": right}, [f"right: {shown}   next: wordcraft-kg human-summary {out}"]

@@ -1,0 +1,84 @@
+"""``wordcraft-kg human-summary``."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import Parameter
+
+from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.cli.console import Output, aligned
+
+if TYPE_CHECKING:
+    from wordcraft_kg.apps.people.session_file import Session, TableKey
+    from wordcraft_kg.apps.people.summary import AnswerRate, HumanSummary
+
+GROUP = "Environments"
+EXAMPLES = (
+    "wordcraft-kg human-summary human.jsonl",
+    "wordcraft-kg human-summary one.jsonl two.jsonl --json",
+    "wordcraft-kg human-summary study --run runs/recipes",
+)
+NOTE = (
+    "Intervals of 95 %: of the rates by Wilson, as if all answers were independent;",
+    "over people and tables by bootstrap (Wilson if all are alike), narrow for few.",
+)
+
+
+def human_summary(
+    *sessions: Path,
+    run: Annotated[list[Path] | None, Parameter(negative=(), consume_multiple=False)] = None,
+    output: Output = Output(),
+) -> None:
+    """Show how often people made the goal in the paper's protocol, with 95% intervals, and agents beside them.
+
+    Args:
+        sessions: folders of `study serve`, and files of `play --protocol paper`, with the same graph and split.
+        run: run folder of an agent, which is asked at exactly the tables that people had. May be given several times.
+    """
+    from wordcraft_kg.apps.people.session_file import read_session
+    from wordcraft_kg.apps.people.study_folder import read_study
+    from wordcraft_kg.apps.people.summary import view_people
+
+    found = {path: read_study(path).sessions() if path.is_dir() else (read_session(path),) for path in sessions}
+    if len(found) < len(sessions):
+        raise ConfigError("a file is given twice; give each once.")
+    view = view_people(found, _beside(run or [], [session for group in found.values() for session in group]))
+    output.result(view, _text(view))
+
+
+def _beside(runs: list[Path], sessions: "list[Session]") -> "dict[str, dict[TableKey, bool]]":
+    if not runs:
+        return {}
+    from wordcraft_kg.agents.agent_folder import open_agent
+    from wordcraft_kg.apps.people.beside import successes_beside
+
+    agents = [open_agent(path) for path in runs]
+    return {agent.name: successes_beside(agent, sessions) for agent in agents}
+
+
+def _text(view: "HumanSummary") -> Iterator[str]:
+    yield f"{view.graph}; sessions: {view.sessions}, finished: {view.finished}"
+    rows = []
+    for condition in view.conditions:
+        amount = f"{condition.distractors} distractor{'s' * (condition.distractors != 1)}"
+        for part, row in condition.parts.items():
+            rows.append((f"{amount}, {part}", _figures(row)))
+            if row.people_interval:
+                rows.append((f"  over {row.people} people", _interval(row.people_interval)))
+            for name, agent in row.agents.items():
+                shown = f"{agent.successes} of {row.answered} at the same {agent.tables} tables, rate {agent.rate:.3f}"
+                rows.append((f"  {name}", f"{shown} {_interval(agent.interval)}".rstrip()))
+    yield from aligned(rows)
+    if any(row.people_interval or row.agents for condition in view.conditions for row in condition.parts.values()):
+        yield from NOTE
+
+
+def _figures(row: "AnswerRate") -> str:
+    if row.interval is None:
+        return "no answers"
+    return f"{row.successes} of {row.answered} right, rate {row.rate:.3f} {_interval(row.interval)}"
+
+
+def _interval(bounds: tuple[float, float] | None) -> str:
+    return f"[{bounds[0]:.3f}, {bounds[1]:.3f}]" if bounds else ""

@@ -1,0 +1,156 @@
+"""The paper's protocol for people: the tasks that are posed, in their order, and what an answer is."""
+
+import copy
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from wordcraft_kg.apps.people.config import MOST_TASKS, TASKS_PER_PART
+from wordcraft_kg.base.settings import whole
+from wordcraft_kg.envs.config import WordCraftConfig
+from wordcraft_kg.envs.wordcraft import Observation, WordCraftEnv
+from wordcraft_kg.envs.words import results_of, table_labels
+from wordcraft_kg.envs.world import GraphLike, World
+from wordcraft_kg.graphs.recipes import Recipe
+
+HUMAN_FORMAT = "wordcraft-kg human protocol 1"
+HUMAN_PARTS = ("train", "test")
+"""Parts in their order. The answer is shown after each train task, and after no test task."""
+Turn = tuple[str, int]
+"""Part of a task, and its number there, from 1."""
+_SEED_KEYS = ("all", "train", "valid", "test")  # a part's place goes into the seeds, so it must never change
+
+
+def schedule(tasks: int = TASKS_PER_PART) -> tuple[Turn, ...]:
+    """Return part and number of each task of a session with so many tasks a part."""
+    return tuple((part, number) for part in HUMAN_PARTS for number in range(1, tasks + 1))
+
+
+def episode_seed(seed: int, part: str, number: int) -> int:
+    """Return the seed of an episode, independent of those played before it.
+
+    Raises:
+        ConfigError: if the seed is negative.
+    """
+    whole("seed", seed, 0)
+    return int(np.random.SeedSequence(seed, spawn_key=(_SEED_KEYS.index(part), number)).generate_state(1)[0])
+
+
+@dataclass(frozen=True)
+class Answer:
+    """A line of a session's file; it holds nothing about the person or the machine.
+
+    Attributes:
+        part: ``train`` or ``test``.
+        number: number of the task in its part, from 1.
+        goal: entity to make.
+        table: entities on the table, slot by slot.
+        picks: the two entities picked.
+        made: their results.
+        success: whether the goal is among them.
+        seconds: time from showing the task to the second pick.
+    """
+
+    part: str
+    number: int
+    goal: str
+    table: tuple[str, ...]
+    picks: tuple[str, ...]
+    made: tuple[str, ...]
+    success: bool
+    seconds: float
+
+
+@dataclass(frozen=True)
+class PosedTask:
+    """A task as a person gets it.
+
+    Attributes:
+        part: ``train`` or ``test``.
+        number: number of the task in its part, from 1.
+        goal: entity to make.
+        table: entities on the table, slot by slot.
+        plans: the recipes, each of which makes the goal.
+        index: number of the task among those of its part, as agents know it.
+    """
+
+    part: str
+    number: int
+    goal: str
+    table: tuple[str, ...]
+    plans: tuple[Recipe, ...]
+    index: int
+
+
+class HumanProtocol:
+    """The paper's protocol: 40 train tasks with their answers, then 40 test tasks; depth 1, one attempt each.
+
+    The tasks and tables are drawn as for agents, and depend on graph, split, number of distractors and seed only: with
+    fewer tasks a part, they are the first of those with more.
+
+    Attributes:
+        seed: seed of tasks and tables.
+        turns: part and number of each task, in their order.
+        header: what comparable sessions share; the first line of a session's file.
+
+    Source: Jiang et al. 2020, human evaluation (one person with 1 distractor, another with 8).
+    """
+
+    def __init__(
+        self, graph: GraphLike | World, num_distractors: int = 8, seed: int = 0, *, tasks: int = TASKS_PER_PART
+    ):
+        """Prepare the environments of both parts.
+
+        Args:
+            graph: the graph, or a world, with which this protocol shares what does not depend on the settings.
+            num_distractors: entities on each table that the goal does not need.
+            seed: seed of tasks and tables.
+            tasks: tasks of each part, 1 to 1,000.
+
+        Raises:
+            ConfigError: for a setting out of range.
+            TaskError: if a part has no task.
+        """
+        episode_seed(seed, "train", 1)  # refuses a negative one
+        self.seed = seed
+        self.turns = schedule(whole("tasks", tasks, 1, MOST_TASKS))
+        self.world = World(graph, WordCraftConfig(num_distractors=num_distractors))
+        self._envs = {part: WordCraftEnv(self.world.variant(part=part)) for part in HUMAN_PARTS}
+        self.header: dict[str, Any] = {
+            "format": HUMAN_FORMAT,
+            "graph": self.world.graph.name,
+            "graph_hash": self.world.graph.hash,
+            "split_hash": self.world.split.hash,
+            "settings": _settings(self.world.config, tasks),
+            "seed": seed,
+        }
+
+    def with_seed(self, seed: int) -> "HumanProtocol":
+        """Return the protocol with another seed; it shares the environments, so the two must not be used at once."""
+        other = copy.copy(self)
+        other.seed, other.header = seed, self.header | {"seed": seed}
+        return other
+
+    def pose(self, part: str, number: int) -> tuple[WordCraftEnv, Observation]:
+        """Begin the episode of a task; return its environment and observation."""
+        env = self._envs[part]
+        observation, _ = env.reset(seed=episode_seed(self.seed, part, number))
+        return env, observation
+
+    def task(self, part: str, number: int) -> PosedTask:
+        """Return a task as a value."""
+        env, observation = self.pose(part, number)
+        plans = tuple(plan[0] for plan in env.task.plans)
+        return PosedTask(part, number, env.task.goal, table_labels(env, observation), plans, env.state.task)
+
+    def answer(self, task: PosedTask, slots: tuple[int, int], seconds: float) -> Answer:
+        """Return the answer of somebody who picks two slots of a task, in so many seconds; rounded to hundredths."""
+        picks = (task.table[slots[0]], task.table[slots[1]])
+        made = results_of(self._envs[task.part], *picks)
+        return Answer(task.part, task.number, task.goal, task.table, picks, made, task.goal in made, round(seconds, 2))
+
+
+def _settings(config: WordCraftConfig, tasks: int) -> dict[str, Any]:
+    kept = ("depth", "num_distractors", "attempts", "distractor_weighting", "distractor_policy", "task_weighting")
+    return {"tasks_per_part": tasks} | {name: getattr(config, name) for name in (*kept, "ambiguity")}

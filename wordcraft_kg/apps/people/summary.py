@@ -1,0 +1,192 @@
+"""How often people made the goal in the paper's protocol, and what agents do at the same tables."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wordcraft_kg.apps.people.protocol import HUMAN_PARTS, Answer
+from wordcraft_kg.apps.people.session_file import Session, TableKey, check_alike
+from wordcraft_kg.base.errors import ArtefactError, ConfigError
+from wordcraft_kg.base.records import Count, Record, Share
+from wordcraft_kg.base.statistics import bootstrap, interval, wilson_interval
+
+
+class BesideRate(Record):
+    """An agent at the tables that people had, once for each answer that somebody gave there.
+
+    Attributes:
+        successes: answers at whose table the agent makes the goal.
+        rate: their share.
+        tables: number of different tables.
+        interval: 95 % interval of the rate, by bootstrap over tables, or, if all came out alike, Wilson's; None for a
+            single table.
+    """
+
+    successes: Count
+    rate: Share
+    tables: Count
+    interval: tuple[Share, Share] | None
+
+
+class AnswerRate(Record):
+    """Number and share of right answers.
+
+    Attributes:
+        answered: number of answers.
+        successes: how many of them are right.
+        rate: their share; None without answers.
+        interval: its 95 % Wilson interval, which takes all answers for independent: right for these people only.
+        people: number of people who gave them.
+        people_interval: its 95 % interval by bootstrap over people, who differ, or, if all answers are alike, Wilson's
+            with people for answers; None for a single person.
+        agents: at the same tables, by name.
+    """
+
+    answered: Count
+    successes: Count
+    rate: Share | None
+    interval: tuple[Share, Share] | None
+    people: Count
+    people_interval: tuple[Share, Share] | None
+    agents: dict[str, BesideRate]
+
+
+class PeopleCondition(Record):
+    """People with the same number of distractors on their tables, and their right answers by part."""
+
+    distractors: Count
+    sessions: Count
+    finished: Count
+    parts: dict[str, AnswerRate]
+
+
+class HumanSummary(Record):
+    """Sessions of one graph, split and settings, by number of distractors.
+
+    Attributes:
+        settings: what they have in common.
+    """
+
+    graph: str
+    graph_hash: str
+    settings: dict[str, int | str]
+    sessions: Count
+    finished: Count
+    conditions: tuple[PeopleCondition, ...]
+
+
+class ExportedAnswers(Record):
+    """A file of answers, one a line.
+
+    Attributes:
+        people: how many have begun.
+        answers: number of lines.
+    """
+
+    out: str
+    people: Count
+    answers: Count
+
+
+def view_people(
+    sources: Mapping[Path, Sequence[Session]], beside: Mapping[str, Mapping[TableKey, bool]] | None = None
+) -> HumanSummary:
+    """Return the rates of right answers over sessions with equal graph, split and settings.
+
+    Args:
+        sources: sessions by the file or folder that they are from.
+        beside: by name of an agent, whether it makes the goal at each table.
+
+    Raises:
+        ArtefactError: if a file ends in a torn line, or two have the same answers.
+        GraphMismatchError: if the graphs or splits differ.
+        ConfigError: if other settings than the number of distractors differ, or there is no session.
+    """
+    check_sources(sources)
+    sessions = [session for found in sources.values() for session in found]
+    header = sessions[0].header
+    amounts = sorted({session.distractors for session in sessions})
+    conditions = tuple(
+        _condition(amount, [session for session in sessions if session.distractors == amount], beside or {})
+        for amount in amounts
+    )
+    return HumanSummary(
+        graph=header["graph"],
+        graph_hash=header["graph_hash"],
+        settings={name: value for name, value in header["settings"].items() if name != "num_distractors"},
+        sessions=len(sessions),
+        finished=sum(session.is_finished for session in sessions),
+        conditions=conditions,
+    )
+
+
+def check_sources(sources: Mapping[Path, Sequence[Session]]) -> None:
+    """Check that sessions can be summed up; see :func:`view_people`."""
+    reference: tuple[Path, Session] | None = None
+    seen: dict[tuple[tuple[Answer, ...], ...], Path] = {}
+    for path, sessions in sources.items():
+        for session in sessions:
+            if session.torn:
+                raise ArtefactError(f"{path} ends in a torn line; continue its session, which asks that task again.")
+            reference = reference or (path, session)
+            like = reference[1].header
+            own = {"num_distractors": session.distractors}
+            like = like | {"seed": session.header["seed"], "settings": like["settings"] | own}
+            check_alike(path, session.header, f"'{reference[0]}'", like)
+        answers = tuple(session.answers for session in sessions)
+        if answers in seen:
+            raise ArtefactError(f"{path} has the same answers as {seen[answers]}; give each session once.")
+        if any(answers):
+            seen[answers] = path
+    if reference is None:
+        raise ConfigError("no session: expected at least one file, or a study that somebody has begun.")
+
+
+def _condition(
+    amount: int, sessions: Sequence[Session], beside: Mapping[str, Mapping[TableKey, bool]]
+) -> PeopleCondition:
+    return PeopleCondition(
+        distractors=amount,
+        sessions=len(sessions),
+        finished=sum(session.is_finished for session in sessions),
+        parts={part: _rate(part, sessions, beside) for part in HUMAN_PARTS},
+    )
+
+
+def _rate(part: str, sessions: Sequence[Session], beside: Mapping[str, Mapping[TableKey, bool]]) -> AnswerRate:
+    given = [(who, one) for who, session in enumerate(sessions) for one in session.answers if one.part == part]
+    keys = [sessions[who].table_of(answer) for who, answer in given]
+    right = np.array([answer.success for _, answer in given], dtype=float)
+    people = np.array([who for who, _ in given], dtype=np.int64)
+    n, successes = len(given), int(right.sum())
+    return AnswerRate(
+        answered=n,
+        successes=successes,
+        rate=successes / n if n else None,
+        interval=wilson_interval(successes, n) if n else None,
+        people=len(set(people.tolist())),
+        people_interval=_over(right, people),
+        agents={name: _beside([made[key] for key in keys], keys) for name, made in beside.items() if keys},
+    )
+
+
+def _beside(made: Sequence[bool], keys: Sequence[TableKey]) -> BesideRate:
+    numbers = {key: number for number, key in enumerate(dict.fromkeys(keys))}
+    won = np.array(made, dtype=float)
+    tables = np.array([numbers[key] for key in keys], dtype=np.int64)
+    return BesideRate(int(won.sum()), float(won.mean()), len(numbers), _over(won, tables))
+
+
+def _over(right: NDArray[np.float64], clusters: NDArray[np.int64]) -> tuple[float, float] | None:
+    """Return the interval of a mean over people or tables, None if there is only one of them.
+
+    Where all are right or all wrong, each resample is the same, and its interval would be a point; Wilson's is not.
+    """
+    amount = len(set(clusters.tolist()))
+    if amount < 2:
+        return None
+    if right.min() == right.max():
+        return wilson_interval(int(right[0]) * amount, amount)
+    return interval(bootstrap(right, clusters))

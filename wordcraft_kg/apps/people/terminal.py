@@ -1,0 +1,98 @@
+"""A game in a terminal: what is shown, what is typed, and colours where they are wanted."""
+
+import io
+import os
+import sys
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal, TextIO
+
+from wordcraft_kg.base.errors import ActionError
+from wordcraft_kg.base.labels import read_label
+
+WIDTH = 80  # columns
+UNDO = ("u", "undo")
+Answers = Mapping[str, Callable[[], Iterable[str]]]
+"""Lines to show by what is typed for them."""
+STYLES = {"bold": "1", "good": "32", "bad": "31"}
+"""ANSI's codes."""
+
+
+class Quit(Exception):
+    """The player wants to stop, or the input has ended."""
+
+
+@dataclass(frozen=True)
+class Terminal:
+    """Shows the game, and reads what is typed on stdin."""
+
+    stream: TextIO
+
+    def __post_init__(self) -> None:
+        if isinstance(sys.stdin, io.TextIOWrapper) and sys.stdin.errors != "replace":
+            sys.stdin.reconfigure(errors="replace")  # stray bytes are bad input, not a failure
+
+    def say(self, *lines: str) -> None:
+        """Show lines of text."""
+        for line in lines:
+            print(line, file=self.stream, flush=True)
+
+    def styled(self, text: str, style: Literal["bold", "good", "bad"]) -> str:
+        """Return a text in a style on a terminal, and as it is elsewhere or where NO_COLOR is set."""
+        plain = not self.stream.isatty() or os.environ.get("NO_COLOR") or os.environ.get("TERM") == "dumb"
+        return text if plain else f"\x1b[{STYLES[style]}m{text}\x1b[0m"
+
+    def ask(self, prompt: str) -> str:
+        """Return a line that was typed.
+
+        Raises:
+            Quit: for ``q`` and at the end of the input.
+        """
+        print(prompt, end="", file=self.stream, flush=True)
+        line = sys.stdin.readline() if sys.stdin else ""
+        if not line or not sys.stdin.isatty():
+            self.say(line.strip())  # a terminal has shown it already
+        if not line or line.strip().casefold() == "q":
+            raise Quit
+        return line.strip()
+
+    def pick(self, prompt: str, table: Sequence[str], answers: Answers) -> int | None:
+        """Return the place in ``table`` that the player picks, asking until it is one; None to put a pick back."""
+        while True:
+            typed = self.ask(prompt)
+            if typed.casefold() in UNDO:
+                return None
+            if typed.casefold() in answers:
+                self.say(*answers[typed.casefold()]())
+                continue
+            try:
+                return read_label(typed, table)
+            except ActionError as error:
+                self.say(str(error))
+
+    def pick_two(self, prompt: str, table: Sequence[str], answers: Answers) -> tuple[int, int]:
+        """Return the places in ``table`` of an attempt's two picks; the first can be put back.
+
+        Args:
+            prompt: text with ``{}`` for what is in the hand.
+            table: what can be picked.
+            answers: further commands.
+        """
+        while True:
+            one = self.pick(prompt.format("nothing"), table, answers)
+            if one is None:
+                self.say("Nothing to put back: the hand is empty.")
+                continue
+            other = self.pick(prompt.format(table[one]), table, answers)
+            if other is not None:
+                return one, other
+            self.say(f"{table[one]} is put back.")
+
+
+def cells(labels: Sequence[str]) -> Iterator[str]:
+    """Lay labels out in numbered columns."""
+    numbered = [f"{place:>3} {label}" for place, label in enumerate(labels, start=1)]
+    width = max(map(len, numbered)) + 2
+    per_line = max(1, WIDTH // width)
+    for first in range(0, len(numbered), per_line):
+        yield "".join(f"{cell:<{width}}" for cell in numbered[first : first + per_line]).rstrip()

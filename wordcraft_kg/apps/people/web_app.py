@@ -1,0 +1,261 @@
+"""A study as a web application: consent, tasks, answers. Where a person is follows from their answers alone.
+
+Whatever is sent twice, late or again after a lost connection leads to the page that is next, and never to a second
+answer. Nothing of a request but the code and the picks is looked at, and no cookie is set.
+"""
+
+import time
+from collections.abc import Awaitable, Callable, Collection, Mapping
+from importlib.resources import files
+from typing import Any
+from urllib.parse import parse_qsl
+
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import ClientDisconnect, Request
+from starlette.responses import RedirectResponse, Response
+from starlette.routing import Route, Router
+from starlette.types import ASGIApp, Receive, Scope, Send
+
+from wordcraft_kg.apps.people.answers_database import AnswersDatabase, Participant
+from wordcraft_kg.apps.people.codes import code_hash, new_code, read_code
+from wordcraft_kg.apps.people.protocol import Answer, PosedTask
+from wordcraft_kg.apps.people.study import Study
+from wordcraft_kg.apps.web.guard import guarded
+from wordcraft_kg.apps.web.style_sheet import style_sheet
+from wordcraft_kg.reports.pages import make_environment
+
+FILES = {"study.css": "text/css", "study.js": "text/javascript"}
+PRIVATE = {"Cache-Control": "no-store"}
+"""For every page: no browser keeps what the next person at the same machine could come back to."""
+Reply = Callable[[Request], Awaitable[Response]]
+
+
+def make_study_app(
+    study: Study,
+    answers: AnswersDatabase,
+    host: str = "127.0.0.1",
+    more_hosts: Collection[str] = (),
+    *,
+    clock: Callable[[], float] = time.time,
+) -> ASGIApp:
+    """Return the application.
+
+    Args:
+        study: its tasks.
+        answers: where they are kept.
+        host: the host that it listens on.
+        more_hosts: other names by which it may be asked, as behind a proxy.
+        clock: seconds, going on while the server is down.
+    """
+    server = _Server(study, answers, clock)
+    routes = [
+        Route("/", server.first),
+        Route("/begin", server.begin, methods=["POST"]),
+        Route("/return", server.come_back, methods=["POST"]),
+        Route("/declined", server.declined),
+        Route("/files/{name}", server.file),
+        Route("/s/{code}", server.introduction),
+        Route("/s/{code}/task", server.task),
+        Route("/s/{code}/answer", server.answer, methods=["POST"]),
+        Route("/s/{code}/feedback/{number:int}", server.feedback),
+        Route("/s/{code}/end", server.end),
+        Route("/s/{code}/withdraw", server.withdraw, methods=["POST"]),
+        Route("/withdrawn", server.withdrawn),
+    ]
+    router = Router(routes, redirect_slashes=False, default=server.not_found)
+    return guarded(router, host, more_hosts, server.error, methods=("GET", "HEAD", "POST"))
+
+
+class _Server:
+    def __init__(self, study: Study, answers: AnswersDatabase, clock: Callable[[], float]) -> None:
+        self.study, self.answers, self.clock = study, answers, clock
+        self.environment = make_environment("wordcraft_kg.apps.people")
+        self.environment.globals.update(study=study.record, paragraphs=study.record.consent.split("\n\n"))
+        folder = files("wordcraft_kg.apps.people") / "static"
+        self.files = {"explorer.css": (style_sheet(), "text/css")} | {
+            name: ((folder / name).read_text(encoding="utf-8"), kind) for name, kind in FILES.items()
+        }
+
+    # --- pages of nobody in particular -------------------------------------------------------------------------------
+
+    async def first(self, _: Request) -> Response:
+        """Ask for consent, or for the code of somebody who comes back."""
+        return self._page("first", code=new_code(), problem="", typed="")
+
+    async def declined(self, _: Request) -> Response:
+        return self._page("declined")
+
+    async def withdrawn(self, _: Request) -> Response:
+        return self._page("withdrawn")
+
+    async def begin(self, request: Request) -> Response:
+        """Begin a session if somebody agrees; the code comes with the form, so that one sent twice begins one."""
+        form = await _form(request)
+        if form.get("consent") == "no":
+            return _to("/declined")
+        code = read_code(form.get("code", ""))
+        if form.get("consent") != "yes" or code is None:
+            return _to("/")
+        await run_in_threadpool(self.answers.begin, code_hash(code), self.study.cells)
+        return _to(f"/s/{code}")
+
+    async def come_back(self, request: Request) -> Response:
+        """Go on with the session of a code that somebody has typed."""
+        typed = (await _form(request)).get("code", "").strip()[:100]
+        code = read_code(typed)
+        if code is not None and await run_in_threadpool(self.answers.find, code_hash(code)) is not None:
+            return _to(f"/s/{code}")
+        problem = "No session has this code." if code else "A code has 12 letters and digits, such as k7qm-2xwd-9hrt."
+        return self._page("first", 404 if code else 400, code=new_code(), problem=problem, typed=typed)
+
+    async def file(self, request: Request) -> Response:
+        name = request.path_params["name"]
+        if name not in self.files:
+            return self._missing()
+        text, kind = self.files[name]
+        return Response(text, media_type=kind, headers={"Cache-Control": "no-cache"})
+
+    # --- pages of a session ------------------------------------------------------------------------------------------
+
+    async def introduction(self, request: Request) -> Response:
+        return await self._of_person(request, self._introduction)
+
+    async def task(self, request: Request) -> Response:
+        return await self._of_person(request, self._task)
+
+    async def feedback(self, request: Request) -> Response:
+        return await self._of_person(request, self._feedback)
+
+    async def end(self, request: Request) -> Response:
+        return await self._of_person(request, self._end)
+
+    async def withdraw(self, request: Request) -> Response:
+        return await self._of_person(request, self._withdraw)
+
+    async def answer(self, request: Request) -> Response:
+        form = await _form(request)
+        return await self._of_person(request, lambda _, code, person: self._answer(form, code, person))
+
+    async def _of_person(self, request: Request, reply: Callable[..., Response]) -> Response:
+        """Reply to the person whose code is in the path; the database is asked in another thread."""
+
+        def replied() -> Response:
+            code = read_code(request.path_params["code"])
+            person = None if code is None else self.answers.find(code_hash(code))
+            if code is None or person is None:
+                return self._missing("No session has this code. Check it, and type it on the first page.")
+            return reply(request, code, person)
+
+        return await run_in_threadpool(replied)
+
+    def _introduction(self, _: Request, code: str, person: Participant) -> Response:
+        given, tasks = self.answers.answers_of(person), self.study.tasks(person.cell)
+        if len(given) == len(tasks):
+            return _to(f"/s/{code}/end")
+        return self._page("introduction", code=code, given=len(given), tasks=tasks)
+
+    def _task(self, request: Request, code: str, person: Participant) -> Response:
+        tasks, place = self.study.tasks(person.cell), len(self.answers.answers_of(person))
+        if place == len(tasks):
+            return _to(f"/s/{code}/end")
+        task, asked = tasks[place], request.query_params
+        if "held" in asked and (
+            asked.get("task") != str(place) or self.answers.shown(person, task.part, task.number) is None
+        ):
+            # A pick at the table of another task, as from a second tab or after going back, is none at this one.
+            return _to(f"/s/{code}/task")
+        held = _slot(asked.get("held", ""), task)
+        # To look at the table again with something in hand, or without it again, is no further showing.
+        if "held" not in asked and request.method == "GET":
+            self.answers.show(person, task.part, task.number, self.clock())
+        return self._page("task", code=code, task=task, held=held, place=place, all=len(tasks))
+
+    def _answer(self, form: Mapping[str, str], code: str, person: Participant) -> Response:
+        now = self.clock()
+        tasks, place = self.study.tasks(person.cell), len(self.answers.answers_of(person))
+        number = int(form["task"]) if form.get("task", "").isdecimal() and len(form["task"]) < 6 else -1
+        if number < place:  # it has been answered: this is a copy
+            return self._after(code, tasks, number) if number >= 0 else _to(f"/s/{code}/task")
+        task = tasks[number] if number == place < len(tasks) else None
+        slots = None if task is None else (_slot(form.get("first", ""), task), _slot(form.get("second", ""), task))
+        shown = None if task is None else self.answers.shown(person, task.part, task.number)
+        if task is None or slots is None or None in slots or shown is None:
+            return _to(f"/s/{code}/task")
+        protocol = self.study.protocol(person.cell)
+        found = protocol.answer(task, (slots[0] or 0, slots[1] or 0), max(now - shown, 0.0))
+        self.answers.add(person, found)
+        return self._after(code, tasks, number)
+
+    def _after(self, code: str, tasks: tuple[PosedTask, ...], place: int) -> Response:
+        """Return where somebody goes who has answered: train tasks are followed by their answer."""
+        task = tasks[place]
+        if task.part == "train":
+            return _to(f"/s/{code}/feedback/{task.number}")
+        return _to(f"/s/{code}/{'task' if place + 1 < len(tasks) else 'end'}")
+
+    def _feedback(self, request: Request, code: str, person: Participant) -> Response:
+        tasks, given = self.study.tasks(person.cell), self.answers.answers_of(person)
+        place = request.path_params["number"] - 1
+        if not 0 <= place < min(len(given), self.study.record.tasks):
+            return _to(f"/s/{code}/task")
+        task, answer = tasks[place], given[place]
+        return self._page("feedback", code=code, task=task, answer=answer, place=place + 1, all=len(tasks))
+
+    def _withdraw(self, _: Request, __: str, person: Participant) -> Response:
+        self.answers.withdraw(person)
+        return _to("/withdrawn")
+
+    def _end(self, _: Request, code: str, person: Participant) -> Response:
+        given = self.answers.answers_of(person)
+        if len(given) < len(self.study.tasks(person.cell)):
+            return _to(f"/s/{code}/task")
+        return self._page("end", code=code, right=_right(given))
+
+    # --- what pages share --------------------------------------------------------------------------------------------
+
+    def _page(self, name: str, status: int = 200, **values: Any) -> Response:
+        return Response(self._render(name, **values), status, media_type="text/html", headers=PRIVATE)
+
+    def _render(self, name: str, **values: Any) -> str:
+        return self.environment.get_template(f"{name}.html.j2").render(**values)
+
+    def error(self, status: int, message: str) -> str:
+        """Return the page of an error."""
+        if status == 500:  # the log is not for who takes part
+            message = "Something went wrong here. Please load the page again."
+        return self._render("error", status=status, message=message)
+
+    def _missing(self, message: str = "There is no such page.") -> Response:
+        return Response(self.error(404, message), 404, media_type="text/html", headers=PRIVATE)
+
+    async def not_found(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer for all other addresses."""
+        await self._missing()(scope, receive, send)
+
+
+async def _form(request: Request) -> dict[str, str]:
+    """Return the fields of a form; nothing of what cannot be read."""
+    try:
+        body = await request.body()
+        return dict(parse_qsl(body.decode(), keep_blank_values=True, max_num_fields=20))
+    except (ValueError, ClientDisconnect):
+        return {}
+
+
+def _slot(text: str, task: PosedTask) -> int | None:
+    """Return the slot that a field names, from 1 in the form and from 0 here; None if it is none."""
+    if text.isascii() and text.isdecimal() and len(text) < 6 and 1 <= int(text) <= len(task.table):
+        return int(text) - 1
+    return None
+
+
+def _to(path: str) -> Response:
+    # 303: the browser asks for the next page, and a reload of that sends no form again.
+    return RedirectResponse(path, 303, PRIVATE)
+
+
+def _right(given: list[Answer]) -> dict[str, tuple[int, int]]:
+    """Return the numbers of right answers and of answers, by part."""
+    parts = dict.fromkeys(answer.part for answer in given)
+    by_part = {part: [answer.success for answer in given if answer.part == part] for part in parts}
+    return {part: (sum(successes), len(successes)) for part, successes in by_part.items()}

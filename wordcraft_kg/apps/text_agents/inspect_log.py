@@ -1,0 +1,145 @@
+"""Reading logs of Inspect AI: what a language model did there, as a result like that of any player that uses words."""
+
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+
+from wordcraft_kg.apps.text_agents.records import PlayedTask, PlayedWorld, WordsResult, WordsSettings
+from wordcraft_kg.base.errors import ArtefactError, reason
+from wordcraft_kg.base.extras import missing_extra
+from wordcraft_kg.base.records import Count, Record, as_record
+
+if TYPE_CHECKING:
+    from inspect_ai.log import EvalLog
+
+METADATA = "wordcraft_kg"
+"""Key of a task's metadata under which is a :class:`LoggedTask`."""
+UNFINISHED = "unfinished"
+"""Key of what was played: whether a limit of Inspect's ended the game."""
+VERDICT = "verdict"
+"""Key of what was played: how the game ended, in words."""
+
+_NOT_NEEDED = {"messages", "events", "events_data", "timelines", "store", "output", "attachments"}
+"""Of a game in a log; what a model said makes up most of it."""
+
+
+class LoggedTask(Record, frozen=True, kw_only=True):
+    """What a task of Inspect's says of itself in its log.
+
+    Attributes:
+        settings: what a model was asked.
+        games: games that are played in an epoch.
+        people: what people do in the open-ended world of another game, and where that is from.
+    """
+
+    settings: WordsSettings
+    games: Count
+    people: dict[str, Any] | None = None
+
+
+def read_inspect_log(path: str | Path) -> WordsResult:
+    """Read the result of a language model from a log of Inspect AI, of ``crafting`` or ``discovery``.
+
+    The model's name is the player, and the figures are made from the games, as those of any other player. A game that
+    a limit of Inspect's has ended counts; one that was not played, or has failed, is missing, and then there is no
+    result. Tables that were played several times (``--epochs``) count like further draws.
+
+    Args:
+        path: the log's file, ``.eval`` or ``.json``.
+
+    Raises:
+        MissingExtraError: if Inspect AI is not installed.
+        ArtefactError: if the file is missing or damaged, no log of these tasks, or not all games were played.
+    """
+    from wordcraft_kg.apps.text_agents.evaluation import result_of_tasks, result_of_worlds
+
+    path = Path(path)
+    log = _read(path)
+    about = (log.eval.metadata or {}).get(METADATA)
+    if about is None:
+        raise ArtefactError(
+            f"{path} is a log of '{log.eval.task}'; expected one of wordcraft_kg/crafting or wordcraft_kg/discovery."
+        )
+    task = as_record(about, LoggedTask, path)
+    settings, scores = task.settings, _scores(path, log, task.games)
+    if settings.is_open_ended:
+        return result_of_worlds(log.eval.model, settings, [played_world_of(one, str(path)) for one in scores])
+    played = distinct_draws([played_task_of(one, str(path)) for one in scores])
+    return result_of_tasks(log.eval.model, settings, None, played)
+
+
+def _read(path: Path) -> "EvalLog":
+    try:
+        from inspect_ai.log import read_eval_log
+    except ModuleNotFoundError:
+        raise missing_extra("inspect", ["Inspect AI"]) from None
+    if not path.is_file():
+        raise ArtefactError(f"{path} is not a file; expected a log of Inspect AI, .eval or .json.")
+    try:
+        return read_eval_log(str(path), exclude_fields=_NOT_NEEDED)
+    except Exception as error:  # of a damaged file Inspect raises whatever comes up
+        raise ArtefactError(
+            f"{path} is no log of Inspect AI (.eval or .json), or it is damaged ({reason(error)})."
+        ) from None
+
+
+def _scores(path: Path, log: "EvalLog", games: int) -> list[dict[str, Any]]:
+    """Return what was recorded of each game, if all games were played."""
+    expected = games * (log.eval.config.epochs or 1)
+    scores = []
+    for sample in log.samples or []:
+        for name in ("goal_made", "things_known"):
+            if sample.error is None and sample.scores and name in sample.scores:
+                scores.append(sample.scores[name].metadata or {})
+    there = f"{len(scores):,} of {expected:,} games were played"
+    if log.status != "success":
+        said = {"started": "it was cut off, or goes on", "cancelled": "it was stopped"}.get(log.status, "it has failed")
+        raise ArtefactError(
+            f"{path} is of a run that is not done: {said}, and {there}. Finish it: inspect eval-retry {path}"
+        )
+    if len(scores) != expected:
+        raise ArtefactError(
+            f"{path}: {there}; expected all. Of fewer tasks, evenly spaced, the figures can be compared: use "
+            "-T tasks=N instead of --limit or --sample-id; failed ones are played again by inspect eval-retry."
+        )
+    return scores
+
+
+def played_task_of(values: Mapping[str, Any] | None, where: str) -> PlayedTask:
+    """Return the game of a task from the metadata of its score.
+
+    Raises:
+        ArtefactError: if it is not one; ``where`` says what it is read from.
+    """
+    return as_record(_bare(values), PlayedTask, where)
+
+
+def played_world_of(values: Mapping[str, Any] | None, where: str) -> PlayedWorld:
+    """Return the game in the open-ended world from the metadata of its score.
+
+    Raises:
+        ArtefactError: if it is not one; ``where`` says what it is read from.
+    """
+    return as_record(_bare(values), PlayedWorld, where)
+
+
+def _bare(values: Mapping[str, Any] | None) -> dict[str, Any]:
+    return {**{key: value for key, value in (values or {}).items() if key not in (UNFINISHED, VERDICT)}, "messages": []}
+
+
+def distinct_draws(played: Sequence[PlayedTask]) -> list[PlayedTask]:
+    """Return games so that no task has a draw twice: a table that is played again counts like a further draw.
+
+    Inspect's epochs play each sample several times.
+    """
+    draws = 1 + max((one.draw for one in played), default=0)
+    times: dict[tuple[int, int], int] = defaultdict(int)
+    found = []
+    for one in played:
+        place = one.task, one.draw
+        found.append(msgspec.structs.replace(one, draw=one.draw + draws * times[place]))
+        times[place] += 1
+    return found

@@ -1,0 +1,195 @@
+"""The line protocol: any program that reads a line and writes a line can play.
+
+The program is started once. It reads a JSON object in a line, and answers with a line of words, until its input ends:
+
+| key | meaning |
+|---|---|
+| game | number of the game since the program was started, from 1 |
+| new | whether the game begins with this line |
+| text | what a player is told: at first the rules, then what came of the last answer, and always the state |
+| goal | what is to be made; null in the open-ended world |
+| table | what can be combined, in the order of its numbers |
+| attempts_left | attempts left, the current one included |
+"""
+
+import json
+import shlex
+import subprocess
+import sys
+import threading
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from queue import Empty, Full, Queue, SimpleQueue
+from types import TracebackType
+from typing import Self
+
+from wordcraft_kg.apps.text_agents.config import TIMEOUT
+from wordcraft_kg.apps.text_agents.conversation import Conversation
+from wordcraft_kg.apps.text_agents.games import TaskGame
+from wordcraft_kg.base.errors import ConfigError, PlayerError
+from wordcraft_kg.base.settings import number_in
+
+MOST_CHARACTERS = 100_000
+"""Of a line; a language model may think aloud."""
+_MOST_WAITING = 16
+_PATIENCE = 5.0  # seconds for a program to end once its input has
+
+
+class LinePlayer:
+    """A program that plays by the line protocol.
+
+    Attributes:
+        name: what results call it: the name of the script or program, without options, which may hold a secret.
+
+    Example:
+        >>> with LinePlayer("python examples/line_player.py") as player:
+        ...     player.name
+        'line_player.py'
+    """
+
+    def __init__(self, command: str, *, timeout: float = TIMEOUT):
+        """Start a program.
+
+        Args:
+            command: program and arguments, as they are typed; no shell is asked.
+            timeout: seconds for an answer.
+
+        Raises:
+            ConfigError: if the command cannot be read, or the time is not positive.
+            PlayerError: if the program cannot be started.
+        """
+        number_in("timeout", timeout, 1e-3, 1e6, "seconds, .001 to a million")
+        self._timeout = timeout
+        try:
+            words = shlex.split(command)
+        except ValueError as error:
+            raise ConfigError(f"`player`: {error} in the command. Quote its arguments as in a shell.") from None
+        if not words:
+            raise ConfigError("`player` is empty: expected a command, such as 'python my_player.py'.")
+        self.name = name_of(words)
+        self._games = 0
+        self._lines: Queue[bytes | None] = Queue(_MOST_WAITING)
+        try:
+            self._process = subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+        except OSError as error:
+            raise PlayerError(f"player '{self.name}' cannot be started: {error.strerror or error}.") from None
+        # A program that does not read would keep whoever writes to it waiting for ever.
+        self._unsent: SimpleQueue[bytes | None] = SimpleQueue()
+        for work in (self._read, self._write):
+            threading.Thread(target=work, daemon=True).start()
+
+    def __enter__(self) -> Self:
+        """Return itself."""
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, _: TracebackType | None) -> None:
+        """End the program: its input ends, and if it goes on nevertheless, it is killed."""
+        self.close(patient=kind is None)
+
+    def close(self, *, patient: bool = True) -> None:
+        """End the program.
+
+        Args:
+            patient: wait a few seconds for it to end by itself once its input has.
+        """
+        self._unsent.put(None)
+        try:
+            self._process.wait(_PATIENCE if patient else 0.1)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+
+    def speaker(self, talk: Conversation) -> Callable[[str], str]:
+        """Return what answers in a conversation that begins."""
+        self._games += 1
+        number, is_new = self._games, True
+
+        def answer(told: str) -> str:
+            nonlocal is_new
+            game = talk.game
+            line = {
+                "game": number,
+                "new": is_new,
+                "text": told,
+                "goal": game.goal if isinstance(game, TaskGame) else None,
+                "table": list(game.labels),
+                "attempts_left": game.attempts_left,
+            }
+            is_new = False
+            return self.ask(json.dumps(line, ensure_ascii=False))
+
+        return answer
+
+    def ask(self, line: str) -> str:
+        """Return the line with which the program answers a line.
+
+        Raises:
+            PlayerError: if it has ended, does not answer in time, or writes what is no answer to this line.
+        """
+        if not self._lines.empty():
+            self._receive(0)  # a program that has ended is told as such
+            raise PlayerError(
+                f"player '{self.name}' wrote more lines than it was asked for: expected one for each line that it "
+                "reads. Write everything else to stderr."
+            )
+        self._unsent.put(line.encode() + b"\n")
+        return self._receive(self._timeout)
+
+    def _receive(self, timeout: float) -> str:
+        try:
+            found = self._lines.get(timeout=timeout) if timeout else self._lines.get_nowait()
+        except Empty:
+            raise PlayerError(
+                f"player '{self.name}' did not answer within {self._timeout:g} seconds: expected a line for each line "
+                "that it reads. Does it flush what it writes? A longer time is --timeout."
+            ) from None
+        if found is None:
+            code = self._wait()
+            raise PlayerError(
+                f"player '{self.name}' has ended{f' with exit code {code}' if code else ''} before the last game was "
+                "over: expected it to read lines until its input ends."
+            )
+        if len(found) > MOST_CHARACTERS:
+            raise PlayerError(
+                f"player '{self.name}' wrote a line of more than {MOST_CHARACTERS:,} bytes: expected two things, such "
+                "as 'water + earth'."
+            )
+        return found.decode(errors="replace").rstrip("\r\n")
+
+    def _wait(self) -> int | None:
+        try:
+            return self._process.wait(_PATIENCE)
+        except subprocess.TimeoutExpired:
+            return None
+
+    def _write(self) -> None:
+        """Pass on what the program is asked, and end its input at the end; runs in a thread of its own."""
+        stream = self._process.stdin
+        assert stream is not None
+        with suppress(OSError):  # it has ended; what it wrote before may still be an answer
+            while (line := self._unsent.get()) is not None:
+                stream.write(line)
+                stream.flush()
+        with suppress(OSError):
+            stream.close()
+
+    def _read(self) -> None:
+        """Pass on what the program writes, as long as somebody takes it; runs in a thread of its own."""
+        stream = self._process.stdout
+        assert stream is not None
+        with suppress(OSError, ValueError, Full):
+            while line := stream.readline(MOST_CHARACTERS + 1):
+                self._lines.put(line, timeout=self._timeout)
+            self._lines.put(None, timeout=self._timeout)
+        stream.close()
+
+
+def name_of(words: list[str]) -> str:
+    """Return the name of a command: of the first file among its words, or of the program; never an option."""
+    is_python = Path(words[0]).stem.startswith("python") or words[0] == sys.executable
+    for word in words[1:] if is_python else ():
+        with suppress(OSError):  # code may stand where a file's name is expected
+            if not word.startswith("-") and Path(word).is_file():
+                return Path(word).name
+    return Path(words[0]).name

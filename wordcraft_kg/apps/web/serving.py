@@ -1,0 +1,113 @@
+"""Serving an application on a port until Ctrl-C."""
+
+import errno
+import socket
+from collections.abc import Callable
+from contextlib import suppress
+
+from starlette.types import ASGIApp
+
+from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.base.records import Record
+from wordcraft_kg.base.settings import whole
+from wordcraft_kg.runs.interruption import sigterm_as_interrupt
+
+LARGEST_PORT = 65_535
+PATIENCE = 3
+"""Seconds that requests have to end after Ctrl-C."""
+
+
+class Serving(Record):
+    """What answers requests, and where."""
+
+    address: str
+
+
+def listen(host: str, port: int) -> socket.socket:
+    """Return a socket that listens; port 0 takes a free one.
+
+    Raises:
+        ConfigError: if the port is in use, may not be used, or there is no such host.
+    """
+    whole("port", port, 0, LARGEST_PORT)
+    try:
+        family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
+    except (OSError, UnicodeError):
+        raise ConfigError(
+            f"`host` '{host}': there is no such host; expected one of this machine, such as 127.0.0.1."
+        ) from None
+    # asyncio sends small packets at once (TCP_NODELAY) only if the protocol is named; else a page may wait for 40 ms.
+    found = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
+    try:
+        found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        found.bind((host, port))
+        found.listen(128)
+    except OSError as error:
+        found.close()
+        reasons = {
+            errno.EADDRINUSE: "is in use by another program; end that, or choose another port (0 takes a free one)",
+            errno.EACCES: "may not be used by this user; choose one above 1023",
+            errno.EADDRNOTAVAIL: f"cannot be opened: '{host}' is not an address of this machine",
+        }
+        raise ConfigError(f"`port` {port} {reasons.get(error.errno or 0, error.strerror)}.") from None
+    return found
+
+
+def serve(
+    app: ASGIApp, listening: socket.socket, started: Callable[[str], None], *, has_lifespan: bool = False
+) -> None:
+    """Answer requests until Ctrl-C or SIGTERM, and let those end that have begun.
+
+    Args:
+        app: the application.
+        listening: see :func:`listen`.
+        started: called with the address as soon as requests are answered.
+        has_lifespan: whether the application wants to be told when it begins and ends.
+    """
+    import uvicorn
+
+    class Server(uvicorn.Server):
+        async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+            await super().startup(sockets)
+            if self.started:
+                started(address_of(listening))
+
+    # Who asks, and for what, is nobody's business: there is no access log.
+    config = uvicorn.Config(
+        app,
+        log_config=None,
+        access_log=False,
+        lifespan="on" if has_lifespan else "off",
+        ws="none",
+        server_header=False,
+        timeout_graceful_shutdown=PATIENCE,
+    )
+    try:
+        with sigterm_as_interrupt():  # the server lets requests end, and then raises the signal again
+            Server(config).run(sockets=[listening])
+    except KeyboardInterrupt:
+        pass  # the way to end it
+    finally:
+        listening.close()
+
+
+def return_freed_memory() -> None:
+    """Let the memory of large arrays go back to the system when they are freed.
+
+    glibc keeps the more of it the larger the arrays are that have been freed, for each thread: a server that has ranked
+    all links once would stay 90 MB larger for ever. Does nothing where there is another C library.
+    """
+    import ctypes
+
+    trim_threshold, mmap_threshold, arenas = -1, -3, -8  # of <malloc.h>
+    with suppress(OSError, AttributeError):
+        library = ctypes.CDLL("libc.so.6")
+        for parameter, value in ((trim_threshold, 2**17), (mmap_threshold, 2**17), (arenas, 2)):
+            library.mallopt(parameter, value)
+
+
+def address_of(listening: socket.socket) -> str:
+    """Return the address to open in a browser."""
+    host, port = listening.getsockname()[:2]
+    shown = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(host, host)
+    return f"http://[{shown}]:{port}" if ":" in shown else f"http://{shown}:{port}"

@@ -1,0 +1,1 @@
+"""The ground of all rooms: errors, records, settings, labels, artefacts, statistics."""

@@ -1,0 +1,223 @@
+"""Files that are either complete or absent: atomic writes, staged folders and content hashes."""
+
+import hashlib
+import json
+import os
+import shutil
+import tempfile
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+from wordcraft_kg.base.errors import ArtefactError, OutputExistsError
+
+OWN_FILES = ("graph.json", "run.json", "report.json", "dataset.yaml", "search.json", "site.json")
+"""A folder that holds one of these was written by this package and may be replaced on request."""
+SMALL_FILE = 2**28
+"""Bytes; more than any record, log of figures or list of settings that this package writes."""
+LARGE_FILE = 2**36
+"""Bytes; more than any weights or book that fit into the memory of a usual machine."""
+
+
+def with_a_name(path: Path) -> Path:
+    """Return a path that ends in a name; ``.`` and ``..`` are resolved, since no sibling can be named after them."""
+    return path if path.name not in ("", "..") else path.resolve()
+
+
+def sha256_of(path: Path) -> str:
+    """Return the SHA-256 of a file's bytes, in hexadecimal."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def dump_json(value: Any) -> str:
+    """Serialise ``value`` readably, with keys in the order given and NaN refused."""
+    return json.dumps(value, ensure_ascii=False, indent=2, allow_nan=False) + "\n"
+
+
+def check_file(path: Path, largest: int = LARGE_FILE) -> None:
+    """Check that a file can be read to its end: devices and pipes have none, and a file may be all hole.
+
+    Raises:
+        ArtefactError: if it is missing, not a regular file, or larger than ``largest`` bytes.
+    """
+    if not os.path.lexists(path):
+        raise ArtefactError(f"{path} is missing; the folder is incomplete or not of the expected kind.")
+    if not path.is_file():
+        raise ArtefactError(f"{path} is damaged: not a regular file. Restore a copy.")
+    if (size := path.stat().st_size) > largest:
+        raise ArtefactError(f"{path} is damaged: {size:,} bytes; the limit is {largest:,}. Restore a copy.")
+
+
+def read_small_file(path: Path) -> bytes:
+    """Read a file of records, figures or settings that this package wrote.
+
+    Raises:
+        ArtefactError: if it is missing, not a regular file, or larger than :data:`SMALL_FILE`.
+    """
+    check_file(path, SMALL_FILE)
+    return path.read_bytes()
+
+
+def read_large_file(path: Path) -> bytes:
+    """Read a file of weights.
+
+    Raises:
+        ArtefactError: if it is missing, not a regular file, or larger than :data:`LARGE_FILE`.
+    """
+    check_file(path)
+    return path.read_bytes()
+
+
+def read_json(path: Path) -> Any:
+    """Read a JSON file written by this package.
+
+    Raises:
+        ArtefactError: if the file is missing, not UTF-8 or not JSON.
+    """
+    data = read_small_file(path)
+    try:
+        return json.loads(data.decode())
+    except (ValueError, RecursionError) as error:  # not UTF-8, not JSON, a number of 5,000 digits, nested too deeply
+        raise ArtefactError(f"{path} is damaged: {error}. Make it again, or restore a copy.") from None
+
+
+def what_is(path: Path) -> str:
+    """Say what a path leads to, for the error that something else was expected there: "is a graph folder"."""
+    if not path.exists():
+        return "does not exist"
+    if not path.is_dir():
+        return "is a file"
+    if (path / "graph.json").is_file():
+        return "is a graph folder"
+    if (path / "run.json").is_file():
+        try:
+            return f"was written by {read_json(path / 'run.json')['kind']}"
+        except (ArtefactError, LookupError, TypeError):
+            return "is the folder of a run whose run.json is damaged"
+    if (path / "report.json").is_file():
+        return "is the folder of a report"
+    if (path / "study.json").is_file():
+        return "is the folder of a study with people"
+    if (path / "games.jsonl").is_file():
+        return "is the folder of a player that uses words"
+    if (path / "dataset.yaml").is_file():
+        return "is a data set for LibKGE"
+    return f"has none of {', '.join(OWN_FILES)}" if any(path.iterdir()) else "is an empty folder"
+
+
+def write_atomically(path: Path, content: str | bytes | Iterable[str], *, durable: bool = False) -> None:
+    """Write a file through a temporary sibling: readers see either the old content or the new, never a part of it.
+
+    A ``durable`` file is on the disk before it gets its name: even a power failure cannot leave it empty.
+    """
+    descriptor, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    try:
+        if isinstance(content, bytes):
+            with os.fdopen(descriptor, "wb") as binary:
+                binary.write(content)
+        else:
+            with os.fdopen(descriptor, "w", encoding="utf-8", newline="") as text:
+                text.writelines([content] if isinstance(content, str) else content)
+        if durable:
+            with open(temporary, "rb+") as file:
+                os.fsync(file.fileno())
+        os.chmod(temporary, 0o666 & ~_umask())
+        os.replace(temporary, path)
+    except BaseException:
+        Path(temporary).unlink(missing_ok=True)
+        raise
+
+
+def check_output(out: Path, *, force: bool) -> None:
+    """Refuse an output that exists, before any work is done.
+
+    Raises:
+        OutputExistsError: if ``out`` exists and ``force`` is False. A file, or a folder with something in it that this
+            package did not write, is never replaced.
+    """
+    if out.is_file():
+        raise OutputExistsError(f"'{out}' is a file, but the output is a folder. Choose another `out`.")
+    if not out.exists():
+        return
+    if any(out.iterdir()) and not any((out / name).is_file() for name in OWN_FILES):
+        raise OutputExistsError(
+            f"'{out}' exists and does not look like an output of wordcraft-kg (it has none of {', '.join(OWN_FILES)}); "
+            "it is not replaced, even with `force`. Choose another `out`."
+        )
+    if not force:
+        raise OutputExistsError(f"'{out}' exists. Choose another `out`, or replace it with `force`.")
+
+
+@contextmanager
+def staged_folder(out: Path, *, force: bool = False) -> Iterator[Path]:
+    """Yield an empty folder that becomes ``out`` if the block succeeds, and is removed if it fails.
+
+    An earlier ``out`` stays untouched until the very end, whatever happens in the block (Ctrl-C included).
+    """
+    check_output(out, force=force)
+    with _parents_of(out):
+        staging = Path(tempfile.mkdtemp(dir=out.parent, prefix=f".{out.name}."))
+        try:
+            os.chmod(staging, 0o777 & ~_umask())
+            yield staging
+            replace_folder(staging, out)
+        finally:
+            shutil.rmtree(staging, ignore_errors=True)
+
+
+@contextmanager
+def staged_file(out: Path, *, force: bool = False) -> Iterator[Path]:
+    """Yield a path in an empty folder; the file written there becomes ``out`` if the block succeeds.
+
+    Raises:
+        OutputExistsError: if ``out`` is a folder, or exists and ``force`` is False.
+    """
+    if out.is_dir():
+        raise OutputExistsError(f"'{out}' is a folder, but the output is a file. Choose another `out`.")
+    if out.exists() and not force:
+        raise OutputExistsError(f"'{out}' exists. Choose another `out`, or replace it with `force`.")
+    with _parents_of(out):
+        staging = Path(tempfile.mkdtemp(dir=out.parent, prefix=f".{out.name}."))
+        try:
+            yield staging / out.name
+            os.replace(staging / out.name, out)
+        finally:
+            shutil.rmtree(staging, ignore_errors=True)
+
+
+@contextmanager
+def _parents_of(out: Path) -> Iterator[None]:
+    """Make the folders above ``out``; if the block fails, remove the new ones."""
+    missing = [parent for parent in out.parents if not parent.exists()]
+    out.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        yield
+    except BaseException:
+        with suppress(OSError):  # another process has put something there: it stays
+            for parent in missing:
+                parent.rmdir()
+        raise
+
+
+def replace_folder(staging: Path, out: Path) -> None:
+    """Rename ``staging`` to ``out``; an existing ``out`` is moved aside first and restored if that fails."""
+    if not out.exists():
+        os.rename(staging, out)
+        return
+    aside = Path(tempfile.mkdtemp(dir=out.parent, prefix=f".{out.name}.old."))
+    os.rename(out, aside / "was")
+    try:
+        os.rename(staging, out)
+    except BaseException:
+        os.rename(aside / "was", out)
+        raise
+    finally:
+        shutil.rmtree(aside, ignore_errors=True)
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask

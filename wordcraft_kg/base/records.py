@@ -1,0 +1,112 @@
+"""Typed records: whatever is read from a file or shown to a user is a value of a known type, checked once.
+
+A record is a frozen :class:`Record`. Reading one is strict: an unknown key, a missing one or a value of the wrong type
+is an error that names the file and the field. The JSON Schema is derived from the type; no schema is written by hand.
+
+msgspec does the work: it has no dependencies, imports in milliseconds, and also handles the package's frozen
+dataclasses of settings.
+"""
+
+import json
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Annotated, Any, TypeVar, dataclass_transform
+
+import msgspec
+
+from wordcraft_kg.base.artefacts import read_small_file
+from wordcraft_kg.base.errors import ArtefactError
+
+T = TypeVar("T")
+
+Count = Annotated[int, msgspec.Meta(ge=0)]
+Share = Annotated[float, msgspec.Meta(ge=0, le=1)]
+"""A probability, or a part of a whole."""
+Hash = Annotated[str, msgspec.Meta(pattern="^[0-9a-f]{64}$")]
+"""SHA-256 in hexadecimal."""
+
+
+@dataclass_transform(frozen_default=True, field_specifiers=(msgspec.field,))
+class Record(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Base of all records: frozen, and strict about unknown keys."""
+
+
+def parse_record(data: bytes, kind: type[T], path: Path | str) -> T:
+    """Read a record from JSON bytes.
+
+    Raises:
+        ArtefactError: naming ``path`` and the field, if the bytes are not JSON or do not fit the record.
+    """
+    try:
+        return msgspec.json.decode(data, type=kind)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise _damaged(path, error) from None
+
+
+def read_record(path: Path, kind: type[T]) -> T:
+    """Read a record from a JSON file.
+
+    Raises:
+        ArtefactError: if the file is missing, or damaged (see :func:`parse_record`).
+    """
+    return parse_record(read_small_file(path), kind, path)
+
+
+def parse_lines(data: bytes, kind: type[T], path: Path | str) -> list[T]:
+    """Read one record from each of several lines of JSON.
+
+    Raises:
+        ArtefactError: naming ``path``, the line and the field.
+    """
+    lines = data.removesuffix(b"\n").split(b"\n") if data else []
+    return [parse_record(line, kind, f"{path}, line {number},") for number, line in enumerate(lines, 1)]
+
+
+def as_record(values: Any, kind: type[T], path: Path | str) -> T:
+    """Turn plain values, such as those of a TOML table, into a record or a dataclass of settings.
+
+    Raises:
+        ArtefactError: naming ``path`` and the field, if they do not fit the record.
+    """
+    try:
+        return msgspec.convert(values, kind)
+    except msgspec.ValidationError as error:
+        raise _damaged(path, error) from None
+
+
+def _damaged(path: Path | str, error: Exception) -> ArtefactError:
+    """Return the error for a file; its fields are in quotes, since what is in backticks are a command's options."""
+    found = str(error).replace("`", "'").removesuffix(".")
+    return ArtefactError(f"{path} is damaged: {found}. Make it again, or restore a copy.")
+
+
+def as_lines(records: Iterable[Any]) -> list[str]:
+    """Return records as JSON lines."""
+    return [json.dumps(as_values(record), ensure_ascii=False, allow_nan=False) + "\n" for record in records]
+
+
+def as_values(record: Any) -> Any:
+    """Return a record as plain values: dictionaries, lists, strings and numbers, exactly as JSON has them.
+
+    Raises:
+        TypeError: if it holds something that is not a plain value, such as a NumPy number.
+        ValueError: if a number is not finite.
+    """
+    return json.loads(json.dumps(msgspec.to_builtins(record), allow_nan=False))
+
+
+def checked_values(record: Record) -> Any:
+    """Return :func:`as_values` after checking that each value has its field's type and is within its bounds.
+
+    Raises:
+        ValueError: naming the field that is not.
+    """
+    values = as_values(record)
+    msgspec.convert(values, type(record))
+    return values
+
+
+def schema_of(kind: type[Any], identifier: str, title: str) -> dict[str, Any]:
+    """Return the JSON Schema (draft 2020-12) of a record's type."""
+    head = {"$schema": "https://json-schema.org/draft/2020-12/schema", "$id": identifier, "title": title}
+    return {**head, **msgspec.json.schema(kind)}

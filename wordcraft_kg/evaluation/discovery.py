@@ -1,0 +1,144 @@
+"""What players discover in open-ended play."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import msgspec
+
+from wordcraft_kg.agents.discovery import (
+    HUMAN_CURVE,
+    HUMAN_SOURCE,
+    discovery_curves,
+    make_discoverers,
+    summarise_curves,
+)
+from wordcraft_kg.base.records import Count, Hash, Record, Share
+from wordcraft_kg.envs.open_ended import Discovery
+from wordcraft_kg.evaluation.reference import OpenPlay, ReferenceRow, literature, pack_of
+from wordcraft_kg.graphs.recipe_graph import RecipeGraph
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from wordcraft_kg.models.scorers.scorer import Scorer
+
+
+class Known(Record):
+    """How many entities a player knows after some attempts.
+
+    Attributes:
+        mean: mean over the runs.
+        low: lower end of its 95 % interval; None for a single run.
+        high: upper end.
+        repeated: share of the attempts so far that repeated a pair.
+    """
+
+    mean: float
+    low: float | None
+    high: float | None
+    repeated: Share
+
+
+class DiscoveryView(Record, omit_defaults=True):
+    """Open-ended play.
+
+    Attributes:
+        base: entities known at the start.
+        reachable: entities that can be made from them.
+        marks: attempts after which the number of known entities is reported.
+        players: what each player knows, by mark.
+        people: entities that people know in another game, by attempts.
+        references: players of the reference pack who are not among these, from the same base, and the literature.
+        out: file of the page, if it was written.
+    """
+
+    graph: str
+    hash: Hash
+    entities: Count
+    base: tuple[str, ...]
+    reachable: Count
+    attempts: int
+    runs: int
+    seed: int
+    scorer: str | None
+    marks: tuple[int, ...]
+    players: dict[str, dict[str, Known]]
+    people: dict[str, float]
+    people_source: str
+    references: tuple[ReferenceRow, ...] = ()
+    out: str | None = None
+
+
+def view_discovery(
+    graph: RecipeGraph,
+    players: Sequence[str],
+    *,
+    attempts: int = 100,
+    runs: int = 100,
+    seed: int = 0,
+    base: Sequence[str] | None = None,
+    scorer: "tuple[str, Scorer] | None" = None,
+    progress: Callable[[int, int, dict[str, float]], None] | None = None,
+) -> tuple[DiscoveryView, "pd.DataFrame"]:
+    """Let players discover entities; return the view and the curves that it summarises.
+
+    Args:
+        graph: the graph to play on.
+        players: names of the players.
+        attempts: combinations that a player may try.
+        runs: how many times each player plays.
+        seed: root seed of all draws.
+        base: entities known at the start; None takes the graph's.
+        scorer: name of a scorer that guides a player, and the scorer.
+        progress: see :func:`~wordcraft_kg.agents.discovery.discovery_curves`.
+    """
+    start = Discovery(graph, base)
+    loaded = None if scorer is None else scorer[1]
+    discoverers = make_discoverers(players, graph, loaded)
+    curves = discovery_curves(graph, discoverers, attempts, runs, seed, start.base, progress)
+    table = summarise_curves(curves)
+    view = DiscoveryView(
+        graph=graph.name,
+        hash=graph.hash,
+        entities=graph.num_entities,
+        base=graph.labels(start.base),
+        reachable=start.reachable,
+        attempts=attempts,
+        runs=runs,
+        seed=seed,
+        scorer=None if scorer is None else scorer[0],
+        marks=tuple(table["attempt"].unique().tolist()),
+        players={name: _known(table[table["player"] == name]) for name in players},
+        people={str(attempt): known for attempt, known in HUMAN_CURVE.items()},
+        people_source=HUMAN_SOURCE,
+        references=_references(graph, graph.labels(start.base), players),
+    )
+    return view, curves
+
+
+def written_to(view: DiscoveryView, out: Path) -> DiscoveryView:
+    """Return a view with the file of its page."""
+    return msgspec.structs.replace(view, out=str(out))
+
+
+def _references(graph: RecipeGraph, base: tuple[str, ...], players: Sequence[str]) -> tuple[ReferenceRow, ...]:
+    """Return what the reference pack and the literature have beside the players and the curve of people."""
+    pack = pack_of(graph.hash, None)
+    ours = pack.rows_of(OpenPlay(base)) if pack else ()
+    others = literature(["entities known", "new combinations"])
+    shown = {str(attempt): known for attempt, known in HUMAN_CURVE.items()}
+    return (
+        *(row for row in ours if row.player not in players),
+        *(row for row in others if {at: found.value for at, found in row.figures.items()} != shown),
+    )
+
+
+def _known(table: "pd.DataFrame") -> dict[str, Known]:
+    """Return what a player knows, by the number of attempts."""
+    columns = (table[name].tolist() for name in ("attempt", "mean", "low", "high", "repeated"))
+    # A number that is not equal to itself is NaN.
+    return {
+        str(attempt): Known(mean, low if low == low else None, high if high == high else None, repeated)
+        for attempt, mean, low, high, repeated in zip(*columns, strict=True)
+    }

@@ -1,0 +1,95 @@
+"""A newly built graph folder, and one entity of a graph."""
+
+from pathlib import Path
+
+from wordcraft_kg.base.errors import GraphError
+from wordcraft_kg.base.records import Count, Hash, Record
+from wordcraft_kg.graphs.audit import Audit, SplitSummary, TripleCounts
+from wordcraft_kg.graphs.planner import Planner, layers
+from wordcraft_kg.graphs.recipe_graph import RecipeGraph
+from wordcraft_kg.graphs.recipes import Recipe
+
+
+class BuiltGraph(Record):
+    """The outcome of ``build-graph``: the main figures of the audit, and the folder."""
+
+    entities: Count
+    recipes: Count
+    pairs: Count
+    base: tuple[str, ...]
+    reachable: Count
+    rounds: Count
+    dropped_self_results: Count | None
+    merged_duplicates: Count | None
+    triples: TripleCounts
+    split: SplitSummary
+    hash: Hash
+    out: str
+
+
+class CheapestDerivation(Record):
+    """Recipes that lead from the base to an entity, and their cost."""
+
+    cost: Count
+    steps: tuple[Recipe, ...]
+
+
+class EntityView(Record):
+    """An entity.
+
+    Attributes:
+        entity: its label.
+        base: whether it is a base entity.
+        layer: round in which it can first be made; None if it cannot.
+        recipes: recipes that make it.
+        uses: recipes that use it.
+        derivation: its cheapest derivation; None if it cannot be made.
+    """
+
+    entity: str
+    base: bool
+    layer: Count | None
+    recipes: tuple[Recipe, ...]
+    uses: tuple[Recipe, ...]
+    derivation: CheapestDerivation | None
+
+
+def view_build(found: Audit, folder: Path) -> BuiltGraph:
+    """Return the main figures of a built graph from its audit."""
+    return BuiltGraph(
+        entities=found.entities,
+        recipes=found.recipes,
+        pairs=found.pairs,
+        base=found.base,
+        reachable=found.reachability.reachable,
+        rounds=found.reachability.rounds,
+        dropped_self_results=found.dropped_self_results,
+        merged_duplicates=found.merged_duplicates,
+        triples=found.triples,
+        split=found.split,
+        hash=found.hash,
+        out=str(folder),
+    )
+
+
+def view_entity(graph: RecipeGraph, label: str) -> EntityView:
+    """Return the recipes, uses and cheapest derivation of an entity.
+
+    Raises:
+        UnknownEntityError: if the graph has no entity of this label.
+    """
+    entity = graph.id_of(label)
+    layer = int(layers(graph)[entity])
+    try:
+        found = Planner(graph).derivation(entity)
+        derivation = CheapestDerivation(found.cost, tuple(found.steps))
+    except GraphError:
+        derivation = None
+    return EntityView(
+        entity=label,
+        base=label in graph.base,
+        layer=layer if layer >= 0 else None,
+        recipes=tuple(graph.recipe_labels(graph.recipes[graph.recipes_of(entity)])),
+        uses=tuple(graph.recipe_labels(graph.recipes[graph.uses_of(entity)])),
+        derivation=derivation,
+    )

@@ -1,0 +1,227 @@
+"""Link predictors compared on the same queries."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from wordcraft_kg.apps.elicitation.config import OpinionsConfig
+from wordcraft_kg.base.errors import ConfigError, GraphMismatchError, SplitError
+from wordcraft_kg.base.records import Count, Hash, Record, Share
+from wordcraft_kg.base.settings import MAX_SIZE, whole
+from wordcraft_kg.base.statistics import bootstrap, interval
+from wordcraft_kg.graphs.arrays import Ids
+from wordcraft_kg.models.links.config import ComplExConfig, LinkSettings, SavedConfig
+from wordcraft_kg.models.links.folder import OpenedModel
+from wordcraft_kg.models.links.records import LinkMetrics
+from wordcraft_kg.models.recipes.config import RecipesConfig
+from wordcraft_kg.models.scorers.config import MAX_QUERIES
+from wordcraft_kg.models.scorers.ranking import (
+    MIN_TRIPLES,
+    RankingMetrics,
+    rank_triples,
+    ranking_metrics,
+    recipe_clusters,
+    sampled,
+)
+
+Bounds = tuple[float, float]
+
+
+class ComparedModel(RankingMetrics, kw_only=True):
+    """A model's metrics on the shared queries; those of several seeds are averaged.
+
+    Attributes:
+        has_seen_the_test_recipes: whether it was trained on the full graph, so that the queries are no test of it.
+        seeds: seeds of its training.
+        mrr_of_seeds: MRR with each of them.
+        difference: difference of MRR to the first model; None for the first.
+        difference_ci: its interval; the intervals of all pairs of models hold together with a probability of 95 %.
+        probability_better: share of resamples in which it is ahead of the first; ties count half.
+    """
+
+    name: str
+    has_seen_the_test_recipes: bool
+    seeds: tuple[int, ...]
+    mrr_of_seeds: tuple[Share, ...]
+    difference: float | None = None
+    difference_ci: Bounds | None = None
+    probability_better: Share | None = None
+
+
+class LinkComparison(Record, omit_defaults=True):
+    """Models on the same queries; the first is the reference.
+
+    Attributes:
+        graph: name of their graph.
+        hash: its hash.
+        split: hash of its split.
+        triples: unseen test triples that are ranked.
+        sampled_from: number of those of which they are a uniform sample; left out if all are ranked.
+        queries: number of queries, two for each triple.
+        resamples: bootstrap resamples of the recipes.
+        pairs: number of pairs of models, for which the intervals of differences are corrected (Bonferroni).
+        models: the models in the order given.
+        best: the model with the highest MRR, of those that have not seen the test recipes.
+        not_told_apart: models whose interval of the difference to the best includes 0.
+        out: file of the page, if it was written.
+    """
+
+    graph: str
+    hash: Hash
+    split: Hash
+    triples: Count
+    queries: Count
+    resamples: Annotated[int, msgspec.Meta(ge=1)]
+    pairs: Annotated[int, msgspec.Meta(ge=1)]
+    models: Annotated[tuple[ComparedModel, ...], msgspec.Meta(min_length=2)]
+    sampled_from: Count | None = None
+    best: str | None = None
+    not_told_apart: tuple[str, ...] = ()
+    out: str | None = None
+
+
+@dataclass(frozen=True)
+class Contender:
+    """A model to compare, trained with one seed or several."""
+
+    name: str
+    runs: Sequence[OpenedModel]
+
+
+def compare(contenders: Sequence[Contender], *, resamples: int = 2_000, seed: int = 0) -> LinkComparison:
+    """Rank the unseen test triples with all models and bootstrap the differences of their reciprocal ranks.
+
+    Of very many triples a uniform sample is ranked.
+
+    All are resampled together, one recipe pair at a time: a difference is taken on the same queries, which is much
+    more precise than comparing two separate intervals. Of several seeds, the mean reciprocal rank of each query counts;
+    intervals are over recipes and say nothing about other seeds.
+
+    Args:
+        contenders: two or more; the first is the reference.
+        resamples: bootstrap resamples.
+        seed: seed of the bootstrap, and of the sample of very many queries.
+
+    Raises:
+        ConfigError: if a setting is out of range, or the seeds of a model were trained with different settings.
+        GraphMismatchError: if the models were trained on different graphs or splits.
+        SplitError: if the split leaves too few unseen triples.
+    """
+    whole("resamples", resamples, 1, MAX_SIZE)
+    whole("seed", seed, 0)
+    for contender in contenders:
+        _check_alike(contenders[0].runs[0], contender)
+    graph, split = contenders[0].runs[0].opened.graph, contenders[0].runs[0].opened.split
+    everything = split.held_out("test")
+    queries = sampled(everything, MAX_QUERIES // 2, seed)
+    if len(queries) < MIN_TRIPLES:
+        raise SplitError(
+            f"only {len(queries)} unseen test triples to compare on; {MIN_TRIPLES} are needed. Build the graph with a "
+            "split and a smaller `train_ratio`, such as 0.7."
+        )
+    clusters = np.tile(recipe_clusters(graph, split.is_in("test"), queries), 2)
+    pairs = len(contenders) * (len(contenders) - 1) // 2
+
+    def resampled(values: NDArray[np.float64]) -> NDArray[np.float64]:
+        return bootstrap(values, clusters, resamples=resamples, seed=seed)
+
+    def lead(gain: NDArray[np.float64]) -> tuple[NDArray[np.float64], Bounds]:
+        means = resampled(gain)
+        return means, interval(means, 1 - 0.05 / pairs)
+
+    ranked = [_ranked(contender, queries) for contender in contenders]
+    models = [msgspec.structs.replace(model, mrr_ci=interval(resampled(values))) for model, values in ranked]
+    reciprocal = [values for _, values in ranked]
+    for i in range(1, len(models)):
+        gain = reciprocal[i] - reciprocal[0]
+        means, bounds = lead(gain)
+        models[i] = msgspec.structs.replace(
+            models[i],
+            difference=float(gain.mean()),
+            difference_ci=bounds,
+            probability_better=float(np.mean(means > 0) + np.mean(means == 0) / 2),
+        )
+    fair = [i for i, model in enumerate(models) if not model.has_seen_the_test_recipes]
+    best = max(fair, key=lambda i: float(reciprocal[i].mean()), default=None)
+    level = (
+        ()
+        if best is None
+        else (models[i].name for i in fair if i != best and lead(reciprocal[best] - reciprocal[i])[1][0] <= 0)
+    )
+    return LinkComparison(
+        graph=graph.name,
+        hash=graph.hash,
+        split=split.hash,
+        triples=len(queries),
+        queries=len(clusters),
+        resamples=resamples,
+        pairs=pairs,
+        sampled_from=len(everything) if len(everything) > len(queries) else None,
+        models=tuple(models),
+        best=None if best is None else models[best].name,
+        not_told_apart=tuple(level),
+    )
+
+
+def written_to(view: LinkComparison, out: Path) -> LinkComparison:
+    """Return a view with the file of its page."""
+    return msgspec.structs.replace(view, out=str(out))
+
+
+def _check_alike(reference: OpenedModel, contender: Contender) -> None:
+    """Refuse a contender that was trained on other data than the reference, or whose runs differ beside the seed."""
+    for run in contender.runs:
+        for what, left, right in (
+            ("graphs", reference.opened.graph.hash, run.opened.graph.hash),
+            ("splits", reference.opened.split.hash, run.opened.split.hash),
+        ):
+            if left != right:
+                raise GraphMismatchError(
+                    f"'{reference.scorer.name}' and '{run.scorer.name}' were trained on different {what} "
+                    f"({left[:12]}, {right[:12]}); their figures cannot be compared. Train all on one graph folder."
+                )
+        if _asked_for(run) != _asked_for(contender.runs[0]):
+            raise ConfigError(
+                f"the seeds of '{contender.name}' were trained with different settings; give their folders one by one."
+            )
+
+
+def _asked_for(run: OpenedModel) -> LinkSettings | SavedConfig | RecipesConfig | OpinionsConfig:
+    """Return a run's settings but for the seed, and for what each seed chose for itself."""
+    settings = run.settings
+    if isinstance(run.metrics, LinkMetrics) and run.metrics.choice is not None:
+        assert isinstance(settings, ComplExConfig)
+        settings = replace(settings, n3=None, popularity=None)
+    return settings if isinstance(settings, SavedConfig | OpinionsConfig) else replace(settings, seed=0)
+
+
+def _ranked(contender: Contender, queries: Ids) -> tuple[ComparedModel, NDArray[np.float64]]:
+    """Return a model's metrics, and the reciprocal rank of each query; both are means over its seeds."""
+    known = contender.runs[0].opened.graph.triples
+    ranks = [rank_triples(run.scorer, queries, known) for run in contender.runs]
+    metrics = [ranking_metrics(one) for one in ranks]
+
+    def mean(name: str) -> float:
+        return float(np.mean([getattr(one, name) for one in metrics]))
+
+    model = ComparedModel(
+        queries=metrics[0].queries,
+        mrr=mean("mrr"),
+        hits_at_1=mean("hits_at_1"),
+        hits_at_3=mean("hits_at_3"),
+        hits_at_10=mean("hits_at_10"),
+        mean_rank=mean("mean_rank"),
+        amri=mean("amri"),
+        name=contender.name,
+        has_seen_the_test_recipes=contender.runs[0].kg == "full",
+        seeds=tuple(
+            run.settings.seed for run in contender.runs if not isinstance(run.settings, SavedConfig | OpinionsConfig)
+        ),
+        mrr_of_seeds=tuple(one.mrr or 0.0 for one in metrics),
+    )
+    return model, np.mean([1 / one["rank"].to_numpy(dtype=float) for one in ranks], axis=0)

@@ -1,0 +1,125 @@
+"""How the probabilities of a cross-fitted scorer agree with what the recipes outside train give."""
+
+from typing import Literal
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from wordcraft_kg.base.records import Count, Record, Share
+from wordcraft_kg.base.statistics import wilson_interval
+from wordcraft_kg.graphs.arrays import Ids
+from wordcraft_kg.graphs.recipe_graph import RecipeGraph
+from wordcraft_kg.graphs.triples import COMBINES_WITH, RELATIONS, Relation
+from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
+
+BINS = 8
+"""Most points of a curve."""
+LEAST = 5.0
+"""Expected number of true triples of a point, if there are as many."""
+
+
+class ReliabilityBin(Record):
+    """Triples of similar probability: their mean probability, the share that is true, and its 95 % interval."""
+
+    probability: Share
+    observed: Share
+    low: Share
+    high: Share
+    triples: Count
+
+
+class Reliability(Record):
+    """Predicted against observed: triples of a relation that training does not contain, those of combinesWith once.
+
+    Attributes:
+        relation: the relation.
+        pairs: of different entities, or of an entity with itself.
+        triples: their number.
+        expected: number of true ones by the probabilities.
+        observed: number of true ones: recipes outside train give them.
+        base_rate: the probability without looking at scores.
+        ece: expected calibration error over ``bins``.
+        log_loss: mean of ``-log P(what is true)``, nats.
+        base_log_loss: the same for the base rate.
+        reason: why all have the base rate, else empty.
+        bins: by probability, each with about the same expected number of true triples.
+    """
+
+    relation: Relation
+    pairs: Literal["distinct", "itself"]
+    triples: Count
+    expected: float
+    observed: Count
+    base_rate: Share
+    ece: Share
+    log_loss: float
+    base_log_loss: float
+    reason: str
+    bins: tuple[ReliabilityBin, ...]
+
+
+def view_probabilities(scorer: CrossFitted, graph: RecipeGraph, trained_on: Ids) -> tuple[Reliability, ...]:
+    """Compare predicted and observed for all triples outside training; empty for a scorer without probabilities."""
+    if scorer.probabilities is None:
+        return ()
+    size = graph.num_entities
+    known, given = (_cells(triples, size) for triples in (trained_on, graph.triples))
+    everything = torch.arange(size)
+    itself = np.eye(size, dtype=bool)
+    rows = []
+    for relation, name in enumerate(RELATIONS):
+        chances = scorer.probability(everything[:, None], relation, everything[None, :]).cpu().numpy()
+        asked = ~known[relation]
+        if relation == COMBINES_WITH:  # both directions are the same fact
+            asked &= np.tri(size, dtype=bool)
+        curves = scorer.probabilities.relations[relation]
+        for pairs, mask, curve in (("distinct", ~itself, curves.distinct), ("itself", itself, curves.itself)):
+            chosen = asked & mask
+            predicted, is_true = chances[chosen].astype(np.float64), given[relation][chosen]
+            if not len(predicted):
+                continue
+            bins = _bins(predicted, is_true)
+            rows.append(
+                Reliability(
+                    relation=name,
+                    pairs=pairs,  # type: ignore[arg-type]
+                    triples=len(predicted),
+                    expected=float(predicted.sum()),
+                    observed=int(is_true.sum()),
+                    base_rate=curve.rate,
+                    ece=sum(row.triples * abs(row.probability - row.observed) for row in bins) / len(predicted),
+                    log_loss=_log_loss(predicted, is_true),
+                    base_log_loss=_log_loss(np.full(len(predicted), curve.rate), is_true),
+                    reason=curve.reason,
+                    bins=bins,
+                )
+            )
+    return tuple(rows)
+
+
+def _cells(triples: Ids, size: int) -> NDArray[np.bool_]:
+    found = np.zeros((len(RELATIONS), size, size), dtype=bool)
+    found[triples[:, 1], triples[:, 0], triples[:, 2]] = True
+    return found
+
+
+def _bins(predicted: NDArray[np.float64], is_true: NDArray[np.bool_]) -> tuple[ReliabilityBin, ...]:
+    order = np.argsort(predicted, kind="stable")
+    count = int(np.clip(predicted.sum() / LEAST, 1, BINS))
+    before = np.cumsum(predicted[order]) - predicted[order]
+    number = np.minimum((before / predicted.sum() * count).astype(np.int64), count - 1)
+    rows = []
+    for group in np.split(order, np.flatnonzero(np.diff(number)) + 1):
+        true = int(is_true[group].sum())
+        rows.append(
+            ReliabilityBin(
+                float(predicted[group].mean()), true / len(group), *wilson_interval(true, len(group)), len(group)
+            )
+        )
+    return tuple(rows)
+
+
+def _log_loss(predicted: NDArray[np.float64], is_true: NDArray[np.bool_]) -> float:
+    chance = np.clip(predicted, 1e-12, 1 - 1e-7)
+    return float(-np.mean(np.where(is_true, np.log(chance), np.log1p(-chance))))

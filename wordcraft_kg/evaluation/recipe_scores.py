@@ -1,0 +1,245 @@
+"""The scores of recipes: what a pair makes, or what goes with an ingredient, and which train recipes say so."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import get_args
+
+import msgspec
+import numpy as np
+import torch
+
+from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.base.records import Count, Record, Share
+from wordcraft_kg.evaluation.scores import Known, ScoringModel
+from wordcraft_kg.graphs.arrays import Ids
+from wordcraft_kg.graphs.folder import Taught
+from wordcraft_kg.graphs.splits import Part
+from wordcraft_kg.models.scorers.cross_fitting import CrossFitted, whole_of
+from wordcraft_kg.models.scorers.queries import RecipeQuery
+from wordcraft_kg.models.scorers.recipes import RecipeScores, Witness
+
+Key = tuple[int, int, int]
+SPEAKING = 3
+"""Recipes that are named for each one."""
+LEAST_SHARE = 0.01
+"""The least share of the evidence that is told."""
+
+
+class ScoredRecipe(Record):
+    """A recipe's score.
+
+    Attributes:
+        score: higher is more plausible, on the scorer's own scale.
+        known: the part that it is in, or ``new`` if the book does not have it; None without the graph.
+        memory: whether the scorer was trained on it, so that its score says nothing about others.
+        because: the recipes that speak for it, those that say most first.
+        probability: where results of a pair are asked for, how probable this one is, if the pair makes something; None
+            elsewhere, and without a calibration.
+    """
+
+    ingredient_a: str
+    ingredient_b: str
+    result: str
+    score: float
+    known: Known | None
+    memory: bool
+    because: tuple[Witness, ...]
+    probability: Share | None
+
+
+class RankedRecipe(ScoredRecipe):
+    """A recipe's score and its unfiltered ranks when one of the three is asked for.
+
+    Attributes:
+        trained_on: see :class:`~wordcraft_kg.evaluation.scores.ScoredTriple`.
+    """
+
+    rank_as_result: Count
+    rank_as_ingredient_a: Count
+    rank_as_ingredient_b: Count
+    trained_on: Taught | None
+
+
+class OpenRecipe(Record):
+    """The best entities for the open slot of a recipe, which is None."""
+
+    ingredient_a: str | None
+    ingredient_b: str | None
+    result: str | None
+    top: tuple[ScoredRecipe, ...]
+    trained_on: Taught | None
+
+
+class ScoredRecipeRow(Record):
+    """A row of a file of scores; ``rank`` is the place in the list for an open slot, None for a recipe without one."""
+
+    line: int
+    ingredient_a: str
+    ingredient_b: str
+    result: str
+    score: float
+    rank: int | None
+    known: Known | None
+    memory: bool
+
+
+class ScoredRecipeFile(Record, omit_defaults=True):
+    """The scores of a file of recipes; ``rows`` is left out if they were written to the file ``out``."""
+
+    queries: Count
+    found: Count
+    trained_on: Taught | None
+    rows: tuple[ScoredRecipeRow, ...] = ()
+    out: str | None = None
+
+
+@dataclass(frozen=True)
+class RecipeScoring:
+    """A scorer of recipes, and what the book knows.
+
+    Attributes:
+        model: the opened model.
+        scorer: its scorer of recipes; of a cross-fitted one that of all train recipes.
+        parts: the part of each recipe of the book; empty without the graph.
+        seen: the recipes that the scorer was trained on.
+    """
+
+    model: ScoringModel
+    scorer: RecipeScores
+    parts: dict[Key, Known]
+    seen: frozenset[Key]
+
+    @classmethod
+    def of(cls, model: ScoringModel) -> "RecipeScoring":
+        """Take the recipe scores of a model.
+
+        Raises:
+            ConfigError: if it has scores of links only.
+        """
+        scorer, split = whole_of(model.scorer), model.split
+        if not isinstance(scorer, RecipeScores):
+            raise ConfigError(
+                f"{model.scorer.name} scores links, not recipes. Ask it for a link, such as flour combinesWith water, "
+                "or train a scorer of recipes with `wordcraft-kg train-recipes`."
+            )
+        parts: dict[Key, Known] = {}
+        if split is not None:
+            for part in get_args(Part):
+                parts |= dict.fromkeys(_keys(split.recipes(part)), part)
+        return cls(model, scorer, parts, frozenset(_keys(scorer.recipes.cpu().numpy())))
+
+    def rows(self, query: RecipeQuery) -> Ids:
+        """Return the recipes that a query asks for, shape (n, 3): one, or that of each entity in the open slot."""
+        everything = np.arange(len(self.scorer.entities))
+        ids = (everything if slot is None else [self.scorer.entities.index(slot)] for slot in query.slots)
+        return np.stack(np.broadcast_arrays(*ids), axis=1).astype(np.int64)
+
+    def scores(self, rows: Ids) -> torch.Tensor:
+        """Score recipes, shape (n, 3) -> (n,)."""
+        return self.scorer.score_recipes(*torch.from_numpy(rows.copy()).T).cpu()
+
+    def known(self, rows: Ids) -> list[Known | None]:
+        """Return the part of each recipe, shape (n, 3)."""
+        return [self.parts.get(key, "new") if self.model.split is not None else None for key in _keys(rows)]
+
+    def memory(self, rows: Ids) -> list[bool]:
+        """Return whether the scorer was trained on each recipe."""
+        return [key in self.seen for key in _keys(rows)]
+
+    def best(self, query: RecipeQuery, top: int, *, new_only: bool = False) -> tuple[Ids, list[float]]:
+        """Return the recipes of the best entities for an open slot and their scores, best first."""
+        rows = self.rows(query)
+        scores = self.scores(rows)
+        order = torch.sort(scores, descending=True, stable=True).indices.numpy()
+        if new_only:
+            order = order[[part == "new" for part in self.known(rows[order])]]
+        return rows[order[:top]], scores[order[:top].copy()].tolist()
+
+    def recipes(self, rows: Ids, scores: Sequence[float]) -> Iterator[ScoredRecipe]:
+        """Yield recipes with what is known of them and what speaks for them."""
+        for row, score, known, memory in zip(rows, scores, self.known(rows), self.memory(rows), strict=True):
+            a, b, result = self.labels(row)
+            because = tuple(self.scorer.speaking_for(a, b, result, limit=SPEAKING))
+            yield ScoredRecipe(a, b, result, score, known, memory, because, None)
+
+    def labels(self, row: Ids) -> tuple[str, str, str]:
+        """Return the labels of a recipe, shape (3,)."""
+        a, b, result = (self.scorer.entities[entity] for entity in row.tolist())
+        return a, b, result
+
+
+def _keys(rows: Ids) -> list[Key]:
+    """Return a key for each recipe, shape (n, 3), in which the order of a pair is no matter."""
+    return [(min(a, b), max(a, b), result) for a, b, result in rows.tolist()]
+
+
+def view_recipe(scoring: RecipeScoring, query: RecipeQuery) -> RankedRecipe:
+    """Score a recipe."""
+    row = scoring.rows(query)
+    (recipe,) = scoring.recipes(row, scoring.scores(row).tolist())
+
+    def rank(slot: int) -> int:
+        a, b, result = (None if number == slot else label for number, label in enumerate(query.slots))
+        scores = scoring.scores(scoring.rows(RecipeQuery(a, b, result)))
+        return 1 + int((scores > scores[row[0, slot]]).sum())
+
+    return RankedRecipe(
+        **msgspec.structs.asdict(recipe),
+        rank_as_result=rank(2),
+        rank_as_ingredient_a=rank(0),
+        rank_as_ingredient_b=rank(1),
+        trained_on=scoring.model.kg,
+    )
+
+
+def view_open_recipe(scoring: RecipeScoring, query: RecipeQuery, top: int, *, new_only: bool = False) -> OpenRecipe:
+    """List the best entities for the open slot of a recipe."""
+    rows, scores = scoring.best(query, top, new_only=new_only)
+    best = tuple(scoring.recipes(rows, scores))
+    scorer = scoring.model.scorer
+    if query.result is None and isinstance(scorer, CrossFitted) and scorer.probabilities is not None:
+        shares = scorer.result_probabilities(*query.labels)[rows[:, 2]].tolist()
+        best = tuple(msgspec.structs.replace(one, probability=share) for one, share in zip(best, shares, strict=True))
+    return OpenRecipe(*query.slots, best, scoring.model.kg)
+
+
+def score_recipe_queries(
+    scoring: RecipeScoring, queries: Sequence[RecipeQuery], top: int, *, new_only: bool = False
+) -> Iterator[ScoredRecipeRow]:
+    """Yield the scores of queries in their order: a row for a recipe, the ``top`` best for an open slot."""
+    recipes = [scoring.rows(query) for query in queries if not query.is_open]
+    scores = iter(scoring.scores(np.concatenate(recipes)).tolist() if recipes else ())
+    for query in queries:
+        if query.is_open:
+            rows, found = scoring.best(query, top, new_only=new_only)
+            ranks: Sequence[int | None] = range(1, len(rows) + 1)
+        else:
+            rows, found, ranks = scoring.rows(query), [next(scores)], [None]
+        for row, score, rank, known, memory in zip(
+            rows, found, ranks, scoring.known(rows), scoring.memory(rows), strict=True
+        ):
+            if not new_only or known == "new":
+                yield ScoredRecipeRow(query.line or 0, *scoring.labels(row), score, rank, known, memory)
+
+
+def view_recipe_file(
+    scoring: RecipeScoring, queries: Sequence[RecipeQuery], rows: Sequence[ScoredRecipeRow], out: Path | None = None
+) -> ScoredRecipeFile:
+    """Return the scores of a file of recipes, or where they are."""
+    view = ScoredRecipeFile(len(queries), len(rows), scoring.model.kg, tuple(rows))
+    return view if out is None else msgspec.structs.replace(view, rows=(), out=str(out))
+
+
+def told(witnesses: Sequence[Witness]) -> Sequence[Witness]:
+    """Return the recipes that speak for another one, but for those that hardly say anything beside the first."""
+    return [one for one in witnesses if one.share >= LEAST_SHARE] or witnesses[:1]
+
+
+def because(witnesses: Sequence[Witness]) -> str:
+    """Return recipes that speak for another one, with their weights and shares.
+
+    Returns:
+        such as ``river + wood -> driftwood 0.41 (80%)``.
+    """
+    return ", ".join(f"{one.recipe} {one.weight:.2g} ({one.share:.0%})" for one in told(witnesses))

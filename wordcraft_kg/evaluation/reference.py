@@ -1,0 +1,263 @@
+"""The reference pack: figures of players and agents to compare with, ours and those of others, kept apart."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from functools import cache
+from pathlib import Path
+from typing import Annotated, Literal
+
+import msgspec
+
+from wordcraft_kg.agents.config import TaskConfig
+from wordcraft_kg.base.errors import ArtefactError
+from wordcraft_kg.base.records import Count, Hash, Record, read_record
+from wordcraft_kg.base.wording import counted
+from wordcraft_kg.envs.config import WordCraftConfig
+from wordcraft_kg.graphs.tasks import TaskPart
+from wordcraft_kg.studies.results import PlayedGraph
+
+PACK = Path(__file__).parent / "references"
+"""Folder of the files that come with the package."""
+FORMAT = "wordcraft-kg references 1"
+Kind = Literal["chance", "knowledge graph", "oracle", "agent", "people", "language model", "other"]
+"""What a player is."""
+Measure = Literal["success", "entities known", "new combinations"]
+"""Share of tasks whose goal was made; entities known after n attempts; pairs that made something new in n attempts."""
+Origin = Literal["ours", "literature", "beside"]
+"""Measured by this package, taken from a publication, or given by the user beside the rest."""
+Estimate = tuple[float, float | None, float | None]
+"""A value, and the lower and upper end of its interval."""
+TRAINED_WITH = "trained with"
+"""Name among the settings of an agent: the distractors on the tables of its training."""
+_DIGITS = {"success": 3, "entities known": 1, "new combinations": 0}
+
+
+class TaskPlay(Record, frozen=True, tag="tasks"):
+    """Crafting tasks; everything else is as in a :class:`~wordcraft_kg.envs.config.WordCraftConfig` by default.
+
+    Attributes:
+        part: part of the tasks.
+        depth: fewest attempts that solve a task.
+        attempts: attempts in an episode.
+    """
+
+    part: TaskPart
+    depth: Annotated[int, msgspec.Meta(ge=1)]
+    attempts: Annotated[int, msgspec.Meta(ge=1)]
+
+
+class OpenPlay(Record, frozen=True, tag="open-ended"):
+    """Open-ended play from the entities that are known at the start, by label in alphabetical order."""
+
+    base: tuple[str, ...]
+
+
+class Figure(Record, frozen=True, omit_defaults=True):
+    """A value and the ends of its interval, None without one."""
+
+    value: float
+    low: float | None = None
+    high: float | None = None
+
+
+class ReferenceRow(Record, frozen=True, kw_only=True, omit_defaults=True):
+    """The figures of one player under one condition.
+
+    Attributes:
+        player: its name.
+        kind: what it is.
+        measure: what the figures are.
+        figures: by the number of distractors (success) or of attempts (the other measures).
+        origin: where they come from.
+        source: the command that measures them, the publication, or the folder or file that the user gave.
+        play: what was played; None in the literature.
+        interval: what the ends of the intervals are; empty without intervals.
+        tasks: number of tasks.
+        draws: draws of distractors for each task.
+        seeds: number of trainings.
+        runs: number of runs of open-ended play.
+        people: number of people.
+        settings: settings that the figures depend on, by name.
+        environment: of the literature: what was played, and how it differs from this package's.
+        year: of the literature: of the publication.
+        notes: what else a reader has to know.
+    """
+
+    player: str
+    kind: Kind
+    measure: Measure
+    figures: Annotated[dict[str, Figure], msgspec.Meta(min_length=1)]
+    origin: Origin
+    source: Annotated[str, msgspec.Meta(min_length=1)]
+    play: TaskPlay | OpenPlay | None = None
+    interval: str = ""
+    tasks: Count | None = None
+    draws: Count | None = None
+    seeds: Count | None = None
+    runs: Count | None = None
+    people: Count | None = None
+    settings: dict[str, str] = msgspec.field(default_factory=dict)
+    environment: str = ""
+    year: Count | None = None
+    notes: str = ""
+
+    def at(self, columns: Iterable[int]) -> "ReferenceRow":
+        """Return the row with the figures of these columns alone; there may be none, which a pack does not allow."""
+        kept = {str(column): self.figures[str(column)] for column in columns if str(column) in self.figures}
+        return msgspec.structs.replace(self, figures=kept)
+
+    def shown(self, column: int) -> str:
+        """Return the figure of a column with its interval, or nothing; the literature's as it is printed."""
+        found = self.figures.get(str(column))
+        if found is None:
+            return ""
+        if self.origin == "literature":
+            return f"{found.value:g}"
+        digits = _DIGITS[self.measure]
+        value = f"{found.value:.{digits}f}"
+        if found.low is None or found.high is None or found.low == found.high:
+            return value
+        return f"{value} [{found.low:.{digits}f}, {found.high:.{digits}f}]"
+
+    @property
+    def in_words(self) -> str:
+        """All figures with what they are of, for a table with other columns."""
+        figures = {int(column): self.shown(int(column)) for column in self.figures}
+        if self.measure == "success":
+            return ", ".join(f"{shown} with {counted(column, 'distractor')}" for column, shown in figures.items())
+        return ", ".join(f"{shown} {self.measure} after {counted(at, 'attempt')}" for at, shown in figures.items())
+
+    def fits(self, measure: Measure) -> bool:
+        """Whether the figures can stand in the columns of a table of this measure.
+
+        Success in the literature cannot: the conditions differ in more than the number of distractors.
+        """
+        return self.measure == measure and (self.origin != "literature" or measure != "success")
+
+    @property
+    def remark(self) -> str:
+        """Of our rows and the user's: how an agent was trained, how many people there were, and the notes."""
+        settings = dict(self.settings)
+        steps, trained_with = settings.pop("steps", ""), settings.pop(TRAINED_WITH, "")
+        parts = [
+            counted(self.seeds, "seed") if self.seeds else "",
+            f"{steps} steps" if steps else "",
+            f"trained with {trained_with}" if trained_with else "",
+            *(f"{name} {value}" for name, value in settings.items()),
+            counted(self.people, "person", "people") if self.people else "",
+            self.notes,
+        ]
+        return ", ".join(part for part in parts if part)
+
+    @property
+    def reference(self) -> str:
+        """Of the literature: the source, what was played there, and what else a reader has to know."""
+        environment = f"{self.environment[:1].upper()}{self.environment[1:]}"
+        return ". ".join(part for part in (self.source, environment, self.notes) if part)
+
+
+class ReferencePack(Record, frozen=True, omit_defaults=True):
+    """A file of the pack: rows of one graph and split, measured by this package, or rows of the literature.
+
+    Attributes:
+        title: what a reader calls it.
+        graph: graph and split that were played on; None for the literature.
+        versions: of packages, with which the figures were measured.
+        rows: the figures.
+    """
+
+    format: Literal["wordcraft-kg references 1"]
+    title: str
+    rows: tuple[ReferenceRow, ...]
+    graph: PlayedGraph | None = None
+    versions: dict[str, str] = msgspec.field(default_factory=dict)
+
+    def rows_of(self, play: TaskPlay | OpenPlay, columns: Iterable[int] | None = None) -> tuple[ReferenceRow, ...]:
+        """Return the rows of a condition; with columns, only those that have one of them, and only these figures."""
+        rows = (row for row in self.rows if row.play == play)
+        if columns is None:
+            return tuple(rows)
+        wanted = list(columns)
+        return tuple(kept for row in rows if (kept := row.at(wanted)).figures)
+
+
+def read_pack(path: Path) -> ReferencePack:
+    """Read a file of the pack.
+
+    Raises:
+        ArtefactError: if it is missing or damaged, or a row of it contradicts itself; naming the row.
+    """
+    pack = read_record(path, ReferencePack)
+    for number, row in enumerate(pack.rows, 1):
+        if wrong := _contradiction(pack, row):
+            raise ArtefactError(f"{path} is damaged: row {number}, '{row.player}', {wrong}. Restore a copy.")
+    return pack
+
+
+def read_packs(folder: Path = PACK) -> tuple[ReferencePack, ...]:
+    """Return all files of the pack, in the order of their names.
+
+    Raises:
+        ArtefactError: as :func:`read_pack` does.
+    """
+    return tuple(read_pack(path) for path in sorted(folder.glob("*.json")))
+
+
+@cache
+def packs() -> tuple[ReferencePack, ...]:
+    """Return the files that come with the package; they are read once."""
+    return read_packs()
+
+
+def pack_of(graph: Hash, split: Hash | None) -> ReferencePack | None:
+    """Return our rows of a graph and split (None: any split of the graph); None if there are none."""
+    for pack in packs():
+        if pack.graph is not None and pack.graph.hash == graph and split in (None, pack.graph.split):
+            return pack
+    return None
+
+
+def literature(measures: Sequence[Measure]) -> tuple[ReferenceRow, ...]:
+    """Return the rows of others that have one of these measures."""
+    return tuple(row for pack in packs() if pack.graph is None for row in pack.rows if row.measure in measures)
+
+
+def play_of(tasks: TaskConfig, part: TaskPart) -> TaskPlay | None:
+    """Return what agents with these settings play, None if it is not what the rows of a pack are about.
+
+    Rewards and the number of distractors do not matter; any other setting has to be at its default.
+    """
+    config, usual = tasks.environment(part), WordCraftConfig
+    rules = ("distractor_weighting", "distractor_policy", "ambiguity", "task_weighting")
+    if any(getattr(config, name) != getattr(usual, name) for name in rules):
+        return None
+    return TaskPlay(part, config.depth, config.attempts)
+
+
+def figures_of(values: Mapping[int, Estimate]) -> dict[str, Figure]:
+    """Return figures by column, rounded to the six digits that a file of the pack has."""
+    figures = {}
+    for column, (value, low, high) in values.items():
+        bounds = (None if end is None else round(end, 6) for end in (low, high))
+        figures[str(column)] = Figure(round(value, 6), *bounds)
+    return figures
+
+
+def _contradiction(pack: ReferencePack, row: ReferenceRow) -> str:
+    """Say what is wrong with a row, nothing if it is sound."""
+    if pack.graph is None and (row.origin != "literature" or not row.environment or row.year is None):
+        return "is of no graph, so it has to be of the literature, with an 'environment' and a 'year'"
+    if pack.graph is not None and (row.origin != "ours" or row.play is None):
+        return "is of a graph, so it has to be ours, and to say what was played"
+    if pack.graph is not None and (row.measure == "success") != isinstance(row.play, TaskPlay):
+        return f"has the measure '{row.measure}' of another kind of play"
+    for column, found in row.figures.items():
+        low, high = found.low, found.high
+        if not (column.isascii() and column.isdigit()):
+            return f"has the column '{column}', which is not a number"
+        if (low is None) != (high is None) or (low is not None and high is not None and not low <= high):
+            return f"has at {column} an interval without two ends in their order"
+        if low is not None and not row.interval:
+            return f"does not say what the interval at {column} is"
+        if row.measure == "success" and not all(0 <= x <= 1 for x in (found.value, low, high) if x is not None):
+            return f"has at {column} a success outside of 0 to 1"
+    return ""

@@ -1,0 +1,244 @@
+"""The scores of triples, the best entities for an open slot, and which of them the recipes know already."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import msgspec
+import numpy as np
+import torch
+
+from wordcraft_kg.base.errors import ArtefactError
+from wordcraft_kg.base.records import Count, Record, Share
+from wordcraft_kg.graphs.arrays import Ids
+from wordcraft_kg.graphs.folder import Taught
+from wordcraft_kg.graphs.splits import PARTS, Split
+from wordcraft_kg.graphs.triples import RELATIONS
+from wordcraft_kg.models.links.folder import open_model
+from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
+from wordcraft_kg.models.scorers.folder import load_scorer
+from wordcraft_kg.models.scorers.queries import Query
+from wordcraft_kg.models.scorers.scorer import Scorer
+
+Known = Literal["train", "valid", "test", "new"]
+"""The part whose recipes give a triple (train if several do), or ``new`` if no recipe does."""
+
+
+class ScoredTriple(Record):
+    """A triple's score.
+
+    A raw score means little by itself; its unfiltered rank among all tails and all heads says more.
+
+    Attributes:
+        known: see :data:`Known`; None without the graph.
+        probability: of a triple that training does not contain; None for others, and without a calibration.
+        trained_on: ``full`` if the model was trained on the recipes of all parts, ``partial`` if on those of the train
+            part; None if that is not recorded.
+        by_words: entities of the query that are not in the graph and were scored by their words alone.
+    """
+
+    head: str
+    relation: str
+    tail: str
+    score: float
+    known: Known | None
+    rank_as_tail: int
+    rank_as_head: int
+    trained_on: Taught | None
+    probability: Share | None = None
+    by_words: tuple[str, ...] = ()
+
+
+class ScoredEntity(Record):
+    """An entity in an open slot."""
+
+    entity: str
+    score: float
+    known: Known | None
+    probability: Share | None = None
+
+
+class OpenSlot(Record):
+    """The best entities for an open slot, which is None; see :class:`ScoredTriple`."""
+
+    head: str | None
+    relation: str
+    tail: str | None
+    top: tuple[ScoredEntity, ...]
+    trained_on: Taught | None
+    by_words: tuple[str, ...]
+
+
+class ScoredRow(Record):
+    """A row of a file of scores.
+
+    Attributes:
+        line: line of the query.
+        rank: place in the list for an open slot; None for a triple.
+    """
+
+    line: int
+    head: str
+    relation: str
+    tail: str
+    score: float
+    rank: int | None
+    known: Known | None
+    probability: Share | None = None
+
+
+class ScoredFile(Record, omit_defaults=True):
+    """The scores of a file of queries; ``rows`` is left out if they were written to the file ``out``."""
+
+    queries: Count
+    found: Count
+    trained_on: Taught | None
+    by_words: tuple[str, ...] = ()
+    rows: tuple[ScoredRow, ...] = ()
+    out: str | None = None
+
+
+@dataclass(frozen=True)
+class ScoringModel:
+    """A scorer and, if its graph is at hand, what the recipes know.
+
+    Attributes:
+        scorer: the scorer.
+        split: split of its graph; None without the graph.
+        kg: what it was trained on; None if that is not recorded.
+        missing: why there is no graph.
+        by_words: entities that are not in the graph, the last ones of the scorer; ``new_words.py`` adds them.
+    """
+
+    scorer: Scorer
+    split: Split | None
+    kg: Taught | None
+    missing: str = ""
+    by_words: tuple[str, ...] = ()
+
+    @classmethod
+    def open(cls, folder: Path, graph: str | None = None, *, needs_graph: bool = False) -> "ScoringModel":
+        """Open a model folder, without its graph if that is not found and neither given nor needed.
+
+        Raises:
+            ArtefactError: if there is no scorer, or no graph where one is given or needed.
+        """
+        try:
+            model = open_model(folder, graph)
+        except ArtefactError as error:
+            if graph is not None or needs_graph:
+                raise
+            return cls(load_scorer(folder), None, None, str(error))
+        return cls(model.scorer, model.opened.split, model.kg)
+
+    def known(self, triples: Ids) -> list[Known | None]:
+        """Return which recipes know each of the triples, shape (T, 3); None for each without the graph."""
+        if self.split is None:
+            return [None] * len(triples)
+        names: tuple[Known, ...] = (*PARTS, "new")  # type: ignore[assignment]
+        # An entity that the graph does not have is in no recipe; -1 is the last name.
+        is_in_graph = (triples < self.split.graph.num_entities).all(axis=1)
+        part = np.full(len(triples), -1)
+        part[is_in_graph] = self.split.part_of(triples[is_in_graph])
+        return [names[number] for number in part.tolist()]
+
+    def probabilities(self, triples: Ids, known: Sequence[Known | None]) -> list[float | None]:
+        """Return the probability of each of the triples, shape (T, 3); None for those of train recipes, see `known`."""
+        scorer = self.scorer
+        if not isinstance(scorer, CrossFitted) or scorer.probabilities is None:
+            return [None] * len(triples)
+        found = scorer.probability(*torch.from_numpy(triples.copy()).T).tolist()
+        return [None if part == "train" else value for value, part in zip(found, known, strict=True)]
+
+    def answers(self, query: Query, top: int, *, new_only: bool = False) -> list[ScoredEntity]:
+        """Return the best entities for an open slot, best first; with ``new_only`` those that no recipe gives."""
+        everything = torch.arange(len(self.scorer.entities))
+        head, tail = (everything if slot is None else slot for slot in (query.head, query.tail))
+        scores = self.scorer.score(head, query.relation, tail).cpu()
+        order = torch.sort(scores, descending=True, stable=True).indices.numpy()
+        if not new_only:
+            order = order[:top]
+        heads, tails = (
+            order if slot is None else int(self.scorer.entity_ids(slot)) for slot in (query.head, query.tail)
+        )
+        triples = _triples(heads, RELATIONS.index(query.relation), tails)
+        known = self.known(triples)
+        found = zip(order.tolist(), known, self.probabilities(triples, known), strict=True)
+        kept = [(entity, *rest) for entity, *rest in found if not new_only or rest[0] == "new"][:top]
+        return [ScoredEntity(self.scorer.entities[entity], float(scores[entity]), *rest) for entity, *rest in kept]
+
+
+def _triples(heads: Ids | int, relation: int | Ids, tails: Ids | int) -> Ids:
+    """Return ids that broadcast against each other as triples, shape (T, 3)."""
+    return np.stack(np.broadcast_arrays(np.atleast_1d(heads), relation, tails), axis=1).astype(np.int64)
+
+
+def view_triple(model: ScoringModel, query: Query) -> ScoredTriple:
+    """Score a triple."""
+    scorer, (head, relation, tail) = model.scorer, _labels(query)
+    ids = (int(scorer.entity_ids(head)), RELATIONS.index(relation), int(scorer.entity_ids(tail)))
+    triple = _triples(*ids)
+    (known,) = model.known(triple)
+    tails, heads = (scorer.top(head, relation, None, limit=None), scorer.top(None, relation, tail, limit=None))
+    return ScoredTriple(
+        head=head,
+        relation=relation,
+        tail=tail,
+        score=float(scorer.score(head, relation, tail)),
+        known=known,
+        rank_as_tail=1 + [name for name, _ in tails].index(tail),
+        rank_as_head=1 + [name for name, _ in heads].index(head),
+        trained_on=model.kg,
+        probability=model.probabilities(triple, [known])[0],
+        by_words=model.by_words,
+    )
+
+
+def view_open_slot(model: ScoringModel, query: Query, top: int, *, new_only: bool = False) -> OpenSlot:
+    """List the best entities for the open slot of a query."""
+    best = tuple(model.answers(query, top, new_only=new_only))
+    return OpenSlot(query.head, query.relation, query.tail, best, model.kg, model.by_words)
+
+
+def score_queries(
+    model: ScoringModel, queries: Sequence[Query], top: int, *, new_only: bool = False
+) -> Iterator[ScoredRow]:
+    """Yield the scores of queries in their order: a row for a triple, the ``top`` best for an open slot."""
+    triples = [query for query in queries if not query.is_open]
+    scores: Iterator[float] = iter(())
+    known: Iterator[Known | None] = iter(())
+    chances: Iterator[float | None] = iter(())
+    if triples:
+        scorer, columns = model.scorer, list(zip(*map(_labels, triples), strict=True))
+        heads, tails = (scorer.entity_ids(columns[i]) for i in (0, 2))
+        relations = torch.tensor([RELATIONS.index(label) for label in columns[1]])
+        scores = iter(scorer.score(heads, relations, tails).tolist())
+        ids = _triples(heads.cpu().numpy(), relations.numpy(), tails.cpu().numpy())
+        parts = model.known(ids)
+        known, chances = iter(parts), iter(model.probabilities(ids, parts))
+    for query in queries:
+        line = query.line or 0
+        if not query.is_open:
+            score, part, chance = next(scores), next(known), next(chances)
+            if not new_only or part == "new":
+                yield ScoredRow(line, *_labels(query), score, None, part, chance)
+            continue
+        for rank, best in enumerate(model.answers(query, top, new_only=new_only), start=1):
+            head, tail = (best.entity if slot is None else slot for slot in (query.head, query.tail))
+            yield ScoredRow(line, head, query.relation, tail, best.score, rank, best.known, best.probability)
+
+
+def view_file(
+    model: ScoringModel, queries: Sequence[Query], rows: Sequence[ScoredRow], out: Path | None = None
+) -> ScoredFile:
+    """Return the scores of a file of queries, or where they are."""
+    view = ScoredFile(len(queries), len(rows), model.kg, model.by_words, tuple(rows))
+    return view if out is None else msgspec.structs.replace(view, rows=(), out=str(out))
+
+
+def _labels(query: Query) -> tuple[str, str, str]:
+    """Return the labels of a query without an open slot."""
+    assert query.head is not None
+    assert query.tail is not None
+    return query.head, query.relation, query.tail

@@ -1,1 +1,0 @@
-"""People take the paper's protocol in the browser: the pages of a study, and the server that keeps their answers."""

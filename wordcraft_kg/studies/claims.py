@@ -1,0 +1,321 @@
+"""What is claimed of a study, held against what came out: a verdict by a rule, with the figures that it rests on.
+
+With d the difference of the claim's two sides and [l, h] its 95 % interval, a claim of *more, by b at least* (b is 0 if
+it names no amount) is
+
+| verdict | if |
+|---|---|
+| reproduced | l ≥ b, and l > 0 |
+| differs | l > 0, but not l ≥ b: the direction is right, the amount is not, or not surely |
+| not reproduced | h < 0: it is less; or h < b; or h < .02 where no amount is named: no difference worth the name |
+| undecided | otherwise: the interval is too wide |
+
+For *less* all signs are turned. *Comparable, closer than b* is reproduced if [l, h] lies within ±b, differs if it
+does not but excludes 0, is not reproduced if it lies beyond ±b, and is undecided otherwise. *Varies* is reproduced if
+the difference is surely positive at one point of the grid and surely negative at another, differs if it has one sign
+everywhere but intervals of two points do not meet, is not reproduced if it surely has one sign, or is within ±.02,
+everywhere, and is undecided otherwise. A claim without any runs is *not run*.
+
+The interval of success is over seeds and tasks (:func:`~wordcraft_kg.base.statistics.crossed_bootstrap`); that of what
+a whole run has one figure of, such as steps, over seeds alone: mean ± t · s / √S, with Student's t. Differences are
+paired: the same seed, and the same tasks with the same tables. Nothing is corrected for the number of claims.
+"""
+
+from collections.abc import Iterable, Sequence
+from math import sqrt
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.base.records import Count, Record
+from wordcraft_kg.base.statistics import crossed_bootstrap
+from wordcraft_kg.base.wording import counted
+from wordcraft_kg.studies.results import RunResult, StudyResults
+from wordcraft_kg.studies.study import Claim, Expected, Measure, Values, points_at
+
+Verdict = Literal["reproduced", "differs", "not reproduced", "undecided", "not run"]
+SAME = 0.02
+"""A difference of success smaller than this is none; half the width of a usual interval over tasks."""
+EARLY = 0.1
+"""Share of the steps that is early."""
+REACHED = 0.95
+"""Share of a curve's last point at which it counts as reached; the last percents are noise."""
+
+MEASURES = {
+    "success": "",
+    "early": "after a tenth of the steps: ",
+    "steps": f"steps to {REACHED:.0%} of the other's end, as a share of all: ",
+    "same_twice": "ends with one entity twice: ",
+}
+
+
+class Measured(Record, frozen=True):
+    """The two sides of a claim at a point of the grid.
+
+    Attributes:
+        values: the point.
+        left: mean of the left side over seeds.
+        right: mean of the right side, or the value that left is compared with.
+        difference: left - right.
+        low: lower end of the 95 % interval of the difference; None if one seed says nothing about it.
+        high: upper end.
+        seeds: seeds that both sides have.
+        tasks: test tasks; 0 if the figure is one of whole runs, and its interval one over seeds alone.
+    """
+
+    values: Values
+    left: float
+    right: float
+    difference: float
+    low: float | None
+    high: float | None
+    seeds: Count
+    tasks: Count
+
+
+class Judged(Record, frozen=True):
+    """A claim, and what came out.
+
+    Attributes:
+        text: the claim.
+        source: who says it.
+        sides: what is compared with what.
+        is_value: whether the right side is a value, not a variant.
+        expected: what is claimed of the left side.
+        by: the amount that is claimed.
+        measure: what is measured.
+        verdict: by the rule of this module.
+        why: what decided, in words.
+        note: what is known of why it comes out otherwise; empty if it does not.
+        measured: the figures: of the point that the claim is about, or, of a claim about several at once, of all.
+    """
+
+    text: str
+    source: str
+    sides: tuple[str, str]
+    is_value: bool
+    expected: Expected
+    by: float
+    measure: Measure
+    verdict: Verdict
+    why: str
+    note: str
+    measured: tuple[Measured, ...]
+
+
+class ClaimsView(Record, frozen=True):
+    """All claims about a study.
+
+    Attributes:
+        study: name of the study.
+        claims: each at each of its points; one that compares points is there once.
+    """
+
+    study: str
+    claims: tuple[Judged, ...]
+
+
+def view_claims(results: StudyResults, claims: Iterable[Claim] | None = None) -> ClaimsView:
+    """Hold claims against results.
+
+    Args:
+        results: what came out of the study.
+        claims: default: those of the study as it was run.
+    """
+    asked = results.study.claims if claims is None else claims
+    return ClaimsView(results.name, tuple(judged for claim in asked for judged in judge(results, claim)))
+
+
+def judge(results: StudyResults, claim: Claim) -> list[Judged]:
+    """Hold a claim against results, at each point of the grid that it is about."""
+    found: list[Measured] = []
+    lacking: list[str] = []
+    for point in points_at(results.study, claim.at):
+        try:
+            found.append(_measure(results, claim, point))
+        except ConfigError as error:
+            lacking.append(str(error))
+    if claim.expected == "varies":
+        groups = [tuple(found)] if len(found) > 1 else []
+    else:
+        groups = [(measured,) for measured in found]
+    judged = [_judged(claim, *_rule(claim, group), group) for group in groups]
+    if not groups and not lacking:
+        lacking = ["the study was run without such points"]
+    return judged + [_judged(claim, "not run", reason, ()) for reason in dict.fromkeys(lacking)]
+
+
+def _judged(claim: Claim, verdict: Verdict, why: str, measured: tuple[Measured, ...]) -> Judged:
+    note = claim.note if verdict in ("differs", "not reproduced") else ""
+    right = claim.right if claim.than is None else f"{claim.than:g}"
+    if claim.right_at:
+        right += f" with {_point(claim.right_at)}"
+    return Judged(
+        text=claim.text,
+        source=claim.source,
+        sides=(claim.left, right),
+        is_value=claim.than is not None,
+        expected=claim.expected,
+        by=claim.by,
+        measure=claim.measure,
+        verdict=verdict,
+        why=why,
+        note=note,
+        measured=measured,
+    )
+
+
+def _point(values: Values) -> str:
+    return ", ".join(f"{name} {value}" for name, value in values.items())
+
+
+def _measure(results: StudyResults, claim: Claim, point: Values) -> Measured:
+    """Return the figures of a claim at a point.
+
+    Raises:
+        ConfigError: if there are none.
+    """
+    left = _runs(results, claim.left, point)
+    right = _runs(results, claim.right, {**point, **claim.right_at}) if claim.right else {}
+    seeds = sorted(left.keys() & right.keys()) if claim.right else sorted(left)
+    if not seeds:
+        raise ConfigError(f"no seed of '{claim.left}' and '{claim.right}' together, {_point(point)}")
+    pairs = [(left[seed], right.get(seed)) for seed in seeds]
+    if claim.measure == "success":
+        a = np.array([run.rates for run, _ in pairs])
+        others = [other.rates if other else np.full(a.shape[1], claim.than) for _, other in pairs]
+        runs = [run for pair in pairs for run in pair if run]
+        graphs = [results.graphs[run.graph] for run in runs]
+        if len({(of.hash, of.split, len(run.won)) for of, run in zip(graphs, runs, strict=True)}) > 1:
+            raise ConfigError(f"'{claim.left}' and '{claim.right}' were tested on different tasks, {_point(point)}")
+        b, tasks = np.array(others), a.shape[1]
+        # Over tasks alone it would speak of these two trainings, and the claim is about agents.
+        interval = crossed_bootstrap(a - b) if len(seeds) > 1 else None
+    else:
+        figures = [_figures(claim, run, other) for run, other in pairs]
+        a, b, tasks = np.array([of[0] for of in figures]), np.array([of[1] for of in figures]), 0
+        interval = _student(a - b)
+    low, high = interval if interval else (None, None)
+    return Measured(point, float(a.mean()), float(b.mean()), float(a.mean() - b.mean()), low, high, len(seeds), tasks)
+
+
+def _runs(results: StudyResults, variant: str, point: Values) -> dict[int, RunResult]:
+    """Return the runs of a variant by seed.
+
+    Raises:
+        ConfigError: if there are none, with the first reason known.
+    """
+    found = {run.seed: run for run in results.runs if run.variant == variant and run.values == point}
+    if not found:
+        reasons = [lost.why for lost in results.missing if lost.variant == variant and lost.values == point]
+        raise ConfigError(f"no runs of '{variant}', {_point(point)}: {reasons[0] if reasons else 'not in the study'}")
+    return found
+
+
+def _figures(claim: Claim, left: RunResult, right: RunResult | None) -> tuple[float, float]:
+    """Return the figure of each side."""
+    if claim.measure == "same_twice":
+        of = [run.endings["same_twice"] for run in (left, right) if run]
+    else:
+        if not all(run.curve for run in (left, right) if run):
+            raise ConfigError(f"no learning curves of '{claim.left}' and '{claim.right}'")
+        if claim.measure == "early":
+            of = [_early(run) for run in (left, right) if run]
+        else:
+            level = REACHED * (right or left).curve[-1][1]
+            of = [_steps_to(run, level) for run in (left, right) if run]
+    return of[0], of[1] if right else float(claim.than or 0)
+
+
+def _early(run: RunResult) -> float:
+    return min(run.curve, key=lambda point: abs(point[0] - EARLY * run.steps))[1]
+
+
+def _steps_to(run: RunResult, level: float) -> float:
+    """Return the steps to a level of success as a share of all; 1 if it is never reached."""
+    return min((step for step, success in run.curve if success >= level), default=run.steps) / run.steps
+
+
+def _student(differences: NDArray[np.float64]) -> tuple[float, float] | None:
+    """Return Student's interval of a mean over seeds; None for a single one."""
+    from scipy.stats import t
+
+    size = len(differences)
+    if size == 1:
+        return None
+    half = float(t.ppf(0.975, size - 1) * differences.std(ddof=1) / sqrt(size))
+    return float(differences.mean()) - half, float(differences.mean()) + half
+
+
+def _rule(claim: Claim, measured: Sequence[Measured]) -> tuple[Verdict, str]:
+    """Return the verdict and what decided; see the module for the rule."""
+    if any(of.low is None for of in measured):
+        return "undecided", "one seed says nothing about others"
+    intervals = [(of.low or 0.0, of.high or 0.0) for of in measured]
+    if claim.expected == "varies":
+        return _varies(claim, measured, intervals)
+    low, high = intervals[0]
+    if claim.expected == "comparable":
+        return _comparable(low, high, claim.by)
+    word, opposite = ("more", "less") if claim.expected == "more" else ("less", "more")
+    if claim.expected == "less":
+        low, high = -high, -low
+    if low > 0:
+        if low >= claim.by:
+            return "reproduced", f"{word}, by more than {claim.by:g}" if claim.by else word
+        return "differs", f"{word}, but {'not' if high < claim.by else 'not surely'} by {claim.by:g}"
+    if high < 0:
+        return "not reproduced", f"it is {opposite}"
+    if high < (claim.by or SAME):
+        return "not reproduced", f"not {word} by {claim.by or SAME:g}"
+    return "undecided", "the interval is too wide"
+
+
+def _comparable(low: float, high: float, by: float) -> tuple[Verdict, str]:
+    if -by <= low and high <= by:
+        return "reproduced", f"closer than {by:g}"
+    if low > by or high < -by:
+        return "not reproduced", f"{'more' if low > by else 'less'}, by more than {by:g}"
+    if low > 0 or high < 0:
+        return "differs", f"{'more' if low > 0 else 'less'}, though perhaps by less than {by:g}"
+    return "undecided", "the interval is too wide"
+
+
+def _varies(
+    claim: Claim, measured: Sequence[Measured], intervals: Sequence[tuple[float, float]]
+) -> tuple[Verdict, str]:
+    more = [_point(of.values) for of, (low, _) in zip(measured, intervals, strict=True) if low > 0]
+    less = [_point(of.values) for of, (_, high) in zip(measured, intervals, strict=True) if high < 0]
+    if more and less:
+        right = claim.right or f"{claim.than:g}"
+        return "reproduced", f"{claim.left} is ahead with {'; '.join(more)}, {right} with {'; '.join(less)}"
+    if len(more) == len(measured) or len(less) == len(measured):
+        who = counted(len(measured), "point")
+        if max(low for low, _ in intervals) > min(high for _, high in intervals):
+            return "differs", f"{'more' if more else 'less'} at all {who}, but by different amounts"
+        return "not reproduced", f"{'more' if more else 'less'} at all {who}, by amounts that cannot be told apart"
+    if all(low >= -SAME and high <= SAME for low, high in intervals):
+        return "not reproduced", f"no difference of {SAME:g} anywhere"
+    return "undecided", "the intervals are too wide"
+
+
+def in_words(claim: Judged, measured: Measured, mark: str = "") -> str:
+    """Return the figures of a claim at a point; ``mark`` is put around the names of its sides."""
+    left, right = (f"{mark}{side}{mark}" for side in claim.sides)
+    interval = "" if measured.low is None else f" [{signed(measured.low)}, {signed(measured.high)}]"
+    other = claim.sides[1] if claim.is_value else f"{right} {share(measured.right)}"
+    size = counted(measured.seeds, "seed") + (f", {counted(measured.tasks, 'task')}" if measured.tasks else "")
+    sides = f"{left} {share(measured.left)} against {other}"
+    return f"{MEASURES[claim.measure]}{sides}: {signed(measured.difference)}{interval} ({size})"
+
+
+def share(value: float) -> str:
+    """Return a share in three digits, without the zero in front."""
+    return f"{value:.3f}".removeprefix("0")
+
+
+def signed(value: float | None) -> str:
+    """Return a difference of shares."""
+    return f"{value or 0:+.3f}".replace("0.", ".", 1)

@@ -1,0 +1,183 @@
+"""Collecting the figures of a results folder: of a study, or of any selection of its runs."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from wordcraft_kg.agents.config import OF_SCORER
+from wordcraft_kg.base.errors import ArtefactError, ConfigError
+from wordcraft_kg.base.settings import nearest
+from wordcraft_kg.studies.figures import FIGURES_FILE, RunFigures, ScorerFigures, read_figures
+from wordcraft_kg.studies.plan import CONFIG_OF, DEFAULTS_OF_AGENT, DEFAULTS_OF_GRAPH, defaults_of
+from wordcraft_kg.studies.results import Missing, PlayedGraph, RunResult, StudyResults
+from wordcraft_kg.studies.store import PlannedStudy, failure_of, read_plan, studies_of
+from wordcraft_kg.studies.study import NO_SETTINGS, SCORER, Cell, Study, Value, Values
+
+NONE = "none"
+"""Value of a setting that a run does not have, such as the scorer of an agent without one."""
+
+
+def collect_study(root: Path, name: str) -> StudyResults:
+    """Return the figures of a study of a results folder, as far as they are there.
+
+    Raises:
+        ArtefactError: if there is no such study.
+    """
+    plan = read_plan(root, name)
+    rows = list(zip(plan.cells, plan.runs, plan.scorers, strict=True))
+    return _Collection(root).results(name, plan.command, plan.study, rows)
+
+
+def collect_runs(root: Path, by: Sequence[str]) -> StudyResults:
+    """Return the figures of all runs of a results folder, whatever studies asked for them.
+
+    Args:
+        root: results folder.
+        by: settings whose values make the variants, such as ``scorer`` or ``use``; of the others, those that differ
+            between runs make the grid.
+
+    Raises:
+        ArtefactError: if it is no results folder.
+        ConfigError: if no run has such a setting.
+    """
+    described: dict[str, tuple[Values, Cell, str | None]] = {}
+    given: dict[str, None] = {}
+    for plan in [read_plan(root, name) for name in studies_of(root)]:
+        for cell, run, scorer in zip(plan.cells, plan.runs, plan.scorers, strict=True):
+            said = _said(plan, cell, scorer)
+            given |= dict.fromkeys(said)
+            described.setdefault(run, (_with_defaults(said, by), cell, scorer))
+    # Only what some study says can differ; the rest is at its default, as it is where another study does not say it.
+    names, known = list(given), {name for values, *_ in described.values() for name in values}
+    for name in by:
+        if name not in known:
+            there = f"there are {', '.join(names)}.{nearest(name, known)}"
+            raise ConfigError(f"`by` '{name}': no run of '{root}' has this setting; {there}")
+    every = [values for values, *_ in described.values()]
+    varied = [name for name in names if name not in by and _varies(name, by, every)]
+    cells, variants = [], {}
+    for run, (values, cell, scorer) in described.items():
+        own: Values = {name: values.get(name, NONE) for name in by}
+        variant = ", ".join(str(value) for value in own.values()) or "all"
+        variants[variant] = own
+        grid: Values = {name: values.get(name, NONE) for name in varied}
+        cells.append((Cell(variant, grid, cell.seed, {}), run, scorer))
+    grid_values: dict[str, list[Value]] = {
+        name: list(dict.fromkeys(values.get(name, NONE) for values in every)) for name in varied
+    }
+    study = Study(
+        title=f"Runs by {', '.join(by)}" if by else "All runs",
+        variants=variants,
+        grid=grid_values,
+        seeds=max((cell.seed + 1 for cell, *_ in cells), default=1),
+        drawing="bars",
+    )
+    return _Collection(root).results("runs", "", study, cells)
+
+
+def _varies(name: str, by: Sequence[str], runs: Sequence[Values]) -> bool:
+    """Return whether a setting has several values among runs that agree in those of ``by``."""
+    found: dict[tuple[Value, ...], Value] = {}
+    for values in runs:
+        value = values.get(name, NONE)
+        if found.setdefault(tuple(values.get(other, NONE) for other in by), value) != value:
+            return True
+    return False
+
+
+def _said(plan: PlannedStudy, cell: Cell, scorer: str | None) -> Values:
+    """Return the settings of a run that its study gives, its scorer's among them."""
+    values = dict(cell.settings)
+    name = values.get(SCORER)
+    if scorer is None or name is None:
+        left_out = {key for key in values if key in OF_SCORER or key.startswith(f"{SCORER}.")}
+        return {key: value for key, value in values.items() if key not in left_out} | {SCORER: NONE}
+    own = {f"{SCORER}.{key}": value for key, value in plan.study.scorers[str(name)].items()}
+    return {**own, **values}
+
+
+def _with_defaults(said: Values, by: Sequence[str]) -> Values:
+    """Return settings with those that are at their default; without what follows from others, such as seeds.
+
+    An agent without a scorer stands beside those that use one as usual, but where use is asked for, it has none.
+    """
+    found = {**DEFAULTS_OF_GRAPH, **DEFAULTS_OF_AGENT}
+    if said[SCORER] == NONE:
+        found |= {name: NONE for name in OF_SCORER if name in by}
+    elif (kind := CONFIG_OF.get(str(said[f"{SCORER}.command"]))) is not None:
+        found |= {f"{SCORER}.{name}": value for name, value in defaults_of(kind).items()}
+    derived = {*NO_SETTINGS, "eval_every", *(f"{SCORER}.{name}" for name in NO_SETTINGS)}
+    return {name: value for name, value in found.items() if value is not None and name not in derived} | said
+
+
+class _Collection:
+    """Reads figures; those of a scorer once."""
+
+    def __init__(self, root: Path):
+        self.root = root
+        self._scorers: dict[str, ScorerFigures] = {}
+
+    def results(
+        self, name: str, command: str, study: Study, rows: Sequence[tuple[Cell, str, str | None]]
+    ) -> StudyResults:
+        graphs: dict[PlayedGraph, int] = {}
+        versions: dict[str, str] = {}
+        runs, missing, seconds = [], [], {}
+        for cell, address, scorer in rows:
+            found = self._figures(address, scorer)
+            if isinstance(found, str):
+                missing.append(Missing(cell.variant, cell.values, cell.seed, found))
+                continue
+            figures, of_scorer = found
+            versions |= figures.versions
+            seconds[address] = figures.seconds
+            if scorer is not None and of_scorer is not None:
+                seconds[scorer] = of_scorer.seconds
+            runs.append(
+                RunResult(
+                    variant=cell.variant,
+                    values=cell.values,
+                    seed=cell.seed,
+                    run=address,
+                    graph=graphs.setdefault(figures.graph, len(graphs)),
+                    success=_rounded(figures.success),
+                    by_plan=_rounded(figures.by_plan),
+                    endings=_rounded(figures.endings),
+                    won=figures.won,
+                    draws=figures.draws,
+                    curve=figures.curve,
+                    mrr=of_scorer.mrr if of_scorer else None,
+                    steps=figures.steps,
+                    seconds=figures.seconds,
+                    steps_per_second=figures.steps_per_second,
+                )
+            )
+        return StudyResults(
+            format="wordcraft-kg results 1",
+            name=name,
+            command=command,
+            study=study,
+            graphs=tuple(graphs),
+            versions=versions,
+            runs=tuple(runs),
+            missing=tuple(missing),
+            hours=round(sum(seconds.values()) / 3600, 4),
+        )
+
+    def _figures(self, address: str, scorer: str | None) -> tuple[RunFigures, ScorerFigures | None] | str:
+        """Return the figures of a run and its scorer, or why there are none."""
+        folder = self.root / address
+        try:
+            if not (folder / FIGURES_FILE).exists():
+                return failure_of(self.root, address) or "not trained yet"
+            figures = read_figures(folder, RunFigures)
+            if "test" not in figures.success:
+                return "the split has no test tasks of this kind"
+            if scorer is not None and scorer not in self._scorers:
+                self._scorers[scorer] = read_figures(self.root / scorer, ScorerFigures)
+        except ArtefactError as error:
+            return str(error)
+        return figures, self._scorers[scorer] if scorer is not None else None
+
+
+def _rounded(shares: Mapping[str, float]) -> dict[str, float]:
+    return {name: round(share, 6) for name, share in shares.items()}

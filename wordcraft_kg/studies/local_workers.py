@@ -1,0 +1,174 @@
+"""Processes of this machine that perform tasks, each bound to cores of its own where the system can do that."""
+
+import logging
+import multiprocessing
+import os
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from multiprocessing.connection import Connection, wait
+from multiprocessing.process import BaseProcess
+from pathlib import Path
+
+from wordcraft_kg.base.settings import MAX_THREADS, whole
+from wordcraft_kg.runs.side_by_side import THREADS_VARIABLES, cores, own_start
+from wordcraft_kg.studies.tasks import Outcome, Task
+
+Perform = Callable[[Task, Path], Outcome]
+ATTEMPTS = 2
+"""How often a task is begun whose process dies."""
+PATIENCE = 60.0
+"""Seconds that a training gets to write its checkpoint after Ctrl-C."""
+
+
+@dataclass
+class _Place:
+    """A process, and what it does."""
+
+    process: BaseProcess
+    connection: Connection
+    task: Task | None = None
+    attempts: int = 0
+
+
+class LocalWorkers:
+    """Performs tasks in processes that stay, since starting one and importing torch takes seconds."""
+
+    def __init__(self, root: Path, jobs: int, perform: Perform, threads: int = 1):
+        """Prepare the processes; each is started with its first task.
+
+        Args:
+            root: results folder.
+            jobs: number of processes.
+            perform: performs a task, see :func:`~wordcraft_kg.studies.perform.perform`.
+            threads: CPU threads that a task computes with at most, and cores that each process is bound to.
+        """
+        self.root, self._perform = root, perform
+        self._threads = threads
+        self._places: list[_Place | None] = [None] * whole("jobs", jobs, 1, MAX_THREADS)
+
+    @property
+    def places(self) -> int:
+        """Number of processes."""
+        return len(self._places)
+
+    def start(self, task: Task) -> None:
+        """Give a task to a process that has none."""
+        number = next(i for i, place in enumerate(self._places) if place is None or place.task is None)
+        place = self._places[number]
+        if place is None or not place.process.is_alive():
+            place = self._places[number] = self._started(number)
+        place.task, place.attempts = task, 1
+        place.connection.send(task)
+
+    def wait(self, seconds: float) -> list[Outcome]:
+        """Return what has ended; a task whose process has died is begun again, once."""
+        busy = {place.connection: number for number, place in enumerate(self._places) if place and place.task}
+        found = []
+        for ready in wait(list(busy), timeout=seconds):
+            assert isinstance(ready, Connection)
+            number = busy[ready]
+            place = self._places[number]
+            assert place is not None
+            assert place.task is not None
+            try:
+                found.append(ready.recv())
+                place.task = None
+            except (EOFError, OSError):
+                if (outcome := self._replaced(number, place)) is not None:
+                    found.append(outcome)
+        return found
+
+    def stop(self) -> None:
+        """Ask what runs to write a checkpoint and end, and end the processes."""
+        deadline = time.monotonic() + PATIENCE
+        while any(place and place.task for place in self._places) and time.monotonic() < deadline:
+            for place in self._places:
+                if place and place.task and place.process.pid and place.process.is_alive():
+                    os.kill(place.process.pid, signal.SIGINT)
+                elif place:
+                    place.task = None
+            for connection in wait([p.connection for p in self._places if p and p.task], timeout=0.5):
+                for place in self._places:
+                    if place and place.connection is connection:
+                        place.task = None
+        for place in self._places:
+            if place:
+                place.connection.close()  # it ends by itself when nobody asks any more
+                place.process.join(timeout=1)
+                place.process.terminate()
+                place.process.join()
+        self._places = [None] * len(self._places)
+
+    def _replaced(self, number: int, place: _Place) -> Outcome | None:
+        """Start a new process for the task of one that has died; give up on the second time."""
+        place.process.join()
+        task, attempts = place.task, place.attempts
+        assert task is not None
+        self._places[number] = None
+        if attempts >= ATTEMPTS:
+            why = f"its process was ended {ATTEMPTS} times, the last time with code {place.process.exitcode}"
+            if place.process.exitcode == -signal.SIGKILL:
+                why += "; perhaps there is too little memory for as many at once: take fewer `jobs`"
+            return Outcome(task.address, "failed", f"{why}.")
+        new = self._places[number] = self._started(number)
+        new.task, new.attempts = task, attempts + 1
+        new.connection.send(task)
+        return None
+
+    def _started(self, number: int) -> _Place:
+        context = multiprocessing.get_context("spawn")
+        ours, theirs = context.Pipe()
+        own = _cores_of(number, self.places, self._threads)
+        arguments = (theirs, self.root, self._perform, own, os.getpid())
+        process = context.Process(target=_work, args=arguments)
+        with own_start(), _threads_of(self._threads):
+            process.start()
+        theirs.close()
+        return _Place(process, ours)
+
+
+def _cores_of(number: int, places: int, threads: int) -> list[int]:
+    """Return the cores that a process is bound to; none if there are not enough of them for all."""
+    if not hasattr(os, "sched_getaffinity") or places * threads > cores():
+        return []
+    return sorted(os.sched_getaffinity(0))[number * threads : (number + 1) * threads]
+
+
+@contextmanager
+def _threads_of(threads: int) -> Iterator[None]:
+    """Let a process that starts in this block compute with a number of threads: libraries read it once."""
+    before = {name: os.environ[name] for name in THREADS_VARIABLES if name in os.environ}
+    os.environ.update(dict.fromkeys(THREADS_VARIABLES, str(threads)))
+    try:
+        yield
+    finally:
+        for name in THREADS_VARIABLES:
+            os.environ.pop(name)
+        os.environ.update(before)
+
+
+def _work(connection: Connection, root: Path, perform: Perform, own: list[int], parent: int) -> None:
+    """Perform tasks until nobody asks any more."""
+    # A training takes Ctrl-C as a request to write a checkpoint; between trainings it is nobody's business here.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if hasattr(signal, "pthread_sigmask"):
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])
+    # A study's settings are meant as they are, and hundreds of trainings would repeat the same warnings.
+    logging.getLogger("wordcraft_kg").setLevel(logging.ERROR)
+    if own:
+        os.sched_setaffinity(0, own)
+    threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+    with suppress(EOFError, OSError):
+        while True:
+            connection.send(perform(connection.recv(), root))
+
+
+def _end_with(parent: int) -> None:
+    """End this process when the one that started it is gone, so that no folder stays in use."""
+    while os.getppid() == parent:
+        time.sleep(0.5)
+    os._exit(1)

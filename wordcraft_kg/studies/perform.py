@@ -1,0 +1,251 @@
+"""Performing a task in its folder: begin it, go on with it, or find that it is done."""
+
+import shutil
+import time
+import traceback
+from errno import EDQUOT, ENOSPC
+from importlib.metadata import version
+from pathlib import Path
+
+from wordcraft_kg.base.errors import ArtefactError, WordCraftKGError, reason
+from wordcraft_kg.graphs.folder import OpenedGraph, open_graph, write_graph_folder
+from wordcraft_kg.graphs.library import open_book
+from wordcraft_kg.graphs.recipe_graph import RecipeGraph
+from wordcraft_kg.graphs.splits import SplitConfig, make_split
+from wordcraft_kg.graphs.tasks import TaskPart
+from wordcraft_kg.runs.record import RUN_FILE, read_run, verified_bytes
+from wordcraft_kg.studies.figures import (
+    FIGURES_FILE,
+    Figures,
+    RunFigures,
+    ScorerFigures,
+    read_figures,
+    write_figures,
+)
+from wordcraft_kg.studies.plan import CONFIG_OF, agent_config
+from wordcraft_kg.studies.results import PlayedGraph
+from wordcraft_kg.studies.tasks import Kind, Outcome, Task
+
+FIGURES: dict[Kind, type[Figures]] = {"graphs": Figures, "scorers": ScorerFigures, "runs": RunFigures}
+LARGE = ("constants.safetensors", "policy.safetensors", "episodes.jsonl")
+"""Files of a run that its figures do not need: tens of megabytes each."""
+
+
+def is_done(task: Task, root: Path) -> bool:
+    """Return whether a task's figures are there.
+
+    Raises:
+        ArtefactError: if they are, but damaged.
+    """
+    if not (task.folder(root) / FIGURES_FILE).exists():
+        return False
+    read_figures(task.folder(root), FIGURES[task.kind])
+    return True
+
+
+def check_whole(task: Task, root: Path) -> None:
+    """Check the files of a graph or a finished scorer, which tasks that are still to come will read.
+
+    Raises:
+        ArtefactError: if one is missing or damaged.
+    """
+    folder = task.folder(root)
+    if task.kind == "graphs":
+        open_graph(str(folder))
+        return
+    run = read_run(folder)
+    for name in run.outputs:
+        verified_bytes(folder, run, name)
+
+
+def make_graph(task: Task, root: Path, book: str) -> None:
+    """Write the graph folder of a task.
+
+    Raises:
+        RecipeFileError: if the book is not there any more.
+        ArtefactError: if it has changed since the study was planned.
+    """
+    folder = task.folder(root)
+    recipes = open_book(book)
+    graph = RecipeGraph.from_book(recipes)
+    if graph.hash != task.settings["graph"]:
+        raise ArtefactError(f"the book '{book}' has changed since the study was planned; start it again.")
+    split = make_split(graph, SplitConfig(**task.settings["split"]))
+    write_graph_folder(folder, recipes, split, force=True)
+    write_figures(folder, Figures(seconds=0.0, versions={"wordcraft-kg": version("wordcraft-kg")}))
+
+
+def perform(task: Task, root: Path, keep_all: bool = True) -> Outcome:
+    """Train the scorer or the agent of a task in its folder; one that was interrupted goes on.
+
+    It never raises: what goes wrong is in the outcome.
+
+    Args:
+        task: what to train; the folders that it needs are below ``root``.
+        root: results folder.
+        keep_all: keep files of a run that its figures do not need, above all the agent's weights.
+    """
+    try:
+        if is_done(task, root):
+            return Outcome(task.address, "done")
+    except ArtefactError:
+        shutil.rmtree(task.folder(root), ignore_errors=True)
+    try:
+        is_finished = _scorer(task, root) if task.kind == "scorers" else _run(task, root, keep_all)
+    except KeyboardInterrupt:
+        return Outcome(task.address, "interrupted")
+    except WordCraftKGError as error:
+        return Outcome(task.address, "failed", str(error), disk_full=_is_disk_full(error))
+    except Exception as error:
+        return Outcome(task.address, "failed", reason(error), traceback.format_exc(), _is_disk_full(error))
+    return Outcome(task.address, "done" if is_finished else "interrupted")
+
+
+def _is_disk_full(error: BaseException | None) -> bool:
+    while error is not None:
+        if isinstance(error, OSError) and error.errno in (ENOSPC, EDQUOT):
+            return True
+        error = error.__cause__ or error.__context__
+    return False
+
+
+def _status(folder: Path) -> str:
+    """Return how far a training has come: nothing, begun, or done."""
+    if not (folder / RUN_FILE).exists():
+        return "nothing"
+    try:
+        status = read_run(folder).status
+    except ArtefactError:
+        return "nothing"
+    if status == "done":
+        return "done"
+    return "begun" if any((folder / "checkpoints").glob("*.json")) else "nothing"
+
+
+def _run(task: Task, root: Path, keep_all: bool) -> bool:
+    from wordcraft_kg.agents.training import resume_agent, train_agent
+
+    folder = task.folder(root)
+    graph, *scorer = (str(root / address) for address in task.needs)
+    config = agent_config(task.settings["settings"], graph, scorer[0] if scorer else None)
+    status = _status(folder)
+    if status == "begun":
+        try:
+            trained = resume_agent(folder, graph=graph)
+        except ArtefactError:  # its checkpoints are damaged
+            status = "nothing"
+    if status == "nothing":
+        shutil.rmtree(folder, ignore_errors=True)
+        trained = train_agent(config, folder)
+    if status != "done" and trained.interrupted:
+        return False
+    write_figures(folder, _run_figures(folder, open_graph(graph)))
+    if not keep_all:
+        for name in LARGE:
+            (folder / name).unlink()
+    return True
+
+
+def _run_figures(folder: Path, opened: OpenedGraph) -> RunFigures:
+    """Return the figures of a finished run from its files."""
+    from wordcraft_kg.agents.agent_folder import AGENTS
+    from wordcraft_kg.agents.records import read_episodes, read_metrics, read_summary
+
+    run = AGENTS.read_record(folder)
+    summary = read_summary(folder, run)
+    part: TaskPart = "test" if "test" in summary.success else "train"
+    lines = read_metrics(verified_bytes(folder, run, "metrics.jsonl"), folder / "metrics.jsonl")
+    name = f"{part}_success"
+    curve = tuple((row.step, round(row.figures[name], 5)) for row in lines if name in row.figures)
+    draws = summary.success[part].draws
+    split = opened.split
+    return RunFigures(
+        seconds=summary.seconds,
+        versions=run.versions,
+        graph=PlayedGraph(opened.graph.name, opened.graph.hash, split.config.kind, split.config.seed, split.hash),
+        success={name: found.mean for name, found in summary.success.items()},
+        by_plan={name: found.by_plan for name, found in summary.success.items()},
+        endings={str(name): share for name, share in summary.outcomes[part].items()},
+        won="".join(f"{round(task.success * draws)}" for task in read_episodes(folder) if task.part == part),
+        draws=draws,
+        curve=curve,
+        steps=summary.steps,
+        steps_per_second=summary.steps_per_second,
+    )
+
+
+def _scorer(task: Task, root: Path) -> bool:
+    from wordcraft_kg.models.links.config import LinksConfig
+    from wordcraft_kg.models.links.training import train_links
+    from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
+    from wordcraft_kg.models.recipes.training import train_recipes
+
+    folder, graph = task.folder(root), str(root / task.needs[0])
+    command, settings = task.settings["command"], task.settings["settings"]
+    began, status = time.perf_counter(), _status(folder)
+    if status == "begun":
+        try:
+            if not _resume_scorer(folder, graph, command):
+                return False
+        except ArtefactError:  # its checkpoints are damaged
+            status = "nothing"
+    if status == "nothing":
+        shutil.rmtree(folder, ignore_errors=True)
+        if command not in CONFIG_OF:
+            _save_plain(folder, graph, command, settings)
+        elif command == RecipesConfig.command:
+            train_recipes(RecipeScorerConfig(graph, RecipesConfig(**settings)), folder)
+        elif train_links(LinksConfig(graph, CONFIG_OF[command](**settings)), folder).interrupted:  # type: ignore[arg-type]
+            return False
+    write_figures(folder, _judged(folder, time.perf_counter() - began))
+    return True
+
+
+def _resume_scorer(folder: Path, graph: str, command: str) -> bool:
+    """Go on with the training of a scorer; return whether it came to its end."""
+    from wordcraft_kg.models.links.training import resume_links
+    from wordcraft_kg.models.recipes.config import RecipesConfig
+    from wordcraft_kg.models.recipes.training import resume_recipes
+
+    if command == RecipesConfig.command:
+        resume_recipes(folder, graph=graph)
+        return True
+    return not resume_links(folder, graph=graph).interrupted
+
+
+def _save_plain(folder: Path, graph: str, name: str, settings: dict[str, str]) -> None:
+    """Write a scorer that is made of recipes without training."""
+    from wordcraft_kg.graphs.triples import recipe_triples
+    from wordcraft_kg.models.links.saving import save_scorer
+    from wordcraft_kg.models.scorers.cross_fitting import cross_fit
+    from wordcraft_kg.models.scorers.facts import SymbolicScorer
+    from wordcraft_kg.models.scorers.features import glove_features
+    from wordcraft_kg.models.scorers.kernel_scorer import KernelScorer
+    from wordcraft_kg.models.scorers.neighbours import NeighbourScorer
+
+    opened = open_graph(graph)
+    whole = opened.graph
+
+    def make(recipes):  # type: ignore[no-untyped-def]
+        if name == "facts":
+            return SymbolicScorer(whole, recipe_triples(recipes))
+        if name == "neighbours":
+            return NeighbourScorer(whole, recipe_triples(recipes))
+        return KernelScorer(whole, recipes, glove_features(whole.entities).vectors)
+
+    is_full = settings.get("kg", "partial") == "full"
+    scorer = make(whole.recipes) if is_full else cross_fit(opened.split, make)
+    save_scorer(folder, scorer, opened, kg="full" if is_full else "partial", origin=name)
+
+
+def _judged(folder: Path, seconds: float) -> ScorerFigures:
+    from wordcraft_kg.models.links.folder import open_model
+    from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples, sampled_for
+
+    model = open_model(folder)
+    graph, unseen = model.opened.graph, model.opened.split.held_out("test")
+    mrr = None
+    if model.kg == "partial" and len(unseen):
+        ranked = rank_triples(model.scorer, sampled_for(graph, unseen), graph.triples)
+        mrr = round(mean_reciprocal_rank(ranked), 6)
+    return ScorerFigures(seconds=round(seconds, 3), versions=model.run.versions, mrr=mrr, kg=model.kg)

@@ -1,0 +1,287 @@
+"""What follows from a study: its trainings, and the graphs and scorers that they share, each of them once."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, fields, replace
+from pathlib import Path
+from typing import Any
+
+from wordcraft_kg.agents.config import OF_SCORER, AgentConfig, ImpalaConfig, TaskConfig
+from wordcraft_kg.base.artefacts import sha256_of
+from wordcraft_kg.base.errors import ConfigError, SplitError
+from wordcraft_kg.base.feature_spec import LEARNED, NAMES, SHUFFLED, VECTORS, FeatureSpec
+from wordcraft_kg.base.settings import MAX_THREADS, nearest, one_of, refuse, whole
+from wordcraft_kg.graphs.folder import default_split
+from wordcraft_kg.graphs.library import open_book
+from wordcraft_kg.graphs.recipe_graph import RecipeGraph
+from wordcraft_kg.graphs.splits import SplitConfig, make_split
+from wordcraft_kg.models.links.config import CONFIGS
+from wordcraft_kg.models.policies.config import PolicyConfig
+from wordcraft_kg.models.recipes.config import RecipesConfig
+from wordcraft_kg.runs.side_by_side import cores
+from wordcraft_kg.studies.study import (
+    OF_AGENT,
+    OF_GRAPH,
+    SCORER,
+    SCORER_SETTINGS,
+    Cell,
+    Study,
+    Value,
+    Values,
+    cells_of,
+    split_of,
+)
+from wordcraft_kg.studies.tasks import Task
+
+DEFAULTS = 1
+"""Version of the defaults of all settings: a default that changes gives other results, which need other addresses."""
+BOOK = "everyday"
+"""The book of a study that names none."""
+CURVE_POINTS = 20
+"""Points of a learning curve; each takes about as long as 10,000 steps."""
+CONFIG_OF = {**CONFIGS, RecipesConfig.command: RecipesConfig}
+"""Settings of scorers that are trained, by command."""
+PART_OF_AGENT = {"tasks": TaskConfig, "policy": PolicyConfig, "trainer": ImpalaConfig}
+
+
+def defaults_of(kind: type) -> dict[str, Any]:
+    """Return the defaults of a kind's settings."""
+    return {field.name: field.default for field in fields(kind)}
+
+
+DEFAULTS_OF_AGENT = {name: value for kind in PART_OF_AGENT.values() for name, value in defaults_of(kind).items()}
+DEFAULTS_OF_GRAPH = {name: {"book": BOOK, **defaults_of(SplitConfig)}[field] for name, field in OF_GRAPH.items()}
+
+
+@dataclass(frozen=True)
+class Plan:
+    """All that a study consists of.
+
+    Attributes:
+        name: name of the study.
+        study: the study.
+        cells: its trainings.
+        runs: address of the run of each cell; equal trainings share one.
+        tasks: all tasks by address; each after those that it needs.
+        books: where the recipe book of each graph is, by the graph's address.
+    """
+
+    name: str
+    study: Study
+    cells: tuple[Cell, ...]
+    runs: tuple[str, ...]
+    tasks: Mapping[str, Task]
+    books: Mapping[str, str]
+
+    @property
+    def threads(self) -> int:
+        """CPU threads that a task computes with at most."""
+        return max(task.threads for task in self.tasks.values())
+
+    def jobs(self, wanted: int | None) -> int:
+        """Return the number of tasks at once on this machine: as many as were wanted, else as the cores allow.
+
+        Raises:
+            ConfigError: if the number is not allowed.
+        """
+        return max(cores() // self.threads, 1) if wanted is None else whole("jobs", wanted, 1, MAX_THREADS)
+
+
+def make_plan(study: Study, name: str) -> Plan:
+    """Return what follows from a study.
+
+    Args:
+        study: the study.
+        name: its name in the results folder, that of a file there.
+
+    Raises:
+        ConfigError: if it cannot be such a name; naming the variant and the setting that is out of range, or does
+            not fit another; for two variants that are the same trainings.
+        RecipeFileError: if a book is not there.
+    """
+    if name in ("", "..") or Path(name).name != name:
+        raise ConfigError(f"a study cannot be called '{name}': its files have this name. Choose one without folders.")
+    planner = _Planner(study)
+    cells = tuple(cells_of(study))
+    # All variants with their first seeds come first, so that a study that is interrupted says something of each.
+    runs = {number: planner.run(cells[number]) for number in sorted(range(len(cells)), key=lambda i: cells[i].seed)}
+    _refuse_equal(cells, runs)
+    return Plan(name, study, cells, tuple(runs[number] for number in range(len(cells))), planner.tasks, planner.books)
+
+
+def _refuse_equal(cells: Sequence[Cell], runs: Mapping[int, str]) -> None:
+    """Refuse variants that say the same in other words, such as a default: their comparison would be one of nothing."""
+    found: dict[str, list[str]] = {}
+    for number, cell in enumerate(cells):
+        found.setdefault(cell.variant, []).append(runs[number])
+    names: dict[tuple[str, ...], str] = {}
+    for name, addresses in found.items():
+        if (other := names.setdefault(tuple(addresses), name)) != name:
+            raise ConfigError(f"variants '{other}' and '{name}' are the same trainings; give each once.")
+
+
+class _Planner:
+    """Makes the tasks of cells; what several cells share is made once."""
+
+    def __init__(self, study: Study):
+        self.study = study
+        self.tasks: dict[str, Task] = {}
+        self.books: dict[str, str] = {}
+        self._graphs: dict[str, RecipeGraph] = {}
+        self._made: dict[str, str] = {}
+        self._files: dict[str, str] = {}
+
+    def run(self, cell: Cell) -> str:
+        """Return the address of a cell's run."""
+        try:
+            _check_kinds(cell.settings, {**DEFAULTS_OF_GRAPH, **DEFAULTS_OF_AGENT})
+            graph = self._graph(cell.settings)
+            scorer = self._scorer(cell, graph)
+            return self._agent(cell, graph, scorer)
+        except (ConfigError, SplitError) as error:
+            raise ConfigError(f"variant '{cell.variant}'{_values(cell.values)}: {error}") from None
+
+    def _add(self, task: Task) -> str:
+        return self.tasks.setdefault(task.address, task).address
+
+    def _graph(self, settings: Values) -> str:
+        source = str(settings.get("book", BOOK))
+        given = {name: settings[name] for name in OF_GRAPH if name in settings}
+        key = repr(given)
+        if key not in self._made:
+            if source not in self._graphs:
+                self._graphs[source] = RecipeGraph.from_book(open_book(source))
+            graph, config = self._graphs[source], split_of(settings)
+            # Fails here if the split cannot be; a book that is too small for any is played without one, as elsewhere.
+            split = make_split(graph, config) if given.keys() - {"book"} else default_split(graph)
+            if split.config.kind == "none":
+                raise ConfigError(
+                    f"the split of '{source}' holds nothing out, so there are no test tasks to compare agents on; give "
+                    "a `split` such as by-recipe, and a book that is large enough for it."
+                )
+            task = Task(
+                "graphs",
+                {"defaults": DEFAULTS, "graph": graph.hash, "name": graph.name, "split": asdict(split.config)},
+                f"graph {graph.name}, {split.config.kind}, seed {split.config.seed}",
+            )
+            self._made[key] = self._add(task)
+            self.books[task.address] = source
+        return self._made[key]
+
+    def _scorer(self, cell: Cell, graph: str) -> str | None:
+        """Return the address of a cell's scorer; one that would learn from nothing says nothing, so there is none."""
+        name = cell.settings.get(SCORER)
+        if name is None:
+            return None
+        own = {key.removeprefix(f"{SCORER}."): v for key, v in cell.settings.items() if key.startswith(f"{SCORER}.")}
+        settings = {**self.study.scorers[str(name)], **own}
+        command = str(settings.pop("command"))
+        unknown = settings.keys() - SCORER_SETTINGS[command]
+        if unknown:
+            wrong = min(unknown)
+            raise ConfigError(f"{command} has no setting '{SCORER}.{wrong}'.{nearest(wrong, SCORER_SETTINGS[command])}")
+        if settings.get("share") == 0:
+            return None
+        threads, device = 1, "cpu"
+        if command not in CONFIG_OF:
+            one_of("kg", settings.get("kg", "partial"), ("partial", "full"))
+            settings = {name: value for name, value in settings.items() if value != "partial"}
+        else:
+            _check_kinds(settings, defaults_of(CONFIG_OF[command]))
+            settings.setdefault("seed", cell.seed)
+            config = CONFIG_OF[command](**settings)  # type: ignore[arg-type]
+            threads, device = config.threads, config.device
+            settings = _not_default(settings, CONFIG_OF[command])
+        described = {"defaults": DEFAULTS, "graph": graph, "command": command, "settings": settings}
+        return self._add(
+            Task(
+                "scorers",
+                {**described, **self._content(settings.get("features"))},
+                f"{command}{_values(settings)} on {self.tasks[graph].title}",
+                (graph,),
+                threads,
+                device,
+            )
+        )
+
+    def _agent(self, cell: Cell, graph: str, scorer: str | None) -> str:
+        given = {name: value for name, value in cell.settings.items() if name in OF_AGENT}
+        if scorer is None and SCORER in cell.settings:
+            given = {name: value for name, value in given.items() if name not in OF_SCORER}
+        given["seed"] = cell.seed
+        if "eval_every" not in given:
+            steps = whole("steps", given.get("steps", ImpalaConfig.steps), 1)
+            given["eval_every"] = max(steps // CURVE_POINTS, 1)
+        config = agent_config(given, graph, scorer)
+        settings: dict[str, Any] = {}
+        for kind in PART_OF_AGENT.values():
+            settings |= _not_default(given, kind)
+        described = {"defaults": DEFAULTS, "graph": graph, "scorer": scorer, "settings": settings}
+        return self._add(
+            Task(
+                "runs",
+                {**described, **self._content(settings.get("features"))},
+                f"{cell.variant}{_values(cell.values)}, seed {cell.seed}",
+                (graph,) if scorer is None else (graph, scorer),
+                config.trainer.threads,
+                config.trainer.device,
+            )
+        )
+
+    def _content(self, features: Value | None) -> dict[str, str]:
+        """Return the hash of a file of vectors, for the address: another content is another training.
+
+        Raises:
+            ConfigError: if there is no such file.
+        """
+        spec = FeatureSpec.parse(LEARNED if features is None else str(features))
+        if not spec.is_path:
+            return {}
+        path = Path(spec.source)
+        if not path.is_file():
+            names = (*NAMES, *(SHUFFLED + name for name in VECTORS))
+            expected = f"a file, or one of {', '.join(NAMES)}, the first three perhaps after '{SHUFFLED}'"
+            raise refuse("features", features, expected, nearest(str(features), names))
+        if spec.source not in self._files:
+            labels = [path.with_suffix(end) for end in (".labels.txt", ".txt")] if path.suffix.lower() == ".npy" else []
+            hashes = [sha256_of(file) for file in (path, *labels) if file.is_file()]
+            self._files[spec.source] = " ".join(hashes)
+        return {"content": self._files[spec.source]}
+
+
+def agent_config(settings: Mapping[str, Any], graph: str, scorer: str | None) -> AgentConfig:
+    """Return the settings of an agent from those that are given.
+
+    Raises:
+        ConfigError: for a value out of range.
+    """
+    parts = {
+        name: kind(**{field.name: settings[field.name] for field in fields(kind) if field.name in settings})
+        for name, kind in PART_OF_AGENT.items()
+    }
+    return replace(AgentConfig(graph, scorer), **parts)
+
+
+def _check_kinds(settings: Mapping[str, Any], defaults: Mapping[str, Any]) -> None:
+    """Refuse values that are no number, no text or no truth value, as their defaults are; TOML may hold any.
+
+    Raises:
+        ConfigError: naming the setting; ranges are checked by what takes the setting.
+    """
+    for name, value in settings.items():
+        default = defaults.get(name)
+        if isinstance(default, str) and not isinstance(value, str):
+            raise refuse(name, value, "text, in quotes")
+        if isinstance(default, bool) and not isinstance(value, bool):
+            raise refuse(name, value, "true or false")
+        if isinstance(default, int | float) and isinstance(value, str):
+            raise refuse(name, value, "a number, without quotes")
+
+
+def _not_default(settings: Mapping[str, Any], kind: type) -> dict[str, Any]:
+    """Return the settings of a kind that are not at its default, which give the same result as none."""
+    defaults = defaults_of(kind)
+    return {name: settings[name] for name in defaults if name in settings and settings[name] != defaults[name]}
+
+
+def _values(values: Mapping[str, Any]) -> str:
+    return "".join(f", {name} {value}" for name, value in values.items())

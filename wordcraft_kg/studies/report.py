@@ -1,0 +1,160 @@
+"""The report of a study: tables, figures and a page from its view."""
+
+from collections.abc import Iterator
+from itertools import groupby
+from operator import attrgetter
+from pathlib import Path
+
+from markupsafe import Markup
+
+from wordcraft_kg.base.errors import MissingExtraError
+from wordcraft_kg.reports import charts
+from wordcraft_kg.reports.charts.scales import Estimate
+from wordcraft_kg.reports.charts.standalone import as_pdf, as_png
+from wordcraft_kg.reports.pages import chart_style
+from wordcraft_kg.reports.report import Report, write_report
+from wordcraft_kg.studies.claims import in_words
+from wordcraft_kg.studies.tables import as_csv, as_latex, as_markdown, notes, tables_of, with_bounds
+from wordcraft_kg.studies.view import Correlation, Dose, PointFigures, StudyView, title_of
+
+SUCCESS = "greedy success on test tasks"
+
+
+def write_study_report(view: StudyView, folder: Path, *, force: bool = False) -> list[Path]:
+    """Write a study's page, tables and figures into a folder.
+
+    The files are ``index.html``, ``report.json``, ``table.csv``, ``table.md``, ``table.tex``, ``figure.svg`` and
+    ``profiles.svg``; with the extra ``figures``, also both figures as PNG and PDF.
+
+    Returns:
+        The files, the page first.
+
+    Raises:
+        OutputExistsError: if the folder exists and ``force`` is False.
+    """
+    report = make_study_report(view)
+    write_report(report, folder, force=force)
+    return [folder / name for name in ("index.html", "report.json", *report.files)]
+
+
+def make_study_report(view: StudyView) -> Report[StudyView]:
+    """Return the content of a study's report."""
+    panels, profiles = list(panels_of(view)), profiles_of(view)
+    return Report(
+        view,
+        "wordcraft_kg.studies/study_report.html.j2",
+        {"panels": panels, "profiles": profiles},
+        shown={
+            "tables": tables_of(view),
+            "notes": notes(view),
+            "correlation": correlation_in_words,
+            "title": title_of,
+            "words": in_words,
+            "claims": [list(same) for _, same in groupby(view.claims, key=attrgetter("text"))],
+        },
+        files={
+            "table.csv": as_csv(view),
+            "table.md": as_markdown(view),
+            "table.tex": as_latex(view),
+            **_in_all_formats("figure", study_figure(view)),
+            **_in_all_formats("profiles", charts.figure(view.title, [("", profiles)], chart_style())),
+        },
+    )
+
+
+def study_figure(view: StudyView) -> str:
+    """Return the study's figure, a panel for each point of the grid, as an SVG file."""
+    return charts.figure(view.title, list(panels_of(view)), chart_style())
+
+
+def _in_all_formats(name: str, svg: str) -> dict[str, str | bytes]:
+    try:
+        return {f"{name}.svg": svg, f"{name}.png": as_png(svg), f"{name}.pdf": as_pdf(svg)}
+    except MissingExtraError:
+        return {f"{name}.svg": svg}
+
+
+def panels_of(view: StudyView) -> Iterator[tuple[str, Markup]]:
+    """Yield a caption and a picture for each point of the grid; for "dose", for each point of what is no scorer's."""
+    if view.drawing == "dose" and view.doses:
+        titles = dict.fromkeys(title_of(dose.values) for dose in view.doses)
+        for title in titles:
+            doses = [dose for dose in view.doses if title_of(dose.values) == title]
+            yield title, _dose(view, doses)
+        return
+    for point in view.points:
+        is_curve = view.drawing == "curves" and any(len(entry.curve) > 1 for entry in point.variants)
+        yield point.title, (_curves if is_curve else _bars)(view, point)
+
+
+def _curves(view: StudyView, point: PointFigures) -> Markup:
+    # A variant has the same colour at all points, those without it included.
+    names = [profile.variant for profile in view.profiles]
+    series = {
+        entry.variant: [(at.step, at.success, at.low, at.high) for at in entry.curve]
+        for entry in sorted(point.variants, key=lambda entry: names.index(entry.variant))
+    }
+    return charts.curves(
+        series,
+        "environment steps",
+        SUCCESS,
+        f"Success of each variant over training, {point.title}",
+        percent=True,
+        colours={name: names.index(name) for name in series},
+    )
+
+
+def _bars(view: StudyView, point: PointFigures) -> Markup:
+    reference = [entry.mean for entry in point.variants if entry.variant == view.reference]
+    return charts.intervals(
+        [(entry.variant, (entry.mean, *entry.interval)) for entry in point.variants],
+        "success on test tasks, 95 % over seeds and tasks",
+        f"Success of each variant, {point.title}",
+        reference=reference[0] if reference else None,
+        percent=True,
+    )
+
+
+def _dose(view: StudyView, doses: list[Dose]) -> Markup:
+    several = any(len({at.variant for at in dose.points}) > 1 for dose in doses)
+    series: dict[str, list[tuple[str, Estimate, Estimate]]] = {}
+    for dose in doses:
+        for at in dose.points:
+            way = "in-sample" if dose.in_sample else "cross-fitted"
+            name = at.variant if several else way
+            series.setdefault(name, []).append((at.label, (at.mrr, *at.mrr_range), (at.success, *at.interval)))
+    without = next((dose.without for dose in doses if dose.without is not None), None)
+    return charts.scatter(
+        series,
+        "leak-free MRR of the scorer on test triples",
+        SUCCESS,
+        "Success by the MRR of the scorer",
+        level=None if without is None else (view.reference, without),
+    )
+
+
+def correlation_in_words(found: Correlation | None) -> str:
+    """Return a correlation with its interval."""
+    return with_bounds(found.value, (found.low, found.high), ".2f") if found else "–"
+
+
+def profiles_of(view: StudyView) -> Markup:
+    """Return the picture of the performance profiles."""
+    series = {
+        profile.variant: [
+            (tau, share, *(ends or (None, None)))
+            for tau, share, ends in zip(
+                view.taus,
+                profile.shares,
+                zip(profile.low, profile.high, strict=True) if profile.low else [None] * len(view.taus),
+                strict=True,
+            )
+        ]
+        for profile in view.profiles
+    }
+    return charts.profiles(
+        series,
+        "success on test tasks",
+        "share of trainings with more",
+        "Performance profiles: share of trainings above each level of success",
+    )

@@ -1,0 +1,108 @@
+"""What came out of a study: one record, small enough to be kept beside a page that shows it."""
+
+import json
+from typing import Annotated, Literal
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from wordcraft_kg.base.records import Count, Hash, Record, Share, as_values
+from wordcraft_kg.studies.study import Study, Values
+
+Curve = tuple[tuple[int, float], ...]
+"""Points of (environment steps, success)."""
+
+
+class PlayedGraph(Record, frozen=True):
+    """A graph and its split."""
+
+    name: str
+    hash: Hash
+    kind: str
+    split_seed: int
+    split: Hash
+
+
+class RunResult(Record, frozen=True):
+    """The figures of a training.
+
+    Attributes:
+        variant: name of the variant.
+        values: the grid's values, by setting.
+        seed: of the training.
+        run: address of the run folder, and of its settings: equal ones have equal addresses.
+        graph: number of the graph in :attr:`StudyResults.graphs`.
+        success: share of episodes in which the greedy agent made the goal, by part (train, test).
+        by_plan: share in which the last pair of a plan made it, by part.
+        endings: share of episodes on test tasks by how they ended, see :data:`~wordcraft_kg.agents.evaluation.ENDINGS`.
+        won: successes of each test task in the order of the tasks, a digit each: of ``draws`` draws of distractors.
+        draws: draws of distractors for each task.
+        curve: success on test tasks during training.
+        mrr: leak-free MRR of the scorer on test triples; None without a scorer, or if it has seen them.
+        steps: environment steps.
+        seconds: of the training.
+        steps_per_second: of acting and learning alone.
+    """
+
+    variant: str
+    values: Values
+    seed: int
+    run: str
+    graph: int
+    success: dict[str, Share]
+    by_plan: dict[str, Share]
+    endings: dict[str, Share]
+    won: str
+    draws: int
+    curve: Curve
+    mrr: Share | None
+    steps: Count
+    seconds: Annotated[float, msgspec.Meta(ge=0)]
+    steps_per_second: Count
+
+    @property
+    def rates(self) -> NDArray[np.float64]:
+        """Success rate of each test task, shape (K,)."""
+        return np.array([int(digit) for digit in self.won]) / self.draws
+
+
+class Missing(Record, frozen=True):
+    """A training that has no figures, and why."""
+
+    variant: str
+    values: Values
+    seed: int
+    why: str
+
+
+class StudyResults(Record, frozen=True):
+    """A study and all its figures (``results.json``).
+
+    Attributes:
+        name: name of the study.
+        command: what makes it again.
+        study: the study as it was run, with all that the command line changed.
+        graphs: graphs that were played on.
+        versions: of packages, with which the runs were made.
+        runs: in the order of the study's cells.
+        missing: trainings without figures.
+        hours: of training, summed over runs and scorers.
+    """
+
+    format: Literal["wordcraft-kg results 1"]
+    name: str
+    command: str
+    study: Study
+    graphs: tuple[PlayedGraph, ...]
+    versions: dict[str, str]
+    runs: tuple[RunResult, ...]
+    missing: tuple[Missing, ...]
+    hours: Annotated[float, msgspec.Meta(ge=0)]
+
+
+def results_text(results: StudyResults) -> str:
+    """Return results as JSON with a line for each run: small, and what changes can be seen."""
+    values = as_values(results)
+    runs = ",\n".join(json.dumps(run, ensure_ascii=False, separators=(",", ":")) for run in values.pop("runs"))
+    return f'{json.dumps(values, ensure_ascii=False)[:-1]}, "runs": [\n{runs}\n]}}\n'

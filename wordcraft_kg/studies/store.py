@@ -1,0 +1,154 @@
+"""A results folder: graphs, scorers and runs by the hash of what went into them, and the studies that asked for them.
+
+| file or folder | content |
+|---|---|
+| ``graphs/``, ``scorers/``, ``runs/`` | a folder for each task, named by its address |
+| ``studies/<name>.json`` | a study, its cells, and the address of each cell's run |
+| ``failed/<address>.txt`` | why a task failed the last time |
+"""
+
+import logging
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Literal
+
+from msgspec import structs
+
+from wordcraft_kg.base.artefacts import dump_json, write_atomically
+from wordcraft_kg.base.errors import ArtefactError
+from wordcraft_kg.base.records import Record, as_values, read_record
+from wordcraft_kg.base.settings import nearest
+from wordcraft_kg.studies.plan import Plan
+from wordcraft_kg.studies.study import Cell, Study
+from wordcraft_kg.studies.tasks import Outcome, Task
+
+STUDIES = "studies"
+FAILED = "failed"
+
+
+class PlannedStudy(Record, frozen=True):
+    """``studies/<name>.json``.
+
+    Attributes:
+        study: the study, with what the command line changed.
+        command: the command that ran it.
+        cells: its trainings.
+        runs: address of the run of each cell.
+        scorers: address of the scorer of each cell, or None.
+        graphs: address of the graph of each cell.
+    """
+
+    format: Literal["wordcraft-kg study 1"]
+    study: Study
+    command: str
+    cells: tuple[Cell, ...]
+    runs: tuple[str, ...]
+    scorers: tuple[str | None, ...]
+    graphs: tuple[str, ...]
+
+
+@contextmanager
+def own_results(root: Path) -> Iterator[None]:
+    """Keep other engines out of a results folder, which is made if it is not there.
+
+    Raises:
+        ArtefactError: if another engine works there, or the path is a file.
+    """
+    if root.is_file():
+        raise ArtefactError(f"'{root}' is a file; expected a results folder. Choose another `out`.")
+    (root / STUDIES).mkdir(parents=True, exist_ok=True)
+    try:
+        import fcntl
+    except ImportError:  # Windows
+        yield
+        return
+    # A file that is open for writing: what shares folders between machines locks nothing else.
+    handle = os.open(root / STUDIES / ".lock", os.O_RDWR | os.O_CREAT, 0o666)
+    try:
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise ArtefactError(
+                f"another study is being run in '{root}'; wait for it, stop it, or choose another `out`."
+            ) from None
+        yield
+    finally:
+        os.close(handle)
+
+
+def write_plan(root: Path, plan: Plan, command: str) -> None:
+    """Record what a study consists of, before anything is trained."""
+    needs = [plan.tasks[run].needs for run in plan.runs]
+    record = PlannedStudy(
+        format="wordcraft-kg study 1",
+        study=plan.study,
+        command=command,
+        cells=plan.cells,
+        runs=plan.runs,
+        scorers=tuple(need[1] if len(need) > 1 else None for need in needs),
+        graphs=tuple(need[0] for need in needs),
+    )
+    path = root / STUDIES / f"{plan.name}.json"
+    with suppress(ArtefactError):
+        before = read_record(path, PlannedStudy).study
+        if structs.replace(before, seeds=plan.study.seeds) != plan.study:
+            logging.getLogger(__name__).warning(
+                "the study '%s' of '%s' was another one; its runs stay, but its record and its report are replaced.",
+                plan.name,
+                root,
+            )
+    write_atomically(path, dump_json(as_values(record)))
+
+
+def studies_of(root: Path) -> list[str]:
+    """Return the names of the studies of a results folder.
+
+    Raises:
+        ArtefactError: if it is not a results folder.
+    """
+    if not (root / STUDIES).is_dir():
+        raise ArtefactError(
+            f"'{root}' is no results folder: it has no folder '{STUDIES}'. Make one: wordcraft-kg reproduce or sweep."
+        )
+    return sorted(path.stem for path in (root / STUDIES).glob("*.json"))
+
+
+def read_plan(root: Path, name: str) -> PlannedStudy:
+    """Read what a study of a results folder consists of.
+
+    Raises:
+        ArtefactError: if there is no such study, or its record is damaged.
+    """
+    known = studies_of(root)
+    if name not in known:
+        raise ArtefactError(
+            f"'{root}' has no study '{name}'; it has {', '.join(known) or 'none'}.{nearest(name, known)}"
+        )
+    return read_record(root / STUDIES / f"{name}.json", PlannedStudy)
+
+
+def _failure_file(root: Path, address: str) -> Path:
+    return root / FAILED / f"{address.replace('/', '-')}.txt"
+
+
+def note_failure(root: Path, task: Task, outcome: Outcome) -> None:
+    """Keep why a task failed."""
+    path = _failure_file(root, task.address)
+    path.parent.mkdir(exist_ok=True)
+    write_atomically(path, f"{task.title}\n{outcome.error}\n{outcome.detail}")
+
+
+def forget_failure(root: Path, address: str) -> None:
+    """Remove why a task failed once it is done."""
+    _failure_file(root, address).unlink(missing_ok=True)
+
+
+def failure_of(root: Path, address: str) -> str | None:
+    """Return the line that says why a task failed the last time; None if it did not."""
+    path = _failure_file(root, address)
+    if not path.exists():
+        return None
+    lines = path.read_text(encoding="utf-8").splitlines()
+    return lines[1] if len(lines) > 1 else "no reason is known"

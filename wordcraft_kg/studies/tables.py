@@ -1,0 +1,253 @@
+"""The tables of a study: for people as Markdown and LaTeX, one for each point of the grid, and all figures as CSV."""
+
+import csv
+import io
+import re
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+from wordcraft_kg.studies.metrics import p_in_words
+from wordcraft_kg.studies.view import Interval, PointFigures, StudyView, VariantFigures
+
+NEVER = "never"
+LATEX = {
+    "\\": r"\textbackslash{}",
+    "~": r"\textasciitilde{}",
+    "^": r"\textasciicircum{}",
+    "<": r"\textless{}",
+    ">": r"\textgreater{}",
+    "|": r"\textbar{}",
+    "−": "$-$",
+    "≤": r"$\leq$",
+} | {letter: f"\\{letter}" for letter in "&%$#_{}"}
+"""What LaTeX would read as something else, or does not know in its usual fonts."""
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of texts.
+
+    Attributes:
+        title: the point of the grid.
+        headings: of the columns; the first is that of the variants.
+        rows: texts of each variant.
+    """
+
+    title: str
+    headings: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+
+
+Column = tuple[str, Callable[[VariantFigures], str]]
+
+
+def tables_of(view: StudyView) -> list[Table]:
+    """Return a table for each point of the grid; columns that are empty at all points are left out."""
+    columns = [(heading, text) for heading, text in COLUMNS if any(text(at) for p in view.points for at in p.variants)]
+    return [_table(point, columns) for point in view.points]
+
+
+def _table(point: PointFigures, columns: Sequence[Column]) -> Table:
+    rows = [tuple(text(entry) for _, text in columns) for entry in point.variants]
+    return Table(point.title, tuple(heading for heading, _ in columns), tuple(rows))
+
+
+def with_bounds(value: float, interval: Interval | None, form: str = ".3f") -> str:
+    """Return a value with the bounds of its interval.
+
+    Example:
+        >>> with_bounds(0.5, (0.4, 0.61))
+        '0.500 [0.400, 0.610]'
+    """
+    return " ".join(part for part in (signed(value, form), bounds(interval, form)) if part)
+
+
+def bounds(interval: Interval | None, form: str = ".3f") -> str:
+    """Return the bounds of an interval, or nothing."""
+    return f"[{signed(interval[0], form)}, {signed(interval[1], form)}]" if interval else ""
+
+
+def signed(value: float, form: str) -> str:
+    """Return a number with a true minus sign, and without one if it is 0 as shown."""
+    text = format(value, form)
+    if not re.search("[1-9]", text):
+        text = text.replace("-", "+" if "+" in form else "")
+    return text.replace("-", "−")
+
+
+def _mrr(at: VariantFigures) -> str:
+    if at.mrr is None or at.mrr_range is None:
+        return ""
+    low, high = at.mrr_range
+    return f"{at.mrr:.3f}" + (f" ({low:.3f}–{high:.3f})" if f"{low:.3f}" != f"{high:.3f}" else "")
+
+
+def _difference(at: VariantFigures) -> str:
+    return with_bounds(at.comparison.difference, at.comparison.interval, "+.3f") if at.comparison else ""
+
+
+def _p_value(at: VariantFigures) -> str:
+    if at.comparison is None:
+        return ""
+    return p_in_words(at.comparison.p_corrected)
+
+
+def _reached(at: VariantFigures) -> str:
+    if not at.curve:
+        return ""
+    ends = at.reached_interval
+    return _amount(at.reached) + (f" [{_amount(ends[0])}, {_amount(ends[1])}]" if ends and ends[0] != ends[1] else "")
+
+
+def _amount(steps: int | None) -> str:
+    return NEVER if steps is None else f"{steps:,}"
+
+
+COLUMNS: tuple[Column, ...] = (
+    ("variant", lambda at: at.variant),
+    ("seeds", lambda at: str(len(at.seeds))),
+    ("success [seeds, tasks]", lambda at: with_bounds(at.mean, at.interval)),
+    ("success [seeds]", lambda at: bounds(at.seed_interval)),
+    ("difference [seeds, tasks]", _difference),
+    ("IQM", lambda at: f"{at.iqm:.3f}" if len(at.seeds) > 3 else ""),
+    ("train", lambda at: "" if at.train is None else f"{at.train:.3f}"),
+    ("MRR", _mrr),
+    ("P(better)", lambda at: f"{at.comparison.p_better:.2f}" if at.comparison else ""),
+    ("p", _p_value),
+    ("reached after", _reached),
+)
+"""Columns of the tables for people."""
+
+
+def as_markdown(view: StudyView) -> str:
+    """Return the tables in the Markdown of GitHub."""
+    lines = [f"# {_plain(view.title)}", ""]
+    for table in tables_of(view):
+        lines += [f"## {_plain(table.title)}", "", _row(map(_plain, table.headings))]
+        lines += [_row(["---", *["---:"] * (len(table.headings) - 1)])]
+        lines += [*(_row(map(_plain, row)) for row in table.rows), ""]
+    return "\n".join([*lines, *(_plain(note) for note in notes(view)), ""])
+
+
+def _row(cells: "Iterator[str] | Sequence[str] | map[str]") -> str:
+    return f"| {' | '.join(cells)} |"
+
+
+def _plain(text: str) -> str:
+    """Return a text that Markdown shows as it is, in a line."""
+    return re.sub(r"([\\`*_<>|#~]|\[(?=[^\]]*\]\())", r"\\\1", " ".join(text.split()))
+
+
+def as_latex(view: StudyView) -> str:
+    r"""Return the tables in LaTeX, for ``\usepackage{booktabs}``."""
+    lines = ["% \\usepackage{booktabs}"]
+    for table in tables_of(view):
+        lines += [
+            r"\begin{table}",
+            r"\centering",
+            rf"\caption{{{latex(f'{view.title}: {table.title}')}}}",
+            rf"\begin{{tabular}}{{l{'r' * (len(table.headings) - 1)}}}",
+            r"\toprule",
+            _latex_row(table.headings),
+            r"\midrule",
+            *map(_latex_row, table.rows),
+            r"\bottomrule",
+            r"\end{tabular}",
+            r"\end{table}",
+        ]
+    return "\n".join([*lines, *(f"% {note}" for note in notes(view)), ""])
+
+
+def _latex_row(cells: Sequence[str]) -> str:
+    # A row that begins with a bracket would be read as an option of the row before.
+    return " & ".join(f"{{{latex(cell)}}}" if cell.startswith("[") else latex(cell) for cell in cells) + r" \\"
+
+
+def latex(text: str) -> str:
+    r"""Return a text with what LaTeX would not print as it is replaced.
+
+    Example:
+        >>> latex("50 % of a_b")
+        '50 \\% of a\\_b'
+    """
+    return "".join(LATEX.get(letter, letter) for letter in " ".join(text.split()))
+
+
+def notes(view: StudyView) -> list[str]:
+    """Return how to read the tables, in sentences."""
+    found = [
+        "Success: share of episodes on test tasks in which the greedy agent makes the goal, with 95 % bootstrap "
+        "intervals: over seeds and tasks, that is, for other such tasks too, and over seeds alone, for these tasks.",
+    ]
+    if view.comparisons:
+        found.append(
+            f"Differences are to {view.reference}, paired by seed and task, with intervals over both; P(better): "
+            "probability that a run of the variant is better than one of the other."
+        )
+        found.append(
+            "Reached after: environment steps until the mean learning curve reaches where that of "
+            f"{view.reference} ends, with the interval over seeds."
+        )
+        found.append(
+            f"p: of no difference, from the interval of the difference, corrected by Holm for {view.comparisons} "
+            "comparisons."
+        )
+    return found
+
+
+def as_csv(view: StudyView) -> str:
+    """Return all figures, a row for each variant at each point of the grid; what is not there is empty.
+
+    Nothing is in it that the next training would change: equal results give equal bytes, wherever they were made.
+    """
+    grid = list(dict.fromkeys(name for point in view.points for name in point.values))
+    rows = [_values(point, entry, grid) for point in view.points for entry in point.variants]
+    text = io.StringIO()
+    writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows({name: _cell(value) for name, value in row.items()} for row in rows)
+    return text.getvalue()
+
+
+def _cell(value: object) -> object:
+    if isinstance(value, bool):
+        return str(value).lower()
+    return f"{value:.6g}" if isinstance(value, float) else value
+
+
+def _values(point: PointFigures, at: VariantFigures, grid: Sequence[str]) -> dict[str, object]:
+    found = at.comparison
+
+    def ends(name: str, interval: Sequence[float | int | None] | None) -> dict[str, object]:
+        low, high = interval or ("", "")
+        return {f"{name}_low": low, f"{name}_high": high}
+
+    def steps(value: int | None) -> object:
+        return ("" if not at.curve else NEVER) if value is None else value
+
+    reached = at.reached_interval and [steps(end) for end in at.reached_interval]
+    return {
+        **{name: point.values.get(name, "") for name in grid},
+        "variant": at.variant,
+        "seeds": len(at.seeds),
+        "tasks": point.tasks,
+        "success": at.mean,
+        **ends("success", at.interval),
+        **ends("success_seeds", at.seed_interval),
+        "iqm": at.iqm,
+        **ends("iqm", at.iqm_interval),
+        "by_plan": at.by_plan,
+        "train": at.train,
+        "mrr": at.mrr,
+        **ends("mrr", at.mrr_range),
+        "difference": found and found.difference,
+        **ends("difference", found.interval if found else None),
+        "p_better": found and found.p_better,
+        **ends("p_better", found.p_better_interval if found else None),
+        "p_value": found and found.p_value,
+        "p_holm": found and found.p_corrected,
+        "steps_to_reference": steps(at.reached),
+        "steps_to_reference_low": reached[0] if reached else "",
+        "steps_to_reference_high": reached[1] if reached else "",
+        "steps": at.steps,
+    }

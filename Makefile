@@ -6,13 +6,14 @@ DEMO := demo
 AGENT := --steps 1000000
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo test slow lint format docs site clean
+.PHONY: help install demo test slow browser lint format docs site clean
 
 help:
 	@echo "make demo     set up, then book -> graph -> scorers -> agents -> reports, on the book everyday"
-	@echo "make test     set up, then the tests"
+	@echo "make test     set up, then the tests, in minutes"
 	@echo "make install  set up .venv only"
-	@echo "make slow     the tests that take minutes"
+	@echo "make slow     thorough and long tests; of some rooms with ROOMS='tests/runs tests/models'"
+	@echo "make browser  the tests of pages in Chromium"
 	@echo "make lint     ruff, mypy, and the directions of imports"
 	@echo "make docs     write docs/commands.md from the help of the commands, docs/glossary.md from the glossary"
 	@echo "make site     the guides, the Python reference and the book everyday in the explorer as a website, in site/"
@@ -45,10 +46,14 @@ demo: install
 	$(BIN)/wordcraft-kg explain $(DEMO)/runs/recipes --episodes 1
 
 test: install
-	$(BIN)/python -m pytest -m "not slow" --numprocesses auto
+	$(BIN)/python -m pytest -m "not slow and not browser" --numprocesses auto --dist loadfile
 
+# 5: none of these rooms has a slow test.
 slow: install
-	$(BIN)/python -m pytest -m slow
+	$(BIN)/python -m pytest -m "slow and not browser" --numprocesses auto --dist loadfile $(ROOMS) || [ $$? = 5 ]
+
+browser: install
+	$(BIN)/python -m pytest -m browser --numprocesses auto --dist loadfile
 
 lint: install
 	$(BIN)/ruff check .

@@ -1,5 +1,6 @@
-"""What all tests share: hypothesis settings, running a command in-process, and the books that are at hand."""
+"""Shared by all tests: hypothesis settings, commands in this process, books, and trained folders."""
 
+import fcntl
 import gc
 import logging
 import os
@@ -34,12 +35,21 @@ OFFICIAL_FILE = "alchemy2.json"
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a command left behind: exit code, stdout, stderr, and the kind of its failure if there was one."""
+    """The end of a command: exit code, stdout, stderr, and kind and setting of its failure if there was one."""
 
     code: int
     out: str
     err: str
-    kind: str
+    kind: str = ""
+    setting: str = ""
+
+
+@pytest.hookimpl(tryfirst=True)  # before pytest selects by marker
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark the tests that use the fixture `chromium`."""
+    for item in items:
+        if "chromium" in getattr(item, "fixturenames", ()):
+            item.add_marker("browser")
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -72,7 +82,8 @@ def run(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> 
             logging.captureWarnings(False)
             gc.set_threshold(*collection)
         captured = capsys.readouterr()
-        return Outcome(code, captured.out, captured.err, failures[0].kind if failures else "")
+        failed = (failures[0].kind, failures[0].setting) if failures else ()
+        return Outcome(code, captured.out, captured.err, *failed)
 
     return run
 
@@ -91,13 +102,34 @@ def kitchen() -> RecipeGraph:
 
 
 @pytest.fixture(scope="session")
-def recipes_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def trained(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, Callable[[Path], object]], Path]:
+    """Make a folder once for all processes of this test session: `trained(name, make)`; read only."""
+    root = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        root = root.parent
+    root /= "trained"
+    root.mkdir(exist_ok=True)
+
+    def trained(name: str, make: Callable[[Path], object]) -> Path:
+        folder, done = root / name, root / f"{name}.done"
+        with (root / f"{name}.lock").open("w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            if not done.exists():
+                make(folder)
+                done.touch()
+        return folder
+
+    return trained
+
+
+@pytest.fixture(scope="session")
+def recipes_folder(trained: Callable[[str, Callable[[Path], object]], Path]) -> Path:
     """A recipe scorer of the kitchen with three folds; read only."""
     from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
     from wordcraft_kg.models.recipes.training import train_recipes
 
-    out = tmp_path_factory.mktemp("models") / "kitchen-recipes"
-    return train_recipes(RecipeScorerConfig("kitchen", RecipesConfig(folds=3)), out).folder
+    config = RecipeScorerConfig("kitchen", RecipesConfig(folds=3))
+    return trained("kitchen-recipes", lambda out: train_recipes(config, out))
 
 
 @pytest.fixture(scope="session")

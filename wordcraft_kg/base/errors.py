@@ -1,5 +1,10 @@
 """Errors that a user can cause: one class per cause; messages say what was found, what was expected, what to do."""
 
+import re
+
+NAMED_SETTING = re.compile(r"`([a-z]\w*)`")
+"""A setting in a message, as Python spells it."""
+
 
 def reason(error: BaseException) -> str:
     """Return an error's kind and message in one line; those of torch may take many."""
@@ -9,6 +14,17 @@ def reason(error: BaseException) -> str:
 
 class WordCraftKGError(Exception):
     """Base of all errors that a user's input can cause; the command line prints them without a traceback."""
+
+    @property
+    def kind(self) -> str:
+        """Name of the error's class; `--json` prints it."""
+        return type(self).__name__
+
+    @property
+    def setting(self) -> str:
+        """Python name of the refused setting, which the message names first in backticks; "" if it names none."""
+        named = NAMED_SETTING.search(str(self))
+        return named[1] if named else ""
 
 
 class RecipeFileError(WordCraftKGError, ValueError):

@@ -10,7 +10,7 @@ from typing import Any
 
 from cyclopts import CycloptsError, MissingArgumentError, UnknownCommandError, UnusedCliTokensError
 
-from wordcraft_kg.base.errors import WordCraftKGError
+from wordcraft_kg.base.errors import NAMED_SETTING, WordCraftKGError
 from wordcraft_kg.cli.console import Output
 
 OPTIONS = {"num_distractors": "distractors", "kind": "split", "trackers": "track"}
@@ -71,12 +71,14 @@ class Failure:
         message: what was found, what was expected and what to do; a Ctrl-C says what is left.
         code: exit code.
         hints: further lines for a terminal: usage and an example.
+        setting: Python name of the setting that was refused, if the failure is one setting's.
     """
 
     kind: str
     message: str
     code: int
     hints: tuple[str, ...] = ()
+    setting: str = ""
 
     def show(self, output: Output) -> int:
         """Say it on stderr; with --json, also print it as the one object on stdout. Return the exit code."""
@@ -122,7 +124,8 @@ def failure_of(error: BaseException, manual: Manual | None) -> Failure | None:
     if isinstance(error, KeyboardInterrupt):
         return Failure(kind, str(error) or "interrupted; nothing was written", INTERRUPTED)
     if isinstance(error, WordCraftKGError):
-        return Failure(kind, with_options(str(error), manual.places if manual else ()), 1)
+        shown = with_options(str(error), manual.places if manual else ())
+        return Failure(error.kind, shown, 1, setting=error.setting)
     if isinstance(error, ModuleNotFoundError):
         package = (error.name or "").partition(".")[0]
         if package in ("", "wordcraft_kg"):
@@ -151,4 +154,4 @@ def with_options(message: str, places: Container[str] = ()) -> str:
         name = OPTIONS.get(match[1], match[1])
         return name.upper() if name in places else f"--{name.replace('_', '-')}"
 
-    return re.sub(r"`([a-z]\w*)`", named, message)
+    return NAMED_SETTING.sub(named, message)

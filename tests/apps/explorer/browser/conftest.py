@@ -22,7 +22,7 @@ PATIENCE = 30_000
 
 # Of a module, not of the session: while Playwright is there, no other test of the process may run an event loop.
 @pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
+def chromium() -> Iterator[Any]:
     """The system's Chromium."""
     sync_api = pytest.importorskip("playwright.sync_api", reason="needs Playwright: pip install 'wordcraft-kg[dev]'")
     program = next(filter(None, map(shutil.which, BROWSERS)), None)
@@ -108,9 +108,9 @@ def _is_failure(request: Any) -> bool:
 
 
 @pytest.fixture
-def open_page(browser: Any) -> Iterator[Callable[..., Any]]:
+def open_page(chromium: Any) -> Iterator[Callable[..., Any]]:
     """Open pages; at the end there must have been nothing to complain about."""
-    opened = Opened(browser)
+    opened = Opened(chromium)
     yield opened
     for context in opened.contexts:
         context.close()

@@ -174,8 +174,8 @@ def test_the_back_button_and_reloads_change_no_answer(open_page: OpenPage, study
     assert study.lines()[1].loads >= 2
 
 
-def test_a_click_while_the_server_is_away_is_sent_again_by_a_reload(open_page: OpenPage, study: Served, browser: Any):
-    context = browser.new_context()
+def test_a_click_while_the_server_is_away_is_sent_again_by_a_reload(open_page: OpenPage, study: Served, chromium: Any):
+    context = chromium.new_context()
     page = context.new_page()
     begin(page, study)
     thing(page, 0).click()
@@ -223,8 +223,8 @@ def test_axe_finds_nothing_and_nothing_is_wider_than_a_phone(open_page: OpenPage
     check()
 
 
-def test_several_people_at_once_in_browsers_of_their_own(browser: Any, study: Served):
-    contexts = [browser.new_context() for _ in range(3)]
+def test_several_people_at_once_in_browsers_of_their_own(chromium: Any, study: Served):
+    contexts = [chromium.new_context() for _ in range(3)]
     pages = [context.new_page() for context in contexts]
     for page in pages:
         begin(page, study)

@@ -1,7 +1,10 @@
 """Serving an application on a port until Ctrl-C."""
 
 import errno
+import os
 import socket
+import sys
+import webbrowser
 from collections.abc import Callable
 from contextlib import suppress
 
@@ -18,7 +21,7 @@ PATIENCE = 3
 
 
 class Serving(Record):
-    """What answers requests, and where."""
+    """Result of a command that serves: the address that answers requests."""
 
     address: str
 
@@ -111,3 +114,10 @@ def address_of(listening: socket.socket) -> str:
     host, port = listening.getsockname()[:2]
     shown = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(host, host)
     return f"http://[{shown}]:{port}" if ":" in shown else f"http://{shown}:{port}"
+
+
+def open_browser(address: str) -> None:
+    """Open a page in the user's browser if there is a screen: a text browser would take the terminal over."""
+    screens = ("DISPLAY", "WAYLAND_DISPLAY")
+    if sys.platform in ("darwin", "win32") or any(os.environ.get(name) for name in screens):
+        webbrowser.open_new_tab(address)

@@ -1,6 +1,5 @@
 """``wordcraft-kg explore``."""
 
-import os
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -68,7 +67,7 @@ def explore(
         output.result(found, _exported(found, export))
         return
     from wordcraft_kg.apps.explorer.server import make_app, warm
-    from wordcraft_kg.apps.web.serving import Serving, listen, return_freed_memory, serve
+    from wordcraft_kg.apps.web.serving import Serving, listen, open_browser, return_freed_memory, serve
 
     listening = listen(host, port)  # before the work
     return_freed_memory()
@@ -86,15 +85,6 @@ def explore(
         warm(explored)
 
     serve(make_app(explored, host, allow_host or ()), listening, started)
-
-
-def open_browser(address: str) -> None:
-    """Open a page in the user's browser if there is a screen; a browser in the terminal would take it over."""
-    import webbrowser
-
-    screens = ("DISPLAY", "WAYLAND_DISPLAY")
-    if sys.platform in ("darwin", "win32") or any(os.environ.get(name) for name in screens):
-        webbrowser.open_new_tab(address)
 
 
 def _exported(found: "ExportedSite", out: Path) -> list[str]:

@@ -60,10 +60,9 @@ def study_serve(
     from wordcraft_kg.base.extras import check_extra
 
     check_extra("explore")
-    from wordcraft_kg.apps.explorer.commands.explore import open_browser
     from wordcraft_kg.apps.people.keeping import kept_answers
     from wordcraft_kg.apps.people.web_app import make_study_app
-    from wordcraft_kg.apps.web.serving import Serving, listen, serve
+    from wordcraft_kg.apps.web.serving import Serving, listen, open_browser, serve
 
     amounts = whole_numbers("distractors", distractors) if distractors else StudyConfig.distractors
     config = StudyConfig(tasks, tuple(amounts), forms, seed, _consent(consent))

@@ -20,7 +20,7 @@ def own_home(home: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A cache and a working folder of the test's own, no key, and retries that do not wait."""
     monkeypatch.chdir(home)
     monkeypatch.delenv(OPENAI_KEY, raising=False)
-    monkeypatch.setattr("wordcraft_kg.apps.elicitation.endpoint.FIRST_WAIT", 0.01)
+    monkeypatch.setattr("openai._base_client.INITIAL_RETRY_DELAY", 0.01)
     return home
 
 

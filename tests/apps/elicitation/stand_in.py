@@ -41,6 +41,7 @@ class StandIn:
         headers: their headers, by name in lower case.
         said: body of an error.
         delay: seconds that an answer takes.
+        tokens: tokens of a prompt.
     """
 
     def __init__(self, answer: Answerer):
@@ -52,6 +53,7 @@ class StandIn:
         self.times: list[float] = []
         self.said: object = {"error": {"message": "told to fail", "code": "told"}}
         self.delay = 0.0
+        self.tokens = 7
         self.most_at_once = self._at_once = 0
         self._lock = threading.Lock()
         self.address = ""
@@ -87,7 +89,7 @@ class StandIn:
                         "message": {"role": "assistant", "content": self.answer(goals)},
                     }
                 ],
-                "usage": {"prompt_tokens": 7, "completion_tokens": 5, "total_tokens": 12},
+                "usage": {"prompt_tokens": self.tokens, "completion_tokens": 5, "total_tokens": 12},
             }
         ).encode()
         if isinstance(failure, int):
@@ -109,6 +111,8 @@ class StandIn:
         handler.send_header("Content-Length", str(length or len(body)))
         if status == 429 and self.retry_after is not None:
             handler.send_header("Retry-After", self.retry_after)
+        if status == 307:
+            handler.send_header("Location", f"{self.address}/elsewhere")
         handler.end_headers()
         handler.wfile.write(body)
         handler.close_connection = True

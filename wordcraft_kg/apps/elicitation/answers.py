@@ -1,4 +1,4 @@
-"""The answers of an endpoint on disk: a small file each, named by the SHA-256 of what was asked."""
+"""The answers of an endpoint on disk: a small file each, named by the SHA-256 of the request."""
 
 import hashlib
 import logging
@@ -12,14 +12,14 @@ from wordcraft_kg.base.records import Count, Hash, Record, as_values, read_recor
 
 
 class Answer(Record, frozen=True, kw_only=True):
-    """What an endpoint said.
+    """An endpoint's answer, as far as the endpoint tells.
 
     Attributes:
-        text: its words.
-        model: the model that it says has answered; empty if it does not say.
-        finish: why it ended, such as ``stop`` or ``length``; empty if it does not say.
-        tokens_in: tokens that it has counted, None if it does not say.
-        tokens_out: those of the answer.
+        text: words of the answer.
+        model: model that has answered; empty if unknown.
+        finish: reason of the end, such as ``stop`` or ``length``; empty if unknown.
+        tokens_in: tokens of the prompt; None if unknown.
+        tokens_out: tokens of the answer.
     """
 
     text: str
@@ -34,8 +34,8 @@ class Answer(Record, frozen=True, kw_only=True):
         return hashlib.sha256(self.text.encode(errors="surrogatepass")).hexdigest()
 
 
-class KeptAnswer(Record, frozen=True, kw_only=True):
-    """A file of an answer: with what was asked, so that it cannot pass for the answer to something else."""
+class _KeptAnswer(Record, frozen=True, kw_only=True):
+    """An answer's file: with its request, so that it cannot pass for the answer to another one."""
 
     format: Literal["wordcraft-kg answer 1"] = "wordcraft-kg answer 1"
     request: Request
@@ -44,21 +44,16 @@ class KeptAnswer(Record, frozen=True, kw_only=True):
 
 
 class Answers:
-    """A folder of answers.
-
-    A file that is damaged, or that is the answer to something else, is not used: a warning says so, and the prompt
-    counts as not answered.
-    """
+    """A folder of answers; :meth:`open` makes it."""
 
     def __init__(self, folder: Path):
-        """Take a folder, which :meth:`open` makes."""
         self.folder = folder
 
     def open(self) -> None:
-        """Make the folder, if there is none, before anything is asked that could not be kept.
+        """Make the folder, before anything is asked that could not be kept.
 
         Raises:
-            OutputExistsError: if something else is there.
+            OutputExistsError: if a file is in its place.
         """
         if self.folder.exists() and not self.folder.is_dir():
             raise OutputExistsError(
@@ -66,17 +61,13 @@ class Answers:
             )
         self.folder.mkdir(parents=True, exist_ok=True)
 
-    def path_of(self, request: Request) -> Path:
-        """Return where the answer to a request is, or would be."""
-        return self.folder / f"{request.hash}.json"
-
     def find(self, request: Request) -> Answer | None:
-        """Return the answer to a request; None if it is not there, or not sound."""
-        path = self.path_of(request)
+        """Return the answer to a request; None without one, and, with a warning, if its file is not sound."""
+        path = self._path(request)
         if not path.exists():
             return None
         try:
-            kept = read_record(path, KeptAnswer)
+            kept = read_record(path, _KeptAnswer)
             if kept.request != request:
                 raise ArtefactError(f"{path} is the answer to another prompt.")
             if kept.sha256 != kept.answer.hash:
@@ -87,6 +78,9 @@ class Answers:
         return kept.answer
 
     def keep(self, request: Request, answer: Answer) -> None:
-        """Write an answer; it is there as a whole, or not at all."""
-        kept = KeptAnswer(request=request, answer=answer, sha256=answer.hash)
-        write_atomically(self.path_of(request), dump_json(as_values(kept)), durable=True)
+        """Write an answer, whole or not at all."""
+        kept = _KeptAnswer(request=request, answer=answer, sha256=answer.hash)
+        write_atomically(self._path(request), dump_json(as_values(kept)), durable=True)
+
+    def _path(self, request: Request) -> Path:
+        return self.folder / f"{request.hash}.json"

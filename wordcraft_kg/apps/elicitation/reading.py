@@ -1,4 +1,4 @@
-"""Making opinions of answers: lines such as ``mud: water + earth``, read forgivingly, in one place."""
+"""Reading opinions from answers: lines such as ``mud: water + earth``, forgivingly."""
 
 import re
 from collections import defaultdict
@@ -11,8 +11,7 @@ from wordcraft_kg.apps.elicitation.prompts import Prompt
 from wordcraft_kg.base.labels import LabelIndex
 
 Why = Literal["no pair", "unknown thing", "not asked for", "makes itself", "named twice"]
-"""Why a line says nothing: there is no pair in it, or a thing that the graph does not have, or the pair is said to make
-something that the prompt did not ask for, or one of its own ingredients, or has been named before."""
+"""Reasons for which a line is no opinion; an unknown thing is not in the graph, "not asked for" is about the result."""
 WHYS: tuple[Why, ...] = get_args(Why)
 _MARKS = re.compile(r"\*\*|__|`")
 _THINKING = re.compile(r"<think(?:ing)?>.*?(?:</think(?:ing)?>|\Z)", re.DOTALL | re.IGNORECASE)
@@ -47,7 +46,7 @@ class Opinion:
 
 @dataclass(frozen=True)
 class Unread:
-    """A line that says nothing, and why."""
+    """A line without an opinion, and the reason."""
 
     why: Why
     line: str
@@ -56,13 +55,13 @@ class Unread:
 def read_opinions(
     prompts: Sequence[Prompt], answers: Sequence[Answer], entities: Sequence[str]
 ) -> tuple[list[Opinion], list[Unread]]:
-    """Return the opinions in the answers to prompts, and the lines that none could be read from.
+    """Return the opinions in the answers to prompts, and the lines without one.
 
-    Places are counted among the pairs that could be read. A line may have a bullet, a number, quotes or emphasis; it
+    Ranks are counted among the pairs that could be read. A line may have a bullet, a number, quotes or emphasis; it
     may say ``first + second = thing`` as well, or name several pairs; and the pairs may stand below the thing.
 
     Args:
-        prompts: what was asked.
+        prompts: prompts, in the order of the answers.
         answers: an answer for each.
         entities: labels of the graph, in the order of their ids.
     """
@@ -107,17 +106,13 @@ def _pairs(
             heading = title
             continue
         goal, rest = _divided(line, known)
-        if goal is None and (alone := _pair(line, known)) is not None and heading is not None:
-            yield alone, heading, line
-            continue
         if goal is None:
-            yield None, None, line
+            alone = None if heading is None else _pair(line, known)
+            yield alone, None if alone is None else heading, line
             continue
-        whole = _pair(rest, known)
-        parts = [rest] if whole is not None else [part for part in _SEVERAL.split(rest) if part]
+        parts = [rest] if _pair(rest, known) else [part for part in _SEVERAL.split(rest) if part]
         for part in parts or [rest]:
             yield _pair(part, known), goal, line
-    return
 
 
 def _divided(line: str, known: LabelIndex) -> tuple[int | None, str]:

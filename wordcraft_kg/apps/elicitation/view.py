@@ -1,10 +1,9 @@
-"""What asking for opinions would take, and what came of it."""
+"""The estimate of asking, and its outcome."""
 
 from pathlib import Path
 
 from wordcraft_kg.apps.elicitation.asking import AskingPlan
 from wordcraft_kg.apps.elicitation.config import OpinionsConfig
-from wordcraft_kg.apps.elicitation.folder import WrittenOpinions
 from wordcraft_kg.apps.elicitation.prompts import TEMPLATE_HASH
 from wordcraft_kg.apps.elicitation.records import OpinionMetrics
 from wordcraft_kg.base.records import Count, Hash, Record
@@ -13,7 +12,7 @@ MILLION = 1_000_000
 
 
 class AskingEstimate(Record):
-    """What asking takes, before anything is asked.
+    """The work and cost of asking, before anything is asked.
 
     Attributes:
         template: hash of the wording of the prompts.
@@ -21,10 +20,10 @@ class AskingEstimate(Record):
         prompts: number of prompts.
         kept: prompts whose answers are kept from before.
         to_ask: prompts that have to be asked.
-        tokens_in: about how many tokens these have: a quarter of their characters.
-        tokens_out: about how many tokens their answers will have, if as many pairs are named as are asked for; a model
-            that thinks aloud needs more.
-        price: about what they cost, in the currency of the prices; None without prices.
+        tokens_in: about the tokens of these: a quarter of their characters.
+        tokens_out: about the tokens of their answers, if as many pairs are named as are asked for; a model that thinks
+            aloud needs more.
+        price: about their cost, in the currency of the prices; None without prices.
         answers: folder in which answers are kept.
     """
 
@@ -43,11 +42,11 @@ class AskingEstimate(Record):
 
 
 class OpinionsView(Record):
-    """The estimate, and what came of it: the folder and its figures, None if nothing was asked."""
+    """The estimate, and its outcome: the folder and its figures, None if nothing was asked."""
 
     estimate: AskingEstimate
-    out: str | None
-    metrics: OpinionMetrics | None
+    out: str | None = None
+    metrics: OpinionMetrics | None = None
 
 
 def view_asking(
@@ -59,19 +58,10 @@ def view_asking(
     price_in: float | None = None,
     price_out: float | None = None,
 ) -> AskingEstimate:
-    """Return what asking takes.
-
-    Args:
-        plan: prompts, and the answers that are there.
-        graph: name of the graph.
-        config: model and settings.
-        answers: folder of answers.
-        price_in: price of a million tokens of prompts.
-        price_out: price of a million tokens of answers.
-    """
-    price = None
-    if price_in is not None or price_out is not None:
-        price = (plan.tokens_in * (price_in or 0.0) + plan.tokens_out * (price_out or 0.0)) / MILLION
+    """Return the estimate for the prompts of a graph; prices are those of a million tokens."""
+    tokens_in = sum(prompt.request.tokens for prompt in plan.waiting)
+    tokens_out = sum(prompt.answer_tokens for prompt in plan.waiting)
+    has_prices = price_in is not None or price_out is not None
     return AskingEstimate(
         graph=graph,
         endpoint=config.endpoint,
@@ -81,15 +71,8 @@ def view_asking(
         prompts=len(plan.prompts),
         kept=len(plan.prompts) - len(plan.waiting),
         to_ask=len(plan.waiting),
-        tokens_in=plan.tokens_in,
-        tokens_out=plan.tokens_out,
-        price=price,
+        tokens_in=tokens_in,
+        tokens_out=tokens_out,
+        price=(tokens_in * (price_in or 0.0) + tokens_out * (price_out or 0.0)) / MILLION if has_prices else None,
         answers=str(answers),
     )
-
-
-def view_opinions(estimate: AskingEstimate, written: WrittenOpinions | None = None) -> OpinionsView:
-    """Return the estimate with what came of it."""
-    if written is None:
-        return OpinionsView(estimate, None, None)
-    return OpinionsView(estimate, str(written.folder), written.metrics)

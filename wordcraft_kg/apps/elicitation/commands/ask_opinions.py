@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 from wordcraft_kg.apps.elicitation.config import AskingConfig, OpinionsConfig
+from wordcraft_kg.base.extras import check_extra
 from wordcraft_kg.base.settings import number_in
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.cli.completion import Book
@@ -58,8 +59,8 @@ def ask_opinions(
     from wordcraft_kg.apps.elicitation.answers import Answers
     from wordcraft_kg.apps.elicitation.asking import ask_all, plan_asking
     from wordcraft_kg.apps.elicitation.endpoint import Endpoint
+    from wordcraft_kg.apps.elicitation.view import OpinionsView, view_asking
     from wordcraft_kg.base.cache import cache_folder
-    from wordcraft_kg.base.extras import check_extra
     from wordcraft_kg.graphs.folder import open_graph
 
     config = OpinionsConfig(str(graph), endpoint, model, settings)
@@ -69,14 +70,9 @@ def ask_opinions(
     opened = open_graph(config.graph)
     kept = Answers(answers or cache_folder("opinions"))
     plan = plan_asking(config, opened.graph.entities, kept)
-    from wordcraft_kg.apps.elicitation.view import view_asking, view_opinions
-
     estimate = view_asking(plan, opened.graph.name, config, kept.folder, price_in=price_in, price_out=price_out)
     if estimate.to_ask and not yes:
-        output.result(
-            view_opinions(estimate),
-            [*_estimate(estimate), "nothing was asked; add --yes to ask"],
-        )
+        output.result(OpinionsView(estimate), [*_estimate(estimate), "nothing was asked; add --yes to ask"])
         return
     check_run_output(out, force=force)
     check_extra("opinions")
@@ -85,7 +81,7 @@ def ask_opinions(
 
     written = write_opinions(out, opened, config, plan.prompts, said, force=force)
     text = [*_outcome(estimate, written.metrics), f"wrote {out}/   next: wordcraft-kg baselines {graph} --scorer {out}"]
-    output.result(view_opinions(estimate, written), text)
+    output.result(OpinionsView(estimate, str(written.folder), written.metrics), text)
 
 
 def _estimate(found: "AskingEstimate") -> list[str]:

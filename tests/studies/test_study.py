@@ -71,5 +71,5 @@ def test_what_is_wrong_with_points_and_claims_is_named(extra, said):
 
 
 def test_studies_lie_in_the_package_so_that_a_wheel_has_them():
-    package = Path(__file__).parents[2] / "wordcraft_kg" / "experiments" / "studies"
+    package = Path(__file__).parents[2] / "wordcraft_kg" / "studies" / "builtin"
     assert sorted(path.stem for path in package.glob("*.toml")) == built_in()

@@ -23,7 +23,7 @@ from wordcraft_kg.graphs.folder import open_graph
 
 Run = Callable[..., Any]
 PROTOCOL = ("play", "kitchen", "--protocol", "paper")
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 
 
 @pytest.fixture

@@ -24,7 +24,7 @@ from wordcraft_kg.apps.people.study_folder import AnswerLine
 from wordcraft_kg.base.records import parse_lines
 
 Run = Callable[..., Any]
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 SETTINGS = {"--tasks": "2", "--distractors": "1,8", "--forms": "2"}
 SMALL = ("--no-browser", *(word for option in SETTINGS.items() for word in option))
 

@@ -131,7 +131,7 @@ def test_a_player_is_called_after_its_script_and_never_after_an_option(tmp_path:
 
 @pytest.mark.parametrize("script", ["line_player.py", "chat_player.py"])
 def test_the_examples_play(games: TaskGames, script: str, chat_server: str):
-    path = Path(__file__).parents[2] / "examples" / script
+    path = Path(__file__).parents[3] / "examples" / script
     arguments = ["small", chat_server] if script == "chat_player.py" else []
     with LinePlayer(shlex.join([sys.executable, str(path), *arguments])) as player:
         assert player.name == script

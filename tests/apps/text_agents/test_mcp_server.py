@@ -46,7 +46,7 @@ from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
 from wordcraft_kg.models.scorers.facts import FrequencyScorer
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 MODES = ("legacy", "auto")
 COMMAND = ["-m", "wordcraft_kg", "mcp", "kitchen", "--distractors", "3"]
 HELLO = {"protocolVersion": "2025-06-18", "capabilities": {}, "clientInfo": {"name": "test", "version": "1"}}

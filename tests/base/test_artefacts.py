@@ -12,7 +12,7 @@ from wordcraft_kg.apps.people.session_file import read_session
 from wordcraft_kg.base.artefacts import LARGE_FILE, SMALL_FILE, read_large_file, read_small_file
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, RecipeFileError
 from wordcraft_kg.base.tensors import read_tensors
-from wordcraft_kg.graphs.recipes import MAX_BOOK_SIZE, read_book
+from wordcraft_kg.graphs.book_files import MAX_BOOK_SIZE, read_book
 from wordcraft_kg.models.scorers.features import make_features
 
 

@@ -113,7 +113,11 @@ BAD_TABLES = {
         TABLE + "a,b\tb,c\n",
         [r"line 2: the label 'b\tb' holds a tab, line break or control"],
     ),
-    "newline in a label": ("book.csv", TABLE + 'a,"b\nb",c\n', [r"the label 'b\nb' holds a tab, line break"]),
+    "newline in a label": (
+        "book.csv",
+        TABLE + 'a,"b\nb",c\n',
+        ["line 2: unexpected end of data; a quoted cell ends in its line"],
+    ),
     "NUL in a label": ("book.csv", TABLE + "a,b\0b,c\n", ["book.csv, line 2: "]),
     "blank label in the base": (
         "book.csv",

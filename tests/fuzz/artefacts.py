@@ -219,7 +219,7 @@ def _mend(folder: Path, name: str) -> None:
 
 def _mend_graph(folder: Path) -> None:
     from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split
-    from wordcraft_kg.graphs.recipes import read_book
+    from wordcraft_kg.graphs.book_files import read_book
 
     graph = RecipeGraph.from_book(read_book(folder, keep_self_results=True))
     content = {**json.loads((folder / "graph.json").read_text()), "hash": graph.hash}

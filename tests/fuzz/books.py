@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from wordcraft_kg.graphs import open_book
+from wordcraft_kg.graphs.book_files import CSV_HEADER
 from wordcraft_kg.graphs.export import EXPORTERS
-from wordcraft_kg.graphs.recipes import CSV_HEADER, RecipeBook
+from wordcraft_kg.graphs.recipes import RecipeBook
 from wordcraft_kg.graphs.splits import SPLITS
 
 from .harness import IN, Trial

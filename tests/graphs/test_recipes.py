@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 
 from wordcraft_kg.base.errors import RecipeFileError
 from wordcraft_kg.graphs import Recipe, RecipeBook, RecipeGraph, read_book, write_book
-from wordcraft_kg.graphs.recipes import book_name, check_label, trimmed
+from wordcraft_kg.graphs.book_files import book_name, trimmed
+from wordcraft_kg.graphs.recipes import check_label
 
 TABLE = "ingredient_a,ingredient_b,result\n"
 

@@ -60,10 +60,11 @@ def build_graph(
     """
     from wordcraft_kg.base.artefacts import check_output
     from wordcraft_kg.evaluation.graphs import view_build
+    from wordcraft_kg.graphs.book_files import book_name
     from wordcraft_kg.graphs.folder import write_graph_folder
     from wordcraft_kg.graphs.library import open_book
     from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-    from wordcraft_kg.graphs.recipes import book_name, check_label
+    from wordcraft_kg.graphs.recipes import check_label
     from wordcraft_kg.graphs.splits import make_split
 
     config = SplitConfig(split, train_ratio, valid_ratio, seed)

@@ -1,10 +1,9 @@
 """Checking a recipe book while it is being written: everything that is wrong or odd, all at once, with lines.
 
-Reading a book (:func:`~wordcraft_kg.graphs.recipes.read_book`) stops at the first error and accepts what is
+Reading a book (:func:`~wordcraft_kg.graphs.book_files.read_book`) stops at the first error and accepts what is
 merely odd; a check continues to the end. It never changes the file.
 """
 
-import csv
 import io
 import unicodedata
 from collections.abc import Iterable, Iterator, Mapping
@@ -20,21 +19,10 @@ from wordcraft_kg.base.progress import stage
 from wordcraft_kg.base.records import Count, Record, Share
 from wordcraft_kg.base.settings import nearest
 from wordcraft_kg.base.wording import counted
+from wordcraft_kg.graphs.book_files import DELIMITERS, Fault, Table, book_name, read_book, read_bytes, unknown_base
 from wordcraft_kg.graphs.planner import layers
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.graphs.recipes import (
-    CSV_HEADER,
-    Recipe,
-    RecipeBook,
-    book_name,
-    check_label,
-    read_book,
-    read_bytes,
-    read_directive,
-    trimmed,
-    unknown_base,
-    with_second,
-)
+from wordcraft_kg.graphs.recipes import Recipe, RecipeBook
 
 LISTED = 15
 """How many lines or names a finding lists at most."""
@@ -140,7 +128,7 @@ def check_book(
             cannot be read, the first error is the only finding about its content.
         base: base entities; None takes the book's own, or infers them.
         name: of the book; None takes the file's.
-        single_ingredient: see :func:`~wordcraft_kg.graphs.recipes.read_book`.
+        single_ingredient: see :func:`~wordcraft_kg.graphs.book_files.read_book`.
 
     Raises:
         RecipeFileError: if the file cannot be read at all.
@@ -149,22 +137,21 @@ def check_book(
     data = read_bytes(path)
     text = _decoded(data, findings)
     lines_of: dict[Recipe, list[int]] = {}
-    if path.suffix.lower() in (".csv", ".tsv", ".tab"):
-        name = name or book_name(path)
-        book: RecipeBook | None = _read_table(path, text, name, single_ingredient, findings, lines_of)
-    else:
+    delimiter = DELIMITERS.get(path.suffix.lower())
+    if delimiter is None:
         book = _read_other(path, name, single_ingredient, findings)
+    else:
+        table = Table(text, delimiter, single_ingredient)
+        book = _read_table(table, name or book_name(path), findings, lines_of)
     if book is None or not book.recipes:
         if not any(finding.severity == "problem" for finding in findings):
             findings.append(Finding("empty", "problem", (), "it has no recipe"))
         return BookCheck(_sorted(findings), None, None)
     wanted = book.base if base is None else tuple(base)
-    known = None if wanted is None else [label for label in wanted if label in set(book.entities)]
-    if wanted is not None and known is not None and len(known) < len(set(wanted)):
-        unknown = sorted(set(wanted) - set(known))
+    if wanted is not None and (unknown := sorted(set(wanted).difference(book.entities))):
         message = f"base entities that are not in {book.name}: {listed(unknown)}{nearest(unknown[0], book.entities)}"
         findings.append(Finding("base", "problem", (), message))
-    graph = RecipeGraph.from_book(book, known)
+    graph = RecipeGraph.from_book(book, None if wanted is None else set(wanted).intersection(book.entities))
     line_of: dict[str, int] = {}
     for recipe, numbers in lines_of.items():
         for label in recipe:
@@ -206,83 +193,31 @@ def _read_other(path: Path, name: str | None, single: str | None, findings: list
     return book
 
 
-def _read_table(
-    path: Path,
-    text: str,
-    name: str,
-    single: str | None,
-    findings: list[Finding],
-    lines_of: dict[Recipe, list[int]],
-) -> RecipeBook:
-    """Read what can be read, with a finding for each line that cannot; fill ``lines_of``."""
-    declared: dict[str, dict[str, int]] = {}
-    for number, cells in _rows(text, path, declared, findings):
-        try:
-            recipe = Recipe.of(*(check_label(cell, "") for cell in with_second(cells, single, "")))
-        except RecipeFileError as error:
-            findings.append(Finding("label", "problem", (number,), str(error).removeprefix(": ")))
-            continue
-        if recipe.is_self_result:
-            message = f"'{recipe.result}' is made from itself; such rows are dropped"
-            findings.append(Finding("self-result", "problem", (number,), message))
-        lines_of.setdefault(recipe, []).append(number)
-    for recipe, numbers in lines_of.items():
-        if len(numbers) > 1 and not recipe.is_self_result:
-            a, b, result = recipe
-            message = f"{a} + {b} -> {result} is listed {len(numbers):,} times"
-            findings.append(Finding("duplicate", "problem", tuple(numbers[:LISTED]), message))
-    base, listed = declared.get("base"), declared.get("entities", {})
-    known = {label for recipe in lines_of for label in recipe}.union(listed)
-    for label, number in (base or {}).items():
-        if label not in known:
-            findings.append(Finding("base", "problem", (number,), unknown_base(label, known)))
-    return RecipeBook.of(name, lines_of, base=None if base is None else known & base.keys(), listed=listed)
-
-
-def _rows(
-    text: str, path: Path, declared: dict[str, dict[str, int]], findings: list[Finding]
-) -> Iterator[tuple[int, list[str]]]:
-    """Yield the rows of three cells with their lines; fill ``declared`` from the directives above the header."""
-    delimiter = "," if path.suffix.lower() == ".csv" else "\t"
-    expected = delimiter.join(CSV_HEADER)
-    header_seen = False
-    for number, line in enumerate(io.StringIO(text, newline=""), start=1):
-        line = line.rstrip("\r\n")
+def _read_table(table: Table, name: str, findings: list[Finding], lines_of: dict[Recipe, list[int]]) -> RecipeBook:
+    """Read the rows that can be read, with a finding for each that cannot; fill ``lines_of``."""
+    for found in table:
         if len(findings) >= MAX_FINDINGS:
             message = f"{len(findings):,} findings above; this line and those below it were not read"
-            findings.append(Finding("row", "problem", (number,), message))
-            return
-        if not header_seen and line.startswith("#"):
-            try:
-                directive = read_directive(line, "")
-            except (RecipeFileError, csv.Error) as error:
-                findings.append(Finding("directive", "problem", (number,), str(error).removeprefix(": ")))
-                continue
-            if directive is not None:
-                declared.setdefault(directive[0], {}).update(dict.fromkeys(directive[1], number))
+            findings.append(Finding("row", "problem", (found.line,), message))
+            break
+        if isinstance(found, Fault):
+            findings.append(Finding(found.kind, "problem", (found.line,), found.message))
             continue
-        is_header = tuple(cell.strip() for cell in line.split(delimiter)) == CSV_HEADER
-        if not header_seen:
-            header_seen = True
-            if not is_header:
-                findings.append(Finding("header", "problem", (number,), f"expected the header {expected!r}"))
-            if is_header or sum(cell.strip() in CSV_HEADER for cell in line.split(delimiter)) > 1 or not line.strip():
-                continue
-        elif is_header:
-            findings.append(Finding("header", "problem", (number,), "the header is repeated in the middle"))
-            continue
-        if not line:
-            continue
-        try:
-            (cells,) = csv.reader([trimmed(line, delimiter)], delimiter=delimiter, strict=True)
-        except csv.Error as error:
-            findings.append(Finding("row", "problem", (number,), f"not a row of cells: {error}"))
-            continue
-        if len(cells) == 3:
-            yield number, cells
-        else:
-            message = f"{counted(len(cells), 'cell')}; a recipe has two ingredients and a result"
-            findings.append(Finding("row", "problem", (number,), message))
+        recipe = Recipe.of(*found.labels)
+        if recipe.is_self_result:
+            message = f"'{recipe.result}' is made from itself; such rows are dropped"
+            findings.append(Finding("self-result", "problem", (found.line,), message))
+        lines_of.setdefault(recipe, []).append(found.line)
+    for recipe, numbers in lines_of.items():
+        if len(numbers) > 1 and not recipe.is_self_result:
+            message = f"{recipe} is listed {len(numbers):,} times"
+            findings.append(Finding("duplicate", "problem", tuple(numbers[:LISTED]), message))
+    known = {label for recipe in lines_of for label in recipe}.union(table.listed)
+    for label, number in (table.base or {}).items():
+        if label not in known:
+            findings.append(Finding("base", "problem", (number,), unknown_base(label, known)))
+    base = None if table.base is None else known & table.base.keys()
+    return RecipeBook.of(name, lines_of, base=base, listed=table.listed)
 
 
 def _at(labels: Iterable[str], line_of: Mapping[str, int]) -> tuple[int, ...]:
@@ -322,16 +257,14 @@ def _spellings(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Findi
 def _unreachable(
     graph: RecipeGraph, line_of: Mapping[str, int], lines_of: Mapping[Recipe, list[int]]
 ) -> Iterator[Finding]:
-    """What cannot be made from the base, island by island, and circles: all recipes of a member need another member."""
+    """Entities that cannot be made from the base, island by island, and circles of entities that need each other."""
     import networkx as nx
 
     idle = graph.recipe_counts + graph.use_counts == 0
     outside = set(np.flatnonzero((layers(graph) < 0) & ~idle).tolist())
     needs = nx.DiGraph()
     needs.add_nodes_from(sorted(outside))
-    recipes: dict[int, list[tuple[int, int]]] = {}
     for a, b, result in graph.recipes.tolist():
-        recipes.setdefault(result, []).append((a, b))
         needs.add_edges_from((part, result) for part in (a, b) if part in outside and result in outside)
     for island in sorted(nx.weakly_connected_components(needs), key=min):
         labels = graph.labels(sorted(island))
@@ -339,25 +272,25 @@ def _unreachable(
         message = f"{subject} cannot be made from the base ({listed(graph.base)}): {listed(labels)}"
         yield Finding("unreachable", "problem", _at(labels[:LISTED], line_of), message)
     for circle in sorted(nx.strongly_connected_components(needs), key=min):
-        of_members = [pair for member in circle for pair in recipes.get(member, [])]
-        if len(circle) > 1 and all(circle & set(pair) for pair in of_members):
+        if len(circle) > 1 and _is_closed(graph, circle):
             labels = graph.labels(sorted(circle))
-            made = (recipe for recipe in lines_of if recipe.result in labels)
-            lines = sorted(number for recipe in made for number in lines_of[recipe])
+            lines = sorted(number for recipe in lines_of if recipe.result in labels for number in lines_of[recipe])
             message = f"every recipe of these needs another of them, so none can be made first: {listed(labels)}"
             yield Finding("cycle", "problem", tuple(lines[:LISTED]), message)
 
 
+def _is_closed(graph: RecipeGraph, entities: set[int]) -> bool:
+    """Return whether every recipe of some entities needs one of them."""
+    pairs = (pair for entity in entities for pair in graph.recipes[graph.recipes_of(entity), :2].tolist())
+    return all(not entities.isdisjoint(pair) for pair in pairs)
+
+
 def _twins(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Finding]:
     """Singular and plural of one word, and longer labels that are one edit apart."""
-    known = set(graph.entities)
-    plurals = set()
-    for label in graph.entities:
-        for plural in (f"{label}s", f"{label}es", f"{label[:-1]}ies" if label.endswith("y") else label):
-            if plural in known and plural != label:
-                plurals.add((label, plural))
-                message = f"'{label}' and '{plural}' are singular and plural of one word"
-                yield Finding("plural", "note", _at((label, plural), line_of), message)
+    plurals = set(_plurals(graph))
+    for label, plural in sorted(plurals):
+        message = f"'{label}' and '{plural}' are singular and plural of one word"
+        yield Finding("plural", "note", _at((label, plural), line_of), message)
     # Two labels one edit apart leave the same text when one letter is taken from one or both of them.
     left: dict[str, set[str]] = {}
     for label in graph.entities:
@@ -370,6 +303,12 @@ def _twins(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Finding]:
         yield Finding("similar", "note", _at((one, other), line_of), f"'{one}' and '{other}' differ by one letter")
     if len(similar) > LISTED:
         yield Finding("similar", "note", (), f"{len(similar) - LISTED:,} more pairs of labels differ by one letter")
+
+
+def _plurals(graph: RecipeGraph) -> Iterator[tuple[str, str]]:
+    for label in graph.entities:
+        endings = {f"{label}s", f"{label}es"} | ({f"{label[:-1]}ies"} if label.endswith("y") else set())
+        yield from ((label, plural) for plural in endings if plural in graph)
 
 
 def _one_edit_apart(one: str, other: str) -> bool:

@@ -13,10 +13,11 @@ from wordcraft_kg.base.errors import ConfigError, MissingExtraError
 from wordcraft_kg.base.progress import stage
 from wordcraft_kg.base.settings import one_of
 from wordcraft_kg.graphs.arrays import Ids
+from wordcraft_kg.graphs.book_files import write_book
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.frames import to_networkx, triples_frame
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.graphs.recipes import RecipeBook, write_book
+from wordcraft_kg.graphs.recipes import RecipeBook
 from wordcraft_kg.graphs.triples import RELATIONS, triple_lines
 
 NAMESPACE = "urn:wordcraft-kg:"

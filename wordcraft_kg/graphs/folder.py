@@ -10,11 +10,12 @@ from wordcraft_kg.base.progress import stage
 from wordcraft_kg.base.records import as_values
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.audit import Audit, audit
+from wordcraft_kg.graphs.book_files import book_json, read_book, recipe_table
 from wordcraft_kg.graphs.doses import Dose
 from wordcraft_kg.graphs.frames import entities_frame
 from wordcraft_kg.graphs.library import open_book
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.graphs.recipes import RecipeBook, book_json, read_book, recipe_table
+from wordcraft_kg.graphs.recipes import RecipeBook
 from wordcraft_kg.graphs.splits import Split, SplitConfig, make_split, read_split
 from wordcraft_kg.graphs.triples import triple_lines
 

@@ -16,7 +16,8 @@ from wordcraft_kg.base.cache import cache_folder
 from wordcraft_kg.base.errors import FetchError, RecipeFileError
 from wordcraft_kg.base.progress import stage
 from wordcraft_kg.base.settings import nearest
-from wordcraft_kg.graphs.recipes import RecipeBook, read_book
+from wordcraft_kg.graphs.book_files import read_book
+from wordcraft_kg.graphs.recipes import RecipeBook
 
 DATA_VARIABLE = "WORDCRAFT_KG_DATA"
 """Environment variable that names a folder with recipe books of the user's own."""

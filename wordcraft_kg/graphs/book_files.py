@@ -1,0 +1,447 @@
+"""Files of recipe books: one reader of tables and JSON, which refuses or reports what is wrong, and the writer.
+
+Three layouts are read: CSV or TSV (``ingredient_a,ingredient_b,result``), our own JSON, and the JSON released with the
+paper's code (``{"entities": {label: {"recipes": [[a, b], ...]}}}``). Labels are matched exactly. In CSV and TSV, spaces
+around a cell do not belong to it unless it is quoted; everything else is kept verbatim.
+"""
+
+import csv
+import hashlib
+import io
+import json
+import re
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from wordcraft_kg.base.artefacts import what_is, write_atomically
+from wordcraft_kg.base.errors import RecipeFileError
+from wordcraft_kg.base.progress import stage
+from wordcraft_kg.base.settings import nearest
+from wordcraft_kg.graphs.recipes import MAX_LABEL_LENGTH, Recipe, RecipeBook, check_label, label_fault, shown
+
+CSV_HEADER = ("ingredient_a", "ingredient_b", "result")
+JSON_FORMAT = "wordcraft-kg recipe book 1"
+MAX_BOOK_SIZE = 2**30
+"""Bytes; about 40 million recipes."""
+MAX_LINE_LENGTH = 100_000
+"""Characters in a line of a CSV or TSV book: a file without line ends fails early, with the reason."""
+SELF = "self"
+"""The setting ``single_ingredient`` that combines a single ingredient with itself."""
+DELIMITERS = {".csv": ",", ".tsv": "\t", ".tab": "\t"}
+"""Delimiter of a table, by the ending of its file."""
+
+
+# --- reading ---------------------------------------------------------------------------------------------------------
+
+
+@stage("reading the book")
+def read_book(
+    path: str | Path,
+    *,
+    keep_self_results: bool = False,
+    single_ingredient: str | None = None,
+    name: str | None = None,
+) -> RecipeBook:
+    """Read and validate a recipe book from a file, or from the ``graph.json`` of a graph folder.
+
+    The layout follows the ending: ``.csv``, ``.tsv`` (or ``.tab``), ``.json``. In CSV and TSV, lines that start with
+    ``#`` before the header are comments; ``# base: a, b`` declares base entities and ``# entities: a, b`` lists
+    entities that no recipe mentions.
+
+    Args:
+        path: the file or folder.
+        keep_self_results: keep rows whose result is one of their own ingredients.
+        single_ingredient: how to read recipes of one ingredient, such as those of a furnace: ``self`` combines it with
+            itself, any other text names the entity to combine it with. With None such a recipe is an error.
+        name: of the book; None takes the file's or folder's.
+
+    Raises:
+        RecipeFileError: naming the line or key of the first thing that is wrong.
+    """
+    path = Path(path)
+    if (path / "graph.json").is_file():
+        path = path / "graph.json"
+    if single_ingredient is not None:
+        check_label(single_ingredient, "`single_ingredient`")
+    data = read_bytes(path)
+    text = _decode(path, data)
+    ending = path.suffix.lower()
+    lines_of_base: dict[str, int] = {}
+    base: Collection[str] | None
+    if ending == ".json":
+        base, listed, rows = _parse_json(path, text, single_ingredient)
+    elif ending in DELIMITERS:
+        table = Table(text, DELIMITERS[ending], single_ingredient)
+        base, listed, rows = table.base, table.listed, _without_faults(path, table)
+        lines_of_base = table.base or {}
+    else:
+        raise RecipeFileError(f"{path}: unknown ending '{path.suffix}'; a recipe book is .csv, .tsv or .json.")
+    sha256 = hashlib.sha256(data).hexdigest()
+    name = name or book_name(path)
+    book = RecipeBook.of(name, rows, listed=listed, keep_self_results=keep_self_results, sha256=sha256)
+    if not book.recipes:
+        raise RecipeFileError(f"{path} has no recipe to keep ({book.dropped_self_results} self results dropped).")
+    known = set(book.entities)
+    for label, line in lines_of_base.items():
+        if label not in known:
+            raise RecipeFileError(f"{path}, line {line}: {unknown_base(label, known)}")
+    return book if base is None else replace(book, base=tuple(sorted(base)))
+
+
+def _without_faults(path: Path, table: "Table") -> Iterator[Sequence[str]]:
+    """Yield the labels of a table's rows.
+
+    Raises:
+        RecipeFileError: at the first fault.
+    """
+    for found in table:
+        if isinstance(found, Fault):
+            raise RecipeFileError(f"{path}, line {found.line}: {found.message}")
+        yield found.labels
+
+
+def book_name(path: Path) -> str:
+    """Return the default name of a book: the name of its file or graph folder."""
+    name = path.parent.name if path.name == "graph.json" else path.stem
+    if label_fault(name) is None:
+        return name
+    # a name of control characters or stray bytes
+    return "".join(char if char.isprintable() else "_" for char in name) or "book"
+
+
+def unknown_base(label: str, known: Iterable[str]) -> str:
+    """Return the message about a base entity of a file that is none of its entities."""
+    return (
+        f"the base entity '{label}' is in no recipe.{nearest(label, known)} "
+        f"If it is meant, list it as well: # entities: {label}"
+    )
+
+
+def read_bytes(path: Path) -> bytes:
+    """Return a book's bytes.
+
+    Raises:
+        RecipeFileError: saying why they cannot be read.
+    """
+    if path.is_dir():
+        raise RecipeFileError(
+            f"'{path}' {what_is(path)}; expected a recipe book (.csv, .tsv, .json) or a graph folder."
+        )
+    try:
+        if path.exists() and not path.is_file():
+            raise RecipeFileError(f"{path} is not a regular file; give a recipe book (.csv, .tsv, .json).")
+        if path.exists() and (size := path.stat().st_size) > MAX_BOOK_SIZE:
+            raise RecipeFileError(f"{path} has {size:,} bytes; the limit is {MAX_BOOK_SIZE:,}.")
+        return path.read_bytes()
+    except FileNotFoundError:
+        raise RecipeFileError(f"{path} does not exist. `wordcraft-kg books` lists the books known by name.") from None
+    except OSError as error:
+        raise RecipeFileError(f"{path} cannot be read: {error.strerror}.") from None
+
+
+def _decode(path: Path, data: bytes) -> str:
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        raise RecipeFileError(
+            f"{path}, line {line}: not UTF-8 (byte 0x{data[error.start]:02x}). Save it as UTF-8."
+        ) from None
+    if not text.strip():
+        raise RecipeFileError(f"{path} is empty; a recipe book needs at least one recipe.")
+    return text
+
+
+# --- tables ----------------------------------------------------------------------------------------------------------
+
+
+class Row(NamedTuple):
+    """A recipe of a table: its line, from 1, and the labels of ingredient, ingredient and result."""
+
+    line: int
+    labels: Sequence[str]
+
+
+class Fault(NamedTuple):
+    """A line of a table that cannot be read; ``kind`` is ``directive``, ``header``, ``row`` or ``label``."""
+
+    line: int
+    kind: str
+    message: str
+
+
+class Table:
+    """The lines of a CSV or TSV book, read once, each by itself: iterate for its rows and faults.
+
+    Attributes:
+        base: labels declared as base entities, each with its line; None without such a declaration.
+        listed: labels listed as entities, each with its line.
+    """
+
+    def __init__(self, text: str, delimiter: str, single: str | None):
+        """Read up to the header.
+
+        Args:
+            text: content of the file.
+            delimiter: comma or tab.
+            single: see ``single_ingredient`` of :func:`read_book`.
+        """
+        self.base: dict[str, int] | None = None
+        self.listed: dict[str, int] = {}
+        self._delimiter, self._single = delimiter, single
+        self._lines = enumerate(io.StringIO(text, newline=""), start=1)
+        self._head = list(self._read_head())
+
+    def __iter__(self) -> Iterator[Row | Fault]:
+        """Yield rows and faults in the order of their lines."""
+        yield from self._head
+        for number, line in self._lines:
+            if self._is_header(line):
+                yield Fault(number, "header", "the header is repeated in the middle")
+            elif (found := self._read(number, line)) is not None:
+                yield found
+
+    def _read_head(self) -> Iterator[Row | Fault]:
+        number, line = 0, ""
+        for number, line in self._lines:
+            if not line.startswith("#"):
+                break
+            fault = self._read_directive(number, line)
+            if fault is not None:
+                yield fault
+        if not number or self._is_header(line):
+            return
+        expected = self._delimiter.join(CSV_HEADER) + "'" + " separated by tabs" * (self._delimiter == "\t")
+        yield Fault(number, "header", f"the header is '{line.strip()[:80]}'; expected '{expected}.")
+        # A misspelt header is no recipe; a recipe in the place of the header is.
+        if sum(cell.strip() in CSV_HEADER for cell in line.split(self._delimiter)) < 2 and line[0] != "#":
+            found = self._read(number, line)
+            if found is not None:
+                yield found
+
+    def _is_header(self, line: str) -> bool:
+        line = line.rstrip("\r\n")[:MAX_LINE_LENGTH]
+        return CSV_HEADER[0] in line and tuple(map(str.strip, line.split(self._delimiter))) == CSV_HEADER
+
+    def _read_directive(self, number: int, line: str) -> Fault | None:
+        """Read ``# base: a, b`` or ``# entities: a, b``; any other comment is skipped."""
+        key, colon, rest = line[1:].strip().partition(":")
+        key = key.strip().lower()
+        if not colon or key not in ("base", "entities"):
+            return None
+        if len(line) > MAX_LINE_LENGTH:
+            return Fault(number, "directive", _too_long(line))
+        labels = [cell for row in csv.reader([trimmed(rest, ",")]) for cell in row]
+        for fault in filter(None, map(label_fault, labels)):
+            return Fault(number, "directive", fault)
+        if key == "base":
+            self.base = (self.base or {}) | dict.fromkeys(labels, number)
+        else:
+            self.listed |= dict.fromkeys(labels, number)
+        return None
+
+    def _read(self, number: int, line: str) -> Row | Fault | None:
+        """Read one line; None if it is blank."""
+        if len(line) > MAX_LINE_LENGTH:
+            return Fault(number, "row", _too_long(line))
+        line = trimmed(line.rstrip("\r\n"), self._delimiter)
+        if not line:
+            return None
+        try:
+            cells = self._cells(line)
+        except csv.Error as error:
+            return Fault(number, "row", f"{error}; a quoted cell ends in its line, and a quote in it is doubled.")
+        if len(cells) == 3 and all(cells) and all(map(str.isprintable, cells)) and not any(map(str.isspace, cells)):
+            if max(map(len, cells)) <= MAX_LABEL_LENGTH:
+                return Row(number, cells)
+        elif len(cells) != 3:
+            return Fault(number, "row", self._not_three(cells))
+        one, other, result = cells
+        if bool(one) != bool(other):
+            try:
+                one, other = _pair(one or other, self._single)
+            except ValueError as error:
+                return Fault(number, "label", str(error))
+        for fault in filter(None, map(label_fault, (one, other, result))):
+            return Fault(number, "label", fault)
+        return Row(number, (one, other, result))
+
+    def _cells(self, line: str) -> list[str]:
+        if '"' not in line:
+            return line.split(self._delimiter)
+        return next(csv.reader([line], delimiter=self._delimiter, strict=True))
+
+    def _not_three(self, cells: Sequence[str]) -> str:
+        count = len(cells) - 1
+        hint = " For a single ingredient, leave the second cell empty." if count == 1 else ""
+        return (
+            f"'{self._delimiter.join(cells)[:80]}' has {count} ingredient{'s' * (count != 1)} and a result"
+            f"{'' if count else ' missing'}; a recipe needs two and a result, in three columns.{hint}"
+        )
+
+
+def _too_long(line: str) -> str:
+    return f"a line of {len(line):,} characters; the limit is {MAX_LINE_LENGTH:,}."
+
+
+def _pair(ingredient: str, single: str | None) -> tuple[str, str]:
+    """Return a single ingredient with the one to combine it with, see ``single_ingredient`` of :func:`read_book`.
+
+    Raises:
+        ValueError: if ``single`` is None.
+    """
+    if single is None:
+        raise ValueError(
+            f"'{ingredient}' is the only ingredient; a recipe needs two. Write it twice, or build the graph "
+            f"with `single_ingredient` {SELF}, which reads {ingredient} + {ingredient}, or the name of what it is "
+            "combined with."
+        )
+    return ingredient, ingredient if single == SELF else single
+
+
+def trimmed(line: str, delimiter: str) -> str:
+    """Return a line of a table without the spaces around its cells; those within quotes stay."""
+    loose = f"{delimiter} " in line or f" {delimiter}" in line or line[:1] == " " or line.rstrip("\r\n")[-1:] == " "
+    return _CELLS[delimiter].sub(lambda cell: cell[1].strip(" "), line) if loose else line
+
+
+# A cell after any spaces: either quoted, up to the spaces before its end, or all up to its end.
+_CELLS = {
+    delimiter: re.compile(rf' *+("(?:[^"]|"")*+"(?= *+(?:[{delimiter}\r\n]|$))|[^{delimiter}\r\n]*+)')
+    for delimiter in ",\t"
+}
+
+
+# --- JSON ------------------------------------------------------------------------------------------------------------
+
+
+def _parse_json(
+    path: Path, text: str, single: str | None
+) -> tuple[list[str] | None, Iterable[str], Iterator[Sequence[str]]]:
+    """Return base entities, or None; entities listed otherwise; rows of recipes."""
+    content = _load_json(path, text)
+    entities = content.get("entities") if isinstance(content, dict) else None
+    if isinstance(entities, dict):
+        return None, entities, _official_rows(path, entities, single)
+    if isinstance(entities, list) and isinstance(content.get("recipes"), list):
+        known = {check_label(label, f"{path}: entities[{index}]") for index, label in enumerate(entities)}
+        base = content.get("base")
+        if base is not None and not isinstance(base, list):
+            raise RecipeFileError(f"{path}: 'base' is {type(base).__name__}; expected a list of labels or null.")
+        for index, label in enumerate(base or ()):
+            _known(label, known, f"{path}: base[{index}]")
+        return base, known, _own_rows(path, content["recipes"], known, single)
+    raise RecipeFileError(
+        f"{path}: neither of the known layouts. Expected an object with the lists 'entities' and 'recipes', "
+        "or the official one with an object 'entities'."
+    )
+
+
+def _load_json(path: Path, text: str) -> Any:
+    def without_duplicate_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        keys = dict(pairs)
+        if len(keys) < len(pairs):
+            names = [key for key, _ in pairs]
+            twice = next(key for key in names if names.count(key) > 1)
+            raise RecipeFileError(f"{path}: the key '{twice}' occurs twice in one object.")
+        return keys
+
+    try:
+        return json.loads(text, object_pairs_hook=without_duplicate_keys)
+    except json.JSONDecodeError as error:
+        raise RecipeFileError(f"{path}, line {error.lineno}, column {error.colno}: not JSON ({error.msg}).") from None
+    except RecipeFileError:
+        raise
+    except RecursionError:
+        raise RecipeFileError(f"{path}: nested too deeply for a recipe book.") from None
+    except ValueError as error:  # such as a number of thousands of digits
+        raise RecipeFileError(f"{path}: not a recipe book ({error}).") from None
+
+
+def _own_rows(path: Path, recipes: list[Any], known: set[str], single: str | None) -> Iterator[Sequence[str]]:
+    for index, row in enumerate(recipes):
+        where = f"{path}: recipes[{index}]"
+        if not isinstance(row, list) or len(row) not in (2, 3):
+            raise RecipeFileError(f"{where} is {shown(row)}; expected [ingredient, ingredient, result].")
+        labels = [_known(label, known, where) for label in row]
+        yield labels if len(labels) == 3 else [*_pair_of(labels[0], row, single, where), labels[1]]
+
+
+def _official_rows(path: Path, entities: dict[str, Any], single: str | None) -> Iterator[Sequence[str]]:
+    known = {check_label(label, f"{path}: entities") for label in entities}
+    for result, entry in entities.items():
+        where = f"{path}: entities['{result}']"
+        if not isinstance(entry, dict) or not isinstance(entry.get("recipes"), list):
+            raise RecipeFileError(f"{where} has no list 'recipes'.")
+        for index, pair in enumerate(entry["recipes"]):
+            here = f"{where}.recipes[{index}]"
+            if not isinstance(pair, list) or len(pair) not in (1, 2):
+                raise RecipeFileError(f"{here} is {shown(pair)}; a recipe needs two ingredients.")
+            labels = [_known(label, known, here) for label in pair]
+            yield [*(labels if len(pair) == 2 else _pair_of(labels[0], pair, single, here)), result]
+
+
+def _pair_of(ingredient: str, row: list[Any], single: str | None, where: str) -> tuple[str, str]:
+    try:
+        return _pair(ingredient, single)
+    except ValueError as error:
+        raise RecipeFileError(f"{where} is {shown(row)}: {error}") from None
+
+
+def _known(label: Any, known: set[str], where: str) -> str:
+    label = check_label(label, where)
+    if label not in known:
+        raise RecipeFileError(f"{where}: '{label}' is not among the file's entities.{nearest(label, known)}")
+    return label
+
+
+# --- writing ---------------------------------------------------------------------------------------------------------
+
+
+def write_book(book: RecipeBook, path: Path) -> None:
+    """Write a book as ``.csv``, ``.tsv`` or ``.json`` by the ending of ``path``; reading it back gives an equal book.
+
+    Raises:
+        RecipeFileError: for another ending.
+    """
+    ending = path.suffix.lower()
+    if ending == ".json":
+        write_atomically(path, book_json(book))
+    elif ending in (".csv", ".tsv"):
+        directives = [("base", book.base), ("entities", book.idle or None)]
+        head = [f"# {key}: {_csv_line(labels, ',')}" for key, labels in directives if labels is not None]
+        write_atomically(path, [*head, *recipe_table(book.recipes, "," if ending == ".csv" else "\t")])
+    else:
+        raise RecipeFileError(f"{path}: unknown ending '{ending}'; a recipe book is written as .csv, .tsv or .json.")
+
+
+def recipe_table(recipes: Iterable[Recipe], delimiter: str = ",") -> Iterator[str]:
+    """Yield the lines of a recipe table, header first."""
+    yield delimiter.join(CSV_HEADER) + "\n"
+    for recipe in recipes:
+        yield _csv_line(recipe, delimiter)
+
+
+def book_json(book: RecipeBook, **extra: Any) -> Iterator[str]:
+    """Yield our own JSON layout, one recipe per line so that it diffs well; ``extra`` keys come after the name."""
+    dump = json.JSONEncoder(ensure_ascii=False, allow_nan=False).encode
+    yield f'{{\n"format": {dump(JSON_FORMAT)},\n"name": {dump(book.name)},\n'
+    for key, value in extra.items():
+        yield f"{dump(key)}: {dump(value)},\n"
+    yield f'"base": {dump(book.base)},\n"entities": {dump(book.entities)},\n"recipes": [\n'
+    last = len(book.recipes) - 1
+    for index, recipe in enumerate(book.recipes):
+        yield dump(recipe) + (",\n" if index < last else "\n")
+    yield "]\n}\n"
+
+
+def _csv_line(labels: Iterable[str], delimiter: str) -> str:
+    # Quotes only where they are needed; csv.writer needs a buffer because it only writes to files.
+    cells = list(labels)
+    if not any(delimiter in cell or '"' in cell or cell != cell.strip() or cell[0] == "#" for cell in cells):
+        return delimiter.join(cells) + "\n"
+    buffer = io.StringIO()
+    csv.writer(buffer, delimiter=delimiter, lineterminator="\n", quoting=csv.QUOTE_ALL).writerow(cells)
+    return buffer.getvalue()

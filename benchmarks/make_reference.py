@@ -50,7 +50,6 @@ from wordcraft_kg.evaluation.reference import (
 )
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
 from wordcraft_kg.runs.seeds import run_folders
-from wordcraft_kg.studies.beside import OVER_SEEDS, SEEN, agent_rows
 from wordcraft_kg.studies.references import (
     DISTRACTORS,
     in_order,
@@ -59,6 +58,7 @@ from wordcraft_kg.studies.references import (
     played_graph,
     scripted_rows,
 )
+from wordcraft_kg.studies.result_readers import OVER_SEEDS, SEEN, agent_rows
 from wordcraft_kg.studies.results import StudyResults
 
 PLAYS = ((TaskPlay("test", 1, 1), DISTRACTORS), (TaskPlay("test", 2, 2), (1, 8)))

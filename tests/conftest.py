@@ -17,9 +17,10 @@ from hypothesis import settings
 
 from wordcraft_kg.cli import main
 from wordcraft_kg.cli.failures import Failure
+from wordcraft_kg.evaluation.reference import PlayedGraph
 from wordcraft_kg.graphs import RecipeGraph, open_book
 from wordcraft_kg.graphs.library import DATA_VARIABLE
-from wordcraft_kg.studies.results import PlayedGraph, RunResult, StudyResults
+from wordcraft_kg.studies.results import RunResult, StudyResults
 from wordcraft_kg.studies.study import Drawing, Study, Values
 
 # Ray reads these once, when it is imported, which torchrl does; a token in the home folder would count otherwise.

@@ -8,7 +8,8 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from wordcraft_kg.studies.results import Missing, PlayedGraph, RunResult, StudyResults, results_text
+from wordcraft_kg.evaluation.reference import PlayedGraph
+from wordcraft_kg.studies.results import Missing, RunResult, StudyResults, results_text
 from wordcraft_kg.studies.study import Claim, Study, built_in, parse_study, read_study
 
 DOCS = Path(__file__).parents[1] / "docs"

@@ -9,6 +9,7 @@ import pytest
 from wordcraft_kg.agents.outcomes import Success
 from wordcraft_kg.apps.people.protocol import HumanProtocol
 from wordcraft_kg.apps.people.session_file import append_answer, open_session
+from wordcraft_kg.apps.text_agents import result_reader
 from wordcraft_kg.apps.text_agents.records import WordsResult, WordsSettings, read_words_result
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.open_ended import OpenEndedEnv
@@ -16,7 +17,6 @@ from wordcraft_kg.envs.world import World
 from wordcraft_kg.evaluation import reference
 from wordcraft_kg.evaluation.reference import FORMAT, Figure, OpenPlay, ReferencePack, ReferenceRow, TaskPlay
 from wordcraft_kg.graphs import open_graph
-from wordcraft_kg.studies import beside
 from wordcraft_kg.studies.references import played_graph
 
 DEPTH_1 = TaskPlay("test", 1, 1)
@@ -244,7 +244,9 @@ def test_a_log_of_inspect_is_the_row_of_a_language_model(run, pack, tmp_path, mo
     log = tmp_path / "log.eval"
     log.write_bytes(b"")
     # Logs have tests of their own, which need Inspect AI.
-    monkeypatch.setattr(beside, "read_inspect_log", lambda path: read_words_result(folder) if path == log else None)
+    monkeypatch.setattr(
+        result_reader, "read_inspect_log", lambda path: read_words_result(folder) if path == log else None
+    )
     values = json.loads(run("reference", "kitchen", "--open-ended", "--beside", log, "--json").out)
     (own,) = (one for one in values["rows"] if one["origin"] == "beside")
     assert (own["kind"], own["source"], own["figures"]["10"]["value"]) == ("language model", str(log), 7.0)

@@ -7,8 +7,9 @@ import msgspec
 import numpy as np
 import pytest
 
+from wordcraft_kg.evaluation.reference import PlayedGraph
 from wordcraft_kg.studies.claims import judge, view_claims
-from wordcraft_kg.studies.results import Missing, PlayedGraph, RunResult, StudyResults
+from wordcraft_kg.studies.results import Missing, RunResult, StudyResults
 from wordcraft_kg.studies.study import Claim, Study
 
 TASKS, DRAWS = 400, 5

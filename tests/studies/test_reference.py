@@ -2,13 +2,14 @@
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from wordcraft_kg.agents.config import TaskConfig
 from wordcraft_kg.agents.discovery import HUMAN_CURVE
 from wordcraft_kg.agents.players import play_all, random_distinct
-from wordcraft_kg.base.errors import ArtefactError
+from wordcraft_kg.base.errors import ArtefactError, ConfigError
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.evaluation.discovery import view_discovery
@@ -23,6 +24,8 @@ from wordcraft_kg.evaluation.reference import (
     read_packs,
 )
 from wordcraft_kg.graphs import open_graph
+from wordcraft_kg.studies import result_readers
+from wordcraft_kg.studies.result_readers import ResultReader, rows_beside
 
 DEPTH_1 = TaskPlay("test", 1, 1)
 
@@ -52,6 +55,17 @@ def test_another_split_has_no_rows_and_open_ended_play_needs_none(everyday):
     assert pack_of(everyday.graph.hash, "0" * 64) is None
     assert pack_of("0" * 64, None) is None
     assert pack_of(everyday.graph.hash, None) is not None
+
+
+def test_another_distribution_adds_a_reader_of_results(everyday, monkeypatch, tmp_path):
+    row = pack_of(everyday.graph.hash, None).rows[0]
+    reader = ResultReader("a folder of mine", lambda path: path == tmp_path, lambda *_: [row])
+    monkeypatch.setattr(
+        result_readers, "entry_points", lambda group: [SimpleNamespace(name=group, load=lambda: reader)]
+    )
+    assert rows_beside(everyday, DEPTH_1, [1], [tmp_path]) == (row,)
+    with pytest.raises(ConfigError, match="expected a run folder of 'train-agent' .*, a folder of mine"):
+        rows_beside(everyday, DEPTH_1, [1], [tmp_path / "other"])
 
 
 def test_a_scripted_player_has_exactly_the_figure_of_the_pack(everyday):

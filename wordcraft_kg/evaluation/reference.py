@@ -13,7 +13,6 @@ from wordcraft_kg.base.records import Count, Hash, Record, read_record
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.graphs.tasks import TaskPart
-from wordcraft_kg.studies.results import PlayedGraph
 
 PACK = Path(__file__).parent / "references"
 """Folder of the files that come with the package."""
@@ -29,6 +28,16 @@ Estimate = tuple[float, float | None, float | None]
 TRAINED_WITH = "trained with"
 """Name among the settings of an agent: the distractors on the tables of its training."""
 _DIGITS = {"success": 3, "entities known": 1, "new combinations": 0}
+
+
+class PlayedGraph(Record, frozen=True):
+    """A graph and its split."""
+
+    name: str
+    hash: Hash
+    kind: str
+    split_seed: int
+    split: Hash
 
 
 class TaskPlay(Record, frozen=True, tag="tasks"):

@@ -11,7 +11,8 @@ from typing import Any, TypeVar
 from wordcraft_kg.base.artefacts import dump_json, read_json, write_atomically
 from wordcraft_kg.base.errors import ArtefactError
 from wordcraft_kg.base.records import Count, Record, Share, as_record, as_values
-from wordcraft_kg.studies.results import Curve, PlayedGraph
+from wordcraft_kg.evaluation.reference import PlayedGraph
+from wordcraft_kg.studies.results import Curve
 
 FIGURES_FILE = "figures.json"
 F = TypeVar("F", bound="Figures")

@@ -15,6 +15,7 @@ from wordcraft_kg.evaluation.reference import (
     Kind,
     Measure,
     OpenPlay,
+    PlayedGraph,
     ReferenceRow,
     TaskPlay,
     figures_of,
@@ -22,8 +23,7 @@ from wordcraft_kg.evaluation.reference import (
     pack_of,
 )
 from wordcraft_kg.graphs.folder import OpenedGraph
-from wordcraft_kg.studies.beside import DRAWS, SEEN, open_rows_beside, rows_beside
-from wordcraft_kg.studies.results import PlayedGraph
+from wordcraft_kg.studies.result_readers import DRAWS, SEEN, rows_beside
 
 DISTRACTORS = (1, 2, 8)
 """Numbers of distractors of the pack: the paper's."""
@@ -77,7 +77,7 @@ def view_references(
         opened: graph and split.
         play: the tasks.
         columns: numbers of distractors.
-        beside: folders and files of the user: see :data:`~wordcraft_kg.studies.beside.UNDERSTOOD`.
+        beside: folders and files of the user, see :func:`~wordcraft_kg.studies.result_readers.rows_beside`.
 
     Raises:
         ConfigError: if a folder or file is nothing known, or of other tasks; or for a number out of range.
@@ -109,7 +109,7 @@ def view_open_references(
     Args:
         opened: graph and split; the split does not matter here.
         base: entities known at the start; None takes the graph's.
-        beside: folders of the user, see :func:`~wordcraft_kg.studies.beside.open_rows_beside`.
+        beside: folders and files of the user.
 
     Raises:
         ConfigError: if an entity of the base is unknown, nothing can be made from the base, or a folder is nothing
@@ -117,7 +117,7 @@ def view_open_references(
         GraphMismatchError: if a folder is of another graph.
     """
     play = open_play(opened, base)
-    own = open_rows_beside(opened, play, beside)
+    own = rows_beside(opened, play, (), beside)
     pack = pack_of(opened.graph.hash, None)
     found = pack.rows_of(play) if pack else ()
     return ReferenceTable(

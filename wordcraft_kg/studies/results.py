@@ -7,21 +7,12 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from wordcraft_kg.base.records import Count, Hash, Record, Share, as_values
+from wordcraft_kg.base.records import Count, Record, Share, as_values
+from wordcraft_kg.evaluation.reference import PlayedGraph
 from wordcraft_kg.studies.study import Study, Values
 
 Curve = tuple[tuple[int, float], ...]
 """Points of (environment steps, success)."""
-
-
-class PlayedGraph(Record, frozen=True):
-    """A graph and its split."""
-
-    name: str
-    hash: Hash
-    kind: str
-    split_seed: int
-    split: Hash
 
 
 class RunResult(Record, frozen=True):

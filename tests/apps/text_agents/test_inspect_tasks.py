@@ -39,7 +39,7 @@ from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
 from wordcraft_kg.models.links.saving import save_scorer
 from wordcraft_kg.models.policies.sources.source import make_sources
 from wordcraft_kg.models.scorers.facts import SymbolicScorer
-from wordcraft_kg.studies.beside import open_rows_beside, rows_beside
+from wordcraft_kg.studies.result_readers import rows_beside
 
 pytestmark = pytest.mark.filterwarnings("ignore:The 'initial' parameter is deprecated:DeprecationWarning")
 
@@ -261,7 +261,7 @@ def test_a_log_stands_beside_the_reference_figures_as_a_language_model(
     assert (row.player, row.kind, row.tasks) == ("mockllm/model", "language model", 3)
     assert (row.figures["2"].value, row.figures["2"].low) == (success.mean, success.ci_low)
     with pytest.raises(ConfigError, match="is of crafting tasks"):
-        open_rows_beside(kitchen, OpenPlay(kitchen.graph.base), [Path(log.location)])
+        rows_beside(kitchen, OpenPlay(kitchen.graph.base), (), [Path(log.location)])
 
 
 def test_a_log_without_some_of_the_games_gives_no_result(play: Callable[..., EvalLog], tmp_path: Path):

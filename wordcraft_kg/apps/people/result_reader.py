@@ -1,0 +1,63 @@
+"""People's answers beside the reference figures."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from wordcraft_kg.apps.people.protocol import HUMAN_FORMAT
+from wordcraft_kg.apps.people.session_file import read_session
+from wordcraft_kg.apps.people.study import STUDY_FILE
+from wordcraft_kg.apps.people.study_folder import read_study
+from wordcraft_kg.apps.people.summary import view_people
+from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.evaluation.reference import Estimate, ReferenceRow, TaskPlay, figures_of
+from wordcraft_kg.graphs.folder import OpenedGraph
+from wordcraft_kg.studies.result_readers import ResultReader, begins_with, check_hash, check_tasks
+
+
+def _knows(path: Path) -> bool:
+    return (path / STUDY_FILE).is_file() or begins_with(path, HUMAN_FORMAT)
+
+
+def _rows(paths: Sequence[Path], opened: OpenedGraph, play: TaskPlay, columns: Sequence[int]) -> Sequence[ReferenceRow]:
+    return [_row(path, opened, play, columns) for path in paths]
+
+
+def _row(path: Path, opened: OpenedGraph, play: TaskPlay, columns: Sequence[int]) -> ReferenceRow:
+    """Return the row of people who took the paper's test."""
+    sessions = read_study(path).sessions() if (path / STUDY_FILE).is_file() else (read_session(path),)
+    view = view_people({path: sessions})
+    header = sessions[0].header
+    check_hash(path, "graph", header["graph_hash"], opened.graph.hash)
+    check_hash(path, "split", header["split_hash"], opened.split.hash)
+    settings = view.settings
+    check_tasks(path, TaskPlay(play.part, int(settings.get("depth", 1)), int(settings.get("attempts", 1))), play)
+    found: dict[int, Estimate] = {}
+    people, over = 0, set()
+    for condition in view.conditions:
+        rate = condition.parts.get(play.part)
+        if rate is None or rate.rate is None or condition.distractors not in columns:
+            continue
+        bounds = rate.people_interval or rate.interval or (None, None)
+        over.add("people" if rate.people_interval else "the answers of one person")
+        people += rate.people
+        found[condition.distractors] = (rate.rate, *bounds)
+    if not found:
+        has = ", ".join(str(condition.distractors) for condition in view.conditions)
+        raise ConfigError(
+            f"--beside: '{path}' has no answers to {play.part} tasks with {', '.join(map(str, columns))} distractors; "
+            f"it is of {has} distractors, and of train and test tasks."
+        )
+    return ReferenceRow(
+        player=path.name,
+        kind="people",
+        measure="success",
+        figures=figures_of(found),
+        origin="beside",
+        source=str(path),
+        play=play,
+        interval=f"95 %, over {' or '.join(sorted(over))}",
+        people=people,
+    )
+
+
+READER = ResultReader("a folder of 'study serve', a file of 'play --protocol paper'", _knows, _rows)

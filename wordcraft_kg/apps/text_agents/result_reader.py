@@ -1,0 +1,120 @@
+"""Results of players that use words beside the reference figures."""
+
+from collections.abc import Sequence
+from itertools import count
+from pathlib import Path
+from typing import get_args
+
+import msgspec
+
+from wordcraft_kg.apps.text_agents.games_result import read_games_result
+from wordcraft_kg.apps.text_agents.inspect_log import read_inspect_log
+from wordcraft_kg.apps.text_agents.records import (
+    RESULT_FILE,
+    GamesFormat,
+    WordsResult,
+    WordsSettings,
+    read_words_result,
+)
+from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.base.wording import counted
+from wordcraft_kg.evaluation.reference import Estimate, Figure, OpenPlay, ReferenceRow, TaskPlay, figures_of
+from wordcraft_kg.graphs.folder import OpenedGraph
+from wordcraft_kg.studies.result_readers import OVER_TASKS, SEEN, ResultReader, begins_with, check_hash, check_tasks
+
+LOGS = (".eval", ".json")
+
+
+def _is_log(path: Path) -> bool:
+    return path.is_file() and path.suffix in LOGS
+
+
+def _knows(path: Path) -> bool:
+    return (path / RESULT_FILE).is_file() or _is_log(path) or begins_with(path, *get_args(GamesFormat))
+
+
+def _result(path: Path, opened: OpenedGraph) -> WordsResult:
+    if (path / RESULT_FILE).is_file():
+        result = read_words_result(path)
+    else:
+        result = read_inspect_log(path) if _is_log(path) else read_games_result(path, opened)
+    check_hash(path, "graph", result.settings.graph_hash, opened.graph.hash)
+    return result
+
+
+def _open_rows(paths: Sequence[Path], opened: OpenedGraph, play: OpenPlay) -> Sequence[ReferenceRow]:
+    rows = []
+    for path in paths:
+        result = _result(path, opened)
+        settings = result.settings
+        if not settings.is_open_ended or settings.base != play.base:
+            its = f"begins with {', '.join(settings.base)}" if settings.is_open_ended else "is of crafting tasks"
+            raise ConfigError(f"--beside: '{path}' {its}, and the table is about play from {', '.join(play.base)}.")
+        known: dict[int, Estimate] = {attempts: (value, None, None) for attempts, value in result.known.items()}
+        row = _row(path, result, play, figures_of(known))
+        rows.append(msgspec.structs.replace(row, measure="entities known", runs=result.games))
+    return rows
+
+
+def _task_rows(
+    paths: Sequence[Path], opened: OpenedGraph, play: TaskPlay, columns: Sequence[int]
+) -> Sequence[ReferenceRow]:
+    """Return a row for each player; results that differ in the distractors alone are one player's."""
+    rows: dict[tuple[str, WordsSettings, int], ReferenceRow] = {}
+    for path in paths:
+        result = _result(path, opened)
+        settings = result.settings
+        check_hash(path, "split", settings.split_hash, opened.split.hash)
+        success, amount = result.success, settings.distractors
+        if settings.part is None or settings.depth is None or amount is None or success is None:
+            raise ConfigError(f"--beside: '{path}' is of the open-ended world; add --open-ended, or leave it out.")
+        check_tasks(path, TaskPlay(settings.part, settings.depth, settings.attempts), play)
+        if amount not in columns:
+            raise ConfigError(
+                f"--beside: '{path}' has {counted(amount, 'distractor')}, which are no column of the table; "
+                f"add them to --distractors {','.join(map(str, columns))}."
+            )
+        figures = figures_of({amount: (success.mean, success.ci_low, success.ci_high)})
+        row = _row(path, result, play, figures)
+        row = msgspec.structs.replace(row, interval=OVER_TASKS, tasks=success.tasks, draws=success.draws)
+        # A player that has played the same twice, such as one that draws at random, has a row for each time.
+        same = result.player, msgspec.structs.replace(settings, distractors=None)
+        times = ((*same, time) for time in count())
+        key = next(key for key in times if key not in rows or str(amount) not in rows[key].figures)
+        if key in rows:
+            figures = rows[key].figures | figures
+            notes = ", ".join(dict.fromkeys(said for said in (rows[key].notes, row.notes) if said))
+            row = msgspec.structs.replace(row, figures=figures, source=f"{rows[key].source}, {row.source}", notes=notes)
+        rows[key] = row
+    return list(rows.values())
+
+
+def _row(path: Path, result: WordsResult, play: TaskPlay | OpenPlay, figures: dict[str, Figure]) -> ReferenceRow:
+    settings = result.settings
+    said = {"knowledge": settings.knowledge, "look-ups a game": str(settings.look_ups)}
+    lost = f"{counted(result.lost, 'attempt')} lost by messages that were not understood"
+    sample = f"an even sample of {counted(result.success.tasks, 'task')}" if result.success else ""
+    notes = (
+        sample if settings.tasks is not None else "",
+        lost if result.lost else "",
+        f"its scorer {SEEN}" if settings.kg == "full" else "",
+    )
+    return ReferenceRow(
+        player=result.player,
+        kind="language model" if _is_log(path) else "other",
+        measure="success",
+        figures=figures,
+        origin="beside",
+        source=str(path),
+        play=play,
+        settings={} if settings.knowledge == "none" else said,
+        notes=", ".join(note for note in notes if note),
+    )
+
+
+READER = ResultReader(
+    "a result of 'evaluate-words', a file of 'mcp --out', or a log of Inspect AI (.eval, .json)",
+    _knows,
+    _task_rows,
+    _open_rows,
+)

@@ -1,0 +1,232 @@
+"""Readers of the results that a user has beside the reference pack, and the reader for runs of agents.
+
+An app, of this distribution or another, adds a reader by an entry point of the group ``wordcraft_kg.result_readers``
+that names a :class:`ResultReader`.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from importlib.metadata import entry_points
+from pathlib import Path
+
+from wordcraft_kg.agents.agent_folder import OpenedAgent, open_agent
+from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer
+from wordcraft_kg.base.artefacts import what_is
+from wordcraft_kg.base.errors import ConfigError, GraphMismatchError
+from wordcraft_kg.base.progress import steps
+from wordcraft_kg.base.statistics import crossed_bootstrap
+from wordcraft_kg.base.wording import counted
+from wordcraft_kg.envs.world import World
+from wordcraft_kg.evaluation.agents import Groups, can_play, group_agents
+from wordcraft_kg.evaluation.reference import (
+    TRAINED_WITH,
+    Estimate,
+    OpenPlay,
+    Origin,
+    ReferenceRow,
+    TaskPlay,
+    figures_of,
+    play_of,
+)
+from wordcraft_kg.graphs.folder import OpenedGraph
+from wordcraft_kg.runs.record import RUN_FILE
+from wordcraft_kg.runs.seeds import run_folders
+
+GROUP = "wordcraft_kg.result_readers"
+"""Group of the entry points."""
+DRAWS = 5
+"""Draws of distractors for each task, of scripted players too."""
+SEEN = "knows the recipes of the test tasks"
+OVER_SEEDS = "95 %, bootstrap over seeds and tasks"
+OVER_TASKS = "95 %, bootstrap over tasks"
+_NO_RESULT = ("seed", "graph", "scorer", "threads", "device", "log_every", "eval_every", "checkpoint_every")
+_SAID = ("steps", "distractors")
+"""Settings of a training that its figures do not depend on, and those that a row says in other words."""
+
+
+@dataclass(frozen=True)
+class ResultReader:
+    """A kind of results that can stand beside the reference pack.
+
+    The functions return at least one row for the paths, which :attr:`knows` has accepted; results of one player may
+    share a row. They raise ConfigError for other tasks, GraphMismatchError for another graph or split, and
+    ArtefactError for a damaged file.
+
+    Attributes:
+        expected: names of the folders and files, for the message about a path that no reader knows.
+        knows: whether a path, which need not exist, is of this kind.
+        task_rows: success on crafting tasks; called with paths, graph and split, tasks, and numbers of distractors.
+        open_rows: entities known in open-ended play; called with paths, graph and play. None: such results do not
+            exist.
+    """
+
+    expected: str
+    knows: Callable[[Path], bool]
+    task_rows: Callable[[Sequence[Path], OpenedGraph, TaskPlay, Sequence[int]], Sequence[ReferenceRow]]
+    open_rows: Callable[[Sequence[Path], OpenedGraph, OpenPlay], Sequence[ReferenceRow]] | None = None
+
+
+def rows_beside(
+    opened: OpenedGraph, play: TaskPlay | OpenPlay, columns: Sequence[int], paths: Sequence[Path]
+) -> tuple[ReferenceRow, ...]:
+    """Return the rows of a user's own results.
+
+    Args:
+        opened: graph and split of the table.
+        play: tasks of the table, or open-ended play.
+        columns: numbers of distractors; ignored for open-ended play.
+        paths: folders and files.
+
+    Raises:
+        ConfigError: if no reader knows a path, or a result is of other tasks.
+        GraphMismatchError: if a result is of another graph or split.
+        ArtefactError: if a result is damaged.
+    """
+    if not paths:
+        return ()
+    points = sorted(entry_points(group=GROUP), key=lambda point: point.name)
+    readers: list[ResultReader] = [AGENTS, *(point.load() for point in points)]
+    if isinstance(play, OpenPlay):
+        readers = [reader for reader in readers if reader.open_rows]
+    of: dict[ResultReader, list[Path]] = {reader: [] for reader in readers}
+    for path in paths:
+        known = next((reader for reader in readers if reader.knows(path)), None)
+        if known is None:
+            expected = ", ".join(reader.expected for reader in readers)
+            raise ConfigError(f"--beside: '{path}' {what_is(path)}; expected {expected}.")
+        of[known].append(path)
+    rows: list[ReferenceRow] = []
+    for reader, own in of.items():
+        if own and isinstance(play, TaskPlay):
+            rows += reader.task_rows(own, opened, play, columns)
+        elif own and isinstance(play, OpenPlay) and reader.open_rows:
+            rows += reader.open_rows(own, opened, play)
+    return tuple(rows)
+
+
+def begins_with(path: Path, form: str) -> bool:
+    """Return whether a path is a file whose first line names a format."""
+    if not path.is_file():
+        return False
+    with path.open("rb") as file:
+        return form.encode() in file.readline(10_000)
+
+
+def check_hash(path: Path, name: str, has: str, wanted: str) -> None:
+    """Refuse a result of another graph or split.
+
+    Raises:
+        GraphMismatchError: naming both hashes.
+    """
+    if has != wanted:
+        raise GraphMismatchError(
+            f"--beside: '{path}' is of {name} {has[:12]}, and the table of {wanted[:12]}. Give as GRAPH what was "
+            "played on."
+        )
+
+
+def check_tasks(name: Path | str, its: TaskPlay, play: TaskPlay) -> None:
+    """Refuse a result of other tasks than the table's.
+
+    Raises:
+        ConfigError: naming the options that show a table of these tasks.
+    """
+    if its != play:
+        attempts = f" --attempts {its.attempts}" if its.attempts != its.depth else ""
+        raise ConfigError(
+            f"--beside: '{name}' is of {_in_words(its)}, and the table of {_in_words(play)}; give --part {its.part} "
+            f"--depth {its.depth}{attempts}, or leave it out."
+        )
+
+
+def agent_rows(
+    groups: Groups, opened: OpenedGraph, play: TaskPlay, columns: Sequence[int], origin: Origin
+) -> tuple[ReferenceRow, ...]:
+    """Let agents play greedily, as ``compare-agents`` does, and return a row for each agent.
+
+    Args:
+        groups: runs by agent, on this graph and split.
+        opened: the graph and split.
+        play: the tasks.
+        columns: numbers of distractors; those that a policy cannot play with are left out.
+        origin: of the rows.
+
+    Raises:
+        ConfigError: if an agent plays other tasks, or with none of these numbers of distractors.
+    """
+    for agent in (agent for members in groups.values() for agent in members):
+        its = play_of(agent.config.tasks, play.part)
+        if its is None:
+            raise ConfigError(f"--beside: '{agent.name}' plays by other rules than the table: {agent.config.tasks}.")
+        check_tasks(agent.name, its, play)
+    world = World(opened, next(iter(groups.values()))[0].config.tasks.environment(play.part, columns[0]))
+    found: dict[str, dict[int, Estimate]] = {name: {} for name in groups}
+    for column in columns:
+        evaluator = Evaluator(world.variant(num_distractors=column), draws=DRAWS)
+        for name, members in steps("evaluating agents", groups.items()):
+            if can_play(members[0], column):
+                rates = [evaluator(PolicyPlayer(agent.policy)).success.mean(axis=1) for agent in members]
+                found[name][column] = (
+                    float(sum(map(float, (r.mean() for r in rates))) / len(rates)),
+                    *crossed_bootstrap(rates),
+                )
+    rows = []
+    for name, members in groups.items():
+        if not found[name]:
+            raise ConfigError(
+                f"--beside: '{name}' plays with {members[0].config.tasks.distractors} distractors only; "
+                f"add them to --distractors {','.join(map(str, columns))}."
+            )
+        rows.append(_agent_row(name, members, found[name], play, origin, len(evaluator.tasks)))
+    return tuple(rows)
+
+
+def _agent_row(
+    name: str,
+    members: Sequence[OpenedAgent],
+    found: dict[int, Estimate],
+    play: TaskPlay,
+    origin: Origin,
+    tasks: int,
+) -> ReferenceRow:
+    config = members[0].config
+    settings = {key: str(value) for key, value in config.differing().items() if key not in _NO_RESULT + _SAID}
+    steps_done = sorted({agent.metrics[-1].step if agent.metrics else 0 for agent in members})
+    trained = {
+        "steps": ", ".join(f"{number:,}" for number in steps_done),
+        TRAINED_WITH: counted(config.tasks.distractors, "distractor"),
+    }
+    return ReferenceRow(
+        player=name,
+        kind="agent",
+        measure="success",
+        figures=figures_of(found),
+        origin=origin,
+        source=" ".join(("wordcraft-kg", *members[0].run.argv[1:])),
+        play=play,
+        interval=OVER_SEEDS if len(members) > 1 else OVER_TASKS,
+        tasks=tasks,
+        draws=DRAWS,
+        seeds=len(members),
+        settings=settings | trained,
+        notes=f"its scorer {SEEN}" if members[0].run.kg == "full" else "",
+    )
+
+
+def _in_words(play: TaskPlay) -> str:
+    return f"{play.part} tasks of depth {play.depth} with {counted(play.attempts, 'attempt')}"
+
+
+def _is_run(path: Path) -> bool:
+    return (run_folders(path)[0] / RUN_FILE).is_file()
+
+
+def _own_agents(
+    paths: Sequence[Path], opened: OpenedGraph, play: TaskPlay, columns: Sequence[int]
+) -> Sequence[ReferenceRow]:
+    agents = [open_agent(folder, opened) for path in paths for folder in run_folders(path)]
+    return agent_rows(group_agents(agents), opened, play, columns, "beside")
+
+
+AGENTS = ResultReader("a run folder of 'train-agent' or a folder of its seeds", _is_run, _own_agents)
+"""Reader for runs of agents."""

@@ -3,7 +3,6 @@ import math
 from collections import defaultdict
 from dataclasses import replace
 from itertools import combinations
-from typing import get_args
 
 import graph_oracles as oracles
 import numpy as np
@@ -13,8 +12,7 @@ from hypothesis import assume, given, settings
 
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError, SplitError
 from wordcraft_kg.graphs import SPLITS, RecipeGraph, Split, SplitConfig, make_split
-from wordcraft_kg.graphs.split_kinds.slots import slots
-from wordcraft_kg.graphs.splits import PARTS, SplitKind, read_split
+from wordcraft_kg.graphs.splits import PARTS, Draw, SplitKind, read_split, units_of
 from wordcraft_kg.graphs.triples import RELATIONS
 
 HELD_OUT_KINDS = [kind for kind in SPLITS if kind != "none"]
@@ -174,7 +172,7 @@ def test_the_groups_of_a_by_slot_split_are_as_small_as_they_can_be_and_drawn_in_
     groups = [({row}, {(x, r.result) for x in r[:2]}) for row, r in enumerate(graph.recipe_labels())]
     while found := next(((g, h) for g, h in combinations(groups, 2) if g[1] & h[1]), None):
         groups = [g for g in groups if g not in found] + [tuple(one | other for one, other in zip(*found, strict=True))]
-    units, parts = slots(graph), drawn(graph, config).parts
+    units, parts = units_of(graph, "by-slot"), drawn(graph, config).parts
     assert {frozenset(np.flatnonzero(units == unit).tolist()) for unit in units} == {frozenset(g) for g, _ in groups}
     sides = [set(parts[list(rows)].tolist()) for rows, _ in groups]
     assert all(len(side) == 1 for side in sides)
@@ -223,8 +221,17 @@ def test_the_hash_of_a_split_covers_its_graph(kitchen):
     assert one.hash != two.hash
 
 
-def test_every_kind_of_split_that_the_types_name_is_there():
-    assert list(get_args(SplitKind)) == list(SPLITS)
+def test_a_split_registered_from_outside_is_made_read_back_and_offered_by_the_command(kitchen, monkeypatch):
+    def by_first_letter(graph, config, rng):
+        return Draw(np.where([graph.entities[i] < "m" for i in graph.recipes[:, 2]], 0, 2).astype(np.int8))
+
+    monkeypatch.setitem(SPLITS, "by-letter", SplitKind(by_first_letter, lambda graph: graph.recipes[:, 2], "by letter"))
+    split = make_split(kitchen, SplitConfig("by-letter"))
+    assert all(kitchen.entities[i] >= "m" for i in split.recipes("test")[:, 2])
+    assert read_split(json.loads("".join(split.to_json())), kitchen).hash == split.hash
+    from wordcraft_kg.cli import build_graph
+
+    assert "by-letter (by letter)" in build_graph._kinds()
 
 
 @pytest.mark.parametrize("ratio", [0.0, 1.0, -0.1, 1.5, math.nan, math.inf])

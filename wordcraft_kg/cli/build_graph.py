@@ -2,7 +2,7 @@
 
 import logging
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
@@ -10,10 +10,14 @@ from wordcraft_kg.base.wording import counted
 from wordcraft_kg.cli.completion import Book
 from wordcraft_kg.cli.console import Flag, Output, aligned, names, split_labels
 from wordcraft_kg.cli.splits import split_rows
-from wordcraft_kg.graphs.splits import SPLITS, SplitConfig, SplitKind
+from wordcraft_kg.graphs.splits import SPLITS, SplitConfig
 
 if TYPE_CHECKING:
     from wordcraft_kg.evaluation.graphs import BuiltGraph
+
+    SplitName = str
+else:
+    SplitName = Literal[tuple(SPLITS)]
 
 EXAMPLES = (
     "wordcraft-kg build-graph everyday --out graphs/everyday",
@@ -22,7 +26,7 @@ EXAMPLES = (
 
 
 def _kinds() -> str:
-    return ", ".join(f"{name} ({about})" for name, (*_, about) in SPLITS.items())
+    return ", ".join(f"{name} ({kind.about})" for name, kind in SPLITS.items())
 
 
 def build_graph(
@@ -30,7 +34,7 @@ def build_graph(
     *,
     base: Annotated[list[str] | None, Parameter(negative=(), consume_multiple=False)] = None,
     base_file: Path | None = None,
-    split: Annotated[SplitKind, Parameter(help=f"what is held out: {_kinds()}.")] = SplitConfig.kind,
+    split: Annotated[SplitName, Parameter(help=f"what is held out: {_kinds()}.")] = SplitConfig.kind,
     train_ratio: float = SplitConfig.train_ratio,
     valid_ratio: float = SplitConfig.valid_ratio,
     seed: int = SplitConfig.seed,

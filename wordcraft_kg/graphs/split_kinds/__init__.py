@@ -1,1 +1,0 @@
-"""Kinds of splits: functions ``(graph, config, rng) -> Draw`` that :data:`~wordcraft_kg.graphs.splits.SPLITS` names."""

@@ -23,8 +23,8 @@ from sklearn.model_selection import KFold
 
 from wordcraft_kg.graphs import RecipeGraph, Split, SplitConfig, make_split, open_book
 from wordcraft_kg.graphs.arrays import Ids
+from wordcraft_kg.models.scorers.baselines import VoteScorer
 from wordcraft_kg.models.scorers.features import glove_features
-from wordcraft_kg.models.scorers.votes import VoteScorer
 
 WEIGHTS = np.logspace(-2, 4, 13)
 

@@ -27,7 +27,7 @@ from wordcraft_kg.models.recipes.base import Base
 from wordcraft_kg.models.recipes.fitting import LinkRankers, fit_link_rankers, knowledge_from, scorer_tensors
 from wordcraft_kg.models.recipes.inductive import extended
 from wordcraft_kg.models.recipes.link_features import link_features
-from wordcraft_kg.models.scorers.facts import FrequencyScorer
+from wordcraft_kg.models.scorers.baselines import FrequencyScorer
 from wordcraft_kg.models.scorers.features import make_features
 from wordcraft_kg.models.scorers.protocol import TripleScorer
 from wordcraft_kg.models.scorers.ranking import (

@@ -22,7 +22,7 @@ from wordcraft_kg.models.links.builders import make_training_loop, scorer_tensor
 from wordcraft_kg.models.links.config import ComplExConfig
 from wordcraft_kg.models.links.fitting import fit
 from wordcraft_kg.models.links.pykeen_bridge import pykeen_guard, quiet_pykeen, triples_factory
-from wordcraft_kg.models.scorers.facts import FrequencyScorer
+from wordcraft_kg.models.scorers.baselines import FrequencyScorer
 from wordcraft_kg.models.scorers.folder import make_scorer
 from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples, sampled
 

@@ -35,15 +35,14 @@ from wordcraft_kg.graphs.splits import TEST, Draw, Split
 from wordcraft_kg.graphs.triples import RELATIONS, is_in, recipe_triples
 from wordcraft_kg.models.links.config import ComplExConfig
 from wordcraft_kg.models.links.folder import open_model
+from wordcraft_kg.models.scorers.baselines import NeighbourScorer, VoteScorer
 from wordcraft_kg.models.scorers.features import glove_features
 from wordcraft_kg.models.scorers.folder import load_scorer
-from wordcraft_kg.models.scorers.kernel_scorer import KernelScorer
+from wordcraft_kg.models.scorers.kernel import KernelScorer
 from wordcraft_kg.models.scorers.link_evidence import LinkEvidence
-from wordcraft_kg.models.scorers.neighbours import NeighbourScorer
 from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples
 from wordcraft_kg.models.scorers.roles import centred
 from wordcraft_kg.models.scorers.scorer import Scorer
-from wordcraft_kg.models.scorers.votes import VoteScorer
 
 QUERIES = 200
 LINKS = 100

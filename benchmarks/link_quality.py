@@ -27,13 +27,11 @@ from wordcraft_kg.graphs import RecipeBook, RecipeGraph, Split, SplitConfig, mak
 from wordcraft_kg.graphs.folder import write_graph_folder
 from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
 from wordcraft_kg.models.links.training import TrainedLinks, train_links
-from wordcraft_kg.models.scorers.facts import FrequencyScorer, SymbolicScorer
+from wordcraft_kg.models.scorers.baselines import FrequencyScorer, NeighbourScorer, SymbolicScorer, VoteScorer
 from wordcraft_kg.models.scorers.features import glove_features
 from wordcraft_kg.models.scorers.folder import load_scorer
 from wordcraft_kg.models.scorers.near_synonyms import near_synonym_recipes, near_synonym_triples
-from wordcraft_kg.models.scorers.neighbours import NeighbourScorer
 from wordcraft_kg.models.scorers.ranking import rank_triples, ranking_metrics
-from wordcraft_kg.models.scorers.votes import VoteScorer
 
 WEIGHTS = (0.05, 0.075, 0.1, 0.125, 0.2)
 RATES = (0.1, 0.2)

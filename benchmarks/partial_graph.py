@@ -87,10 +87,9 @@ def build(book: str, home: Path, kind: str, seed: int) -> None:
 def own_scorers(graph):  # type: ignore[no-untyped-def]
     """Return what makes each scorer that learns nothing."""
     from wordcraft_kg.graphs.triples import recipe_triples
-    from wordcraft_kg.models.scorers.facts import SymbolicScorer
+    from wordcraft_kg.models.scorers.baselines import NeighbourScorer, SymbolicScorer
     from wordcraft_kg.models.scorers.features import glove_features
-    from wordcraft_kg.models.scorers.kernel_scorer import KernelScorer
-    from wordcraft_kg.models.scorers.neighbours import NeighbourScorer
+    from wordcraft_kg.models.scorers.kernel import KernelScorer
 
     vectors = glove_features(graph.entities).vectors
     return {

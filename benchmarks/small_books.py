@@ -28,7 +28,7 @@ from wordcraft_kg.models.links.config import ComplExConfig
 from wordcraft_kg.models.links.fitting import fit
 from wordcraft_kg.models.links.pykeen_bridge import triples_factory
 from wordcraft_kg.models.links.regularisation import choose
-from wordcraft_kg.models.scorers.facts import FrequencyScorer
+from wordcraft_kg.models.scorers.baselines import FrequencyScorer
 from wordcraft_kg.models.scorers.folder import make_scorer
 from wordcraft_kg.models.scorers.protocol import TripleScorer
 from wordcraft_kg.models.scorers.ranking import MIN_TRIPLES, mean_reciprocal_rank, rank_triples

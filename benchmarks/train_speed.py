@@ -33,8 +33,8 @@ from wordcraft_kg.envs.world import World, open_world_graph
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.folder import make_policy
+from wordcraft_kg.models.scorers.baselines import NeighbourScorer
 from wordcraft_kg.models.scorers.features import make_features
-from wordcraft_kg.models.scorers.neighbours import NeighbourScorer
 
 
 def ours(opened: OpenedGraph, config: ImpalaConfig, distractors: int, guided: bool) -> Callable[[], None]:

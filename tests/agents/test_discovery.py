@@ -23,7 +23,7 @@ from wordcraft_kg.agents.discovery import (
 from wordcraft_kg.base.errors import ConfigError, GraphMismatchError
 from wordcraft_kg.envs.open_ended import Discovery, OpenEndedEnv
 from wordcraft_kg.graphs import RecipeGraph
-from wordcraft_kg.models.scorers.facts import SymbolicScorer
+from wordcraft_kg.models.scorers.baselines import SymbolicScorer
 from wordcraft_kg.models.scorers.tables import TableScorer
 
 ATTEMPTS = 30
@@ -117,7 +117,7 @@ def test_curves_are_the_same_in_processes_with_different_hash_seeds(tmp_path):
     code = (
         "from wordcraft_kg.agents.discovery import *\n"
         "from wordcraft_kg.graphs import RecipeGraph, open_book\n"
-        "from wordcraft_kg.models.scorers.facts import SymbolicScorer\n"
+        "from wordcraft_kg.models.scorers.baselines import SymbolicScorer\n"
         "graph = RecipeGraph.from_book(open_book('kitchen'))\n"
         "players = make_discoverers(DISCOVERERS, graph, SymbolicScorer(graph, graph.triples))\n"
         "print(discovery_curves(graph, players, 20, 3).to_csv())"

@@ -24,7 +24,7 @@ from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs import open_graph
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.folder import make_policy
-from wordcraft_kg.models.scorers.facts import FrequencyScorer
+from wordcraft_kg.models.scorers.baselines import FrequencyScorer
 
 RESULTS = ("success", "by_plan", "picks", "endings")
 

@@ -27,8 +27,8 @@ from wordcraft_kg.models.policies.policy import Policy
 from wordcraft_kg.models.policies.sources.source import ScoreView, make_sources
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.recipes.training import train_recipes
+from wordcraft_kg.models.scorers.baselines import FrequencyScorer
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted, cross_fit
-from wordcraft_kg.models.scorers.facts import FrequencyScorer
 from wordcraft_kg.models.scorers.folder import load_scorer
 from wordcraft_kg.models.scorers.protocol import TripleScorer
 

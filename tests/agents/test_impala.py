@@ -21,7 +21,7 @@ from wordcraft_kg.graphs import RecipeGraph, open_graph
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.folder import make_policy
 from wordcraft_kg.models.policies.policy import PolicyOutput
-from wordcraft_kg.models.scorers.facts import FrequencyScorer
+from wordcraft_kg.models.scorers.baselines import FrequencyScorer
 
 BATCH = 8
 SMALL = {

@@ -24,8 +24,8 @@ from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs import SplitConfig, make_split, open_graph
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.models.policies.sources.source import make_sources
+from wordcraft_kg.models.scorers.baselines import FrequencyScorer, SymbolicScorer
 from wordcraft_kg.models.scorers.cross_fitting import whole_of
-from wordcraft_kg.models.scorers.facts import FrequencyScorer, SymbolicScorer
 from wordcraft_kg.models.scorers.folder import load_scorer
 from wordcraft_kg.models.scorers.tables import TableScorer
 

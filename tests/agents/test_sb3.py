@@ -18,7 +18,7 @@ from wordcraft_kg.envs.wrappers import FeatureObservation
 from wordcraft_kg.graphs import open_graph
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.folder import make_policy
-from wordcraft_kg.models.scorers.facts import SymbolicScorer
+from wordcraft_kg.models.scorers.baselines import SymbolicScorer
 
 DISTRACTORS = 3
 SHORT = {

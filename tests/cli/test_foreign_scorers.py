@@ -10,7 +10,7 @@ from pykeen.pipeline import pipeline
 
 from wordcraft_kg.graphs.folder import open_graph
 from wordcraft_kg.models.links.saving import save_scorer
-from wordcraft_kg.models.scorers.neighbours import NeighbourScorer
+from wordcraft_kg.models.scorers.baselines import NeighbourScorer
 
 Run = Callable[..., Any]
 SMALL = ("--steps", 1_600, "--batch-size", 16, "--eval-every", 800, "--checkpoint-every", 800, "--quiet")

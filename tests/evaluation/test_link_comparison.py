@@ -12,7 +12,7 @@ from wordcraft_kg.graphs import SplitConfig, make_split
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
 from wordcraft_kg.models.links.config import ComplExConfig
 from wordcraft_kg.models.links.folder import OpenedModel
-from wordcraft_kg.models.scorers.facts import FrequencyScorer, SymbolicScorer
+from wordcraft_kg.models.scorers.baselines import FrequencyScorer, SymbolicScorer
 from wordcraft_kg.models.scorers.ranking import (
     RankingMetrics,
     rank_triples,

@@ -30,10 +30,9 @@ from wordcraft_kg.graphs.splits import Split
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS, is_in, recipe_triples
 from wordcraft_kg.models.links.folder import OpenedModel
 from wordcraft_kg.models.links.records import TraceRow
-from wordcraft_kg.models.scorers.facts import FrequencyScorer, SymbolicScorer
+from wordcraft_kg.models.scorers.baselines import FrequencyScorer, NeighbourScorer, SymbolicScorer, VoteScorer
 from wordcraft_kg.models.scorers.features import glove_features
 from wordcraft_kg.models.scorers.near_synonyms import near_synonym_recipes
-from wordcraft_kg.models.scorers.neighbours import NeighbourScorer
 from wordcraft_kg.models.scorers.ranking import (
     RankingMetrics,
     random_metrics,
@@ -42,7 +41,6 @@ from wordcraft_kg.models.scorers.ranking import (
     recipe_clusters,
 )
 from wordcraft_kg.models.scorers.tables import TableScorer
-from wordcraft_kg.models.scorers.votes import VoteScorer
 from wordcraft_kg.reports.glossary import GLOSSARY
 from wordcraft_kg.reports.link_report import make_link_report, report_schema
 from wordcraft_kg.reports.report import Report, render, write_report
@@ -827,7 +825,7 @@ def test_another_process_with_another_hash_seed_gives_the_same_bytes(kitchen_mod
 import sys
 from pathlib import Path
 from wordcraft_kg.graphs.folder import open_graph
-from wordcraft_kg.models.scorers.facts import FrequencyScorer
+from wordcraft_kg.models.scorers.baselines import FrequencyScorer
 from wordcraft_kg.reports.link_report import make_link_report
 from wordcraft_kg.reports.report import write_report
 

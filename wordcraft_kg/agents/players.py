@@ -23,13 +23,12 @@ from wordcraft_kg.graphs.splits import Split
 from wordcraft_kg.graphs.tasks import TaskSet
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
 from wordcraft_kg.models.policies.sources.source import ScoreView, make_sources
+from wordcraft_kg.models.scorers.baselines import SymbolicScorer, VoteScorer
 from wordcraft_kg.models.scorers.cross_fitting import whole_of
-from wordcraft_kg.models.scorers.facts import SymbolicScorer
 from wordcraft_kg.models.scorers.opinions import OpinionScorer
 from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
 from wordcraft_kg.models.scorers.scales import SelfEdges
-from wordcraft_kg.models.scorers.votes import VoteScorer
 
 Player = Callable[[BatchEngine, np.random.Generator], Ids]
 SlotScores = Callable[[Tensor, Tensor, Tensor, Tensor | None], Tensor]

@@ -31,12 +31,11 @@ from wordcraft_kg.graphs.planner import layers
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.triples import COMBINES_WITH, RELATIONS, Relation, is_in
 from wordcraft_kg.models.links.records import TraceRow
+from wordcraft_kg.models.scorers.baselines import FrequencyScorer, NeighbourScorer, VoteScorer
 from wordcraft_kg.models.scorers.config import MAX_QUERIES
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
-from wordcraft_kg.models.scorers.facts import FrequencyScorer
 from wordcraft_kg.models.scorers.features import glove_features
 from wordcraft_kg.models.scorers.near_synonyms import NEAR_SYNONYM, near_synonym_recipes, near_synonym_triples
-from wordcraft_kg.models.scorers.neighbours import NeighbourScorer
 from wordcraft_kg.models.scorers.opinions import OpinionScorer
 from wordcraft_kg.models.scorers.protocol import TripleScorer
 from wordcraft_kg.models.scorers.ranking import (
@@ -54,7 +53,6 @@ from wordcraft_kg.models.scorers.ranking import (
     with_interval,
 )
 from wordcraft_kg.models.scorers.roles import centred
-from wordcraft_kg.models.scorers.votes import VoteScorer
 
 LISTED = 8
 MAP_LIMIT = 3_000

@@ -217,11 +217,10 @@ def _save_plain(folder: Path, graph: str, name: str, settings: dict[str, str]) -
     """Write a scorer that is made of recipes without training."""
     from wordcraft_kg.graphs.triples import recipe_triples
     from wordcraft_kg.models.links.saving import save_scorer
+    from wordcraft_kg.models.scorers.baselines import NeighbourScorer, SymbolicScorer
     from wordcraft_kg.models.scorers.cross_fitting import cross_fit
-    from wordcraft_kg.models.scorers.facts import SymbolicScorer
     from wordcraft_kg.models.scorers.features import glove_features
-    from wordcraft_kg.models.scorers.kernel_scorer import KernelScorer
-    from wordcraft_kg.models.scorers.neighbours import NeighbourScorer
+    from wordcraft_kg.models.scorers.kernel import KernelScorer
 
     opened = open_graph(graph)
     whole = opened.graph

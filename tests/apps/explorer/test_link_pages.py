@@ -29,7 +29,7 @@ from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split
 from wordcraft_kg.graphs.folder import OpenedGraph, default_split, open_graph, write_graph_folder
 from wordcraft_kg.graphs.recipes import RecipeBook
 from wordcraft_kg.models.links.saving import save_scorer
-from wordcraft_kg.models.scorers.neighbours import NeighbourScorer
+from wordcraft_kg.models.scorers.baselines import NeighbourScorer
 
 STATES: tuple[tuple[str, State], ...] = (
     ("entity", Entity("bread")),

@@ -38,7 +38,7 @@ from wordcraft_kg.evaluation.reference import OpenPlay, TaskPlay
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
 from wordcraft_kg.models.links.saving import save_scorer
 from wordcraft_kg.models.policies.sources.source import make_sources
-from wordcraft_kg.models.scorers.facts import SymbolicScorer
+from wordcraft_kg.models.scorers.baselines import SymbolicScorer
 from wordcraft_kg.studies.result_readers import rows_beside
 
 pytestmark = pytest.mark.filterwarnings("ignore:The 'initial' parameter is deprecated:DeprecationWarning")

@@ -44,7 +44,7 @@ from wordcraft_kg.base.records import parse_lines
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
-from wordcraft_kg.models.scorers.facts import FrequencyScorer
+from wordcraft_kg.models.scorers.baselines import FrequencyScorer
 
 ROOT = Path(__file__).parents[3]
 MODES = ("legacy", "auto")

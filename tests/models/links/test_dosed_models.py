@@ -30,8 +30,8 @@ from wordcraft_kg.models.links.saving import save_scorer
 from wordcraft_kg.models.links.training import resume_links
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.recipes.training import train_recipes
+from wordcraft_kg.models.scorers.baselines import FrequencyScorer
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
-from wordcraft_kg.models.scorers.facts import FrequencyScorer
 from wordcraft_kg.models.scorers.folder import load_scorer, make_scorer
 from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples
 

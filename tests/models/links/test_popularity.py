@@ -9,7 +9,7 @@ from link_helpers import random_graph
 
 from wordcraft_kg.graphs.triples import RELATIONS
 from wordcraft_kg.models.links.popularity import DIMS, log_counts, with_popularity
-from wordcraft_kg.models.scorers.embeddings import ComplExScorer
+from wordcraft_kg.models.scorers.factors import ComplExScorer
 
 
 def embeddings(num_entities: int, dim: int = 4) -> dict[str, torch.Tensor]:

@@ -22,7 +22,7 @@ from wordcraft_kg.models.links.pykeen_bridge import triples_factory
 from wordcraft_kg.models.links.records import Choice
 from wordcraft_kg.models.links.regularisation import HELD_OUT, N3, POPULARITY, choose
 from wordcraft_kg.models.links.training import resume_links
-from wordcraft_kg.models.scorers.facts import FrequencyScorer
+from wordcraft_kg.models.scorers.baselines import FrequencyScorer
 from wordcraft_kg.models.scorers.folder import make_scorer
 from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples
 

@@ -11,11 +11,10 @@ from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchEr
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.models.links.folder import open_model
 from wordcraft_kg.models.links.saving import save_scorer
-from wordcraft_kg.models.scorers.embeddings import ComplExScorer
-from wordcraft_kg.models.scorers.factors import FactorsScorer
-from wordcraft_kg.models.scorers.facts import FrequencyScorer, SymbolicScorer
+from wordcraft_kg.models.scorers.baselines import FrequencyScorer, SymbolicScorer
+from wordcraft_kg.models.scorers.factors import ComplExScorer, FactorsScorer
 from wordcraft_kg.models.scorers.folder import load_scorer
-from wordcraft_kg.models.scorers.kernel_scorer import LowRankKernelScorer
+from wordcraft_kg.models.scorers.low_rank_kernel import LowRankKernelScorer
 from wordcraft_kg.models.scorers.protocol import FactoredScorer
 from wordcraft_kg.models.scorers.scorer import Scorer
 from wordcraft_kg.models.scorers.tables import TableScorer

@@ -13,7 +13,7 @@ from wordcraft_kg.models.policies.attention import EntityVectors
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.folder import load_policy, make_policy, save_policy
 from wordcraft_kg.models.policies.policy import Policy
-from wordcraft_kg.models.scorers.facts import FrequencyScorer
+from wordcraft_kg.models.scorers.baselines import FrequencyScorer
 
 GRAPH = random_graph(num_entities=8, num_recipes=20)
 GOAL, HELD, *TABLE = GRAPH.entities[:6]

@@ -19,7 +19,7 @@ from wordcraft_kg.models.policies.actor_critic import AttentionPolicy
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.folder import load_policy, make_policy, read_policy, write_constants, write_parameters
 from wordcraft_kg.models.policies.policy import Policy
-from wordcraft_kg.models.scorers.facts import FrequencyScorer
+from wordcraft_kg.models.scorers.baselines import FrequencyScorer
 from wordcraft_kg.models.scorers.features import make_features
 from wordcraft_kg.models.scorers.scales import scaled_scorer
 from wordcraft_kg.runs.record import end_run, read_run, start_run

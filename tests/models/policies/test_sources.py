@@ -32,7 +32,7 @@ from wordcraft_kg.models.policies.sources import ALPHA, SOURCES, Label, label_of
 from wordcraft_kg.models.policies.sources import source as source_module
 from wordcraft_kg.models.policies.sources.source import ScoreView, Source, make_sources
 from wordcraft_kg.models.scorers import folder as scorer_folder
-from wordcraft_kg.models.scorers.neighbours import NeighbourScorer
+from wordcraft_kg.models.scorers.baselines import NeighbourScorer
 from wordcraft_kg.models.scorers.protocol import TripleScorer
 from wordcraft_kg.models.scorers.scales import scaled_scorer
 

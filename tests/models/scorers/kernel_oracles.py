@@ -1,4 +1,4 @@
-"""Slow references for the recipe kernels: loops that follow the formulas word by word."""
+"""Slow references for the recipe kernel: loops that follow the formulas word by word."""
 
 import math
 from collections.abc import Sequence
@@ -70,21 +70,3 @@ def slow_completion(recipes: Recipes, size: int) -> np.ndarray:
                     if second == y and third == x:
                         table[a, b] += weight(a, y) * weight(y, x) * weight(x, b)
     return table
-
-
-def slow_recipe_scores(
-    recipes: Recipes, kernel: np.ndarray, asked: Sequence[Sequence[int]], a: int, b: int, c: int
-) -> dict[int, float]:
-    """What each known recipe that is asked says for a + b -> c, by its row; k is the squared normalised similarity."""
-
-    def alike(x: int, y: int) -> float:
-        lengths = kernel[x, x] * kernel[y, y]
-        return float(kernel[x, y] ** 2 / lengths) if lengths else 0.0
-
-    said = {}
-    for row in asked[c]:
-        one, other, result = recipes[row]
-        said[row] = alike(a, one) * alike(b, other) * alike(c, result)
-        if one != other:
-            said[row] += alike(a, other) * alike(b, one) * alike(c, result)
-    return said

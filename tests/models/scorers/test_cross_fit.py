@@ -7,9 +7,9 @@ import torch
 from wordcraft_kg import load_scorer, open_graph, save_scorer
 from wordcraft_kg.base.errors import ConfigError, LeakError
 from wordcraft_kg.graphs.triples import recipe_triples
+from wordcraft_kg.models.scorers.baselines import SymbolicScorer
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted, cross_fit
-from wordcraft_kg.models.scorers.facts import SymbolicScorer
-from wordcraft_kg.models.scorers.kernel_scorer import KernelScorer
+from wordcraft_kg.models.scorers.kernel import KernelScorer
 
 
 @pytest.fixture(scope="module")

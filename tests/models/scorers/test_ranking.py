@@ -26,8 +26,8 @@ from wordcraft_kg.models.links.config import ComplExConfig
 from wordcraft_kg.models.links.pykeen_bridge import pykeen_guard, triples_factory
 from wordcraft_kg.models.links.symmetric_lcwa import IndexedSymmetricLCWATrainingLoop
 from wordcraft_kg.models.scorers import ranking as link_prediction
-from wordcraft_kg.models.scorers.embeddings import ComplExScorer
-from wordcraft_kg.models.scorers.facts import FrequencyScorer
+from wordcraft_kg.models.scorers.baselines import FrequencyScorer
+from wordcraft_kg.models.scorers.factors import ComplExScorer
 from wordcraft_kg.models.scorers.folder import make_scorer
 from wordcraft_kg.models.scorers.ranking import (
     CalibrationBin,

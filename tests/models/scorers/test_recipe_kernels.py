@@ -1,36 +1,34 @@
-"""The recipe kernel and the recipe-to-recipe kernel against slow references, and what holds for any recipes."""
+"""The recipe kernel against slow references, and what holds for any recipes."""
 
 import numpy as np
 import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
-from kernel_oracles import explicit_ridge, slow_completion, slow_profiles, slow_recipe_scores, slow_similarity
+from kernel_oracles import explicit_ridge, slow_completion, slow_profiles, slow_similarity
 
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.statistics import standardised
 from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_book
 from wordcraft_kg.graphs.triples import recipe_triples
-from wordcraft_kg.models.scorers import kernel_scorer as kernel_scorer_module
-from wordcraft_kg.models.scorers import recipe_kernel as recipe_kernel_module
+from wordcraft_kg.models.scorers.baselines import NeighbourScorer
 from wordcraft_kg.models.scorers.features import glove_features
-from wordcraft_kg.models.scorers.kernel import completion, kernel_regression, link_matrices
-from wordcraft_kg.models.scorers.kernel_scorer import KernelScorer, LowRankKernelScorer, kernel_scorer
+from wordcraft_kg.models.scorers.kernel import KernelScorer, completion, kernel_regression, link_matrices
 from wordcraft_kg.models.scorers.low_rank_kernel import (
     SMOOTHING,
+    LowRankKernelScorer,
     Product,
+    SparseSimilarity,
     Term,
     factored_sum,
+    kernel_scorer,
     smoothed,
     spread,
     two_step,
 )
-from wordcraft_kg.models.scorers.neighbours import NeighbourScorer
 from wordcraft_kg.models.scorers.protocol import FactoredScorer
 from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples
-from wordcraft_kg.models.scorers.recipe_kernel import RecipeKernel
 from wordcraft_kg.models.scorers.similarity import cosines, normalised, profiles, similarity
-from wordcraft_kg.models.scorers.similarity_rows import SimilarityRows
 
 SIZE = 9
 """Entities; the last one is in no recipe."""
@@ -118,24 +116,12 @@ def test_an_entity_is_as_similar_to_itself_as_can_be_and_one_of_no_recipe_to_not
     assert not alike[:, -1].any()
 
 
-@any_recipes
-@pytest.mark.parametrize("with_words", [True, False])
-def test_rows_of_the_similarity_are_those_of_the_whole(recipes: np.ndarray, with_words: bool):
-    vectors = drawn_vectors(0)
-    rows = SimilarityRows.of(recipes, SIZE, vectors if with_words else None)
-    whole = similarity(recipes, cosines(torch.tensor(vectors)) * with_words)
-    some = torch.tensor([4, 8, 0, 4])
-    torch.testing.assert_close(rows.rows(some), whole[some], atol=1e-6, rtol=0)
-    torch.testing.assert_close(rows.normalised_rows(some), normalised(whole)[some], atol=1e-6, rtol=0)
-    torch.testing.assert_close(rows.diagonal, whole.diagonal(), atol=1e-6, rtol=0)
-
-
 @pytest.mark.parametrize("dimensions", [0, 2, 30], ids=["no words", "few dimensions", "many dimensions"])
 def test_products_with_the_similarity_need_no_matrix(dimensions: int, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("wordcraft_kg.models.scorers.similarity_rows.CELLS", 3 * SIZE)
+    monkeypatch.setattr("wordcraft_kg.models.scorers.low_rank_kernel.CELLS", 3 * SIZE)
     rng = np.random.default_rng(0)
     vectors = rng.standard_normal((SIZE, dimensions)).astype(np.float32)
-    rows = SimilarityRows.of(drawn_recipes(0), SIZE, vectors)
+    rows = SparseSimilarity.of(drawn_recipes(0), SIZE, vectors)
     block = rng.standard_normal((SIZE, 5)).astype(np.float32)
     # Negative cosines count there too.
     whole = similarity(drawn_recipes(0), cosines(torch.tensor(vectors)).abs()).numpy()
@@ -176,7 +162,7 @@ def test_link_matrices_hold_the_triples(recipes: np.ndarray):
 
 
 def test_smoothing_solves_the_ridge_regression():
-    rows = SimilarityRows.of(drawn_recipes(0), SIZE, drawn_vectors(0))
+    rows = SparseSimilarity.of(drawn_recipes(0), SIZE, drawn_vectors(0))
     kernel = rows.times(np.eye(SIZE, dtype=np.float32)).astype(float)
     block = np.random.default_rng(0).standard_normal((SIZE, 6)).astype(np.float32)
     block[:, 2] = 0
@@ -185,7 +171,7 @@ def test_smoothing_solves_the_ridge_regression():
 
 
 def test_two_steps_smooth_heads_and_tails():
-    rows = SimilarityRows.of(drawn_recipes(0), SIZE)
+    rows = SparseSimilarity.of(drawn_recipes(0), SIZE)
     kernel = rows.times(np.eye(SIZE, dtype=np.float32)).astype(float)
     smooth = kernel @ np.linalg.inv(kernel + SMOOTHING * np.eye(SIZE))
     links = link_matrices(drawn_recipes(0), SIZE)[1].numpy()
@@ -241,11 +227,11 @@ def test_scorers_of_any_recipes_are_finite_and_the_same_again(kind: type, recipe
 def test_the_low_rank_scorer_of_full_rank_ranks_like_two_steps_and_completion(kitchen: RecipeGraph):
     recipes = kitchen.recipes
     scorer = LowRankKernelScorer(kitchen, recipes, rank=kitchen.num_entities)
-    rows = SimilarityRows.of(recipes, kitchen.num_entities)
-    kernel = rows.times(np.eye(len(rows), dtype=np.float32)).astype(float)
-    smooth = kernel @ np.linalg.inv(kernel + SMOOTHING * np.eye(len(rows)))
-    expected = [smooth @ links.numpy().astype(float) @ smooth for links in link_matrices(recipes, len(rows))]
-    paths = completion(recipes, len(rows)).numpy().astype(float)
+    rows = SparseSimilarity.of(recipes, kitchen.num_entities)
+    kernel = rows.times(np.eye(kitchen.num_entities, dtype=np.float32)).astype(float)
+    smooth = kernel @ np.linalg.inv(kernel + SMOOTHING * np.eye(kitchen.num_entities))
+    expected = [smooth @ links.numpy().astype(float) @ smooth for links in link_matrices(recipes, kitchen.num_entities)]
+    paths = completion(recipes, kitchen.num_entities).numpy().astype(float)
     expected[0] = expected[0] / np.sqrt((expected[0] ** 2).mean()) + 0.5 * paths / np.sqrt((paths**2).mean())
     for relation in (0, 1):
         found = scorer.table(relation).numpy()
@@ -269,109 +255,21 @@ def test_a_lower_rank_loses_a_part_and_another_seed_finds_the_same(kitchen: Reci
 
 def test_the_scorer_is_a_table_where_it_fits_and_factors_above(kitchen: RecipeGraph, monkeypatch: pytest.MonkeyPatch):
     assert type(kernel_scorer(kitchen, kitchen.recipes)) is KernelScorer
-    monkeypatch.setattr(kernel_scorer_module, "TABLE_LIMIT", 1_000)
+    monkeypatch.setattr("wordcraft_kg.models.scorers.low_rank_kernel.TABLE_LIMIT", 1_000)
     assert type(kernel_scorer(kitchen, kitchen.recipes)) is LowRankKernelScorer
 
 
 def test_a_table_that_is_too_large_and_vectors_of_another_graph_are_refused(
     kitchen: RecipeGraph, monkeypatch: pytest.MonkeyPatch
 ):
-    for kind in (KernelScorer, LowRankKernelScorer, RecipeKernel):
+    for kind in (KernelScorer, LowRankKernelScorer):
         with pytest.raises(ConfigError, match=r"`vectors` have shape \(3, 4\); expected a row for each of the 80"):
             kind(kitchen, kitchen.recipes, np.zeros((3, 4)))
     with pytest.raises(ConfigError, match="`rank`"):
         LowRankKernelScorer(kitchen, kitchen.recipes, rank=0)
-    monkeypatch.setattr("wordcraft_kg.models.scorers.limits.TABLE_LIMIT", 1_000)
+    monkeypatch.setattr("wordcraft_kg.models.scorers.config.TABLE_LIMIT", 1_000)
     with pytest.raises(ConfigError, match="the recipe kernel as a table needs"):
         KernelScorer(kitchen, kitchen.recipes)
-
-
-# --- recipe to recipe ------------------------------------------------------------------------------------------------
-
-
-@pytest.fixture(params=["table", "rows"])
-def way(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
-    """Whether similarities come from a table, or row by row as in graphs that are too large for one."""
-    if request.param == "rows":
-        monkeypatch.setattr(recipe_kernel_module, "TABLE_LIMIT", 100)
-        monkeypatch.setattr(recipe_kernel_module, "CELLS", 8 * SIZE)
-        monkeypatch.setattr("wordcraft_kg.models.scorers.similarity_rows.CELLS", 2 * SIZE)
-    return request.param
-
-
-@any_recipes
-def test_recipes_are_scored_by_all_known_recipes_that_are_like_them(recipes: np.ndarray, way: str):
-    kernel = RecipeKernel(graph_of(recipes), recipes, drawn_vectors(0))
-    alike = slow_similarity(recipes.tolist(), drawn_vectors(0))
-    asked = [list(range(len(recipes)))] * SIZE
-    every = torch.arange(SIZE)
-    found = kernel.score_recipes(every[:, None, None], every[:, None], every)
-    for a, b, c in np.random.default_rng(0).integers(SIZE, size=(60, 3)).tolist():
-        expected = sum(slow_recipe_scores(recipes.tolist(), alike, asked, a, b, c).values())
-        assert float(found[a, b, c]) == pytest.approx(expected, abs=1e-5)
-    torch.testing.assert_close(found, found.transpose(0, 1))
-
-
-def test_only_recipes_of_the_results_most_like_it_are_asked_its_own_first(way: str):
-    recipes, vectors, limit = drawn_recipes(1, 40), drawn_vectors(0), 7
-    kernel = RecipeKernel(graph_of(recipes), recipes, vectors, neighbours=limit)
-    similar = slow_similarity(recipes.tolist(), vectors)
-    for c in range(SIZE):
-        alike = [similar[c, r] ** 2 / (similar[c, c] * similar[r, r]) + (c == r) for r in range(SIZE)]
-        order = sorted(range(len(recipes)), key=lambda row: (-alike[recipes[row, 2]], recipes[row, 2], row))
-        assert sorted({int(recipes[row, 2]) for row in order[:limit]}) == sorted(
-            {int(recipes[row, 2]) for row in kernel._asked[c].tolist()}
-        )
-        assert kernel._asked[c].tolist() == order[:limit]
-
-
-def test_the_recipes_of_a_result_come_before_those_of_its_twin():
-    recipes = np.array([[0, 1, 2], [0, 1, 3]])  # nothing tells 2 and 3 apart
-    kernel = RecipeKernel(graph_of(recipes), recipes, neighbours=1)
-    assert [kernel.speaking_for(0, 1, c)[0].recipe for c in (2, 3)] == [0, 1]
-
-
-def test_the_recipes_that_speak_add_up_to_the_score(way: str):
-    recipes, vectors = drawn_recipes(1, 40), drawn_vectors(0)
-    kernel = RecipeKernel(graph_of(recipes), recipes, vectors)
-    alike = slow_similarity(recipes.tolist(), vectors)
-    asked = [list(range(len(recipes)))] * SIZE
-    for a, b, c in [(0, 1, 2), (3, 3, 4), (7, 2, 2)]:
-        spoke = kernel.speaking_for(a, b, c, limit=100)
-        expected = slow_recipe_scores(recipes.tolist(), alike, asked, a, b, c)
-        assert {row: pytest.approx(weight, abs=1e-5) for row, weight in spoke} == {
-            row: weight for row, weight in expected.items() if weight > 0
-        }
-        assert [weight for _, weight in spoke] == sorted((weight for _, weight in spoke), reverse=True)
-        assert sum(weight for _, weight in spoke) == pytest.approx(float(kernel.score_recipes(a, b, c)), abs=1e-5)
-        assert kernel.speaking_for(a, b, c, limit=2) == spoke[:2]
-
-
-def test_a_known_recipe_speaks_for_itself_most():
-    recipes = np.unique(np.sort(drawn_recipes(1, 40)[:, :2], axis=1), axis=0)
-    recipes = np.column_stack([recipes, np.arange(len(recipes)) % (SIZE - 1)])
-    kernel = RecipeKernel(graph_of(recipes), recipes)
-    scores = kernel.score_recipes(*(torch.from_numpy(column.copy()) for column in recipes.T))
-    assert bool((scores >= 1 - 1e-5).all())
-    a, b, c = recipes[5].tolist()
-    assert kernel.speaking_for(b, a, c)[0].recipe == 5
-
-
-def test_without_recipes_nobody_speaks():
-    kernel = RecipeKernel(graph_of(drawn_recipes(0)), np.zeros((0, 3), dtype=np.int64), drawn_vectors(0))
-    assert float(kernel.score_recipes(0, 1, 2)) == 0
-    assert kernel.speaking_for(0, 1, 2) == []
-
-
-def test_ids_broadcast_and_no_ids_give_no_scores(way: str):
-    kernel = RecipeKernel(graph_of(drawn_recipes(0)), drawn_recipes(0))
-    assert kernel.score_recipes(torch.zeros(2, 1, dtype=torch.int64), torch.arange(3), 4).shape == (2, 3)
-    assert kernel.score_recipes(0, torch.zeros(0, dtype=torch.int64), 4).shape == (0,)
-
-
-def test_asking_nobody_is_refused():
-    with pytest.raises(ConfigError, match="`neighbours`"):
-        RecipeKernel(graph_of(drawn_recipes(0)), drawn_recipes(0), neighbours=0)
 
 
 # --- on real books ---------------------------------------------------------------------------------------------------

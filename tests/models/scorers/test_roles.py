@@ -10,9 +10,9 @@ from link_helpers import random_graph
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.evaluation.links import judge_links
 from wordcraft_kg.graphs.folder import OpenedGraph
-from wordcraft_kg.models.scorers import limits, roles
-from wordcraft_kg.models.scorers.embeddings import ComplExScorer
-from wordcraft_kg.models.scorers.neighbours import NeighbourScorer
+from wordcraft_kg.models.scorers import config, roles
+from wordcraft_kg.models.scorers.baselines import NeighbourScorer
+from wordcraft_kg.models.scorers.factors import ComplExScorer
 from wordcraft_kg.models.scorers.roles import ROLES, EntityRoles
 from wordcraft_kg.models.scorers.scorer import Scorer
 from wordcraft_kg.models.scorers.tables import TableScorer
@@ -109,7 +109,7 @@ def test_an_entity_that_all_score_alike_is_like_none():
 
 
 def test_too_many_pairs_without_factors_are_refused(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(limits, "TABLE_LIMIT", 8 * SIZE**2 - 1)
+    monkeypatch.setattr(config, "TABLE_LIMIT", 8 * SIZE**2 - 1)
     with pytest.raises(ConfigError, match="comparing entities by their scores needs the scores of all pairs"):
         EntityRoles.of(random_scorer())
     assert EntityRoles.of(complex_scorer()).lengths.shape == (SIZE, 4)

@@ -13,8 +13,8 @@ from link_helpers import random_graph
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.statistics import standardised
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS
-from wordcraft_kg.models.scorers.embeddings import ComplExScorer
-from wordcraft_kg.models.scorers.facts import FrequencyScorer
+from wordcraft_kg.models.scorers.baselines import FrequencyScorer
+from wordcraft_kg.models.scorers.factors import ComplExScorer
 from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
 from wordcraft_kg.models.scorers.scales import FACTORED_SCALES, scaled_factors, scaled_scorer, scaled_table
 from wordcraft_kg.models.scorers.tables import TableScorer

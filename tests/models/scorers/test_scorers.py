@@ -31,17 +31,14 @@ from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS
 from wordcraft_kg.models.links import builders
 from wordcraft_kg.models.links.config import ComplExConfig, LinkModelConfig
+from wordcraft_kg.models.scorers import config
 from wordcraft_kg.models.scorers import folder as scorer_folder
-from wordcraft_kg.models.scorers import limits
-from wordcraft_kg.models.scorers.embeddings import ComplExScorer
-from wordcraft_kg.models.scorers.factors import FactorsScorer
-from wordcraft_kg.models.scorers.facts import FrequencyScorer, SymbolicScorer
+from wordcraft_kg.models.scorers.baselines import FrequencyScorer, NeighbourScorer, SymbolicScorer, VoteScorer
+from wordcraft_kg.models.scorers.factors import ComplExScorer, FactorsScorer
 from wordcraft_kg.models.scorers.folder import load_scorer, make_scorer
-from wordcraft_kg.models.scorers.neighbours import NeighbourScorer
 from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
 from wordcraft_kg.models.scorers.scorer import Scorer
 from wordcraft_kg.models.scorers.tables import TableScorer
-from wordcraft_kg.models.scorers.votes import VoteScorer
 
 GRAPH = random_graph(num_entities=12, num_recipes=30)
 SIZE = GRAPH.num_entities
@@ -497,9 +494,9 @@ def test_a_table_of_any_strides_scores_like_a_plain_one():
 
 
 def test_what_needs_all_pairs_is_refused_with_their_size_before_it_is_computed(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(limits, "TABLE_LIMIT", len(RELATIONS) * SIZE**2 * 4)
+    monkeypatch.setattr(config, "TABLE_LIMIT", len(RELATIONS) * SIZE**2 * 4)
     NeighbourScorer(GRAPH, GRAPH.triples)
-    monkeypatch.setattr(limits, "TABLE_LIMIT", len(RELATIONS) * SIZE**2 * 4 - 1)
+    monkeypatch.setattr(config, "TABLE_LIMIT", len(RELATIONS) * SIZE**2 * 4 - 1)
     with pytest.raises(ConfigError, match=f"all pairs of {SIZE} entities"):
         NeighbourScorer(GRAPH, GRAPH.triples)
 

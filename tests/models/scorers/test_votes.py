@@ -10,8 +10,8 @@ from link_helpers import random_graph
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.graphs import RecipeGraph
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS
-from wordcraft_kg.models.scorers import limits
-from wordcraft_kg.models.scorers.votes import VoteScorer
+from wordcraft_kg.models.scorers import config
+from wordcraft_kg.models.scorers.baselines import VoteScorer
 
 GRAPH = random_graph(num_entities=9, num_recipes=30)
 SIZE = GRAPH.num_entities
@@ -70,7 +70,7 @@ def test_without_recipes_nothing_is_preferred():
 
 
 def test_recipes_are_scored_where_the_scores_of_all_pairs_would_be_too_many(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(limits, "TABLE_LIMIT", len(RELATIONS) * SIZE**2 * 4 - 1)
+    monkeypatch.setattr(config, "TABLE_LIMIT", len(RELATIONS) * SIZE**2 * 4 - 1)
     scorer = VoteScorer(GRAPH, KNOWN)
     assert scorer.score_recipes(0, 1, EVERYTHING).shape == (SIZE,)
     with pytest.raises(ConfigError, match=f"all pairs of {SIZE} entities"):

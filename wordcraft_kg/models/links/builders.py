@@ -22,8 +22,8 @@ from wordcraft_kg.models.links.popularity import with_popularity
 from wordcraft_kg.models.links.pykeen_bridge import all_scores, pykeen_guard, quiet_pykeen
 from wordcraft_kg.models.links.sampled_softmax import SampledSymmetricLCWATrainingLoop
 from wordcraft_kg.models.links.symmetric_lcwa import IndexedSymmetricLCWATrainingLoop
+from wordcraft_kg.models.scorers.config import TABLE_LIMIT, table_bytes
 from wordcraft_kg.models.scorers.folder import ScorerKind
-from wordcraft_kg.models.scorers.limits import TABLE_LIMIT, table_bytes
 
 
 def make_training_loop(config: LinkSettings, factory: TriplesFactory) -> TrainingLoop:

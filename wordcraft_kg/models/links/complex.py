@@ -14,7 +14,7 @@ from pykeen.nn.modules import ComplExInteraction, interaction_resolver
 from pykeen.regularizers import PowerSumRegularizer
 
 from wordcraft_kg.models.links.config import N3_PARTIAL, PAPER_DIM, ComplExConfig
-from wordcraft_kg.models.scorers.embeddings import real_dot
+from wordcraft_kg.models.scorers.factors import real_dot
 
 
 class MatmulComplExInteraction(ComplExInteraction):

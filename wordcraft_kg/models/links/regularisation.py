@@ -22,7 +22,7 @@ from wordcraft_kg.models.links.fitting import fit
 from wordcraft_kg.models.links.folds import split_of_train
 from wordcraft_kg.models.links.pykeen_bridge import triples_factory
 from wordcraft_kg.models.links.records import Candidate, Choice
-from wordcraft_kg.models.scorers.facts import FrequencyScorer
+from wordcraft_kg.models.scorers.baselines import FrequencyScorer
 from wordcraft_kg.models.scorers.folder import make_scorer
 from wordcraft_kg.models.scorers.ranking import MIN_TRIPLES, rank_triples, sampled
 

@@ -14,12 +14,11 @@ from wordcraft_kg.graphs.folder import OpenedGraph, Taught
 from wordcraft_kg.graphs.folds import Folds
 from wordcraft_kg.graphs.triples import RELATIONS
 from wordcraft_kg.models.links.config import SavedConfig
+from wordcraft_kg.models.scorers.config import TABLE_LIMIT, table_bytes
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
-from wordcraft_kg.models.scorers.embeddings import ComplExScorer
-from wordcraft_kg.models.scorers.factors import factor_names
+from wordcraft_kg.models.scorers.factors import ComplExScorer, factor_names
 from wordcraft_kg.models.scorers.fold_files import write_folds
 from wordcraft_kg.models.scorers.folder import FOLD_OUTPUTS, ScorerKind, Vocabulary
-from wordcraft_kg.models.scorers.limits import TABLE_LIMIT, table_bytes
 from wordcraft_kg.models.scorers.opinions import OpinionScorer
 from wordcraft_kg.models.scorers.protocol import FactoredScorer, TripleScorer, check_scorer
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
@@ -44,7 +43,7 @@ def save_scorer(
     With folds, see :func:`~wordcraft_kg.models.scorers.cross_fitting.cross_fit`, agents learn on honest scores.
 
     The folder holds the scores of all triples, or the embeddings of a
-    :class:`~wordcraft_kg.models.scorers.embeddings.ComplExScorer`, or, where a table of the scores would be too large,
+    :class:`~wordcraft_kg.models.scorers.factors.ComplExScorer`, or, where a table of the scores would be too large,
     the factors of a :class:`~wordcraft_kg.models.scorers.protocol.FactoredScorer`. It says that it was not trained
     here.
 
@@ -64,7 +63,7 @@ def save_scorer(
         ConfigError: if a score is not a finite number, or the graph is too large for a table of all scores.
 
     Example:
-        >>> from wordcraft_kg.models.scorers.facts import FrequencyScorer
+        >>> from wordcraft_kg.models.scorers.baselines import FrequencyScorer
         >>> opened = open_graph("kitchen")
         >>> mine = FrequencyScorer(opened.graph, opened.split.partial)
         >>> folder = save_scorer("models/frequency", mine, opened, kg="partial", origin="counts of the train recipes")

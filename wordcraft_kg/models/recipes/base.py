@@ -7,8 +7,7 @@ import torch
 from torch import Tensor
 
 from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.models.scorers.kernel import completion, link_matrices
-from wordcraft_kg.models.scorers.kernel_scorer import kernel_scores
+from wordcraft_kg.models.scorers.kernel import completion, kernel_scores, link_matrices
 from wordcraft_kg.models.scorers.similarity import TEXT, normalised, similarity
 
 

@@ -20,9 +20,9 @@ from wordcraft_kg.models.recipes.base import Base
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.recipes.fitting import knowledge_from, scorer_tensors
 from wordcraft_kg.models.recipes.ranker import Ranker
+from wordcraft_kg.models.scorers.config import check_dense
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
 from wordcraft_kg.models.scorers.features import make_features
-from wordcraft_kg.models.scorers.limits import check_dense
 from wordcraft_kg.models.scorers.pair_features import RANKER
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
 from wordcraft_kg.models.scorers.scorer import Scorer

@@ -29,10 +29,10 @@ from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.recipes.fitting import fit_recipe_scorer, scorer_tensors
 from wordcraft_kg.models.recipes.records import FitDone, RecipeMetrics
 from wordcraft_kg.models.recipes.results import model_card
+from wordcraft_kg.models.scorers.config import check_dense
 from wordcraft_kg.models.scorers.features import make_features
 from wordcraft_kg.models.scorers.fold_files import write_folds
 from wordcraft_kg.models.scorers.folder import FOLD_OUTPUTS, Vocabulary
-from wordcraft_kg.models.scorers.limits import check_dense
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
 from wordcraft_kg.models.scorers.similarity import cosines
 from wordcraft_kg.runs.checkpoints import Checkpoints

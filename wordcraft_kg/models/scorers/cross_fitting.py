@@ -240,7 +240,7 @@ def cross_fit(split: Split, make: Callable[[Ids], Scorer], *, folds: int = 5) ->
         ConfigError: for fewer than two folds, or more than can be, or a split without a test part.
 
     Example:
-        >>> from wordcraft_kg.models.scorers.kernel_scorer import KernelScorer
+        >>> from wordcraft_kg.models.scorers.kernel import KernelScorer
         >>> split = open_graph("kitchen").split
         >>> cross_fit(split, lambda recipes: KernelScorer(split.graph, recipes), folds=3).count
         3

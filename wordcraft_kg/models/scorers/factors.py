@@ -1,4 +1,4 @@
-"""Scores that are products of factors, for graphs whose table of scores would be too large."""
+"""Scores that are computed on demand, for graphs whose table of scores would be too large."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -7,6 +7,7 @@ import torch
 
 from wordcraft_kg.graphs.triples import RELATIONS
 from wordcraft_kg.models.scorers.scorer import Scorer
+from wordcraft_kg.models.scorers.tables import TableScorer
 
 PAIRS = 2**14
 """Pairs whose factors are looked up at once."""
@@ -67,3 +68,54 @@ class FactorsScorer(Scorer):
             for some in torch.nonzero(ids[1] == relation).flatten().split(PAIRS):
                 flat[some] = (left[ids[0][some]] * right[ids[2][some]]).sum(-1)
         return scores
+
+
+class ComplExScorer(Scorer):
+    """Computes ComplEx scores from the embeddings on demand.
+
+    Source: Trouillon et al. 2016; Jiang et al. 2020, Eq. 1.
+    """
+
+    def __init__(self, embeddings: dict[str, torch.Tensor], entities: Sequence[str], graph_hash: str, **kwargs: Any):
+        """Keep embeddings ``entity_real``, ``entity_imag`` (E, d), ``relation_real``, ``relation_imag`` (R, d)."""
+        super().__init__(entities, graph_hash, **kwargs)
+        tensors = {name: tensor.to(self.device, torch.float32) for name, tensor in embeddings.items()}
+        self.entity = torch.complex(tensors["entity_real"], tensors["entity_imag"])
+        self.relation = torch.complex(tensors["relation_real"], tensors["relation_imag"])
+
+    def _score(self, heads: torch.Tensor, relations: torch.Tensor, tails: torch.Tensor) -> torch.Tensor:
+        # All tails of some heads, or all heads of some tails, take one matrix product.
+        by_row = relations.ndim == 0 or (relations.ndim == 2 and relations.shape[1] == 1)
+        if by_row and tails.ndim == 2 and tails.shape[0] == 1 and heads.ndim == 2 and heads.shape[1] == 1:
+            return real_dot(self.entity[heads[:, 0]] * self.relation[relations.reshape(-1)], self.entity[tails[0]])
+        if by_row and heads.ndim == 2 and heads.shape[0] == 1 and tails.ndim == 2 and tails.shape[1] == 1:
+            known = self.relation[relations.reshape(-1)].conj() * self.entity[tails[:, 0]]
+            return real_dot(known, self.entity[heads[0]])
+        product = self.entity[heads] * self.relation[relations] * self.entity[tails].conj()
+        return product.real.sum(dim=-1)
+
+    def table(self, relation: int | str) -> torch.Tensor:  # noqa: D102 - inherited
+        left, right = self.factors(relation)
+        return left @ right.T
+
+    def factors(self, relation: int | str) -> tuple[torch.Tensor, torch.Tensor]:
+        """Return ``left`` and ``right``, shape (E, 2 d): the score of a pair is ``left[head] · right[tail]``."""
+        left = torch.view_as_real(self.entity * self.relation[self.relation_ids(relation)]).flatten(1)
+        return left, torch.view_as_real(self.entity).flatten(1)
+
+    def embeddings(self) -> dict[str, torch.Tensor]:
+        """Return the real and imaginary parts that it can be made from again."""
+        parts = {"entity": self.entity, "relation": self.relation}
+        return {f"{name}_{part}": getattr(parts[name], part) for name in parts for part in ("real", "imag")}
+
+    def to_table(self) -> TableScorer:
+        """Score everything once."""
+        return TableScorer.of(self)
+
+
+def real_dot(queries: torch.Tensor, candidates: torch.Tensor) -> torch.Tensor:
+    """Return ``Re<query, conj(candidate)>`` of (B, d) and (N, d) complex rows, shape (B, N), by one real product."""
+    return (
+        torch.view_as_real(queries.resolve_conj()).flatten(1)
+        @ torch.view_as_real(candidates.resolve_conj()).flatten(1).T
+    )

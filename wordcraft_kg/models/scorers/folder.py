@@ -13,10 +13,9 @@ from wordcraft_kg.base.tensors import read_tensors, with_prefix
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.triples import RELATIONS
 from wordcraft_kg.models.scorers.calibration import Probabilities
+from wordcraft_kg.models.scorers.config import TABLE_LIMIT, table_bytes
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted, FoldsRecord
-from wordcraft_kg.models.scorers.embeddings import ComplExScorer
-from wordcraft_kg.models.scorers.factors import FactorsScorer, factor_names
-from wordcraft_kg.models.scorers.limits import TABLE_LIMIT, table_bytes
+from wordcraft_kg.models.scorers.factors import ComplExScorer, FactorsScorer, factor_names
 from wordcraft_kg.models.scorers.opinions import OpinionScorer, check_opinions
 from wordcraft_kg.models.scorers.protocol import check_scorer
 from wordcraft_kg.models.scorers.recipes import RecipeScorer, check_tensors

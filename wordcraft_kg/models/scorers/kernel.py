@@ -4,11 +4,18 @@ from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
+from wordcraft_kg.base.statistics import standardised
 from wordcraft_kg.graphs.arrays import Ids
+from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, recipe_triples
+from wordcraft_kg.models.scorers.config import check_table
+from wordcraft_kg.models.scorers.similarity import check_vectors, cosines, similarity
+from wordcraft_kg.models.scorers.tables import TableScorer
 
+NAME = "recipe kernel"
 RIDGE = 1.0
 COMPLETION = 0.5
 """Weight of the completion term beside the regression, both standardised."""
@@ -81,3 +88,48 @@ def link_matrices(recipes: Ids, num_entities: int) -> tuple[Tensor, Tensor]:
     heads, relations, tails = torch.from_numpy(triples.copy()).T
     tables[relations, heads, tails] = 1
     return tables[COMBINES_WITH], tables[COMPONENT_OF]
+
+
+def kernel_scores(recipes: Ids, kernel: Tensor, seen: Tensor | None = None) -> tuple[Tensor, Tensor]:
+    """Return the scores of all combinesWith and componentOf links by a kernel, two of shape (E, E), row = head.
+
+    Only entities that are seen, by default all, are learned from and standardised by.
+    """
+    size = len(kernel)
+
+    def scaled(table: Tensor) -> NDArray[np.float64]:
+        return standardised(table.numpy(), None if seen is None else seen.numpy())
+
+    combines, component = (
+        scaled(kernel_regression(kernel, links, seen=seen)) for links in link_matrices(recipes, size)
+    )
+    combines += COMPLETION * scaled(completion(recipes, size))
+    return torch.from_numpy(combines).float(), torch.from_numpy(component).float()
+
+
+class KernelScorer(TableScorer):
+    """Links predicted in closed form from how alike entities are; nothing is trained.
+
+    combinesWith is the standardised kernel regression plus half of the standardised completion, componentOf the
+    standardised regression. It sees recipes, not only their triples,
+    so give it none that are held out.
+    """
+
+    def __init__(self, graph: RecipeGraph, recipes: Ids, vectors: NDArray[np.floating] | None = None, **kwargs: Any):
+        """Score all triples.
+
+        Args:
+            graph: the graph of the ids.
+            recipes: shape (n, 3), those that may be looked at, such as ``split.recipes("train")``.
+            vectors: vectors of the entities' words, shape (E, D), zeros where there is none; None to do without.
+            kwargs: ``device`` and ``name``.
+
+        Raises:
+            ConfigError: if the graph has too many entities, or the vectors are not of the graph.
+        """
+        size = graph.num_entities
+        check_table("the recipe kernel as a table", size)
+        check_vectors(vectors, size)
+        alike = torch.zeros(size, size) if vectors is None else cosines(torch.tensor(vectors, dtype=torch.float32))
+        scores = kernel_scores(recipes, similarity(recipes, alike))
+        super().__init__(torch.stack(scores), graph.entities, graph.hash, **{"name": NAME, **kwargs})

@@ -1,13 +1,28 @@
 """The recipe kernel of large graphs: the same similarities, smoothing and paths, of which only factors are kept."""
 
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
+from torch import Tensor
 
-from wordcraft_kg.models.scorers.similarity_rows import SimilarityRows
+from wordcraft_kg.base.settings import whole
+from wordcraft_kg.graphs.arrays import Ids
+from wordcraft_kg.graphs.recipe_graph import RecipeGraph
+from wordcraft_kg.graphs.triples import COMBINES_WITH, RELATIONS, recipe_triples
+from wordcraft_kg.models.scorers.config import TABLE_LIMIT, table_bytes
+from wordcraft_kg.models.scorers.factors import FactorsScorer
+from wordcraft_kg.models.scorers.kernel import COMPLETION, NAME, KernelScorer, completion_paths
+from wordcraft_kg.models.scorers.similarity import TEXT, check_vectors, profiles
 
+RANK = 256
+"""Factors of a large graph's scores in each relation."""
+CELLS = 2**24
+"""Most similarities that are held at once, 4 bytes each."""
 SMOOTHING = 0.5
 """Ridge of each of the two steps. On validation parts .2 to .5 rank alike, and the larger loses less by low rank."""
 TOLERANCE = 1e-3
@@ -22,7 +37,66 @@ Product = Callable[[Block], Block]
 """What a matrix of shape (E, E) does to a block."""
 
 
-def smoothed(kernel: SimilarityRows, block: Block, ridge: float = SMOOTHING) -> Block:
+@dataclass(frozen=True)
+class SparseSimilarity:
+    """The kernel of :func:`~wordcraft_kg.models.scorers.similarity.similarity`, never computed as a matrix.
+
+    Attributes:
+        shared: columns of the profiles in which two or more entities are, sparse, shape (E, M).
+        own: squared length of each entity's other columns, shape (E,). Most contexts are of this kind, and they make an
+            entity like itself only.
+        words: unit vectors of the words, shape (E, D), zeros where there are none; D is 0 without vectors.
+    """
+
+    shared: Any
+    own: Block
+    words: Tensor
+
+    @classmethod
+    def of(cls, recipes: Ids, num_entities: int, vectors: NDArray[np.floating] | None = None) -> "SparseSimilarity":
+        """Return the similarity from recipes, shape (n, 3), and word vectors, shape (E, D), if there are any.
+
+        Raises:
+            ConfigError: if the vectors are not of the entities.
+        """
+        check_vectors(vectors, num_entities)
+        known = profiles(recipes, num_entities)
+        is_shared = np.bincount(known.indices, minlength=known.shape[1]) > 1
+        alone = known[:, np.flatnonzero(~is_shared)]
+        own = np.asarray(alone.multiply(alone).sum(axis=1)).astype(np.float32)
+        words = torch.zeros(num_entities, 0) if vectors is None else torch.tensor(vectors, dtype=torch.float32)
+        shared = known[:, np.flatnonzero(is_shared)].astype(np.float32).tocsr()
+        return cls(shared, own, torch.nn.functional.normalize(words, dim=1))
+
+    def times(self, block: Block) -> Block:
+        """Return the kernel times a block of vectors, shape (E, m).
+
+        Here a negative cosine of words counts like a positive one: conjugate gradients need a positive semi-definite
+        kernel, and squares of cosines are one, but not those of positive cosines alone. Neither ranks better.
+        """
+        product = self.shared @ (self._columns @ block) + self.own[:, None] * block
+        if self._word_pairs is not None:
+            product += TEXT * (self._word_pairs @ (self._word_pairs.T @ block))
+        elif self.words.shape[1]:
+            for ids in torch.arange(len(self.own)).split(max(1, CELLS // max(len(self.own), 1))):
+                product[ids.numpy()] += TEXT * (self.words[ids] @ self.words.T).square_().numpy() @ block
+        return np.asarray(product)
+
+    @cached_property
+    def _columns(self) -> Any:
+        return self.shared.T.tocsr()
+
+    @cached_property
+    def _word_pairs(self) -> NDArray[np.float32] | None:
+        """Vectors whose products are the squared cosines, shape (E, D (D + 1) / 2); None if more than E dimensions."""
+        size, dimensions = self.words.shape
+        if not 0 < dimensions * (dimensions + 1) // 2 <= size:
+            return None
+        one, other = torch.triu_indices(dimensions, dimensions)
+        return (self.words[:, one] * self.words[:, other] * torch.where(one == other, 1.0, 2**0.5)).numpy()
+
+
+def smoothed(kernel: SparseSimilarity, block: Block, ridge: float = SMOOTHING) -> Block:
     """Return ``K (K + λ)⁻¹ B``, shape (E, m), by conjugate gradients, all columns side by side.
 
     Source: Hestenes and Stiefel 1952.
@@ -45,7 +119,7 @@ def smoothed(kernel: SimilarityRows, block: Block, ridge: float = SMOOTHING) -> 
     return block - ridge * solution
 
 
-def two_step(kernel: SimilarityRows, links: Any) -> Product:
+def two_step(kernel: SparseSimilarity, links: Any) -> Product:
     """Return the product with ``P Y P``, ``P = K (K + λ)⁻¹``: ridge regression over the heads, then over the tails.
 
     It stands in for :func:`~wordcraft_kg.models.scorers.kernel.kernel_regression`, whose filter ``w w' / (w w' + λ)``
@@ -104,3 +178,76 @@ def factored_sum(terms: Sequence[Term], drawn: Block) -> tuple[Block, Block]:
         right, _ = np.linalg.qr(scaled(term.transposed(left) for term in terms))
         left, _ = np.linalg.qr(scaled(term.product(right) for term in terms))
     return left, scaled(term.transposed(left) for term in terms)
+
+
+class LowRankKernelScorer(FactorsScorer):
+    """Approximates :class:`KernelScorer` for graphs whose table of scores would be too large: factors of low rank.
+
+    The regression is the one in two steps, ``P Y P`` with ``P = K (K + λ)⁻¹``, because sparse products and conjugate
+    gradients are enough for it. It and the completion are scaled by their root mean square, and their sum is factored
+    by a seeded randomised singular value decomposition. Of the scores themselves it is the best approximation of that
+    rank, up to what the random directions miss; cutting the kernel instead, whose spectrum is flat, would lose more.
+    What is lost may differ between (a, b) and (b, a), so combinesWith is only nearly symmetric.
+    """
+
+    def __init__(
+        self,
+        graph: RecipeGraph,
+        recipes: Ids,
+        vectors: NDArray[np.floating] | None = None,
+        *,
+        rank: int = RANK,
+        seed: int = 0,
+        **kwargs: Any,
+    ):
+        """Factor the scores of each relation.
+
+        Args:
+            graph: the graph of the ids.
+            recipes: shape (n, 3), those that may be looked at.
+            vectors: vectors of the entities' words, shape (E, D); None to do without.
+            rank: number of factors, at most E.
+            seed: seed of the random directions.
+            kwargs: ``device`` and ``name``.
+
+        Raises:
+            ConfigError: if a number is out of range, or the vectors are not of the graph.
+        """
+        from scipy import sparse
+
+        size = graph.num_entities
+        whole("rank", rank, 1)
+        kernel = SparseSimilarity.of(recipes, size, vectors)
+        nodes, pairs = (matrix.astype(np.float32) for matrix in completion_paths(recipes, size))
+
+        def paths(block: Block) -> Block:
+            return np.asarray(nodes.T @ (pairs @ (pairs @ (pairs @ (nodes @ block)))))
+
+        drawn = np.random.default_rng(seed).standard_normal((size, min(rank, size)), dtype=np.float32)
+        triples = recipe_triples(recipes)
+        factors = []
+        for relation in range(len(RELATIONS)):
+            heads, _, tails = triples[triples[:, 1] == relation].T
+            links = sparse.csr_array((np.ones(len(heads), np.float32), (heads, tails)), shape=(size, size))
+            terms = [Term(1.0, two_step(kernel, links), two_step(kernel, links.T.tocsr()))]
+            if relation == COMBINES_WITH:
+                terms.append(Term(COMPLETION, paths, paths))
+            left, right = factored_sum(terms, drawn)
+            factors.append((torch.from_numpy(left), torch.from_numpy(right)))
+        super().__init__(factors, graph.entities, graph.hash, **{"name": NAME, **kwargs})
+
+
+def kernel_scorer(
+    graph: RecipeGraph, recipes: Ids, vectors: NDArray[np.floating] | None = None, **kwargs: Any
+) -> KernelScorer | LowRankKernelScorer:
+    """Return the recipe kernel of some recipes: a table where it fits :data:`TABLE_LIMIT`, factors above.
+
+    Example:
+        >>> opened = open_graph("kitchen")
+        >>> vectors = make_features("glove", opened.graph.entities).vectors
+        >>> scorer = kernel_scorer(opened.graph, opened.split.recipes("train"), vectors)
+        >>> scorer.name
+        'recipe kernel'
+    """
+    kind = KernelScorer if table_bytes(graph.num_entities) <= TABLE_LIMIT else LowRankKernelScorer
+    return kind(graph, recipes, vectors, **kwargs)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wordcraft_kg.graphs.triples import RELATIONS
-from wordcraft_kg.models.scorers.limits import check_table
+from wordcraft_kg.models.scorers.config import check_table
 from wordcraft_kg.models.scorers.protocol import FactoredScorer, TripleScorer
 
 EXACT = 1_024

@@ -4,8 +4,10 @@ from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
+from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.graphs.arrays import Ids
 
 DAMPING = 0.25
@@ -73,3 +75,16 @@ def normalised(kernel: Tensor) -> Tensor:
     """Return ``k(x, y) / √(k(x, x) k(y, y))``; 0 where an entity is like nothing, not even itself."""
     scale = kernel.diagonal().clamp(min=1e-9).rsqrt()
     return scale[:, None] * kernel * scale
+
+
+def check_vectors(vectors: NDArray[np.floating] | None, num_entities: int) -> None:
+    """Refuse word vectors that are not a row for each entity.
+
+    Raises:
+        ConfigError: saying what they are.
+    """
+    if vectors is not None and (vectors.ndim != 2 or len(vectors) != num_entities):
+        raise ConfigError(
+            f"`vectors` have shape {vectors.shape}; expected a row for each of the {num_entities:,} entities. "
+            "Make them from the graph's labels, by make_features."
+        )

@@ -11,9 +11,9 @@ from wordcraft_kg.graphs.folder import OpenedGraph, open_graph, write_graph_fold
 from wordcraft_kg.graphs.recipes import RecipeBook
 from wordcraft_kg.models.links.folder import open_model
 from wordcraft_kg.models.links.saving import save_scorer
+from wordcraft_kg.models.scorers.baselines import NeighbourScorer
 from wordcraft_kg.models.scorers.cross_fitting import cross_fit
-from wordcraft_kg.models.scorers.kernel_scorer import KernelScorer
-from wordcraft_kg.models.scorers.neighbours import NeighbourScorer
+from wordcraft_kg.models.scorers.kernel import KernelScorer
 
 HOSTILE = ("<script>alert(1)</script>", "\"&'", "a/b", "..", "?#%2F", "🪨 émoji", "x" * 200)
 """Labels that are no harm to a book, and might be to what shows them."""

@@ -15,9 +15,8 @@ from wordcraft_kg.base.tensors import lazily_zero
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.tasks import TaskSet
 from wordcraft_kg.models.policies.sources import Label, source_class
-from wordcraft_kg.models.scorers.config import Scale, SelfEdges
+from wordcraft_kg.models.scorers.config import TABLE_LIMIT, Scale, SelfEdges
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted, models_of_tasks
-from wordcraft_kg.models.scorers.limits import TABLE_LIMIT
 from wordcraft_kg.models.scorers.pair_features import Speaking
 from wordcraft_kg.models.scorers.protocol import FactoredScorer, TripleScorer, check_scorer
 from wordcraft_kg.models.scorers.scales import FACTORED_SCALES, scaled_factors, scaled_table

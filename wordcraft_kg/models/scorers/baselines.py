@@ -1,4 +1,4 @@
-"""Counting what each ingredient has been part of: the structure of the train recipes, without any meaning of words."""
+"""Scorers that learn nothing: facts, counts, neighbours and votes."""
 
 from functools import cached_property
 from typing import Any
@@ -9,8 +9,86 @@ import torch
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS
-from wordcraft_kg.models.scorers.limits import check_table
+from wordcraft_kg.models.scorers.config import check_table
 from wordcraft_kg.models.scorers.scorer import EntityIds, Scorer
+from wordcraft_kg.models.scorers.tables import TableScorer
+
+
+class SymbolicScorer(Scorer):
+    """Scores 1 for the triples of a set and 0 for all others: a knowledge graph without any generalisation."""
+
+    def __init__(self, graph: RecipeGraph, triples: np.ndarray, **kwargs: Any):
+        """Keep the triples, shape (T, 3), ids of ``graph``."""
+        super().__init__(graph.entities, graph.hash, **kwargs)
+        keys = torch.unique(self._key(*torch.tensor(triples, dtype=torch.int64, device=self.device).T))
+        # The last key is larger than that of any triple, so that a search always ends at one.
+        self._keys = torch.cat([keys, keys.new_full((1,), torch.iinfo(torch.int64).max)])
+
+    def _key(self, heads: torch.Tensor, relations: torch.Tensor, tails: torch.Tensor) -> torch.Tensor:
+        return (relations * len(self.entities) + heads) * len(self.entities) + tails
+
+    def _score(self, heads: torch.Tensor, relations: torch.Tensor, tails: torch.Tensor) -> torch.Tensor:
+        keys = self._key(heads, relations, tails)
+        return (self._keys[torch.searchsorted(self._keys, keys)] == keys).float()
+
+    def table(self, relation: int | str) -> torch.Tensor:  # noqa: D102 - inherited
+        size = len(self.entities)
+        cells = self._keys - self.relation_ids(relation) * size**2
+        table = torch.zeros(size, size, device=self.device)
+        table.view(-1)[cells[(cells >= 0) & (cells < size**2)]] = 1
+        return table
+
+
+class FrequencyScorer(Scorer):
+    """Scores a triple by how often its head is a head and its tail a tail in known triples of the relation.
+
+    With one slot open, this ranks the candidates by their training frequency in that slot: the baseline that a link
+    predictor has to beat.
+    """
+
+    def __init__(self, graph: RecipeGraph, triples: np.ndarray, **kwargs: Any):
+        """Count heads and tails of the triples, shape (T, 3), ids of ``graph``."""
+        super().__init__(graph.entities, graph.hash, **kwargs)
+        heads, relations, tails = torch.tensor(triples, dtype=torch.int64, device=self.device).T
+        size = len(RELATIONS) * len(self.entities)
+        shape = (len(RELATIONS), len(self.entities))
+        self._as_head = torch.bincount(relations * shape[1] + heads, minlength=size).view(shape).float()
+        self._as_tail = torch.bincount(relations * shape[1] + tails, minlength=size).view(shape).float()
+
+    def _score(self, heads: torch.Tensor, relations: torch.Tensor, tails: torch.Tensor) -> torch.Tensor:
+        return self._as_head[relations, heads] + self._as_tail[relations, tails]
+
+
+class NeighbourScorer(TableScorer):
+    """Scores a triple by how strongly entities like its head are linked to its tail, and its head to ones like it.
+
+    Nothing is learned. With ``A_r`` the known links of relation r, ``score_r = S A_r + A_r S``, where ``S`` is the
+    cosine of the rows of ``[A_combinesWith, A_componentOf, A_componentOf transposed]``: entities are similar to the
+    extent that they share neighbours. A neighbour shared by n entities weighs 1 / n, and an entity's similarity to
+    itself is 0. The weight was chosen among powers of n on validation parts: ``benchmarks/link_quality.py neighbours``.
+
+    Everything is dense, (E, 3 E), so this suits graphs of up to a few thousand entities; larger ones are refused.
+
+    Source: neighbourhood-based link prediction (Adamic and Adar 2003; Sarwar et al. 2001), here on two relations.
+    """
+
+    def __init__(self, graph: RecipeGraph, triples: np.ndarray, *, power: float = 1.0, **kwargs: Any):
+        """Score all triples from the known ones, shape (T, 3); a neighbour of n entities weighs ``n ** -power``.
+
+        Raises:
+            ConfigError: if the graph has too many entities.
+        """
+        size = graph.num_entities
+        check_table("the neighbour rule", size)
+        links = torch.zeros(len(RELATIONS), size, size)
+        heads, relations, tails = torch.tensor(triples, dtype=torch.int64).T
+        links[relations, heads, tails] = 1
+        profiles = torch.cat([*links, links[COMPONENT_OF].T], dim=1)
+        weighted = profiles * profiles.sum(0).clamp(min=1) ** (-power / 2)
+        unit = torch.nn.functional.normalize(weighted, dim=1)
+        alike = (unit @ unit.T).fill_diagonal_(0)
+        super().__init__(alike @ links + links @ alike, graph.entities, graph.hash, **kwargs)
+
 
 UNSEEN = 0.01
 """What an ingredient counts that no known recipe of the result has."""

@@ -14,11 +14,10 @@ from functools import partial
 from pathlib import Path
 
 from wordcraft_kg.studies.engine import run_plan
-from wordcraft_kg.studies.figures import RunFigures, write_figures
 from wordcraft_kg.studies.local_workers import LocalWorkers
 from wordcraft_kg.studies.perform import is_done, perform
 from wordcraft_kg.studies.plan import Plan, make_plan
-from wordcraft_kg.studies.results import PlayedGraph
+from wordcraft_kg.studies.results import PlayedGraph, RunFigures, write_figures
 from wordcraft_kg.studies.study import parse_study
 from wordcraft_kg.studies.tasks import Outcome, Task
 

@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from wordcraft_kg.models.scorers.cross_fitting import cross_fit
     from wordcraft_kg.models.scorers.folder import load_scorer
     from wordcraft_kg.runs.trackers import Tracker
-    from wordcraft_kg.studies.running import run_study
+    from wordcraft_kg.studies.engine import run_study
     from wordcraft_kg.studies.study import Study, read_study
 
 __version__ = _version("wordcraft-kg")
@@ -75,7 +75,7 @@ _MODULES = {
     "open_graph": "graphs.folder",
     "open_model": "models.links.folder",
     "read_study": "studies.study",
-    "run_study": "studies.running",
+    "run_study": "studies.engine",
     "save_policy": "models.policies.folder",
     "save_scorer": "models.links.saving",
     "train_agent": "agents.training",

@@ -20,7 +20,7 @@ COMMANDS = (
 MEASURE = """
 import resource, sys
 import pandas, torch
-import wordcraft_kg.agents.discovery, wordcraft_kg.envs.wordcraft, wordcraft_kg.evaluation.baselines
+import wordcraft_kg.agents.discovery, wordcraft_kg.envs.wordcraft, wordcraft_kg.evaluation.players
 from wordcraft_kg.cli import main
 
 def peak():

@@ -350,7 +350,7 @@ def test_ctrl_c_elsewhere_ends_with_130_and_one_line(run: Run, workshop: Path, m
     def interrupted(*arguments: Any, **settings: Any) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("wordcraft_kg.reports.report.render", interrupted)
+    monkeypatch.setattr("wordcraft_kg.reports.pages.render", interrupted)
     outcome = run("evaluate-links", workshop / "one")
     assert (outcome.code, outcome.out) == (130, "")
     assert outcome.err.splitlines()[-1].startswith("interrupted")

@@ -224,7 +224,7 @@ def test_no_resamples_are_refused(frequency: OpenedModel, resamples: int):
 def test_the_page_holds_every_model_and_needs_no_other_file(
     frequency: OpenedModel, facts: OpenedModel, opened_kitchen: OpenedGraph
 ):
-    from wordcraft_kg.reports.link_comparison import comparison_page
+    from wordcraft_kg.reports.link_report import comparison_page
 
     odd = noise(opened_kitchen, 1)
     odd.name = 'a <b> & "c"'

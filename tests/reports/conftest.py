@@ -9,7 +9,7 @@ from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.models.links.folder import OpenedModel, open_model
 from wordcraft_kg.reports.link_report import make_link_report
-from wordcraft_kg.reports.report import Report, write_report
+from wordcraft_kg.reports.pages import Report, write_report
 
 
 @pytest.fixture(scope="session")

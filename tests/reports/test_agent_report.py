@@ -30,9 +30,9 @@ from wordcraft_kg.models.links.training import train_links
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.scorers.cross_fitting import models_of_tasks
 from wordcraft_kg.models.scorers.folder import load_scorer
+from wordcraft_kg.reports.agent_pictures import slot_rows
 from wordcraft_kg.reports.agent_report import make_agent_report, report_schema
-from wordcraft_kg.reports.picks import slot_rows
-from wordcraft_kg.reports.report import Report, render, write_report
+from wordcraft_kg.reports.pages import Report, render, write_report
 
 AgentReport = Report[AgentsView]
 

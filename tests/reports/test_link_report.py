@@ -43,7 +43,7 @@ from wordcraft_kg.models.scorers.ranking import (
 from wordcraft_kg.models.scorers.tables import TableScorer
 from wordcraft_kg.reports.glossary import GLOSSARY
 from wordcraft_kg.reports.link_report import make_link_report, report_schema
-from wordcraft_kg.reports.report import Report, render, write_report
+from wordcraft_kg.reports.pages import Report, render, write_report
 
 LinkReport = Report[LinkView]
 Values = dict[str, Any]
@@ -361,7 +361,7 @@ import torch
 from wordcraft_kg.graphs.folder import open_graph
 from wordcraft_kg.models.scorers.tables import TableScorer
 from wordcraft_kg.reports.link_report import make_link_report
-from wordcraft_kg.reports.report import write_report
+from wordcraft_kg.reports.pages import write_report
 
 opened = open_graph("kitchen")
 size = opened.graph.num_entities
@@ -827,7 +827,7 @@ from pathlib import Path
 from wordcraft_kg.graphs.folder import open_graph
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer
 from wordcraft_kg.reports.link_report import make_link_report
-from wordcraft_kg.reports.report import write_report
+from wordcraft_kg.reports.pages import write_report
 
 opened = open_graph("kitchen")
 scorer = FrequencyScorer(opened.graph, opened.split.partial)
@@ -876,7 +876,7 @@ def test_an_earlier_report_stays_when_writing_fails(
     def interrupted(report: LinkReport) -> str:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("wordcraft_kg.reports.report.render", interrupted)
+    monkeypatch.setattr("wordcraft_kg.reports.pages.render", interrupted)
     with pytest.raises(KeyboardInterrupt):
         write_report(kitchen_report, tmp_path / "report", force=True)
     assert (tmp_path / "report" / "report.json").read_bytes() == before

@@ -8,7 +8,7 @@ import xml.etree.ElementTree as ElementTree
 from wordcraft_kg.apps.explorer.views.paths import view_path
 from wordcraft_kg.graphs import Planner, SplitConfig, make_split
 from wordcraft_kg.reports.charts import Dot, Made, Region, colour_of, layered, world
-from wordcraft_kg.reports.charts.world import LINE
+from wordcraft_kg.reports.charts.pictures import LINE
 
 HOSTILE = '<script>alert("x")</script>&'
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from wordcraft_kg.reports.charts.palette import COLOURS, DARK, LIGHT, OKABE_ITO
+from wordcraft_kg.reports.charts.plot import COLOURS, DARK, LIGHT, OKABE_ITO
 
 # Machado, Oliveira and Fernandes 2009, "A physiologically-based model for simulation of color vision deficiency",
 # severity 1; on linear RGB.

@@ -6,9 +6,9 @@ from pathlib import Path
 from wordcraft_kg.evaluation.reference import PlayedGraph
 from wordcraft_kg.runs.record import end_run, start_run
 from wordcraft_kg.studies.engine import run_plan
-from wordcraft_kg.studies.figures import Figures, RunFigures, ScorerFigures, write_figures
 from wordcraft_kg.studies.perform import perform
 from wordcraft_kg.studies.plan import Plan, make_plan
+from wordcraft_kg.studies.results import Figures, RunFigures, ScorerFigures, write_figures
 from wordcraft_kg.studies.study import parse_study
 from wordcraft_kg.studies.tasks import Outcome, Task
 

@@ -17,10 +17,10 @@ from wordcraft_kg.base.records import as_values
 from wordcraft_kg.runs.record import end_run, start_run
 from wordcraft_kg.studies.collect import collect_runs, collect_study
 from wordcraft_kg.studies.engine import FullDiskError, run_plan
-from wordcraft_kg.studies.figures import Figures, RunFigures, read_figures, write_figures
 from wordcraft_kg.studies.local_workers import LocalWorkers
 from wordcraft_kg.studies.perform import perform
 from wordcraft_kg.studies.plan import agent_config, make_plan
+from wordcraft_kg.studies.results import Figures, RunFigures, read_figures, write_figures
 from wordcraft_kg.studies.store import failure_of
 from wordcraft_kg.studies.study import adapted, parse_study
 from wordcraft_kg.studies.tasks import Outcome, Task

@@ -15,7 +15,7 @@ import pytest
 
 from wordcraft_kg.base.errors import OutputExistsError
 from wordcraft_kg.base.records import schema_of
-from wordcraft_kg.reports.report import render
+from wordcraft_kg.reports.pages import render
 from wordcraft_kg.studies.report import make_study_report, panels_of, study_figure, write_study_report
 from wordcraft_kg.studies.results import Missing, StudyResults
 from wordcraft_kg.studies.study import Claim

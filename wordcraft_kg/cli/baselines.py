@@ -11,7 +11,7 @@ from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.graphs.tasks import TaskPart
 
 if TYPE_CHECKING:
-    from wordcraft_kg.evaluation.baselines import Baselines
+    from wordcraft_kg.evaluation.players import Baselines
 
 EXAMPLES = (
     "wordcraft-kg baselines graphs/everyday --distractors 1,2,8",
@@ -41,7 +41,7 @@ def baselines(
         draws: draws of distractors for each task; all players see the same.
         seed: seed of the draws and of ties.
     """
-    from wordcraft_kg.evaluation.baselines import view_baselines
+    from wordcraft_kg.evaluation.players import view_baselines
     from wordcraft_kg.graphs.folder import open_graph
 
     amounts = whole_numbers("distractors", distractors or ["1,2,8"])

@@ -50,7 +50,7 @@ def compare_agents(
     from wordcraft_kg.base.errors import ConfigError
     from wordcraft_kg.evaluation.agents import group_agents, summarise_agents
     from wordcraft_kg.reports.agent_report import make_agent_report
-    from wordcraft_kg.reports.report import write_report
+    from wordcraft_kg.reports.pages import write_report
     from wordcraft_kg.runs.seeds import run_folders
 
     if not runs:

@@ -57,7 +57,7 @@ def compare_links(
     view = compare(contenders, resamples=resamples, seed=seed)
     if out is not None:
         from wordcraft_kg.base.artefacts import staged_file, write_atomically
-        from wordcraft_kg.reports.link_comparison import comparison_page
+        from wordcraft_kg.reports.link_report import comparison_page
 
         with staged_file(out, force=force) as file:
             write_atomically(file, comparison_page(view))

@@ -11,7 +11,7 @@ from wordcraft_kg.cli.console import Output, whole_numbers
 from wordcraft_kg.graphs.tasks import TaskPart
 
 if TYPE_CHECKING:
-    from wordcraft_kg.evaluation.played import AgentEvaluation
+    from wordcraft_kg.evaluation.players import AgentEvaluation
 
 EXAMPLES = (
     "wordcraft-kg evaluate-agent runs/no-kg --part test --distractors 1,8 --draws 5",
@@ -40,7 +40,7 @@ def evaluate_agent(
         graph: where the graph is now, if it has moved since the training.
     """
     from wordcraft_kg.agents.agent_folder import open_agent
-    from wordcraft_kg.evaluation.played import view_evaluation
+    from wordcraft_kg.evaluation.players import view_evaluation
 
     whole("draws", draws, 1, MAX_SIZE)
     trained = open_agent(run, graph)

@@ -47,7 +47,7 @@ def evaluate_links(
     from wordcraft_kg.evaluation.links import summarise_links
     from wordcraft_kg.models.links.folder import open_model
     from wordcraft_kg.reports.link_report import make_link_report
-    from wordcraft_kg.reports.report import write_report
+    from wordcraft_kg.reports.pages import write_report
 
     trained = open_model(model, graph)
     report = make_link_report(

@@ -40,7 +40,7 @@ def explain(
         graph: where the graph is now, if it has moved since the training.
     """
     from wordcraft_kg.agents.agent_folder import open_agent
-    from wordcraft_kg.evaluation.played import view_explanation
+    from wordcraft_kg.evaluation.players import view_explanation
 
     whole("episodes", episodes, 1, MAX_SIZE)
     agent = open_agent(run, graph)

@@ -91,7 +91,7 @@ def reference(
         view = view_references(open_graph(graph), play, amounts, beside or ())
     if out is not None:
         from wordcraft_kg.base.artefacts import staged_file, write_atomically
-        from wordcraft_kg.studies.reference_page import reference_page
+        from wordcraft_kg.studies.references import reference_page
 
         with staged_file(out, force=force) as file:
             write_atomically(file, reference_page(view))

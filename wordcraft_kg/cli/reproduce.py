@@ -73,7 +73,7 @@ def _list(steps: int | None, seeds: int | None, engine: EngineOptions, output: O
     from dataclasses import replace
 
     from wordcraft_kg.base.errors import RecipeFileError
-    from wordcraft_kg.studies.estimate import estimated_hours
+    from wordcraft_kg.studies.engine import estimated_hours
     from wordcraft_kg.studies.plan import make_plan
     from wordcraft_kg.studies.study import adapted, built_in, cells_of, read_study
     from wordcraft_kg.studies.tasks import Task

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 from wordcraft_kg.cli.console import Flag, Output, split_labels
-from wordcraft_kg.studies.metrics import Metric
+from wordcraft_kg.studies.study import Metric
 
 if TYPE_CHECKING:
     from wordcraft_kg.studies.results import StudyResults
@@ -45,8 +45,8 @@ def results(
         force: replace the report if it exists.
     """
     from wordcraft_kg.base.artefacts import check_output
-    from wordcraft_kg.studies.metrics import lines_of
     from wordcraft_kg.studies.report import write_study_report
+    from wordcraft_kg.studies.tables import lines_of
     from wordcraft_kg.studies.view import view_study
 
     found = _collect(folder, study, split_labels(by) if by else None)

@@ -72,8 +72,7 @@ def score(
         graph: where the graph is now, if it has moved since the training.
     """
     from wordcraft_kg.cli.failures import with_options
-    from wordcraft_kg.evaluation.new_words import AnyLabel, with_new_words
-    from wordcraft_kg.evaluation.scores import ScoringModel
+    from wordcraft_kg.evaluation.scores import AnyLabel, ScoringModel, with_new_words
     from wordcraft_kg.models.scorers.queries import Query, parse_query, read_queries
 
     whole("top", top, 1)
@@ -102,8 +101,7 @@ def score(
 
 
 def _score_query(model: "ScoringModel", query: "Query", top: int, new_only: bool, output: Output) -> None:
-    from wordcraft_kg.evaluation.new_words import note_of_words
-    from wordcraft_kg.evaluation.scores import view_open_slot, view_triple
+    from wordcraft_kg.evaluation.scores import note_of_words, view_open_slot, view_triple
 
     words = note_of_words(model)
 
@@ -127,8 +125,8 @@ def _score_query(model: "ScoringModel", query: "Query", top: int, new_only: bool
 
 
 def _score_recipe(model: "ScoringModel", query: "RecipeQuery", top: int, new_only: bool, output: Output) -> None:
-    from wordcraft_kg.evaluation.new_words import note_of_words
     from wordcraft_kg.evaluation.recipe_scores import RecipeScoring, view_open_recipe, view_recipe
+    from wordcraft_kg.evaluation.scores import note_of_words
 
     scoring = RecipeScoring.of(model)
     if query.is_open:
@@ -164,7 +162,7 @@ def _score_file(
 ) -> None:
     from wordcraft_kg.base.artefacts import staged_file, write_atomically
     from wordcraft_kg.evaluation import recipe_scores, scores
-    from wordcraft_kg.evaluation.new_words import note_of_words
+    from wordcraft_kg.evaluation.scores import note_of_words
     from wordcraft_kg.models.scorers.queries import RecipeQuery
 
     # A file holds queries of one kind.

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from wordcraft_kg.studies.engine import State, Watch
     from wordcraft_kg.studies.plan import Plan
-    from wordcraft_kg.studies.workers import Workers
+    from wordcraft_kg.studies.tasks import Workers
 
 LISTED = 10
 """Tasks that a dry run and a message of failures list."""
@@ -111,9 +111,9 @@ def _reported(plan: "Plan", state: "State", options: EngineOptions) -> tuple[dic
     """Write the report of a study; return its values and text."""
     from wordcraft_kg.base.artefacts import write_atomically
     from wordcraft_kg.studies.collect import collect_study
-    from wordcraft_kg.studies.metrics import lines_of
     from wordcraft_kg.studies.report import write_study_report
     from wordcraft_kg.studies.results import results_text
+    from wordcraft_kg.studies.tables import lines_of
     from wordcraft_kg.studies.view import view_study
 
     results = collect_study(options.out, plan.name)
@@ -143,7 +143,7 @@ def _reported(plan: "Plan", state: "State", options: EngineOptions) -> tuple[dic
 
 def _dry(plans: "list[Plan]", options: EngineOptions, output: Output) -> int:
     """List what studies consist of."""
-    from wordcraft_kg.studies.estimate import estimated_hours
+    from wordcraft_kg.studies.engine import estimated_hours
 
     found, text = {}, []
     for plan in plans:

@@ -228,7 +228,7 @@ def _write_agent_report(trained: "TrainedAgent", graph: str | None) -> None:
     from wordcraft_kg.agents.agent_folder import open_agent
     from wordcraft_kg.evaluation.agents import group_agents
     from wordcraft_kg.reports.agent_report import make_agent_report
-    from wordcraft_kg.reports.report import write_report
+    from wordcraft_kg.reports.pages import write_report
 
     assert trained.summary is not None
     part: TaskPart = "test" if "test" in trained.summary.success else "train"

@@ -10,9 +10,14 @@ from wordcraft_kg.base.records import schema_of
 from wordcraft_kg.evaluation.agents import NEVER, AgentsView, Groups, Slice, view_agents
 from wordcraft_kg.graphs.tasks import TaskPart
 from wordcraft_kg.reports import charts
-from wordcraft_kg.reports.picks import PICKS
-from wordcraft_kg.reports.report import Report
-from wordcraft_kg.reports.training_pictures import COLOURS, picture_of_lambdas, picture_of_success, pictures_of_figures
+from wordcraft_kg.reports.agent_pictures import (
+    COLOURS,
+    PICKS,
+    picture_of_lambdas,
+    picture_of_success,
+    pictures_of_figures,
+)
+from wordcraft_kg.reports.pages import Report
 
 MIN_SEEDS = 5
 """With fewer seeds the page warns that another seed may give another figure."""

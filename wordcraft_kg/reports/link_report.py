@@ -9,6 +9,7 @@ from markupsafe import Markup
 from wordcraft_kg.base.progress import stage
 from wordcraft_kg.base.records import schema_of
 from wordcraft_kg.evaluation.communities import Communities, communities_of
+from wordcraft_kg.evaluation.link_comparison import LinkComparison
 from wordcraft_kg.evaluation.links import JudgedLinks, LinkView, judge_links, view_links
 from wordcraft_kg.graphs.doses import Dose
 from wordcraft_kg.graphs.folder import OpenedGraph, Taught
@@ -18,7 +19,7 @@ from wordcraft_kg.models.scorers.config import MAX_QUERIES
 from wordcraft_kg.models.scorers.protocol import TripleScorer
 from wordcraft_kg.reports import charts
 from wordcraft_kg.reports.glossary import GLOSSARY
-from wordcraft_kg.reports.report import Report
+from wordcraft_kg.reports.pages import Report, render_page
 
 SEARCHABLE = 30_000
 """Most queries whose ranks are put into the page, for its search."""
@@ -196,3 +197,19 @@ def _map(judged: JudgedLinks, communities: Communities, seed: int) -> Markup:
     return charts.labelled_points(
         points, graph.entities, communities.group_of.tolist(), by_use, "Map of entities by their scores"
     )
+
+
+def comparison_page(view: LinkComparison) -> str:
+    """Return the page: a table of all models, their MRR, and their differences to the first."""
+    mrr = charts.intervals(
+        [(model.name, (model.mrr or 0.0, *(model.mrr_ci or (None, None)))) for model in view.models],
+        "filtered MRR, 95 % over recipes",
+        "MRR of each model with its interval",
+    )
+    differences = charts.intervals(
+        [(model.name, (model.difference or 0.0, *(model.difference_ci or (None, None)))) for model in view.models],
+        f"difference of MRR to {view.models[0].name}, paired",
+        f"Difference of each model's MRR to that of {view.models[0].name} with its interval",
+        reference=0.0,
+    )
+    return render_page("link_comparison.html.j2", report=view, mrr=mrr, differences=differences)

@@ -7,9 +7,16 @@ from wordcraft_kg.agents.config import OF_SCORER
 from wordcraft_kg.base.errors import ArtefactError, ConfigError
 from wordcraft_kg.base.settings import nearest
 from wordcraft_kg.evaluation.reference import PlayedGraph
-from wordcraft_kg.studies.figures import FIGURES_FILE, RunFigures, ScorerFigures, read_figures
 from wordcraft_kg.studies.plan import CONFIG_OF, DEFAULTS_OF_AGENT, DEFAULTS_OF_GRAPH, defaults_of
-from wordcraft_kg.studies.results import Missing, RunResult, StudyResults
+from wordcraft_kg.studies.results import (
+    FIGURES_FILE,
+    Missing,
+    RunFigures,
+    RunResult,
+    ScorerFigures,
+    StudyResults,
+    read_figures,
+)
 from wordcraft_kg.studies.store import PlannedStudy, failure_of, read_plan, studies_of
 from wordcraft_kg.studies.study import NO_SETTINGS, SCORER, Cell, Study, Value, Values
 

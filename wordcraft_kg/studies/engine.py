@@ -1,18 +1,26 @@
-"""The engine: what of a study is missing is made, in the order that inputs demand, and nothing is made twice."""
+"""The engine: what of a study is missing is made, in the order that inputs demand, and how long that will take."""
 
 import logging
 import shutil
 import time
+from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
+from statistics import median
 
+from wordcraft_kg.agents.config import ImpalaConfig
 from wordcraft_kg.base.errors import ArtefactError, WordCraftKGError
-from wordcraft_kg.studies.perform import check_whole, is_done, make_graph
-from wordcraft_kg.studies.plan import Plan
+from wordcraft_kg.models.policies.config import PolicyConfig
+from wordcraft_kg.studies.collect import collect_study
+from wordcraft_kg.studies.local_workers import LocalWorkers
+from wordcraft_kg.studies.perform import FIGURES, check_whole, is_done, make_graph, perform
+from wordcraft_kg.studies.plan import Plan, make_plan
+from wordcraft_kg.studies.results import Figures, StudyResults, read_figures
 from wordcraft_kg.studies.store import forget_failure, note_failure, own_results, write_plan
-from wordcraft_kg.studies.tasks import Outcome, Task
-from wordcraft_kg.studies.workers import Workers
+from wordcraft_kg.studies.study import Study, check_study
+from wordcraft_kg.studies.tasks import Outcome, Task, Workers
 
 TICK = 0.5
 """Seconds between looks at what has ended."""
@@ -166,3 +174,92 @@ class _Engine:
     def _show(self) -> None:
         if self.watch:
             self.watch(self.plan, self.state)
+
+
+STEPS_PER_SECOND = {"none": 55_000, "u,v": 42_000, "w": 26_000, "random": 20_000, "one-hot": 13_000}
+"""Of one core of an ordinary machine, with 8 distractors: without a scorer, with one, and with w among the sources; and
+without a scorer, but with vectors of more dimensions than GloVe's 50.
+"""
+SECONDS_OF_SCORER = {"train-complex": 70.0, "train-links": 120.0, "train-recipes": 50.0}
+"""Of a book of 700 entities, with its folds."""
+START = 3.0
+"""Seconds in which a training opens its graph and plays its tasks at the end."""
+
+
+def estimated_hours(plan: Plan, root: Path) -> float:
+    """Return the hours of one core that a study still needs; rough, since books and machines differ.
+
+    Args:
+        plan: the study.
+        root: results folder; what is done there costs nothing, and says how fast this machine is.
+    """
+    done: dict[str, Figures] = {}
+    for address, task in plan.tasks.items():
+        try:
+            done[address] = read_figures(task.folder(root), FIGURES[task.kind])
+        except ArtefactError:
+            continue
+    measured = defaultdict(list)
+    for address, figures in done.items():
+        task = plan.tasks[address]
+        if (expected := _usual(task)) and figures.seconds:
+            measured[_sort(task)].append(figures.seconds / expected)
+    left = [task for address, task in plan.tasks.items() if address not in done]
+    factors = {sort: median(ratios) for sort, ratios in measured.items()}
+    return sum(_usual(task) * factors.get(_sort(task), 1.0) for task in left) / 3600
+
+
+def _sort(task: Task) -> str:
+    if task.kind == "scorers":
+        return str(task.settings["command"])
+    if task.kind == "graphs":
+        return task.kind
+    settings = task.settings["settings"]
+    if len(task.needs) > 1:
+        return "w" if "w" in settings.get("use", PolicyConfig.use) else "u,v"
+    features = settings.get("features", PolicyConfig.features)
+    return features if features in STEPS_PER_SECOND else "none"
+
+
+def _usual(task: Task) -> float:
+    """Return the seconds that such a task takes on an ordinary machine."""
+    if task.kind == "runs":
+        return START + task.settings["settings"].get("steps", ImpalaConfig.steps) / STEPS_PER_SECOND[_sort(task)]
+    return SECONDS_OF_SCORER.get(_sort(task), 1.0)
+
+
+def run_study(
+    study: Study,
+    out: str | Path,
+    *,
+    name: str = "study",
+    jobs: int | None = None,
+    keep_all: bool = True,
+    watch: Watch | None = None,
+) -> StudyResults:
+    """Run what of a study is not there yet, and return its figures; trainings that fail are among the missing.
+
+    Args:
+        study: from :func:`~wordcraft_kg.studies.study.read_study`, or made in Python.
+        out: results folder; other studies may use it too, and share what is equal.
+        name: name of the study there.
+        jobs: trainings at once, each in a process of its own. Default: as many as the cores allow.
+        keep_all: keep weights and episodes of runs too, tens of megabytes each, not figures alone.
+        watch: called regularly with the plan and how far it is.
+
+    Raises:
+        ConfigError: naming what is wrong with the study, or a number of ``jobs`` that is not allowed.
+        ArtefactError: if another study is being run in the folder.
+        KeyboardInterrupt: after Ctrl-C; the same call goes on.
+
+    Example:
+        >>> study = Study("A look", {"none": {}}, seeds=1, settings={"book": "kitchen", "steps": 256})
+        >>> results = run_study(study, "results", jobs=1)
+        >>> [(run.variant, run.seed, run.steps) for run in results.runs]
+        [('none', 0, 256)]
+    """
+    check_study(study)
+    root, plan = Path(out), make_plan(study, name)
+    number, work = plan.jobs(jobs), partial(perform, keep_all=keep_all)
+    run_plan(plan, root, lambda: LocalWorkers(root, number, work, plan.threads), watch=watch)
+    return collect_study(root, name)

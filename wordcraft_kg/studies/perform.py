@@ -14,16 +14,16 @@ from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.splits import SplitConfig, make_split
 from wordcraft_kg.graphs.tasks import TaskPart
 from wordcraft_kg.runs.record import RUN_FILE, read_run, verified_bytes
-from wordcraft_kg.studies.figures import (
+from wordcraft_kg.studies.plan import CONFIG_OF, agent_config
+from wordcraft_kg.studies.results import (
     FIGURES_FILE,
     Figures,
+    PlayedGraph,
     RunFigures,
     ScorerFigures,
     read_figures,
     write_figures,
 )
-from wordcraft_kg.studies.plan import CONFIG_OF, agent_config
-from wordcraft_kg.studies.results import PlayedGraph
 from wordcraft_kg.studies.tasks import Kind, Outcome, Task
 
 FIGURES: dict[Kind, type[Figures]] = {"graphs": Figures, "scorers": ScorerFigures, "runs": RunFigures}

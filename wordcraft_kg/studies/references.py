@@ -9,8 +9,8 @@ from wordcraft_kg.agents.discovery import MARKS
 from wordcraft_kg.base.records import Record
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.open_ended import Discovery
-from wordcraft_kg.evaluation.baselines import view_baselines
 from wordcraft_kg.evaluation.discovery import view_discovery
+from wordcraft_kg.evaluation.players import view_baselines
 from wordcraft_kg.evaluation.reference import (
     Kind,
     Measure,
@@ -23,6 +23,7 @@ from wordcraft_kg.evaluation.reference import (
     pack_of,
 )
 from wordcraft_kg.graphs.folder import OpenedGraph
+from wordcraft_kg.reports.pages import render_page
 from wordcraft_kg.studies.result_readers import DRAWS, SEEN, rows_beside
 
 DISTRACTORS = (1, 2, 8)
@@ -206,3 +207,8 @@ def _merged(found: Sequence[ReferenceRow], now: Sequence[ReferenceRow], columns:
 
 def _kind(player: str) -> Kind:
     return "chance" if player in CHANCE else "oracle" if player in ORACLES else "knowledge graph"
+
+
+def reference_page(view: ReferenceTable) -> str:
+    """Return the page of a table."""
+    return render_page("wordcraft_kg.studies/reference_page.html.j2", report=view)

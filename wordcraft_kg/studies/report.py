@@ -11,8 +11,7 @@ from wordcraft_kg.base.errors import MissingExtraError
 from wordcraft_kg.reports import charts
 from wordcraft_kg.reports.charts.scales import Estimate
 from wordcraft_kg.reports.charts.standalone import as_pdf, as_png
-from wordcraft_kg.reports.pages import chart_style
-from wordcraft_kg.reports.report import Report, write_report
+from wordcraft_kg.reports.pages import Report, chart_style, write_report
 from wordcraft_kg.studies.claims import in_words
 from wordcraft_kg.studies.tables import as_csv, as_latex, as_markdown, notes, tables_of, with_bounds
 from wordcraft_kg.studies.view import Correlation, Dose, PointFigures, StudyView, title_of

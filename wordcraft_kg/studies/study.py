@@ -29,6 +29,8 @@ Values = dict[str, Value]
 Drawing = Literal["curves", "bars", "dose"]
 """Success by step of training; final success of each variant; final success by the MRR of the scorer."""
 
+Metric = Literal["success", "iqm", "by-plan", "train", "mrr", "steps"]
+"""Figures that lines of text can show."""
 Expected = Literal["more", "less", "comparable", "varies"]
 Measure = Literal["success", "early", "steps", "same_twice"]
 

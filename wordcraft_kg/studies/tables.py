@@ -1,4 +1,4 @@
-"""The tables of a study: for people as Markdown and LaTeX, one for each point of the grid, and all figures as CSV."""
+"""The tables of a study: Markdown, LaTeX, lines of text, and all figures as CSV."""
 
 import csv
 import io
@@ -6,10 +6,11 @@ import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
-from wordcraft_kg.studies.metrics import p_in_words
-from wordcraft_kg.studies.view import Interval, PointFigures, StudyView, VariantFigures
+from wordcraft_kg.base.wording import counted
+from wordcraft_kg.studies.claims import in_words
+from wordcraft_kg.studies.study import Metric
+from wordcraft_kg.studies.view import Interval, PointFigures, StudyView, VariantFigures, title_of
 
-NEVER = "never"
 LATEX = {
     "\\": r"\textbackslash{}",
     "~": r"\textasciitilde{}",
@@ -86,12 +87,6 @@ def _difference(at: VariantFigures) -> str:
     return with_bounds(at.comparison.difference, at.comparison.interval, "+.3f") if at.comparison else ""
 
 
-def _p_value(at: VariantFigures) -> str:
-    if at.comparison is None:
-        return ""
-    return p_in_words(at.comparison.p_corrected)
-
-
 def _reached(at: VariantFigures) -> str:
     if not at.curve:
         return ""
@@ -100,7 +95,7 @@ def _reached(at: VariantFigures) -> str:
 
 
 def _amount(steps: int | None) -> str:
-    return NEVER if steps is None else f"{steps:,}"
+    return "never" if steps is None else f"{steps:,}"
 
 
 COLUMNS: tuple[Column, ...] = (
@@ -113,7 +108,7 @@ COLUMNS: tuple[Column, ...] = (
     ("train", lambda at: "" if at.train is None else f"{at.train:.3f}"),
     ("MRR", _mrr),
     ("P(better)", lambda at: f"{at.comparison.p_better:.2f}" if at.comparison else ""),
-    ("p", _p_value),
+    ("p", lambda at: _p_value(at.comparison.p_corrected) if at.comparison else ""),
     ("reached after", _reached),
 )
 """Columns of the tables for people."""
@@ -223,7 +218,7 @@ def _values(point: PointFigures, at: VariantFigures, grid: Sequence[str]) -> dic
         return {f"{name}_low": low, f"{name}_high": high}
 
     def steps(value: int | None) -> object:
-        return ("" if not at.curve else NEVER) if value is None else value
+        return ("" if not at.curve else "never") if value is None else value
 
     reached = at.reached_interval and [steps(end) for end in at.reached_interval]
     return {
@@ -251,3 +246,68 @@ def _values(point: PointFigures, at: VariantFigures, grid: Sequence[str]) -> dic
         "steps_to_reference_high": reached[1] if reached else "",
         "steps": at.steps,
     }
+
+
+def lines_of(view: StudyView, metric: Metric) -> Iterator[str]:
+    """Yield a study's title, and for each point of the grid a line for each variant."""
+    yield f"{view.title}: {TITLES[metric]}"
+    for point in view.points:
+        yield f"{point.title} ({_where(point)})"
+        width = max(len(entry.variant) for entry in point.variants)
+        shown = {entry.variant: SHOWN[metric](entry) for entry in point.variants}
+        longest = max(map(len, shown.values()))
+        for entry in point.variants:
+            line = f"  {entry.variant:<{width}}  {shown[entry.variant]:<{longest}}  {counted(len(entry.seeds), 'seed')}"
+            yield (line + (_comparison(entry) if metric == "success" else "")).rstrip()
+    if metric == "success":
+        of = f"of {view.comparisons} comparisons, corrected by Holm" if view.comparisons > 1 else "of the comparison"
+        compared = f"; differences to {view.reference}; p {of}" if view.comparisons else ""
+        yield f"intervals: 95 % over seeds and tasks{compared}"
+    if metric == "success" and view.claims:
+        yield "claims"
+        width = max(len(claim.verdict) for claim in view.claims)
+        for claim in view.claims:
+            yield f"  {claim.verdict:<{width}}  {claim.text}"
+            for measured in claim.measured:
+                yield f"  {'':<{width}}  {title_of(measured.values)}: {in_words(claim, measured)}"
+    if view.missing:
+        first = view.missing[0]
+        number = counted(len(view.missing), "training")
+        yield f"{number} without figures; the first, {first.variant}, seed {first.seed}: {first.why}"
+
+
+def _p_value(p: float) -> str:
+    """Return a p-value; below a thousandth its size says nothing that the data could tell."""
+    return "<.001" if p < 0.001 else f"{p:.2g}"
+
+
+def _where(point: PointFigures) -> str:
+    graphs = dict.fromkeys(f"{graph.name}, {graph.kind}; " for graph in point.graphs) if point.values else ()
+    return "".join(graphs) + counted(point.tasks, "test task")
+
+
+def _comparison(entry: VariantFigures) -> str:
+    found = entry.comparison
+    if found is None:
+        return ""
+    low, high = found.interval
+    difference = f"{found.difference:+.3f} [{low:+.3f}, {high:+.3f}]"
+    return f"  {difference}  P(better) {found.p_better:.2f}  p {_p_value(found.p_corrected)}"
+
+
+TITLES: dict[Metric, str] = {
+    "success": "success on test tasks",
+    "iqm": "success on test tasks, mean of the middle half of the seeds",
+    "by-plan": "success on test tasks by the last pair of a plan",
+    "train": "success on train tasks",
+    "mrr": "leak-free MRR of the scorer, with the least and the greatest",
+    "steps": "environment steps until the mean curve reaches where the reference's ends",
+}
+SHOWN: dict[Metric, Callable[[VariantFigures], str]] = {
+    "success": lambda at: with_bounds(at.mean, at.interval),
+    "iqm": lambda at: with_bounds(at.iqm, at.iqm_interval),
+    "by-plan": lambda at: with_bounds(at.by_plan, None),
+    "train": lambda at: "–" if at.train is None else with_bounds(at.train, None),
+    "mrr": lambda at: "–" if at.mrr is None else with_bounds(at.mrr, at.mrr_range),
+    "steps": lambda at: _reached(at) or "–",
+}

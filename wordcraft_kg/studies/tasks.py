@@ -1,11 +1,11 @@
-"""The pieces of work that a study consists of, each addressed by what goes into it."""
+"""The tasks of a study, each addressed by its inputs and settings, and the interface of those who perform them."""
 
 import hashlib
 import json
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Protocol
 
 Kind = Literal["graphs", "scorers", "runs"]
 """What a task makes, which is also the folder of the results folder that holds it."""
@@ -60,3 +60,20 @@ class Outcome:
     error: str = ""
     detail: str = ""
     disk_full: bool = False
+
+
+class Workers(Protocol):
+    """Performs tasks whose inputs are there; results lie in the results folder when a task is reported as done."""
+
+    @property
+    def places(self) -> int:
+        """Number of tasks that can be performed at once; may change while a cluster grows or shrinks."""
+
+    def start(self, task: Task) -> None:
+        """Begin a task; returns at once."""
+
+    def wait(self, seconds: float) -> list[Outcome]:
+        """Return the outcomes of tasks that have ended since the last call; wait for one, but no longer than this."""
+
+    def stop(self) -> None:
+        """End all that runs: trainings keep their last checkpoint where the folder is within reach."""

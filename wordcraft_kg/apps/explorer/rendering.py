@@ -11,8 +11,8 @@ from markupsafe import Markup
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.page import Addresses, Page, State
 from wordcraft_kg.apps.explorer.pages import PAGES
+from wordcraft_kg.reports.agent_pictures import PICKS
 from wordcraft_kg.reports.pages import Outline, make_environment
-from wordcraft_kg.reports.picks import PICKS
 
 
 class Site:

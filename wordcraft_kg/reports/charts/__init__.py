@@ -1,18 +1,25 @@
 """Small charts as inline SVG strings, which follow the page's light and dark colours and need no JavaScript.
 
 Colours (``series-0``, ``series-1``, ..., ``series-other``) and the dashes of :func:`curves` (``dash-0`` to ``dash-3``,
-``dashed``) are CSS classes that the page's style sheet defines from :mod:`~wordcraft_kg.reports.charts.palette`.
+``dashed``) are CSS classes that the page's style sheet defines from :mod:`~wordcraft_kg.reports.charts.plot`.
 """
 
 from wordcraft_kg.reports.charts.intervals import intervals
 from wordcraft_kg.reports.charts.layered import Made, layered
-from wordcraft_kg.reports.charts.palette import COLOURS
-from wordcraft_kg.reports.charts.pictures import contribution_bar, labelled_points, matrix_image
+from wordcraft_kg.reports.charts.pictures import (
+    Dot,
+    Region,
+    colour_of,
+    contribution_bar,
+    labelled_points,
+    matrix_image,
+    world,
+)
+from wordcraft_kg.reports.charts.plot import COLOURS
 from wordcraft_kg.reports.charts.profiles import profiles
 from wordcraft_kg.reports.charts.scatter import scatter
 from wordcraft_kg.reports.charts.series import curves, dots, grouped_bars, log_reliability, reliability
 from wordcraft_kg.reports.charts.standalone import figure
-from wordcraft_kg.reports.charts.world import Dot, Region, colour_of, world
 
 __all__ = [
     "COLOURS",

@@ -5,8 +5,7 @@ from html import escape
 
 from markupsafe import Markup
 
-from wordcraft_kg.reports.charts.palette import COLOURS
-from wordcraft_kg.reports.charts.plot import BOTTOM, LETTER, LONGEST_NAME, TOP, WIDTH, Plot
+from wordcraft_kg.reports.charts.plot import BOTTOM, COLOURS, LETTER, LONGEST_NAME, TOP, WIDTH, Plot
 from wordcraft_kg.reports.charts.scales import Estimate, estimate, round_ticks, shortened
 
 ROW = 26

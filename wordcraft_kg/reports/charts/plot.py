@@ -5,7 +5,6 @@ from html import escape
 
 from markupsafe import Markup
 
-from wordcraft_kg.reports.charts.palette import COLOURS
 from wordcraft_kg.reports.charts.scales import spread
 
 WIDTH, HEIGHT = 460, 250
@@ -151,3 +150,11 @@ class Plot:
             x += 32 + LETTER * len(name)
         opening = f'<svg viewBox="0 0 {WIDTH} {self.height}" role="img" aria-label="{escape(self.description)}">'
         return Markup("".join([opening, *self.parts, "</svg>"]))
+
+
+OKABE_ITO = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
+LIGHT = (*OKABE_ITO, "#1b1f24", "#7f3c00")
+"""Colours on a white page."""
+DARK = (*OKABE_ITO, "#e6edf3", "#f0e442")
+"""Colours on a dark page."""
+COLOURS = len(LIGHT)

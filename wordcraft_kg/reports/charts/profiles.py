@@ -5,8 +5,17 @@ from html import escape
 
 from markupsafe import Markup
 
-from wordcraft_kg.reports.charts.palette import COLOURS
-from wordcraft_kg.reports.charts.plot import ABOVE, BOTTOM, HEIGHT, LETTER, LINE_HEIGHT, LONGEST_NAME, WIDTH, Plot
+from wordcraft_kg.reports.charts.plot import (
+    ABOVE,
+    BOTTOM,
+    COLOURS,
+    HEIGHT,
+    LETTER,
+    LINE_HEIGHT,
+    LONGEST_NAME,
+    WIDTH,
+    Plot,
+)
 from wordcraft_kg.reports.charts.scales import shortened
 from wordcraft_kg.reports.charts.series import CurvePoint, pattern
 

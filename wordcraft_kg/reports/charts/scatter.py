@@ -5,8 +5,7 @@ from html import escape
 
 from markupsafe import Markup
 
-from wordcraft_kg.reports.charts.palette import COLOURS
-from wordcraft_kg.reports.charts.plot import ABOVE, LETTER, LONGEST_NAME, Plot
+from wordcraft_kg.reports.charts.plot import ABOVE, COLOURS, LETTER, LONGEST_NAME, Plot
 from wordcraft_kg.reports.charts.scales import Estimate, estimate, round_ticks, shortened
 
 SMALL_LETTER = 5.5

@@ -7,8 +7,7 @@ from typing import Any
 
 from markupsafe import Markup
 
-from wordcraft_kg.reports.charts.palette import COLOURS
-from wordcraft_kg.reports.charts.plot import ABOVE, LEFT, LETTER, LONGEST_NAME, WIDTH, Plot
+from wordcraft_kg.reports.charts.plot import ABOVE, COLOURS, LEFT, LETTER, LONGEST_NAME, WIDTH, Plot
 from wordcraft_kg.reports.charts.scales import Estimate, amounts, estimate, round_ticks, shortened
 
 DASHES = 4

@@ -6,8 +6,7 @@ from html import escape
 from typing import TYPE_CHECKING
 
 from wordcraft_kg.base.errors import MissingExtraError
-from wordcraft_kg.reports.charts.palette import LIGHT
-from wordcraft_kg.reports.charts.plot import LETTER
+from wordcraft_kg.reports.charts.plot import LETTER, LIGHT
 from wordcraft_kg.reports.charts.scales import shortened
 
 if TYPE_CHECKING:

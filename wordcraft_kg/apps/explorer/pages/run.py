@@ -6,7 +6,7 @@ from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.page import Page, State, has_runs
 from wordcraft_kg.apps.explorer.played import followed, is_done
 from wordcraft_kg.apps.explorer.views.runs import RunView, view_run
-from wordcraft_kg.reports.training_pictures import picture_of_lambdas, picture_of_success, pictures_of_figures
+from wordcraft_kg.reports.agent_pictures import picture_of_lambdas, picture_of_success, pictures_of_figures
 
 
 class Run(State):

@@ -1,12 +1,16 @@
-"""Pictures of trainings: success, figures and mixing weights over steps."""
+"""Pictures of agents: success, figures and mixing weights over training, and what the sources say of a pick."""
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 from markupsafe import Markup
 
+from wordcraft_kg.agents.explanation import ExplainedSlot, ExplainedStep
+from wordcraft_kg.evaluation.recipe_scores import told
 from wordcraft_kg.evaluation.training_curves import CurvePoint, Figure, LambdaCurve, SeedCurve
-from wordcraft_kg.models.policies.sources import ALPHA, SOURCES, label_of
+from wordcraft_kg.models.policies.sources import ALPHA, SOURCES, Label, label_of
 from wordcraft_kg.reports import charts
+from wordcraft_kg.reports.glossary import GLOSSARY
 
 COLOURS = {name: number for number, name in enumerate((ALPHA.name, *SOURCES))}
 """Number of each source's colour."""
@@ -75,3 +79,30 @@ def pictures_of_figures(figures: Mapping[str, Mapping[Figure, Sequence[SeedCurve
             )
             pictures.append(picture)
     return pictures
+
+
+def column_labels(step: ExplainedStep) -> list[Label]:
+    """Return the labels of the columns of a step's scores."""
+    return [label_of(name) for name in step.slots[0].sources]
+
+
+def slot_rows(step: ExplainedStep) -> list[tuple[ExplainedSlot, Markup]]:
+    """Return the slots by descending logit, each with a picture of its contributions, all on one scale."""
+    scale = max(
+        sum(abs(value) for value in slot.contributions.values() if (value > 0) is to_the_right)
+        for slot in step.slots
+        for to_the_right in (True, False)
+    )
+    by_logit = sorted(step.slots, key=lambda slot: slot.logit, reverse=True)
+    return [(slot, charts.contribution_bar(slot.contributions, scale, COLOURS)) for slot in by_logit]
+
+
+PICKS: dict[str, Any] = {
+    "colours": COLOURS,
+    "column_labels": column_labels,
+    "label_of": label_of,
+    "slot_rows": slot_rows,
+    "told": told,
+    "words": {name: GLOSSARY[name].name for name in COLOURS},
+}
+"""What the template ``picks.html.j2`` needs."""

@@ -1,7 +1,4 @@
 import math
-import os
-import subprocess
-import sys
 import warnings
 
 import numpy as np
@@ -111,31 +108,6 @@ def test_a_curve_depends_on_the_seed_and_not_on_who_else_plays(kitchen, curves):
     )
     pd.testing.assert_frame_equal(again, curves[curves["player"] == "random"].reset_index(drop=True))
     assert not again["known"].equals(other["known"])
-
-
-def test_curves_are_the_same_in_processes_with_different_hash_seeds(tmp_path):
-    code = (
-        "from wordcraft_kg.agents.discovery import *\n"
-        "from wordcraft_kg.graphs import RecipeGraph, open_book\n"
-        "from wordcraft_kg.models.scorers.baselines import SymbolicScorer\n"
-        "graph = RecipeGraph.from_book(open_book('kitchen'))\n"
-        "players = make_discoverers(DISCOVERERS, graph, SymbolicScorer(graph, graph.triples))\n"
-        "print(discovery_curves(graph, players, 20, 3).to_csv())"
-    )
-    printed = {
-        subprocess.run(
-            [sys.executable, "-c", code],
-            env=os.environ | {"PYTHONHASHSEED": seed},
-            cwd=tmp_path,
-            capture_output=True,
-            text=True,
-            timeout=60,
-            check=True,
-        ).stdout
-        for seed in ("0", "1")
-    }
-    assert len(printed) == 1
-    assert "empowerment-scorer,2,20" in printed.pop()
 
 
 # --- the formulas, against loops -------------------------------------------------------------------------------------

@@ -1,7 +1,4 @@
 import itertools
-import os
-import subprocess
-import sys
 from collections import Counter
 from dataclasses import replace
 from fractions import Fraction
@@ -427,34 +424,6 @@ def test_a_part_without_tasks_is_refused_saying_how_many_belong_to_none():
 
 
 # --- reproducible, and known numbers ----------------------------------------------------------------------------------
-
-PRINT_TASKS = """
-from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_book
-from wordcraft_kg.graphs.task_search import make_tasks
-graph = RecipeGraph.from_book(open_book("kitchen"))
-split = make_split(graph, SplitConfig())
-for depth in (1, 2, 3, 4):
-    for part in ("all", "train", "test"):
-        for weighting in ("task", "goal"):
-            made = make_tasks(graph, depth, split, part, weighting=weighting, limit=20, seed=5)
-            print(*made, made.mixed, sep="\\n")
-"""
-
-
-def test_tasks_are_the_same_in_processes_with_different_hash_seeds():
-    printed = [
-        subprocess.run(
-            [sys.executable, "-c", PRINT_TASKS],
-            env=os.environ | {"PYTHONHASHSEED": seed},
-            capture_output=True,
-            text=True,
-            timeout=60,
-            check=True,
-        ).stdout
-        for seed in ("0", "1")
-    ]
-    assert printed[0].count("Task(") > 5_000
-    assert printed[0] == printed[1]
 
 
 @pytest.mark.parametrize(("depth", "number"), [(1, 3_417), (2, 26_859)])

@@ -4,7 +4,6 @@ import base64
 import hashlib
 import json
 import math
-import os
 import re
 import subprocess
 import sys
@@ -818,28 +817,6 @@ def test_the_same_inputs_give_the_same_bytes(kitchen_model: OpenedModel, report_
     write_report(again, tmp_path / "report")
     for name in ("report.json", "ranks.csv", "index.html"):
         assert (tmp_path / "report" / name).read_bytes() == (report_folder / name).read_bytes(), name
-
-
-def test_another_process_with_another_hash_seed_gives_the_same_bytes(kitchen_model: OpenedModel, tmp_path: Path):
-    code = """
-import sys
-from pathlib import Path
-from wordcraft_kg.graphs.folder import open_graph
-from wordcraft_kg.models.scorers.baselines import FrequencyScorer
-from wordcraft_kg.reports.link_report import make_link_report
-from wordcraft_kg.reports.pages import write_report
-
-opened = open_graph("kitchen")
-scorer = FrequencyScorer(opened.graph, opened.split.partial)
-write_report(make_link_report(scorer, opened), Path(sys.argv[1]))
-"""
-    opened = kitchen_model.opened
-    report = make_link_report(FrequencyScorer(opened.graph, opened.split.partial), opened)
-    write_report(report, tmp_path / "here")
-    command = [sys.executable, "-c", code, str(tmp_path / "there")]
-    subprocess.run(command, check=True, timeout=120, env={**os.environ, "PYTHONHASHSEED": "1"})
-    for name in ("report.json", "ranks.csv", "index.html"):
-        assert (tmp_path / "here" / name).read_bytes() == (tmp_path / "there" / name).read_bytes(), name
 
 
 def test_the_seed_moves_the_interval_but_not_the_headline(kitchen_model: OpenedModel, values: Values):

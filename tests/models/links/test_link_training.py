@@ -1,10 +1,8 @@
 """Training into a model folder: determinism, interruption and resumption, early stopping, failures and bad settings."""
 
 import json
-import os
 import shutil
 import signal
-import subprocess
 import sys
 import threading
 import tomllib
@@ -18,7 +16,6 @@ import safetensors.torch
 import torch
 from link_helpers import contents, flip_bit, global_states, interrupt_after, train
 
-from wordcraft_kg.base.artefacts import sha256_of
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError, OutputExistsError, TrainingError
 from wordcraft_kg.base.records import as_values
 from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_book
@@ -43,14 +40,6 @@ RESUMED: dict[str, LinkSettings] = {
         model="rotate", dim=4, epochs=5, negatives=3, eval_every=2, folds=0
     ),
 }
-IN_ANOTHER_PROCESS = """
-import sys
-from pathlib import Path
-from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
-from wordcraft_kg.models.links.training import train_links
-
-train_links(LinksConfig("kitchen", ComplExConfig(dim=8, epochs=5, n3=0.1, folds=0)), Path(sys.argv[1]))
-"""
 
 
 def weights(trained: TrainedLinks) -> bytes:
@@ -86,14 +75,6 @@ def test_the_same_seed_gives_the_same_bytes(validated_kitchen: OpenedGraph, tmp_
     one, two = (train(validated_kitchen, config, tmp_path / name) for name in ("one", "two"))
     assert weights(one) == weights(two)
     assert (trace(one), figures(one)) == (trace(two), figures(two))
-
-
-def test_another_process_with_another_hash_seed_gives_the_same_bytes(opened_kitchen: OpenedGraph, tmp_path: Path):
-    here = train(opened_kitchen, SHORT, tmp_path / "here")
-    command = [sys.executable, "-c", IN_ANOTHER_PROCESS, str(tmp_path / "there")]
-    subprocess.run(command, check=True, timeout=120, env={**os.environ, "PYTHONHASHSEED": "1"})
-    for name in ("model.safetensors", "vocabulary.json"):
-        assert sha256_of(tmp_path / "there" / name) == sha256_of(here.folder / name)
 
 
 @pytest.mark.parametrize("config", [SHORT, RESUMED["distmult by softmax"]], ids=["complex", "distmult"])

@@ -1,7 +1,4 @@
 import itertools
-import os
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -126,26 +123,6 @@ def test_small_and_disconnected_graphs_have_maps(rows):
     assert all(0 <= spot.x <= WIDTH and 0 <= spot.y <= HEIGHT for spot in found.view.spots)
     for entity in graph.entities:
         checked_values(view_map(found, entity))
-
-
-def test_the_map_does_not_depend_on_the_hash_seed():
-    code = (
-        "from wordcraft_kg.graphs import RecipeGraph, open_book\n"
-        "from wordcraft_kg.apps.explorer.views.maps import map_of, view_map\n"
-        "found = map_of(RecipeGraph.from_book(open_book('kitchen')))\n"
-        "print(found.places.tolist(), view_map(found, 'bread'))"
-    )
-    outputs = [
-        subprocess.run(
-            [sys.executable, "-c", code],
-            env={**os.environ, "PYTHONHASHSEED": seed},
-            capture_output=True,
-            text=True,
-            check=True,
-        ).stdout
-        for seed in ("1", "2")
-    ]
-    assert outputs[0] == outputs[1] != ""
 
 
 def test_of_very_many_links_a_map_holds_and_draws_some(kitchen, monkeypatch):

@@ -1,0 +1,138 @@
+"""All that is computed is the same in a process with another hash seed: one such process makes everything."""
+
+import contextlib
+import hashlib
+import io
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from wordcraft_kg.graphs.export import EXPORTERS
+from wordcraft_kg.graphs.folder import open_graph
+from wordcraft_kg.graphs.splits import SPLITS
+
+
+def graph_folders_and_exports() -> None:
+    from wordcraft_kg.cli import main
+
+    for split in SPLITS:
+        assert main(["build-graph", "kitchen", "--split", split, "--seed", "3", "--out", split]) == 0
+    for format in (name for name in EXPORTERS if name != "gexf"):  # GEXF holds the day of its making
+        assert main(["export", "by-recipe", "--format", format, "--out", f"export.{format}"]) == 0
+
+
+def tasks() -> None:
+    from wordcraft_kg.graphs.task_search import make_tasks
+
+    opened = open_graph("kitchen")
+    made = [
+        make_tasks(opened.graph, depth, opened.split, part, weighting=weighting, limit=20, seed=5)
+        for depth in (1, 2, 3, 4)
+        for part in ("all", "train", "test")
+        for weighting in ("task", "goal")
+    ]
+    print(*(line for group in made for line in (*group, group.mixed)), sep="\n")
+    assert sum(len(group) for group in made) > 5_000
+
+
+def doses() -> None:
+    from wordcraft_kg.graphs.doses import make_dose
+
+    print(make_dose(open_graph("kitchen").split, 0.5, 0.2).hash)
+
+
+def episodes() -> None:
+    import gymnasium as gym
+
+    import wordcraft_kg  # noqa: F401 - registers the environments
+
+    env = gym.make("WordCraft-v0", graph="kitchen", depth=2, num_distractors=5)
+    drawn = [env.reset(seed=3)[0], *(env.reset()[0] for _ in range(20))]
+    print(*((seen["goal"], seen["table"].tolist()) for seen in drawn), sep="\n")
+    assert len({str(seen) for seen in drawn}) > 15
+
+
+def discovery() -> None:
+    from wordcraft_kg.agents.discovery import DISCOVERERS, discovery_curves, make_discoverers
+    from wordcraft_kg.models.scorers.baselines import SymbolicScorer
+
+    graph = open_graph("kitchen").graph
+    players = make_discoverers(DISCOVERERS, graph, SymbolicScorer(graph, graph.triples))
+    print(discovery_curves(graph, players, 20, 3).to_csv())
+
+
+def link_models() -> None:
+    from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
+    from wordcraft_kg.models.links.training import train_links
+
+    trained = train_links(LinksConfig("kitchen", ComplExConfig(dim=8, epochs=5, n3=0.1, folds=0)), Path("model"))
+    for path in trained.folder.iterdir():
+        if path.name not in ("model.safetensors", "vocabulary.json"):  # times
+            path.unlink()
+
+
+def reports() -> None:
+    from wordcraft_kg.models.scorers.baselines import FrequencyScorer
+    from wordcraft_kg.reports.link_report import make_link_report
+    from wordcraft_kg.reports.pages import write_report
+
+    opened = open_graph("kitchen")
+    scorer = FrequencyScorer(opened.graph, opened.split.partial)
+    write_report(make_link_report(scorer, opened), Path("report"))
+
+
+def maps() -> None:
+    from wordcraft_kg.apps.explorer.views.maps import map_of, view_map
+
+    found = map_of(open_graph("kitchen").graph)
+    print(found.places.tolist(), view_map(found, "bread"))
+
+
+MAKERS = {
+    make.__name__: make
+    for make in (graph_folders_and_exports, tasks, doses, episodes, discovery, link_models, reports, maps)
+}
+"""Functions that print, or write into the working folder."""
+
+
+def made_by(make: Callable[[], None], folder: Path) -> dict[str, str]:
+    """Return the SHA-256 of the printed text and of each file that a function writes."""
+    folder.mkdir()
+    printed = io.StringIO()
+    with contextlib.chdir(folder), contextlib.redirect_stdout(printed):
+        make()
+    files = {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    return {
+        name: hashlib.sha256(content).hexdigest()
+        for name, content in {**files, "stdout": printed.getvalue().encode()}.items()
+    }
+
+
+@pytest.fixture(scope="module")
+def elsewhere(tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, str]]:
+    folder = tmp_path_factory.mktemp("elsewhere")
+    environment = os.environ | {"PYTHONHASHSEED": "1"}
+    done = subprocess.run(
+        [sys.executable, __file__, folder], env=environment, capture_output=True, text=True, timeout=300, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+@pytest.mark.parametrize("name", MAKERS)
+def test_another_process_with_another_hash_seed_makes_the_same_bytes(name: str, elsewhere, tmp_path: Path):
+    here = made_by(MAKERS[name], tmp_path / "here")
+    assert here == elsewhere[name]
+    assert len(here) > 1 or here["stdout"] != hashlib.sha256(b"").hexdigest()
+
+
+if __name__ == "__main__":
+    import torch
+
+    torch.set_num_threads(1)
+    print(json.dumps({name: made_by(make, Path(sys.argv[1]) / name) for name, make in MAKERS.items()}))

@@ -6,7 +6,7 @@ import logging
 import os
 import signal
 import uuid
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,6 +20,7 @@ from wordcraft_kg.cli.failures import Failure
 from wordcraft_kg.evaluation.reference import PlayedGraph
 from wordcraft_kg.graphs import RecipeGraph, open_book
 from wordcraft_kg.graphs.library import DATA_VARIABLE
+from wordcraft_kg.runs.side_by_side import CORES_VARIABLE, THREADS_VARIABLES
 from wordcraft_kg.studies.results import RunResult, StudyResults
 from wordcraft_kg.studies.study import Drawing, Study, Values
 
@@ -60,9 +61,13 @@ def interruptible() -> None:
 
 
 @pytest.fixture(scope="session", autouse=True)
-def one_torch_thread() -> None:
-    """Sums in another order would differ in their last bits, and two threads are slower on tensors this small."""
+def one_core() -> Iterator[None]:
+    """Use one thread: two are slower on tensors this small, and give other last bits; and train folds one by one."""
     torch.set_num_threads(1)
+    with pytest.MonkeyPatch.context() as patch:
+        for name in (CORES_VARIABLE, *THREADS_VARIABLES):  # of the processes that tests start
+            patch.setenv(name, "1")
+        yield
 
 
 @pytest.fixture

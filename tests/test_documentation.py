@@ -1,5 +1,7 @@
 """The Python of README and guides, as printed, and the examples."""
 
+import ast
+import importlib
 import re
 import runpy
 import shutil
@@ -12,12 +14,26 @@ PAGES = ["README.md", *(f"docs/{name}.md" for name in ("agents", "environment", 
 PLAYERS = {"chat_player", "line_player"}
 """Examples that wait for lines; they play in the tests of the line protocol."""
 EXAMPLES = sorted({path.stem for path in (ROOT / "examples").glob("*.py")} - PLAYERS)
-LONG = ("first_steps", "stable_baselines")
+LONG = ("first_steps", "pykeen_model", "stable_baselines")
+SOURCES = [*PAGES, *(f"examples/{name}.py" for name in EXAMPLES)]
 SMALL = ("--steps", "256", "--eval-every", "0", "--quiet")
 
 
 def blocks(page: str) -> list[str]:
     return re.findall(r"```python\n(.*?)```", (ROOT / page).read_text(), re.DOTALL)
+
+
+@pytest.mark.parametrize("source", SOURCES)
+def test_what_a_page_or_an_example_imports_is_there(source: str):
+    code = "\n".join(blocks(source)) if source.endswith(".md") else (ROOT / source).read_text()
+    imported = [
+        (node.module, name.name)
+        for node in ast.walk(ast.parse(code))
+        if isinstance(node, ast.ImportFrom) and node.module and node.module.startswith("wordcraft_kg")
+        for name in node.names
+    ]
+    assert imported or "import wordcraft_kg" in code
+    assert [(module, name) for module, name in imported if not hasattr(importlib.import_module(module), name)] == []
 
 
 @pytest.fixture(scope="module")
@@ -40,6 +56,7 @@ def world(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return home
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", PAGES)
 def test_the_python_of_a_page_runs_as_printed(page: str, world: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     if page == "docs/agents.md":

@@ -94,6 +94,7 @@ def test_settings_at_their_default_are_those_of_studies_that_say_them(tmp_path):
     assert list(by_use) == ["none, none", "partial, u,v", "partial, u"]
 
 
+@pytest.mark.slow
 def test_processes_give_the_figures_of_one(done, tmp_path):
     run_plan(small_plan(), tmp_path, lambda: LocalWorkers(tmp_path, 2, partial(perform, keep_all=False)))
     assert figures(tmp_path) == figures(done)

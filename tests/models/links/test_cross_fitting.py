@@ -291,6 +291,7 @@ train_links(LinksConfig("kitchen", config), Path(sys.argv[1]))
 """
 
 
+@pytest.mark.slow
 def test_processes_side_by_side_give_the_same_bits_and_do_not_run_the_program_again(folded: Path, tmp_path: Path):
     (tmp_path / "program.py").write_text(PROGRAM)  # without a `__main__` guard
     command = [sys.executable, str(tmp_path / "program.py"), str(tmp_path / "model")]
@@ -299,6 +300,7 @@ def test_processes_side_by_side_give_the_same_bits_and_do_not_run_the_program_ag
     assert same_files(tmp_path / "model", folded)
 
 
+@pytest.mark.slow
 def test_an_error_and_the_death_of_a_process_are_told(
     opened_kitchen: OpenedGraph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):

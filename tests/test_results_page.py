@@ -59,7 +59,7 @@ def results_of(runs, **changed):
     values = {
         "format": "wordcraft-kg results 1",
         "name": "fabricated-everyday",
-        "command": "wordcraft-kg sweep fabricated.toml",
+        "command": "wordcraft-kg reproduce fabricated.toml",
         "study": study,
         "graphs": (PlayedGraph("everyday", "a" * 64, "by-recipe", 0, "b" * 64),),
         "versions": {"torch": "2"},

@@ -125,13 +125,13 @@ def test_explain_plays_the_goal_it_is_asked_for(run: Run, world: Path) -> None:
 
 def test_compare_agents_counts_runs_that_differ_in_the_seed_as_one_agent(run: Run, world: Path, tmp_path: Path) -> None:
     runs = (world / "plain-0", world / "plain-1", world / "guided")
-    done = run("compare-agents", *runs, "--out", tmp_path / "report", "--draws", 2, "--json")
+    done = run("compare", *runs, "--out", tmp_path / "report", "--draws", 2, "--json")
     assert done.code == 0, done.err
     found = json.loads(done.out)
     assert found["agents"].keys() == {"plain", "guided"}
     assert found["agents"]["plain"]["seeds"] == [0, 1]
     assert (tmp_path / "report/index.html").is_file()
-    refused = run("compare-agents", *runs, "--out", tmp_path / "report")
+    refused = run("compare", *runs, "--out", tmp_path / "report")
     assert (refused.code, "--force" in refused.err) == (1, True)
 
 
@@ -244,7 +244,7 @@ def test_a_book_too_small_for_8_distractors_says_what_to_give_and_then_trains(ru
     assert not (tmp_path / "run").exists()
     done = run(*train, "--distractors", 5)
     assert done.code == 0, done.err
-    compared = run("compare-agents", tmp_path / "run", "--out", tmp_path / "report", "--json")
+    compared = run("compare", tmp_path / "run", "--out", tmp_path / "report", "--json")
     assert json.loads(compared.out)["agents"]["run"]["success"].keys() == {"1", "5"}
 
 
@@ -259,7 +259,7 @@ def test_a_scorer_of_another_graph_is_refused(run: Run, world: Path, tmp_path: P
 @pytest.mark.parametrize(
     ("command", "message"),
     [
-        (("evaluate-agent", "{world}/nothing"), "does not exist"),
+        (("evaluate-agent", "{world}/nothing"), "is neither a file nor"),
         (("evaluate-agent", "{world}/scorer"), "written by train-complex; expected a run of train-agent"),
         (("evaluate-agent", "{world}/plain-0", "--draws", 0), "--draws 0"),
         (("evaluate-agent", "{world}/plain-0", "--distractors", "many"), "--distractors 'many'"),
@@ -267,9 +267,9 @@ def test_a_scorer_of_another_graph_is_refused(run: Run, world: Path, tmp_path: P
         (("evaluate-agent", "{world}/plain-0", "--part", "valid"), "valid"),
         (("explain", "{world}/plain-0", "--goal", "spaceship"), "no entity 'spaceship'"),
         (("explain", "{world}/plain-0", "--episodes", 0), "--episodes 0"),
-        (("compare-agents", "{world}/plain-0", "{world}/many"), "plays with max_attempts"),
-        (("compare-agents",), "at least one run folder"),
-        (("compare-agents", "{world}/plain-0", "{world}/plain-0"), "the same agent with the same seed"),
+        (("compare", "{world}/plain-0", "{world}/many"), "plays with max_attempts"),
+        (("compare",), "needs run folders"),
+        (("compare", "{world}/plain-0", "{world}/plain-0"), "the same agent with the same seed"),
     ],
 )
 def test_bad_input_to_the_other_commands_is_a_clear_error(
@@ -286,7 +286,7 @@ def test_bad_input_to_the_other_commands_is_a_clear_error(
     [
         (("evaluate-agent", "{world}/plain-0", "--draws", 3), "playing: 2 of 3"),
         (("explain", "{world}/plain-0", "--episodes", 2), "explaining: 1 of 2"),
-        (("compare-agents", "{world}/plain-0", "--out", "{out}"), "evaluating agents: 1 of 3"),
+        (("compare", "{world}/plain-0", "--out", "{out}"), "evaluating agents: 1 of 3"),
     ],
 )
 def test_judging_agents_names_its_stages(
@@ -310,7 +310,7 @@ def test_agents_with_another_task_weighting_are_compared_only_where_it_does_not_
         options = ("--task-weighting", folder.name, "--out", folder)
         assert run("train-agent", world / "graph", *small, *options).code == 0
     options = ("--draws", 1, "--episodes", 0, "--distractors", 1, "--part", "train", "--out", tmp_path / "report")
-    done = run("compare-agents", *runs, *options)
+    done = run("compare", *runs, *options)
     if depth == 2:  # all tasks are enumerated
         assert done.code == 0, done.err
     else:
@@ -340,9 +340,9 @@ def test_an_mlp_is_judged_with_the_tables_it_was_made_for(run: Run, world: Path,
     refused = run("evaluate-agent", tmp_path / "mlp", "--distractors", 5)
     assert refused.code == 1
     assert "this mlp was made for" in refused.err
-    refused = run("compare-agents", tmp_path / "mlp", "--distractors", "3,5", "--out", tmp_path / "report")
+    refused = run("compare", tmp_path / "mlp", "--distractors", "3,5", "--out", tmp_path / "report")
     assert (refused.code, "an mlp plays with" in refused.err) == (1, True)
-    assert run("compare-agents", tmp_path / "mlp", "--distractors", "2,3", "--out", tmp_path / "report").code == 0
+    assert run("compare", tmp_path / "mlp", "--distractors", "2,3", "--out", tmp_path / "report").code == 0
 
 
 @pytest.mark.parametrize(

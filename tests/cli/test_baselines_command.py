@@ -4,7 +4,7 @@ import pytest
 
 
 def test_baselines_prints_a_table_of_players_and_distractors(run):
-    outcome = run("baselines", "kitchen", "--distractors", "1,4", "--draws", "2")
+    outcome = run("evaluate-agent", "kitchen", "--distractors", "1,4", "--draws", "2")
     assert outcome.code == 0
     lines = outcome.out.splitlines()
     assert "1 distractor" in lines[0]
@@ -17,13 +17,17 @@ def test_baselines_prints_a_table_of_players_and_distractors(run):
 
 
 def test_baselines_prints_one_json_object(run):
-    result = json.loads(run("baselines", "kitchen", "--distractors", "2", "--depth", "2", "--draws", "1", "--json").out)
+    result = json.loads(
+        run("evaluate-agent", "kitchen", "--distractors", "2", "--depth", "2", "--draws", "1", "--json").out
+    )
     assert (result["part"], result["depth"], result["draws"]) == ("test", 2, 1)
     assert {row["episodes"] for row in result["rows"]} == {result["tasks"]}
     assert result["intervals"] == "95 %, bootstrap over tasks"
     assert {row["distractors"] for row in result["rows"]} == {2}
     assert all(0 <= row["low"] <= row["success"] <= row["high"] <= 1 for row in result["rows"])
-    again = json.loads(run("baselines", "kitchen", "--distractors", "2", "--depth", "2", "--draws", "1", "--json").out)
+    again = json.loads(
+        run("evaluate-agent", "kitchen", "--distractors", "2", "--depth", "2", "--draws", "1", "--json").out
+    )
     assert result == again
 
 
@@ -43,7 +47,7 @@ def test_baselines_prints_one_json_object(run):
     ],
 )
 def test_baselines_refuses_bad_input(run, arguments, says):
-    outcome = run("baselines", *arguments)
+    outcome = run("evaluate-agent", *arguments)
     assert (outcome.code, outcome.out) == (1, "")
     assert says in outcome.err
     assert "Traceback" not in outcome.err

@@ -42,19 +42,19 @@ def models(result: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     opened = open_graph("kitchen")
     mine = NeighbourScorer(opened.graph, opened.split.partial)
     save_scorer(home / "mine", mine, opened, kg="partial", origin="neighbours")
-    command = ("import-pykeen", result, "--graph", "kitchen", "--out", home / "theirs", "--trust-pickle")
+    command = ("train-links", "kitchen", "--from-pykeen", result, "--out", home / "theirs", "--trust-pickle")
     assert main([str(argument) for argument in command]) == 0
     return home
 
 
 def test_import_pykeen_says_what_the_model_has_seen(run: Run, result: Path, tmp_path: Path) -> None:
-    done = run("import-pykeen", result, "--graph", "kitchen", "--out", tmp_path / "m", "--trust-pickle", "--json")
+    done = run("train-links", "kitchen", "--from-pykeen", result, "--out", tmp_path / "m", "--trust-pickle", "--json")
     expected = {"out": str(tmp_path / "m"), "model": "DistMult", "triples": 790, "held_out": 0, "kg": "partial"}
     assert json.loads(done.out) == expected
 
 
 def test_import_pykeen_asks_for_trust_and_writes_nothing_without(run: Run, result: Path, tmp_path: Path) -> None:
-    done = run("import-pykeen", result, "--graph", "kitchen", "--out", tmp_path / "m")
+    done = run("train-links", "kitchen", "--from-pykeen", result, "--out", tmp_path / "m")
     assert (done.code, done.out) == (1, "")
     assert "add --trust-pickle" in done.err
     assert not list(tmp_path.iterdir())
@@ -70,9 +70,9 @@ def test_links_commands_take_it(name: str, run: Run, models: Path, tmp_path: Pat
     assert not judged["has_seen_the_test_recipes"]
     page = (tmp_path / "report" / "index.html").read_text()
     assert "someone else, and saved as a model folder" in page
-    compared = json.loads(run("compare-links", models / "mine", models / "theirs", "--json").out)
+    compared = json.loads(run("compare", models / "mine", models / "theirs", "--json").out)
     assert compared["models"][1]["difference"] < 0  # an epoch teaches DistMult nothing
-    assert run("baselines", "kitchen", "--scorer", models / name, "--draws", 1, "--distractors", 1).code == 0
+    assert run("evaluate-agent", "kitchen", "--scorer", models / name, "--draws", 1, "--distractors", 1).code == 0
 
 
 def test_an_agent_can_be_guided_by_it_explained_and_compared(run: Run, models: Path, tmp_path: Path) -> None:
@@ -81,7 +81,7 @@ def test_an_agent_can_be_guided_by_it_explained_and_compared(run: Run, models: P
         assert run("train-agent", "kitchen", *SMALL, *options).code == 0
     explained = run("explain", tmp_path / "run-0", "--episodes", 1)
     assert (explained.code, "u" in explained.out) == (0, True)
-    compared = run("compare-agents", tmp_path / "run-0", tmp_path / "run-1", "--out", tmp_path / "report", "--json")
+    compared = run("compare", tmp_path / "run-0", tmp_path / "run-1", "--out", tmp_path / "report", "--json")
     assert compared.code == 0
     assert (tmp_path / "report" / "index.html").is_file()
 

@@ -600,7 +600,7 @@ def test_books_lists_names_origins_and_what_can_be_fetched(run, home):
     }
     assert listed["data_folder"] is None
     text = run("books").out
-    assert "get it: wordcraft-kg fetch little-alchemy-2" in text
+    assert "get it: wordcraft-kg books --fetch little-alchemy-2" in text
     assert f"{DATA_VARIABLE} names (not set)" in text
 
 
@@ -609,7 +609,7 @@ def test_fetch_without_a_network_says_how_to_place_the_file_by_hand(run, home, m
         raise urllib.error.URLError("Name or service not known")
 
     monkeypatch.setattr(urllib.request, "urlopen", offline)
-    outcome = run("fetch", "little-alchemy-2")
+    outcome = run("books", "--fetch", "little-alchemy-2")
     assert (outcome.code, outcome.out) == (1, "")
     assert "could not download 'little-alchemy-2' (Name or service not known)" in outcome.err
     assert f"save {FETCHABLE['little-alchemy-2'].url} as {home / 'cache'}" in outcome.err
@@ -619,7 +619,7 @@ def test_fetch_without_a_network_says_how_to_place_the_file_by_hand(run, home, m
 
 def test_fetch_keeps_no_other_file_than_the_pinned_one(run, home, monkeypatch):
     monkeypatch.setattr(urllib.request, "urlopen", lambda url, **options: io.BytesIO(b"{}"))
-    outcome = run("fetch", "little-alchemy-2")
+    outcome = run("books", "--fetch", "little-alchemy-2")
     assert (outcome.code, outcome.out) == (1, "")
     assert "not kept" in outcome.err
     assert not (home / "cache").exists()
@@ -627,15 +627,15 @@ def test_fetch_keeps_no_other_file_than_the_pinned_one(run, home, monkeypatch):
 
 def test_fetch_reports_the_real_book_that_the_cache_holds(run, home, alchemy_path, monkeypatch):
     monkeypatch.setattr(urllib.request, "urlopen", lambda url, **options: io.BytesIO(alchemy_path.read_bytes()))
-    result = json.loads(run("fetch", "little-alchemy-2", "--json").out)
+    result = json.loads(run("books", "--fetch", "little-alchemy-2", "--json").out)
     assert Path(result["path"]).read_bytes() == alchemy_path.read_bytes()
     monkeypatch.delattr(urllib.request, "urlopen")
-    assert "next: wordcraft-kg build-graph little-alchemy-2" in run("fetch", "little-alchemy-2").out
+    assert "next: wordcraft-kg build-graph little-alchemy-2" in run("books", "--fetch", "little-alchemy-2").out
     assert run("build-graph", "little-alchemy-2", "--out", home / "la2").code == 0
 
 
 def test_fetch_refuses_an_unknown_book_with_the_nearest_one(run, home):
-    outcome = run("fetch", "little-alchemy-3")
+    outcome = run("books", "--fetch", "little-alchemy-3")
     assert (outcome.code, outcome.out) == (1, "")
     assert "no book 'little-alchemy-3' to fetch" in outcome.err
     assert "Did you mean 'little-alchemy-2'?" in outcome.err
@@ -648,10 +648,10 @@ def test_another_file_in_place_of_the_published_book_is_refused_by_name(refused,
 
 
 def test_a_book_that_was_not_fetched_says_how_to_fetch_it(refused):
-    refused("little-alchemy-2", says=["Fetch it: wordcraft-kg fetch little-alchemy-2"])
+    refused("little-alchemy-2", says=["Fetch it: wordcraft-kg books --fetch little-alchemy-2"])
 
 
-@pytest.mark.parametrize("command", ["build-graph", "describe", "books", "fetch", "export"])
+@pytest.mark.parametrize("command", ["build-graph", "describe", "books", "tasks", "export"])
 def test_help_gives_examples_that_start_with_the_command(run, command):
     outcome = run(command, "--help")
     assert (outcome.code, outcome.err) == (0, "")

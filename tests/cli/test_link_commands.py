@@ -84,7 +84,7 @@ def refused(outcome: Any, kind: str) -> str:
             ["evaluate-links", "{0}/one", "--out", "{1}/report"],
             ["ranking heads", "drawing the map", "writing the report"],
         ),
-        (["compare-links", "{0}/one", "{0}/two"], ["ranking tails", "resampling: 1,999 of 2,000"]),
+        (["compare", "{0}/one", "{0}/two"], ["ranking tails", "resampling: 1,999 of 2,000"]),
     ],
     ids=lambda value: value[0],
 )
@@ -143,7 +143,7 @@ def test_an_option_that_does_not_exist_does_not_parse(run: Run):
         ("train-complex", "kitchen", "--epochs", "many"),
         ("train-complex", "kitchen", "--kg", "half"),
         ("score",),
-        ("compare-links", "one"),
+        ("evaluate-links",),
         ("no-such-command",),
     ],
 )
@@ -486,7 +486,7 @@ def test_a_graph_that_has_moved_is_found_with_graph(run: Run, workshop: Path):
 
 def test_a_graph_built_again_with_another_split_is_refused(run: Run, workshop: Path):
     build(workshop / "graph", seed=1)
-    for command in (["evaluate-links", workshop / "one"], ["compare-links", workshop / "one", workshop / "two"]):
+    for command in (["evaluate-links", workshop / "one"], ["compare", workshop / "one", workshop / "two"]):
         assert "split" in refused(run(*command), "GraphMismatchError")
     assert not (workshop / "one" / "report").exists()
 
@@ -510,8 +510,8 @@ def test_a_missing_or_foreign_folder_is_a_clear_error_everywhere(run: Run, train
     for command in (
         ["evaluate-links", "{}"],
         ["score", "{}", "flour", "combinesWith", "water"],
-        ["compare-links", "{}", str(trained / "one")],
-        ["compare-links", str(trained / "one"), "{}"],
+        ["compare", "{}", str(trained / "one")],
+        ["compare", str(trained / "one"), "{}"],
     ):
         for folder, expected in ((tmp_path / "nowhere", "does not exist"), (trained / "graph", "is a graph folder")):
             assert expected in refused(run(*(part.format(folder) for part in command)), "ArtefactError")
@@ -788,7 +788,7 @@ def test_score_wants_to_list_at_least_one(run: Run, trained: Path, top: str):
 
 
 def test_compare_links_prints_one_object_with_the_paired_difference(run: Run, trained: Path):
-    values = one_object(run("compare-links", trained / "one", trained / "two", "--json"))
+    values = one_object(run("compare", trained / "one", trained / "two", "--json"))
     assert {"graph", "split", "queries", "triples", "models", "best"} <= set(values)
     one, two = values["models"]
     assert (one["name"], two["name"]) == ("one", "two")
@@ -799,7 +799,7 @@ def test_compare_links_prints_one_object_with_the_paired_difference(run: Run, tr
 
 def test_compare_links_agrees_with_the_reports_of_all(run: Run, workshop: Path):
     names = ("one", "two")
-    values = one_object(run("compare-links", *(workshop / name for name in names), "--json"))
+    values = one_object(run("compare", *(workshop / name for name in names), "--json"))
     for name, found in zip(names, values["models"], strict=True):
         report = one_object(run("evaluate-links", workshop / name, "--json"))
         for metric in ("mrr", "hits@1", "hits@3", "hits@10"):
@@ -807,21 +807,21 @@ def test_compare_links_agrees_with_the_reports_of_all(run: Run, workshop: Path):
 
 
 def test_a_model_does_not_differ_from_itself(run: Run, trained: Path):
-    values = one_object(run("compare-links", trained / "one", trained / "one", "--json"))["models"][1]
+    values = one_object(run("compare", trained / "one", trained / "one", "--json"))["models"][1]
     assert (values["difference"], values["difference_ci"], values["probability_better"]) == (0, [0, 0], 0.5)
-    assert "no difference is shown" in run("compare-links", trained / "one", trained / "one").out
+    assert "no difference is shown" in run("compare", trained / "one", trained / "one").out
 
 
 def test_models_of_one_name_are_told_apart_by_their_paths(run: Run, workshop: Path):
     shutil.copytree(workshop / "two", workshop / "copies" / "one")
     paths = [workshop / "one", workshop / "copies" / "one"]
-    values = one_object(run("compare-links", *paths, "--graph", workshop / "graph", "--json"))
+    values = one_object(run("compare", *paths, "--graph", workshop / "graph", "--json"))
     assert [found["name"] for found in values["models"]] == [str(path) for path in paths]
 
 
 def test_several_models_are_compared_with_the_first_on_a_page(run: Run, trained: Path, tmp_path: Path):
     page = tmp_path / "new" / "comparison.html"
-    command = ("compare-links", *(trained / name for name in ("one", "two", "full")), "--out", page)
+    command = ("compare", *(trained / name for name in ("one", "two", "full")), "--out", page)
     text = run(*command).out.splitlines()
     assert [line.split()[0] for line in text[1:4]] == ["one", "two", "full"]
     assert "widened for 3 pairs of models (Bonferroni)" in text[-2]
@@ -837,7 +837,7 @@ def test_several_models_are_compared_with_the_first_on_a_page(run: Run, trained:
 def test_a_folder_of_seeds_is_compared_as_one_model(run: Run, workshop: Path):
     seeds = ("--seeds", "4,5", "--out", workshop / "seeds")
     run("train-complex", workshop / "graph", *TINY, "--quiet", *seeds)
-    command = ("compare-links", workshop / "one", workshop / "seeds")
+    command = ("compare", workshop / "one", workshop / "seeds")
     found = one_object(run(*command, "--json"))["models"][1]
     assert (found["name"], found["seeds"]) == ("seeds", [4, 5])
     assert found["mrr"] == pytest.approx(np.mean(found["mrr_of_seeds"]))
@@ -847,18 +847,18 @@ def test_a_folder_of_seeds_is_compared_as_one_model(run: Run, workshop: Path):
 def test_models_of_different_splits_are_not_compared(run: Run, workshop: Path):
     build(workshop / "other", seed=1)
     assert run("train-complex", workshop / "other", *TINY, "--out", workshop / "three").code == 0
-    outcome = run("compare-links", workshop / "one", workshop / "three")
+    outcome = run("compare", workshop / "one", workshop / "three")
     assert "different splits" in refused(outcome, "GraphMismatchError")
 
 
 def test_comparing_with_a_model_of_the_full_graph_says_that_it_has_seen_the_triples(run: Run, trained: Path):
-    assert "has seen these triples" in run("compare-links", trained / "one", trained / "full").out
-    assert "has seen these triples" not in run("compare-links", trained / "one", trained / "two").out
+    assert "has seen these triples" in run("compare", trained / "one", trained / "full").out
+    assert "has seen these triples" not in run("compare", trained / "one", trained / "two").out
 
 
 @pytest.mark.parametrize("resamples", ["0", "-5"])
 def test_comparing_without_resamples_is_refused(run: Run, trained: Path, resamples: str):
-    outcome = run("compare-links", trained / "one", trained / "two", "--resamples", resamples)
+    outcome = run("compare", trained / "one", trained / "two", "--resamples", resamples)
     assert f"--resamples {resamples}" in refused(outcome, "ConfigError")
 
 
@@ -866,11 +866,13 @@ def test_comparing_without_resamples_is_refused(run: Run, trained: Path, resampl
 
 
 def test_the_models_that_can_be_trained_are_listed_with_their_commands(run: Run):
-    listed = {model["name"]: model["command"] for model in one_object(run("link-models", "--json"))["models"]}
+    listed = {
+        model["name"]: model["command"] for model in one_object(run("train-links", "--list-models", "--json"))["models"]
+    }
     assert listed["ComplEx"] == "train-complex"
     assert listed["RotatE"] == "train-links --model RotatE"
     assert not {"CompGCN", "DistMultLiteral", "NodePiece", "FixedModel"} & set(listed)
-    assert "wordcraft-kg train-links --model TuckER" in run("link-models").out
+    assert "wordcraft-kg train-links --model TuckER" in run("train-links", "--list-models").out
 
 
 def test_a_listed_model_trains_under_its_listed_name(run: Run, tmp_path: Path):

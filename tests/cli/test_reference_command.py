@@ -1,4 +1,4 @@
-"""``reference`` as a user runs it, and the pack beside ``compare-agents`` and ``discover``."""
+"""``reference`` as a user runs it, and the pack beside ``compare`` and ``discover``."""
 
 import json
 from typing import Any
@@ -85,7 +85,7 @@ def session(path, *, right: int, wrong: int, graph: str = "kitchen", distractors
 def test_a_graph_without_a_pack_is_measured_as_baselines_does(run):
     found = json.loads(run("reference", "kitchen", "--distractors", "1,4", "--json").out)
     assert (found["pack"], found["measured"], found["columns"]) == (None, [1, 4], [1, 4])
-    expected = json.loads(run("baselines", "kitchen", "--distractors", "1,4", "--json").out)["rows"]
+    expected = json.loads(run("evaluate-agent", "kitchen", "--distractors", "1,4", "--json").out)["rows"]
     of = {(one["player"], str(one["distractors"])): one for one in expected}
     figures = {(one["player"], column): value for one in found["rows"] for column, value in one["figures"].items()}
     assert figures.keys() == of.keys()
@@ -307,7 +307,7 @@ def test_a_run_of_another_graph_is_refused(run, runs):
 
 
 def test_a_report_of_agents_shows_the_pack_apart_and_has_the_same_figures(run, runs, monkeypatch, tmp_path, pack):
-    arguments = ("compare-agents", runs, "--distractors", "1,4", "--draws", 1, "--episodes", 0)
+    arguments = ("compare", runs, "--distractors", "1,4", "--draws", 1, "--episodes", 0)
     with_pack = run(*arguments, "--out", tmp_path / "with")
     assert with_pack.code == 0, with_pack.err
     assert "for comparison: wordcraft-kg reference kitchen --part test --depth 1 --distractors 1,4" in with_pack.out

@@ -206,13 +206,13 @@ def test_where_one_run_is_needed_a_folder_of_seeds_is_refused_with_one_of_them(
 
 def test_compare_agents_takes_a_folder_of_seeds_for_one_agent(run: Run, seeds: Path, tmp_path: Path):
     options = ("--draws", 1, "--episodes", 0, "--json")
-    together = run("compare-agents", seeds / "plain", *options, "--out", tmp_path / "together")
+    together = run("compare", seeds / "plain", *options, "--out", tmp_path / "together")
     assert together.code == 0, together.err
     agents = json.loads(together.out)["agents"]
     assert agents.keys() == {"plain"}
     assert agents["plain"]["runs"] == ["plain-seed-0", "plain-seed-1"]
     assert agents["plain"]["seeds"] == [0, 1]
-    single = run("compare-agents", seeds / "plain/seed-1", *options, "--out", tmp_path / "single")
+    single = run("compare", seeds / "plain/seed-1", *options, "--out", tmp_path / "single")
     assert json.loads(single.out)["agents"].keys() == {"plain-seed-1"}
-    missing = run("compare-agents", seeds / "graph", "--out", tmp_path / "nothing")
+    missing = run("compare", seeds / "graph", "--out", tmp_path / "nothing")
     assert "is a graph folder" in refused(missing, "ArtefactError")

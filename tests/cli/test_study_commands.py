@@ -34,18 +34,18 @@ def study(tmp_path: Path) -> Path:
 
 def test_a_sweep_trains_what_is_missing_and_writes_its_results(run, study, tmp_path):
     out = tmp_path / "results"
-    found = run("sweep", study, "--out", out, "--jobs", 1, "--json")
+    found = run("reproduce", study, "--out", out, "--jobs", 1, "--json")
     assert found.code == 0, found.err
     assert json.loads(found.out)["studies"]["study"]["done"] == 6
     results = json.loads((out / "reports/study/results.json").read_text())
     assert [row["variant"] for row in results["runs"]] == ["none", "none", "guided", "guided"]
-    again = run("sweep", study, "--out", out, "--seeds", 1)
+    again = run("reproduce", study, "--out", out, "--seeds", 1)
     assert again.code == 0
     assert "0 tasks done, 4 were there, 0 failed" in again.out
 
 
 def test_a_dry_run_lists_everything_and_does_nothing(run, study, tmp_path):
-    found = run("sweep", study, "--out", tmp_path / "results", "--dry-run")
+    found = run("reproduce", study, "--out", tmp_path / "results", "--dry-run")
     assert found.code == 0
     assert "1 graph, 4 runs, 1 scorer; about 0.0 hours of one core" in found.out
     assert "guided, seed 1" in found.out
@@ -53,22 +53,22 @@ def test_a_dry_run_lists_everything_and_does_nothing(run, study, tmp_path):
 
 
 def test_the_list_has_every_study_with_hours_and_source(run):
-    found = run("reproduce", "list", "--json")
+    found = run("reproduce", "--list", "--json")
     values = json.loads(found.out)
     studies = values["studies"]
     assert list(studies) == built_in()
     assert 0 < values["hours"] < sum(study["hours"] for study in studies.values()), "they share trainings"
     assert all(study["hours"] > 0 and study["source"] for study in studies.values())
-    shorter = json.loads(run("reproduce", "list", "--json", "--steps", "300000", "--seeds", "3").out)
+    shorter = json.loads(run("reproduce", "--list", "--json", "--steps", "300000", "--seeds", "3").out)
     assert 0 < shorter["hours"] < values["hours"] / 5
-    refused = run("reproduce", "list", "--book", "kitchen")
+    refused = run("reproduce", "--list", "--book", "kitchen")
     assert (refused.code, refused.kind) == (1, "ConfigError")
 
 
 def test_a_failed_task_makes_the_exit_code_1_and_is_named(run, study, tmp_path):
     (tmp_path / "few-words.txt").write_text("nothing 1 2\n")
     study.write_text(STUDY + f"[variants.odd]\nfeatures = '{tmp_path / 'few-words.txt'}'\n")
-    found = run("sweep", study, "--out", tmp_path / "results", "--jobs", 1)
+    found = run("reproduce", study, "--out", tmp_path / "results", "--jobs", 1)
     assert found.code == 1
     assert "odd, seed 0: " in found.out
     assert "few-words.txt" in found.out
@@ -84,8 +84,10 @@ def test_a_failed_task_makes_the_exit_code_1_and_is_named(run, study, tmp_path):
         (["reproduce", "knowledge", "--book", "nowhere"], "nowhere"),
         (["reproduce", "embeddings", "--book", "kitchen", "--jobs", "0"], "--jobs 0"),
         (["reproduce", "embeddings", "--book", "kitchen", "--address", "auto"], "give --engine ray too"),
-        (["sweep", "no-such-study.toml"], "no such file"),
-        (["reproduce", "./study.toml"], "'./study.toml' is no built-in study"),
+        (["reproduce", "no-such-study.toml"], "no such file"),
+        (["reproduce", "embeddings", "--by", "scorer"], "add --show"),
+        (["reproduce", "study.toml", "--book", "kitchen"], "a file names its own"),
+        (["reproduce"], "needs a study"),
         (["reproduce", "knowledge", "--book", "kitchen,./kitchen"], "two books are called 'kitchen'"),
     ],
 )
@@ -110,14 +112,14 @@ def test_bad_input_is_named(run, tmp_path, arguments, said):
 def test_a_wrong_study_is_refused_before_anything_starts(run, study, tmp_path, old, new, said):
     assert old in STUDY
     study.write_text(STUDY.replace(old, new))
-    found = run("sweep", study, "--out", tmp_path / "results")
+    found = run("reproduce", study, "--out", tmp_path / "results")
     assert found.code == 1
     assert said in found.err
     assert not (tmp_path / "results").exists()
 
 
 def test_an_output_that_is_a_file_is_refused(run, study, tmp_path):
-    found = run("sweep", study, "--out", study)
+    found = run("reproduce", study, "--out", study)
     assert found.code == 1
     assert "is a file; expected a results folder" in found.err
 
@@ -126,7 +128,7 @@ def test_an_output_that_is_a_file_is_refused(run, study, tmp_path):
 @pytest.mark.parametrize("by", [signal.SIGINT, signal.SIGTERM])
 def test_a_study_that_is_interrupted_goes_on_and_ends_with_the_same_bytes(study, tmp_path, by):
     study.write_text(STUDY.replace("steps = 512", "steps = 60000\neval_every = 6000"))
-    command = [sys.executable, "-m", "wordcraft_kg", "sweep", str(study), "--jobs", "2", "--out"]
+    command = [sys.executable, "-m", "wordcraft_kg", "reproduce", str(study), "--jobs", "2", "--out"]
     subprocess.run([*command, str(tmp_path / "whole")], check=True)
     process = subprocess.Popen([*command, str(tmp_path / "parts")], start_new_session=True, stderr=subprocess.PIPE)
     while not list(tmp_path.glob("parts/runs/*/checkpoints/*.json")):

@@ -118,7 +118,7 @@ def test_an_unknown_name_is_refused_with_the_nearest_book(home):
 
 
 def test_a_book_that_was_not_fetched_says_how_to_fetch_it(home):
-    with pytest.raises(RecipeFileError, match=f"not on this machine yet. Fetch it: wordcraft-kg fetch {NAME}"):
+    with pytest.raises(RecipeFileError, match=f"not on this machine yet. Fetch it: wordcraft-kg books --fetch {NAME}"):
         open_book(NAME)
 
 

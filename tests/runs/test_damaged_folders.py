@@ -22,11 +22,11 @@ from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
 
 Run = Callable[..., Any]
 SCORE = ("score", "{folder}", "flour", "combinesWith", "water")
-COMPARE = ("compare-links", "{folder}", "{folder}", "--resamples", "2")
+COMPARE = ("compare", "{folder}", "{folder}", "--resamples", "2")
 REPORT = ("evaluate-links", "{folder}", "--out", "{out}")
 RESUME = ("resume", "{folder}")
 EVALUATE = ("evaluate-agent", "{folder}", "--draws", "1")
-JUDGE = ("compare-agents", "{folder}", "--draws", "1", "--distractors", "1", "--episodes", "0", "--out", "{out}")
+JUDGE = ("compare", "{folder}", "--draws", "1", "--distractors", "1", "--episodes", "0", "--out", "{out}")
 READERS: dict[tuple[str, str], tuple[tuple[str, ...], ...]] = {
     ("model", "run.json"): (COMPARE, RESUME),
     ("model", "config.toml"): (COMPARE,),

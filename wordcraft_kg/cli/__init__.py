@@ -3,8 +3,8 @@
 A new command is a module with a function of its own name and ``EXAMPLES``, and an entry in :data:`CORE`. An app, ours
 or another distribution's, adds commands by entry points of the group ``wordcraft_kg.commands``: the name of the
 command, with a dot between two words, and ``module:function``; its module has ``EXAMPLES`` and ``GROUP``, its place in
-the help.
-Heavy imports go inside the function, so that help stays fast.
+the help. One of the commands with the same first word has ``SUBJECT``, the help of that word. Heavy imports go inside
+the function, so that help stays fast.
 """
 
 import gc
@@ -28,49 +28,40 @@ from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.settings import nearest
 from wordcraft_kg.cli.console import Output
 from wordcraft_kg.cli.failures import Manual, failure_of, misuse
-from wordcraft_kg.cli.help import FlowingHelp
+from wordcraft_kg.cli.flowing_help import FlowingHelp
 
 CORE = {
-    "Recipe books": ["books", "fetch", "check-book", "cache"],
-    "Graphs": ["build-graph", "describe", "export"],
-    "Environments": ["tasks", "discover", "baselines"],
-    "Link prediction": [
-        "train-complex",
-        "train-links",
-        "train-recipes",
-        "link-models",
-        "tune-links",
-        "import-pykeen",
-        "evaluate-links",
-        "compare-links",
-        "score",
-    ],
-    "Agents": ["train-agent", "resume", "evaluate-agent", "explain", "compare-agents", "reference"],
-    "Studies": ["reproduce", "sweep", "results"],
+    "Graphs": ["build-graph", "describe", "check-book", "books", "export"],
+    "Link prediction": ["train-recipes", "train-complex", "train-links", "tune-links", "evaluate-links", "score"],
+    "Agents": ["train-agent", "resume", "evaluate-agent", "explain"],
+    "Comparisons": ["compare", "reference", "reproduce"],
+    "Tasks and play": ["tasks", "discover"],
 }
 """Commands of the core, by group of the help."""
 APPS = {point.name.replace(".", " "): point for point in entry_points(group="wordcraft_kg.commands")}
 """Commands of apps: where each is found."""
 ALL = [name for names in CORE.values() for name in names] + sorted(APPS)
-SUBJECTS = {"study": "Let people take the paper's test in the browser, and export their answers: serve, export."}
-"""First words of commands of two words, and what these are about."""
 PROGRAM = "wordcraft-kg"
 
-START = """Start here:
+ABOUT = """Recipe graphs of crafting worlds, link prediction on them, agents, and honest reports. Start here:
 
   wordcraft-kg build-graph everyday --out graphs/everyday
-  wordcraft-kg train-complex graphs/everyday --out models/everyday
+  wordcraft-kg train-recipes graphs/everyday --out models/everyday
   wordcraft-kg evaluate-links models/everyday
+  wordcraft-kg train-agent graphs/everyday --scorer models/everyday --out runs/guided
+  wordcraft-kg explain runs/guided
+  wordcraft-kg explore graphs/everyday --model models/everyday --run runs/guided
 
-Options can also be set in a TOML file, --config FILE, in a table named after the command."""
+train-complex trains the paper's model in place of train-recipes, and compare tells runs or models apart."""
+CONFIGURED = "Options can also be set in a TOML file, --config FILE, in a table named after the command."
 
 
 def make_app() -> App:
     """Build the application with all its commands."""
     app = App(
         name=PROGRAM,
-        help="Recipe graphs of crafting worlds, link prediction on them, and honest reports.",
-        help_epilogue=START,
+        help=ABOUT,
+        help_epilogue=CONFIGURED,
         version=__version__,
         version_flags=("--version", "-V"),
         help_format="plaintext",
@@ -84,13 +75,14 @@ def make_app() -> App:
     )
     for rank, (title, commands) in enumerate(commands_by_group().items()):
         group = Group(title, sort_key=rank)
-        for name in commands:
+        for place, name in enumerate(commands):
             manual = manual_of(name)
             *subject, word = name.split()
             _subject(app, subject, group).command(
                 manual.function,
                 name=word,
                 group=None if subject else group,
+                sort_key=place,
                 usage=f"Usage: {manual.usage}",
                 help_epilogue=_examples(manual),
                 synonym=tuple(word.split("-")),  # "train" is no command, but three commands train something
@@ -105,9 +97,8 @@ def _subject(app: App, words: list[str], group: Group) -> App:
     (word,) = words
     if word not in app:
         manuals = [manual_of(name) for name in ALL if name.startswith(f"{word} ")]
-        app.command(
-            App(name=word, help=SUBJECTS[word], help_epilogue=_examples(*manuals), group=group, version_flags=())
-        )
+        about = next(manual.module.SUBJECT for manual in manuals if hasattr(manual.module, "SUBJECT"))
+        app.command(App(name=word, help=about, help_epilogue=_examples(*manuals), group=group, version_flags=()))
     return app[word]
 
 
@@ -119,7 +110,7 @@ def commands_by_group() -> dict[str, list[str]]:
     """Return the names of all commands by group of the help, those of apps after the core's."""
     groups = {title: list(names) for title, names in CORE.items()}
     for name in sorted(APPS):
-        groups.setdefault(sys.modules[manual_of(name).function.__module__].GROUP, []).append(name)
+        groups.setdefault(manual_of(name).module.GROUP, []).append(name)
     return groups
 
 
@@ -132,7 +123,7 @@ def manual_of(name: str) -> Manual:
         word = re.sub(r"\W", "_", name)
         module = import_module(f"{__name__}.{word}")
         function = getattr(module, word)
-    return Manual(f"{PROGRAM} {name}", function, module.EXAMPLES)
+    return Manual(f"{PROGRAM} {name}", function, module)
 
 
 def command_in(tokens: Sequence[str]) -> str | None:
@@ -240,9 +231,10 @@ def _read_toml(path: str, tokens: Sequence[str]) -> dict[str, Any]:
 
 
 def _tables(content: dict[str, Any]) -> Iterator[tuple[str, Any]]:
-    """Yield the tables of a file by the command that they seem to be of: [study.serve] is of ``study serve``."""
+    """Yield the tables of a file by the command that they seem to be of: [people.serve] is of ``people serve``."""
+    subjects = {name.partition(" ")[0] for name in ALL if " " in name}
     for key, value in content.items():
-        if key in SUBJECTS and isinstance(value, dict) and value:
+        if key in subjects and isinstance(value, dict) and value:
             yield from ((f"{key} {word}", options) for word, options in value.items())
         else:
             yield key, value

@@ -1,37 +1,98 @@
 """``wordcraft-kg books``."""
 
+import os
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
 
-from wordcraft_kg.cli.console import Output
+from cyclopts import Parameter
+
+from wordcraft_kg.base.cache import cache_folder
+from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.base.wording import counted
+from wordcraft_kg.cli.console import Flag, Output, aligned
+from wordcraft_kg.cli.options import FetchableBook
+from wordcraft_kg.graphs.library import DATA_VARIABLE, FETCHABLE, fetch_book
 
 if TYPE_CHECKING:
     from wordcraft_kg.evaluation.books import BookList
 
-EXAMPLES = ("wordcraft-kg books", "wordcraft-kg books --json")
+EXAMPLES = (
+    "wordcraft-kg books",
+    "wordcraft-kg books --fetch little-alchemy-2",
+    "wordcraft-kg books --cache",
+)
 
 
-def books(*, output: Output = Output()) -> None:
-    """List the recipe books known by name: built in, in the cache or data folder, or available to fetch.
+def books(
+    *,
+    fetch: FetchableBook = None,
+    show_cache: Annotated[Flag, Parameter(name="--cache")] = False,
+    clear_cache: Flag = False,
+    output: Output = Output(),
+) -> None:
+    """List the recipe books known by name, download a published one, or look after the cache.
 
     A book's name works wherever a path of a recipe book does.
-    """
-    from wordcraft_kg.evaluation.books import view_books
 
-    view = view_books()
-    output.result(view, _text(view))
+    Args:
+        fetch: book to download into the cache, checked against its pinned SHA-256.
+        show_cache: list the files kept outside the folders that commands are given.
+        clear_cache: remove the fetched books, the word vectors and the answers of language models; PyKEEN's folder is
+            left alone.
+    """
+    if (fetch is not None) + (show_cache or clear_cache) > 1:
+        raise ConfigError("`fetch` and the options of the cache cannot be combined; give one of them.")
+    if fetch is not None:
+        _fetch(fetch, output)
+    elif show_cache or clear_cache:
+        _cache(clear_cache, output)
+    else:
+        from wordcraft_kg.evaluation.books import view_books
+
+        view = view_books()
+        output.result(view, _text(view))
 
 
 def _text(view: "BookList") -> Iterator[str]:
-    from wordcraft_kg.graphs.library import DATA_VARIABLE
-
-    width = max(len(book.name) for book in view.books)
-    yield f"{'book':<{width}}  {'origin':<11}  {'entities':>8}  {'recipes':>9}"
+    rows: list[tuple[str, ...]] = [("book", "origin", "entities", "recipes", "")]
     for book in view.books:
-        place = "" if book.origin == "built in" else book.path or f"get it: wordcraft-kg fetch {book.name}"
+        place = "" if book.origin == "built in" else book.path or f"get it: wordcraft-kg books --fetch {book.name}"
         note = f"  ({book.note})" if book.note else ""
-        sizes = ("" if size is None else f"{size:,}" for size in (book.entities, book.recipes))
-        counts = "  ".join(f"{size:>{room}}" for size, room in zip(sizes, (8, 9), strict=True))
-        yield f"{book.name:<{width}}  {book.origin:<11}  {counts}  {place}{note}".rstrip()
-    folder = view.data_folder or "not set"
-    yield f"your own: any path, or files in the folder that {DATA_VARIABLE} names ({folder})"
+        sizes = ["" if size is None else f"{size:,}" for size in (book.entities, book.recipes)]
+        rows.append((book.name, book.origin, *(f"{size:>8}" for size in sizes), f"{place}{note}".lstrip()))
+    yield from aligned(rows)
+    yield f"your own: any path, or files in the folder that {DATA_VARIABLE} names ({view.data_folder or 'not set'})"
+
+
+def _fetch(book: str, output: Output) -> None:
+    path = fetch_book(book)
+    known = FETCHABLE[book]
+    output.result(
+        {"book": book, "path": str(path), "sha256": known.sha256, "url": known.url, "note": known.note},
+        [f"{book} is in {path} ({known.note})", f"next: wordcraft-kg build-graph {book}"],
+    )
+
+
+def _cache(clear: bool, output: Output) -> None:
+    from rich.filesize import decimal
+
+    from wordcraft_kg.base.cache import clear_cache
+
+    if clear:
+        clear_cache()
+    pykeen = Path(os.environ.get("PYSTOW_HOME") or Path.home() / ".data") / "pykeen"
+    folders = [
+        _kept("fetched recipe books", cache_folder("books")),
+        _kept("word vectors read from files", cache_folder("vectors")),
+        _kept("answers of language models", cache_folder("opinions")),
+        _kept("PyKEEN's own folder", pykeen, is_ours=False),
+    ]
+    rows = ((one["holds"], f"{counted(one['files'], 'file')}, {decimal(one['bytes'])}", one["path"]) for one in folders)
+    text = [*aligned(rows), *(["cleared all but PyKEEN's"] if clear else [])]
+    output.result({"folders": folders, "cleared": clear}, text)
+
+
+def _kept(holds: str, folder: Path, *, is_ours: bool = True) -> dict[str, Any]:
+    sizes = [path.stat().st_size for path in folder.rglob("*") if path.is_file()]
+    return {"holds": holds, "path": str(folder), "files": len(sizes), "bytes": sum(sizes), "is_ours": is_ours}

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from cyclopts import Parameter
 
 from wordcraft_kg.base.wording import counted
-from wordcraft_kg.cli.completion import Book
 from wordcraft_kg.cli.console import Flag, Output, aligned, names, split_labels
+from wordcraft_kg.cli.options import Book
 from wordcraft_kg.cli.splits import split_rows
 from wordcraft_kg.graphs.splits import SPLITS, SplitConfig
 

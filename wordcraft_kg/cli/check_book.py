@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 from wordcraft_kg.base.wording import counted
-from wordcraft_kg.cli.completion import Book
 from wordcraft_kg.cli.console import Flag, Output, aligned, split_labels
+from wordcraft_kg.cli.options import Book
 
 if TYPE_CHECKING:
     from wordcraft_kg.evaluation.books import CheckedBook

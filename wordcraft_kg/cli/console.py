@@ -6,13 +6,14 @@ import re
 import sys
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.base.errors import ConfigError, OutputExistsError
 from wordcraft_kg.base.progress import listening
 from wordcraft_kg.cli.progress import Progress, Stages
 
@@ -94,6 +95,39 @@ def whole_numbers(option: str, values: Sequence[str]) -> list[int]:
     return numbers
 
 
+def refuse_given(options: Any, about: str) -> None:
+    """Refuse options that say nothing here.
+
+    Args:
+        options: a command's dataclass of options.
+        about: the things that they are about, for the error.
+
+    Raises:
+        ConfigError: naming the first option that has not its default.
+    """
+    for field in fields(options):
+        if getattr(options, field.name) != getattr(type(options)(), field.name):
+            raise ConfigError(f"`{field.name}` is for {about}; leave it out.")
+
+
+def check_page(out: Path | None, *, force: bool) -> None:
+    """Refuse a page that exists, before any work is done.
+
+    Raises:
+        OutputExistsError: if ``out`` exists and ``force`` is False.
+    """
+    if out is not None and out.exists() and not force:
+        raise OutputExistsError(f"'{out}' exists. Choose another `out`, or replace it with `force`.")
+
+
+def write_page(out: Path, page: Iterable[str], *, force: bool) -> None:
+    """Write an HTML page whole or not at all."""
+    from wordcraft_kg.base.artefacts import staged_file, write_atomically
+
+    with staged_file(out, force=force) as file:
+        write_atomically(file, page)
+
+
 MOST_SEEDS = 1_000
 
 
@@ -114,11 +148,14 @@ def read_seeds(text: str) -> list[int]:
     return list(seeds)
 
 
-def aligned(rows: Iterable[tuple[str, str]]) -> list[str]:
-    """Lay out ``name  value`` lines with the values aligned."""
-    pairs = list(rows)
-    width = max((len(name) for name, _ in pairs), default=0)
-    return [f"{name:<{width}}  {value}" for name, value in pairs]
+def aligned(rows: Iterable[Sequence[str]], *, numbers: bool = False) -> list[str]:
+    """Return the lines of a table, columns two blanks apart; columns of ``numbers``, after the first, end alike."""
+    table = list(rows)
+    widths = [max(map(len, column)) for column in zip_longest(*table, fillvalue="")]
+    aligns = ["<", *(">" if numbers else "<" for _ in widths[1:])]
+    return [
+        "  ".join(f"{cell:{a}{w}}" for cell, a, w in zip(row, aligns, widths, strict=False)).rstrip() for row in table
+    ]
 
 
 def names(labels: Sequence[str], total: int | None = None) -> str:

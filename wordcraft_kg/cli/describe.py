@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from wordcraft_kg.base.wording import counted
-from wordcraft_kg.cli.completion import Book
 from wordcraft_kg.cli.console import Output, aligned, names
+from wordcraft_kg.cli.options import Book
 from wordcraft_kg.cli.splits import split_rows
 
 if TYPE_CHECKING:

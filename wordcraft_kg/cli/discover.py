@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 from wordcraft_kg.base.errors import ConfigError, OutputExistsError
-from wordcraft_kg.cli.completion import Book, Scorer
 from wordcraft_kg.cli.console import Flag, Output, split_labels
+from wordcraft_kg.cli.options import Book, Scorer
 
 if TYPE_CHECKING:
     from wordcraft_kg.evaluation.discovery import DiscoveryView, Known

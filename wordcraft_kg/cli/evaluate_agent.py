@@ -1,65 +1,131 @@
 """``wordcraft-kg evaluate-agent``."""
 
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 
 from wordcraft_kg.base.settings import MAX_SIZE, whole
-from wordcraft_kg.cli.completion import Agent
-from wordcraft_kg.cli.console import Output, whole_numbers
+from wordcraft_kg.base.wording import counted
+from wordcraft_kg.cli.console import Output, aligned, refuse_given, whole_numbers
+from wordcraft_kg.cli.options import AgentOrBook, MovedGraph, Scorer, Words
+from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.graphs.tasks import TaskPart
 
 if TYPE_CHECKING:
-    from wordcraft_kg.evaluation.players import AgentEvaluation
+    from wordcraft_kg.evaluation.players import AgentEvaluation, Baselines
 
 EXAMPLES = (
     "wordcraft-kg evaluate-agent runs/no-kg --part test --distractors 1,8 --draws 5",
     "wordcraft-kg evaluate-agent runs/partial --agent kg-only",
+    "wordcraft-kg evaluate-agent graphs/everyday --scorer models/everyday",
 )
 
 
+@dataclass(frozen=True)
+class RunOptions:
+    """Options for the run of an agent.
+
+    Attributes:
+        agent: player of the run's tasks: the trained agent, chance, an oracle, or the run's scorer alone, with the
+            scores that the agent uses.
+    """
+
+    agent: Literal["trained", "random", "oracle", "kg-only"] = "trained"
+    graph: MovedGraph = None
+
+
+@dataclass(frozen=True)
+class ScriptedOptions:
+    """Options for scripted players.
+
+    Attributes:
+        depth: fewest attempts that solve a task, 1 to 5.
+        scorer: model folder; players that use its scores play too.
+        seed: seed of the draws and of ties.
+    """
+
+    depth: int = WordCraftConfig.depth
+    scorer: Scorer = None
+    seed: int = 0
+
+
 def evaluate_agent(
-    run: Agent,
+    run: AgentOrBook = "everyday",
     *,
     part: TaskPart = "test",
-    distractors: Annotated[list[str] | None, Parameter(negative=(), consume_multiple=False)] = None,
+    distractors: Words = None,
     draws: int = 5,
-    agent: Literal["trained", "random", "oracle", "kg-only"] = "trained",
-    graph: str | None = None,
+    trained: Annotated[RunOptions, Parameter(name="*", group="Run of an agent")] = RunOptions(),
+    scripted: Annotated[ScriptedOptions, Parameter(name="*", group="Scripted players")] = ScriptedOptions(),
     output: Output = Output(),
 ) -> None:
-    """Let an agent play all tasks of a part, greedily, with fixed draws of distractors.
+    """Let an agent, or scripted players, play all tasks of a part with fixed draws of distractors.
+
+    An agent plays greedily. On a graph, its baselines play: chance, votes, symbolic graphs, a scorer, the oracle.
 
     Args:
-        run: run folder; an unfinished run is evaluated at its last checkpoint.
+        run: run folder, evaluated at its last checkpoint if it is unfinished; or a graph folder, book's file, or known
+            book's name, on which scripted players play.
         part: tasks to play: train, valid, test or all.
-        distractors: comma-separated numbers of distractors. Default: as in training.
-        draws: draws of distractors for each task; all agents see the same.
-        agent: who plays the run's tasks: the trained agent, chance, an oracle, or the run's scorer alone (u + v).
-        graph: where the graph is now, if it has moved since the training.
+        distractors: comma-separated numbers of distractors. Default: as in training, and 1,2,8 for scripted players.
+        draws: draws of distractors for each task; all players see the same.
+        trained: options for the run of an agent.
+        scripted: options for scripted players.
     """
-    from wordcraft_kg.agents.agent_folder import open_agent
-    from wordcraft_kg.evaluation.players import view_evaluation
-
     whole("draws", draws, 1, MAX_SIZE)
-    trained = open_agent(run, graph)
-    amounts = whole_numbers("distractors", distractors or [str(trained.config.tasks.distractors)])
-    view = view_evaluation(run, trained, agent, part, amounts, draws)
-    output.result(view, _text(view))
+    if Path(run).is_dir() and not (Path(run) / "graph.json").is_file():
+        refuse_given(scripted, f"scripted players on a graph, and '{run}' is none")
+        from wordcraft_kg.agents.agent_folder import open_agent
+        from wordcraft_kg.evaluation.players import view_evaluation
+
+        opened = open_agent(Path(run), trained.graph)
+        amounts = whole_numbers("distractors", distractors or [str(opened.config.tasks.distractors)])
+        view = view_evaluation(Path(run), opened, trained.agent, part, amounts, draws)
+        output.result(view, _agent_text(view))
+    else:
+        refuse_given(trained, f"the run of an agent, and '{run}' is none")
+        amounts = whole_numbers("distractors", distractors or ["1,2,8"])
+        config = WordCraftConfig(part=part, depth=scripted.depth, num_distractors=amounts[0])
+        found = _play(run, config, amounts, draws, scripted, output)
+        output.result(found, _table(found, amounts))
 
 
-def _text(view: "AgentEvaluation") -> list[str]:
+def _agent_text(view: "AgentEvaluation") -> Iterator[str]:
     who = f"kg-only ({view.scores})" if view.scores else view.agent
     who = f"{Path(view.run).name}, {view.checkpoint}" if view.checkpoint else who
-    lines = [f"{who}: {view.part} tasks of depth {view.depth}, greedy"]
+    yield f"{who}: {view.part} tasks of depth {view.depth}, greedy"
     for amount, found in view.success.items():
-        title = f"{amount} distractor{'s' * (amount != '1')}"
-        lines.append(
-            f"{title:<15} success {found.mean:.3f} [{found.ci_low:.3f}, {found.ci_high:.3f}]  "
-            f"by a plan {found.by_plan:.3f}  picks {found.picks:.2f}"
-        )
+        figures = f"success {found.mean:.3f} [{found.ci_low:.3f}, {found.ci_high:.3f}]"
         shares = (f"{name.replace('_', ' ')} {share:.1%}" for name, share in view.outcomes[amount].items())
-        lines.append(f"{'':<15} {', '.join(shares)}")
+        yield f"{counted(int(amount), 'distractor')}  {figures}  by a plan {found.by_plan:.3f}  picks {found.picks:.2f}"
+        yield f"  {', '.join(shares)}"
     found = next(iter(view.success.values()))
-    return [*lines, f"{found.tasks:,} tasks, {found.draws} draws of distractors each; 95 % intervals over tasks"]
+    yield f"{found.tasks:,} tasks, {found.draws} draws of distractors each; 95 % intervals over tasks"
+
+
+def _play(
+    graph: str, config: WordCraftConfig, amounts: list[int], draws: int, options: ScriptedOptions, output: Output
+) -> "Baselines":
+    from wordcraft_kg.evaluation.players import view_baselines
+    from wordcraft_kg.graphs.folder import open_graph
+
+    opened = open_graph(graph)
+    model: Any = None
+    if options.scorer is not None:
+        from wordcraft_kg.models.links.folder import open_model
+
+        model = options.scorer.name, open_model(options.scorer, graph)
+    progress = output.progress("baselines", unit="row")
+    return view_baselines(opened, graph, config, amounts, model, draws=draws, seed=options.seed, progress=progress)
+
+
+def _table(view: "Baselines", amounts: list[int]) -> list[str]:
+    cells = {(row.player, row.distractors): f"{row.success:.3f} [{row.low:.3f}, {row.high:.3f}]" for row in view.rows}
+    rows = [("success", *(counted(amount, "distractor") for amount in amounts))]
+    rows += [(name, *(cells[name, amount] for amount in amounts)) for name in dict.fromkeys(name for name, _ in cells)]
+    draws = counted(view.draws, "draw")
+    tasks = f"{view.tasks:,} {view.part} tasks of depth {view.depth}, each with {draws} of distractors"
+    return [*aligned(rows, numbers=True), f"{tasks}; intervals: {view.intervals}"]

@@ -4,8 +4,8 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from wordcraft_kg.cli.completion import Model
 from wordcraft_kg.cli.console import Flag, Output, aligned
+from wordcraft_kg.cli.options import Model
 from wordcraft_kg.models.scorers.config import MAX_QUERIES
 
 if TYPE_CHECKING:

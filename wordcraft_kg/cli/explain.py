@@ -4,8 +4,8 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from wordcraft_kg.base.settings import MAX_SIZE, whole
-from wordcraft_kg.cli.completion import Agent
 from wordcraft_kg.cli.console import Output
+from wordcraft_kg.cli.options import Agent
 from wordcraft_kg.graphs.tasks import TaskPart
 
 if TYPE_CHECKING:

@@ -6,6 +6,7 @@ import re
 import traceback
 from collections.abc import Callable, Container, Sequence
 from dataclasses import dataclass
+from types import ModuleType
 from typing import Any
 
 from cyclopts import CycloptsError, MissingArgumentError, UnknownCommandError, UnusedCliTokensError
@@ -26,12 +27,17 @@ class Manual:
     Attributes:
         command: program and command, as they are typed.
         function: the command's function.
-        examples: command lines that work.
+        module: module of that function, with ``EXAMPLES``: command lines that work.
     """
 
     command: str
     function: Callable[..., Any]
-    examples: Sequence[str]
+    module: ModuleType
+
+    @property
+    def examples(self) -> Sequence[str]:
+        """Command lines that work."""
+        return self.module.EXAMPLES
 
     @property
     def places(self) -> dict[str, str]:

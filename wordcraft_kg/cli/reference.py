@@ -11,8 +11,8 @@ from msgspec.structs import replace
 
 from wordcraft_kg.base.errors import ConfigError, OutputExistsError
 from wordcraft_kg.base.wording import counted
-from wordcraft_kg.cli.completion import Book
 from wordcraft_kg.cli.console import Flag, Output, split_labels, whole_numbers
+from wordcraft_kg.cli.options import Book
 from wordcraft_kg.graphs.tasks import TaskPart
 
 if TYPE_CHECKING:

@@ -1,89 +1,135 @@
 """``wordcraft-kg reproduce``."""
 
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from wordcraft_kg.cli.console import Output
+from wordcraft_kg.base.errors import ConfigError, RecipeFileError
+from wordcraft_kg.cli.console import Flag, Output, aligned, refuse_given, split_labels
+from wordcraft_kg.cli.options import Force, Words
 from wordcraft_kg.cli.studies import EngineOptions, run_studies
+from wordcraft_kg.studies.study import Metric
 
 if TYPE_CHECKING:
+    from wordcraft_kg.studies.results import StudyResults
     from wordcraft_kg.studies.study import Study
 
 EXAMPLES = (
-    "wordcraft-kg reproduce list",
+    "wordcraft-kg reproduce --list",
     "wordcraft-kg reproduce embeddings --out results",
     "wordcraft-kg reproduce all --book everyday --steps 300000 --seeds 3 --jobs 2",
+    "wordcraft-kg reproduce study.toml --engine ray --address auto",
+    "wordcraft-kg reproduce knowledge-everyday --show",
+    "wordcraft-kg reproduce --show --by scorer,use --plot",
 )
-ALL, LIST = "all", "list"
+ALL = "all"
+
+
+@dataclass(frozen=True)
+class Changes:
+    """Changes to a study.
+
+    Attributes:
+        book: comma-separated recipe books of a built-in study. Default: the study's, which is little-alchemy-2.
+        seeds: number of trainings of each cell. Default: the study's.
+        steps: environment steps of each training. Default: the study's; of a built-in one the paper's 3,000,000.
+    """
+
+    book: Words = None
+    seeds: int | None = None
+    steps: int | None = None
+
+
+@dataclass(frozen=True)
+class ShowOptions:
+    """Options for results that are there.
+
+    Attributes:
+        by: comma-separated settings whose values are compared over all runs of the folder, whatever study they are of;
+            other settings that differ, except the seed, divide the runs into groups.
+        metric: success, iqm, by-plan (success by the last pair of a plan), train (success on train tasks), mrr (of the
+            scorer), or steps (until the reference's final success is reached).
+        plot: write a page with all figures, tables (CSV, Markdown, LaTeX) and pictures (SVG; PNG and PDF with the extra
+            figures).
+        report: folder of that page, which implies --plot. Default: reports/<the study's name> in the results folder.
+    """
+
+    by: Words = None
+    metric: Metric = "success"
+    plot: Flag = False
+    report: Path | None = None
+    force: Force = False
 
 
 def reproduce(
-    study: str,
+    study: str | None = None,
     *,
-    books: Annotated[list[str] | None, Parameter(name="--book", negative=(), consume_multiple=False)] = None,
-    seeds: int | None = None,
-    steps: int | None = None,
+    all_studies: Annotated[Flag, Parameter(name="--list")] = False,
+    show: Flag = False,
+    changes: Annotated[Changes, Parameter(name="*", group="Changes to the study")] = Changes(),
     engine: EngineOptions = EngineOptions(),
+    shown: Annotated[ShowOptions, Parameter(name="*", group="Options of --show")] = ShowOptions(),
     output: Output = Output(),
 ) -> int:
-    """Make a figure of the paper or one of ours, with seeds: build, train, evaluate, draw; go on where it stopped.
+    """Make a figure of the paper, one of ours, or a study of your own: build, train, evaluate, draw; or show results.
+
+    Each cell is trained with several seeds. The same command goes on with an interrupted study.
 
     Args:
-        study: name of a built-in study; all of them with all, and what there is with list.
-        books: recipe books, comma-separated. Default: the study's, which is little-alchemy-2.
-        seeds: number of trainings of each cell. Default: the study's.
-        steps: environment steps of each training. Default: the study's, which is the paper's 3,000,000.
+        study: name of a built-in study, all, or a TOML file of your own, see docs/studies.md. With --show the name of a
+            study in the results folder (default: the only one), or a file of results.
+        all_studies: list the built-in studies, with the hours that each takes.
+        show: show the results that are there, any selection of them, and train nothing.
+        changes: changes to the study.
         engine: where and how it runs.
+        shown: options of --show.
     """
-    from wordcraft_kg.base.errors import ConfigError
-    from wordcraft_kg.base.settings import nearest
-    from wordcraft_kg.cli.console import split_labels
+    if show:
+        refuse_given(changes, "studies that are run, not shown")
+        return _show(study, engine.out, shown, output)
+    refuse_given(shown, "results that are there: add --show, or")
+    if all_studies:
+        return _list(changes, engine, output)
+    if study is None:
+        raise ConfigError("reproduce needs a study; `wordcraft-kg reproduce --list` lists the built-in ones.")
+    return run_studies(_chosen(study, changes), engine, output)
+
+
+def _chosen(study: str, changes: Changes) -> "dict[str, Study]":
+    """Return the studies to run, by name."""
     from wordcraft_kg.studies.study import adapted, built_in, read_study
 
-    if study == LIST:
-        if books:
-            raise ConfigError("`book`: the list is of the studies with their own books; leave it out.")
-        return _list(steps, seeds, engine, output)
     if study not in (ALL, *built_in()):
-        raise ConfigError(
-            f"'{study}' is no built-in study; there are {', '.join(built_in())}.{nearest(study, built_in())} A file of "
-            "your own: wordcraft-kg sweep"
-        )
-    chosen = built_in() if study == ALL else [study]
+        if changes.book:
+            raise ConfigError("`book` is for built-in studies; a file names its own.")
+        return {Path(study).stem: adapted(read_study(study), steps=changes.steps, seeds=changes.seeds)}
     found: dict[str, Study] = {}
-    for name in chosen:
+    for name in built_in() if study == ALL else [study]:
         declared = read_study(name)
-        for book in split_labels(books or ()) or [str(declared.settings.get("book", "everyday"))]:
-            full = f"{name}-{_stem(book)}"
+        for book in split_labels(changes.book or ()) or [str(declared.settings.get("book", "everyday"))]:
+            full = f"{name}-{Path(book).stem}"
             if full in found:
-                raise ConfigError(f"`book`: two books are called '{_stem(book)}', and so would be their studies.")
-            found[full] = adapted(declared, book=book, steps=steps, seeds=seeds)
-    return run_studies(found, engine, output)
+                raise ConfigError(f"`book`: two books are called '{Path(book).stem}', and so would be their studies.")
+            found[full] = adapted(declared, book=book, steps=changes.steps, seeds=changes.seeds)
+    return found
 
 
-def _stem(book: str) -> str:
-    from pathlib import Path
-
-    return Path(book).stem
-
-
-def _list(steps: int | None, seeds: int | None, engine: EngineOptions, output: Output) -> int:
+def _list(changes: Changes, engine: EngineOptions, output: Output) -> int:
     """Print the built-in studies, with the hours that each still takes on this machine."""
-    from dataclasses import replace
-
-    from wordcraft_kg.base.errors import RecipeFileError
     from wordcraft_kg.studies.engine import estimated_hours
     from wordcraft_kg.studies.plan import make_plan
     from wordcraft_kg.studies.study import adapted, built_in, cells_of, read_study
     from wordcraft_kg.studies.tasks import Task
 
+    if changes.book:
+        raise ConfigError("`book`: the list is of the studies with their own books; leave it out.")
     found: dict[str, dict[str, object]] = {}
-    text: list[str] = []
+    rows: list[tuple[str, str]] = []
     tasks: dict[str, Task] = {}
-    width = max(map(len, built_in()))
     for name in built_in():
-        study = adapted(read_study(name), steps=steps, seeds=seeds)
+        study = adapted(read_study(name), steps=changes.steps, seeds=changes.seeds)
         try:
             plan = make_plan(study, name)
         except RecipeFileError:  # the real book is not there; the built-in one is about as large
@@ -92,13 +138,53 @@ def _list(steps: int | None, seeds: int | None, engine: EngineOptions, output: O
         hours = estimated_hours(plan, engine.out) / plan.jobs(engine.jobs)
         trainings = len(cells_of(study))
         found[name] = {"title": study.title, "source": study.source, "trainings": trainings, "hours": round(hours, 2)}
-        text += [
-            f"{name:<{width}}  {study.title}: {trainings} trainings, about {hours:.1f} hours left on this machine",
-            f"{'':<{width}}  {study.source}",
-        ]
+        about = f"{study.title}: {trainings} trainings, about {hours:.1f} hours left on this machine"
+        rows += [(name, about), ("", study.source)]
     everything = replace(plan, tasks=tasks)
     hours = estimated_hours(everything, engine.out) / everything.jobs(engine.jobs)
-    text.append(f"{ALL:<{width}}  about {hours:.1f} hours left: what several studies need is made once")
-    text.append("run one: wordcraft-kg reproduce NAME; for a quick look: --steps 300000 --seeds 3")
-    output.result({"studies": found, "hours": round(hours, 2)}, text)
+    rows.append((ALL, f"about {hours:.1f} hours left: what several studies need is made once"))
+    following = "run one: wordcraft-kg reproduce NAME; for a quick look: --steps 300000 --seeds 3"
+    output.result({"studies": found, "hours": round(hours, 2)}, [*aligned(rows), following])
     return 0
+
+
+def _show(study: str | None, root: Path, options: ShowOptions, output: Output) -> int:
+    """Print results of a results folder or of a file, and write their report on request."""
+    from wordcraft_kg.base.artefacts import check_output
+    from wordcraft_kg.studies.report import write_study_report
+    from wordcraft_kg.studies.tables import lines_of
+    from wordcraft_kg.studies.view import view_study
+
+    file = Path(study) if study is not None and Path(study).is_file() else None
+    found = _collect(study, file, root, split_labels(options.by) if options.by else None)
+    target = None
+    if options.plot or options.report is not None:
+        target = options.report or (file.parent if file else root) / "reports" / found.name
+        check_output(target, force=options.force)
+    view = view_study(found)
+    text = [*lines_of(view, options.metric)]
+    if target is not None:
+        page, *_ = write_study_report(view, target, force=options.force)
+        text.append(f"wrote {target}/   open {page}")
+    output.result({"report": None if target is None else str(target), "study": view}, text)
+    return 0
+
+
+def _collect(study: str | None, file: Path | None, root: Path, by: list[str] | None) -> "StudyResults":
+    """Return the selected results, of a results folder or of a file."""
+    from wordcraft_kg.base.records import read_record
+    from wordcraft_kg.studies.collect import collect_runs, collect_study
+    from wordcraft_kg.studies.results import StudyResults
+    from wordcraft_kg.studies.store import studies_of
+
+    if by is not None:
+        if study is not None:
+            raise ConfigError(f"'{study}' and `by` cannot be combined: `by` compares all runs of the results folder.")
+        return collect_runs(root, by)
+    if file is not None:
+        return read_record(file, StudyResults)
+    names = studies_of(root)
+    if study is None and len(names) != 1:
+        there = f"has the studies {', '.join(names)}" if names else "has no study yet"
+        raise ConfigError(f"{root} {there}; name one, or compare all runs with `by`, such as scorer.")
+    return collect_study(root, names[0] if study is None else study)

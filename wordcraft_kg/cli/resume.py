@@ -1,8 +1,8 @@
 """``wordcraft-kg resume``."""
 
 from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.cli.completion import Run
 from wordcraft_kg.cli.console import Output
+from wordcraft_kg.cli.options import Run
 
 EXAMPLES = (
     "wordcraft-kg resume models/everyday",

@@ -11,8 +11,8 @@ from cyclopts import Parameter
 
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.settings import whole
-from wordcraft_kg.cli.completion import Model
 from wordcraft_kg.cli.console import Flag, Output
+from wordcraft_kg.cli.options import Model
 
 if TYPE_CHECKING:
     from wordcraft_kg.base.records import Record

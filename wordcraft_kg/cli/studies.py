@@ -1,4 +1,4 @@
-"""What ``sweep`` and ``reproduce`` share: running a study, how far it is, and what came out."""
+"""Running the studies of ``reproduce``: the engine's options, a board of the running tasks, and the outcome."""
 
 import shlex
 import sys

@@ -3,8 +3,8 @@
 from typing import TYPE_CHECKING
 
 from wordcraft_kg.base.settings import MAX_SIZE, whole
-from wordcraft_kg.cli.completion import Book
 from wordcraft_kg.cli.console import Output, aligned
+from wordcraft_kg.cli.options import Book
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.graphs.tasks import TaskPart
 

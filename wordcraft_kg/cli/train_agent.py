@@ -6,8 +6,8 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from wordcraft_kg.agents.config import ImpalaConfig, TaskConfig
-from wordcraft_kg.cli.completion import Book, Scorer
 from wordcraft_kg.cli.console import Flag, Output, split_labels
+from wordcraft_kg.cli.options import Book, Scorer, Words
 from wordcraft_kg.models.policies.config import PolicyConfig
 
 EXAMPLES = (
@@ -27,7 +27,7 @@ def train_agent(
     seeds: str | None = None,
     out: Path | None = None,
     force: Flag = False,
-    track: list[str] | None = None,
+    track: Words = None,
     output: Output = Output(),
 ) -> int:
     """Train an agent with IMPALA on a graph's crafting tasks, alone or guided by a scorer.

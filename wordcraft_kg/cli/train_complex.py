@@ -5,8 +5,8 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from wordcraft_kg.cli.completion import Book
 from wordcraft_kg.cli.console import Flag, Output, split_labels
+from wordcraft_kg.cli.options import Book, Words
 from wordcraft_kg.cli.training import train
 from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
 
@@ -24,7 +24,7 @@ def train_complex(
     seeds: str | None = None,
     out: Path | None = None,
     force: Flag = False,
-    track: list[str] | None = None,
+    track: Words = None,
     output: Output = Output(),
 ) -> int:
     """Train ComplEx with the paper's objective on the partial or the full knowledge graph.

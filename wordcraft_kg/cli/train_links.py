@@ -1,12 +1,14 @@
 """``wordcraft-kg train-links``."""
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
 
-from wordcraft_kg.cli.completion import Book
-from wordcraft_kg.cli.console import Flag, Output, split_labels
+from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.cli.console import Flag, Output, aligned, refuse_given, split_labels
+from wordcraft_kg.cli.options import Force, OptionalBook, Words
 from wordcraft_kg.cli.training import train
 from wordcraft_kg.models.links.config import LinkModelConfig, LinksConfig
 
@@ -14,29 +16,80 @@ EXAMPLES = (
     "wordcraft-kg train-links everyday --model rotate --out models/everyday-rotate",
     "wordcraft-kg train-links everyday --model distmult --loop symmetric --out models/everyday-distmult",
     "wordcraft-kg train-links everyday --model rotate --seeds 0,1 --out models/rotate-seeds",
+    "wordcraft-kg train-links --list-models",
+    "wordcraft-kg train-links everyday --from-pykeen results/transe --trust-pickle --out models/transe",
 )
 
 
+@dataclass(frozen=True)
+class ImportOptions:
+    """A model that PyKEEN has trained already.
+
+    Attributes:
+        from_pykeen: folder written by PyKEEN's save_to_directory: its model becomes a model folder for all other
+            commands, and nothing is trained. The graph has the same entities and relations.
+        trust_pickle: read that model, which PyKEEN stores as a pickle. Reading a pickle runs whatever code is in it, so
+            do this with files of your own, or of people whose programs you would run.
+    """
+
+    from_pykeen: Path | None = None
+    trust_pickle: Flag = False
+
+
 def train_links(
-    graph: Book,
+    graph: OptionalBook = None,
     *,
+    list_models: Flag = False,
     settings: Annotated[LinkModelConfig, Parameter(name="*")] = LinkModelConfig(),
+    trained: Annotated[ImportOptions, Parameter(name="*", group="Import")] = ImportOptions(),
     seeds: str | None = None,
     out: Path | None = None,
-    force: Flag = False,
-    track: list[str] | None = None,
+    force: Force = False,
+    track: Words = None,
     output: Output = Output(),
 ) -> int:
     """Train another PyKEEN model; scorer, report and commands are the same as for ComplEx.
 
     Args:
         graph: graph folder, recipe book or known book's name.
+        list_models: list the models: the paper's, and those of the installed PyKEEN that need no more than triples.
         settings: settings of the model and its training.
+        trained: a model that is imported.
         seeds: seeds to train one after the other, such as 0-4 or 0,3,7, each in a folder seed-N of its own. Seeds that
             are done are kept, so the same command goes on after Ctrl-C.
         out: model folder to write. Default: models/<graph's name>-<model>-<kg>.
-        force: replace the folder if it exists.
         track: where the figures of each epoch go too, comma-separated: tensorboard, wandb (offline), mlflow (a local
             file); each needs the extra of its name.
     """
+    if list_models:
+        return _list(output)
+    if graph is None:
+        raise ConfigError("train-links needs a graph, such as everyday; `wordcraft-kg train-links --list-models`.")
+    if trained.from_pykeen is not None:
+        refuse_given(settings, "models that are trained, not imported")
+        return _import(trained, graph, out, force, output)
+    refuse_given(trained, "models that are imported: add --from-pykeen, or")
     return train(LinksConfig(graph, settings), seeds, out, force, split_labels(track or ()), output)
+
+
+def _list(output: Output) -> int:
+    from wordcraft_kg.evaluation.link_models import view_link_models
+
+    view = view_link_models()
+    output.result(view, aligned((model.name, f"wordcraft-kg {model.command}") for model in view.models))
+    return 0
+
+
+def _import(options: ImportOptions, graph: str, out: Path | None, force: bool, output: Output) -> int:
+    from wordcraft_kg.models.links.pykeen_import import import_pykeen
+
+    assert options.from_pykeen is not None
+    if out is None:
+        raise ConfigError("`out` is missing: name the model folder to write.")
+    found = import_pykeen(options.from_pykeen, graph, out, trust_pickle=options.trust_pickle, force=force)
+    seen = "none of them held out by the split: a model of the partial graph"
+    if found.held_out:
+        seen = f"{found.held_out:,} of them held out by the split: it counts as a model of the full graph"
+    rows = [("model", found.model), ("trained on", f"{found.triples:,} triples, {seen}")]
+    output.result(found, [*aligned(rows), f"wrote {out}/   next: wordcraft-kg evaluate-links {out}"])
+    return 0

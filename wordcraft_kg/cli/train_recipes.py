@@ -5,8 +5,8 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from wordcraft_kg.cli.completion import Book
 from wordcraft_kg.cli.console import Flag, Output
+from wordcraft_kg.cli.options import Book
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.runs.folder import check_run_output
 

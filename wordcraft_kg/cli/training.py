@@ -139,7 +139,7 @@ def _train_links_seeds(
         for seed, outcome in trained.items()
         if outcome.metrics is not None
     ]
-    following = f"wordcraft-kg compare-links {parent} ANOTHER"
+    following = f"wordcraft-kg compare {parent} ANOTHER"
     output.result({"out": str(parent), "seeds": values}, [*aligned(rows), f"wrote {parent}/   next: {following}"])
     return 0
 
@@ -298,7 +298,7 @@ def train_agent_seeds(
     rows.append(("mean", f"success {sum(found.values()) / len(found):.3f}, {spread}"))
     output.result(
         {"out": str(parent), "seeds": values},
-        [*aligned(rows), f"wrote {parent}/   next: wordcraft-kg compare-agents {parent}"],
+        [*aligned(rows), f"wrote {parent}/   next: wordcraft-kg compare {parent}"],
     )
     return 0
 

@@ -4,8 +4,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from wordcraft_kg.cli.completion import Book
 from wordcraft_kg.cli.console import Flag, Output
+from wordcraft_kg.cli.options import Book
 
 if TYPE_CHECKING:
     from wordcraft_kg.models.links.tuning import Tuned

@@ -115,7 +115,9 @@ def locate_book(name_or_path: str | Path) -> LocatedBook:
             "`wordcraft-kg books` lists the known ones."
         )
     if book.path is None:
-        raise RecipeFileError(f"'{book.name}' is not on this machine yet. Fetch it: wordcraft-kg fetch {book.name}")
+        raise RecipeFileError(
+            f"'{book.name}' is not on this machine yet. Fetch it: wordcraft-kg books --fetch {book.name}"
+        )
     published = FETCHABLE.get(book.name)
     if published and sha256_of(book.path) != published.sha256:
         raise RecipeFileError(

@@ -29,7 +29,7 @@ from wordcraft_kg.studies.result_readers import DRAWS, SEEN, rows_beside
 DISTRACTORS = (1, 2, 8)
 """Numbers of distractors of the pack: the paper's."""
 SEED, RUNS = 0, 100
-"""Of scripted players; those of ``baselines`` and ``discover`` by default."""
+"""Of scripted players; those of ``evaluate-agent`` and ``discover`` by default."""
 CHANCE = ("random", "random, distinct", "random-no-repeat")
 ORACLES = ("recipe oracle", "greedy", "empowerment")
 OPEN_PLAYERS = ("random", "random-no-repeat", "greedy", "empowerment")
@@ -143,7 +143,7 @@ def open_play(opened: OpenedGraph, base: Sequence[str] | None = None) -> OpenPla
 
 
 def scripted_rows(opened: OpenedGraph, play: TaskPlay, columns: Sequence[int]) -> tuple[ReferenceRow, ...]:
-    """Let the players of ``baselines`` play, and return a row for each."""
+    """Let the players of ``evaluate-agent`` play, and return a row for each."""
     config = WordCraftConfig(
         part=play.part, depth=play.depth, max_attempts=play.attempts, num_distractors=max(columns, default=0)
     )
@@ -158,7 +158,7 @@ def scripted_rows(opened: OpenedGraph, play: TaskPlay, columns: Sequence[int]) -
             measure="success",
             figures=figures_of({column: of[player, column] for column in columns}),
             origin="ours",
-            source=f"wordcraft-kg baselines {opened.graph.name} {options}",
+            source=f"wordcraft-kg evaluate-agent {opened.graph.name} {options}",
             play=play,
             interval=view.intervals,
             tasks=view.tasks,

@@ -142,7 +142,7 @@ def check_tasks(name: Path | str, its: TaskPlay, play: TaskPlay) -> None:
 def agent_rows(
     groups: Groups, opened: OpenedGraph, play: TaskPlay, columns: Sequence[int], origin: Origin
 ) -> tuple[ReferenceRow, ...]:
-    """Let agents play greedily, as ``compare-agents`` does, and return a row for each agent.
+    """Let agents play greedily, as ``compare`` does, and return a row for each agent.
 
     Args:
         groups: runs by agent, on this graph and split.

@@ -110,7 +110,7 @@ def studies_of(root: Path) -> list[str]:
     """
     if not (root / STUDIES).is_dir():
         raise ArtefactError(
-            f"'{root}' is no results folder: it has no folder '{STUDIES}'. Make one: wordcraft-kg reproduce or sweep."
+            f"'{root}' is no results folder: it has no folder '{STUDIES}'. Make one: wordcraft-kg reproduce."
         )
     return sorted(path.stem for path in (root / STUDIES).glob("*.json"))
 

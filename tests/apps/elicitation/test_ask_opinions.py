@@ -157,7 +157,7 @@ def test_an_agent_is_trained_on_opinions_saved_judged_explained_and_compared(ask
     for command in (
         ("evaluate-agent", "agent", "--draws", "1"),
         ("explain", "agent", "--goal", "bread", "--episodes", "1"),
-        ("baselines", "kitchen", "--scorer", "models/opinions", "--distractors", "1", "--draws", "1"),
+        ("evaluate-agent", "kitchen", "--scorer", "models/opinions", "--distractors", "1", "--draws", "1"),
         ("score", "models/opinions", "_", "combinesWith", "flour"),
         ("score", "models/opinions", "flour + water"),
     ):
@@ -176,7 +176,7 @@ def test_links_of_opinions_are_judged_beside_baselines_that_have_the_train_recip
     page = Path("models/opinions/report/index.html").read_text()
     assert "taught no recipe" in page
     assert "none knowledge graph" not in page
-    outcome = run("compare-links", "models/opinions", "models/opinions", "--quiet")
+    outcome = run("compare", "models/opinions", "models/opinions", "--quiet")
     assert outcome.code == 0, outcome.err
 
 

@@ -167,7 +167,7 @@ class LinkModelConfig(TrainingConfig):
     """Any other PyKEEN model, since the paper's method takes any link predictor.
 
     Attributes:
-        model: PyKEEN's name, such as rotate, transe, distmult, tucker; `wordcraft-kg link-models` lists them.
+        model: PyKEEN's name, such as rotate, transe, distmult, tucker; `train-links --list-models` lists them.
         dim: embedding dimensions.
         learning_rate: learning rate of Adam.
         loop: how triples become training examples: slcwa (sampled negatives) or symmetric (softmax over all heads and

@@ -10,8 +10,8 @@ from wordcraft_kg.apps.elicitation.config import AskingConfig, OpinionsConfig
 from wordcraft_kg.base.extras import check_extra
 from wordcraft_kg.base.settings import number_in
 from wordcraft_kg.base.wording import counted
-from wordcraft_kg.cli.completion import Book
 from wordcraft_kg.cli.console import Flag, Output, aligned
+from wordcraft_kg.cli.options import Book
 from wordcraft_kg.runs.folder import check_run_output
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ def ask_opinions(
         model: name of the language model there.
         settings: how it is asked.
         out: model folder to write.
-        answers: folder in which answers are kept. Default: the cache, see wordcraft-kg cache.
+        answers: folder in which answers are kept. Default: the cache, see wordcraft-kg books --cache.
         price_in: price of a million tokens of prompts, for the estimate.
         price_out: price of a million tokens of answers.
         yes: ask, without looking at the estimate first.
@@ -80,7 +80,8 @@ def ask_opinions(
     from wordcraft_kg.apps.elicitation.folder import write_opinions
 
     written = write_opinions(out, opened, config, plan.prompts, said, force=force)
-    text = [*_outcome(estimate, written.metrics), f"wrote {out}/   next: wordcraft-kg baselines {graph} --scorer {out}"]
+    following = f"wordcraft-kg evaluate-agent {graph} --scorer {out}"
+    text = [*_outcome(estimate, written.metrics), f"wrote {out}/   next: {following}"]
     output.result(OpinionsView(estimate, str(written.folder), written.metrics), text)
 
 

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.cli.completion import Agents, Book, Models
 from wordcraft_kg.cli.console import Flag, Output
+from wordcraft_kg.cli.options import Agents, Book, Models
 
 if TYPE_CHECKING:
     from wordcraft_kg.apps.explorer.export import ExportedSite

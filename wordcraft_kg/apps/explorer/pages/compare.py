@@ -35,7 +35,7 @@ class ModelsCompared(Record):
     """Two models.
 
     Attributes:
-        headline: the same as ``compare-links`` says; None if there is too little to say it.
+        headline: the same as ``compare`` says; None if there is too little to say it.
         without_headline: why there is none.
         ranks: the queries.
     """

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from wordcraft_kg.cli.console import Flag, Output
 
-GROUP = "Environments"
+GROUP = "Tasks and play"
 EXAMPLES = (
     "wordcraft-kg study export study --out answers.jsonl",
     "wordcraft-kg study export study --out answers.jsonl --force --json",

@@ -13,8 +13,8 @@ from cyclopts import Parameter
 from wordcraft_kg.apps.people.terminal import Answers, Quit, Terminal, cells
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.settings import MAX_SIZE, whole
-from wordcraft_kg.cli.completion import Book
 from wordcraft_kg.cli.console import Flag, Output, split_labels
+from wordcraft_kg.cli.options import Book
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.graphs.tasks import TaskPart
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from wordcraft_kg.envs.wordcraft import Observation, WordCraftEnv
     from wordcraft_kg.graphs.recipes import Recipe
 
-GROUP = "Environments"
+GROUP = "Tasks and play"
 EXAMPLES = (
     "wordcraft-kg play",
     "wordcraft-kg play kitchen --depth 2 --attempts 4 --seed 3",

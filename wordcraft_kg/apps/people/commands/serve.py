@@ -8,13 +8,14 @@ from cyclopts import Parameter
 
 from wordcraft_kg.apps.people.config import CONSENT, LONGEST_CONSENT, StudyConfig
 from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.cli.completion import Book
 from wordcraft_kg.cli.console import Flag, Output, whole_numbers
+from wordcraft_kg.cli.options import Book
 
 if TYPE_CHECKING:
     from wordcraft_kg.apps.people.answers_database import Stored
 
-GROUP = "Environments"
+GROUP = "Tasks and play"
+SUBJECT = "Let people take the paper's test in the browser, and export their answers: serve, export."
 EXAMPLES = (
     "wordcraft-kg study serve everyday --tasks 20 --out study",
     "wordcraft-kg study serve kitchen --distractors 1,8 --forms 10 --out study",

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from wordcraft_kg.apps.people.session_file import Session, TableKey
     from wordcraft_kg.apps.people.summary import AnswerRate, HumanSummary
 
-GROUP = "Environments"
+GROUP = "Tasks and play"
 EXAMPLES = (
     "wordcraft-kg human-summary human.jsonl",
     "wordcraft-kg human-summary one.jsonl two.jsonl --json",

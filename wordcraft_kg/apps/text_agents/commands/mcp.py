@@ -10,8 +10,8 @@ from cyclopts import Parameter
 from wordcraft_kg.apps.text_agents.config import ATTEMPTS, LOOK_UPS, KnowledgeKind
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.settings import MAX_SIZE, whole
-from wordcraft_kg.cli.completion import Book, Scorer
 from wordcraft_kg.cli.console import Flag, Output, split_labels
+from wordcraft_kg.cli.options import Book, Scorer
 from wordcraft_kg.envs.config import MAX_ATTEMPTS, WordCraftConfig
 from wordcraft_kg.graphs.tasks import TaskPart
 

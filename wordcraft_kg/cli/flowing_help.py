@@ -6,13 +6,14 @@ from cyclopts.help import DefaultFormatter, InlineText
 
 
 class FlowingHelp(DefaultFormatter):
-    """Shows descriptions without the line ends of their docstrings; blank lines still separate paragraphs."""
+    """Shows descriptions without the line ends of their docstrings; blank lines and command lines stay."""
 
     def __call__(self, console: Any, options: Any, panel: Any) -> None:
-        """Show a panel of commands or options."""
+        """Show a panel of commands or options; an argument is shown by its place alone."""
         for entry in panel.entries:
             _flow(entry.description)
-        super().__call__(console, options, panel)
+        entries = [entry.copy(positive_names=()) if entry.positional_label else entry for entry in panel.entries]
+        super().__call__(console, options, panel.copy(entries=entries))
 
     def render_description(self, console: Any, options: Any, description: Any) -> None:
         """Show what a command does."""
@@ -24,6 +25,12 @@ def _flow(shown: Any) -> None:
     from rich.text import Text
 
     if isinstance(shown, InlineText) and isinstance(shown.primary_renderable, Text):
-        paragraphs = shown.primary_renderable.plain.split("\n\n")
-        text = "\n\n".join(" ".join(paragraph.split()) for paragraph in paragraphs)
+        text = "\n\n".join(map(_paragraph, shown.primary_renderable.plain.split("\n\n")))
         shown.primary_renderable = Text(text, end=shown.primary_renderable.end)
+
+
+def _paragraph(text: str) -> str:
+    lines = [line.strip() for line in text.splitlines()]
+    if all(line.startswith("wordcraft-kg ") for line in lines):
+        return "\n".join(f"  {line}" for line in lines)
+    return " ".join(" ".join(lines).split())

@@ -1,0 +1,205 @@
+"""``wordcraft-kg compare``."""
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import Parameter
+
+from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.base.settings import MAX_SIZE, whole
+from wordcraft_kg.base.wording import counted
+from wordcraft_kg.cli.console import Output, aligned, check_page, refuse_given, whole_numbers, write_page
+from wordcraft_kg.cli.options import AGENT, Force, MovedGraph, Run, Words
+from wordcraft_kg.graphs.tasks import TaskPart
+
+if TYPE_CHECKING:
+    from wordcraft_kg.evaluation.agents import AgentSuccess, AgentsView
+    from wordcraft_kg.evaluation.link_comparison import ComparedModel, LinkComparison
+
+EXAMPLES = (
+    "wordcraft-kg compare models/everyday models/everyday-recipes --out comparison.html",
+    "wordcraft-kg compare runs/no-kg runs/partial",
+    "wordcraft-kg compare runs/no-kg-seeds runs/partial-seeds --distractors 1,2,8",
+)
+
+
+@dataclass(frozen=True)
+class AgentOptions:
+    """Options for agents.
+
+    Attributes:
+        part: tasks to play: train, valid, test or all.
+        distractors: comma-separated numbers of distractors. Default: 1, 8 and those trained with.
+        draws: draws of distractors for each task.
+        episodes: number of episodes to explain for each agent.
+    """
+
+    part: TaskPart = "test"
+    distractors: Words = None
+    draws: int = 5
+    episodes: int = 2
+
+
+@dataclass(frozen=True)
+class LinkOptions:
+    """Options for link predictors.
+
+    Attributes:
+        resamples: number of bootstrap resamples.
+        seed: seed of the bootstrap, and of the sample of very many queries.
+    """
+
+    resamples: int = 2_000
+    seed: int = 0
+
+
+def compare(
+    *runs: Run,
+    agents: Annotated[AgentOptions, Parameter(name="*", group="Agents")] = AgentOptions(),
+    links: Annotated[LinkOptions, Parameter(name="*", group="Link predictors")] = LinkOptions(),
+    graph: MovedGraph = None,
+    out: Path | None = None,
+    force: Force = False,
+    output: Output = Output(),
+) -> None:
+    """Compare agents on the same tables, or link predictors on the same unseen triples, with a paired bootstrap.
+
+    Agents that differ only in the seed count as one, and a report of them is written.
+
+    Args:
+        runs: run folders of agents, or model folders, on one graph and split; or folders of seeds (--seeds). The others
+            are compared with the first one.
+        agents: options for agents.
+        links: options for link predictors.
+        out: folder of the agents' report (default: reports/<the agents' names>), or HTML page of link predictors.
+    """
+    from wordcraft_kg.runs.record import read_run
+    from wordcraft_kg.runs.seeds import run_folders
+
+    if not runs:
+        raise ConfigError("compare needs run folders of agents, or folders of link predictors.")
+    folders = [run_folders(run) for run in runs]
+    kinds = [read_run(seeds[0], "a run of an agent or a link predictor").kind for seeds in folders]
+    agent = next((run for run, kind in zip(runs, kinds, strict=True) if kind == AGENT), None)
+    predictor = next((run for run, kind in zip(runs, kinds, strict=True) if kind != AGENT), None)
+    if agent and predictor:
+        found = f"'{agent}' is an agent and '{predictor}' is a link predictor"
+        raise ConfigError(f"{found}: they cannot be compared. Give agents only, or link predictors only.")
+    if agent:
+        refuse_given(links, "link predictors, and these are agents")
+        _compare_agents([folder for seeds in folders for folder in seeds], agents, graph, out, force, output)
+    else:
+        refuse_given(agents, "agents, and these are link predictors")
+        _compare_links(list(zip(runs, folders, strict=True)), links, graph, out, force, output)
+
+
+def _compare_agents(
+    runs: Sequence[Path], options: AgentOptions, graph: str | None, out: Path | None, force: bool, output: Output
+) -> None:
+    from wordcraft_kg.agents.agent_folder import open_agent
+    from wordcraft_kg.base.artefacts import check_output
+    from wordcraft_kg.evaluation.agents import group_agents, summarise_agents
+    from wordcraft_kg.reports.agent_report import make_agent_report
+    from wordcraft_kg.reports.pages import write_report
+
+    whole("draws", options.draws, 1, MAX_SIZE)
+    whole("episodes", options.episodes, 0, MAX_SIZE)
+    amounts = whole_numbers("distractors", options.distractors) if options.distractors else None
+    groups = group_agents([open_agent(folder, graph) for folder in runs])
+    source = next(iter(groups.values()))[0].opened.source
+    folder = out or Path("reports") / "-and-".join(groups)
+    check_output(folder, force=force)
+    report = make_agent_report(
+        groups, part=options.part, distractors=amounts, draws=options.draws, episodes=options.episodes
+    )
+    write_report(report, folder, force=force)
+    page = folder / "index.html"
+    text = [*_agents_text(report.view, source), f"wrote {folder}/   open {page}"]
+    output.result(summarise_agents(report.view, str(page)), text)
+
+
+def _agents_text(view: "AgentsView", graph: str) -> Iterator[str]:
+    for amount in map(str, view.distractors):
+        yield f"{view.part} tasks of depth {view.depth}, {counted(int(amount), 'distractor')}"
+        yield from aligned((f"  {agent.name}", *_success(agent.success.get(amount))) for agent in view.agents)
+        for agent in view.agents:
+            if amount not in agent.success:
+                yield f"  {agent.name} plays with {agent.trained_with} distractors only"
+    if view.references:
+        amounts = ",".join(map(str, view.distractors))
+        options = f"--part {view.part} --depth {view.depth} --distractors {amounts}"
+        yield f"for comparison: wordcraft-kg reference {graph} {options}"
+
+
+def _success(found: "AgentSuccess | None") -> Iterator[str]:
+    if found is None:
+        yield "-"
+        return
+    low, high = found.seed_ci or found.task_ci
+    over = f"over {len(found.seeds)} seeds" if found.seed_ci else "over tasks, one seed"
+    yield f"{found.mean:.3f} [{low:.3f}, {high:.3f}] {over}"
+    if found.difference is not None and found.difference_ci is not None:
+        down, up = found.difference_ci
+        yield f"{found.difference:+.3f} [{down:+.3f}, {up:+.3f}] over tasks"
+    if found.p_better is not None:
+        yield f"P(better) {found.p_better:.2f}"
+
+
+def _compare_links(
+    runs: Sequence[tuple[Path, Sequence[Path]]],
+    options: LinkOptions,
+    graph: str | None,
+    out: Path | None,
+    force: bool,
+    output: Output,
+) -> None:
+    check_page(out, force=force)
+    from wordcraft_kg.evaluation.link_comparison import Contender, compare, written_to
+    from wordcraft_kg.models.links.folder import open_model
+    from wordcraft_kg.runs.seeds import run_name
+
+    if len(runs) < 2:
+        raise ConfigError(f"only '{runs[0][0]}' to compare; give two link predictors or more.")
+    names = Counter(run_name(folder) for folder, _ in runs)
+    contenders = []
+    for folder, seeds in runs:
+        name = run_name(folder) if names[run_name(folder)] == 1 else str(folder)
+        contenders.append(Contender(name, [open_model(run, graph) for run in seeds]))
+    view = compare(contenders, resamples=options.resamples, seed=options.seed)
+    if out is not None:
+        from wordcraft_kg.reports.link_report import comparison_page
+
+        write_page(out, comparison_page(view), force=force)
+        view = written_to(view, out)
+    output.result(view, _links_text(view))
+
+
+def _links_text(view: "LinkComparison") -> Iterator[str]:
+    sample = "" if view.sampled_from is None else f"a uniform sample of {view.triples:,} of {view.sampled_from:,} "
+    yield f"{view.queries:,} queries for {sample}unseen triples"
+    yield from aligned((model.name, *_mrr(model)) for model in view.models)
+    for model in view.models:
+        if model.has_seen_the_test_recipes:
+            yield f"note: {model.name} was trained on all recipes: it has seen these triples"
+    if view.best is not None:
+        level = f"; not told apart from it: {', '.join(view.not_told_apart)}" if view.not_told_apart else ""
+        yield f"best: {view.best}{level}"
+    widened = f"; those of differences are widened for {view.pairs} pairs of models (Bonferroni)"
+    yield "95 % intervals over recipes" + (widened if view.pairs > 1 else "")
+    if view.out:
+        yield f"wrote {view.out}"
+
+
+def _mrr(model: "ComparedModel") -> Iterator[str]:
+    low, high = model.mrr_ci or (0.0, 0.0)
+    yield f"MRR {model.mrr:.3f} [{low:.3f}, {high:.3f}]"
+    yield f"hits@10 {model.hits_at_10:.3f}"
+    if len(model.seeds) > 1:
+        yield f"{len(model.seeds)} seeds {min(model.mrr_of_seeds):.3f} to {max(model.mrr_of_seeds):.3f}"
+    if model.difference is not None and model.difference_ci is not None:
+        down, up = model.difference_ci
+        verdict = "excludes 0" if down > 0 or up < 0 else "includes 0: no difference is shown"
+        yield f"difference {model.difference:+.3f} [{down:+.3f}, {up:+.3f}] {verdict}"

@@ -696,7 +696,7 @@ def test_profiles_name_the_best_first() -> None:
     low, high = ([(0.0, share, None, None), (1.0, 0.0, None, None)] for share in (0.5, 1.0))
     root = parse(charts.profiles({"low": low, "high": high}, "", "", ""))
     named = {"".join(child.itertext()): float(child.get("y", "")) for child in root if child.tag == "text"}
-    assert named["highhigh"] < named["lowlow"]
+    assert named["high"] < named["low"]
 
 
 @pytest.mark.parametrize("kind", ["png", "pdf"])

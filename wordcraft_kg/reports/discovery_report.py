@@ -5,7 +5,6 @@ from typing import TYPE_CHECKING
 from wordcraft_kg.agents.discovery import DISCOVERERS, HUMAN_CURVE, summarise_curves
 from wordcraft_kg.evaluation.discovery import DiscoveryView
 from wordcraft_kg.reports import charts
-from wordcraft_kg.reports.charts.series import CurvePoint
 from wordcraft_kg.reports.pages import render_page
 
 if TYPE_CHECKING:
@@ -24,8 +23,8 @@ def discovery_page(view: DiscoveryView, curves: "pd.DataFrame") -> str:
     table = summarise_curves(curves, range(view.attempts + 1))
     # The same colours in both pictures.
     colours = {name: number for number, name in enumerate((*view.players, PEOPLE))}
-    known: dict[str, list[CurvePoint]] = {name: [] for name in view.players}
-    repeated: dict[str, list[CurvePoint]] = {name: [] for name in view.players}
+    known: dict[str, list[charts.CurvePoint]] = {name: [] for name in view.players}
+    repeated: dict[str, list[charts.CurvePoint]] = {name: [] for name in view.players}
     columns = (table[name].tolist() for name in ("player", "attempt", "mean", "low", "high", "repeated"))
     for name, attempt, mean, low, high, repeat in zip(*columns, strict=True):
         # The bounds are equal where all runs agree, and NaN for a single run.

@@ -47,7 +47,7 @@ class Made:
 class _Place:
     """A thing, or where an arrow passes a layer: a node of the drawing with its neighbours in the layers beside."""
 
-    layer: int
+    column: int
     before: "list[_Place]"
     after: "list[_Place]"
     y: float = 0.0
@@ -62,66 +62,58 @@ def layered(things: Sequence[Made], given: Collection[str], description: str) ->
         given: what need not be made; it is in bold.
         description: text for readers who cannot see it.
     """
-    first_layer = min((thing.layer for thing in things), default=1)
-    last = max((thing.layer for thing in things), default=first_layer)
-    layers: list[list[_Place]] = [[] for _ in range(first_layer, last + 1)]
-    place_of: dict[str, _Place] = {}
-    arrows: list[tuple[str, list[_Place]]] = []
-    for thing in things:
-        found = place_of[thing.label] = _Place(thing.layer, [], [])
-        layers[thing.layer - first_layer].append(found)
-    passing: dict[tuple[str, int], _Place] = {}
-    for thing in things:
-        for part in dict.fromkeys(thing.of):
-            if part in place_of:
-                route = _route(part, place_of, place_of[thing.label], passing, layers, first_layer)
-                arrows.append((f"{part} → {thing.label}", route))
-    _settle(layers)
-    widths = [NARROWEST] * len(layers)
+    first = min((thing.layer for thing in things), default=1)
+    columns: list[list[_Place]] = [[] for _ in range(first, max((thing.layer for thing in things), default=first) + 1)]
+    place_of = {thing.label: _Place(thing.layer - first, [], []) for thing in things}
+    for place in place_of.values():
+        columns[place.column].append(place)
+    arrows = _arrows(things, place_of, columns)
+    _settle(columns)
+    widths = [NARROWEST] * len(columns)
     for thing in things:
         letters = max(LETTER * len(shortened(thing.label, LONGEST)), SMALL_LETTER * len(_text_of(thing)))
-        widths[thing.layer - first_layer] = max(widths[thing.layer - first_layer], round(letters) + 8)
+        widths[thing.layer - first] = max(widths[thing.layer - first], round(letters) + 8)
     lefts = [MARGIN + sum(widths[:i]) + BETWEEN * i for i in range(len(widths))]
-    top = min((place.y for layer in layers for place in layer), default=0.0) - BOX / 2 - MARGIN
-    bottom = max((place.y for layer in layers for place in layer), default=0.0) - top + GAP - BOX / 2 + 6
-    for place in (place for layer in layers for place in layer):
+    places = [place for column in columns for place in column]
+    top = min((place.y for place in places), default=0.0) - BOX / 2 - MARGIN
+    bottom = max((place.y for place in places), default=0.0) - top + GAP - BOX / 2 + 6
+    for place in places:
         place.y = round(place.y - top)
     width, height = lefts[-1] + widths[-1] + MARGIN, round(bottom) + 18
     parts = [
         f'<svg viewBox="0 0 {width} {height}" width="{width}" height="{height}" class="layered" role="group" '
         f'aria-label="{escape(description)}">'
     ]
-    for number, (left, wide) in enumerate(zip(lefts, widths, strict=True), start=first_layer):
-        middle = left + wide / 2
-        parts.append(f'<text x="{middle:g}" y="{height - 6}" class="small middle">layer {number}</text>')
+    for number, (left, wide) in enumerate(zip(lefts, widths, strict=True), start=first):
+        parts.append(f'<text x="{left + wide / 2:g}" y="{height - 6}" class="small middle">layer {number}</text>')
     for title, route in arrows:
-        parts.append(f'<path d="{_curve(route, lefts, widths, first_layer)}" class="arrow">')
-        parts.append(f"<title>{escape(title)}</title></path>")
+        parts.append(f'<path d="{_curve(route, lefts, widths)}" class="arrow"><title>{escape(title)}</title></path>')
     for thing in things:
-        column = thing.layer - first_layer
-        parts += _box(thing, given, lefts[column], widths[column], int(place_of[thing.label].y))
+        place = place_of[thing.label]
+        parts += _box(thing, given, lefts[place.column], widths[place.column], int(place.y))
     return Markup("".join([*parts, "</svg>"]))
 
 
-def _route(
-    part: str,
-    place_of: dict[str, _Place],
-    to: _Place,
-    passing: dict[tuple[str, int], _Place],
-    layers: list[list[_Place]],
-    first_layer: int,
-) -> list[_Place]:
-    """Return the places of an arrow; all arrows from a thing pass a layer at the same place."""
-    route = [place_of[part]]
-    for layer in range(route[0].layer + 1, to.layer):
-        if (part, layer) not in passing:
-            passing[part, layer] = place = _Place(layer, [route[-1]], [])
-            route[-1].after.append(place)
-            layers[layer - first_layer].append(place)
-        route.append(passing[part, layer])
-    route[-1].after.append(to)
-    to.before.append(route[-1])
-    return [*route, to]
+def _arrows(
+    things: Sequence[Made], place_of: dict[str, _Place], columns: list[list[_Place]]
+) -> list[tuple[str, list[_Place]]]:
+    """Return the title and the places of each arrow; all arrows from a thing pass a layer at the same place."""
+    passing: dict[tuple[str, int], _Place] = {}
+    arrows = []
+    for thing in things:
+        to = place_of[thing.label]
+        for part in (part for part in dict.fromkeys(thing.of) if part in place_of):
+            route = [place_of[part]]
+            for column in range(route[0].column + 1, to.column):
+                if (part, column) not in passing:
+                    passing[part, column] = place = _Place(column, [route[-1]], [])
+                    route[-1].after.append(place)
+                    columns[column].append(place)
+                route.append(passing[part, column])
+            route[-1].after.append(to)
+            to.before.append(route[-1])
+            arrows.append((f"{part} → {thing.label}", [*route, to]))
+    return arrows
 
 
 def _settle(layers: list[list[_Place]]) -> None:
@@ -144,18 +136,16 @@ def _mean(place: _Place, from_left: bool, both: bool) -> float:
     return sum(one.y for one in near) / len(near) if near else place.y
 
 
-def _curve(route: list[_Place], lefts: list[int], widths: list[int], first_layer: int) -> str:
+def _curve(route: list[_Place], lefts: list[int], widths: list[int]) -> str:
     """Return the path of an arrow: level beside and under boxes, bent between layers, with its head."""
-    columns = [place.layer - first_layer for place in route]
     y = int(route[0].y)
-    path = [f"M{lefts[columns[0]] + widths[columns[0]]} {y}"]
-    for column, place in zip(columns[1:], route[1:], strict=True):
-        left, end = lefts[column], int(place.y)
-        begin = left - BETWEEN
-        path.append(f"C{begin + BETWEEN / 2:g} {y} {left - BETWEEN / 2:g} {end} {left} {end}")
+    path = [f"M{lefts[route[0].column] + widths[route[0].column]} {y}"]
+    for place in route[1:]:
+        left, end = lefts[place.column], int(place.y)
+        path.append(f"C{left - BETWEEN / 2:g} {y} {left - BETWEEN / 2:g} {end} {left} {end}")
         y = end
         if place is not route[-1]:
-            path.append(f"H{left + widths[column]}")
+            path.append(f"H{left + widths[place.column]}")
     return "".join(path) + "l-6-3m6 3l-6 3"
 
 

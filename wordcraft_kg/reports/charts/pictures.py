@@ -1,4 +1,4 @@
-"""Pictures without axes: a map of points, a bar of contributions, and a matrix as an image."""
+"""Pictures without axes: maps of points and of links, a bar of contributions, and a matrix as an image."""
 
 import base64
 import json
@@ -12,8 +12,8 @@ from html import escape
 import numpy as np
 from markupsafe import Markup
 
-from wordcraft_kg.reports.charts.plot import COLOURS
-from wordcraft_kg.reports.charts.scales import shortened
+from wordcraft_kg.reports.charts.plot import COLOURS, SMALL_LETTER
+from wordcraft_kg.reports.charts.scales import Labels, shortened
 
 
 def labelled_points(
@@ -30,13 +30,11 @@ def labelled_points(
     parts = [f'<svg viewBox="0 0 {width} {height}" class="map" role="img" aria-label="{escape(description)}">']
     for (x, y), label, group in zip(places, labels, groups, strict=True):
         title = f"<title>{escape(label)}</title>"
-        style = f"series-{group}" if group < COLOURS else "series-other"
-        parts.append(f'<circle cx="{x}" cy="{y}" r="3.5" class="dot {style}">{title}</circle>')
-    taken: list[tuple[float, float, float]] = []
+        parts.append(f'<circle cx="{x}" cy="{y}" r="3.5" class="dot {colour_of(group)}">{title}</circle>')
+    room = Labels(10.05)
     for i in order:
-        (x, y), end = places[i], places[i][0] + 8 + 5.5 * len(labels[i])
-        if all(x > right or end < left or abs(y - line) > 10 for left, right, line in taken):
-            taken.append((x, end, y))
+        x, y = places[i]
+        if room.take(x, x + 8 + SMALL_LETTER * len(labels[i]), y):
             parts.append(f'<text x="{x + 5}" y="{y + 3}" class="small">{escape(labels[i])}</text>')
     return Markup("".join([*parts, "</svg>"]))
 
@@ -202,53 +200,45 @@ def world(
     partners = partners or {}
     near = {number for ends in partners.values() for number in ends} | ({chosen} if chosen is not None else set())
     width, height = size[0] + SIDE + RIGHT, size[1] + 2 * EDGE
-    parts = [
-        f'<svg viewBox="{-SIDE} {-EDGE} {width} {height}" class="world{" has-chosen" if near else ""}" role="group" '
-        f'aria-label="{escape(description)}"><g class="view"><g class="regions">'
-    ]
-    parts += [f'<text x="{r.x}" y="{r.y}">{escape(shortened(r.name, LONGEST))}</text>' for r in regions]
-    parts.append('</g><g class="links">')
-    if chosen is not None:
-        here = dots[chosen]
-        for kind, ends in partners.items():
-            lines = "".join(f"M{here.x} {here.y}L{dots[end].x} {dots[end].y}" for end in ends if end != chosen)
-            parts.append(f'<path class="{escape(kind)}" d="{lines}"/>' if lines else "")
-    parts.append('</g><g class="dots">')
+    names = [f'<text x="{r.x}" y="{r.y}">{escape(shortened(r.name, LONGEST))}</text>' for r in regions]
+    lines = [] if chosen is None else [_lines(dots, chosen, kind, ends) for kind, ends in partners.items()]
+    room = Labels(LINE)
     order = sorted(range(len(dots)), key=lambda number: number not in near)
-    is_labelled = _labelled([dots[number] for number in order])
-    shown = {number for number, is_shown in zip(order, is_labelled, strict=True) if is_shown}
+    shown = {number for number in order if room.take(*_place_of_label(dots[number]))}
+    circles = []
     for number, dot in enumerate(dots):
-        classes = [dot.style, f"r{dot.size}"]
-        classes += ["chosen"] if number == chosen else ["near"] if number in near else []
-        classes += [] if number in shown else ["far"]
-        inside = (
-            f'<title>{escape(dot.title)}</title><circle cx="{dot.x}" cy="{dot.y}"/>'
-            f'<text x="{dot.x}" y="{dot.y}" dx=".8em">{escape(shortened(dot.label, LONGEST))}</text>'
-        )
-        start, end = (f'a href="{escape(dot.href)}"', "a") if dot.href else ("g", "g")
-        parts.append(f'<{start} class="{" ".join(classes)}">{inside}</{end}>')
+        role = "chosen" if number == chosen else "near" if number in near else ""
+        circles.append(_circle(dot, " ".join(filter(None, [role, "" if number in shown else "far"]))))
     others: dict[str, list[list[int]]] = {kind: [[] for _ in dots] for kind in links}
     for kind, pairs in links.items():
         for one, other in pairs:
             others[kind][one].append(other)
-    encoded = json.dumps(others, separators=(",", ":"))
-    parts.append(f'</g></g></svg><script type="application/json" class="world-links">{encoded}</script>')
-    return Markup("".join(parts))
+    return Markup(
+        f'<svg viewBox="{-SIDE} {-EDGE} {width} {height}" class="world{" has-chosen" if near else ""}" role="group" '
+        f'aria-label="{escape(description)}"><g class="view"><g class="regions">{"".join(names)}</g>'
+        f'<g class="links">{"".join(lines)}</g><g class="dots">{"".join(circles)}</g></g></svg>'
+        f'<script type="application/json" class="world-links">{json.dumps(others, separators=(",", ":"))}</script>'
+    )
 
 
-def _labelled(dots: Sequence[Dot]) -> list[bool]:
-    """Return which dots have room for their labels, which the earlier ones take."""
-    taken: dict[int, list[tuple[float, float, int]]] = {}
-    found = []
-    for dot in dots:
-        start, end = dot.x - 8, dot.x + 14 + LETTER * min(len(dot.label), LONGEST)
-        row = dot.y // LINE
-        others = [one for near in (row - 1, row, row + 1) for one in taken.get(near, [])]
-        fits = all(start > right or end < left or abs(dot.y - y) >= LINE for left, right, y in others)
-        if fits:
-            taken.setdefault(row, []).append((start, end, dot.y))
-        found.append(fits)
-    return found
+def _lines(dots: Sequence[Dot], chosen: int, kind: str, ends: Collection[int]) -> str:
+    """Return the lines from a dot to those that it is linked to."""
+    here = dots[chosen]
+    path = "".join(f"M{here.x} {here.y}L{dots[end].x} {dots[end].y}" for end in ends if end != chosen)
+    return f'<path class="{escape(kind)}" d="{path}"/>' if path else ""
+
+
+def _circle(dot: Dot, classes: str) -> str:
+    start, end = (f'a href="{escape(dot.href)}"', "a") if dot.href else ("g", "g")
+    return (
+        f'<{start} class="{dot.style} r{dot.size}{" " * bool(classes)}{classes}"><title>{escape(dot.title)}</title>'
+        f'<circle cx="{dot.x}" cy="{dot.y}"/>'
+        f'<text x="{dot.x}" y="{dot.y}" dx=".8em">{escape(shortened(dot.label, LONGEST))}</text></{end}>'
+    )
+
+
+def _place_of_label(dot: Dot) -> tuple[float, float, int]:
+    return dot.x - 8, dot.x + 14 + LETTER * min(len(dot.label), LONGEST), dot.y
 
 
 def colour_of(number: int) -> str:

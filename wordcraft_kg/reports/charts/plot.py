@@ -1,21 +1,60 @@
-"""Axes with linear scales, and the SVG elements drawn between them."""
+"""Axes with linear scales, the marks drawn between them as SVG elements, and the colours of series.
 
-from collections.abc import Callable, Sequence
+The first six colours are those of Okabe and Ito 2008, "Color universal design", by their contrast with a white page.
+The seventh is the ink of the text; the last one is brown on a white page, and on a dark one their yellow, which white
+would swallow. A test simulates deuteranopia and protanopia. Curves differ in dashes too, and markers in shapes.
+"""
+
+import math
+from collections.abc import Iterable, Sequence
 from html import escape
 
 from markupsafe import Markup
 
-from wordcraft_kg.reports.charts.scales import spread
+from wordcraft_kg.reports.charts.scales import Estimate, estimate, shortened, spread
 
+OKABE_ITO = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
+LIGHT = (*OKABE_ITO, "#1b1f24", "#7f3c00")
+"""Colours on a white page."""
+DARK = (*OKABE_ITO, "#e6edf3", "#f0e442")
+"""Colours on a dark page."""
+COLOURS = len(LIGHT)
 WIDTH, HEIGHT = 460, 250
 LEFT, RIGHT, TOP, BOTTOM = 46, 12, 12, 42
 LINE_HEIGHT = 13
-LETTER = 6.3
-"""Width of a letter in the charts' 11 px text."""
+LETTER, SMALL_LETTER = 6.3, 5.5
+"""Widths of a letter in the charts' usual (11 px) and small text."""
 LONGEST_NAME = 28
 """Letters of a name; longer ones are cut, but complete in the tooltip."""
 ABOVE = 28
 """Margin above the axes that has room for a title or a legend."""
+HOVER_POINTS = 60
+"""Most points of a curve that have a tooltip."""
+CORNERS = (
+    (),
+    ((-3.2, -3.2), (3.2, -3.2), (3.2, 3.2), (-3.2, 3.2)),
+    ((0, -4.2), (4, 3), (-4, 3)),
+    ((0, -4.6), (4.2, 0), (0, 4.6), (-4.2, 0)),
+)
+"""Shapes of markers: circle, square, triangle and diamond."""
+
+CurvePoint = tuple[float, float, float | None, float | None]
+"""x, y, and the bounds of an interval of y, or None for both bounds."""
+
+
+def style_of(number: int) -> str:
+    """Return the class of a series' colour; colours come again when all are used."""
+    return f"series-{number % COLOURS}"
+
+
+def short(name: str) -> str:
+    """Return a name that fits beside a chart."""
+    return shortened(name, LONGEST_NAME)
+
+
+def room_for(names: Iterable[str], beside: int = 20) -> int:
+    """Return the margin for names of series, with pixels beside them."""
+    return round(beside + LETTER * max((len(short(name)) for name in names), default=0))
 
 
 class Plot:
@@ -27,7 +66,7 @@ class Plot:
         y_range: tuple[float, float],
         description: str,
         *,
-        top: int = TOP,
+        top: int = ABOVE,
         right: int = RIGHT,
         left: int = LEFT,
         height: int = HEIGHT,
@@ -47,85 +86,72 @@ class Plot:
         low, high = self.y_range
         return round(self.height - BOTTOM - (value - low) / (high - low) * (self.height - self.top - BOTTOM), 1)
 
-    def y_ticks(self, values: Sequence[float], text: Callable[[float], str]) -> None:
-        """Draw grid lines at values, labelled beside the y-axis."""
-        for value in values:
+    def text(self, x: float, y: float, text: str, style: str = "", anchor: str = "", name: str = "") -> None:
+        """Write a text at a place in pixels, with a tooltip if it stands for a longer name."""
+        attributes = f' text-anchor="{anchor}"' * bool(anchor) + f' class="{style}"' * bool(style)
+        title = f"<title>{escape(name)}</title>" if name and name != text else ""
+        self.parts.append(f'<text x="{x:g}" y="{y:.5g}"{attributes}>{escape(text)}{title}</text>')
+
+    def y_axis(self, ticks: Sequence[float], texts: Sequence[str]) -> None:
+        """Draw level grid lines, labelled beside the axis."""
+        for value, text in zip(ticks, texts, strict=True):
             y = self.y(value)
             self.parts.append(f'<line x1="{self.left}" x2="{WIDTH - self.right}" y1="{y}" y2="{y}" class="grid"/>')
-            self.parts.append(f'<text x="{self.left - 5}" y="{y + 4}" text-anchor="end">{text(value)}</text>')
+            self.text(self.left - 5, y + 4, text, anchor="end")
 
-    def x_ticks(self, values: Sequence[float], text: Callable[[float], str]) -> None:
-        """Draw upright grid lines at values, labelled below."""
-        for value in values:
-            self.parts.append(
-                f'<line x1="{self.x(value)}" x2="{self.x(value)}" y1="{self.top}" y2="{self.height - BOTTOM}" '
-                'class="grid"/>'
-            )
-        self.x_labels([(value, text(value)) for value in values])
+    def x_axis(self, ticks: Sequence[float], texts: Sequence[str], *, grid: bool = False) -> None:
+        """Write texts under the axis, and draw upright grid lines if asked to."""
+        bottom, style = self.height - BOTTOM, "small" if len(ticks) > 6 else "tick"
+        for value, text in zip(ticks, texts, strict=True):
+            x = self.x(value)
+            if grid:
+                self.parts.append(f'<line x1="{x}" x2="{x}" y1="{self.top}" y2="{bottom}" class="grid"/>')
+            self.text(x, bottom + 15, text, style, "middle")
 
-    def x_labels(self, labels: Sequence[tuple[float, str]]) -> None:
-        """Write texts under the x-axis."""
-        style = "small" if len(labels) > 6 else "tick"
-        for value, label in labels:
-            y = self.height - BOTTOM + 15
-            self.parts.append(
-                f'<text x="{self.x(value)}" y="{y}" text-anchor="middle" class="{style}">{escape(label)}</text>'
-            )
+    def titles(self, x_title: str, y_title: str = "") -> None:
+        """Write the titles of the axes, that of the upright one above it."""
+        self.text((self.left + WIDTH - self.right) / 2, self.height - 6, x_title, anchor="middle")
+        if y_title:
+            self.text(self.left, self.top - 10, y_title, "small")
 
-    def rectangle(self, left: float, right: float, low: float, high: float, style: str, title: str) -> None:
-        """Draw a bar with a tooltip."""
+    def bar(self, left: float, right: float, high: float, number: int, title: str) -> None:
+        """Draw a bar from 0 with a tooltip."""
         x, y = self.x(left), self.y(high)
         self.parts.append(
-            f'<rect x="{x}" y="{y}" width="{self.x(right) - x:.1f}" height="{self.y(low) - y:.1f}" class="{style}">'
-            f"<title>{escape(title)}</title></rect>"
+            f'<rect x="{x}" y="{y}" width="{self.x(right) - x:.1f}" height="{self.y(0) - y:.1f}" '
+            f'class="series-{number}"><title>{escape(title)}</title></rect>'
         )
 
-    def polyline(self, points: Sequence[tuple[float, float]], style: str, title: str = "") -> None:
-        """Draw a line through points."""
-        path = " ".join(f"{self.x(x)},{self.y(y)}" for x, y in points)
+    def polyline(self, points: Iterable[Sequence[float | None]], style: str, title: str = "") -> None:
+        """Draw a line through points of x and y; what else they hold is ignored."""
+        path = " ".join(f"{self.x(x or 0)},{self.y(y or 0)}" for x, y, *_ in points)
         inside = f"><title>{escape(title)}</title></polyline>" if title else "/>"
         self.parts.append(f'<polyline points="{path}" class="{style}"{inside}')
 
-    def band(self, bounds: Sequence[tuple[float, float, float]], style: str, single: str) -> None:
-        """Fill the area between bounds (x, low, high); for a single x, draw a whisker of the style ``single``."""
-        if len(bounds) == 1:
-            self.whisker(*bounds[0], single)
-            return
-        around = [(x, high) for x, _, high in bounds] + [(x, low) for x, low, _ in reversed(bounds)]
-        path = " ".join(f"{self.x(x)},{self.y(y)}" for x, y in around)
-        self.parts.append(f'<polygon points="{path}" class="{style}"/>')
+    def bands(self, points: Sequence[CurvePoint], number: int) -> None:
+        """Fill the areas between the bounds of consecutive points; a point without such neighbours gets a whisker."""
+        runs: list[list[tuple[float, float, float]]] = [[]]
+        for x, _, low, high in points:
+            if low is not None and high is not None:
+                runs[-1].append((x, low, high))
+            elif runs[-1]:
+                runs.append([])
+        for run in filter(None, runs):
+            if len(run) == 1:
+                ((x, low, high),) = run
+                self.whiskers((x, None, None), (low, low, high), number)
+                continue
+            around = [(x, high) for x, _, high in run] + [(x, low) for x, low, _ in reversed(run)]
+            path = " ".join(f"{self.x(x)},{self.y(y)}" for x, y in around)
+            self.parts.append(f'<polygon points="{path}" class="band {style_of(number)}"/>')
 
-    def whisker(self, x: float, low: float, high: float, style: str) -> None:
-        """Draw a line from ``low`` to ``high``."""
-        at = self.x(x)
-        self.parts.append(f'<line x1="{at}" x2="{at}" y1="{self.y(low)}" y2="{self.y(high)}" class="{style}"/>')
-
-    def marker(self, x: float, y: float, number: int, title: str) -> None:
-        """Draw a circle, square, triangle or diamond at a place in pixels, by the number of the series."""
-        style, inside = f"dot series-{number % COLOURS}", f"<title>{escape(title)}</title>"
-        corners = (
-            [],
-            [(-3.2, -3.2), (3.2, -3.2), (3.2, 3.2), (-3.2, 3.2)],
-            [(0, -4.2), (4, 3), (-4, 3)],
-            [(0, -4.6), (4.2, 0), (0, 4.6), (-4.2, 0)],
-        )[number % 4]
-        path = " ".join(f"{x + dx:.1f},{y + dy:.1f}" for dx, dy in corners)
-        self.parts.append(
-            f'<polygon points="{path}" class="{style}">{inside}</polygon>'
-            if corners
-            else f'<circle cx="{x}" cy="{y}" r="3.6" class="{style}">{inside}</circle>'
-        )
-
-    def end_labels(self, ends: Sequence[tuple[float, float, str, str, str]]) -> None:
-        """Label the right ends (x, y, text, full name, style) of curves, with a thin line to labels that were moved."""
-        places = spread([self.y(end[1]) for end in ends], LINE_HEIGHT, self.top, self.height - BOTTOM)
-        edge = WIDTH - self.right
-        for (x_value, y_value, text, name, style), place in zip(ends, places, strict=True):
-            x, y = self.x(x_value), self.y(y_value)
-            if abs(place - y) > 2 or edge - x > 2:
-                self.parts.append(f'<line x1="{x + 2:.1f}" x2="{edge + 10}" y1="{y}" y2="{place:.1f}" class="leader"/>')
-            inside = escape(text) + (f"<title>{escape(name)}</title>" if name != text else "")
-            self.parts.append(f'<text x="{edge + 13}" y="{place + 4:.1f}" class="{style}">{inside}</text>')
+    def hover_points(self, name: str, points: Sequence[CurvePoint], number: int, percent: bool) -> None:
+        """Give points of a curve a tooltip; a curve of a single point is a dot."""
+        style, radius = ("hit", 4.0) if len(points) > 1 else (f"dot {style_of(number)}", 3.6)
+        every = math.ceil(len(points) / HOVER_POINTS)
+        # Counted from the end, because the last point matters most.
+        for x, y, low, high in points[::-1][::every][::-1]:
+            self.circle(x, y, radius, style, f"{name}, {x:,.10g}: {estimate((y, low, high), percent)}")
 
     def circle(self, x: float, y: float, radius: float, style: str, title: str) -> None:
         """Draw a point with a tooltip."""
@@ -134,27 +160,42 @@ class Plot:
             f"<title>{escape(title)}</title></circle>"
         )
 
-    def titles(self, x_title: str, y_title: str) -> None:
-        """Write the titles of the axes, that of the upright one above it."""
-        middle = (self.left + WIDTH - self.right) / 2
-        self.parts.append(f'<text x="{middle}" y="{self.height - 6}" text-anchor="middle">{escape(x_title)}</text>')
-        if y_title:
-            self.parts.append(f'<text x="{self.left}" y="{self.top - 10}" class="small">{escape(y_title)}</text>')
+    def whiskers(self, x: Estimate, y: Estimate, number: int) -> None:
+        """Draw the intervals of an estimate, as far as it has them."""
+        style = f"whisker {style_of(number)}"
+        if x[1] is not None and x[2] is not None:
+            self.polyline([(x[1], y[0]), (x[2], y[0])], style)
+        if y[1] is not None and y[2] is not None:
+            at = self.x(x[0])
+            self.parts.append(f'<line x1="{at}" x2="{at}" y1="{self.y(y[1])}" y2="{self.y(y[2])}" class="{style}"/>')
+
+    def marker(self, x: float, y: float, number: int, title: str) -> None:
+        """Draw a marker at a place in pixels, in the shape and colour of a series."""
+        style, inside = f"dot {style_of(number)}", f"<title>{escape(title)}</title>"
+        corners = CORNERS[number % len(CORNERS)]
+        path = " ".join(f"{x + dx:.1f},{y + dy:.1f}" for dx, dy in corners)
+        self.parts.append(
+            f'<polygon points="{path}" class="{style}">{inside}</polygon>'
+            if corners
+            else f'<circle cx="{x}" cy="{y}" r="3.6" class="{style}">{inside}</circle>'
+        )
+
+    def end_labels(self, ends: Sequence[tuple[float, float, str, str]]) -> None:
+        """Name curves at their right ends (x, y, name, style), with a thin line to names that were moved."""
+        places = spread([self.y(end[1]) for end in ends], LINE_HEIGHT, self.top, self.height - BOTTOM)
+        edge = WIDTH - self.right
+        for (x_value, y_value, name, style), place in zip(ends, places, strict=True):
+            x, y = self.x(x_value), self.y(y_value)
+            if abs(place - y) > 2 or edge - x > 2:
+                self.parts.append(f'<line x1="{x + 2:.1f}" x2="{edge + 10}" y1="{y}" y2="{place:.1f}" class="leader"/>')
+            self.text(edge + 13, place + 4, short(name), style, name=name)
 
     def done(self, legend: Sequence[str] = ()) -> Markup:
         """Return the chart, with a legend above it of names in the order of their colours."""
         x = float(self.left)
         for i, name in enumerate(legend):
             self.parts.append(f'<rect x="{x:g}" y="6" width="11" height="11" class="series-{i}"/>')
-            self.parts.append(f'<text x="{x + 16:g}" y="16">{escape(name)}</text>')
+            self.text(x + 16, 16, name)
             x += 32 + LETTER * len(name)
         opening = f'<svg viewBox="0 0 {WIDTH} {self.height}" role="img" aria-label="{escape(self.description)}">'
         return Markup("".join([opening, *self.parts, "</svg>"]))
-
-
-OKABE_ITO = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
-LIGHT = (*OKABE_ITO, "#1b1f24", "#7f3c00")
-"""Colours on a white page."""
-DARK = (*OKABE_ITO, "#e6edf3", "#f0e442")
-"""Colours on a dark page."""
-COLOURS = len(LIGHT)

@@ -64,3 +64,21 @@ def spread(wanted: Sequence[float], gap: float, low: float, high: float) -> list
     for rank, i in enumerate(order):
         places[i] = min(max(means[rank], low), high - (len(wanted) - 1) * gap) + rank * gap
     return places
+
+
+class Labels:
+    """Places of texts that do not overlap: the first to ask for a place takes it."""
+
+    def __init__(self, line: float):
+        """Take the least distance of two lines of text."""
+        self._line = line
+        self._taken: dict[int, list[tuple[float, float, float]]] = {}
+
+    def take(self, left: float, right: float, y: float) -> bool:
+        """Return whether there was room for a text, which now has its place."""
+        row = int(y // self._line)
+        others = [one for near in (row - 1, row, row + 1) for one in self._taken.get(near, ())]
+        fits = all(left > end or right < start or abs(y - at) >= self._line for start, end, at in others)
+        if fits:
+            self._taken.setdefault(row, []).append((left, right, y))
+        return fits

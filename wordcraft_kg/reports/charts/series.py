@@ -1,37 +1,53 @@
-"""Charts of series: bars, curves, and estimates with their intervals."""
+"""Charts of series: each is a plot with marks for bars, curves, or estimates with their intervals."""
 
 import math
 from collections.abc import Collection, Mapping, Sequence
-from html import escape
 from typing import Any
 
 from markupsafe import Markup
 
-from wordcraft_kg.reports.charts.plot import ABOVE, COLOURS, LEFT, LETTER, LONGEST_NAME, WIDTH, Plot
-from wordcraft_kg.reports.charts.scales import Estimate, amounts, estimate, round_ticks, shortened
+from wordcraft_kg.reports.charts.plot import (
+    ABOVE,
+    BOTTOM,
+    COLOURS,
+    HEIGHT,
+    LEFT,
+    LETTER,
+    LINE_HEIGHT,
+    SMALL_LETTER,
+    TOP,
+    WIDTH,
+    CurvePoint,
+    Plot,
+    room_for,
+    short,
+    style_of,
+)
+from wordcraft_kg.reports.charts.scales import Estimate, Labels, amounts, estimate, round_ticks, shortened
 
 DASHES = 4
-HOVER_POINTS = 60
-
-CurvePoint = tuple[float, float, float | None, float | None]
-"""x, y, and the bounds of an interval of y, or None for both bounds."""
+ROW = 26
+"""Height of a row of :func:`intervals`."""
+SAMPLE = 22
+"""Width of the piece of a curve that stands before its name in :func:`profiles`."""
+FIFTHS = [i / 5 for i in range(6)]
+"""Ticks of an axis of shares from 0 to 1."""
 
 
 def grouped_bars(
     labels: Sequence[str], series: Mapping[Any, Sequence[float]], x_title: str, description: str
 ) -> Markup:
     """Draw shares (0 to 1) as grouped bars with a legend."""
-    highest = max((max(values, default=0) for values in series.values()), default=0)
-    ticks = round_ticks(0, highest)
-    plot = Plot((0, max(len(labels), 1)), (0, ticks[-1]), description, top=ABOVE)
-    plot.y_ticks(ticks, lambda value: f"{value:.3g}" if ticks[1] < 0.01 else f"{value:.0%}")
+    ticks = round_ticks(0, max((max(values, default=0) for values in series.values()), default=0))
+    plot = Plot((0, max(len(labels), 1)), (0, ticks[-1]), description)
+    plot.y_axis(ticks, _shares(ticks))
     width = 0.8 / max(len(series), 1)
     for number, (name, values) in enumerate(series.items()):
         for i, value in enumerate(values):
             x = i + 0.1 + number * width
-            plot.rectangle(x, x + width * 0.94, 0, value, f"series-{number}", f"{name}, {labels[i]}: {value:.1%}")
-    plot.x_labels([(i + 0.5, label) for i, label in enumerate(labels)])
-    plot.titles(x_title, "")
+            plot.bar(x, x + width * 0.94, value, number, f"{name}, {labels[i]}: {value:.1%}")
+    plot.x_axis([i + 0.5 for i in range(len(labels))], labels)
+    plot.titles(x_title)
     return plot.done(list(series))
 
 
@@ -48,62 +64,48 @@ def curves(
 ) -> Markup:
     """Draw curves with bands of uncertainty, each labelled at its right end; the x-axis includes 0.
 
-    Several seeds are drawn as a curve of their means and a band of their interval. A point with bounds whose neighbours
-    have none gets a whisker, and a curve of a single point is a dot.
+    Several seeds are a curve of their means and a band of their interval. A point with bounds whose neighbours have
+    none gets a whisker, and a curve of a single point is a dot.
 
     Args:
         series: points by name, x ascending; a curve without points keeps its colour, but is not drawn.
         x_title: title under the x-axis, whose numbers are abbreviated (0.5M).
         y_title: title above the chart.
         description: text for readers who cannot see it.
-        percent: y is a share, and its axis goes from 0 to 100 %; otherwise the axis is fitted to the data.
-        dashed: names of the curves to be dashed, such as those of train tasks; the others are solid. By default each
-            colour has its own pattern, so that curves differ without colour too; where colours come again, their
-            patterns are others.
-        colours: numbers of colours by name, for curves that share one; by default a curve's place in ``series``.
-        labels: text at the end by name, for curves that share one; a curve without a text is not
-            labelled, and all are thin. By default, each has its name.
+        percent: y is a share, on an axis from 0 to 100 %; otherwise the axis fits the data.
+        dashed: names of the dashed curves; the others are solid. Default: a pattern for each colour, so that curves
+            differ without colour too.
+        colours: numbers of colours by name, for curves that share one. Default: a curve's place in ``series``.
+        labels: text at the end by name, for curves that share one; all curves are thin then. Default: the names.
     """
     texts = labels if labels is not None else {name: name for name in series}
-    names = {name: shortened(texts[name], LONGEST_NAME) for name, points in series.items() if points and name in texts}
-    everything = [point for points in series.values() for point in points]
-    xs = [point[0] for point in everything]
-    ys = [value for point in everything for value in point[1:] if value is not None]
-    y_ticks = [i / 5 for i in range(6)] if percent else round_ticks(min(ys, default=0), max(ys, default=1))
-    first, last = min(xs, default=0), max(xs, default=1)
-    first = min(first, 0)
-    last = last if last > first else first + 1
-    room = round(20 + LETTER * max(map(len, names.values()), default=0))
-    plot = Plot((first, last), (y_ticks[0], y_ticks[-1]), description, top=ABOVE, right=room)
-    y_texts = [f"{value:.0%}" for value in y_ticks] if percent else amounts(y_ticks)
-    plot.y_ticks(y_ticks, dict(zip(y_ticks, y_texts, strict=True)).__getitem__)
-    x_ticks = [value for value in round_ticks(first, last) if first <= value <= last]
-    plot.x_labels(list(zip(x_ticks, amounts(x_ticks), strict=True)))
-    places = {name: (colours or {}).get(name, i) for i, name in enumerate(series)}
-    number = {name: place % COLOURS for name, place in places.items()}
-    for name, points in series.items():
-        for run in _runs_with_bounds(points):
-            plot.band(run, f"band series-{number[name]}", f"whisker series-{number[name]}")
     drawn = {name: points for name, points in series.items() if points}
+    named = {name: texts[name] for name in drawn if name in texts}
+    plot = _plot_of_curves(drawn, room_for(named.values()), description, percent)
+    places = {name: (colours or {}).get(name, i) for i, name in enumerate(series)}
     for name, points in drawn.items():
-        dash = pattern(places[name]) if dashed is None else "dashed" if name in dashed else "dash-0"
-        thin = "" if labels is None else " thin"
-        plot.polyline([point[:2] for point in points], f"line series-{number[name]} {dash}{thin}", name)
+        plot.bands(points, places[name])
     for name, points in drawn.items():
-        style, radius = ("hit", 4.0) if len(points) > 1 else (f"dot series-{number[name]}", 3.6)
-        every = math.ceil(len(points) / HOVER_POINTS)
-        # Counted from the end, because the last point matters most.
-        for x, y, low, high in points[::-1][::every][::-1]:
-            plot.circle(x, y, radius, style, f"{name}, {x:,.10g}: {estimate((y, low, high), percent)}")
-    ends = [(name, *series[name][-1][:2]) for name in names]
-    plot.end_labels([(x, y, names[name], texts[name], f"series-{number[name]}") for name, x, y in ends])
+        dash = _pattern(places[name]) if dashed is None else "dashed" if name in dashed else "dash-0"
+        plot.polyline(points, f"line {style_of(places[name])} {dash}{' thin' * (labels is not None)}", name)
+    for name, points in drawn.items():
+        plot.hover_points(name, points, places[name], percent)
+    plot.end_labels([(*drawn[name][-1][:2], text, style_of(places[name])) for name, text in named.items()])
     plot.titles(x_title, y_title)
     return plot.done()
 
 
-def pattern(place: int) -> str:
-    """Return the dashes of a curve by its place."""
-    return f"dash-{(place + place // COLOURS) % DASHES}"
+def _plot_of_curves(series: Mapping[str, Sequence[CurvePoint]], room: int, description: str, percent: bool) -> Plot:
+    xs = [point[0] for points in series.values() for point in points]
+    ys = [value for points in series.values() for point in points for value in point[1:] if value is not None]
+    y_ticks = FIFTHS if percent else round_ticks(min(ys, default=0), max(ys, default=1))
+    first, last = min([0, *xs]), max(xs, default=1)
+    last = last if last > first else first + 1
+    plot = Plot((first, last), (y_ticks[0], y_ticks[-1]), description, right=room)
+    plot.y_axis(y_ticks, _shares(y_ticks) if percent else amounts(y_ticks))
+    x_ticks = [value for value in round_ticks(first, last) if first <= value <= last]
+    plot.x_axis(x_ticks, amounts(x_ticks))
+    return plot
 
 
 def dots(
@@ -124,25 +126,139 @@ def dots(
         y_title: title above the chart.
         description: text for readers who cannot see it.
     """
-    names = {name: shortened(name, LONGEST_NAME) for name, values in series.items() if not values or any(values)}
-    room = round(30 + LETTER * max(map(len, names.values()), default=0))
-    plot = Plot((0, max(len(labels), 1)), (0, 1), description, top=ABOVE, right=room)
-    plot.y_ticks([i / 5 for i in range(6)], lambda value: f"{value:.0%}")
+    names = [name for name, values in series.items() if not values or any(values)]
+    room = room_for(names, 30)
+    plot = Plot((0, max(len(labels), 1)), (0, 1), description, right=room)
+    plot.y_axis(FIFTHS, _shares(FIFTHS))
     letters = int((plot.x(1) - plot.x(0)) / LETTER)
-    plot.x_labels([(i + 0.5, shortened(label, letters)) for i, label in enumerate(labels)])
+    plot.x_axis([i + 0.5 for i in range(len(labels))], [shortened(label, letters) for label in labels])
     gap = min(0.15, 0.8 / max(len(series), 1))
     for number, (name, values) in enumerate(series.items()):
         for i, (label, value) in enumerate(zip(labels, values, strict=True)):
             if value is not None:
                 x = i + 0.5 + (number - (len(series) - 1) / 2) * gap
-                share, low, high = value
-                if low is not None and high is not None:
-                    plot.whisker(x, low, high, f"whisker series-{number % COLOURS}")
-                plot.marker(plot.x(x), plot.y(share), number, f"{name}, {label}: {estimate(value, True)}")
+                plot.whiskers((x, None, None), value, number)
+                plot.marker(plot.x(x), plot.y(value[0]), number, f"{name}, {label}: {estimate(value, True)}")
         if name in names:
-            left, y = WIDTH - room + 14, plot.top + 6 + 16 * list(names).index(name)
+            left, y = WIDTH - room + 14, plot.top + 6 + 16 * names.index(name)
             plot.marker(left, y, number, name)
-            plot.parts.append(f'<text x="{left + 9}" y="{y + 4}">{escape(names[name])}</text>')
+            plot.text(left + 9, y + 4, short(name))
+    plot.titles(x_title, y_title)
+    return plot.done()
+
+
+def scatter(
+    series: Mapping[str, Sequence[tuple[str, Estimate, Estimate]]],
+    x_title: str,
+    y_title: str,
+    description: str,
+    *,
+    level: tuple[str, float] | None = None,
+) -> Markup:
+    """Draw points with the whiskers of both their intervals; the name of a series stands right of its last point.
+
+    Args:
+        series: by name, points of label, x and y; y is a share. Labels stand above or below the points where they fit;
+            one that points of several series share is there once.
+        x_title: title under the x-axis, which fits the data.
+        y_title: title above the chart, whose axis goes from 0 as far as the data.
+        description: text for readers who cannot see it.
+        level: name and share of a dashed horizontal line.
+    """
+    everything = [point for points in series.values() for point in points]
+    xs = [value for _, x, _ in everything for value in x if value is not None]
+    ys = [value for *_, y in everything for value in y if value is not None] + list((level or ())[1:])
+    ticks, y_ticks = round_ticks(min(xs, default=0), max(xs, default=1)), round_ticks(0, max(ys, default=1))
+    names = [name for name, points in series.items() if points] + list((level or ())[:1])
+    plot = Plot((ticks[0], ticks[-1]), (0, y_ticks[-1]), description, right=room_for(names))
+    plot.y_axis(y_ticks, _shares(y_ticks))
+    plot.x_axis(ticks, [f"{value:.3g}" for value in ticks])
+    ends = []
+    if level:
+        name, share = level
+        plot.polyline([(ticks[0], share), (ticks[-1], share)], "diagonal", f"{name}: {share:.1%}")
+        ends.append((ticks[-1], share, name, ""))
+    labels, named = Labels(10.05), set[str]()
+    for number, (name, unordered) in enumerate(series.items()):
+        points = sorted(unordered, key=lambda point: point[1][0])
+        for _, x, y in points:
+            plot.whiskers(x, y, number)
+        for label, x, y in points:
+            left, half = plot.x(x[0]), SMALL_LETTER * len(label) / 2
+            plot.marker(left, plot.y(y[0]), number, f"{name}, {label}: {estimate(y, True)} at {estimate(x, False)}")
+            # Outside of the whiskers, alternately above and below, where the points of the other series rarely are.
+            ends_of_y = [plot.y(value) for value in y if value is not None]
+            line = max(ends_of_y) + 12 if number % 2 else min(ends_of_y) - 5
+            if label not in named and labels.take(left - half, left + half, line):
+                named.add(label)
+                plot.text(left, line, label, "small", "middle")
+        ends += [(x[0], y[0], name, style_of(number)) for _, x, y in points[-1:]]
+    plot.end_labels(ends)
+    plot.titles(x_title, y_title)
+    return plot.done()
+
+
+def intervals(
+    rows: Sequence[tuple[str, Estimate]],
+    x_title: str,
+    description: str,
+    *,
+    reference: float | None = None,
+    percent: bool = False,
+) -> Markup:
+    """Draw values with the whiskers of their intervals, a row for each with a shape of its own; the axis fits them.
+
+    Args:
+        rows: names, and values with their bounds.
+        x_title: title under the axis.
+        description: text for readers who cannot see it.
+        reference: value to mark with a dashed line, which the axis includes.
+        percent: the values are shares.
+    """
+    ends = [end for _, row in rows for end in (*row, reference) if end is not None]
+    ticks = round_ticks(min(ends, default=0), max(ends, default=1))
+    left, height = room_for((name for name, _ in rows), 12), TOP + ROW * len(rows) + BOTTOM
+    y_range = (max(len(rows), 1), 0)
+    plot = Plot((ticks[0], ticks[-1]), y_range, description, top=TOP, right=56, left=left, height=height)
+    plot.x_axis(ticks, [f"{value:.0%}" if percent else f"{value:.3g}" for value in ticks], grid=True)
+    if reference is not None:
+        plot.polyline([(reference, 0), (reference, len(rows))], "diagonal")
+    for number, (name, value) in enumerate(rows):
+        y = plot.y(number + 0.5)
+        plot.whiskers(value, (number + 0.5, None, None), number)
+        plot.marker(plot.x(value[0]), y, number, f"{name}: {estimate(value, percent)}")
+        plot.text(left - 8, y + 4, short(name), anchor="end")
+        plot.text(WIDTH - 44, y + 4, f"{value[0]:.1%}" if percent else f"{value[0]:.3f}")
+    plot.titles(x_title)
+    return plot.done()
+
+
+def profiles(series: Mapping[str, Sequence[CurvePoint]], x_title: str, y_title: str, description: str) -> Markup:
+    """Draw falling curves of shares over levels from 0 to 1, with bands, and their names in the order of their areas.
+
+    All curves end at 0, so names stand beside the chart with a piece of the curve, the best at the top.
+
+    Args:
+        series: by name, points of level, share and the bounds of its interval.
+        x_title: title under the axis of levels.
+        y_title: title above the chart.
+        description: text for readers who cannot see it.
+    """
+    room = room_for(series, 32 + SAMPLE)
+    plot = Plot((0, 1), (0, 1), description, right=room)
+    plot.y_axis(FIFTHS, _shares(FIFTHS))
+    plot.x_axis(FIFTHS, _shares(FIFTHS))
+    for number, points in enumerate(series.values()):
+        plot.bands(points, number)
+    styles = {name: f"line {style_of(number)} {_pattern(number)}" for number, name in enumerate(series)}
+    for name, points in series.items():
+        plot.polyline(points, styles[name], name)
+    gap = min(LINE_HEIGHT + 2.0, (HEIGHT - ABOVE - BOTTOM) / max(len(series), 1))
+    by_area = sorted(series, key=lambda name: -sum(point[1] for point in series[name]))
+    for place, name in enumerate(by_area):
+        left, y = WIDTH - room + 14, round(ABOVE + 6 + gap * place, 1)
+        plot.parts.append(f'<polyline points="{left},{y} {left + SAMPLE},{y}" class="{styles[name]}"/>')
+        plot.text(left + SAMPLE + 6, y + 4, short(name), style_of(list(series).index(name)), name=name)
     plot.titles(x_title, y_title)
     return plot.done()
 
@@ -150,12 +266,12 @@ def dots(
 def reliability(points: Sequence[tuple[float, float, int]], description: str) -> Markup:
     """Draw accuracy against confidence, axes fitted to the data, with the diagonal of perfect calibration."""
     ticks = round_ticks(0, max((max(x, y) for x, y, _ in points), default=1.0))
-    top = ticks[-1]
-    plot = Plot((0, top), (0, top), description, top=ABOVE)
-    plot.y_ticks(ticks, lambda value: f"{value:.3g}")
-    plot.x_labels([(value, f"{value:.3g}") for value in ticks])
-    plot.polyline([(0, 0), (top, top)], "diagonal")
-    plot.polyline([(x, y) for x, y, _ in points], "line series-0")
+    plot = Plot((0, ticks[-1]), (0, ticks[-1]), description)
+    texts = [f"{value:.3g}" for value in ticks]
+    plot.y_axis(ticks, texts)
+    plot.x_axis(ticks, texts)
+    plot.polyline([(0, 0), (ticks[-1], ticks[-1])], "diagonal")
+    plot.polyline(points, "line series-0")
     for x, y, count in points:
         plot.circle(x, y, 4, "series-0", f"confidence {x:.3f}, right {y:.3f}, {count} queries")
     plot.titles("confidence of the best candidate", "share that is right")
@@ -177,27 +293,27 @@ def log_reliability(series: Mapping[str, Sequence[tuple[float, float, float, flo
     def place(value: float) -> float:
         return math.log10(max(value, 10.0**lowest))
 
-    plot = Plot((lowest, 0), (lowest, 0), description, top=ABOVE, left=LEFT + 8)
+    plot = Plot((lowest, 0), (lowest, 0), description, left=LEFT + 8)
     ticks = range(lowest, 1)
-    plot.y_ticks(ticks, lambda value: f"{10.0**value:.10g}")
-    plot.x_labels([(value, f"{10.0**value:.10g}") for value in ticks])
+    texts = [f"{10.0**value:.10g}" for value in ticks]
+    plot.y_axis(ticks, texts)
+    plot.x_axis(ticks, texts)
     plot.polyline([(lowest, lowest), (0, 0)], "diagonal")
     for number, (name, values) in enumerate(series.items()):
-        plot.polyline([(place(x), place(y)) for x, y, *_ in values], f"line series-{number % COLOURS}")
+        plot.polyline([(place(x), place(y)) for x, y, *_ in values], f"line {style_of(number)}")
         for x, y, low, high, count in values:
-            plot.whisker(place(x), place(low), place(high), f"whisker series-{number % COLOURS}")
+            plot.whiskers((place(x), None, None), (place(y), place(low), place(high)), number)
             title = f"{name}: probability {x:.2g}, true {y:.2g} [{low:.2g}, {high:.2g}], {count:,} triples"
             plot.marker(plot.x(place(x)), plot.y(place(y)), number, title)
-    plot.titles("probability", "")
+    plot.titles("probability")
     return plot.done(list(series))
 
 
-def _runs_with_bounds(points: Sequence[CurvePoint]) -> list[list[tuple[float, float, float]]]:
-    """Return the runs of consecutive points that have bounds, as (x, low, high)."""
-    runs: list[list[tuple[float, float, float]]] = [[]]
-    for x, _, low, high in points:
-        if low is not None and high is not None:
-            runs[-1].append((x, low, high))
-        elif runs[-1]:
-            runs.append([])
-    return [run for run in runs if run]
+def _shares(ticks: Sequence[float]) -> list[str]:
+    """Return the texts of an axis of shares; percents without digits would be equal on a very short one."""
+    return [f"{value:.3g}" if ticks[1] < 0.01 else f"{value:.0%}" for value in ticks]
+
+
+def _pattern(place: int) -> str:
+    """Return the dashes of a curve by its place; where colours come again, their patterns are others."""
+    return f"dash-{(place + place // COLOURS) % DASHES}"

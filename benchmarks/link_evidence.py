@@ -33,8 +33,8 @@ from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_book
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.splits import TEST, Draw, Split
 from wordcraft_kg.graphs.triples import RELATIONS, is_in, recipe_triples
+from wordcraft_kg.models.folder import open_model
 from wordcraft_kg.models.links.config import ComplExConfig
-from wordcraft_kg.models.links.folder import open_model
 from wordcraft_kg.models.scorers.baselines import NeighbourScorer, VoteScorer
 from wordcraft_kg.models.scorers.features import glove_features
 from wordcraft_kg.models.scorers.folder import load_scorer

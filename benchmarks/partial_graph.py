@@ -61,10 +61,10 @@ def build(book: str, home: Path, kind: str, seed: int) -> None:
     from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_book, open_graph
     from wordcraft_kg.graphs.folder import write_graph_folder
     from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
-    from wordcraft_kg.models.links.saving import save_scorer
     from wordcraft_kg.models.links.training import train_links
-    from wordcraft_kg.models.recipes.config import RecipeScorerConfig
+    from wordcraft_kg.models.recipes.config import RecipesConfig
     from wordcraft_kg.models.recipes.training import train_recipes
+    from wordcraft_kg.models.saving import save_scorer
     from wordcraft_kg.models.scorers.cross_fitting import cross_fit
 
     graph = home / "graph"
@@ -78,7 +78,7 @@ def build(book: str, home: Path, kind: str, seed: int) -> None:
     if not is_done(home / "complex"):
         train_links(LinksConfig(str(graph), ComplExConfig()), home / "complex", force=True)
     if not is_done(home / "recipes"):
-        train_recipes(RecipeScorerConfig(str(graph)), home / "recipes", force=True)
+        train_recipes(RecipesConfig(str(graph)), home / "recipes", force=True)
     figures = home / "mrr.json"
     if not figures.exists():
         write_atomically(figures, json.dumps(judge(home)))
@@ -112,7 +112,7 @@ def is_done(folder: Path) -> bool:
 
 def judge(home: Path) -> dict[str, float]:
     """Return the leak-free MRR of each scorer."""
-    from wordcraft_kg.models.links.folder import open_model
+    from wordcraft_kg.models.folder import open_model
     from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples
 
     found = {}

@@ -134,7 +134,7 @@ def recipes_folder(trained: Callable[[str, Callable[[Path], object]], Path]) -> 
     from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
     from wordcraft_kg.models.recipes.training import train_recipes
 
-    config = RecipeScorerConfig("kitchen", RecipesConfig(folds=3))
+    config = RecipesConfig("kitchen", RecipeScorerConfig(folds=3))
     return trained("kitchen-recipes", lambda out: train_recipes(config, out))
 
 

@@ -29,16 +29,16 @@ if TYPE_CHECKING:
     from wordcraft_kg.graphs.library import open_book
     from wordcraft_kg.graphs.recipe_graph import RecipeGraph
     from wordcraft_kg.graphs.splits import SplitConfig, make_split
+    from wordcraft_kg.models.folder import open_model
     from wordcraft_kg.models.links.config import ComplExConfig, LinkModelConfig, LinksConfig
-    from wordcraft_kg.models.links.folder import open_model
     from wordcraft_kg.models.links.pykeen_import import from_pykeen
-    from wordcraft_kg.models.links.saving import save_scorer
     from wordcraft_kg.models.links.training import train_links
     from wordcraft_kg.models.policies.config import PolicyConfig
     from wordcraft_kg.models.policies.folder import load_policy, save_policy
     from wordcraft_kg.models.policies.sources.source import make_sources
     from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
     from wordcraft_kg.models.recipes.training import train_recipes
+    from wordcraft_kg.models.saving import save_scorer
     from wordcraft_kg.models.scorers.cross_fitting import cross_fit
     from wordcraft_kg.models.scorers.folder import load_scorer
     from wordcraft_kg.runs.trackers import Tracker
@@ -55,8 +55,8 @@ _MODULES = {
     "LinksConfig": "models.links.config",
     "PolicyConfig": "models.policies.config",
     "RecipeGraph": "graphs.recipe_graph",
-    "RecipeScorerConfig": "models.recipes.config",
     "RecipesConfig": "models.recipes.config",
+    "RecipeScorerConfig": "models.recipes.config",
     "SplitConfig": "graphs.splits",
     "Study": "studies.study",
     "TaskConfig": "agents.config",
@@ -73,11 +73,11 @@ _MODULES = {
     "open_agent": "agents.agent_folder",
     "open_book": "graphs.library",
     "open_graph": "graphs.folder",
-    "open_model": "models.links.folder",
+    "open_model": "models.folder",
     "read_study": "studies.study",
     "run_study": "studies.engine",
     "save_policy": "models.policies.folder",
-    "save_scorer": "models.links.saving",
+    "save_scorer": "models.saving",
     "train_agent": "agents.training",
     "train_links": "models.links.training",
     "train_recipes": "models.recipes.training",

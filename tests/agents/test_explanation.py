@@ -362,8 +362,8 @@ def test_a_scorer_without_folds_remembers_what_it_was_trained_on(
 def test_of_a_scorer_that_was_taught_a_dose_no_more_is_said_to_be_memory(
     opened: OpenedGraph, tmp_path: Path, in_sample: bool
 ) -> None:
-    dosed = RecipesConfig(folds=3, share=0.6, noise=0.2)
-    guide = load_scorer(train_recipes(RecipeScorerConfig("kitchen", dosed), tmp_path / "model").folder)
+    dosed = RecipeScorerConfig(folds=3, share=0.6, noise=0.2)
+    guide = load_scorer(train_recipes(RecipesConfig("kitchen", dosed), tmp_path / "model").folder)
     world = world_of(opened, "train")
     settings = PolicyConfig(**SMALL, use="w", in_sample=in_sample)  # type: ignore[arg-type]
     policy, _ = make_policy(settings, opened.graph, world.num_slots, scorer=guide, tasks=world.tasks)

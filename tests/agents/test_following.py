@@ -18,8 +18,8 @@ from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs import open_graph
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.splits import SplitConfig
+from wordcraft_kg.models.folder import open_model
 from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
-from wordcraft_kg.models.links.folder import open_model
 from wordcraft_kg.models.links.training import train_links
 
 CONFIG = AgentConfig(

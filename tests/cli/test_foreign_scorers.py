@@ -9,7 +9,7 @@ import pytest
 from pykeen.pipeline import pipeline
 
 from wordcraft_kg.graphs.folder import open_graph
-from wordcraft_kg.models.links.saving import save_scorer
+from wordcraft_kg.models.saving import save_scorer
 from wordcraft_kg.models.scorers.baselines import NeighbourScorer
 
 Run = Callable[..., Any]

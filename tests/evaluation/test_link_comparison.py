@@ -10,8 +10,8 @@ from wordcraft_kg.evaluation import link_comparison
 from wordcraft_kg.evaluation.link_comparison import ComparedModel, Contender, LinkComparison, compare
 from wordcraft_kg.graphs import SplitConfig, make_split
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
-from wordcraft_kg.models.links.config import ComplExConfig
-from wordcraft_kg.models.links.folder import OpenedModel
+from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
+from wordcraft_kg.models.model import History, Model
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer, SymbolicScorer
 from wordcraft_kg.models.scorers.ranking import (
     RankingMetrics,
@@ -24,8 +24,8 @@ from wordcraft_kg.models.scorers.scorer import Scorer
 from wordcraft_kg.models.scorers.tables import TableScorer
 
 
-def model(scorer: Scorer, data: OpenedGraph, kg: str = "partial") -> OpenedModel:
-    return OpenedModel(scorer, data, ComplExConfig(kg=kg), run=None, metrics=None, trace=[])
+def model(scorer: Scorer, data: OpenedGraph, **settings: object) -> Model:
+    return Model(scorer, data, None, History(LinksConfig("kitchen", ComplExConfig(**settings))))
 
 
 def noise(data: OpenedGraph, seed: int) -> Scorer:
@@ -34,12 +34,12 @@ def noise(data: OpenedGraph, seed: int) -> Scorer:
     return TableScorer(scores, data.graph.entities, data.graph.hash, name=f"noise-{seed}")
 
 
-def compared(*models: OpenedModel, **settings: int) -> LinkComparison:
+def compared(*models: Model, **settings: int) -> LinkComparison:
     """Compare models of one run each."""
     return compare([Contender(one.scorer.name, [one]) for one in models], **settings)
 
 
-def second(*models: OpenedModel, **settings: int) -> ComparedModel:
+def second(*models: Model, **settings: int) -> ComparedModel:
     """The figures of the second of two models."""
     return compared(*models, **settings).models[1]
 
@@ -50,16 +50,16 @@ def opened_kitchen() -> OpenedGraph:
 
 
 @pytest.fixture
-def frequency(opened_kitchen: OpenedGraph) -> OpenedModel:
+def frequency(opened_kitchen: OpenedGraph) -> Model:
     return model(FrequencyScorer(opened_kitchen.graph, opened_kitchen.split.partial), opened_kitchen)
 
 
 @pytest.fixture
-def facts(opened_kitchen: OpenedGraph) -> OpenedModel:
+def facts(opened_kitchen: OpenedGraph) -> Model:
     return model(SymbolicScorer(opened_kitchen.graph, opened_kitchen.graph.triples), opened_kitchen)
 
 
-def test_a_model_does_not_differ_from_itself(frequency: OpenedModel):
+def test_a_model_does_not_differ_from_itself(frequency: Model):
     values = compared(frequency, frequency)
     one, other = values.models
     assert (other.difference, other.difference_ci, other.probability_better) == (0, (0, 0), 0.5)
@@ -68,7 +68,7 @@ def test_a_model_does_not_differ_from_itself(frequency: OpenedModel):
     assert values.not_told_apart == (other.name,)
 
 
-def test_a_model_that_knows_the_answers_is_surely_better(facts: OpenedModel, frequency: OpenedModel):
+def test_a_model_that_knows_the_answers_is_surely_better(facts: Model, frequency: Model):
     values = compared(frequency, facts)
     assert values.models[1].probability_better == 1
     assert values.models[1].difference_ci[0] > 0
@@ -77,7 +77,7 @@ def test_a_model_that_knows_the_answers_is_surely_better(facts: OpenedModel, fre
 
 
 def test_the_difference_is_that_of_the_mean_reciprocal_ranks(
-    facts: OpenedModel, frequency: OpenedModel, opened_kitchen: OpenedGraph
+    facts: Model, frequency: Model, opened_kitchen: OpenedGraph
 ):
     queries = opened_kitchen.split.held_out("test")
     metrics = [
@@ -95,7 +95,7 @@ def test_the_difference_is_that_of_the_mean_reciprocal_ranks(
 
 
 def test_of_very_many_queries_a_sample_is_ranked_and_said_to_be_one(
-    frequency: OpenedModel, opened_kitchen: OpenedGraph, monkeypatch: pytest.MonkeyPatch
+    frequency: Model, opened_kitchen: OpenedGraph, monkeypatch: pytest.MonkeyPatch
 ):
     everything = len(opened_kitchen.split.held_out("test"))
     assert compared(frequency, frequency).sampled_from is None
@@ -122,7 +122,7 @@ def test_a_paired_interval_is_narrower_than_the_separate_ones(opened_kitchen: Op
     assert other.difference_ci[1] - other.difference_ci[0] < (other.mrr_ci[1] - other.mrr_ci[0]) / 2
 
 
-def test_the_interval_of_a_model_is_that_of_its_report(frequency: OpenedModel, opened_kitchen: OpenedGraph):
+def test_the_interval_of_a_model_is_that_of_its_report(frequency: Model, opened_kitchen: OpenedGraph):
     graph, split = opened_kitchen.graph, opened_kitchen.split
     queries = split.held_out("test")
     clusters = np.tile(recipe_clusters(graph, split.is_in("test"), queries), 2)
@@ -148,7 +148,7 @@ def test_more_models_widen_the_intervals_of_differences_but_not_those_of_models(
 
 
 def test_the_best_is_the_one_with_the_highest_mrr_and_says_who_is_as_good(
-    facts: OpenedModel, frequency: OpenedModel, opened_kitchen: OpenedGraph
+    facts: Model, frequency: Model, opened_kitchen: OpenedGraph
 ):
     one, two = (model(noise(opened_kitchen, seed), opened_kitchen) for seed in (1, 2))
     values = compared(one, facts, two, facts)
@@ -161,7 +161,7 @@ def test_the_best_is_the_one_with_the_highest_mrr_and_says_who_is_as_good(
 
 
 def test_a_model_of_the_full_graph_is_marked_and_is_never_the_best(
-    frequency: OpenedModel, facts: OpenedModel, opened_kitchen: OpenedGraph
+    frequency: Model, facts: Model, opened_kitchen: OpenedGraph
 ):
     full = model(facts.scorer, opened_kitchen, kg="full")
     values = compared(full, frequency)
@@ -171,11 +171,8 @@ def test_a_model_of_the_full_graph_is_marked_and_is_never_the_best(
     assert compared(full, full).best is None
 
 
-def test_seeds_are_averaged_query_by_query(frequency: OpenedModel, opened_kitchen: OpenedGraph):
-    runs = [
-        OpenedModel(noise(opened_kitchen, seed), opened_kitchen, ComplExConfig(seed=seed), None, None, [])
-        for seed in (5, 6)
-    ]
+def test_seeds_are_averaged_query_by_query(frequency: Model, opened_kitchen: OpenedGraph):
+    runs = [model(noise(opened_kitchen, seed), opened_kitchen, seed=seed) for seed in (5, 6)]
     singles = [second(frequency, run) for run in runs]
     other = compare([Contender("frequency", [frequency]), Contender("noise", runs)]).models[1]
     assert (other.name, other.seeds) == ("noise", (5, 6))
@@ -186,22 +183,20 @@ def test_seeds_are_averaged_query_by_query(frequency: OpenedModel, opened_kitche
     assert other.mrr_ci[1] - other.mrr_ci[0] < max(widths)
 
 
-def test_seeds_with_other_settings_are_refused(frequency: OpenedModel, opened_kitchen: OpenedGraph):
-    runs = [
-        OpenedModel(noise(opened_kitchen, 1), opened_kitchen, ComplExConfig(dim=dim), None, None, []) for dim in (8, 9)
-    ]
+def test_seeds_with_other_settings_are_refused(frequency: Model, opened_kitchen: OpenedGraph):
+    runs = [model(noise(opened_kitchen, 1), opened_kitchen, dim=dim) for dim in (8, 9)]
     with pytest.raises(ConfigError, match="the seeds of 'noise' were trained with different settings"):
         compare([Contender("frequency", [frequency]), Contender("noise", runs)])
 
 
-def test_models_of_different_splits_are_refused(frequency: OpenedModel, opened_kitchen: OpenedGraph):
+def test_models_of_different_splits_are_refused(frequency: Model, opened_kitchen: OpenedGraph):
     graph = opened_kitchen.graph
     other = OpenedGraph(graph, make_split(graph, SplitConfig(seed=1)), "other")
     with pytest.raises(GraphMismatchError, match="different splits"):
         compared(frequency, model(FrequencyScorer(graph, other.split.partial), other))
 
 
-def test_models_of_different_graphs_are_refused(frequency: OpenedModel):
+def test_models_of_different_graphs_are_refused(frequency: Model):
     other = open_graph("paper-examples")
     with pytest.raises(GraphMismatchError, match="different graphs"):
         compared(frequency, model(FrequencyScorer(other.graph, other.graph.triples), other))
@@ -216,13 +211,13 @@ def test_a_split_without_unseen_triples_is_refused(opened_kitchen: OpenedGraph):
 
 
 @pytest.mark.parametrize("resamples", [0, -5])
-def test_no_resamples_are_refused(frequency: OpenedModel, resamples: int):
+def test_no_resamples_are_refused(frequency: Model, resamples: int):
     with pytest.raises(ConfigError, match=f"`resamples` {resamples}"):
         compared(frequency, frequency, resamples=resamples)
 
 
 def test_the_page_holds_every_model_and_needs_no_other_file(
-    frequency: OpenedModel, facts: OpenedModel, opened_kitchen: OpenedGraph
+    frequency: Model, facts: Model, opened_kitchen: OpenedGraph
 ):
     from wordcraft_kg.reports.link_report import comparison_page
 

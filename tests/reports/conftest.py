@@ -7,13 +7,14 @@ import pytest
 from wordcraft_kg.evaluation.links import LinkView
 from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split
 from wordcraft_kg.graphs.folder import OpenedGraph
-from wordcraft_kg.models.links.folder import OpenedModel, open_model
+from wordcraft_kg.models.folder import open_model
+from wordcraft_kg.models.model import Model
 from wordcraft_kg.reports.link_report import make_link_report
 from wordcraft_kg.reports.pages import Report, write_report
 
 
 @pytest.fixture(scope="session")
-def kitchen_model(tmp_path_factory: pytest.TempPathFactory) -> OpenedModel:
+def kitchen_model(tmp_path_factory: pytest.TempPathFactory) -> Model:
     from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
     from wordcraft_kg.models.links.training import train_links
 
@@ -22,7 +23,7 @@ def kitchen_model(tmp_path_factory: pytest.TempPathFactory) -> OpenedModel:
 
 
 @pytest.fixture(scope="session")
-def kitchen_report(kitchen_model: OpenedModel) -> Report[LinkView]:
+def kitchen_report(kitchen_model: Model) -> Report[LinkView]:
     """Shared by the tests."""
     return make_link_report(
         kitchen_model.scorer,
@@ -41,7 +42,7 @@ def report_folder(kitchen_report: Report[LinkView], tmp_path_factory: pytest.Tem
 
 
 @pytest.fixture(scope="session")
-def full_report(kitchen_model: OpenedModel) -> Report[LinkView]:
+def full_report(kitchen_model: Model) -> Report[LinkView]:
     return make_link_report(kitchen_model.scorer, kitchen_model.opened, kg="full", name="kitchen-full")
 
 

@@ -27,8 +27,8 @@ from wordcraft_kg.graphs.doses import Dose
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
 from wordcraft_kg.graphs.splits import Split
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS, is_in, recipe_triples
-from wordcraft_kg.models.links.folder import OpenedModel
 from wordcraft_kg.models.links.records import TraceRow
+from wordcraft_kg.models.model import Model
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer, NeighbourScorer, SymbolicScorer, VoteScorer
 from wordcraft_kg.models.scorers.features import glove_features
 from wordcraft_kg.models.scorers.near_synonyms import near_synonym_recipes
@@ -146,7 +146,7 @@ def test_a_share_above_one_is_refused_by_name(kitchen_report: LinkReport, tmp_pa
 # --- the numbers -----------------------------------------------------------------------------------------------------
 
 
-def test_the_headline_is_the_filtered_ranking_of_unseen_triples(values: Values, kitchen_model: OpenedModel):
+def test_the_headline_is_the_filtered_ranking_of_unseen_triples(values: Values, kitchen_model: Model):
     split, graph = kitchen_model.opened.split, kitchen_model.opened.graph
     queries = split.held_out("test")
     assert not is_in(queries, split.partial, graph.num_entities).any()
@@ -165,7 +165,7 @@ def test_slices_add_up_to_the_headline(values: Values):
         assert total / values["queries"] == pytest.approx(metrics["all"]["mrr"])
 
 
-def test_with_leaked_is_the_ranking_of_all_triples_of_the_test_recipes(values: Values, kitchen_model: OpenedModel):
+def test_with_leaked_is_the_ranking_of_all_triples_of_the_test_recipes(values: Values, kitchen_model: Model):
     split, graph = kitchen_model.opened.split, kitchen_model.opened.graph
     candidates = split.triples_of("test")
     expected = as_values(ranking_metrics(rank_triples(kitchen_model.scorer, candidates, graph.triples)))
@@ -174,7 +174,7 @@ def test_with_leaked_is_the_ranking_of_all_triples_of_the_test_recipes(values: V
 
 
 def test_the_baselines_are_frequency_votes_and_neighbours_in_train_and_expected_chance(
-    values: Values, kitchen_model: OpenedModel
+    values: Values, kitchen_model: Model
 ):
     split, graph = kitchen_model.opened.split, kitchen_model.opened.graph
     baselines = {
@@ -198,7 +198,7 @@ def test_every_slice_of_the_drill_down_has_an_interval(values: Values):
         assert all(row["mrr_ci"][0] <= row["mrr"] <= row["mrr_ci"][1] for row in rows)
 
 
-def test_the_model_is_compared_with_each_baseline_query_by_query(values: Values, kitchen_model: OpenedModel):
+def test_the_model_is_compared_with_each_baseline_query_by_query(values: Values, kitchen_model: Model):
     comparisons = values["comparisons"]
     found = {name: values["baselines"][name]["all"]["mrr"] for name in ("neighbours", "votes", "frequency", "random")}
     assert [row["baseline"] for row in comparisons] == sorted(found, key=found.get, reverse=True)
@@ -228,7 +228,7 @@ def test_the_model_is_compared_with_each_baseline_query_by_query(values: Values,
     ],
 )
 def test_the_first_line_says_where_the_model_stands_against_the_best_baseline(
-    kitchen_model: OpenedModel, make: Any, verdict: str, baseline: str | None
+    kitchen_model: Model, make: Any, verdict: str, baseline: str | None
 ):
     opened = kitchen_model.opened
     report = make_link_report(make(opened.graph, opened.split), opened)
@@ -255,9 +255,7 @@ def test_drill_downs_part_the_queries(values: Values):
     assert sum(row["queries"] for row in drill_down["self_combination"]) == symmetric
 
 
-def test_the_slices_by_near_synonyms_are_ranked_apart(
-    values: Values, kitchen_report: LinkReport, kitchen_model: OpenedModel
-):
+def test_the_slices_by_near_synonyms_are_ranked_apart(values: Values, kitchen_report: LinkReport, kitchen_model: Model):
     graph, split = kitchen_model.opened.graph, kitchen_model.opened.split
     recipes = near_synonym_recipes(split, glove_features(graph.entities))
     repeated = {tuple(row) for row in recipe_triples(graph.recipes[recipes]).tolist()}
@@ -274,7 +272,7 @@ def test_the_slices_by_near_synonyms_are_ranked_apart(
     assert summary_of(kitchen_report)["mrr_without_near_synonyms"] == without["mrr"]
 
 
-def test_without_any_near_synonym_there_is_no_slice_that_looks_like_a_clean_bill(kitchen_model: OpenedModel):
+def test_without_any_near_synonym_there_is_no_slice_that_looks_like_a_clean_bill(kitchen_model: Model):
     by_goal = make_split(kitchen_model.opened.graph, SplitConfig("by-goal"))
     opened = OpenedGraph(by_goal.graph, by_goal, "kitchen")
     report = make_link_report(FrequencyScorer(by_goal.graph, by_goal.partial), opened)
@@ -297,7 +295,7 @@ def test_best_and_worst_are_the_ends_of_the_ranking(values: Values, kitchen_repo
     assert len(values["best"]) == len(values["worst"]) > 0
 
 
-def test_perhaps_missing_lists_the_best_triples_that_the_graph_lacks(values: Values, kitchen_model: OpenedModel):
+def test_perhaps_missing_lists_the_best_triples_that_the_graph_lacks(values: Values, kitchen_model: Model):
     graph, scorer = kitchen_model.opened.graph, kitchen_model.scorer
     known = {tuple(triple) for triple in graph.triples.tolist()}
     table = scorer.table(COMPONENT_OF).numpy()
@@ -322,7 +320,7 @@ def test_perhaps_missing_lists_the_best_triples_that_the_graph_lacks(values: Val
     assert len(set(symmetric)) == len(symmetric) > 0
 
 
-def test_an_entity_is_never_listed_as_missing_from_itself(kitchen_model: OpenedModel):
+def test_an_entity_is_never_listed_as_missing_from_itself(kitchen_model: Model):
     graph = kitchen_model.opened.graph
     scores = torch.eye(graph.num_entities).repeat(2, 1, 1)
     listed = values_of(make_link_report(TableScorer(scores, graph.entities, graph.hash), kitchen_model.opened))
@@ -330,7 +328,7 @@ def test_an_entity_is_never_listed_as_missing_from_itself(kitchen_model: OpenedM
     assert all(row["head"] != row["tail"] for row in listed["perhaps_missing"])
 
 
-def test_self_edges_count_the_entities_that_are_their_own_best_answer(kitchen_model: OpenedModel):
+def test_self_edges_count_the_entities_that_are_their_own_best_answer(kitchen_model: Model):
     graph = kitchen_model.opened.graph
     scores = torch.zeros(2, graph.num_entities, graph.num_entities)
     scores[COMBINES_WITH].fill_diagonal_(1.0)
@@ -342,7 +340,7 @@ def test_self_edges_count_the_entities_that_are_their_own_best_answer(kitchen_mo
     assert found["really_combines_with_itself"] == pytest.approx(sum(a == b for a, b in pairs) / graph.num_entities)
 
 
-def test_neighbours_are_other_entities(values: Values, kitchen_model: OpenedModel):
+def test_neighbours_are_other_entities(values: Values, kitchen_model: Model):
     assert len(values["neighbours"]) == 10
     for row in values["neighbours"]:
         assert row["entity"] not in row["neighbours"]
@@ -395,7 +393,7 @@ def test_every_check_passes_on_an_honest_split(values: Values):
     assert checks(values) == ALL_PASS
 
 
-def test_a_leaked_test_triple_fails_the_leak_check(kitchen_model: OpenedModel, monkeypatch: pytest.MonkeyPatch):
+def test_a_leaked_test_triple_fails_the_leak_check(kitchen_model: Model, monkeypatch: pytest.MonkeyPatch):
     split = kitchen_model.opened.split
     honest = split.held_out("test")
     leaked = next(t for t in split.partial.tolist() if t[1] == COMPONENT_OF)
@@ -409,7 +407,7 @@ def test_a_leaked_test_triple_fails_the_leak_check(kitchen_model: OpenedModel, m
     assert not summary_of(report)["checks_passed"]
 
 
-def test_ranking_all_test_candidates_fails_the_leak_check(kitchen_model: OpenedModel, monkeypatch: pytest.MonkeyPatch):
+def test_ranking_all_test_candidates_fails_the_leak_check(kitchen_model: Model, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(Split, "held_out", lambda self, part: self.triples_of(part))
     values = values_of(make_link_report(kitchen_model.scorer, kitchen_model.opened))
     leaked = is_in(
@@ -421,7 +419,7 @@ def test_ranking_all_test_candidates_fails_the_leak_check(kitchen_model: OpenedM
     assert detail(values, "leak") == f"{leaked.sum()} found"
 
 
-def test_a_mirror_in_train_fails_the_mirror_check(kitchen_model: OpenedModel, monkeypatch: pytest.MonkeyPatch):
+def test_a_mirror_in_train_fails_the_mirror_check(kitchen_model: Model, monkeypatch: pytest.MonkeyPatch):
     split = kitchen_model.opened.split
     given_away = next(t for t in split.held_out("test").tolist() if t[1] == COMBINES_WITH and t[0] != t[2])
     # The mirror is put into train, and the triple itself remains the only one of the two that is evaluated.
@@ -433,14 +431,14 @@ def test_a_mirror_in_train_fails_the_mirror_check(kitchen_model: OpenedModel, mo
     assert checks(values) == ALL_PASS | {"mirror": False}
 
 
-def test_a_scorer_of_another_graph_fails_the_graph_check(kitchen_model: OpenedModel):
+def test_a_scorer_of_another_graph_fails_the_graph_check(kitchen_model: Model):
     graph = kitchen_model.opened.graph
     scores = torch.stack([kitchen_model.scorer.table(relation) for relation in RELATIONS])
     foreign = TableScorer(scores, graph.entities, "0" * 64)
     assert not checks(values_of(make_link_report(foreign, kitchen_model.opened)))["graph"]
 
 
-def test_entities_that_training_lacks_fail_the_coverage_check(kitchen_model: OpenedModel):
+def test_entities_that_training_lacks_fail_the_coverage_check(kitchen_model: Model):
     graph = kitchen_model.opened.graph
     split = make_split(graph, SplitConfig(kind="by-recipe-plain", train_ratio=0.3))
     assert len(split.uncovered)
@@ -450,7 +448,7 @@ def test_entities_that_training_lacks_fail_the_coverage_check(kitchen_model: Ope
 
 
 @pytest.mark.parametrize("kind", ["by-recipe", "by-recipe-plain", "by-slot", "by-goal", "by-goal-terminals"])
-def test_a_report_of_every_split_is_valid_and_free_of_leaks(kitchen_model: OpenedModel, kind: str):
+def test_a_report_of_every_split_is_valid_and_free_of_leaks(kitchen_model: Model, kind: str):
     graph = kitchen_model.opened.graph
     split = make_split(graph, SplitConfig(kind=kind, train_ratio=0.5, valid_ratio=0.1))
     report = make_link_report(FrequencyScorer(graph, split.partial), OpenedGraph(graph, split, kind))
@@ -459,7 +457,7 @@ def test_a_report_of_every_split_is_valid_and_free_of_leaks(kitchen_model: Opene
     assert Page(render(report)).faults == []
 
 
-def test_fewer_than_thirty_unseen_triples_are_an_error_that_suggests_another_ratio(kitchen_model: OpenedModel):
+def test_fewer_than_thirty_unseen_triples_are_an_error_that_suggests_another_ratio(kitchen_model: Model):
     graph = kitchen_model.opened.graph
     split = make_split(graph, SplitConfig(train_ratio=0.99))
     assert 0 < len(split.held_out("test")) < 30
@@ -467,7 +465,7 @@ def test_fewer_than_thirty_unseen_triples_are_an_error_that_suggests_another_rat
         make_link_report(FrequencyScorer(graph, split.partial), OpenedGraph(graph, split, "few"))
 
 
-def test_a_graph_without_a_split_has_nothing_to_report_but_memory(kitchen_model: OpenedModel):
+def test_a_graph_without_a_split_has_nothing_to_report_but_memory(kitchen_model: Model):
     graph = kitchen_model.opened.graph
     opened = OpenedGraph(graph, make_split(graph, SplitConfig(kind="none")), "unsplit")
     with pytest.raises(SplitError, match="only 0 unseen"):
@@ -488,7 +486,7 @@ def test_a_report_of_the_full_graph_is_marked_as_having_seen_the_data(
     assert summary_of(full_report)["has_seen_the_test_recipes"]
 
 
-def test_a_report_of_the_full_graph_asks_for_all_its_triples(full_report: LinkReport, kitchen_model: OpenedModel):
+def test_a_report_of_the_full_graph_asks_for_all_its_triples(full_report: LinkReport, kitchen_model: Model):
     values, graph = values_of(full_report), kitchen_model.opened.graph
     assert values["triples"] == len(graph.triples)
     assert values["leaked_left_out"] == 0
@@ -633,7 +631,7 @@ def test_all_ranks_can_be_searched_in_the_page(kitchen_report: LinkReport, monke
 
 
 def test_more_ranks_than_a_page_should_hold_are_in_the_table_only(
-    kitchen_model: OpenedModel, monkeypatch: pytest.MonkeyPatch
+    kitchen_model: Model, monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setattr("wordcraft_kg.reports.link_report.SEARCHABLE", 10)
     html = render(make_link_report(kitchen_model.scorer, kitchen_model.opened))
@@ -684,7 +682,7 @@ def test_a_failed_check_is_shown_as_failed(kitchen_report: LinkReport):
         assert f"FAIL {check.name}" in text_of(render(with_view(kitchen_report, checks=tuple(failed))))
 
 
-def test_the_page_shows_the_curves_of_the_training(kitchen_model: OpenedModel):
+def test_the_page_shows_the_curves_of_the_training(kitchen_model: Model):
     trace = [
         TraceRow(epoch=1, loss=3.0, seconds=0.1),
         TraceRow(epoch=2, loss=2.0, valid_mrr=0.25, seconds=0.1),
@@ -697,7 +695,7 @@ def test_the_page_shows_the_curves_of_the_training(kitchen_model: OpenedModel):
     assert "loss" in without.pictures
 
 
-def test_a_large_graph_has_a_report_without_the_map(kitchen_model: OpenedModel, monkeypatch: pytest.MonkeyPatch):
+def test_a_large_graph_has_a_report_without_the_map(kitchen_model: Model, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr("wordcraft_kg.evaluation.links.MAP_LIMIT", kitchen_model.opened.graph.num_entities - 1)
     report = make_link_report(kitchen_model.scorer, kitchen_model.opened)
     assert set(report.pictures) == {"baselines", "ranks", "calibration"}
@@ -707,7 +705,7 @@ def test_a_large_graph_has_a_report_without_the_map(kitchen_model: OpenedModel, 
 
 
 def test_a_large_graph_has_a_report_that_says_what_it_leaves_out(
-    kitchen_model: OpenedModel, kitchen_report: LinkReport, monkeypatch: pytest.MonkeyPatch
+    kitchen_model: Model, kitchen_report: LinkReport, monkeypatch: pytest.MonkeyPatch
 ):
     assert "this report has no neighbour and vote baselines" not in " ".join(render(kitchen_report).split())
     monkeypatch.setattr("wordcraft_kg.evaluation.links.MAP_LIMIT", kitchen_model.opened.graph.num_entities - 1)
@@ -719,7 +717,7 @@ def test_a_large_graph_has_a_report_that_says_what_it_leaves_out(
 # --- a sample of the queries -----------------------------------------------------------------------------------------
 
 
-def test_of_more_queries_than_asked_for_a_uniform_sample_is_ranked_and_said_so(kitchen_model: OpenedModel):
+def test_of_more_queries_than_asked_for_a_uniform_sample_is_ranked_and_said_so(kitchen_model: Model):
     held_out = kitchen_model.opened.split.held_out("test")
     report = make_link_report(kitchen_model.scorer, kitchen_model.opened, max_queries=80)
     assert (report.view.queries, report.view.triples, report.view.sampled_from) == (80, 40, len(held_out))
@@ -734,7 +732,7 @@ def test_of_more_queries_than_asked_for_a_uniform_sample_is_ranked_and_said_so(k
     pd.testing.assert_frame_equal(again.tables["ranks.csv"], report.tables["ranks.csv"])
 
 
-def test_samples_get_on_average_what_all_queries_get(kitchen_model: OpenedModel, values: Values):
+def test_samples_get_on_average_what_all_queries_get(kitchen_model: Model, values: Values):
     samples = [
         ranking_metrics(judge_links(kitchen_model.scorer, kitchen_model.opened, max_queries=80, seed=seed).ranks).mrr
         for seed in range(100)
@@ -745,7 +743,7 @@ def test_samples_get_on_average_what_all_queries_get(kitchen_model: OpenedModel,
 
 
 @pytest.mark.parametrize("max_queries", [-1, 59])
-def test_a_sample_too_small_for_a_figure_is_refused(kitchen_model: OpenedModel, max_queries: int):
+def test_a_sample_too_small_for_a_figure_is_refused(kitchen_model: Model, max_queries: int):
     with pytest.raises(ConfigError, match="`max_queries`"):
         make_link_report(kitchen_model.scorer, kitchen_model.opened, max_queries=max_queries)
 
@@ -787,7 +785,7 @@ def test_the_table_of_ranks_has_a_row_a_query_and_gives_the_headline(report_fold
         assert (1 / part["rank"]).mean() == pytest.approx(values["metrics"][relation]["mrr"], rel=1e-6)
 
 
-def test_the_table_of_ranks_names_triples_of_the_graph(report_folder: Path, kitchen_model: OpenedModel):
+def test_the_table_of_ranks_names_triples_of_the_graph(report_folder: Path, kitchen_model: Model):
     ranks = pd.read_csv(report_folder / "ranks.csv", keep_default_na=False)
     graph, split = kitchen_model.opened.graph, kitchen_model.opened.split
     named = {
@@ -806,7 +804,7 @@ def test_awkward_labels_come_back_from_the_table_of_ranks(awkward_graph: OpenedG
     assert len(ranks) == 2 * len(split.held_out("test"))
 
 
-def test_the_same_inputs_give_the_same_bytes(kitchen_model: OpenedModel, report_folder: Path, tmp_path: Path):
+def test_the_same_inputs_give_the_same_bytes(kitchen_model: Model, report_folder: Path, tmp_path: Path):
     again = make_link_report(
         kitchen_model.scorer,
         kitchen_model.opened,
@@ -819,14 +817,14 @@ def test_the_same_inputs_give_the_same_bytes(kitchen_model: OpenedModel, report_
         assert (tmp_path / "report" / name).read_bytes() == (report_folder / name).read_bytes(), name
 
 
-def test_the_seed_moves_the_interval_but_not_the_headline(kitchen_model: OpenedModel, values: Values):
+def test_the_seed_moves_the_interval_but_not_the_headline(kitchen_model: Model, values: Values):
     other = values_of(make_link_report(kitchen_model.scorer, kitchen_model.opened, seed=1))
     assert other["metrics"]["all"]["mrr"] == values["metrics"]["all"]["mrr"]
     assert other["metrics"]["all"]["mrr_ci"] != values["metrics"]["all"]["mrr_ci"]
     assert other["metrics"]["all"]["mrr_ci"] == pytest.approx(values["metrics"]["all"]["mrr_ci"], abs=0.03)
 
 
-def test_making_a_report_leaves_the_global_generators_as_they_were(kitchen_model: OpenedModel):
+def test_making_a_report_leaves_the_global_generators_as_they_were(kitchen_model: Model):
     import random
 
     before = random.getstate(), np.random.get_state()[1].tobytes(), torch.get_rng_state().tolist()  # noqa: NPY002

@@ -23,7 +23,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def written(features: str, folder: Path) -> str:
     AgentConfig("kitchen", policy=PolicyConfig(features=features)).write(folder)
-    return str(read_config(folder).settings["features"])
+    return str(read_config(folder)[1]["features"])
 
 
 @pytest.mark.parametrize("name", ["glove", "one-hot", "random", "learned", "shuffled:glove", "shuffled:learned"])

@@ -9,7 +9,7 @@ from wordcraft_kg.base.errors import ConfigError, RecipeFileError
 from wordcraft_kg.graphs.splits import SplitConfig
 from wordcraft_kg.models.links.config import ComplExConfig, LinkModelConfig
 from wordcraft_kg.models.policies.config import PolicyConfig
-from wordcraft_kg.models.recipes.config import RecipesConfig
+from wordcraft_kg.models.recipes.config import RecipeScorerConfig
 from wordcraft_kg.studies.plan import DEFAULTS, make_plan
 from wordcraft_kg.studies.study import adapted, parse_study, read_study
 
@@ -90,7 +90,7 @@ def test_defaults_are_those_that_addresses_stand_for():
     of_scorers = {
         ComplExConfig: {"epochs": 50, "batch_size": 512, "folds": None, "dim": 128, "learning_rate": 0.2, "n3": None},
         LinkModelConfig: {"epochs": 50, "model": "rotate", "dim": 128, "learning_rate": 0.01, "loop": "slcwa"},
-        RecipesConfig: {"kg": "partial", "folds": 5, "features": "glove", "allow_missing": False, "seed": 0},
+        RecipeScorerConfig: {"kg": "partial", "folds": 5, "features": "glove", "allow_missing": False, "seed": 0},
     }
     for kind, known in of_scorers.items():
         defaults = {field.name: field.default for field in fields(kind)}

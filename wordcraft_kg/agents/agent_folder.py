@@ -16,7 +16,7 @@ from wordcraft_kg.runs.inputs import check_run_graph, open_run_graph
 from wordcraft_kg.runs.record import RunRecord, verified_bytes
 from wordcraft_kg.runs.seeds import run_name
 
-AGENTS = RunKind((AgentConfig.command,), unit="step", progress=AgentProgress, judged_by="evaluate-agent")
+AGENTS = RunKind(AgentConfig.commands, unit="step", progress=AgentProgress, judged_by="evaluate-agent")
 INPUTS = ("policy.json", "constants.safetensors")
 """Files that exist from the start and never change; their hashes are in ``run.json``."""
 

@@ -2,15 +2,14 @@
 
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, ClassVar, Literal
+from typing import ClassVar, Literal
 
-from wordcraft_kg.base.errors import ArtefactError, ConfigError
-from wordcraft_kg.base.records import Record
+from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.settings import MAX_SIZE, MAX_THREADS, SMALLEST, number_in, require, whole
 from wordcraft_kg.envs.config import Ambiguity, DistractorPolicy, DistractorWeighting, WordCraftConfig
 from wordcraft_kg.graphs.tasks import TaskPart, TaskWeighting
 from wordcraft_kg.models.policies.config import PolicyConfig
-from wordcraft_kg.runs.config_file import read_config, write_config
+from wordcraft_kg.runs.config_file import RunConfig, write_config
 
 _LARGE = 1e9
 
@@ -143,11 +142,10 @@ OF_SCORER = ("use", "kg_only", "mixing", "scale", "self_edges", "in_sample")
 
 
 @dataclass(frozen=True)
-class AgentConfig:
-    """All settings of an agent, as ``config.toml`` keeps them.
+class AgentConfig(RunConfig):
+    """All settings of an agent.
 
     Attributes:
-        graph: graph folder, recipe book's file or known book's name.
         scorer: model folder, or None.
         tasks: what the agent is trained on.
         policy: how it decides.
@@ -158,9 +156,8 @@ class AgentConfig:
         {'graph': 'kitchen', 'scorer': 'models/kitchen', 'distractors': 2}
     """
 
-    command: ClassVar[str] = "train-agent"
+    commands: ClassVar[tuple[str, ...]] = ("train-agent",)
 
-    graph: str
     scorer: str | None = None
     tasks: TaskConfig = TaskConfig()
     policy: PolicyConfig = PolicyConfig()  # noqa: RUF009 - frozen
@@ -173,48 +170,10 @@ class AgentConfig:
             if getattr(self.policy, name) != getattr(PolicyConfig, name):
                 raise ConfigError(f"`{name}` says how to use a scorer; give a `scorer` too.")
 
-    def default_folder(self, graph_name: str) -> Path:
-        """Return the default folder of the run."""
+    def default_folder(self, graph_name: str) -> Path:  # noqa: D102 - inherited
         return Path("runs") / f"{graph_name}-{Path(self.scorer).name if self.scorer else 'no-kg'}"
 
-    def values(self) -> dict[str, Any]:
-        """Return the settings by option name; those that are None are left out."""
-        found: dict[str, Any] = {"graph": self.graph, "scorer": self.scorer}
-        for part in (self.tasks, self.policy, self.trainer):
-            found |= {field.name: getattr(part, field.name) for field in fields(part)}
-        return {name: value for name, value in found.items() if value is not None}
-
-    def differing(self) -> dict[str, Any]:
-        """Return the settings that are not at their default."""
-        default = AgentConfig("").values()
-        return {name: value for name, value in self.values().items() if default.get(name) != value}
-
     def write(self, folder: Path) -> None:
-        """Write ``config.toml`` and ``config.diff.toml``, with paths relative to the folder so that it can be moved."""
-        write_config(folder, self.command, self.values())
+        """Write ``config.toml`` and ``config.diff.toml``, the settings that are not at their default."""
+        super().write(folder)
         write_config(folder, self.command, self.differing(), "config.diff.toml")
-
-    @classmethod
-    def read(cls, folder: Path) -> "AgentConfig":
-        """Read ``config.toml``.
-
-        Raises:
-            ArtefactError: if it is missing or damaged.
-        """
-        table = read_config(folder)
-        if table.command != cls.command:
-            raise ArtefactError(
-                f"{table.path} is damaged: expected the table [{cls.command}], found [{table.command}]."
-            )
-        inputs = table.take(_Inputs)
-        tasks, policy, trainer = table.take(TaskConfig), table.take(PolicyConfig), table.take(ImpalaConfig)
-        table.close()
-        try:
-            return cls(inputs.graph, inputs.scorer, tasks, policy, trainer)
-        except ConfigError as error:
-            raise ArtefactError(f"{table.path} is damaged: {error} Train again, or restore a copy.") from None
-
-
-class _Inputs(Record, frozen=True, kw_only=True):
-    graph: str
-    scorer: str | None = None

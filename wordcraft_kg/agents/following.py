@@ -17,7 +17,7 @@ from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.tasks import TaskPart
-from wordcraft_kg.models.links.folder import read_dose
+from wordcraft_kg.models.folder import read_dose
 from wordcraft_kg.runs.record import RUN_FILE
 
 EXPLAINERS = 8

@@ -22,12 +22,10 @@ from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.splits import Split
 from wordcraft_kg.graphs.tasks import TaskSet
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
+from wordcraft_kg.models.policies.sources.recipe import BestRecipe
 from wordcraft_kg.models.policies.sources.source import ScoreView, make_sources
 from wordcraft_kg.models.scorers.baselines import SymbolicScorer, VoteScorer
-from wordcraft_kg.models.scorers.cross_fitting import whole_of
-from wordcraft_kg.models.scorers.opinions import OpinionScorer
 from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
-from wordcraft_kg.models.scorers.recipes import RecipeScorer
 from wordcraft_kg.models.scorers.scales import SelfEdges
 
 Player = Callable[[BatchEngine, np.random.Generator], Ids]
@@ -193,8 +191,7 @@ def scorer_players(
         "u+v, self edges dropped": of("u", "v", self_edges="drop"),
     }
     # By its source, so that no train task is played from memory.
-    scores_recipes = isinstance(whole_of(scorer), RecipeScorer | OpinionScorer)
-    return players | ({"w, best pair": of("w")} if scores_recipes else {})
+    return players | ({"w, best pair": of("w")} if BestRecipe.serves(scorer) else {})
 
 
 class PlayerSuccess(Record):

@@ -26,11 +26,11 @@ from wordcraft_kg.envs.batch import BatchEngine
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.models.links.folder import open_model
+from wordcraft_kg.models.folder import open_model
 from wordcraft_kg.models.policies.folder import make_policy, write_constants
 from wordcraft_kg.models.policies.policy import Policy
 from wordcraft_kg.models.policies.sources.source import pairs_need_factors
-from wordcraft_kg.models.scorers.cross_fitting import CrossFitted, whole_of
+from wordcraft_kg.models.scorers.cross_fitting import whole_of
 from wordcraft_kg.models.scorers.folder import FOLDS_TENSORS
 from wordcraft_kg.runs.checkpoints import Checkpoint
 from wordcraft_kg.runs.folder import Progress, RunFolder, check_run_output, new_run, resumed_run
@@ -111,9 +111,9 @@ def train_agent(
         pairs_need_factors(config.policy.sources, asked, config.policy.scale)
         observed = model.observed
         inputs["scorer"] = model.run.outputs["model.safetensors"]
-        if isinstance(scorer, CrossFitted) and not config.policy.in_sample:
+        if scorer.folds is not None and not config.policy.in_sample:
             inputs["scorer_folds"] = model.run.outputs[FOLDS_TENSORS]
-            cross_fitted = scorer.count
+            cross_fitted = scorer.folds.count
         elif kg == "partial":
             _warn_of_memory(config)
         _warn_of_self_pairs(opened.graph, config)

@@ -158,7 +158,7 @@ def _compare_links(
 ) -> None:
     check_page(out, force=force)
     from wordcraft_kg.evaluation.link_comparison import Contender, compare, written_to
-    from wordcraft_kg.models.links.folder import open_model
+    from wordcraft_kg.models.folder import open_model
     from wordcraft_kg.runs.seeds import run_name
 
     if len(runs) < 2:

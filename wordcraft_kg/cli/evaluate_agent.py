@@ -115,7 +115,7 @@ def _play(
     opened = open_graph(graph)
     model: Any = None
     if options.scorer is not None:
-        from wordcraft_kg.models.links.folder import open_model
+        from wordcraft_kg.models.folder import open_model
 
         model = options.scorer.name, open_model(options.scorer, graph)
     progress = output.progress("baselines", unit="row")

@@ -45,7 +45,7 @@ def evaluate_links(
     )
     check_output(folder, force=force)
     from wordcraft_kg.evaluation.links import summarise_links
-    from wordcraft_kg.models.links.folder import open_model
+    from wordcraft_kg.models.folder import open_model
     from wordcraft_kg.reports.link_report import make_link_report
     from wordcraft_kg.reports.pages import write_report
 

@@ -21,10 +21,10 @@ def resume(run: Run, *, graph: str | None = None, epochs: int | None = None, out
     """
     from wordcraft_kg.agents.config import AgentConfig
     from wordcraft_kg.cli.training import finished_without_report, report, report_agent
-    from wordcraft_kg.models.recipes.config import RecipesConfig
+    from wordcraft_kg.models.recipes.config import RecipeScorerConfig
     from wordcraft_kg.runs.record import read_run
 
-    if read_run(run).kind == AgentConfig.command:
+    if read_run(run).kind in AgentConfig.commands:
         from wordcraft_kg.agents.training import resume_agent
 
         if epochs is not None:
@@ -33,7 +33,7 @@ def resume(run: Run, *, graph: str | None = None, epochs: int | None = None, out
             return report_agent(finished, graph, output)
         progress = output.progress("agent", unit="step")
         return report_agent(resume_agent(run, graph=graph, progress=progress), graph, output)
-    if read_run(run).kind == RecipesConfig.command:
+    if read_run(run).kind == RecipeScorerConfig.command:
         from wordcraft_kg.cli.training import report_recipes
         from wordcraft_kg.models.recipes.training import resume_recipes
 

@@ -20,7 +20,7 @@ EXAMPLES = (
 def train_recipes(
     graph: Book,
     *,
-    settings: Annotated[RecipesConfig, Parameter(name="*")] = RecipesConfig(),
+    settings: Annotated[RecipeScorerConfig, Parameter(name="*")] = RecipeScorerConfig(),
     out: Path | None = None,
     force: Flag = False,
     output: Output = Output(),
@@ -40,6 +40,6 @@ def train_recipes(
     from wordcraft_kg.cli.training import report_recipes
     from wordcraft_kg.models.recipes.training import train_recipes as train
 
-    config = RecipeScorerConfig(graph, settings)
+    config = RecipesConfig(graph, settings)
     progress = output.progress(f"{settings.kg} graph", unit="fit")
     return report_recipes(train(config, out, force=force, progress=progress), output)

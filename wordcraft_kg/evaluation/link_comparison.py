@@ -1,7 +1,7 @@
 """Link predictors compared on the same queries."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -9,16 +9,12 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from wordcraft_kg.apps.elicitation.config import OpinionsConfig
 from wordcraft_kg.base.errors import ConfigError, GraphMismatchError, SplitError
 from wordcraft_kg.base.records import Count, Hash, Record, Share
 from wordcraft_kg.base.settings import MAX_SIZE, whole
 from wordcraft_kg.base.statistics import bootstrap, interval
 from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.models.links.config import ComplExConfig, LinkSettings, SavedConfig
-from wordcraft_kg.models.links.folder import OpenedModel
-from wordcraft_kg.models.links.records import LinkMetrics
-from wordcraft_kg.models.recipes.config import RecipesConfig
+from wordcraft_kg.models.model import Model
 from wordcraft_kg.models.scorers.config import MAX_QUERIES
 from wordcraft_kg.models.scorers.ranking import (
     MIN_TRIPLES,
@@ -90,7 +86,7 @@ class Contender:
     """A model to compare, trained with one seed or several."""
 
     name: str
-    runs: Sequence[OpenedModel]
+    runs: Sequence[Model]
 
 
 def compare(contenders: Sequence[Contender], *, resamples: int = 2_000, seed: int = 0) -> LinkComparison:
@@ -173,7 +169,7 @@ def written_to(view: LinkComparison, out: Path) -> LinkComparison:
     return msgspec.structs.replace(view, out=str(out))
 
 
-def _check_alike(reference: OpenedModel, contender: Contender) -> None:
+def _check_alike(reference: Model, contender: Contender) -> None:
     """Refuse a contender that was trained on other data than the reference, or whose runs differ beside the seed."""
     for run in contender.runs:
         for what, left, right in (
@@ -185,19 +181,10 @@ def _check_alike(reference: OpenedModel, contender: Contender) -> None:
                     f"'{reference.scorer.name}' and '{run.scorer.name}' were trained on different {what} "
                     f"({left[:12]}, {right[:12]}); their figures cannot be compared. Train all on one graph folder."
                 )
-        if _asked_for(run) != _asked_for(contender.runs[0]):
+        if run.asked_for != contender.runs[0].asked_for:
             raise ConfigError(
                 f"the seeds of '{contender.name}' were trained with different settings; give their folders one by one."
             )
-
-
-def _asked_for(run: OpenedModel) -> LinkSettings | SavedConfig | RecipesConfig | OpinionsConfig:
-    """Return a run's settings but for the seed, and for what each seed chose for itself."""
-    settings = run.settings
-    if isinstance(run.metrics, LinkMetrics) and run.metrics.choice is not None:
-        assert isinstance(settings, ComplExConfig)
-        settings = replace(settings, n3=None, popularity=None)
-    return settings if isinstance(settings, SavedConfig | OpinionsConfig) else replace(settings, seed=0)
 
 
 def _ranked(contender: Contender, queries: Ids) -> tuple[ComparedModel, NDArray[np.float64]]:
@@ -219,9 +206,7 @@ def _ranked(contender: Contender, queries: Ids) -> tuple[ComparedModel, NDArray[
         amri=mean("amri"),
         name=contender.name,
         has_seen_the_test_recipes=contender.runs[0].kg == "full",
-        seeds=tuple(
-            run.settings.seed for run in contender.runs if not isinstance(run.settings, SavedConfig | OpinionsConfig)
-        ),
+        seeds=tuple(run.seed for run in contender.runs if run.seed is not None),
         mrr_of_seeds=tuple(one.mrr or 0.0 for one in metrics),
     )
     return model, np.mean([1 / one["rank"].to_numpy(dtype=float) for one in ranks], axis=0)

@@ -33,10 +33,9 @@ from wordcraft_kg.graphs.triples import COMBINES_WITH, RELATIONS, Relation, is_i
 from wordcraft_kg.models.links.records import TraceRow
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer, NeighbourScorer, VoteScorer
 from wordcraft_kg.models.scorers.config import MAX_QUERIES
-from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
+from wordcraft_kg.models.scorers.cross_fitting import folds_of
 from wordcraft_kg.models.scorers.features import glove_features
 from wordcraft_kg.models.scorers.near_synonyms import NEAR_SYNONYM, near_synonym_recipes, near_synonym_triples
-from wordcraft_kg.models.scorers.opinions import OpinionScorer
 from wordcraft_kg.models.scorers.protocol import TripleScorer
 from wordcraft_kg.models.scorers.ranking import (
     MIN_TRIPLES,
@@ -319,7 +318,8 @@ class JudgedLinks:
     @property
     def observed(self) -> Ids:
         """The triples that it holds to be true, shape (T, 3): those of its training, or of its opinions."""
-        return self.scorer.triples if isinstance(self.scorer, OpinionScorer) else self.trained_on
+        observed: Ids | None = getattr(self.scorer, "observed", None)
+        return self.trained_on if observed is None else observed
 
     @property
     def has_table(self) -> bool:
@@ -546,16 +546,17 @@ def _with_leaked(judged: JudgedLinks) -> RankingMetrics:
 
 
 def _probabilities(judged: JudgedLinks) -> tuple[Reliability, ...]:
-    if judged.is_full or not judged.has_table or not isinstance(judged.scorer, CrossFitted):
+    folds = folds_of(judged.scorer)
+    if judged.is_full or not judged.has_table or folds is None:
         return ()
-    return view_probabilities(judged.scorer, judged.graph, judged.trained_on)
+    return view_probabilities(folds, judged.graph, judged.trained_on)
 
 
 def _memory(judged: JudgedLinks) -> Memory | None:
-    scorer, test_mrr = judged.scorer, ranking_metrics(judged.ranks).mrr
-    if judged.is_full or not isinstance(scorer, CrossFitted):
+    folds, test_mrr = folds_of(judged.scorer), ranking_metrics(judged.ranks).mrr
+    if judged.is_full or folds is None:
         return None
-    record = scorer.record
+    record = folds.record
     if record.mrr is None or record.in_sample_mrr is None or test_mrr is None:
         return None
     return Memory(record.count, record.queries, record.in_sample_mrr, record.mrr, test_mrr)

@@ -16,7 +16,7 @@ from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.tasks import TaskPart
 
 if TYPE_CHECKING:
-    from wordcraft_kg.models.links.folder import OpenedModel
+    from wordcraft_kg.models.model import Model
 
 
 class AgentEvaluation(Record):
@@ -113,7 +113,7 @@ def view_baselines(
     graph: str,
     config: WordCraftConfig,
     distractors: Sequence[int],
-    model: "tuple[str, OpenedModel] | None" = None,
+    model: "tuple[str, Model] | None" = None,
     *,
     draws: int = 5,
     seed: int = 0,

@@ -15,7 +15,7 @@ from wordcraft_kg.evaluation.scores import Known, ScoringModel
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folder import Taught
 from wordcraft_kg.graphs.splits import Part
-from wordcraft_kg.models.scorers.cross_fitting import CrossFitted, whole_of
+from wordcraft_kg.models.scorers.cross_fitting import whole_of
 from wordcraft_kg.models.scorers.queries import RecipeQuery
 from wordcraft_kg.models.scorers.recipes import RecipeScores, Witness
 
@@ -197,9 +197,9 @@ def view_open_recipe(scoring: RecipeScoring, query: RecipeQuery, top: int, *, ne
     """List the best entities for the open slot of a recipe."""
     rows, scores = scoring.best(query, top, new_only=new_only)
     best = tuple(scoring.recipes(rows, scores))
-    scorer = scoring.model.scorer
-    if query.result is None and isinstance(scorer, CrossFitted) and scorer.probabilities is not None:
-        shares = scorer.result_probabilities(*query.labels)[rows[:, 2]].tolist()
+    folds = scoring.model.scorer.folds
+    if query.result is None and folds is not None and folds.probabilities is not None:
+        shares = folds.result_probabilities(*query.labels)[rows[:, 2]].tolist()
         best = tuple(msgspec.structs.replace(one, probability=share) for one, share in zip(best, shares, strict=True))
     return OpenRecipe(*query.slots, best, scoring.model.kg)
 

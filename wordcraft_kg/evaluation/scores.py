@@ -16,9 +16,8 @@ from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folder import Taught
 from wordcraft_kg.graphs.splits import PARTS, Split
 from wordcraft_kg.graphs.triples import RELATIONS
-from wordcraft_kg.models.links.folder import open_model
+from wordcraft_kg.models.folder import open_model
 from wordcraft_kg.models.recipes.inductive import with_words
-from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
 from wordcraft_kg.models.scorers.folder import load_scorer
 from wordcraft_kg.models.scorers.queries import OPEN, Query, RecipeQuery
 from wordcraft_kg.models.scorers.scorer import Scorer
@@ -147,10 +146,10 @@ class ScoringModel:
 
     def probabilities(self, triples: Ids, known: Sequence[Known | None]) -> list[float | None]:
         """Return the probability of each of the triples, shape (T, 3); None for those of train recipes, see `known`."""
-        scorer = self.scorer
-        if not isinstance(scorer, CrossFitted) or scorer.probabilities is None:
+        folds = self.scorer.folds
+        if folds is None or folds.probabilities is None:
             return [None] * len(triples)
-        found = scorer.probability(*torch.from_numpy(triples.copy()).T).tolist()
+        found = folds.probability(*torch.from_numpy(triples.copy()).T).tolist()
         return [None if part == "train" else value for value, part in zip(found, known, strict=True)]
 
     def answers(self, query: Query, top: int, *, new_only: bool = False) -> list[ScoredEntity]:

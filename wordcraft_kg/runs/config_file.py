@@ -4,12 +4,15 @@ import json
 import os
 import tomllib
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import MISSING, dataclass, fields, is_dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, ClassVar, Self, TypeVar, get_args, get_type_hints
+
+from msgspec import defstruct
+from msgspec.structs import asdict
 
 from wordcraft_kg.base.artefacts import read_small_file, write_atomically
-from wordcraft_kg.base.errors import ArtefactError
+from wordcraft_kg.base.errors import ArtefactError, ConfigError
 from wordcraft_kg.base.feature_spec import FeatureSpec
 from wordcraft_kg.base.records import as_record
 
@@ -18,36 +21,98 @@ T = TypeVar("T")
 
 
 @dataclass(frozen=True)
-class ConfigTable:
-    """The content of a ``config.toml``, from which settings are taken part by part.
+class RunConfig:
+    """All settings of a run. Fields that are dataclasses are groups of settings; in the file all stand in one table.
+
+    A field may be a union of dataclasses that have a ``command`` each; the file's table decides between them.
 
     Attributes:
-        path: path of the file.
-        command: name of the table.
-        settings: those not taken yet, by name; paths are relative to the working folder.
+        commands: the commands whose settings these can be.
+        graph: graph folder, recipe book's file or known book's name.
     """
 
-    path: Path
-    command: str
-    settings: dict[str, Any]
+    commands: ClassVar[tuple[str, ...]]
 
-    def take(self, kind: type[T]) -> T:
-        """Take the settings of a dataclass or record; those that are absent keep their defaults.
+    graph: str
+
+    @property
+    def command(self) -> str:
+        """The command that trains with these settings."""
+        return self.commands[0]
+
+    def default_folder(self, graph_name: str) -> Path:
+        """Return the folder that the run is written to by default."""
+        return Path("models") / f"{graph_name}-{self.command}"
+
+    def values(self) -> dict[str, Any]:
+        """Return the settings by option name, without those that are None."""
+        return {name: value for name, value in _flat(self).items() if value is not None}
+
+    def differing(self) -> dict[str, Any]:
+        """Return the settings that are not at their default."""
+        default = _defaults(type(self))
+        return {name: value for name, value in self.values().items() if default.get(name) != value}
+
+    def write(self, folder: Path) -> None:
+        """Write ``config.toml``; paths become relative to the folder, so both can be moved."""
+        write_config(folder, self.command, self.values())
+
+    @classmethod
+    def read(cls, folder: Path) -> Self:
+        """Read ``config.toml``.
 
         Raises:
-            ArtefactError: naming the setting that has the wrong type, is out of range, or is missing without a default.
+            ArtefactError: if it is missing or damaged, naming the setting that is unknown, missing, of the wrong type
+                or out of range.
         """
-        names = [field.name for field in fields(kind)] if is_dataclass(kind) else kind.__struct_fields__  # type: ignore[attr-defined]
-        return as_record({name: self.settings.pop(name) for name in names if name in self.settings}, kind, self.path)
+        command, settings = read_config(folder)
+        path = folder / CONFIG_FILE
+        if command not in cls.commands:
+            raise ArtefactError(
+                f"{path} is damaged: expected the table [{' or '.join(cls.commands)}], found [{command}]."
+            )
+        found = _taken(cls, settings, command, path)
+        if settings:
+            raise ArtefactError(f"{path} is damaged: unknown setting '{next(iter(settings))}'.")
+        return found
 
-    def close(self) -> None:
-        """Check that all settings were taken.
 
-        Raises:
-            ArtefactError: naming a setting that was not.
-        """
-        if self.settings:
-            raise ArtefactError(f"{self.path} is damaged: unknown setting '{next(iter(self.settings))}'.")
+def _flat(settings: Any) -> dict[str, Any]:
+    """Return the settings of a dataclass and of the groups in it, by name."""
+    found: dict[str, Any] = {}
+    for name, value in ((field.name, getattr(settings, field.name)) for field in fields(settings)):
+        found |= _flat(value) if is_dataclass(value) else {name: value}
+    return found
+
+
+def _defaults(kind: type) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for field in fields(kind):
+        if is_dataclass(field.default):
+            found |= _flat(field.default)
+        elif field.default is not MISSING:
+            found[field.name] = field.default
+    return found
+
+
+def _taken(kind: type[T], settings: dict[str, Any], command: str, path: Path) -> T:
+    """Take the settings of a dataclass, and those of the groups in it, out of a table."""
+    hints = get_type_hints(kind)
+    plain, found = [], dict[str, Any]()
+    for field in fields(kind):  # type: ignore[arg-type]
+        groups = [one for one in (hints[field.name], *get_args(hints[field.name])) if is_dataclass(one)]
+        if groups:
+            group = next((one for one in groups if getattr(one, "command", None) == command), groups[0])
+            found[field.name] = _taken(group, settings, command, path)  # type: ignore[arg-type]
+        else:
+            default = () if field.default is MISSING else (field.default,)
+            plain.append((field.name, hints[field.name], *default))
+    given = {name: settings.pop(name) for name, *_ in plain if name in settings}
+    taken = as_record(given, defstruct(kind.__name__, plain, kw_only=True), path)
+    try:
+        return kind(**asdict(taken), **found)
+    except ConfigError as error:
+        raise ArtefactError(f"{path} is damaged: {error} Train again, or restore a copy.") from None
 
 
 def write_config(folder: Path, command: str, settings: Mapping[str, Any], name: str = CONFIG_FILE) -> None:
@@ -66,8 +131,8 @@ def write_config(folder: Path, command: str, settings: Mapping[str, Any], name: 
         write_atomically(path, text, durable=True)
 
 
-def read_config(folder: Path) -> ConfigTable:
-    """Read the ``config.toml`` of a run's folder.
+def read_config(folder: Path) -> tuple[str, dict[str, Any]]:
+    """Return the command and the settings in the ``config.toml`` of a run; paths are relative to the working folder.
 
     Raises:
         ArtefactError: if it is missing, or not a TOML file with one table.
@@ -79,7 +144,7 @@ def read_config(folder: Path) -> ConfigTable:
     path = folder / CONFIG_FILE
     try:
         ((command, settings),) = tomllib.loads(read_small_file(path).decode()).items()
-        return ConfigTable(path, command, moved(settings, from_here))
+        return command, moved(settings, from_here)
     except ArtefactError:
         raise
     except (ValueError, AttributeError, RecursionError) as error:

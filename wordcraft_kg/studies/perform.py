@@ -193,8 +193,8 @@ def _scorer(task: Task, root: Path) -> bool:
         shutil.rmtree(folder, ignore_errors=True)
         if command not in CONFIG_OF:
             _save_plain(folder, graph, command, settings)
-        elif command == RecipesConfig.command:
-            train_recipes(RecipeScorerConfig(graph, RecipesConfig(**settings)), folder)
+        elif command == RecipeScorerConfig.command:
+            train_recipes(RecipesConfig(graph, RecipeScorerConfig(**settings)), folder)
         elif train_links(LinksConfig(graph, CONFIG_OF[command](**settings)), folder).interrupted:  # type: ignore[arg-type]
             return False
     write_figures(folder, _judged(folder, time.perf_counter() - began))
@@ -204,10 +204,10 @@ def _scorer(task: Task, root: Path) -> bool:
 def _resume_scorer(folder: Path, graph: str, command: str) -> bool:
     """Go on with the training of a scorer; return whether it came to its end."""
     from wordcraft_kg.models.links.training import resume_links
-    from wordcraft_kg.models.recipes.config import RecipesConfig
+    from wordcraft_kg.models.recipes.config import RecipeScorerConfig
     from wordcraft_kg.models.recipes.training import resume_recipes
 
-    if command == RecipesConfig.command:
+    if command == RecipeScorerConfig.command:
         resume_recipes(folder, graph=graph)
         return True
     return not resume_links(folder, graph=graph).interrupted
@@ -216,7 +216,7 @@ def _resume_scorer(folder: Path, graph: str, command: str) -> bool:
 def _save_plain(folder: Path, graph: str, name: str, settings: dict[str, str]) -> None:
     """Write a scorer that is made of recipes without training."""
     from wordcraft_kg.graphs.triples import recipe_triples
-    from wordcraft_kg.models.links.saving import save_scorer
+    from wordcraft_kg.models.saving import save_scorer
     from wordcraft_kg.models.scorers.baselines import NeighbourScorer, SymbolicScorer
     from wordcraft_kg.models.scorers.cross_fitting import cross_fit
     from wordcraft_kg.models.scorers.features import glove_features
@@ -238,7 +238,7 @@ def _save_plain(folder: Path, graph: str, name: str, settings: dict[str, str]) -
 
 
 def _judged(folder: Path, seconds: float) -> ScorerFigures:
-    from wordcraft_kg.models.links.folder import open_model
+    from wordcraft_kg.models.folder import open_model
     from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples, sampled_for
 
     model = open_model(folder)

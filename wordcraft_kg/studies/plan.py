@@ -16,7 +16,7 @@ from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.splits import SplitConfig, make_split
 from wordcraft_kg.models.links.config import CONFIGS
 from wordcraft_kg.models.policies.config import PolicyConfig
-from wordcraft_kg.models.recipes.config import RecipesConfig
+from wordcraft_kg.models.recipes.config import RecipeScorerConfig
 from wordcraft_kg.runs.side_by_side import cores
 from wordcraft_kg.studies.study import (
     OF_AGENT,
@@ -38,7 +38,7 @@ BOOK = "everyday"
 """The book of a study that names none."""
 CURVE_POINTS = 20
 """Points of a learning curve; each takes about as long as 10,000 steps."""
-CONFIG_OF = {**CONFIGS, RecipesConfig.command: RecipesConfig}
+CONFIG_OF = {**CONFIGS, RecipeScorerConfig.command: RecipeScorerConfig}
 """Settings of scorers that are trained, by command."""
 PART_OF_AGENT = {"tasks": TaskConfig, "policy": PolicyConfig, "trainer": ImpalaConfig}
 

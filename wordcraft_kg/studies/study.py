@@ -22,7 +22,7 @@ from wordcraft_kg.base.settings import nearest, whole
 from wordcraft_kg.graphs.splits import SplitConfig
 from wordcraft_kg.models.links.config import CONFIGS
 from wordcraft_kg.models.policies.config import PolicyConfig
-from wordcraft_kg.models.recipes.config import RecipesConfig
+from wordcraft_kg.models.recipes.config import RecipeScorerConfig
 
 Value = str | int | float | bool
 Values = dict[str, Value]
@@ -52,7 +52,7 @@ SCORER_SETTINGS: dict[str, frozenset[str]] = {
     **{name: frozenset({"kg"}) for name in PLAIN_SCORERS},
     **{
         command: frozenset(field.name for field in fields(kind)) - {"checkpoint_every"}
-        for command, kind in {**CONFIGS, RecipesConfig.command: RecipesConfig}.items()
+        for command, kind in {**CONFIGS, RecipeScorerConfig.command: RecipeScorerConfig}.items()
     },
 }
 """Settings of each kind of scorer that can change a figure."""

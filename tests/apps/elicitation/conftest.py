@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 from stand_in import StandIn, answers_from, standing_in, table_of
 
+import wordcraft_kg.apps.elicitation.model  # noqa: F401 - registers the kind of model
 from wordcraft_kg.apps.elicitation.config import OPENAI_KEY
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
 

@@ -11,14 +11,14 @@ from stand_in import StandIn, answers_from, table_of
 from wordcraft_kg.agents.agent_folder import open_agent
 from wordcraft_kg.agents.players import knowledge_player, pair_player, play_all
 from wordcraft_kg.apps.elicitation.prompts import TEMPLATE_HASH
+from wordcraft_kg.apps.elicitation.scorer import OpinionScorer
 from wordcraft_kg.apps.elicitation.view import OpinionsView
 from wordcraft_kg.base.errors import ArtefactError
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.models.links.folder import open_model
+from wordcraft_kg.models.folder import open_model
 from wordcraft_kg.models.policies.sources.source import make_sources
 from wordcraft_kg.models.scorers.folder import load_scorer
-from wordcraft_kg.models.scorers.opinions import OpinionScorer
 from wordcraft_kg.runs.record import read_run
 
 

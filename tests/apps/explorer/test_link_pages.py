@@ -28,7 +28,7 @@ from wordcraft_kg.evaluation.links import judge_links, view_links
 from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split
 from wordcraft_kg.graphs.folder import OpenedGraph, default_split, open_graph, write_graph_folder
 from wordcraft_kg.graphs.recipes import RecipeBook
-from wordcraft_kg.models.links.saving import save_scorer
+from wordcraft_kg.models.saving import save_scorer
 from wordcraft_kg.models.scorers.baselines import NeighbourScorer
 
 STATES: tuple[tuple[str, State], ...] = (

@@ -36,8 +36,8 @@ from wordcraft_kg.envs.words import texts_hash
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.evaluation.reference import OpenPlay, TaskPlay
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
-from wordcraft_kg.models.links.saving import save_scorer
 from wordcraft_kg.models.policies.sources.source import make_sources
+from wordcraft_kg.models.saving import save_scorer
 from wordcraft_kg.models.scorers.baselines import SymbolicScorer
 from wordcraft_kg.studies.result_readers import rows_beside
 

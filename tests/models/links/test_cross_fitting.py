@@ -23,11 +23,11 @@ from wordcraft_kg.graphs.library import open_book
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.splits import SplitConfig, make_split
 from wordcraft_kg.graphs.triples import is_in, recipe_triples, triples_hash
+from wordcraft_kg.models.folder import open_model
 from wordcraft_kg.models.links import cross_fitting
 from wordcraft_kg.models.links.builders import scorer_tensors
 from wordcraft_kg.models.links.config import ComplExConfig, LinkModelConfig
 from wordcraft_kg.models.links.fitting import fit
-from wordcraft_kg.models.links.folder import open_model
 from wordcraft_kg.models.links.pykeen_bridge import triples_factory
 from wordcraft_kg.models.links.training import resume_links
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted

@@ -20,16 +20,16 @@ from wordcraft_kg.graphs.doses import make_dose
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.folds import make_folds
 from wordcraft_kg.graphs.triples import is_in, recipe_triples, triples_hash
+from wordcraft_kg.models.folder import open_model
 from wordcraft_kg.models.links.builders import scorer_tensors
 from wordcraft_kg.models.links.config import ComplExConfig, LinkModelConfig
 from wordcraft_kg.models.links.fitting import fit
-from wordcraft_kg.models.links.folder import open_model
 from wordcraft_kg.models.links.pykeen_bridge import triples_factory
 from wordcraft_kg.models.links.regularisation import choose
-from wordcraft_kg.models.links.saving import save_scorer
 from wordcraft_kg.models.links.training import resume_links
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.recipes.training import train_recipes
+from wordcraft_kg.models.saving import save_scorer
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
 from wordcraft_kg.models.scorers.folder import load_scorer, make_scorer
@@ -130,7 +130,7 @@ def test_a_folder_from_before_there_were_doses_opens(opened_kitchen: OpenedGraph
     run["inputs"]["config.toml"] = sha256_of(config)
     (folder / "run.json").write_text(json.dumps(run))
     model = open_model(folder)
-    assert (model.settings.share, model.settings.noise, model.metrics.share) == (1.0, 0.0, 1.0)
+    assert (model.settings["share"], model.settings["noise"], model.metrics.share) == (1.0, 0.0, 1.0)
     np.testing.assert_array_equal(model.triples, opened_kitchen.split.partial)
 
 
@@ -252,8 +252,8 @@ def test_other_link_predictors_learn_from_a_dose(opened_kitchen: OpenedGraph, tm
 
 
 def test_a_recipe_scorer_knows_its_dose_and_no_more(opened_kitchen: OpenedGraph, tmp_path: Path):
-    settings = RecipesConfig(folds=3, features="one-hot", share=0.5, noise=0.2, seed=1)
-    trained = train_recipes(RecipeScorerConfig(opened_kitchen.source, settings), tmp_path / "recipes")
+    settings = RecipeScorerConfig(folds=3, features="one-hot", share=0.5, noise=0.2, seed=1)
+    trained = train_recipes(RecipesConfig(opened_kitchen.source, settings), tmp_path / "recipes")
     model, folds = open_model(trained.folder), folds_of(opened_kitchen)
     np.testing.assert_array_equal(model.scorer.whole.recipes.numpy(), folds.dose.recipes)
     np.testing.assert_array_equal(model.triples, folds.dose.triples)
@@ -266,8 +266,8 @@ def test_a_recipe_scorer_knows_its_dose_and_no_more(opened_kitchen: OpenedGraph,
 
 
 def test_a_handful_of_recipes_is_enough_for_a_recipe_scorer(opened_kitchen: OpenedGraph, tmp_path: Path):
-    settings = RecipesConfig(folds=3, features="one-hot", share=0.02)
-    trained = train_recipes(RecipeScorerConfig(opened_kitchen.source, settings), tmp_path / "few")
+    settings = RecipeScorerConfig(folds=3, features="one-hot", share=0.02)
+    trained = train_recipes(RecipesConfig(opened_kitchen.source, settings), tmp_path / "few")
     scorer = open_model(trained.folder).scorer
     assert trained.metrics.recipes == 5
     for relation in (0, 1):
@@ -275,7 +275,7 @@ def test_a_handful_of_recipes_is_enough_for_a_recipe_scorer(opened_kitchen: Open
         assert torch.isfinite(scorer.left_out(1).table(relation)).all()
 
 
-@pytest.mark.parametrize("kind", [ComplExConfig, LinkModelConfig, RecipesConfig])
+@pytest.mark.parametrize("kind", [ComplExConfig, LinkModelConfig, RecipeScorerConfig])
 @pytest.mark.parametrize(
     ("name", "value"),
     [
@@ -288,7 +288,7 @@ def test_a_share_or_noise_out_of_range_is_refused(kind, name: str, value):
         kind(**{name: value})
 
 
-@pytest.mark.parametrize("kind", [ComplExConfig, LinkModelConfig, RecipesConfig])
+@pytest.mark.parametrize("kind", [ComplExConfig, LinkModelConfig, RecipeScorerConfig])
 @pytest.mark.parametrize(("name", "value"), [("share", 0.5), ("noise", 0.5)])
 def test_the_full_graph_is_not_thinned_out(kind, name: str, value: float):
     with pytest.raises(ConfigError, match=f"`{name}` 0.5 needs `kg` partial"):

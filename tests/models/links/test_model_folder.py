@@ -12,8 +12,8 @@ from link_helpers import flip_bit, train
 from wordcraft_kg.base.errors import ArtefactError, GraphMismatchError
 from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_book
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph, write_graph_folder
+from wordcraft_kg.models.folder import open_model
 from wordcraft_kg.models.links.config import ComplExConfig
-from wordcraft_kg.models.links.folder import open_model
 
 Spoilt = Callable[[str], tuple[Path, Path]]
 SHORT = ComplExConfig(dim=4, epochs=2)

@@ -14,7 +14,7 @@ from pykeen.triples import TriplesFactory
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError, OutputExistsError
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.triples import RELATIONS
-from wordcraft_kg.models.links.folder import open_model
+from wordcraft_kg.models.folder import open_model
 from wordcraft_kg.models.links.pykeen_bridge import triples_factory
 from wordcraft_kg.models.links.pykeen_import import from_pykeen, import_pykeen
 

@@ -11,12 +11,12 @@ from link_helpers import interrupt_after, random_graph, train
 
 from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split
 from wordcraft_kg.graphs.folder import OpenedGraph
+from wordcraft_kg.models.folder import open_model
 from wordcraft_kg.models.links import regularisation
 from wordcraft_kg.models.links import training as link_training
 from wordcraft_kg.models.links.builders import scorer_tensors
 from wordcraft_kg.models.links.config import N3_PARTIAL, ComplExConfig, LinkModelConfig
 from wordcraft_kg.models.links.fitting import fit
-from wordcraft_kg.models.links.folder import open_model
 from wordcraft_kg.models.links.folds import split_of_train
 from wordcraft_kg.models.links.pykeen_bridge import triples_factory
 from wordcraft_kg.models.links.records import Choice

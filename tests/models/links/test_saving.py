@@ -9,8 +9,8 @@ from link_helpers import contents, random_graph
 
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError, OutputExistsError
 from wordcraft_kg.graphs.folder import OpenedGraph
-from wordcraft_kg.models.links.folder import open_model
-from wordcraft_kg.models.links.saving import save_scorer
+from wordcraft_kg.models.folder import open_model
+from wordcraft_kg.models.saving import save_scorer
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer, SymbolicScorer
 from wordcraft_kg.models.scorers.factors import ComplExScorer, FactorsScorer
 from wordcraft_kg.models.scorers.folder import load_scorer
@@ -66,7 +66,7 @@ def test_an_opened_folder_says_what_the_scorer_has_seen_and_that_it_was_not_trai
 ):
     folder = save_scorer(tmp_path / "mine", mine, opened_kitchen, kg=kg, origin="lengths of labels")
     model = open_model(folder)
-    assert (model.kg, model.metrics, model.trace) == (kg, None, [])
+    assert (model.kg, model.metrics, model.trace) == (kg, None, ())
     assert model.opened.split.hash == opened_kitchen.split.hash
     assert model.provenance["what it is"] == "lengths of labels"
     assert "someone else" in model.provenance["trained by"]
@@ -135,7 +135,7 @@ def test_a_folder_that_exists_is_replaced_only_by_force(mine: Lengths, opened_ki
 def test_a_table_that_is_too_large_is_refused_before_it_is_computed(
     mine: Lengths, opened_kitchen: OpenedGraph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr("wordcraft_kg.models.links.saving.TABLE_LIMIT", 1_000)
+    monkeypatch.setattr("wordcraft_kg.models.scorers.writing.TABLE_LIMIT", 1_000)
     monkeypatch.setattr(Lengths, "table", None)
     with pytest.raises(ConfigError, match="80 entities"):
         save_scorer(tmp_path / "x", mine, opened_kitchen, kg="partial")
@@ -147,7 +147,7 @@ def test_factors_are_saved_where_a_table_would_be_too_large(
 ):
     mine = LowRankKernelScorer(opened_kitchen.graph, opened_kitchen.split.recipes("train"), rank=20)
     as_table = save_scorer(tmp_path / "table", mine, opened_kitchen, kg="partial")
-    monkeypatch.setattr("wordcraft_kg.models.links.saving.TABLE_LIMIT", 1_000)
+    monkeypatch.setattr("wordcraft_kg.models.scorers.writing.TABLE_LIMIT", 1_000)
     folder = save_scorer(tmp_path / "factors", mine, opened_kitchen, kg="partial")
     tables = [load_scorer(folder)]  # small enough for a table after all
     monkeypatch.setattr("wordcraft_kg.models.scorers.folder.TABLE_LIMIT", 1_000)
@@ -163,7 +163,7 @@ def test_factors_are_saved_where_a_table_would_be_too_large(
 def test_factors_that_do_not_fit_the_vocabulary_are_refused(
     opened_kitchen: OpenedGraph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr("wordcraft_kg.models.links.saving.TABLE_LIMIT", 1_000)
+    monkeypatch.setattr("wordcraft_kg.models.scorers.writing.TABLE_LIMIT", 1_000)
     size = opened_kitchen.graph.num_entities
     for name, shapes in {"rows": ((size - 1, 3),) * 2, "widths": ((size, 3), (size, 4))}.items():
         wrong = FactorsScorer(

@@ -39,9 +39,9 @@ def vectors(opened_kitchen: OpenedGraph, tmp_path_factory: pytest.TempPathFactor
 
 @pytest.fixture(scope="module")
 def folder(opened_kitchen: OpenedGraph, vectors: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    settings = RecipesConfig(kg="full", folds=2, features=str(vectors))
+    settings = RecipeScorerConfig(kg="full", folds=2, features=str(vectors))
     out = tmp_path_factory.mktemp("models") / "kitchen-recipes"
-    return train_recipes(RecipeScorerConfig(opened_kitchen.source, settings), out).folder
+    return train_recipes(RecipesConfig(opened_kitchen.source, settings), out).folder
 
 
 @pytest.fixture(scope="module")
@@ -196,8 +196,8 @@ def test_a_link_predictor_knows_the_entities_of_its_graph_only(complex_folder: P
 
 @pytest.mark.parametrize("features", ["one-hot", "shuffled:glove"])
 def test_features_that_are_no_words_say_nothing_of_new_ones(opened_kitchen: OpenedGraph, tmp_path: Path, features: str):
-    settings = RecipesConfig(kg="full", folds=2, features=features)
-    trained = train_recipes(RecipeScorerConfig(opened_kitchen.source, settings), tmp_path / "model")
+    settings = RecipeScorerConfig(kg="full", folds=2, features=features)
+    trained = train_recipes(RecipesConfig(opened_kitchen.source, settings), tmp_path / "model")
     with pytest.raises(UnknownEntityError, match=rf"'naan'.*{features}.*glove"):
         with_words(trained.folder, load_scorer(trained.folder), ["naan"])
 

@@ -32,7 +32,7 @@ from wordcraft_kg.models.scorers.recipes import RecipeScorer, RecipeScores
 from wordcraft_kg.models.scorers.similarity import cosines
 
 FILES = ["model.safetensors", "folds.safetensors", "folds.json", "vocabulary.json", "config.toml"]
-SMALL = RecipesConfig(folds=3, features="one-hot")
+SMALL = RecipeScorerConfig(folds=3, features="one-hot")
 
 
 @pytest.fixture(scope="module")
@@ -53,7 +53,7 @@ def book(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def small(book: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A recipe scorer of that book; read only."""
-    return train_recipes(RecipeScorerConfig(str(book), SMALL), tmp_path_factory.mktemp("models") / "small").folder
+    return train_recipes(RecipesConfig(str(book), SMALL), tmp_path_factory.mktemp("models") / "small").folder
 
 
 @pytest.fixture
@@ -83,7 +83,7 @@ def same_files(one: Path, other: Path) -> bool:
 
 
 def test_the_same_settings_give_the_same_bytes(book: Path, small: Path):
-    config, state = RecipeScorerConfig(str(book), SMALL), torch.get_rng_state()
+    config, state = RecipesConfig(str(book), SMALL), torch.get_rng_state()
     assert same_files(small, train_recipes(config, small.parent / "again").folder)
     assert torch.equal(torch.get_rng_state(), state)
     other = train_recipes(replace(config, settings=replace(SMALL, seed=1)), small.parent / "other").folder
@@ -98,7 +98,7 @@ def test_fits_side_by_side_are_those_of_one_after_the_other(book: Path, small: P
     monkeypatch.setattr(
         training, "side_by_side", lambda jobs, *options: started.append(len(jobs)) or side_by_side(jobs, *options)
     )
-    assert same_files(small, train_recipes(RecipeScorerConfig(str(book), SMALL), small.parent / "side-by-side").folder)
+    assert same_files(small, train_recipes(RecipesConfig(str(book), SMALL), small.parent / "side-by-side").folder)
     assert started == [4]
 
 
@@ -108,7 +108,7 @@ def test_an_interrupted_run_goes_on_with_the_fits_that_are_missing(
     steps = SMALL.folds + 3
     folder = small.parent / "interrupted"  # so that the path to the book is the same
     with pytest.raises(KeyboardInterrupt):
-        train_recipes(RecipeScorerConfig(str(book), SMALL), folder, progress=interrupt_after(2 * steps))
+        train_recipes(RecipesConfig(str(book), SMALL), folder, progress=interrupt_after(2 * steps))
     assert json.loads((folder / "run.json").read_text())["status"] == "interrupted"
     with pytest.raises(ArtefactError, match="interrupted, not done"):
         load_scorer(folder)
@@ -228,7 +228,7 @@ def test_a_scorer_of_another_graph_is_refused(small: Path, opened: OpenedGraph):
 
 def test_two_folds_are_too_few_to_leave_one_out(book: Path, tmp_path: Path):
     with pytest.raises(ConfigError, match="expected 3 or more"):
-        train_recipes(RecipeScorerConfig(str(book), RecipesConfig(folds=2, features="one-hot")), tmp_path / "model")
+        train_recipes(RecipesConfig(str(book), RecipeScorerConfig(folds=2, features="one-hot")), tmp_path / "model")
     assert not (tmp_path / "model").exists()
 
 
@@ -253,7 +253,7 @@ def test_w_is_restored_from_its_constants_and_a_kept_table_is_not_mistaken_for_a
 
 def test_the_link_report_of_a_recipe_scorer_is_written(small, book):
     from wordcraft_kg.agents.players import scorer_players
-    from wordcraft_kg.models.links.folder import open_model
+    from wordcraft_kg.models.folder import open_model
     from wordcraft_kg.reports.link_report import PLAYERS
 
     model = open_model(small, str(book))

@@ -259,7 +259,7 @@ def test_constant_scores_have_the_base_rate(folds: Folds):
 
 def test_shares_of_results_are_a_softmax_with_the_best_temperature(tmp_path: Path):
     trained = train_recipes(
-        RecipeScorerConfig("kitchen", RecipesConfig(folds=3, features="one-hot")), tmp_path / "model"
+        RecipesConfig("kitchen", RecipeScorerConfig(folds=3, features="one-hot")), tmp_path / "model"
     )
     scorer = load_scorer(trained.folder)
     assert isinstance(scorer, CrossFitted)

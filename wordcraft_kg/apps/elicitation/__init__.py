@@ -2,6 +2,6 @@
 
 ``prompts`` is what is asked, ``endpoint`` who asks it, ``answers`` where answers are kept, ``asking`` asks what is not
 there yet, ``reading`` makes opinions of answers, and ``folder`` writes them as a model folder, whose scorer is an
-:class:`~wordcraft_kg.models.scorers.opinions.OpinionScorer`. Of the graph, prompts hold nothing but the labels of its
+:class:`~wordcraft_kg.apps.elicitation.scorer.OpinionScorer`. Of the graph, prompts hold nothing but the labels of its
 entities: no recipe, and nothing of the split.
 """

@@ -2,15 +2,12 @@
 
 import re
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, ClassVar, Literal, get_args
+from typing import ClassVar, Literal, get_args
 from urllib.parse import urlsplit
 
-from wordcraft_kg.base.errors import ArtefactError, ConfigError
-from wordcraft_kg.base.records import Record
+from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.settings import number_in, one_of, whole
-from wordcraft_kg.graphs.folder import Taught
-from wordcraft_kg.runs.config_file import read_config, write_config
+from wordcraft_kg.runs.config_file import RunConfig
 
 Sampling = Literal["greedy", "default"]
 """What an endpoint is asked for: temperature 0 and a seed; or nothing, for models that refuse these."""
@@ -63,11 +60,10 @@ class AskingConfig:
 
 
 @dataclass(frozen=True)
-class OpinionsConfig:
-    """All settings of a model folder of opinions, as ``config.toml`` holds them.
+class OpinionsConfig(RunConfig):
+    """All settings of a model folder of opinions.
 
     Attributes:
-        graph: graph folder, recipe book's file or known book's name.
         endpoint: address of an endpoint that speaks as OpenAI's, such as ``http://localhost:8080/v1``.
         model: name of the language model there.
         settings: how it is asked.
@@ -77,9 +73,8 @@ class OpinionsConfig:
         'http://localhost:8080/v1'
     """
 
-    command: ClassVar[str] = "ask-opinions"
+    commands: ClassVar[tuple[str, ...]] = ("ask-opinions",)
 
-    graph: str
     endpoint: str
     model: str
     settings: AskingConfig = AskingConfig()
@@ -88,42 +83,6 @@ class OpinionsConfig:
         object.__setattr__(self, "endpoint", checked_endpoint(self.endpoint))
         if not self.model.strip() or not self.model.isprintable() or len(self.model) > 300:
             raise ConfigError(f"`model` {self.model[:300]!r}: expected the name of a model, as the endpoint knows it.")
-
-    @property
-    def kg(self) -> Taught:
-        """What its scorer has been taught of the graph's recipes: none."""
-        return "none"
-
-    def values(self) -> dict[str, Any]:
-        """Return the settings by option name."""
-        return {"graph": self.graph, "endpoint": self.endpoint, "model": self.model, **vars(self.settings)}
-
-    def write(self, folder: Path) -> None:
-        """Write ``config.toml``; the graph's path becomes relative to the folder, so both can be moved."""
-        write_config(folder, self.command, self.values())
-
-    @classmethod
-    def read(cls, folder: Path) -> "OpinionsConfig":
-        """Read ``config.toml``.
-
-        Raises:
-            ArtefactError: if it is missing or damaged.
-        """
-        table = read_config(folder)
-        if table.command != cls.command:
-            raise ArtefactError(f"{table.path} is damaged: expected [{cls.command}], found [{table.command}].")
-        inputs, settings = table.take(_Inputs), table.take(AskingConfig)
-        table.close()
-        try:
-            return cls(inputs.graph, inputs.endpoint, inputs.model, settings)
-        except ConfigError as error:
-            raise ArtefactError(f"{table.path} is damaged: {error}") from None
-
-
-class _Inputs(Record, frozen=True):
-    graph: str
-    endpoint: str
-    model: str
 
 
 def checked_endpoint(address: str) -> str:

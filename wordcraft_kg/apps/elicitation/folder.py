@@ -9,20 +9,17 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import safetensors.torch
 
 from wordcraft_kg.apps.elicitation.answers import Answer
 from wordcraft_kg.apps.elicitation.config import OpinionsConfig
 from wordcraft_kg.apps.elicitation.prompts import TEMPLATE_HASH, Prompt
 from wordcraft_kg.apps.elicitation.reading import WHYS, Opinion, Unread, read_opinions
 from wordcraft_kg.apps.elicitation.records import Agreement, OpinionMetrics
+from wordcraft_kg.apps.elicitation.scorer import OpinionScorer
 from wordcraft_kg.base.artefacts import dump_json, staged_folder, with_a_name, write_atomically
 from wordcraft_kg.base.records import as_values
-from wordcraft_kg.base.tensors import copied
 from wordcraft_kg.graphs.folder import OpenedGraph
-from wordcraft_kg.graphs.triples import RELATIONS
-from wordcraft_kg.models.scorers.folder import Vocabulary
-from wordcraft_kg.models.scorers.opinions import OpinionScorer
+from wordcraft_kg.models.scorers.writing import write_scorer
 from wordcraft_kg.runs.cards import front_matter
 from wordcraft_kg.runs.record import end_run, start_run
 
@@ -73,13 +70,6 @@ def write_opinions(
     rows = np.array([one.recipe for one in opinions], dtype=np.int64).reshape(-1, 3)
     scorer = OpinionScorer.of(rows, [one.weight for one in opinions], graph.entities, graph.hash)
     metrics = _metrics(opened, prompts, answers, opinions, unread)
-    vocabulary = Vocabulary(
-        format="wordcraft-kg vocabulary 1",
-        scorer="opinions",
-        graph=graph.hash,
-        entities=graph.entities,
-        relations=RELATIONS,
-    )
     inputs = {
         "graph": graph.hash,
         "split": opened.split.hash,
@@ -89,8 +79,7 @@ def write_opinions(
     folder = with_a_name(Path(out))
     with staged_folder(folder, force=force) as staging:
         config.write(staging)
-        write_atomically(staging / "model.safetensors", safetensors.torch.save(copied(scorer.tensors())))
-        write_atomically(staging / "vocabulary.json", dump_json(as_values(vocabulary)))
+        write_scorer(staging, scorer.kind, scorer.tensors(), graph)
         write_atomically(staging / "metrics.json", dump_json(as_values(metrics)))
         write_atomically(staging / TABLE, _table(opinions, graph.entities))
         write_atomically(staging / UNREAD, _examples(unread))

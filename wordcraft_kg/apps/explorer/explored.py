@@ -11,7 +11,8 @@ from wordcraft_kg.base.errors import ConfigError, UnknownEntityError
 from wordcraft_kg.base.settings import nearest
 from wordcraft_kg.evaluation.scores import ScoringModel
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
-from wordcraft_kg.models.links.folder import OpenedModel, open_model
+from wordcraft_kg.models.folder import open_model
+from wordcraft_kg.models.model import Model
 from wordcraft_kg.runs.inputs import check_run_graph
 from wordcraft_kg.runs.seeds import run_folders, run_name
 
@@ -31,7 +32,7 @@ class ExploredModel:
 
     name: str
     folder: Path
-    model: OpenedModel
+    model: Model
     scoring: ScoringModel
 
 

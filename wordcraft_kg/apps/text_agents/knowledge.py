@@ -116,22 +116,23 @@ class ScorerKnowledge:
 
     def _answering(self, game: Game) -> "TripleScorer | None":
         """Return the model that may be asked about a game; None if each has seen a part of the task's plans."""
-        from wordcraft_kg.models.scorers.cross_fitting import CrossFitted, models_of_tasks
+        from wordcraft_kg.models.scorers.cross_fitting import folds_of, models_of_tasks
 
         tasks = game.tasks
         if tasks is None or tasks.part not in ("train", "all"):
             return self._scorer
-        if not isinstance(self._scorer, CrossFitted):
+        folds = folds_of(self._scorer)
+        if folds is None:
             raise LeakError(
                 "of train tasks this scorer would tell what it remembers: it has no folds. Train it with folds, the "
                 "default of train-complex and train-recipes, or play the test part."
             )
         if tasks.hash not in self._models:
-            self._models[tasks.hash] = models_of_tasks(self._scorer.of_recipe, tasks)
+            self._models[tasks.hash] = models_of_tasks(folds.of_recipe, tasks)
         model = int(self._models[tasks.hash][game.task])
-        if model > self._scorer.count:
+        if model > folds.count:
             return None
-        return self._scorer.left_out(model - 1) if model else self._scorer.whole
+        return folds.left_out(model - 1) if model else folds.whole
 
 
 def knowledge_of(
@@ -185,7 +186,7 @@ def open_knowledge(kind: KnowledgeKind, opened: OpenedGraph, scorer: Path | None
         if scorer is not None:
             raise ConfigError(f"`scorer` {scorer}: only `knowledge` scorer asks one; add it, or leave the scorer out.")
         return OpenedKnowledge(knowledge_of(kind, opened.split), None, None)
-    from wordcraft_kg.models.links.folder import open_model
+    from wordcraft_kg.models.folder import open_model
 
     model = open_model(scorer, opened.source)
     if model.opened.split.hash != opened.split.hash:

@@ -23,7 +23,8 @@ from wordcraft_kg.models.links.pykeen_bridge import all_scores, pykeen_guard, qu
 from wordcraft_kg.models.links.sampled_softmax import SampledSymmetricLCWATrainingLoop
 from wordcraft_kg.models.links.symmetric_lcwa import IndexedSymmetricLCWATrainingLoop
 from wordcraft_kg.models.scorers.config import TABLE_LIMIT, table_bytes
-from wordcraft_kg.models.scorers.folder import ScorerKind
+from wordcraft_kg.models.scorers.factors import ComplExScorer
+from wordcraft_kg.models.scorers.tables import TableScorer
 
 
 def make_training_loop(config: LinkSettings, factory: TriplesFactory) -> TrainingLoop:
@@ -59,19 +60,30 @@ def check_table_fits(model: str, num_entities: int) -> None:
         )
 
 
-def scorer_tensors(config: LinkSettings, model: Model, triples: Ids) -> tuple[ScorerKind, dict[str, torch.Tensor]]:
-    """Return the kind of scorer that a model becomes that was trained on ``triples``, and the tensors that it needs.
+def scorer_kind(config: LinkSettings, num_entities: int) -> str:
+    """Return the kind of scorer that a model becomes.
 
-    ComplEx becomes its embeddings (``complex``), popularity included; any other model becomes a ``table`` of the scores
-    of all triples, beside its own parameters. Where the table would be too large, models of :func:`is_factored` become
-    embeddings too.
+    ComplEx becomes its embeddings (``complex``); any other model becomes a ``table`` of the scores of all triples, or,
+    where that would be too large, embeddings too if :func:`is_factored`.
+
+    Raises:
+        ConfigError: if the table is too large and there are no such embeddings.
     """
     if isinstance(config, ComplExConfig):
-        return "complex", with_popularity(_embeddings(model), triples, config.popularity or 0.0)
-    if table_bytes(model.num_entities) > TABLE_LIMIT:
-        check_table_fits(config.model, model.num_entities)
-        return "complex", _embeddings(model)
-    return "table", _all_scores(model)
+        return ComplExScorer.kind
+    check_table_fits(config.model, num_entities)
+    return TableScorer.kind if table_bytes(num_entities) <= TABLE_LIMIT else ComplExScorer.kind
+
+
+def scorer_tensors(config: LinkSettings, model: Model, triples: Ids) -> tuple[str, dict[str, torch.Tensor]]:
+    """Return the kind of scorer that a model becomes that was trained on ``triples``, and the tensors that it needs.
+
+    Popularity is part of ComplEx's embeddings; a table is stored beside the model's own parameters.
+    """
+    kind = scorer_kind(config, model.num_entities)
+    if kind == TableScorer.kind:
+        return kind, _all_scores(model)
+    return kind, with_popularity(_embeddings(model), triples, getattr(config, "popularity", None) or 0.0)
 
 
 def _complex_loop(config: ComplExConfig, factory: TriplesFactory) -> TrainingLoop:

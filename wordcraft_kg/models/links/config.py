@@ -2,10 +2,9 @@
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, ClassVar, Literal, Self, get_args
+from typing import ClassVar, Literal, Self, get_args
 
-from wordcraft_kg.base.errors import ArtefactError, ConfigError
-from wordcraft_kg.base.records import Record
+from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.settings import (
     LARGEST,
     MAX_DIM,
@@ -18,8 +17,8 @@ from wordcraft_kg.base.settings import (
     whole,
 )
 from wordcraft_kg.graphs.doses import check_dose
-from wordcraft_kg.graphs.folder import KG, Taught
-from wordcraft_kg.runs.config_file import read_config, write_config
+from wordcraft_kg.graphs.folder import KG
+from wordcraft_kg.runs.config_file import RunConfig
 
 PAPER_DIM = 128
 MAX_SEED = 2**32 - 1
@@ -196,6 +195,8 @@ class LinkModelConfig(TrainingConfig):
 
 
 LinkSettings = ComplExConfig | LinkModelConfig
+
+
 CONFIGS: dict[str, type[ComplExConfig] | type[LinkModelConfig]] = {
     config.command: config for config in (ComplExConfig, LinkModelConfig)
 }
@@ -203,11 +204,10 @@ CONFIGS: dict[str, type[ComplExConfig] | type[LinkModelConfig]] = {
 
 
 @dataclass(frozen=True)
-class LinksConfig:
-    """All settings of a link predictor, as ``config.toml`` holds them.
+class LinksConfig(RunConfig):
+    """All settings of a link predictor.
 
     Attributes:
-        graph: graph folder, recipe book's file or known book's name.
         settings: of the model and its training.
 
     Example:
@@ -215,81 +215,14 @@ class LinksConfig:
         'train-complex'
     """
 
-    graph: str
+    commands: ClassVar[tuple[str, ...]] = tuple(CONFIGS)
+
     settings: LinkSettings = ComplExConfig()
 
     @property
-    def command(self) -> str:
-        """The command that trains with these settings."""
+    def command(self) -> str:  # noqa: D102 - inherited
         return self.settings.command
 
-    def default_folder(self, graph_name: str) -> Path:
-        """Return where the model goes by default."""
+    def default_folder(self, graph_name: str) -> Path:  # noqa: D102 - inherited
         kind = f"{self.settings.model.lower()}-" if isinstance(self.settings, LinkModelConfig) else ""
         return Path("models") / f"{graph_name}-{kind}{self.settings.kg}"
-
-    def values(self) -> dict[str, Any]:
-        """Return the settings by option name."""
-        return {"graph": self.graph, **vars(self.settings)}
-
-    def write(self, folder: Path) -> None:
-        """Write ``config.toml``; the graph's path becomes relative to the folder, so both can be moved."""
-        write_config(folder, self.command, self.values())
-
-    @classmethod
-    def read(cls, folder: Path) -> "LinksConfig":
-        """Read ``config.toml``.
-
-        Raises:
-            ArtefactError: if it is missing or damaged.
-        """
-        table = read_config(folder)
-        if table.command not in CONFIGS:
-            raise ArtefactError(
-                f"{table.path} is damaged: there is no [{table.command}]; expected {', '.join(CONFIGS)}."
-            )
-        inputs, settings = table.take(_Inputs), table.take(CONFIGS[table.command])
-        table.close()
-        return cls(inputs.graph, settings)
-
-
-class _Inputs(Record, frozen=True):
-    graph: str
-
-
-@dataclass(frozen=True)
-class SavedConfig:
-    """What is known of a scorer that was not trained here, as ``config.toml`` holds it.
-
-    Attributes:
-        graph: graph folder, recipe book's file or known book's name.
-        kg: what it has seen, in the words of whoever saved it: partial (train recipes only), full, or none (no recipe).
-        origin: what it is, in a line for reports.
-    """
-
-    command: ClassVar[str] = "save-scorer"
-
-    graph: str
-    kg: Taught
-    origin: str
-
-    def __post_init__(self) -> None:
-        one_of("kg", self.kg, get_args(Taught))
-
-    def write(self, folder: Path) -> None:
-        """Write ``config.toml``; the graph's path becomes relative to the folder, so both can be moved."""
-        write_config(folder, self.command, vars(self))
-
-    @classmethod
-    def read(cls, folder: Path) -> "SavedConfig":
-        """Read ``config.toml``.
-
-        Raises:
-            ArtefactError: if it is missing or damaged.
-        """
-        table = read_config(folder)
-        if table.command != cls.command:
-            raise ArtefactError(f"{table.path} is damaged: expected [{cls.command}], found [{table.command}].")
-        config = table.take(cls)
-        table.close()
-        return config

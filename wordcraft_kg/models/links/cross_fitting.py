@@ -20,15 +20,15 @@ from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.folds import Folds, make_folds
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.triples import triples_hash
-from wordcraft_kg.models.links.builders import scorer_tensors
+from wordcraft_kg.models.links.builders import scorer_kind, scorer_tensors
 from wordcraft_kg.models.links.config import FOLDS, ComplExConfig, LinkSettings
 from wordcraft_kg.models.links.fitting import fit
 from wordcraft_kg.models.links.pykeen_bridge import triples_factory
 from wordcraft_kg.models.links.records import FoldDone
 from wordcraft_kg.models.scorers.config import TABLE_LIMIT, table_bytes
 from wordcraft_kg.models.scorers.cross_fitting import FoldsRecord
-from wordcraft_kg.models.scorers.fold_files import write_folds
 from wordcraft_kg.models.scorers.scorer import Scorer
+from wordcraft_kg.models.scorers.writing import write_folds
 from wordcraft_kg.runs.checkpoints import Checkpoints
 from wordcraft_kg.runs.side_by_side import cores, side_by_side
 
@@ -143,7 +143,7 @@ def _is_done(job: _Job) -> bool:
         return False
 
 
-def write_link_folds(folder: Path, folds: Folds, whole: Scorer) -> FoldsRecord:
+def write_link_folds(folder: Path, folds: Folds, whole: Scorer, settings: LinkSettings) -> FoldsRecord:
     """Write the files of the folds, all of which are trained; return what is known of them."""
     kept = _kept(folder)
 
@@ -151,4 +151,4 @@ def write_link_folds(folder: Path, folds: Folds, whole: Scorer) -> FoldsRecord:
         found = kept.read(fold)
         return found.progress.trained_on, found.tensors
 
-    return write_folds(folder, folds, whole, part)
+    return write_folds(folder, folds, whole, scorer_kind(settings, len(whole.entities)), part)

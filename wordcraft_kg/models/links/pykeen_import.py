@@ -16,7 +16,7 @@ from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folder import KG, OpenedGraph, open_graph
 from wordcraft_kg.graphs.triples import RELATIONS, is_in
 from wordcraft_kg.models.links.pykeen_bridge import all_scores
-from wordcraft_kg.models.links.saving import save_scorer
+from wordcraft_kg.models.saving import save_scorer
 from wordcraft_kg.models.scorers.config import TABLE_LIMIT, table_bytes
 from wordcraft_kg.models.scorers.tables import TableScorer
 

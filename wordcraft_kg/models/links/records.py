@@ -3,6 +3,9 @@
 from wordcraft_kg.base.records import Count, Hash, Record, Share
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.graphs.folder import KG
+from wordcraft_kg.models.links.config import LinksConfig
+from wordcraft_kg.models.model import History, cross_fitted_words
+from wordcraft_kg.runs.files import RunFiles
 
 
 class TraceRow(Record, frozen=True, kw_only=True, omit_defaults=True):
@@ -125,3 +128,20 @@ class LinkProgress(Record, frozen=True, kw_only=True):
     best_epoch: int | None
     has_stopped: bool
     trace: tuple[TraceRow, ...]
+
+
+def links_history(files: RunFiles) -> History:
+    """Read how a link predictor was trained."""
+    config, metrics = LinksConfig.read(files.folder), files.record("metrics.json", LinkMetrics)
+    facts = {
+        "trained by": " ".join(files.run.argv),
+        "training": f"{metrics.epochs} epochs, {metrics.seconds:.1f} s, {metrics.parameters:,} parameters",
+        "on its own training triples": f"MRR {metrics.train_mrr:.3f}",
+        "settings": ", ".join(f"{name} {value}" for name, value in vars(config.settings).items()),
+    }
+    if metrics.folds:
+        facts["cross-fitted"] = cross_fitted_words(metrics.folds, metrics.fold_mrr, metrics.fold_in_sample_mrr)
+    if metrics.choice:
+        facts["regularisation chosen"] = str(metrics.choice)
+    chosen = ("n3", "popularity") if metrics.choice else ()
+    return History(config, facts, metrics, files.lines("trace.jsonl", TraceRow), chosen)

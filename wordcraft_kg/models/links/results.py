@@ -2,23 +2,21 @@
 
 from pathlib import Path
 
-import safetensors.torch
 from msgspec.structs import replace
 from pykeen.models import Model
 
 from wordcraft_kg.base.artefacts import dump_json, write_atomically
 from wordcraft_kg.base.records import as_lines, as_values
-from wordcraft_kg.base.tensors import copied
 from wordcraft_kg.graphs.doses import Dose, dose_words
 from wordcraft_kg.graphs.folder import OpenedGraph
-from wordcraft_kg.graphs.triples import RELATIONS
 from wordcraft_kg.models.links.builders import scorer_tensors
 from wordcraft_kg.models.links.config import ComplExConfig, LinkSettings
 from wordcraft_kg.models.links.records import Choice, LinkMetrics, LinkProgress
 from wordcraft_kg.models.scorers.cross_fitting import FoldsRecord
-from wordcraft_kg.models.scorers.folder import Vocabulary, make_scorer
+from wordcraft_kg.models.scorers.folder import make_scorer
 from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples, sampled_for
 from wordcraft_kg.models.scorers.scorer import Scorer
+from wordcraft_kg.models.scorers.writing import write_scorer
 from wordcraft_kg.runs.cards import front_matter
 
 OUTPUTS = ("model.safetensors", "vocabulary.json", "config.toml", "metrics.json", "trace.jsonl")
@@ -36,13 +34,6 @@ def write_results(
     model.eval()
     graph, triples = dose.graph, dose.triples
     kind, tensors = scorer_tensors(settings, model, triples)
-    vocabulary = Vocabulary(
-        format="wordcraft-kg vocabulary 1",
-        scorer=kind,
-        graph=graph.hash,
-        entities=graph.entities,
-        relations=RELATIONS,
-    )
     # On large graphs a fixed sample is enough.
     sample = sampled_for(graph, triples)
     scorer = make_scorer(kind, tensors, graph.entities, graph.hash)
@@ -63,8 +54,7 @@ def write_results(
         train_mrr_triples=len(sample),
         choice=choice,
     )
-    write_atomically(folder / "model.safetensors", safetensors.torch.save(copied(tensors)))
-    write_atomically(folder / "vocabulary.json", dump_json(as_values(vocabulary)))
+    write_scorer(folder, kind, tensors, graph)
     write_atomically(folder / "metrics.json", dump_json(as_values(metrics)))
     write_atomically(folder / "trace.jsonl", as_lines(progress.trace))
     return scorer, metrics

@@ -269,7 +269,7 @@ def _train(
                 raise
             run.interrupt()
             return TrainedLinks(run.path, metrics.epochs, None)
-        record = write_link_folds(run.path, folds, scorer)
+        record = write_link_folds(run.path, folds, scorer, settings)
         metrics = with_folds(run.path, metrics, record)
         outputs += FOLD_OUTPUTS
     run.finish(outputs, model_card(opened, settings, metrics))

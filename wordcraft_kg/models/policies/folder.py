@@ -22,7 +22,7 @@ from wordcraft_kg.models.policies.mlp import MLPPolicy
 from wordcraft_kg.models.policies.policy import Policy
 from wordcraft_kg.models.policies.sources import source_class
 from wordcraft_kg.models.policies.sources.source import ScoreView, Source, make_sources
-from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
+from wordcraft_kg.models.scorers.cross_fitting import whole_of
 from wordcraft_kg.models.scorers.features import EntityFeatures, make_features
 from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
 from wordcraft_kg.runs.cards import front_matter
@@ -69,8 +69,7 @@ def make_policy(
             raise ConfigError("`policy` mlp cannot mix a scorer's scores with its logits; leave out `scorer`.")
         check_scorer(scorer, graph)
         view = ScoreView(config.scale, config.self_edges, observed)
-        if config.in_sample and isinstance(scorer, CrossFitted):
-            scorer = scorer.whole
+        scorer = whole_of(scorer) if config.in_sample else scorer
         sources = make_sources(config.sources, scorer, view, tasks=tasks)
     with torch.random.fork_rng(devices=[]):
         torch.default_generator.manual_seed(seed)  # torch.manual_seed would seed all devices too

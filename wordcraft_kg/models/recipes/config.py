@@ -2,18 +2,16 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar, get_args
+from typing import ClassVar, get_args
 
-from wordcraft_kg.base.errors import ArtefactError
-from wordcraft_kg.base.records import Record
 from wordcraft_kg.base.settings import MAX_THREADS, one_of, refuse, require, whole
 from wordcraft_kg.graphs.doses import check_dose
 from wordcraft_kg.graphs.folder import KG
-from wordcraft_kg.runs.config_file import read_config, write_config
+from wordcraft_kg.runs.config_file import RunConfig
 
 
 @dataclass(frozen=True)
-class RecipesConfig:
+class RecipeScorerConfig:
     """Settings of a recipe scorer.
 
     Attributes:
@@ -29,7 +27,7 @@ class RecipesConfig:
         threads: CPU threads of each fit.
 
     Example:
-        >>> RecipesConfig(folds=10).features
+        >>> RecipeScorerConfig(folds=10).features
         'glove'
     """
 
@@ -56,54 +54,20 @@ class RecipesConfig:
 
 
 @dataclass(frozen=True)
-class RecipeScorerConfig:
-    """All settings of a recipe scorer, as ``config.toml`` holds them.
+class RecipesConfig(RunConfig):
+    """All settings of a run of ``train-recipes``.
 
     Attributes:
-        graph: graph folder, recipe book's file or known book's name.
-        settings: how it is fitted.
+        settings: of the recipe scorer.
 
     Example:
-        >>> RecipeScorerConfig("kitchen", RecipesConfig(folds=3)).command
+        >>> RecipesConfig("kitchen", RecipeScorerConfig(folds=3)).command
         'train-recipes'
     """
 
-    graph: str
-    settings: RecipesConfig = RecipesConfig()
+    commands: ClassVar[tuple[str, ...]] = (RecipeScorerConfig.command,)
 
-    @property
-    def command(self) -> str:
-        """The command that fits with these settings."""
-        return self.settings.command
+    settings: RecipeScorerConfig = RecipeScorerConfig()
 
-    def default_folder(self, graph_name: str) -> Path:
-        """Return where the model goes by default."""
+    def default_folder(self, graph_name: str) -> Path:  # noqa: D102 - inherited
         return Path("models") / f"{graph_name}-recipes{'' if self.settings.kg == 'partial' else '-full'}"
-
-    def values(self) -> dict[str, Any]:
-        """Return the settings by option name."""
-        return {"graph": self.graph, **vars(self.settings)}
-
-    def write(self, folder: Path) -> None:
-        """Write ``config.toml``; the graph's path becomes relative to the folder, so both can be moved."""
-        write_config(folder, self.command, self.values())
-
-    @classmethod
-    def read(cls, folder: Path) -> "RecipeScorerConfig":
-        """Read ``config.toml``.
-
-        Raises:
-            ArtefactError: if it is missing or damaged.
-        """
-        table = read_config(folder)
-        if table.command != RecipesConfig.command:
-            raise ArtefactError(
-                f"{table.path} is damaged: expected [{RecipesConfig.command}], found [{table.command}]."
-            )
-        inputs, settings = table.take(_Inputs), table.take(RecipesConfig)
-        table.close()
-        return cls(inputs.graph, settings)
-
-
-class _Inputs(Record, frozen=True):
-    graph: str

@@ -21,7 +21,6 @@ from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.recipes.fitting import knowledge_from, scorer_tensors
 from wordcraft_kg.models.recipes.ranker import Ranker
 from wordcraft_kg.models.scorers.config import check_dense
-from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
 from wordcraft_kg.models.scorers.features import make_features
 from wordcraft_kg.models.scorers.pair_features import RANKER
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
@@ -45,7 +44,7 @@ def extended(scorer: Scorer, labels: Sequence[str], text: Tensor) -> RecipeScore
         ConfigError: if it is a scorer of another kind, a label is none or not new, or the entities are too many.
         ArtefactError: if its link rankers do not fit the features of links.
     """
-    whole = scorer.whole if isinstance(scorer, CrossFitted) else scorer
+    whole = scorer.whole
     if not isinstance(whole, RecipeScorer):
         raise ConfigError(f"{scorer.name} is no recipe scorer; expected one of `wordcraft-kg train-recipes`.")
     entities = (*whole.entities, *(check_label(label, "a new entity") for label in labels))
@@ -97,14 +96,14 @@ def with_words(
 
     folder = Path(folder)
     run = read_finished_run(folder, "a model of train-recipes", "model.safetensors")
-    if run.kind != RecipesConfig.command:
+    if run.kind != RecipeScorerConfig.command:
         raise unknown(
             labels[0],
             "This model knows the entities of its graph only; one of `wordcraft-kg train-recipes` scores others by "
             "their words.",
         )
     verified_bytes(folder, run, "config.toml")
-    settings = RecipeScorerConfig.read(folder).settings
+    settings = RecipesConfig.read(folder).settings
     spec = FeatureSpec.parse(settings.features)
     if spec.prefix or spec.source in ("one-hot", "random"):
         why = f"The `features` of this model, {settings.features}, give it no words"

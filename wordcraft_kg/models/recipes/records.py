@@ -2,6 +2,9 @@
 
 from wordcraft_kg.base.records import Count, Hash, Record, Share
 from wordcraft_kg.graphs.folder import KG
+from wordcraft_kg.models.model import History, cross_fitted_words
+from wordcraft_kg.models.recipes.config import RecipesConfig
+from wordcraft_kg.runs.files import RunFiles
 
 
 class FitDone(Record, frozen=True, kw_only=True):
@@ -32,3 +35,17 @@ class RecipeMetrics(Record, frozen=True, kw_only=True):
     folds: Count
     fold_mrr: Share | None
     fold_in_sample_mrr: Share | None
+
+
+def recipes_history(files: RunFiles) -> History:
+    """Read how a recipe scorer was fitted."""
+    config, metrics = RecipesConfig.read(files.folder), files.record("metrics.json", RecipeMetrics)
+    facts = {
+        "trained by": " ".join(files.run.argv),
+        "what it is": f"rankers on what {metrics.recipes:,} recipes say about recipes held out of them",
+        "training": f"{metrics.seconds:.1f} s",
+        "settings": ", ".join(f"{name} {value}" for name, value in vars(config.settings).items()),
+    }
+    if metrics.folds:
+        facts["cross-fitted"] = cross_fitted_words(metrics.folds, metrics.fold_mrr, metrics.fold_in_sample_mrr)
+    return History(config, facts, metrics)

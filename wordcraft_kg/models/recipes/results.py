@@ -2,12 +2,12 @@
 
 from wordcraft_kg.graphs.doses import dose_words
 from wordcraft_kg.graphs.folder import OpenedGraph
-from wordcraft_kg.models.recipes.config import RecipeScorerConfig
+from wordcraft_kg.models.recipes.config import RecipesConfig
 from wordcraft_kg.models.recipes.records import RecipeMetrics
 from wordcraft_kg.runs.cards import front_matter
 
 
-def model_card(opened: OpenedGraph, config: RecipeScorerConfig, metrics: RecipeMetrics) -> str:
+def model_card(opened: OpenedGraph, config: RecipesConfig, metrics: RecipeMetrics) -> str:
     """Return the ``README.md`` of a model folder."""
     seen = (
         "It was fitted on all recipes, including the test recipes: its scores show what it remembers."

@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
-import safetensors.torch
 import torch
 from threadpoolctl import threadpool_limits
 from torch import Tensor
@@ -24,17 +23,17 @@ from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
 from wordcraft_kg.graphs.folds import Folds, make_folds
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.splits import SplitConfig, make_split
-from wordcraft_kg.graphs.triples import RELATIONS, triples_hash
+from wordcraft_kg.graphs.triples import triples_hash
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.recipes.fitting import fit_recipe_scorer, scorer_tensors
 from wordcraft_kg.models.recipes.records import FitDone, RecipeMetrics
 from wordcraft_kg.models.recipes.results import model_card
 from wordcraft_kg.models.scorers.config import check_dense
 from wordcraft_kg.models.scorers.features import make_features
-from wordcraft_kg.models.scorers.fold_files import write_folds
-from wordcraft_kg.models.scorers.folder import FOLD_OUTPUTS, Vocabulary
+from wordcraft_kg.models.scorers.folder import FOLD_OUTPUTS
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
 from wordcraft_kg.models.scorers.similarity import cosines
+from wordcraft_kg.models.scorers.writing import write_folds, write_scorer
 from wordcraft_kg.runs.checkpoints import Checkpoints
 from wordcraft_kg.runs.folder import Progress, RunFolder, RunKind, check_run_output, new_run, resumed_run
 from wordcraft_kg.runs.inputs import open_run_graph
@@ -42,7 +41,7 @@ from wordcraft_kg.runs.progress import shown
 from wordcraft_kg.runs.record import verified_bytes
 from wordcraft_kg.runs.side_by_side import cores, side_by_side
 
-RECIPES = RunKind((RecipesConfig.command,), unit="fit", progress=FitDone, judged_by="evaluate-links")
+RECIPES = RunKind((RecipeScorerConfig.command,), unit="fit", progress=FitDone, judged_by="evaluate-links")
 OUTPUTS = ("model.safetensors", "vocabulary.json", "config.toml", "metrics.json")
 ALONE = 1_000
 """Recipes up to which one process fits all: starting another one takes as long as a fit."""
@@ -62,7 +61,7 @@ class TrainedRecipes:
 
 
 def train_recipes(
-    config: RecipeScorerConfig,
+    config: RecipesConfig,
     out: str | Path | None = None,
     *,
     force: bool = False,
@@ -82,7 +81,7 @@ def train_recipes(
         KeyboardInterrupt: after Ctrl-C, saying how to go on.
 
     Example:
-        >>> trained = train_recipes(RecipeScorerConfig("kitchen", RecipesConfig(folds=3)), "models/kitchen-recipes")
+        >>> trained = train_recipes(RecipesConfig("kitchen", RecipeScorerConfig(folds=3)), "models/kitchen-recipes")
         >>> load_scorer(trained.folder).whole.score_recipes("flour", "water", "dough").shape
         torch.Size([])
     """
@@ -117,7 +116,7 @@ def resume_recipes(
     """
     with shown(progress, "recipes", RECIPES.unit) as report, resumed_run(Path(folder), RECIPES) as run:
         verified_bytes(run.path, run.record, "config.toml")
-        config = RecipeScorerConfig.read(run.path)
+        config = RecipesConfig.read(run.path)
         config = replace(config, graph=graph or config.graph)
         opened = open_run_graph(run.path, run.record, config.graph)
         folds = _folds(opened, config.settings)
@@ -128,7 +127,7 @@ def resume_recipes(
         return _fit(run, opened, config, folds, text, report)
 
 
-def _folds(opened: OpenedGraph, settings: RecipesConfig) -> Folds:
+def _folds(opened: OpenedGraph, settings: RecipeScorerConfig) -> Folds:
     """Return the folds of the recipes, and which of them are learned from.
 
     Raises:
@@ -150,7 +149,7 @@ def _folds(opened: OpenedGraph, settings: RecipesConfig) -> Folds:
     return folds.dosed(make_dose(split, settings.share, settings.noise, settings.seed, of_recipe=folds.of_recipe))
 
 
-def _text(graph: RecipeGraph, settings: RecipesConfig) -> tuple[Tensor, str]:
+def _text(graph: RecipeGraph, settings: RecipeScorerConfig) -> tuple[Tensor, str]:
     """Return the cosines of words, shape (E, E), and the hash of their vectors."""
     features = make_features(settings.features, graph.entities, allow_missing=settings.allow_missing)
     if features.is_one_hot:
@@ -166,7 +165,7 @@ class _Job:
     fold: int
     folds: Folds
     text: Tensor
-    settings: RecipesConfig
+    settings: RecipeScorerConfig
 
     @property
     def left_out(self) -> tuple[int, ...]:
@@ -214,7 +213,7 @@ def _is_done(kept: Checkpoints[FitDone], job: _Job) -> bool:
 def _fit(
     run: RunFolder[FitDone],
     opened: OpenedGraph,
-    config: RecipeScorerConfig,
+    config: RecipesConfig,
     folds: Folds,
     text: Tensor,
     progress: Progress | None,
@@ -249,7 +248,7 @@ def _fit(
 def _finish(
     run: RunFolder[FitDone],
     opened: OpenedGraph,
-    config: RecipeScorerConfig,
+    config: RecipesConfig,
     folds: Folds,
     kept: Checkpoints[FitDone],
     seconds: float,
@@ -257,15 +256,7 @@ def _finish(
     """Write the results of fits that are all done."""
     graph, settings = opened.graph, config.settings
     tensors = kept.read(0).tensors
-    vocabulary = Vocabulary(
-        format="wordcraft-kg vocabulary 1",
-        scorer="recipes",
-        graph=graph.hash,
-        entities=graph.entities,
-        relations=RELATIONS,
-    )
-    write_atomically(run.path / "model.safetensors", safetensors.torch.save(tensors))
-    write_atomically(run.path / "vocabulary.json", dump_json(as_values(vocabulary)))
+    write_scorer(run.path, RecipeScorer.kind, tensors, graph)
     outputs: tuple[str, ...] = OUTPUTS
     record = None
     if settings.kg == "partial":
@@ -274,7 +265,8 @@ def _finish(
             found = kept.read(fold + 1)
             return found.progress.trained_on, found.tensors
 
-        record = write_folds(run.path, folds, RecipeScorer(tensors, graph.entities, graph.hash), part)
+        whole = RecipeScorer(tensors, graph.entities, graph.hash)
+        record = write_folds(run.path, folds, whole, RecipeScorer.kind, part)
         outputs += FOLD_OUTPUTS
     metrics = RecipeMetrics(
         kg=settings.kg,

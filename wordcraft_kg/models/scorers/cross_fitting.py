@@ -27,7 +27,7 @@ from wordcraft_kg.graphs.tasks import TaskSet
 from wordcraft_kg.graphs.triples import recipe_triples, triples_hash
 from wordcraft_kg.models.scorers.calibration import Probabilities
 from wordcraft_kg.models.scorers.protocol import FactoredScorer, TripleScorer
-from wordcraft_kg.models.scorers.recipes import RecipeScorer, RecipeScores
+from wordcraft_kg.models.scorers.recipes import RecipeScores
 from wordcraft_kg.models.scorers.scorer import EntityIds, RelationIds, Scorer
 
 
@@ -114,13 +114,21 @@ class CrossFitted(Scorer):
     ):
         """Take the scorer of all train recipes and, for each fold, what makes that of all others when it is needed."""
         super().__init__(whole.entities, whole.graph_hash, whole.device, whole.name)
-        self.whole, self.record, self.probabilities = whole, record, probabilities
+        self._whole, self.record, self.probabilities = whole, record, probabilities
         self.of_recipe = frozen(np.asarray(of_recipe, dtype=np.int64))
         self.taught = None if taught is None else frozen(np.asarray(taught, dtype=np.int64))
         self._makers = tuple(folds)
         self._made: dict[int, Scorer] = {}
         if isinstance(whole, FactoredScorer):  # only then this scorer is one, too
             self.factors = whole.factors
+
+    @property
+    def whole(self) -> Scorer:  # noqa: D102 - inherited
+        return self._whole
+
+    @property
+    def folds(self) -> "CrossFitted":  # noqa: D102 - inherited
+        return self
 
     @property
     def count(self) -> int:
@@ -204,7 +212,7 @@ class CrossFitted(Scorer):
         recipes = self.dose(graph).among(seen_by_models(self.of_recipe)[1 + fold])
         triples = recipe_triples(recipes)
         left_out = self.left_out(fold)
-        is_other = isinstance(left_out, RecipeScorer) and not np.array_equal(left_out.recipes.cpu().numpy(), recipes)
+        is_other = isinstance(left_out, RecipeScores) and not np.array_equal(left_out.recipes.cpu().numpy(), recipes)
         if is_other or triples_hash(triples) != self.record.folds[fold].trained_on:
             raise LeakError(
                 f"fold {fold} of {self.name} was trained on other triples than those of the recipes outside it, so it "
@@ -265,7 +273,13 @@ def cross_fit(split: Split, make: Callable[[Ids], Scorer], *, folds: int = 5) ->
 
 def whole_of(scorer: TripleScorer) -> TripleScorer:
     """Return the scorer of all train recipes; any scorer that is not cross-fitted is one itself."""
-    return scorer.whole if isinstance(scorer, CrossFitted) else scorer
+    folded = folds_of(scorer)
+    return scorer if folded is None else folded.whole
+
+
+def folds_of(scorer: TripleScorer) -> CrossFitted | None:
+    """Return a scorer if it is cross-fitted, else None; unlike :attr:`Scorer.folds` it takes any object that scores."""
+    return scorer if isinstance(scorer, CrossFitted) else None
 
 
 def seen_by_models(of_recipe: Ids) -> NDArray[np.bool_]:

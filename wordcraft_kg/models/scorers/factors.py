@@ -1,12 +1,12 @@
 """Scores that are computed on demand, for graphs whose table of scores would be too large."""
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar
 
 import torch
 
 from wordcraft_kg.graphs.triples import RELATIONS
-from wordcraft_kg.models.scorers.scorer import Scorer
+from wordcraft_kg.models.scorers.scorer import StoredScorer, check_shapes
 from wordcraft_kg.models.scorers.tables import TableScorer
 
 PAIRS = 2**14
@@ -18,11 +18,13 @@ def factor_names() -> list[tuple[str, str]]:
     return [(f"{relation}_left", f"{relation}_right") for relation in RELATIONS]
 
 
-class FactorsScorer(Scorer):
+class FactorsScorer(StoredScorer):
     """Computes the score of a pair in relation r as ``left_r[head] · right_r[tail]`` on demand.
 
     Any bilinear scorer can be written so (RESCAL, DistMult, ComplEx, a kernel of low rank).
     """
+
+    kind: ClassVar[str] = "factors"
 
     def __init__(
         self,
@@ -36,6 +38,25 @@ class FactorsScorer(Scorer):
         self._factors = [
             (left.to(self.device, torch.float32), right.to(self.device, torch.float32)) for left, right in factors
         ]
+
+    def tensors(self) -> dict[str, torch.Tensor]:  # noqa: D102 - inherited
+        pairs = zip(factor_names(), self._factors, strict=True)
+        return {name: part for names, parts in pairs for name, part in zip(names, parts, strict=True)}
+
+    @staticmethod
+    def check(tensors: Mapping[str, torch.Tensor], size: int) -> None:  # noqa: D102 - inherited
+        names = factor_names()
+        check_shapes(
+            tensors, {name: (size, tensors[left].shape[-1]) for left, right in names for name in (left, right)}
+        )
+
+    @classmethod
+    def restored(  # noqa: D102 - inherited
+        cls, tensors: Mapping[str, torch.Tensor], entities: Sequence[str], graph_hash: str, **settings: Any
+    ) -> "FactorsScorer":
+        return cls(
+            [(tensors[left], tensors[right]) for left, right in factor_names()], entities, graph_hash, **settings
+        )
 
     def factors(self, relation: int | str) -> tuple[torch.Tensor, torch.Tensor]:
         """Return ``left`` and ``right``, shape (E, m): the score of a pair is ``left[head] · right[tail]``."""
@@ -70,13 +91,15 @@ class FactorsScorer(Scorer):
         return scores
 
 
-class ComplExScorer(Scorer):
+class ComplExScorer(StoredScorer):
     """Computes ComplEx scores from the embeddings on demand.
 
     Source: Trouillon et al. 2016; Jiang et al. 2020, Eq. 1.
     """
 
-    def __init__(self, embeddings: dict[str, torch.Tensor], entities: Sequence[str], graph_hash: str, **kwargs: Any):
+    kind: ClassVar[str] = "complex"
+
+    def __init__(self, embeddings: Mapping[str, torch.Tensor], entities: Sequence[str], graph_hash: str, **kwargs: Any):
         """Keep embeddings ``entity_real``, ``entity_imag`` (E, d), ``relation_real``, ``relation_imag`` (R, d)."""
         super().__init__(entities, graph_hash, **kwargs)
         tensors = {name: tensor.to(self.device, torch.float32) for name, tensor in embeddings.items()}
@@ -103,8 +126,13 @@ class ComplExScorer(Scorer):
         left = torch.view_as_real(self.entity * self.relation[self.relation_ids(relation)]).flatten(1)
         return left, torch.view_as_real(self.entity).flatten(1)
 
-    def embeddings(self) -> dict[str, torch.Tensor]:
-        """Return the real and imaginary parts that it can be made from again."""
+    @staticmethod
+    def check(tensors: Mapping[str, torch.Tensor], size: int) -> None:  # noqa: D102 - inherited
+        dim, rows = tensors["entity_real"].shape[-1], {"entity": size, "relation": len(RELATIONS)}
+        check_shapes(tensors, {f"{what}_{part}": (rows[what], dim) for what in rows for part in ("real", "imag")})
+
+    def tensors(self) -> dict[str, torch.Tensor]:
+        """Return the real and imaginary parts of the embeddings."""
         parts = {"entity": self.entity, "relation": self.relation}
         return {f"{name}_{part}": getattr(parts[name], part) for name in parts for part in ("real", "imag")}
 

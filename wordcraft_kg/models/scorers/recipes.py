@@ -1,7 +1,7 @@
 """Recipe-level scores: how plausible it is that a pair makes a result, and which train recipes say so."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import torch
 from torch import Tensor
@@ -12,7 +12,7 @@ from wordcraft_kg.graphs.recipes import Recipe
 from wordcraft_kg.graphs.triples import COMBINES_WITH, RELATIONS
 from wordcraft_kg.models.scorers.pair_features import BUFFERS, EVIDENCE, FEATURES, RANKER, RecipeKnowledge, Speaking
 from wordcraft_kg.models.scorers.protocol import TripleScorer
-from wordcraft_kg.models.scorers.scorer import EntityIds, Scorer
+from wordcraft_kg.models.scorers.scorer import EntityIds, StoredScorer
 
 ROWS = 4_096
 """Recipes scored at a time."""
@@ -63,7 +63,7 @@ class RecipeScores(TripleScorer, Protocol):
         ...
 
 
-class RecipeScorer(Scorer):
+class RecipeScorer(StoredScorer):
     """The learned scorer of recipes and links: rankers on what train recipes say about recipes held out of them.
 
     A score of a recipe is in nats: the log-odds, up to a constant, that among the pairs on a table it is this one that
@@ -75,6 +75,8 @@ class RecipeScorer(Scorer):
         link_rankers: weights of the link rankers by relation, with which entities that are not in the graph are scored.
     """
 
+    kind: ClassVar[str] = "recipes"
+
     def __init__(self, tensors: Mapping[str, Tensor], entities: Sequence[str], graph_hash: str, **kwargs: Any):
         """Take the tensors that :meth:`tensors` returns.
 
@@ -83,7 +85,7 @@ class RecipeScorer(Scorer):
             ValueError: if one has another shape or type than the entities ask for.
         """
         super().__init__(entities, graph_hash, **kwargs)
-        check_tensors(tensors, len(self.entities))
+        self.check(tensors, len(self.entities))
         self.knowledge = RecipeKnowledge(tensors).to(self.device).requires_grad_(False)
         self.recipes = tensors["recipes"]
         self.link_rankers = {relation: with_prefix(tensors, f"{relation}.") for relation in RELATIONS}
@@ -144,45 +146,40 @@ class RecipeScorer(Scorer):
         found = self.knowledge.speaking_for(a, b, goal, limit=limit)
         return [Witness.of(speaking, self.entities) for speaking in found]
 
-
-def check_tensors(tensors: Mapping[str, Tensor], size: int) -> None:
-    """Refuse tensors that are not those of one model of E entities.
-
-    Raises:
-        KeyError: if one is missing.
-        ValueError: if one has another shape or type, or holds what it cannot.
-    """
-    hidden = tensors["first"].shape[-1] if tensors["first"].ndim else 0
-    known = tuple(tensors["results"].shape[1:]) if tensors["results"].ndim == 3 else (1, 1)
-    square = (size + 1, size + 1)
-    expected: dict[str, tuple[tuple[int, ...], torch.dtype]] = {
-        "parts": ((1, *square, 2), torch.half),
-        "pairs": ((1, *square, 2), torch.half),
-        "numbers": ((1, *square), torch.int32),
-        "results": ((1, *known), torch.int32),
-        "alike": ((1, *square), torch.half),
-        "words": (square, torch.half),
-        "counts": ((1, size + 1, 2), torch.float32),
-        "speaking": ((1, size + 1, EVIDENCE, 3), torch.int16),
-        "first": ((1, len(FEATURES), hidden), torch.float32),
-        "first_bias": ((1, hidden), torch.float32),
-        "second": ((1, hidden), torch.float32),
-        "bias": ((1,), torch.float32),
-        "recipes": ((len(tensors["recipes"]), 3), torch.int32),
-    }
-    assert {*expected} == {*BUFFERS, "recipes"}
-    for relation in RELATIONS:
-        links, width = tensors[f"{relation}.first"].shape
-        shapes = {"first": (links, width), "first_bias": (width,), "second": (width,), "bias": ()}
-        expected |= {f"{relation}.{name}": (shapes[name], torch.float32) for name in RANKER}
-    for name, (shape, kind) in expected.items():
-        found = tensors[name]
-        if found.shape != shape or found.dtype != kind:
-            raise ValueError(
-                f"{name} is of {found.dtype} and shape {tuple(found.shape)}; its vocabulary needs {kind} and {shape}"
-            )
-        if found.dtype.is_floating_point and not bool(torch.isfinite(found).all()):
-            raise ValueError(f"{name} holds numbers that are not finite")
-    for name, high in (("speaking", size), ("recipes", size - 1), ("results", size), ("numbers", known[0] - 1)):
-        if tensors[name].numel() and not 0 <= int(tensors[name].min()) <= int(tensors[name].max()) <= high:
-            raise ValueError(f"{name} holds numbers outside 0 .. {high}")
+    @staticmethod
+    def check(tensors: Mapping[str, Tensor], size: int) -> None:  # noqa: D102 - inherited
+        hidden = tensors["first"].shape[-1] if tensors["first"].ndim else 0
+        known = tuple(tensors["results"].shape[1:]) if tensors["results"].ndim == 3 else (1, 1)
+        square = (size + 1, size + 1)
+        expected: dict[str, tuple[tuple[int, ...], torch.dtype]] = {
+            "parts": ((1, *square, 2), torch.half),
+            "pairs": ((1, *square, 2), torch.half),
+            "numbers": ((1, *square), torch.int32),
+            "results": ((1, *known), torch.int32),
+            "alike": ((1, *square), torch.half),
+            "words": (square, torch.half),
+            "counts": ((1, size + 1, 2), torch.float32),
+            "speaking": ((1, size + 1, EVIDENCE, 3), torch.int16),
+            "first": ((1, len(FEATURES), hidden), torch.float32),
+            "first_bias": ((1, hidden), torch.float32),
+            "second": ((1, hidden), torch.float32),
+            "bias": ((1,), torch.float32),
+            "recipes": ((len(tensors["recipes"]), 3), torch.int32),
+        }
+        assert {*expected} == {*BUFFERS, "recipes"}
+        for relation in RELATIONS:
+            links, width = tensors[f"{relation}.first"].shape
+            shapes = {"first": (links, width), "first_bias": (width,), "second": (width,), "bias": ()}
+            expected |= {f"{relation}.{name}": (shapes[name], torch.float32) for name in RANKER}
+        for name, (shape, kind) in expected.items():
+            found = tensors[name]
+            if found.shape != shape or found.dtype != kind:
+                raise ValueError(
+                    f"{name} is of {found.dtype} and shape {tuple(found.shape)}; "
+                    f"its vocabulary needs {kind} and {shape}"
+                )
+            if found.dtype.is_floating_point and not bool(torch.isfinite(found).all()):
+                raise ValueError(f"{name} holds numbers that are not finite")
+        for name, high in (("speaking", size), ("recipes", size - 1), ("results", size), ("numbers", known[0] - 1)):
+            if tensors[name].numel() and not 0 <= int(tensors[name].min()) <= int(tensors[name].max()) <= high:
+                raise ValueError(f"{name} holds numbers outside 0 .. {high}")

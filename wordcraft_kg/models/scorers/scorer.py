@@ -5,14 +5,19 @@ with one method, ``_score``.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 import torch
 
 from wordcraft_kg.base.errors import UnknownEntityError
 from wordcraft_kg.base.settings import nearest
+from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.triples import RELATIONS
+
+if TYPE_CHECKING:
+    from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
 
 EntityIds = int | str | Sequence[int] | Sequence[str] | np.ndarray | torch.Tensor
 RelationIds = int | str | torch.Tensor
@@ -35,6 +40,21 @@ class Scorer(ABC):
         self.device = torch.device(device)
         self.name = name or type(self).__name__
         self._index = {label: i for i, label in enumerate(self.entities)}
+
+    @property
+    def whole(self) -> "Scorer":
+        """The scorer of all train recipes: this one, unless it is cross-fitted."""
+        return self
+
+    @property
+    def folds(self) -> "CrossFitted | None":
+        """The scorer itself if it is cross-fitted, with a model for each fold; else None."""
+        return None
+
+    @property
+    def observed(self) -> Ids | None:
+        """The triples that it holds to be true, shape (T, 3); None for those of its training."""
+        return None
 
     @abstractmethod
     def _score(self, heads: torch.Tensor, relations: torch.Tensor, tails: torch.Tensor) -> torch.Tensor:
@@ -107,6 +127,46 @@ class Scorer(ABC):
         scores = self.score(everything if head is None else head, relation, everything if tail is None else tail)
         order = torch.sort(scores, descending=True, stable=True).indices[:limit]
         return [(self.entities[i], float(scores[i])) for i in order.tolist()]
+
+
+class StoredScorer(Scorer):
+    """A scorer that a model folder stores as tensors of its own.
+
+    Attributes:
+        kind: name in ``vocabulary.json``, by which :data:`~wordcraft_kg.models.scorers.folder.SCORERS` has the class.
+    """
+
+    kind: ClassVar[str]
+
+    @abstractmethod
+    def tensors(self) -> dict[str, torch.Tensor]:
+        """Return the tensors that it can be made from again."""
+
+    @staticmethod
+    @abstractmethod
+    def check(tensors: Mapping[str, torch.Tensor], size: int) -> None:
+        """Refuse tensors that are not those of one scorer of E entities.
+
+        Raises:
+            KeyError: if one is missing.
+            ValueError: if one has another shape or type, or holds what it cannot.
+        """
+
+    @classmethod
+    def restored(
+        cls, tensors: Mapping[str, torch.Tensor], entities: Sequence[str], graph_hash: str, **settings: Any
+    ) -> Scorer:
+        """Return the scorer of some tensors; ``settings`` are ``device`` and ``name``."""
+        return cls(tensors, entities, graph_hash, **settings)  # type: ignore[arg-type]
+
+
+def check_shapes(tensors: Mapping[str, torch.Tensor], expected: Mapping[str, tuple[int, ...]]) -> None:
+    """Refuse tensors that are not float32 or have another shape than expected, with KeyError or ValueError."""
+    for name, shape in expected.items():
+        if tensors[name].dtype != torch.float32:
+            raise ValueError(f"{name} is of {tensors[name].dtype}, not {torch.float32}")
+        if tensors[name].shape != shape:
+            raise ValueError(f"{name} has shape {tuple(tensors[name].shape)}, its vocabulary needs {shape}")
 
 
 def _check_range(ids: torch.Tensor, size: int, what: str) -> None:

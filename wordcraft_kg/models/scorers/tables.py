@@ -1,21 +1,36 @@
 """Scorers that look up scores that were computed once."""
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar
 
 import torch
 
 from wordcraft_kg.graphs.triples import RELATIONS
-from wordcraft_kg.models.scorers.scorer import Scorer
+from wordcraft_kg.models.scorers.scorer import Scorer, StoredScorer, check_shapes
 
 
-class TableScorer(Scorer):
+class TableScorer(StoredScorer):
     """Looks scores up in a table of all triples, shape (R, E, E): any link predictor, once it has scored everything."""
+
+    kind: ClassVar[str] = "table"
 
     def __init__(self, scores: torch.Tensor, entities: Sequence[str], graph_hash: str, **kwargs: Any):
         """Keep ``scores``, shape (R, E, E), float, indexed by relation, head, tail."""
         super().__init__(entities, graph_hash, **kwargs)
         self.scores = scores.to(self.device, torch.float32).contiguous()
+
+    def tensors(self) -> dict[str, torch.Tensor]:  # noqa: D102 - inherited
+        return {"scores": self.scores}
+
+    @staticmethod
+    def check(tensors: Mapping[str, torch.Tensor], size: int) -> None:  # noqa: D102 - inherited
+        check_shapes(tensors, {"scores": (len(RELATIONS), size, size)})
+
+    @classmethod
+    def restored(  # noqa: D102 - inherited
+        cls, tensors: Mapping[str, torch.Tensor], entities: Sequence[str], graph_hash: str, **settings: Any
+    ) -> "TableScorer":
+        return cls(tensors["scores"], entities, graph_hash, **settings)
 
     @classmethod
     def of(cls, scorer: Scorer) -> "TableScorer":

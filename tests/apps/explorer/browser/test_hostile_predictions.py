@@ -14,7 +14,7 @@ from wordcraft_kg.apps.explorer.pages import PAGES
 from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split
 from wordcraft_kg.graphs.folder import open_graph, write_graph_folder
 from wordcraft_kg.graphs.recipes import RecipeBook
-from wordcraft_kg.models.links.saving import save_scorer
+from wordcraft_kg.models.saving import save_scorer
 from wordcraft_kg.models.scorers.baselines import NeighbourScorer
 
 LONG, MARKUP = max(HOSTILE, key=len), HOSTILE[1]

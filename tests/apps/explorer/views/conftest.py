@@ -9,8 +9,8 @@ from wordcraft_kg.apps.explorer.views.predictor import LinkPredictor
 from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_book
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph, write_graph_folder
 from wordcraft_kg.graphs.recipes import RecipeBook
-from wordcraft_kg.models.links.folder import open_model
-from wordcraft_kg.models.links.saving import save_scorer
+from wordcraft_kg.models.folder import open_model
+from wordcraft_kg.models.saving import save_scorer
 from wordcraft_kg.models.scorers.baselines import NeighbourScorer
 from wordcraft_kg.models.scorers.cross_fitting import cross_fit
 from wordcraft_kg.models.scorers.kernel import KernelScorer

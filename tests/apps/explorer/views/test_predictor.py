@@ -10,7 +10,7 @@ import pytest
 from wordcraft_kg.apps.explorer.views.predictor import NEW, LinkPredictor, recipes_giving, status_of
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS, is_in
-from wordcraft_kg.models.links.folder import open_model
+from wordcraft_kg.models.folder import open_model
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
 from wordcraft_kg.models.scorers.ranking import rank_triples
 

@@ -5,15 +5,11 @@ from pathlib import Path
 
 import numpy as np
 
-from wordcraft_kg.apps.elicitation.config import OpinionsConfig
 from wordcraft_kg.base.records import Count, Hash, Record
 from wordcraft_kg.graphs.audit import SplitSummary, split_summary
-from wordcraft_kg.graphs.doses import dose_words
 from wordcraft_kg.graphs.folder import OpenedGraph, Taught
 from wordcraft_kg.graphs.planner import layers
-from wordcraft_kg.models.links.config import SavedConfig
-from wordcraft_kg.models.links.folder import OpenedModel
-from wordcraft_kg.models.scorers.cross_fitting import CrossFitted, whole_of
+from wordcraft_kg.models.model import Model
 from wordcraft_kg.models.scorers.recipes import RecipeScores
 
 EXAMPLES = 12
@@ -63,7 +59,7 @@ class Overview(Record):
     runs: tuple[str, ...]
 
 
-def view_overview(opened: OpenedGraph, models: Mapping[str, OpenedModel], runs: Mapping[str, Path]) -> Overview:
+def view_overview(opened: OpenedGraph, models: Mapping[str, Model], runs: Mapping[str, Path]) -> Overview:
     """Sum up a graph, models of it by name, and runs on it by name."""
     graph, layer = opened.graph, layers(opened.graph)
 
@@ -87,8 +83,8 @@ def view_overview(opened: OpenedGraph, models: Mapping[str, OpenedModel], runs: 
     )
 
 
-def _line(name: str, model: OpenedModel) -> ModelLine:
-    scorer, settings = model.scorer, model.settings
-    dose = "" if isinstance(settings, SavedConfig | OpinionsConfig) else dose_words(settings.share, settings.noise)
-    folds = scorer.count if isinstance(scorer, CrossFitted) else 0
-    return ModelLine(name, settings.command, model.kg, dose, folds, isinstance(whole_of(scorer), RecipeScores))
+def _line(name: str, model: Model) -> ModelLine:
+    scorer = model.scorer
+    folds = 0 if scorer.folds is None else scorer.folds.count
+    scores_recipes = isinstance(scorer.whole, RecipeScores)
+    return ModelLine(name, model.run.kind, model.kg, model.learned_from, folds, scores_recipes)

@@ -14,7 +14,7 @@ from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.splits import PARTS, Split
 from wordcraft_kg.graphs.triples import COMBINES_WITH, RELATIONS, Relation, is_in
-from wordcraft_kg.models.links.folder import OpenedModel
+from wordcraft_kg.models.model import Model
 from wordcraft_kg.models.scorers.cross_fitting import whole_of
 from wordcraft_kg.models.scorers.link_evidence import LinkEvidence, LinkReason
 from wordcraft_kg.models.scorers.recipes import RecipeScores
@@ -154,12 +154,12 @@ class LinkPredictor:
     """
 
     name: str
-    model: OpenedModel
+    model: Model
     scoring: ScoringModel
     evidence: LinkEvidence
 
     @classmethod
-    def of(cls, name: str, model: OpenedModel, scoring: ScoringModel | None = None) -> "LinkPredictor":
+    def of(cls, name: str, model: Model, scoring: ScoringModel | None = None) -> "LinkPredictor":
         """Prepare a model for questions; ``scoring`` is made if it is not given.
 
         Raises:

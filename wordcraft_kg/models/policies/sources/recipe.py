@@ -7,10 +7,9 @@ from torch import Tensor, nn
 
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.tensors import lazily_zero
-from wordcraft_kg.models.policies.sources.opinion import BestOpinion
 from wordcraft_kg.models.policies.sources.source import Evidence, FoldedSource, ScoreView, Source
-from wordcraft_kg.models.scorers.cross_fitting import CrossFitted, whole_of
-from wordcraft_kg.models.scorers.opinions import OpinionScorer
+from wordcraft_kg.models.policies.sources.weighted import BestWeighted, WeightedRecipes
+from wordcraft_kg.models.scorers.cross_fitting import folds_of, whole_of
 from wordcraft_kg.models.scorers.pair_features import BUFFERS, RecipeKnowledge
 from wordcraft_kg.models.scorers.protocol import TripleScorer
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
@@ -20,14 +19,14 @@ class BestRecipe(FoldedSource):
     """``w_i = S(e_i, e_s -> e_g)``; while nothing is held, ``w_i = max_j S(e_i, e_j -> e_g)`` over the table.
 
     S is the score of a recipe, in nats, so w needs no common scale. A triple says who goes with whom or what goes into
-    what; only a recipe says that it is these two that make the goal. Of opinions it is a
-    :class:`~wordcraft_kg.models.policies.sources.opinion.BestOpinion`.
+    what; only a recipe says that it is these two that make the goal. Of a list of recipes with weights it is a
+    :class:`~wordcraft_kg.models.policies.sources.weighted.BestWeighted`.
 
     Attributes:
         knowledge: tables and rankers; of a cross-fitted scorer those of K + 1 models.
     """
 
-    label = BestOpinion.label
+    label = BestWeighted.label
 
     def __init__(self, num_entities: int, knowledge: RecipeKnowledge, fold_of_recipe: Tensor | None = None):
         """Take the knowledge, and the fold of each recipe if the scorer is cross-fitted."""
@@ -37,40 +36,45 @@ class BestRecipe(FoldedSource):
         self.register_load_state_dict_post_hook(_forget)
 
     @classmethod
-    def of_scorer(cls, scorer: TripleScorer, view: ScoreView) -> "BestRecipe | BestOpinion":  # noqa: D102 - inherited
+    def of_scorer(cls, scorer: TripleScorer, view: ScoreView) -> "BestRecipe | BestWeighted":  # noqa: D102 - inherited
         whole = whole_of(scorer)
-        if isinstance(whole, OpinionScorer):
-            return BestOpinion.of_scorer(whole, view)
+        if isinstance(whole, WeightedRecipes):
+            return BestWeighted.of_scorer(whole, view)
         if not isinstance(whole, RecipeScorer):
             raise ConfigError(
                 "`use` w needs scores of recipes, and this scorer has scores of links only. Train one with "
                 "`wordcraft-kg train-recipes`, ask for opinions with `wordcraft-kg ask-opinions`, or leave out w."
             )
-        size = len(scorer.entities)
-        if not isinstance(scorer, CrossFitted):
+        size, folded = len(scorer.entities), folds_of(scorer)
+        if folded is None:
             return cls(size, RecipeKnowledge(whole.knowledge.constants()).cpu())
         models = [whole]
-        of_recipe = cls.folds_of(scorer, view)
+        of_recipe = cls.fold_numbers(folded, view)
         if view.tasks is not None:
-            for fold in range(scorer.count):
-                scorer.trained_on(fold, view.tasks.graph)  # or it is refused
-                left_out = scorer.left_out(fold)
+            for fold in range(folded.count):
+                folded.trained_on(fold, view.tasks.graph)  # or it is refused
+                left_out = folded.left_out(fold)
                 assert isinstance(left_out, RecipeScorer)
                 models.append(left_out)
         return cls(size, RecipeKnowledge.stacked([model.knowledge for model in models]).cpu(), of_recipe).bound(view)
 
+    @staticmethod
+    def serves(scorer: TripleScorer) -> bool:
+        """Return whether a scorer has the scores of recipes that this source needs."""
+        return isinstance(whole_of(scorer), RecipeScorer | WeightedRecipes)
+
     @classmethod
     def restored(cls, num_entities: int, constants: Mapping[str, Tensor]) -> Source:  # noqa: D102 - inherited
         if "keys" in constants:
-            return BestOpinion.restored(num_entities, constants)
+            return BestWeighted.restored(num_entities, constants)
         empty = {name: lazily_zero(constants[f"knowledge.{name}"]) for name in BUFFERS}
         of_recipe = constants.get("fold_of_recipe")
         return cls(num_entities, RecipeKnowledge(empty), None if of_recipe is None else lazily_zero(of_recipe))
 
     @classmethod
     def num_bytes(cls, scorer: TripleScorer) -> int:  # noqa: D102 - inherited
-        if isinstance(whole_of(scorer), OpinionScorer):
-            return 0  # a few numbers for each opinion
+        if isinstance(whole_of(scorer), WeightedRecipes):
+            return 0  # a few numbers for each recipe
         return 16 * (len(scorer.entities) + 1) ** 2
 
     def forward(self, goal: Tensor, selection: Tensor, table: Tensor, task: Tensor | None = None) -> Tensor:  # noqa: D102 - inherited

@@ -16,7 +16,7 @@ from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.tasks import TaskSet
 from wordcraft_kg.models.policies.sources import Label, source_class
 from wordcraft_kg.models.scorers.config import TABLE_LIMIT, Scale, SelfEdges
-from wordcraft_kg.models.scorers.cross_fitting import CrossFitted, models_of_tasks
+from wordcraft_kg.models.scorers.cross_fitting import CrossFitted, folds_of, models_of_tasks
 from wordcraft_kg.models.scorers.pair_features import Speaking
 from wordcraft_kg.models.scorers.protocol import FactoredScorer, TripleScorer, check_scorer
 from wordcraft_kg.models.scorers.scales import FACTORED_SCALES, scaled_factors, scaled_table
@@ -162,7 +162,7 @@ class FoldedSource(Source):
         self.bound_to = ""  # hash of the tasks
 
     @staticmethod
-    def folds_of(scorer: CrossFitted, view: ScoreView) -> Tensor:
+    def fold_numbers(scorer: CrossFitted, view: ScoreView) -> Tensor:
         """Return the fold of each recipe for a source that is made with tasks; empty for one that is not."""
         if view.tasks is None:
             return torch.empty(0, dtype=torch.int64)
@@ -246,18 +246,19 @@ class PairSource(FoldedSource):
         """Return the source of a scorer's scores of all pairs in one relation, slot's entity first, then key."""
         size = len(scorer.entities)
         constants = _constants(scorer, relation, replace(view, self_edges=self_edges))
-        if not isinstance(scorer, CrossFitted):
+        folded = folds_of(scorer)
+        if folded is None:
             return cls(size, constants)
-        of_recipe = cls.folds_of(scorer, view)
+        of_recipe = cls.fold_numbers(folded, view)
         if view.tasks is not None:
             graph = view.tasks.graph
             of_folds = [
                 _constants(
-                    scorer.left_out(fold),
+                    folded.left_out(fold),
                     relation,
-                    replace(view, self_edges=self_edges, observed=scorer.trained_on(fold, graph)),
+                    replace(view, self_edges=self_edges, observed=folded.trained_on(fold, graph)),
                 )
-                for fold in range(scorer.count)
+                for fold in range(folded.count)
             ]
             of_nothing = {name: torch.zeros_like(tensor) for name, tensor in constants.items()}
             models = (constants, *of_folds, of_nothing)
@@ -321,9 +322,9 @@ def pairs_need_factors(names: Iterable[str], scorer: TripleScorer, scale: Scale)
     size = len(scorer.entities)
     needed = sum(source_class(name).num_bytes(scorer) for name in names)
     if needed <= TABLE_LIMIT:
-        if isinstance(scorer, CrossFitted):
+        if (folded := folds_of(scorer)) is not None:
             what = "tables of the scores of all pairs, one for each"
-            check_memory("folds", scorer.count, what, needed * (scorer.count + 2))
+            check_memory("folds", folded.count, what, needed * (folded.count + 2))
         return False
     cost = (
         f"the scores of all pairs of {size:,} entities take {needed / 2**20:,.0f} MiB; expected at most "

@@ -1,32 +1,43 @@
 """Writing any scorer as a model folder, so that it goes wherever one that was trained here does."""
 
+from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar, get_args
 
-import safetensors.torch
-import torch
 from torch import Tensor
 
-from wordcraft_kg.base.artefacts import dump_json, staged_folder, with_a_name, write_atomically
-from wordcraft_kg.base.errors import ConfigError, GraphMismatchError
-from wordcraft_kg.base.records import as_values
-from wordcraft_kg.base.tensors import copied
+from wordcraft_kg.base.artefacts import staged_folder, with_a_name, write_atomically
+from wordcraft_kg.base.errors import GraphMismatchError
+from wordcraft_kg.base.settings import one_of
 from wordcraft_kg.graphs.folder import OpenedGraph, Taught
 from wordcraft_kg.graphs.folds import Folds
-from wordcraft_kg.graphs.triples import RELATIONS
-from wordcraft_kg.models.links.config import SavedConfig
-from wordcraft_kg.models.scorers.config import TABLE_LIMIT, table_bytes
-from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
-from wordcraft_kg.models.scorers.factors import ComplExScorer, factor_names
-from wordcraft_kg.models.scorers.fold_files import write_folds
-from wordcraft_kg.models.scorers.folder import FOLD_OUTPUTS, ScorerKind, Vocabulary
-from wordcraft_kg.models.scorers.opinions import OpinionScorer
-from wordcraft_kg.models.scorers.protocol import FactoredScorer, TripleScorer, check_scorer
-from wordcraft_kg.models.scorers.recipes import RecipeScorer
+from wordcraft_kg.models.model import History
+from wordcraft_kg.models.scorers.cross_fitting import CrossFitted, folds_of
+from wordcraft_kg.models.scorers.folder import FOLD_OUTPUTS, VOCABULARY, WEIGHTS
+from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
+from wordcraft_kg.models.scorers.writing import stored, write_folds, write_scorer
 from wordcraft_kg.runs.cards import front_matter
-from wordcraft_kg.runs.config_file import CONFIG_FILE
+from wordcraft_kg.runs.config_file import CONFIG_FILE, RunConfig
+from wordcraft_kg.runs.files import RunFiles
 from wordcraft_kg.runs.record import end_run, start_run
 
-OUTPUTS = ("model.safetensors", "vocabulary.json", CONFIG_FILE)
+
+@dataclass(frozen=True)
+class SavedConfig(RunConfig):
+    """What is known of a scorer that was not trained here.
+
+    Attributes:
+        kg: what it has seen, as its author says: partial (train recipes only), full, or none (no recipe).
+        origin: what it is, in a line for reports.
+    """
+
+    commands: ClassVar[tuple[str, ...]] = ("save-scorer",)
+
+    kg: Taught
+    origin: str
+
+    def __post_init__(self) -> None:
+        one_of("kg", self.kg, get_args(Taught))
 
 
 def save_scorer(
@@ -77,77 +88,40 @@ def save_scorer(
             f"the scorer's `entities` are not those of '{opened.graph.name}', although it names its hash. Give it the "
             "labels of the graph, in the order of its ids."
         )
-    kind, tensors = _tensors_of(scorer)
-    vocabulary = Vocabulary(
-        format="wordcraft-kg vocabulary 1",
-        scorer=kind,
-        graph=opened.graph.hash,
-        entities=opened.graph.entities,
-        relations=RELATIONS,
-    )
+    whole, folded = stored(scorer), folds_of(scorer)
     out = with_a_name(Path(folder))
     with staged_folder(out, force=force) as staging:
         config.write(staging)
-        write_atomically(staging / "model.safetensors", safetensors.torch.save(copied(tensors)))
-        write_atomically(staging / "vocabulary.json", dump_json(as_values(vocabulary)))
+        write_scorer(staging, whole.kind, whole.tensors(), opened.graph)
         write_atomically(staging / "README.md", _model_card(config, opened))
         inputs = {"graph": opened.graph.hash, "split": opened.split.hash}
-        outputs: tuple[str, ...] = OUTPUTS
-        if isinstance(scorer, CrossFitted):
-            inputs["folds"], outputs = scorer.record.hash, (*OUTPUTS, *FOLD_OUTPUTS)
-            _write_folds(staging, scorer, opened)
-            if scorer.taught is not None:
-                inputs["dose"] = scorer.dose(opened.graph).hash
+        outputs: tuple[str, ...] = (WEIGHTS, VOCABULARY, CONFIG_FILE)
+        if folded is not None:
+            inputs["folds"], outputs = folded.record.hash, (*outputs, *FOLD_OUTPUTS)
+            _write_folds(staging, folded, whole.kind, opened)
+            if folded.taught is not None:
+                inputs["dose"] = folded.dose(opened.graph).hash
         end_run(staging, start_run(staging, config.command, inputs=inputs), "done", outputs)
     return out
 
 
-def _write_folds(folder: Path, scorer: CrossFitted, opened: OpenedGraph) -> None:
+def _write_folds(folder: Path, scorer: CrossFitted, kind: str, opened: OpenedGraph) -> None:
     scorer.check_split(opened.split)
 
     def part(fold: int) -> tuple[str, dict[str, Tensor]]:
         scorer.trained_on(fold, opened.graph)  # or it is refused
-        return scorer.record.folds[fold].trained_on, _tensors_of(scorer.left_out(fold))[1]
+        return scorer.record.folds[fold].trained_on, stored(scorer.left_out(fold)).tensors()
 
     dose = scorer.dose(opened.graph)
     folds = Folds(opened.split, scorer.count, scorer.record.seed, scorer.of_recipe, dose)
-    write_folds(folder, folds, scorer.whole, part)
+    write_folds(folder, folds, scorer.whole, kind, part)
 
 
-def _tensors_of(scorer: TripleScorer) -> tuple[ScorerKind, dict[str, Tensor]]:
-    kind: ScorerKind = "table"
-    if isinstance(scorer, CrossFitted):
-        scorer = scorer.whole
-    if isinstance(scorer, RecipeScorer):
-        return "recipes", scorer.tensors()
-    if isinstance(scorer, OpinionScorer):
-        return "opinions", scorer.tensors()
-    if isinstance(scorer, ComplExScorer):
-        kind, tensors = "complex", scorer.embeddings()
-    elif isinstance(scorer, FactoredScorer) and table_bytes(len(scorer.entities)) > TABLE_LIMIT:
-        kind, tensors = "factors", {}
-        for names, relation in zip(factor_names(), RELATIONS, strict=True):
-            parts = scorer.factors(RELATIONS.index(relation))
-            tensors |= zip(names, (part.to("cpu", torch.float32) for part in parts), strict=True)
-    else:
-        size = len(scorer.entities)
-        if table_bytes(size) > TABLE_LIMIT:
-            raise ConfigError(
-                f"the scores of all triples of {size:,} entities take {len(RELATIONS) * size**2 * 4 / 2**20:,.0f} MiB; "
-                f"expected at most {TABLE_LIMIT / 2**20:.0f} MiB. Only a ComplExScorer, or a scorer with "
-                "`factors`, can be saved without them."
-            )
-        tables = [scorer.table(relation).to("cpu", torch.float32) for relation in range(len(RELATIONS))]
-        for relation, table in zip(RELATIONS, tables, strict=True):
-            if table.shape != (size, size):
-                raise ConfigError(
-                    f"the scorer's table of {relation} has shape {tuple(table.shape)}; expected {(size, size)}, by "
-                    "head and tail."
-                )
-        tensors = {"scores": torch.stack(tables)}
-    if not all(torch.isfinite(tensor).all() for tensor in tensors.values()):
-        raise ConfigError("the scorer gives scores that are not finite numbers. Nothing was written.")
-    return kind, tensors
+def saved_history(files: RunFiles) -> History:
+    """Read what is known of a scorer that was not trained here."""
+    config = SavedConfig.read(files.folder)
+    facts = {"trained by": "someone else, and saved as a model folder", "what it is": config.origin}
+    return History(config, facts, is_trained=False)
 
 
 def _model_card(config: SavedConfig, opened: OpenedGraph) -> str:

@@ -8,14 +8,14 @@ import safetensors.torch
 import torch
 
 from wordcraft_kg.agents.players import scorer_players
+from wordcraft_kg.apps.elicitation.scorer import OpinionScorer
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, UnknownEntityError
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
-from wordcraft_kg.models.links.folder import open_model
-from wordcraft_kg.models.links.saving import save_scorer
+from wordcraft_kg.models.folder import open_model
 from wordcraft_kg.models.policies.sources.source import Source, make_sources
+from wordcraft_kg.models.saving import save_scorer
 from wordcraft_kg.models.scorers.folder import load_scorer
-from wordcraft_kg.models.scorers.opinions import OpinionScorer, check_opinions
 from wordcraft_kg.runs.record import end_run, read_run
 
 
@@ -92,7 +92,7 @@ def test_opinions_are_saved_loaded_and_judged_as_of_somebody_who_was_taught_no_r
     torch.testing.assert_close(loaded.tensors(), scorer.tensors(), rtol=0, atol=0)
     model = open_model(folder)
     assert (model.kg, len(model.triples), len(model.dose.recipes)) == ("none", 0, 0)
-    np.testing.assert_array_equal(model.observed, scorer.triples)
+    np.testing.assert_array_equal(model.observed, scorer.observed)
     assert "no recipe of the graph" in (folder / "README.md").read_text()
     assert "w, best pair" in scorer_players(opened.graph, loaded, model.observed)
 
@@ -111,7 +111,7 @@ def test_no_opinions_at_all_score_everything_alike(opened):
     scorer = OpinionScorer.of(np.empty((0, 3)), [], opened.graph.entities, opened.graph.hash)
     assert not scorer.table(COMBINES_WITH).any()
     assert not scorer.score_recipes(0, 1, range(5)).any()
-    assert len(scorer.triples) == 0
+    assert len(scorer.observed) == 0
     with pytest.raises(UnknownEntityError):
         scorer.score_recipes("flour", "watr", "dough")
 
@@ -133,7 +133,7 @@ def test_tensors_that_are_no_opinions_are_refused(opened, scorer, tmp_path, spoi
     opinions, weights = spoil(scorer.opinions, scorer.weights)
     spoilt = {"opinions": opinions.contiguous(), "weights": weights}
     with pytest.raises(ValueError, match=told):
-        check_opinions(spoilt, opened.graph.num_entities)
+        OpinionScorer.check(spoilt, opened.graph.num_entities)
     folder = save_scorer(tmp_path / "opinions", scorer, opened, kg="none")
     Path(folder / "model.safetensors").write_bytes(safetensors.torch.save(spoilt))
     end_run(folder, read_run(folder), "done", tuple(read_run(folder).outputs))

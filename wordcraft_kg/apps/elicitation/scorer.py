@@ -1,7 +1,7 @@
 """Opinions of what makes what: recipes with weights that come from elsewhere than the graph's own recipes."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import torch
@@ -9,14 +9,15 @@ from torch import Tensor
 
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, recipe_triples
+from wordcraft_kg.models.policies.sources.weighted import recipe_keys, weights_of, with_end
 from wordcraft_kg.models.scorers.recipes import Witness
-from wordcraft_kg.models.scorers.scorer import EntityIds, Scorer
+from wordcraft_kg.models.scorers.scorer import EntityIds, StoredScorer
 
 MOST_ENTITIES = 2_000_000
 """Three ids of so many entities are one key of 64 bits."""
 
 
-class OpinionScorer(Scorer):
+class OpinionScorer(StoredScorer):
     """Scores a recipe by the weight of the opinion that it is one, and 0 without such an opinion.
 
     A link has the strongest recipe that it would be part of::
@@ -32,6 +33,8 @@ class OpinionScorer(Scorer):
         recipes: shape (0, 3): recipes of the graph that it has been trained on, which are none.
     """
 
+    kind: ClassVar[str] = "opinions"
+
     def __init__(self, tensors: Mapping[str, Tensor], entities: Sequence[str], graph_hash: str, **kwargs: Any):
         """Take ``opinions`` and ``weights``; :meth:`of` takes them in any order.
 
@@ -40,11 +43,11 @@ class OpinionScorer(Scorer):
             ValueError: if one has another shape or type than it should have, or holds what it cannot.
         """
         super().__init__(entities, graph_hash, **kwargs)
-        check_opinions(tensors, len(self.entities))
+        self.check(tensors, len(self.entities))
         self.opinions, self.weights = tensors["opinions"], tensors["weights"]
         self.recipes = torch.empty(0, 3, dtype=torch.int64)
         rows = self.opinions.to(self.device, torch.int64)
-        self._keys = with_end(opinion_keys(rows, len(self.entities)))
+        self._keys = with_end(recipe_keys(rows, len(self.entities)))
         self._weights = torch.cat([self.weights, self.weights.new_zeros(1)]).to(self.device)
         self._links = self._strongest_links()
 
@@ -78,8 +81,12 @@ class OpinionScorer(Scorer):
         """Return the tensors that it can be made from again."""
         return {"opinions": self.opinions, "weights": self.weights}
 
+    def weighted_recipes(self) -> tuple[Tensor, Tensor]:
+        """Return opinions, shape (n, 3), int64, ascending, and their weights, shape (n,)."""
+        return self.opinions.long(), self.weights
+
     @property
-    def triples(self) -> Ids:
+    def observed(self) -> Ids:
         """The triples of the opinions, shape (T, 3), sorted."""
         return recipe_triples(self.opinions.numpy().astype(np.int64))
 
@@ -135,57 +142,25 @@ class OpinionScorer(Scorer):
         table.view(-1)[cells[is_here]] = weights[is_here]
         return table
 
-
-def opinion_keys(recipes: Tensor, size: int) -> Tensor:
-    """Return a key for each recipe, shape (..., 3) -> (...), in which the order of the pair is no matter.
-
-    Ids are 0 .. E, where E stands for nothing; no recipe of entities has the key of one with nothing in it.
-    """
-    one, other, result = recipes.unbind(-1)
-    return (torch.minimum(one, other) * (size + 1) + torch.maximum(one, other)) * (size + 1) + result
-
-
-def weights_of(recipes: Tensor, keys: Tensor, weights: Tensor, size: int) -> Tensor:
-    """Return the weight of each recipe, shape (..., 3) -> (...); 0 for one that has none.
-
-    Args:
-        recipes: ids, as in :func:`opinion_keys`.
-        keys: shape (n + 1,), of the opinions, ascending; the last one is of none, see :func:`with_end`.
-        weights: shape (n + 1,); the last one is 0.
-        size: number of entities.
-    """
-    asked = opinion_keys(recipes, size).contiguous()
-    found = torch.searchsorted(keys, asked)
-    return torch.where(keys[found] == asked, weights[found], 0.0)
-
-
-def with_end(keys: Tensor) -> Tensor:
-    """Return keys with one more that is larger than any, so that a search always ends at one."""
-    return torch.cat([keys, keys.new_full((1,), torch.iinfo(torch.int64).max)])
-
-
-def check_opinions(tensors: Mapping[str, Tensor], size: int) -> None:
-    """Refuse tensors that are no opinions on E entities.
-
-    Raises:
-        KeyError: if one is missing.
-        ValueError: if one has another shape or type, or holds what it cannot.
-    """
-    opinions, weights = tensors["opinions"], tensors["weights"]
-    for name, found, shape, kind in (
-        ("opinions", opinions, (len(opinions) if opinions.ndim else 0, 3), torch.int32),
-        ("weights", weights, (len(opinions) if opinions.ndim else 0,), torch.float32),
-    ):
-        if found.shape != shape or found.dtype != kind:
-            raise ValueError(f"{name} is of {found.dtype} and shape {tuple(found.shape)}; expected {kind} and {shape}")
-    if size > MOST_ENTITIES:
-        raise ValueError(f"there are {size:,} entities; expected at most {MOST_ENTITIES:,}")
-    if not len(opinions):
-        return
-    if not 0 <= int(opinions.min()) <= int(opinions.max()) < size:
-        raise ValueError(f"opinions holds numbers outside 0 .. {size - 1}")
-    keys = opinion_keys(opinions.long(), size)
-    if bool((opinions[:, 0] > opinions[:, 1]).any()) or not bool((keys[1:] > keys[:-1]).all()):
-        raise ValueError("opinions are not in order, or one is there twice")
-    if not bool((torch.isfinite(weights) & (weights > 0)).all()):
-        raise ValueError("weights holds numbers that are not above 0")
+    @staticmethod
+    def check(tensors: Mapping[str, Tensor], size: int) -> None:  # noqa: D102 - inherited
+        opinions, weights = tensors["opinions"], tensors["weights"]
+        for name, found, shape, kind in (
+            ("opinions", opinions, (len(opinions) if opinions.ndim else 0, 3), torch.int32),
+            ("weights", weights, (len(opinions) if opinions.ndim else 0,), torch.float32),
+        ):
+            if found.shape != shape or found.dtype != kind:
+                raise ValueError(
+                    f"{name} is of {found.dtype} and shape {tuple(found.shape)}; expected {kind} and {shape}"
+                )
+        if size > MOST_ENTITIES:
+            raise ValueError(f"there are {size:,} entities; expected at most {MOST_ENTITIES:,}")
+        if not len(opinions):
+            return
+        if not 0 <= int(opinions.min()) <= int(opinions.max()) < size:
+            raise ValueError(f"opinions holds numbers outside 0 .. {size - 1}")
+        keys = recipe_keys(opinions.long(), size)
+        if bool((opinions[:, 0] > opinions[:, 1]).any()) or not bool((keys[1:] > keys[:-1]).all()):
+            raise ValueError("opinions are not in order, or one is there twice")
+        if not bool((torch.isfinite(weights) & (weights > 0)).all()):
+            raise ValueError("weights holds numbers that are not above 0")

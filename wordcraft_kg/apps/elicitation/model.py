@@ -1,0 +1,28 @@
+"""The kind of model that ``ask-opinions`` writes, for everything that opens model folders.
+
+The entry-point group ``wordcraft_kg.models`` names this module, so that it is imported when such a folder is opened.
+"""
+
+from wordcraft_kg.apps.elicitation.config import OpinionsConfig
+from wordcraft_kg.apps.elicitation.records import OpinionMetrics
+from wordcraft_kg.apps.elicitation.scorer import OpinionScorer
+from wordcraft_kg.models.folder import MODELS
+from wordcraft_kg.models.model import History
+from wordcraft_kg.models.scorers.folder import SCORERS
+from wordcraft_kg.runs.files import RunFiles
+
+
+def opinions_history(files: RunFiles) -> History:
+    """Read what was asked of which model."""
+    config, metrics = OpinionsConfig.read(files.folder), files.record("metrics.json", OpinionMetrics)
+    facts = {
+        "asked by": " ".join(files.run.argv),
+        "what it is": f"{metrics.opinions:,} opinions of {config.model} at {config.endpoint}",
+        "answered as": ", ".join(metrics.models) or "not said",
+        "prompts": f"{metrics.prompts:,}, wording {metrics.template[:12]}",
+    }
+    return History(config, facts, metrics, is_trained=False)
+
+
+MODELS.update(dict.fromkeys(OpinionsConfig.commands, opinions_history))
+SCORERS[OpinionScorer.kind] = OpinionScorer

@@ -1,0 +1,92 @@
+"""Opening a model folder: its scorer, the graph and split that it was trained on, and its history."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+from wordcraft_kg.base.errors import ArtefactError
+from wordcraft_kg.base.registry import Registry
+from wordcraft_kg.graphs.doses import Dose, is_dosed
+from wordcraft_kg.graphs.folder import OpenedGraph
+from wordcraft_kg.models.links.config import LinksConfig
+from wordcraft_kg.models.links.records import links_history
+from wordcraft_kg.models.model import History, Model
+from wordcraft_kg.models.recipes.config import RecipesConfig
+from wordcraft_kg.models.recipes.records import recipes_history
+from wordcraft_kg.models.saving import SavedConfig, saved_history
+from wordcraft_kg.models.scorers.folder import MODEL, WEIGHTS, load_scorer
+from wordcraft_kg.runs.config_file import CONFIG_FILE
+from wordcraft_kg.runs.files import RunFiles
+from wordcraft_kg.runs.inputs import open_run_graph
+from wordcraft_kg.runs.record import read_finished_run
+
+MODELS: Registry[Callable[[RunFiles], History]] = Registry(
+    "wordcraft_kg.models",
+    {
+        **dict.fromkeys(LinksConfig.commands, links_history),
+        **dict.fromkeys(RecipesConfig.commands, recipes_history),
+        **dict.fromkeys(SavedConfig.commands, saved_history),
+    },
+)
+"""The function that reads the history of a model, by the ``kind`` of its run. A new kind of model adds its own."""
+
+
+def open_model(folder: str | Path, graph: str | None = None) -> Model:
+    """Open a model folder.
+
+    Args:
+        folder: folder written by a training command, ``ask-opinions`` or ``save_scorer``.
+        graph: where its graph is now, if it has moved.
+
+    Raises:
+        ArtefactError: if the folder is unfinished or damaged, or its graph is not found.
+        GraphMismatchError: if the graph or its split is not the one that the model was trained on.
+
+    Example:
+        >>> model = open_model("models/kitchen")
+        >>> model.kg, model.opened.graph.name
+        ('partial', 'kitchen')
+    """
+    folder = Path(folder)
+    files = RunFiles(folder, read_finished_run(folder, MODEL, WEIGHTS))
+    scorer, history = load_scorer(folder), _history(files)
+    opened = open_run_graph(folder, files.run, graph or history.config.graph)
+    if scorer.folds is not None and history.is_trained:
+        scorer.folds.check_split(opened.split)
+    return Model(scorer, opened, files.run, history)
+
+
+def read_dose(folder: str | Path, opened: OpenedGraph, weights: str) -> Dose | None:
+    """Return the recipes that the model of a folder was trained on, see :attr:`Model.dose`.
+
+    The weights are read only if the model was not taught all train recipes as they are.
+
+    Args:
+        folder: folder of the model.
+        opened: its graph.
+        weights: hash of the weights that are meant.
+
+    Returns:
+        None if the folder holds other weights.
+
+    Raises:
+        ArtefactError: as :func:`open_model` does.
+        GraphMismatchError: as :func:`open_model` and :attr:`Model.dose` do.
+    """
+    files = RunFiles(Path(folder), read_finished_run(Path(folder), MODEL, WEIGHTS))
+    if files.run.outputs[WEIGHTS] != weights:
+        return None
+    history = _history(files)
+    settings = history.config.values()
+    if not history.is_trained or is_dosed(settings.get("share", 1.0), settings.get("noise", 0.0)):
+        return open_model(folder, opened.source).dose
+    return opened.dose(settings.get("kg", "none"))
+
+
+def _history(files: RunFiles) -> History:
+    files.bytes(CONFIG_FILE)
+    if files.run.kind not in MODELS:
+        raise ArtefactError(
+            f"'{files.folder}' is a model of {files.run.kind}, which is not known here; expected one of "
+            f"{', '.join(MODELS)}. Install the package that it comes from."
+        )
+    return MODELS[files.run.kind](files)

@@ -1,0 +1,54 @@
+"""Reading the files of a run, each checked against the hash that ``run.json`` records."""
+
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
+
+from wordcraft_kg.base.artefacts import read_large_file
+from wordcraft_kg.base.errors import ArtefactError
+from wordcraft_kg.base.records import parse_lines, parse_record
+from wordcraft_kg.runs.record import RunRecord
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class RunFiles:
+    """The files of a run. Each method raises ArtefactError if a file is missing, has changed or is damaged.
+
+    Attributes:
+        folder: folder of the run.
+        run: its ``run.json``.
+    """
+
+    folder: Path
+    run: RunRecord
+
+    def bytes(self, name: str) -> bytes:
+        """Return the bytes of an input or output file."""
+        path = self.folder / name
+        data = read_large_file(path)
+        if hashlib.sha256(data).hexdigest() != self.run.outputs.get(name, self.run.inputs.get(name)):
+            raise ArtefactError(
+                f"{path} is damaged or was changed: its SHA-256 is not the one that run.json records. "
+                "Train again, or restore a copy."
+            )
+        return data
+
+    def record(self, name: str, kind: type[T]) -> T:
+        """Return the record of a JSON file."""
+        return parse_record(self.bytes(name), kind, self.folder / name)
+
+    def lines(self, name: str, kind: type[T]) -> list[T]:
+        """Return the records of a file with one in each line."""
+        return parse_lines(self.bytes(name), kind, self.folder / name)
+
+    def tensors(self, name: str) -> "dict[str, Tensor]":
+        """Return the tensors of a safetensors file."""
+        from wordcraft_kg.base.tensors import read_tensors
+
+        return read_tensors(self.folder / name, self.bytes(name))

@@ -10,7 +10,8 @@ from wordcraft_kg.agents.outcomes import Success
 from wordcraft_kg.apps.people.protocol import HumanProtocol
 from wordcraft_kg.apps.people.session_file import append_answer, open_session
 from wordcraft_kg.apps.text_agents import result_reader
-from wordcraft_kg.apps.text_agents.records import WordsResult, WordsSettings, read_words_result
+from wordcraft_kg.apps.text_agents.records import RESULT_FILE, PlayedSettings, TextResult
+from wordcraft_kg.base.records import read_record
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.open_ended import OpenEndedEnv
 from wordcraft_kg.envs.world import World
@@ -173,9 +174,9 @@ def test_people_beside_have_the_share_of_their_right_answers(run, pack, tmp_path
     assert "one person" in own["interval"]
 
 
-def result(folder, settings: WordsSettings, success: Success | None = None, known: dict[int, float] | None = None):
+def result(folder, settings: PlayedSettings, success: Success | None = None, known: dict[int, float] | None = None):
     """Write the result of a player that uses words."""
-    found = WordsResult(
+    found = TextResult(
         player="parrot",
         settings=settings,
         games=10,
@@ -196,8 +197,8 @@ def test_results_of_players_that_use_words_are_one_row_by_distractors(run, pack,
     few = Success(mean=0.3, ci_low=0.2, ci_high=0.4, tasks=63, draws=1, by_plan=0.3, picks=2.0)
     many = msgspec.structs.replace(few, mean=0.5, ci_high=0.6)
     folders = (
-        result(tmp_path / "four", WordsSettings.of_tasks(world), few),
-        result(tmp_path / "one", WordsSettings.of_tasks(world.variant(num_distractors=1)), many),
+        result(tmp_path / "four", PlayedSettings.of_tasks(world), few),
+        result(tmp_path / "one", PlayedSettings.of_tasks(world.variant(num_distractors=1)), many),
     )
     asked = ("reference", "kitchen", "--distractors", "1,4")
     values = json.loads(run(*asked, "--beside", folders[0], "--beside", folders[1], "--json").out)
@@ -210,7 +211,7 @@ def test_results_of_players_that_use_words_are_one_row_by_distractors(run, pack,
     assert "has 4 distractors, which are no column of the table" in refused.err
     assert "give --part test --depth 1, or leave it out" in run(*asked, "--depth", "2", "--beside", folders[0]).err
     assert run("reference", "everyday", "--distractors", "4", "--beside", folders[0]).kind == "GraphMismatchError"
-    more = WordsSettings.of_tasks(world.variant(max_attempts=3), tasks=50)
+    more = PlayedSettings.of_tasks(world.variant(max_attempts=3), tasks=50)
     tries = result(tmp_path / "tries", more, few)
     assert "give --part test --depth 1 --attempts 3" in run(*asked, "--beside", tries).err
     done = run(*asked, "--attempts", 3, "--beside", tries)
@@ -222,11 +223,11 @@ def test_results_of_players_that_use_words_are_one_row_by_distractors(run, pack,
 def test_a_player_that_has_played_the_same_twice_has_two_rows(run, pack, tmp_path):
     world = World("kitchen", WordCraftConfig(part="test", num_distractors=4))
     one = Success(mean=0.3, ci_low=0.2, ci_high=0.4, tasks=63, draws=1, by_plan=0.3, picks=2.0)
-    settings = WordsSettings.of_tasks(world)
+    settings = PlayedSettings.of_tasks(world)
     folders = [
         result(tmp_path / "first", settings, one),
         result(tmp_path / "second", settings, msgspec.structs.replace(one, mean=0.35)),
-        result(tmp_path / "other", WordsSettings.of_tasks(world.variant(num_distractors=1)), one),
+        result(tmp_path / "other", PlayedSettings.of_tasks(world.variant(num_distractors=1)), one),
     ]
     beside = [option for folder in folders for option in ("--beside", folder)]
     values = json.loads(run("reference", "kitchen", "--distractors", "1,4", *beside, "--json").out)
@@ -239,14 +240,13 @@ def test_a_player_that_has_played_the_same_twice_has_two_rows(run, pack, tmp_pat
 
 def test_a_log_of_inspect_is_the_row_of_a_language_model(run, pack, tmp_path, monkeypatch):
     env = OpenEndedEnv("kitchen", max_attempts=10)
-    settings = WordsSettings.of_world(env, open_graph("kitchen").split)
+    settings = PlayedSettings.of_world(env, open_graph("kitchen").split)
     folder = result(tmp_path / "as-a-folder", settings, known={1: 5.0, 10: 7.0})
     log = tmp_path / "log.eval"
     log.write_bytes(b"")
     # Logs have tests of their own, which need Inspect AI.
-    monkeypatch.setattr(
-        result_reader, "read_inspect_log", lambda path: read_words_result(folder) if path == log else None
-    )
+    as_a_log = {log: read_record(folder / RESULT_FILE, TextResult)}
+    monkeypatch.setattr(result_reader, "read_inspect_log", as_a_log.get)
     values = json.loads(run("reference", "kitchen", "--open-ended", "--beside", log, "--json").out)
     (own,) = (one for one in values["rows"] if one["origin"] == "beside")
     assert (own["kind"], own["source"], own["figures"]["10"]["value"]) == ("language model", str(log), 7.0)
@@ -254,7 +254,7 @@ def test_a_log_of_inspect_is_the_row_of_a_language_model(run, pack, tmp_path, mo
 
 def test_a_player_that_uses_words_stands_in_open_ended_play(run, pack, tmp_path):
     env = OpenEndedEnv("kitchen", max_attempts=20)
-    settings = WordsSettings.of_world(env, open_graph("kitchen").split)
+    settings = PlayedSettings.of_world(env, open_graph("kitchen").split)
     folder = result(tmp_path / "open", settings, known={1: 5.5, 10: 7.25, 20: 9.0})
     values = json.loads(run("reference", "kitchen", "--open-ended", "--beside", folder, "--json").out)
     (own,) = (one for one in values["rows"] if one["origin"] == "beside")

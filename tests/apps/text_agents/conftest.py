@@ -5,6 +5,8 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import pytest
 
+from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
+
 
 class _Chat(BaseHTTPRequestHandler):
     """Answers as a language model's server does: always the first two things, after a thought."""
@@ -31,3 +33,8 @@ def chat_server() -> Iterator[str]:
     yield f"http://127.0.0.1:{server.server_port}/v1"
     server.shutdown()
     server.server_close()
+
+
+@pytest.fixture(scope="session")
+def kitchen() -> OpenedGraph:
+    return open_graph("kitchen")

@@ -5,11 +5,16 @@ from pathlib import Path
 
 import pytest
 
-from wordcraft_kg.apps.text_agents.records import GAMES_FILE, RESULT_FILE, read_words_result
+from wordcraft_kg.apps.text_agents.records import GAMES_FILE, RESULT_FILE, TextResult
+from wordcraft_kg.base.records import read_record
 from wordcraft_kg.runs.folder import locked
 
 FIRST_TWO = "import sys\nfor line in sys.stdin: print('1 + 2', flush=True)"
 PLAYER = f"{shlex.quote(sys.executable)} -c {shlex.quote(FIRST_TWO)}"
+
+
+def read_result(folder: Path) -> TextResult:
+    return read_record(folder / RESULT_FILE, TextResult)
 
 
 def games_of(folder: Path) -> list[str]:
@@ -21,7 +26,7 @@ def test_a_program_plays_all_tasks_and_the_result_is_the_view(run, tmp_path):
     arguments = ("evaluate-words", "kitchen", "--player", PLAYER, "--distractors", "2", "--out", folder)
     outcome = run(*arguments)
     assert outcome.code == 0, outcome.err
-    result = read_words_result(folder)
+    result = read_result(folder)
     found = result.success
     lines = outcome.out.splitlines()
     assert f"{found.mean:.3f} [{found.ci_low:.3f}, {found.ci_high:.3f}]" in lines[1]
@@ -140,11 +145,11 @@ def test_games_in_another_order_have_the_same_result_and_worlds_are_not_counted_
     arguments = ["evaluate-words", "kitchen", "--player", PLAYER, "--tasks", "9", "--out", tmp_path / "out"]
     run(*arguments)
     path = tmp_path / "out" / GAMES_FILE
-    before = read_words_result(tmp_path / "out")
+    before = read_result(tmp_path / "out")
     header, *games = path.read_text(encoding="utf-8").splitlines(keepends=True)
     path.write_text("".join([header, *reversed(games)]), encoding="utf-8")
     assert run(*arguments).code == 0
-    assert read_words_result(tmp_path / "out") == before
+    assert read_result(tmp_path / "out") == before
     world = ["evaluate-words", "kitchen", "--player", PLAYER, "--open-ended", "--attempts", "2"]
     world += ["--draws", "2", "--out", tmp_path / "world"]
     run(*world)
@@ -173,8 +178,10 @@ def test_a_folder_in_which_another_process_plays_is_left_alone(run, tmp_path):
 def test_a_name_with_slashes_names_one_folder_and_none_elsewhere(run, tmp_path, monkeypatch, name, folder):
     monkeypatch.chdir(tmp_path)
     assert run("evaluate-words", "kitchen", "--player", PLAYER, "--tasks", "1", "--name", name).code == 0
-    assert [path.relative_to(tmp_path) for path in tmp_path.rglob(RESULT_FILE)] == [Path("words", folder, RESULT_FILE)]
-    assert read_words_result(tmp_path / "words" / folder).player == name
+    assert [path.relative_to(tmp_path) for path in tmp_path.rglob(RESULT_FILE)] == [
+        Path("text-agents", folder, RESULT_FILE)
+    ]
+    assert read_result(tmp_path / "text-agents" / folder).player == name
 
 
 @pytest.mark.parametrize("name", ["", "  ", "two\nlines", "\x1b[31mred", "x" * 101])

@@ -1,31 +1,36 @@
-"""A game as a conversation: what a player is told, what it says, and what its words do."""
+"""Games as conversations: prompts and answers in turn, whoever plays."""
 
 import re
 from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Self
 
-from wordcraft_kg.apps.text_agents.config import LOOK_UPS, REFUSALS
-from wordcraft_kg.apps.text_agents.games import Game
-from wordcraft_kg.apps.text_agents.knowledge import Knowledge
+from wordcraft_kg.apps.text_agents.games import DiscoveryGames, Game, TaskGames
+from wordcraft_kg.apps.text_agents.knowledge import Knowledge, open_knowledge
+from wordcraft_kg.apps.text_agents.records import PlayedSettings
+from wordcraft_kg.apps.text_agents.settings import ATTEMPTS, LOOK_UPS, REFUSALS, GameSettings
 from wordcraft_kg.base.errors import ActionError
 from wordcraft_kg.base.labels import last_line, read_label, read_pair
 from wordcraft_kg.base.settings import MAX_SIZE, whole
 from wordcraft_kg.envs.words import told
+from wordcraft_kg.envs.world import World
+from wordcraft_kg.graphs.folder import open_graph
 
 _LOOK_UP = re.compile(r"look[\s-]*up\b[\s:]*(.*)", re.IGNORECASE)
 
 
 class Conversation:
-    """A game in texts: the opening, and an answer to each message.
+    """A game in texts: an opening, and a reply to each message.
 
-    The last line of a message counts: two things are an attempt, ``look up`` and a thing asks what is known of it. A
-    message that is not understood is refused with what would be, and costs nothing; after some refusals in
-    a row the next one costs the attempt, so that every conversation ends.
+    The last line of a message counts: two entities are an attempt, ``look up`` and an entity ask for facts. A message
+    that is not understood is refused at no cost; after some refusals in a row the next one costs the attempt, so that
+    every conversation ends.
 
     Attributes:
         game: the game.
         refused: messages that were not understood.
-        lost: attempts that were lost by them.
-        look_ups: things that were looked up.
+        lost: attempts lost by them.
+        look_ups: entities that were looked up.
 
     Example:
         >>> games = TaskGames(World("kitchen", WordCraftConfig(part="test", num_distractors=2)))
@@ -37,13 +42,7 @@ class Conversation:
     def __init__(
         self, game: Game, knowledge: Knowledge | None = None, *, refusals: int = REFUSALS, look_ups: int = LOOK_UPS
     ):
-        """Begin a conversation.
-
-        Args:
-            game: the game.
-            knowledge: what the player may look up; None for nothing.
-            refusals: how often in a row an answer that is not understood costs nothing.
-            look_ups: how often the player may look something up.
+        """Begin a conversation; see :class:`~wordcraft_kg.apps.text_agents.settings.EvaluationSettings`.
 
         Raises:
             ConfigError: for a negative number.
@@ -56,7 +55,7 @@ class Conversation:
 
     @property
     def rules(self) -> str:
-        """What the player is told once: the game, and how to answer."""
+        """The rules of the game, and how to answer."""
         parts = [self.game.rules, told("answer")]
         if self._knowledge is not None and self._most_look_ups:
             parts.append(told("look_up", look_ups=self._most_look_ups))
@@ -64,16 +63,16 @@ class Conversation:
 
     @property
     def opening(self) -> str:
-        """The rules and the state: what is told first."""
+        """The first prompt: rules and state."""
         return f"{self.rules}\n\n{self.game.state}"
 
     @property
     def is_over(self) -> bool:
-        """Whether the game is over, so that nothing more is heard."""
+        """Whether the game is over, so that no message is expected."""
         return self.game.is_over
 
     def hear(self, message: str) -> str:
-        """Take a message in, and return what the player is told: what came of it, and the state.
+        """Take a message and return the reply: its outcome, and the state.
 
         Raises:
             EpisodeError: if the game is over.
@@ -83,29 +82,25 @@ class Conversation:
         try:
             if asked is not None:
                 entity = read_label(asked[1], self.game.graph.entities, by_number=False)
-                said = self._looked_up(entity)
+                said = facts_in_words(self.game.graph.entities[entity], self.facts(entity))
             else:
                 said = self.game.combine(*read_pair(line, self.game.labels))
+            self._in_a_row = 0
         except ActionError as error:
-            return self._after(self._refuse(str(error)))
-        self._in_a_row = 0
-        return self._after(said)
+            said = self._refuse(str(error))
+        return f"{said}\n\n{self.game.state}"
 
     def facts(self, entity: int) -> list[str]:
-        """Return what is known of a thing to who may look it up; it is counted.
+        """Return the facts about an entity, and count the look-up.
 
         Raises:
-            ActionError: if nothing more may be looked up.
+            ActionError: if no look-up is left.
         """
         if self._knowledge is None or self.look_ups >= self._most_look_ups:
             raise ActionError(told("no_look_ups"))
         found = self._knowledge.facts(entity, self.game)
         self.look_ups += 1
         return found
-
-    def _looked_up(self, entity: int) -> str:
-        facts, label = self.facts(entity), self.game.graph.entities[entity]
-        return told("found", entity=label, facts="\n".join(facts)) if facts else told("nothing_found", entity=label)
 
     def _refuse(self, why: str) -> str:
         self.refused += 1
@@ -117,22 +112,74 @@ class Conversation:
         self._in_a_row = 0
         return told("lost", why=why)
 
-    def _after(self, said: str) -> str:
-        return f"{said}\n\n{self.game.state}"
+
+def facts_in_words(label: str, facts: list[str]) -> str:
+    """Return the reply to a look-up."""
+    return told("found", entity=label, facts="\n".join(facts)) if facts else told("nothing_found", entity=label)
 
 
 def converse(talk: Conversation, answer: Callable[[str], str]) -> list[str]:
-    """Let a player play a game to its end.
-
-    Args:
-        talk: the conversation, at its beginning.
-        answer: the player: what it says to what it is told.
+    """Play a game to its end with a player that answers each prompt.
 
     Returns:
-        all messages, those told and those said in turn, the verdict last.
+        all messages, prompts and answers in turn, the verdict last.
     """
     messages = [talk.opening]
     while not talk.is_over:
         messages.append(answer(messages[-1]))
         messages.append(talk.hear(messages[-1]))
     return messages
+
+
+@dataclass(frozen=True)
+class Play:
+    """Games of one world with their rules; a knowledge that would leak is refused before the first game.
+
+    Attributes:
+        games: the games.
+        settings: the recorded settings.
+        knowledge: knowledge that can be looked up; None for none.
+    """
+
+    games: TaskGames | DiscoveryGames
+    settings: PlayedSettings
+    knowledge: Knowledge | None = None
+
+    def __post_init__(self) -> None:
+        if self.knowledge is not None:
+            self.knowledge.facts(0, self.games.begin())
+
+    @classmethod
+    def open(cls, graph: str, settings: GameSettings, **rules: Any) -> Self:
+        """Open the games of settings on a graph folder, a book's file or a known book.
+
+        Args:
+            graph: where the graph is.
+            settings: the settings.
+            rules: recorded rules that are no game settings, such as draws.
+
+        Raises:
+            ConfigError: for settings that do not fit the graph.
+            LeakError: if a scorer would tell recipes of train tasks that it was trained on.
+            ArtefactError, RecipeFileError, GraphMismatchError: if graph or scorer cannot be read, or do not match.
+        """
+        opened = open_graph(graph)
+        knowledge = open_knowledge(settings, opened)
+        rules |= {"knowledge": settings.knowledge, "look_ups": settings.look_ups}
+        if knowledge is not None:
+            rules |= {"scorer": knowledge.scorer, "kg": knowledge.kg}
+        if settings.open_ended:
+            worlds = DiscoveryGames(opened, attempts=settings.attempts or ATTEMPTS, base=settings.base)
+            return cls(worlds, PlayedSettings.of_world(worlds.env, opened.split, **rules), knowledge)
+        tasks = TaskGames(World(opened, settings.environment))
+        return cls(tasks, PlayedSettings.of_tasks(tasks.world, **rules), knowledge)
+
+    def begin(self, task: int = 0, draw: int = 0) -> Conversation:
+        """Begin a game; in the open-ended world all are alike.
+
+        Raises:
+            ConfigError: if there is no such task or draw.
+        """
+        rules = self.settings
+        game = self.games.begin(task, draw)
+        return Conversation(game, self.knowledge, refusals=rules.refusals, look_ups=rules.look_ups)

@@ -1,13 +1,13 @@
-"""Reading logs of Inspect AI: what a language model did there, as a result like that of any player that uses words."""
+"""Logs of Inspect AI, read as results of text agents."""
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import msgspec
 
-from wordcraft_kg.apps.text_agents.records import PlayedTask, PlayedWorld, WordsResult, WordsSettings
+from wordcraft_kg.apps.text_agents.records import PlayedSettings, PlayedTask, PlayedWorld, TextResult
 from wordcraft_kg.base.errors import ArtefactError, reason
 from wordcraft_kg.base.extras import missing_extra
 from wordcraft_kg.base.records import Count, Record, as_record
@@ -15,32 +15,33 @@ from wordcraft_kg.base.records import Count, Record, as_record
 if TYPE_CHECKING:
     from inspect_ai.log import EvalLog
 
+Played = TypeVar("Played", PlayedTask, PlayedWorld)
 METADATA = "wordcraft_kg"
 """Key of a task's metadata under which is a :class:`LoggedTask`."""
 UNFINISHED = "unfinished"
-"""Key of what was played: whether a limit of Inspect's ended the game."""
+"""Key of a game's record: whether a limit of Inspect's ended the game."""
 VERDICT = "verdict"
-"""Key of what was played: how the game ended, in words."""
+"""Key of a game's record: how the game ended, in words."""
 
 _NOT_NEEDED = {"messages", "events", "events_data", "timelines", "store", "output", "attachments"}
-"""Of a game in a log; what a model said makes up most of it."""
+"""Fields of a log that are not read; the model's messages make up most of it."""
 
 
 class LoggedTask(Record, frozen=True, kw_only=True):
-    """What a task of Inspect's says of itself in its log.
+    """Metadata of a task in its log.
 
     Attributes:
-        settings: what a model was asked.
-        games: games that are played in an epoch.
-        people: what people do in the open-ended world of another game, and where that is from.
+        settings: settings of the games.
+        games: games in an epoch.
+        people: discoveries of people in another game's open-ended world, and their source.
     """
 
-    settings: WordsSettings
+    settings: PlayedSettings
     games: Count
     people: dict[str, Any] | None = None
 
 
-def read_inspect_log(path: str | Path) -> WordsResult:
+def read_inspect_log(path: str | Path) -> TextResult:
     """Read the result of a language model from a log of Inspect AI, of ``crafting`` or ``discovery``.
 
     The model's name is the player, and the figures are made from the games, as those of any other player. A game that
@@ -54,7 +55,7 @@ def read_inspect_log(path: str | Path) -> WordsResult:
         MissingExtraError: if Inspect AI is not installed.
         ArtefactError: if the file is missing or damaged, no log of these tasks, or not all games were played.
     """
-    from wordcraft_kg.apps.text_agents.evaluation import result_of_tasks, result_of_worlds
+    from wordcraft_kg.apps.text_agents.results import result_of
 
     path = Path(path)
     log = _read(path)
@@ -66,9 +67,9 @@ def read_inspect_log(path: str | Path) -> WordsResult:
     task = as_record(about, LoggedTask, path)
     settings, scores = task.settings, _scores(path, log, task.games)
     if settings.is_open_ended:
-        return result_of_worlds(log.eval.model, settings, [played_world_of(one, str(path)) for one in scores])
-    played = distinct_draws([played_task_of(one, str(path)) for one in scores])
-    return result_of_tasks(log.eval.model, settings, None, played)
+        return result_of(log.eval.model, settings, [played_of(one, PlayedWorld, str(path)) for one in scores])
+    played = [played_of(one, PlayedTask, str(path)) for one in scores]
+    return result_of(log.eval.model, settings, distinct_draws(played))
 
 
 def _read(path: Path) -> "EvalLog":
@@ -108,26 +109,14 @@ def _scores(path: Path, log: "EvalLog", games: int) -> list[dict[str, Any]]:
     return scores
 
 
-def played_task_of(values: Mapping[str, Any] | None, where: str) -> PlayedTask:
-    """Return the game of a task from the metadata of its score.
+def played_of(values: Mapping[str, Any] | None, kind: type[Played], where: str) -> Played:
+    """Return a game from the metadata of its score.
 
     Raises:
-        ArtefactError: if it is not one; ``where`` says what it is read from.
+        ArtefactError: if it is not one; ``where`` names the source.
     """
-    return as_record(_bare(values), PlayedTask, where)
-
-
-def played_world_of(values: Mapping[str, Any] | None, where: str) -> PlayedWorld:
-    """Return the game in the open-ended world from the metadata of its score.
-
-    Raises:
-        ArtefactError: if it is not one; ``where`` says what it is read from.
-    """
-    return as_record(_bare(values), PlayedWorld, where)
-
-
-def _bare(values: Mapping[str, Any] | None) -> dict[str, Any]:
-    return {**{key: value for key, value in (values or {}).items() if key not in (UNFINISHED, VERDICT)}, "messages": []}
+    bare = {key: value for key, value in (values or {}).items() if key not in (UNFINISHED, VERDICT)}
+    return as_record({**bare, "messages": []}, kind, where)
 
 
 def distinct_draws(played: Sequence[PlayedTask]) -> list[PlayedTask]:

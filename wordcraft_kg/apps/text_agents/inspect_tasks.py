@@ -1,21 +1,27 @@
-"""The tasks of Inspect AI: crafting tasks at the tables of the evaluation, and the open-ended world.
+"""Tasks of Inspect AI: crafting tasks at the tables of the evaluation, and the open-ended world.
 
-``inspect eval wordcraft_kg/crafting`` finds them by the package's entry point. What a model is told and what its words
-mean is that of :mod:`wordcraft_kg.apps.text_agents`, for all players that use words alike.
+``inspect eval wordcraft_kg/crafting`` finds them by the package's entry point. The conversation is that of all text
+agents.
 """
 
-import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import fields
+from inspect import Parameter, Signature, signature
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
-from wordcraft_kg.apps.text_agents.config import ATTEMPTS, LOOK_UPS, REFUSALS
-from wordcraft_kg.apps.text_agents.conversation import Conversation
-from wordcraft_kg.apps.text_agents.inspect_games import conversation, goal_made, things_known
-from wordcraft_kg.apps.text_agents.inspect_log import METADATA, LoggedTask
-from wordcraft_kg.apps.text_agents.records import WordsSettings
-from wordcraft_kg.base.errors import ConfigError, UnknownSettingError, WordCraftKGError
+from wordcraft_kg.apps.text_agents.inspect_log import (
+    METADATA,
+    UNFINISHED,
+    VERDICT,
+    LoggedTask,
+    distinct_draws,
+    played_of,
+)
+from wordcraft_kg.apps.text_agents.records import PlayedSettings, PlayedTask, PlayedWorld
+from wordcraft_kg.apps.text_agents.settings import ATTEMPTS, EvaluationSettings
+from wordcraft_kg.base.errors import ArtefactError, ConfigError, UnknownSettingError, WordCraftKGError
 from wordcraft_kg.base.extras import missing_extra
 from wordcraft_kg.base.records import as_values
 from wordcraft_kg.base.settings import MAX_SIZE, nearest, refuse, whole
@@ -27,19 +33,18 @@ try:
     from inspect_ai._util.error import PrerequisiteError
     from inspect_ai.dataset import MemoryDataset, Sample
     from inspect_ai.model import ChatMessage, ChatMessageSystem, ChatMessageUser
+    from inspect_ai.scorer import Metric, SampleScore, Score, Scorer, Target, Value, metric, scorer, stderr
+    from inspect_ai.solver import Generate, Solver, TaskState, solver
 except ModuleNotFoundError:
     raise missing_extra("inspect", ["Inspect AI"]) from None
 
 if TYPE_CHECKING:
-    from wordcraft_kg.graphs.folder import OpenedGraph
+    from wordcraft_kg.apps.text_agents.conversation import Conversation, Play
 
-_CRAFTING = (
-    *("graph", "part", "depth", "distractors", "attempts", "draws", "tasks"),
-    *("knowledge", "scorer", "look_ups", "refusals"),
-)
-_DISCOVERY = ("graph", "attempts", "base", "games", "knowledge", "scorer", "look_ups", "refusals")
-_NAMES = {"num_distractors": "distractors", "max_attempts": "attempts"}
-"""Settings of ours by the names of the tasks' parameters."""
+F = TypeVar("F", bound=Callable[..., Any])
+PLAYED = "wordcraft_kg_played"
+"""Key of a sample's store under which the solver leaves the record of its game."""
+_RULES = ("knowledge", "scorer", "look_ups", "refusals")
 
 
 class InspectTaskError(ConfigError, PrerequisiteError):
@@ -53,193 +58,251 @@ class InspectTaskError(ConfigError, PrerequisiteError):
         self.message = escape(message)
 
 
+def _with_parameters(*names: str, **own: Any) -> Callable[[F], F]:
+    """Declare the parameters that Inspect reads: a graph, settings of games by their names, and others by default."""
+    defaults = {field.name: field.default for field in fields(EvaluationSettings)}
+    kind = Parameter.POSITIONAL_OR_KEYWORD
+    given = {"graph": "everyday", **{name: defaults[name] for name in names}, **own}
+    parameters = [Parameter(name, kind, default=value) for name, value in given.items()]
+
+    def declared(function: F) -> F:
+        # A parameter that is unknown is an error of ours, not a warning of Inspect's.
+        read = Signature([*parameters, Parameter("unknown", Parameter.VAR_KEYWORD)])
+        function.__signature__ = read  # type: ignore[attr-defined]
+        return function
+
+    return declared
+
+
 @task
-def crafting(
-    graph: str = "everyday",
-    part: str = "test",
-    depth: int = 1,
-    distractors: int = 8,
-    attempts: int | None = None,
-    draws: int = 1,
-    tasks: int | None = None,
-    knowledge: str = "none",
-    scorer: str | None = None,
-    look_ups: int = LOOK_UPS,
-    refusals: int = REFUSALS,
-    **unknown: Any,
-) -> Task:
+@_with_parameters("part", "depth", "distractors", "attempts", "draws", "tasks", *_RULES)
+def crafting(graph: str = "everyday", **settings: Any) -> Task:
     """Make the goal from what is on the table: the tasks on which agents are evaluated, at the same tables.
 
     Args:
         graph: a graph folder, a recipe book's file, or the name of a known book.
-        part: tasks of train, valid, test or all.
-        depth: fewest attempts that make the goal, 1 to 5.
-        distractors: things on the table that no plan needs.
-        attempts: attempts in a game; as many as the depth if left out.
-        draws: draws of distractors; each task is played once with each.
-        tasks: the most tasks to play, evenly spaced; all if left out.
-        knowledge: what may be looked up: none, partial (the train recipes), or scorer (what a scorer believes).
-        scorer: model folder of the scorer, with ``knowledge`` scorer.
-        look_ups: how often something may be looked up in a game.
-        refusals: how often in a row an answer that is not understood costs nothing.
-        unknown: nothing; a parameter that there is not is an error, not a warning.
+        settings: see :class:`~wordcraft_kg.apps.text_agents.settings.EvaluationSettings`.
 
     Raises:
         InspectTaskError: for a wrong parameter, or a graph or scorer that cannot be read.
     """
-    from wordcraft_kg.apps.text_agents.evaluation import chosen_tasks
     from wordcraft_kg.apps.text_agents.games import TaskGames
-    from wordcraft_kg.apps.text_agents.knowledge import open_knowledge
-    from wordcraft_kg.envs.config import WordCraftConfig
-    from wordcraft_kg.envs.world import World
+    from wordcraft_kg.apps.text_agents.results import chosen_tasks
 
     with _readable():
-        _check_names(unknown, _CRAFTING)
-        config = WordCraftConfig(
-            part=part,  # type: ignore[arg-type]
-            depth=depth,
-            num_distractors=distractors,
-            max_attempts=attempts,
-        )
-        whole("draws", draws, 1, MAX_SIZE)
-        opened = _opened(graph)
-        games = TaskGames(World(opened, config))
-        numbers = chosen_tasks(games.world, tasks).tolist()
-        known, asked, kg = open_knowledge(knowledge, opened, scorer and Path(str(scorer)))  # type: ignore[arg-type]
-        if known is not None:
-            # A scorer that has seen the tasks' recipes is refused now, not in the middle of the first game.
-            known.facts(0, games.begin(numbers[0]))
-        settings = WordsSettings.of_tasks(
-            games.world,
-            draws=draws,
-            tasks=tasks,
-            knowledge=knowledge,
-            scorer=asked,
-            kg=kg,
-            look_ups=whole("look_ups", look_ups, 0, MAX_SIZE),
-            refusals=whole("refusals", refusals, 0, MAX_SIZE),
-        )
-
-        def begin(about: Mapping[str, Any]) -> Conversation:
-            return Conversation(games.begin(about["task"], about["draw"]), known, refusals=refusals, look_ups=look_ups)
-
-        samples = []
-        for draw in range(draws):
-            for number in numbers:
-                talk = begin({"task": number, "draw": draw})
-                about = {"task": number, "draw": draw, "goal": games.world.tasks[number].goal, **_hashes(settings)}
-                samples.append(
-                    Sample(id=f"{part}-{number}-{draw}", input=_opening(talk), target=about["goal"], metadata=about)
-                )
+        play = _open(crafting, graph, settings)
+        rules = play.settings
+        assert isinstance(play.games, TaskGames)
+        tasks = play.games.world.tasks
+        samples = [
+            _sample(f"{rules.part}-{number}-{draw}", play, task=number, draw=draw, goal=tasks[number].goal)
+            for draw in range(rules.draws)
+            for number in chosen_tasks(play.games.world, rules.tasks).tolist()
+        ]
     return Task(
-        dataset=MemoryDataset(samples, name=f"{settings.graph}, {part}"),
-        solver=conversation(begin),
+        dataset=MemoryDataset(samples, name=f"{rules.graph}, {rules.part}"),
+        solver=conversation(play),
         scorer=goal_made(),
-        version=settings.texts[:12],
-        metadata=_metadata(settings, len(samples)),
+        version=rules.texts[:12],
+        metadata=_metadata(rules, len(samples)),
     )
 
 
 @task
-def discovery(
-    graph: str = "everyday",
-    attempts: int = ATTEMPTS,
-    base: str | Sequence[str] | None = None,
-    games: int = 1,
-    knowledge: str = "none",
-    scorer: str | None = None,
-    look_ups: int = LOOK_UPS,
-    refusals: int = REFUSALS,
-    **unknown: Any,
-) -> Task:
+@_with_parameters(*_RULES, attempts=ATTEMPTS, base=None, games=1)
+def discovery(graph: str = "everyday", *, games: int = 1, base: Any = None, **settings: Any) -> Task:
     """Discover as much as possible in the open-ended world, from a few things at the start.
 
     Args:
         graph: a graph folder, a recipe book's file, or the name of a known book.
-        attempts: attempts in a game.
-        base: what is known at the start; the base entities of the graph if left out.
-        games: how often the game is played; Inspect's ``--epochs`` replaces it.
-        knowledge: what may be looked up: none, partial (the train recipes), or scorer (what a scorer believes).
-        scorer: model folder of the scorer, with ``knowledge`` scorer.
-        look_ups: how often something may be looked up in a game.
-        refusals: how often in a row an answer that is not understood costs nothing.
-        unknown: nothing; a parameter that there is not is an error, not a warning.
+        games: number of games; Inspect's ``--epochs`` replaces it.
+        base: one entity known at the start, or several; the base entities of the graph if left out.
+        settings: see :class:`~wordcraft_kg.apps.text_agents.settings.EvaluationSettings`.
 
     Raises:
         InspectTaskError: for a wrong parameter, or a graph or scorer that cannot be read.
     """
     from wordcraft_kg.agents.discovery import HUMAN_CURVE, HUMAN_SOURCE
-    from wordcraft_kg.apps.text_agents.games import DiscoveryGames
-    from wordcraft_kg.apps.text_agents.knowledge import open_knowledge
 
     with _readable():
-        _check_names(unknown, _DISCOVERY)
         whole("games", games, 1, MAX_SIZE)
-        opened = _opened(graph)
-        # Inspect reads a number or a truth value from what may be the name of a thing.
+        # Inspect reads a number or a truth value where the name of an entity is meant.
         named = base if isinstance(base, list | tuple) else [base]
         start = None if base is None else [str(entity) for entity in named]
-        worlds = DiscoveryGames(opened, attempts=attempts, base=start)
-        known, asked, kg = open_knowledge(knowledge, opened, scorer and Path(str(scorer)))  # type: ignore[arg-type]
-        settings = WordsSettings.of_world(
-            worlds.env,
-            opened.split,
-            draws=games,
-            knowledge=knowledge,
-            scorer=asked,
-            kg=kg,
-            look_ups=whole("look_ups", look_ups, 0, MAX_SIZE),
-            refusals=whole("refusals", refusals, 0, MAX_SIZE),
-        )
-
-        def begin(about: Mapping[str, Any]) -> Conversation:
-            return Conversation(worlds.begin(), known, refusals=refusals, look_ups=look_ups)
-
-        about = {"attempts": attempts, "known_at_start": len(settings.base), **_hashes(settings)}
-        sample = Sample(id="world", input=_opening(begin(about)), metadata=about)
+        play = _open(discovery, graph, settings, open_ended=True, base=start, draws=games)
+        rules = play.settings
+        sample = _sample("world", play, attempts=rules.attempts, known_at_start=len(rules.base))
     people = {"known": {str(after): known for after, known in HUMAN_CURVE.items()}, "source": HUMAN_SOURCE}
     return Task(
-        dataset=MemoryDataset([sample], name=settings.graph),
-        solver=conversation(begin),
+        dataset=MemoryDataset([sample], name=rules.graph),
+        solver=conversation(play),
         scorer=things_known(),
         epochs=games,
-        version=settings.texts[:12],
-        metadata=_metadata(settings, 1, people=people),
+        version=rules.texts[:12],
+        metadata=_metadata(rules, 1, people=people),
     )
 
 
-def _opening(talk: Conversation) -> list[ChatMessage]:
-    return [ChatMessageSystem(content=talk.rules), ChatMessageUser(content=talk.game.state)]
+def _open(declared: Callable[..., Task], graph: Any, given: Mapping[str, Any], **own: Any) -> "Play":
+    """Open the games of a task's parameters."""
+    from wordcraft_kg.apps.text_agents.conversation import Play
 
-
-def _opened(graph: str) -> "OpenedGraph":
-    from wordcraft_kg.graphs.folder import open_graph
-
+    known = [name for name in signature(declared).parameters if name != "unknown"]
+    for name in given:
+        if name not in known:
+            raise UnknownSettingError(
+                f"there is no parameter `{name}`; expected one of {', '.join(known)}.{nearest(name, known)}"
+            )
     if not isinstance(graph, str) or not graph:
         raise refuse("graph", graph, "a graph folder, a recipe book's file, or the name of a known book")
-    return open_graph(graph)
+    scorer = given.get("scorer")
+    settings = EvaluationSettings(**{**given, **own, "scorer": scorer and Path(str(scorer))})
+    return Play.open(graph, settings, draws=settings.draws, tasks=settings.tasks, refusals=settings.refusals)
 
 
-def _hashes(settings: WordsSettings) -> dict[str, str]:
-    return {name: getattr(settings, name) for name in ("graph_hash", "split_hash", "texts")}
+def _sample(identity: str, play: "Play", **about: Any) -> Sample:
+    """Return a game as a sample: its opening, its goal if it has one, and metadata."""
+    talk = _begin(play, about)
+    hashes = {name: getattr(play.settings, name) for name in ("graph_hash", "split_hash", "texts")}
+    opening: list[ChatMessage] = [ChatMessageSystem(content=talk.rules), ChatMessageUser(content=talk.game.state)]
+    return Sample(id=identity, input=opening, target=about.get("goal", ""), metadata=about | hashes)
 
 
-def _metadata(settings: WordsSettings, games: int, people: dict[str, Any] | None = None) -> dict[str, Any]:
+def _begin(play: "Play", about: Mapping[str, Any]) -> "Conversation":
+    return play.begin(about.get("task", 0), about.get("draw", 0))
+
+
+def _metadata(settings: PlayedSettings, games: int, people: dict[str, Any] | None = None) -> dict[str, Any]:
     return {METADATA: as_values(LoggedTask(settings=settings, games=games, people=people))}
-
-
-def _check_names(unknown: Mapping[str, Any], known: Sequence[str]) -> None:
-    for name in unknown:
-        raise UnknownSettingError(
-            f"there is no parameter `{name}`; expected one of {', '.join(known)}.{nearest(name, known)}"
-        )
 
 
 @contextmanager
 def _readable() -> Iterator[None]:
-    """Turn errors of ours into those that Inspect shows without a traceback, with the parameters' names."""
+    """Turn errors of ours into errors that Inspect shows without a traceback."""
     try:
         yield
     except WordCraftKGError as error:
-        message = re.sub(r"`(\w+)`", lambda match: f"`{_NAMES.get(match[1], match[1])}`", str(error))
-        raise InspectTaskError(message) from error
+        raise InspectTaskError(str(error)) from error
+
+
+@solver
+def conversation(play: "Play") -> Solver:
+    """Let a model play: each message is answered until the game is over.
+
+    A game that a limit of Inspect's ends is given up, and scored as it was then.
+    """
+    from wordcraft_kg.apps.text_agents.results import record_of
+
+    async def solve(state: TaskState, generate: Generate) -> TaskState:
+        talk = _begin(play, state.metadata)
+        try:
+            state = await generate(state)
+            told = talk.hear(state.output.completion)
+            while not talk.is_over:
+                state.messages.append(ChatMessageUser(content=told))
+                state = await generate(state)
+                told = talk.hear(state.output.completion)
+        finally:  # also on a limit, which Inspect raises as an error
+            is_finished = talk.is_over
+            talk.game.end()
+            played = as_values(record_of(talk, [], state.epoch - 1))  # Inspect counts epochs from 1
+            del played["messages"]  # they are in Inspect's log
+            state.store.set(PLAYED, {**played, UNFINISHED: not is_finished, VERDICT: talk.game.state})
+        return state
+
+    return solve
+
+
+@metric(scores="unreduced")
+def crafting_figures() -> Metric:
+    """Compute the figures of an evaluation of agents, and Inspect's standard error over tasks."""
+
+    def figures(scores: list[SampleScore]) -> Value:
+        from wordcraft_kg.apps.text_agents.results import evaluation_of
+
+        if not scores:
+            return {}
+        played = distinct_draws([_played(one, PlayedTask) for one in scores])
+        games, tasks, draws = len(played), {one.task for one in played}, {one.draw for one in played}
+        # With some samples of a task missing there is no interval over tasks.
+        success = evaluation_of(None, played).figures() if games == len(tasks) * len(draws) else None
+        return {
+            "success": success.mean if success else sum(one.success for one in played) / games,
+            "stderr": float(stderr(cluster="task")(scores)),  # type: ignore[arg-type]
+            "ci_low": success.ci_low if success else None,
+            "ci_high": success.ci_high if success else None,
+            "by_plan": success.by_plan if success else sum(one.by_plan for one in played) / games,
+            "picks": success.picks if success else sum(one.picks for one in played) / games,
+            **_counts(scores),
+        }
+
+    return figures
+
+
+@metric(scores="unreduced")
+def discovery_figures() -> Metric:
+    """Compute the mean number of known entities after some numbers of attempts, and its standard error at the end."""
+
+    def figures(scores: list[SampleScore]) -> Value:
+        from wordcraft_kg.apps.text_agents.results import mean_known
+
+        if not scores:
+            return {}
+        about = scores[0].sample_metadata or {}
+        played = [_played(one, PlayedWorld) for one in scores]
+        known = mean_known(played, about["attempts"], about["known_at_start"])
+        return {
+            **{f"known_{attempts}": value for attempts, value in known.items()},
+            "stderr": float(stderr()(scores)),  # type: ignore[arg-type]
+            **_counts(scores),
+        }
+
+    return figures
+
+
+def _played(score: SampleScore, kind: type[Any]) -> Any:
+    return played_of(score.score.metadata, kind, f"the score of {score.sample_id}")
+
+
+def _counts(scores: list[SampleScore]) -> dict[str, int]:
+    """Return the counts over all games."""
+    values = [one.score.metadata or {} for one in scores]
+    return {name: sum(one.get(name, 0) for one in values) for name in ("refused", "lost", "look_ups", UNFINISHED)}
+
+
+@scorer(metrics=[crafting_figures()])
+def goal_made() -> Scorer:
+    """Score a task: 1 if its goal was made, else 0; the score's metadata is the game's record."""
+
+    async def score(state: TaskState, target: Target) -> Score:
+        played = _left(state)
+        answer = " + ".join(played["last"]) if played["last"] else None
+        return Score(value=int(played["success"]), answer=answer, explanation=played[VERDICT], metadata=played)
+
+    return score
+
+
+@scorer(metrics=[discovery_figures()])
+def things_known() -> Scorer:
+    """Score a game in the open-ended world: the number of known entities at its end."""
+
+    async def score(state: TaskState, target: Target) -> Score:
+        played = _left(state)
+        after = played["known_after"] or [state.metadata["known_at_start"]]
+        return Score(value=after[-1], explanation=played[VERDICT], metadata=played)
+
+    return score
+
+
+def _left(state: TaskState) -> dict[str, Any]:
+    """Return the record that the solver has left.
+
+    Raises:
+        ArtefactError: if another solver has played.
+    """
+    played = state.store.get(PLAYED)
+    if played is None:
+        raise ArtefactError(
+            f"sample {state.sample_id} has no game: these tasks are scored by their own solver; leave --solver out."
+        )
+    return dict(played)

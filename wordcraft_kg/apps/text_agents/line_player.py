@@ -24,9 +24,9 @@ from queue import Empty, Full, Queue, SimpleQueue
 from types import TracebackType
 from typing import Self
 
-from wordcraft_kg.apps.text_agents.config import TIMEOUT
 from wordcraft_kg.apps.text_agents.conversation import Conversation
 from wordcraft_kg.apps.text_agents.games import TaskGame
+from wordcraft_kg.apps.text_agents.settings import TIMEOUT
 from wordcraft_kg.base.errors import ConfigError, PlayerError
 from wordcraft_kg.base.settings import number_in
 

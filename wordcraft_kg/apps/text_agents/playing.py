@@ -1,118 +1,86 @@
-"""Letting a player play many games, each saved as soon as it is over."""
+"""Many games of one player, each on the disk before the next begins, so that an interrupted evaluation goes on."""
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+import logging
+import os
+from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
-from typing import Any
 
-from wordcraft_kg.apps.text_agents.conversation import Conversation, converse
-from wordcraft_kg.apps.text_agents.evaluation import chosen_tasks, result_of_tasks, result_of_worlds
-from wordcraft_kg.apps.text_agents.games import DiscoveryGames, TaskGames
-from wordcraft_kg.apps.text_agents.games_file import append_game, open_games
-from wordcraft_kg.apps.text_agents.knowledge import Knowledge
-from wordcraft_kg.apps.text_agents.played import played_task, played_world
+import msgspec
+
+from wordcraft_kg.apps.text_agents.conversation import Conversation, Play, converse
+from wordcraft_kg.apps.text_agents.games import TaskGames
 from wordcraft_kg.apps.text_agents.records import (
     GAMES_FILE,
     RESULT_FILE,
     GamesHeader,
     PlayedTask,
     PlayedWorld,
-    WordsResult,
-    WordsSettings,
+    TextResult,
 )
+from wordcraft_kg.apps.text_agents.results import chosen_tasks, read_games, record_of, result_of
 from wordcraft_kg.base.artefacts import dump_json, write_atomically
-from wordcraft_kg.base.errors import ArtefactError
+from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError
 from wordcraft_kg.base.progress import steps
-from wordcraft_kg.base.records import as_values
+from wordcraft_kg.base.records import as_lines, as_values
 from wordcraft_kg.runs.folder import locked
 
 Speaker = Callable[[Conversation], Callable[[str], str]]
-"""A player: for a conversation at its beginning, what answers to what is told."""
+"""A player: returns the function that answers the prompts of a conversation."""
 
 
-def play_tasks(
-    player: str,
-    speak: Speaker,
-    games: TaskGames,
-    settings: WordsSettings,
-    folder: Path,
-    knowledge: Knowledge | None = None,
-) -> WordsResult:
-    """Let a player play the tasks that settings name, go on where a folder's games end, and write the result there.
+def play_all(player: str, speak: Speaker, play: Play, folder: Path) -> TextResult:
+    """Let a player play the games that settings ask for, continue a folder's games, and write the result there.
 
     Args:
-        player: what the player calls itself.
+        player: name of the player.
         speak: the player.
-        games: the tasks.
-        settings: draws, number of tasks and rules; those of the world of the games.
+        play: the games.
         folder: folder of the games and the result.
-        knowledge: what the player may look up.
 
     Raises:
         ArtefactError: if the folder's games are damaged, or another process plays there.
         ConfigError: if they are of another player or other settings.
         GraphMismatchError: if they are of another graph or split.
     """
-    path = folder / GAMES_FILE
-    tasks = chosen_tasks(games.world, settings.tasks).tolist()
+    path, settings = folder / GAMES_FILE, play.settings
+    world = play.games.world if isinstance(play.games, TaskGames) else None
+    tasks = [0] if world is None else chosen_tasks(world, settings.tasks).tolist()
     missing = dict.fromkeys((task, draw) for draw in range(settings.draws) for task in tasks)
-    with _alone(folder):
-        played = open_games(path, GamesHeader(player=player, settings=settings), PlayedTask)
-        for number, one in enumerate(played, 2):
-            is_asked = (one.task, one.draw) in missing
-            if wrong := _contradiction(one, games) if is_asked else "is there twice, or not asked for":
-                raise ArtefactError(
-                    f"{path}, line {number}, is damaged: task {one.task} with draw {one.draw} {wrong}. Remove the "
-                    "line; what is missing then is played again."
-                )
-            del missing[one.task, one.draw]
-        for task, draw in steps("playing", missing):
-            talk = _conversation(games.begin(task, draw), knowledge, settings)
-            done = played_task(talk, converse(talk, speak(talk)))
-            append_game(path, done)
-            played.append(done)
-        return _written(folder, result_of_tasks(player, settings, games.world, played))
-
-
-def play_worlds(
-    player: str,
-    speak: Speaker,
-    games: DiscoveryGames,
-    settings: WordsSettings,
-    folder: Path,
-    knowledge: Knowledge | None = None,
-) -> WordsResult:
-    """Let a player play the open-ended world ``settings.draws`` times; like :func:`play_tasks`."""
-    path = folder / GAMES_FILE
-    missing = dict.fromkeys(range(settings.draws))
-    with _alone(folder):
-        played = open_games(path, GamesHeader(player=player, settings=settings), PlayedWorld)
-        for line, one in enumerate(played, 2):
-            if one.game not in missing:
-                raise ArtefactError(
-                    f"{path}, line {line}, is damaged: game {one.game} is there twice, or not asked for. Remove the "
-                    "line; what is missing then is played again."
-                )
-            del missing[one.game]
-        for number in steps("playing", missing):
-            talk = _conversation(games.begin(), knowledge, settings)
-            done = played_world(talk, number, converse(talk, speak(talk)))
-            append_game(path, done)
-            played.append(done)
-        return _written(folder, result_of_worlds(player, settings, played))
-
-
-@contextmanager
-def _alone(folder: Path) -> Iterator[None]:
-    """Keep others from adding games to a folder meanwhile: two that play at once would play the same ones."""
     folder.mkdir(parents=True, exist_ok=True)
     with locked(folder, "written"):
-        yield
+        played = open_games(path, GamesHeader(player=player, settings=settings))
+        for line, one in enumerate(played, 2):
+            _check_game(f"{path}, line {line},", one, play, missing)
+        for task, draw in steps("playing", missing):
+            talk = play.begin(task, draw)
+            played.append(record_of(talk, converse(talk, speak(talk)), draw))
+            append_game(path, played[-1])
+        result = result_of(player, settings, played, world)
+        write_atomically(folder / RESULT_FILE, dump_json(as_values(result)))
+    return result
 
 
-def _contradiction(played: PlayedTask, games: TaskGames) -> str:
-    """Say what is wrong with a game that was read, nothing if it can be one of these."""
-    goal = games.world.tasks[played.task].goal
+def _check_game(where: str, one: PlayedTask | PlayedWorld, play: Play, missing: dict[tuple[int, int], None]) -> None:
+    """Remove a game that was read from the missing ones, and refuse one that cannot be among them."""
+    if isinstance(one, PlayedTask):
+        name, key = f"task {one.task} with draw {one.draw}", (one.task, one.draw)
+    else:
+        name, key = f"game {one.game}", (0, one.game)
+    wrong = "is there twice, or not asked for"
+    if key in missing:
+        del missing[key]
+        wrong = _contradiction(one, play) if isinstance(one, PlayedTask) else ""
+    if wrong:
+        raise ArtefactError(
+            f"{where} is damaged: {name} {wrong}. Remove the line; what is missing then is played again."
+        )
+
+
+def _contradiction(played: PlayedTask, play: Play) -> str:
+    """Return how a game contradicts its task or itself; empty if it does not."""
+    assert isinstance(play.games, TaskGames)
+    goal = play.games.world.tasks[played.task].goal
     if played.goal != goal:
         return f"is to make {goal}, not {played.goal}"
     if played.success != (played.ending == "goal") or (played.by_plan and not played.success):
@@ -120,10 +88,74 @@ def _contradiction(played: PlayedTask, games: TaskGames) -> str:
     return ""
 
 
-def _conversation(game: Any, knowledge: Knowledge | None, settings: WordsSettings) -> Conversation:
-    return Conversation(game, knowledge, refusals=settings.refusals, look_ups=settings.look_ups)
+def open_games(path: Path, header: GamesHeader) -> list[PlayedTask | PlayedWorld]:
+    """Begin a file of games, or read the existing one to continue it; a torn last line is dropped.
+
+    Raises:
+        ArtefactError: if the file is of another kind or damaged.
+        GraphMismatchError: if its games were played on another graph or split.
+        ConfigError: if they were played by another player or with other settings. The file is unchanged on errors.
+    """
+    found, played, torn = read_games(path) if path.exists() else (None, [], b"")
+    if found is None or (not played and found != header):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_atomically(path, as_lines([header]), durable=True)
+        return []
+    _check_header(path, found, header)
+    if torn:
+        logging.getLogger(__name__).warning(
+            "%s ended in a torn line, which was dropped; its game is played again", path
+        )
+        os.truncate(path, path.stat().st_size - len(torn))
+    return [*played]
 
 
-def _written(folder: Path, result: WordsResult) -> WordsResult:
-    write_atomically(folder / RESULT_FILE, dump_json(as_values(result)))
-    return result
+def append_game(path: Path, played: PlayedTask | PlayedWorld) -> None:
+    """Add a line, which is on the disk when this returns; the file is unchanged on errors.
+
+    Raises:
+        OSError: if it cannot be written.
+    """
+    size = path.stat().st_size
+    try:
+        with path.open("ab") as file:
+            file.write(as_lines([played])[0].encode())
+            file.flush()
+            os.fsync(file.fileno())
+    except OSError:
+        with suppress(OSError):
+            os.truncate(path, size)
+        raise
+
+
+def _check_header(path: Path, found: GamesHeader, wanted: GamesHeader) -> None:
+    for name in ("graph_hash", "split_hash"):
+        began, asked = getattr(found.settings, name), getattr(wanted.settings, name)
+        if began != asked:
+            raise GraphMismatchError(
+                f"'{path}' holds games on a {name.removesuffix('_hash')} with hash {began[:12]}, and this is "
+                f"{asked[:12]}. Choose another `out`."
+            )
+    if found.player != wanted.player:
+        raise ConfigError(f"'{path}' holds games of '{found.player}', not of '{wanted.player}'. Choose another `out`.")
+    if found.settings.is_open_ended != wanted.settings.is_open_ended:
+        what, asked = _world(found), _world(wanted)
+        raise ConfigError(f"'{path}' holds games of {what}, and this command plays {asked}. Choose another `out`.")
+    for field in msgspec.structs.fields(found.settings):
+        began, asked = getattr(found.settings, field.name), getattr(wanted.settings, field.name)
+        if began != asked:
+            raise ConfigError(
+                f"'{path}' holds games with `{field.name}` {_given(began)}, and this command has {_given(asked)}. "
+                "Choose another `out`, or give the same settings."
+            )
+
+
+def _world(header: GamesHeader) -> str:
+    return "the open-ended world" if header.settings.is_open_ended else "crafting tasks"
+
+
+def _given(value: object) -> str:
+    """Return a setting as a user writes it."""
+    if value is None:
+        return "none"
+    return ",".join(value) if isinstance(value, tuple) else str(value)

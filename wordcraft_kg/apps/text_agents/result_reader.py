@@ -1,4 +1,4 @@
-"""Results of players that use words beside the reference figures."""
+"""Results of text agents beside the reference figures."""
 
 from collections.abc import Sequence
 from itertools import count
@@ -7,16 +7,11 @@ from typing import get_args
 
 import msgspec
 
-from wordcraft_kg.apps.text_agents.games_result import read_games_result
 from wordcraft_kg.apps.text_agents.inspect_log import read_inspect_log
-from wordcraft_kg.apps.text_agents.records import (
-    RESULT_FILE,
-    GamesFormat,
-    WordsResult,
-    WordsSettings,
-    read_words_result,
-)
+from wordcraft_kg.apps.text_agents.records import RESULT_FILE, GamesFormat, PlayedSettings, TextResult
+from wordcraft_kg.apps.text_agents.results import read_games_result
 from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.base.records import read_record
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.evaluation.reference import Estimate, Figure, OpenPlay, ReferenceRow, TaskPlay, figures_of
 from wordcraft_kg.graphs.folder import OpenedGraph
@@ -33,9 +28,9 @@ def _knows(path: Path) -> bool:
     return (path / RESULT_FILE).is_file() or _is_log(path) or begins_with(path, *get_args(GamesFormat))
 
 
-def _result(path: Path, opened: OpenedGraph) -> WordsResult:
+def _result(path: Path, opened: OpenedGraph) -> TextResult:
     if (path / RESULT_FILE).is_file():
-        result = read_words_result(path)
+        result = read_record(path / RESULT_FILE, TextResult)
     else:
         result = read_inspect_log(path) if _is_log(path) else read_games_result(path, opened)
     check_hash(path, "graph", result.settings.graph_hash, opened.graph.hash)
@@ -60,7 +55,7 @@ def _task_rows(
     paths: Sequence[Path], opened: OpenedGraph, play: TaskPlay, columns: Sequence[int]
 ) -> Sequence[ReferenceRow]:
     """Return a row for each player; results that differ in the distractors alone are one player's."""
-    rows: dict[tuple[str, WordsSettings, int], ReferenceRow] = {}
+    rows: dict[tuple[str, PlayedSettings, int], ReferenceRow] = {}
     for path in paths:
         result = _result(path, opened)
         settings = result.settings
@@ -89,7 +84,7 @@ def _task_rows(
     return list(rows.values())
 
 
-def _row(path: Path, result: WordsResult, play: TaskPlay | OpenPlay, figures: dict[str, Figure]) -> ReferenceRow:
+def _row(path: Path, result: TextResult, play: TaskPlay | OpenPlay, figures: dict[str, Figure]) -> ReferenceRow:
     settings = result.settings
     said = {"knowledge": settings.knowledge, "look-ups a game": str(settings.look_ups)}
     lost = f"{counted(result.lost, 'attempt')} lost by messages that were not understood"

@@ -1,6 +1,8 @@
 """Games in words: the same tables, rules and counts as those of the agents, to the last digit."""
 
 from collections.abc import Callable
+from pathlib import Path
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -9,27 +11,21 @@ import pytest
 from tests.apps.text_agents.scripted_words import picks_of
 from wordcraft_kg.agents.evaluation import Evaluator
 from wordcraft_kg.agents.players import Player, knowledge_player, random_distinct, random_entity, recipe_oracle
-from wordcraft_kg.apps.text_agents.config import REFUSALS
 from wordcraft_kg.apps.text_agents.conversation import Conversation, converse
-from wordcraft_kg.apps.text_agents.evaluation import evaluation_of, result_of_worlds
 from wordcraft_kg.apps.text_agents.games import DiscoveryGames, TaskGames
-from wordcraft_kg.apps.text_agents.knowledge import PartialGraphKnowledge, ScorerKnowledge, knowledge_of
-from wordcraft_kg.apps.text_agents.played import played_task, played_world
-from wordcraft_kg.apps.text_agents.records import PlayedTask, WordsSettings
+from wordcraft_kg.apps.text_agents.knowledge import PartialGraphKnowledge, ScorerKnowledge
+from wordcraft_kg.apps.text_agents.records import PlayedSettings, PlayedTask
+from wordcraft_kg.apps.text_agents.results import evaluation_of, record_of, result_of
+from wordcraft_kg.apps.text_agents.settings import REFUSALS, GameSettings
 from wordcraft_kg.base.errors import ActionError, ConfigError, EpisodeError, LeakError
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.words import texts_hash
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
+from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.splits import SplitConfig, make_split
 from wordcraft_kg.models.policies.sources.source import make_sources
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer, SymbolicScorer
-
-
-@pytest.fixture(scope="module")
-def kitchen() -> OpenedGraph:
-    return open_graph("kitchen")
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +39,7 @@ def play_all(games: TaskGames, draws: int, player: Callable[[int, int], Callable
     for task in range(len(games.world.tasks)):
         for draw in range(draws):
             talk = Conversation(games.begin(task, draw))
-            played.append(played_task(talk, converse(talk, player(task, draw))))
+            played.append(record_of(talk, converse(talk, player(task, draw))))
     return played
 
 
@@ -104,7 +100,7 @@ def test_what_is_not_understood_costs_nothing_until_it_happens_too_often(games: 
     assert (talk.is_over, talk.refused, talk.lost, talk.game.is_made) == (True, REFUSALS + 1, 1, False)
     with pytest.raises(EpisodeError):
         talk.hear("1 2")
-    assert played_task(talk, []).ending == "no_recipe"
+    assert record_of(talk, []).ending == "no_recipe"
 
 
 def test_a_refusal_in_between_does_not_count_with_later_ones(kitchen: OpenedGraph):
@@ -153,10 +149,10 @@ def test_the_open_ended_world_is_played_by_pairs_and_counts_what_is_known(kitche
     talk.hear("1 1")
     assert talk.is_over
     known = base + len(kitchen.graph.outcomes[pair])
-    played = played_world(talk, 0, [])
+    played = record_of(talk, [])
     assert played.known_after[:3] == (known,) * 3
     assert (played.repeated, played.lost, len(other.game.labels)) == (1, 1, base)
-    settings = WordsSettings(
+    settings = PlayedSettings(
         graph="kitchen",
         graph_hash=kitchen.graph.hash,
         split_hash=kitchen.split.hash,
@@ -168,7 +164,7 @@ def test_the_open_ended_world_is_played_by_pairs_and_counts_what_is_known(kitche
         refusals=REFUSALS,
         texts=texts_hash(),
     )
-    result = result_of_worlds("somebody", settings, [played, msgspec.structs.replace(played, known_after=())])
+    result = result_of("somebody", settings, [played, msgspec.structs.replace(played, known_after=())])
     assert result.known == {1: (known + base) / 2, 4: (played.known_after[-1] + base) / 2}
 
 
@@ -242,17 +238,20 @@ def test_a_scorer_tells_its_best_links_and_never_what_it_remembers(games: TaskGa
     assert made_of.startswith(f"is most likely made of: {best[0]} (")
     assert parts_of.count("(") == 10
     train = TaskGames(World(kitchen, WordCraftConfig(part="train"))).begin(0)
-    with pytest.raises(LeakError, match="it has no folds"):
+    with pytest.raises(LeakError, match="has no folds"):
         knowledge.facts(entity, train)
 
 
-def test_knowledge_needs_a_scorer_if_and_only_if_it_is_one(kitchen: OpenedGraph):
-    scorer = FrequencyScorer(kitchen.graph, kitchen.split.partial)
-    assert knowledge_of("none", kitchen.split) is None
-    with pytest.raises(ConfigError, match="name the scorer's model folder"):
-        knowledge_of("scorer", kitchen.split)
-    with pytest.raises(ConfigError, match="only 'scorer' asks a scorer"):
-        knowledge_of("partial", kitchen.split, scorer)
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        ({"knowledge": "scorer"}, "name the scorer's model folder"),
+        ({"knowledge": "partial", "scorer": Path("model")}, "only `knowledge` scorer asks one"),
+    ],
+)
+def test_knowledge_needs_a_scorer_if_and_only_if_it_is_one(given: dict[str, Any], says: str):
+    with pytest.raises(ConfigError, match=says):
+        GameSettings(**given)
 
 
 def test_what_may_be_looked_up_is_any_thing_of_the_graph_but_must_be_one(games: TaskGames, kitchen: OpenedGraph):

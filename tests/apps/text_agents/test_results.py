@@ -5,21 +5,14 @@ from pathlib import Path
 import pytest
 
 from wordcraft_kg.apps.text_agents.conversation import Conversation, converse
-from wordcraft_kg.apps.text_agents.evaluation import result_of_tasks
 from wordcraft_kg.apps.text_agents.games import DiscoveryGames, TaskGames
-from wordcraft_kg.apps.text_agents.games_file import append_game, open_games
-from wordcraft_kg.apps.text_agents.games_result import read_games_result
-from wordcraft_kg.apps.text_agents.played import played_task, played_world
-from wordcraft_kg.apps.text_agents.records import GamesHeader, PlayedTask, PlayedWorld, WordsSettings
+from wordcraft_kg.apps.text_agents.playing import append_game, open_games
+from wordcraft_kg.apps.text_agents.records import GamesHeader, PlayedSettings, PlayedTask
+from wordcraft_kg.apps.text_agents.results import read_games_result, record_of, result_of
 from wordcraft_kg.base.errors import ConfigError, GraphMismatchError
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
-
-
-@pytest.fixture(scope="module")
-def kitchen() -> OpenedGraph:
-    return open_graph("kitchen")
 
 
 @pytest.fixture(scope="module")
@@ -29,12 +22,12 @@ def games(kitchen: OpenedGraph) -> TaskGames:
 
 def played(games: TaskGames, task: int, said: str, draw: int = 0) -> PlayedTask:
     talk = Conversation(games.begin(task, draw))
-    return played_task(talk, converse(talk, lambda _: said))
+    return record_of(talk, converse(talk, lambda _: said))
 
 
 def file_of(path: Path, games: TaskGames, lines: list[PlayedTask]) -> GamesHeader:
-    header = GamesHeader(player="MCP clients", settings=WordsSettings.of_tasks(games.world))
-    open_games(path, header, PlayedTask)
+    header = GamesHeader(player="MCP clients", settings=PlayedSettings.of_tasks(games.world))
+    open_games(path, header)
     for line in lines:
         append_game(path, line)
     return header
@@ -50,7 +43,7 @@ def test_all_tasks_make_the_result_and_a_task_counts_as_it_was_played_first(
     before = path.read_bytes() + b'{"torn'
     path.write_bytes(before)
     found = read_games_result(path, kitchen)
-    assert found == result_of_tasks("MCP clients", header.settings, games.world, lines)
+    assert found == result_of("MCP clients", header.settings, lines, games.world)
     assert 0 < found.success.mean < 1
     assert path.read_bytes() == before
 
@@ -67,13 +60,13 @@ def test_a_figure_over_chosen_tasks_is_refused(kitchen: OpenedGraph, games: Task
 
 def test_games_in_the_open_ended_world_count_all(kitchen: OpenedGraph, tmp_path: Path):
     path, worlds = tmp_path / "games.jsonl", DiscoveryGames(kitchen, attempts=3)
-    settings = WordsSettings.of_world(worlds.env, kitchen.split)
-    open_games(path, GamesHeader(player="MCP clients", settings=settings), PlayedWorld)
+    settings = PlayedSettings.of_world(worlds.env, kitchen.split)
+    open_games(path, GamesHeader(player="MCP clients", settings=settings))
     with pytest.raises(ConfigError, match="holds no game that is over"):
         read_games_result(path, kitchen)
     for number, said in enumerate(("1 2", "2 3")):
         talk = Conversation(worlds.begin())
-        append_game(path, played_world(talk, number, converse(talk, lambda _, said=said: said)))
+        append_game(path, record_of(talk, converse(talk, lambda _, said=said: said), number))
     found = read_games_result(path, kitchen)
     assert (found.games, found.settings.draws, found.success) == (2, 2, None)
     assert found.known[3] >= len(settings.base)

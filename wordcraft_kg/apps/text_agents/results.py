@@ -1,0 +1,197 @@
+"""Results of text agents, counted as the evaluation of agents counts, and read from the files that hold them."""
+
+from collections.abc import Sequence
+from itertools import product
+from pathlib import Path
+
+import msgspec
+import numpy as np
+
+from wordcraft_kg.agents.discovery import MARKS
+from wordcraft_kg.agents.evaluation import Evaluation
+from wordcraft_kg.agents.outcomes import ENDINGS, Ending
+from wordcraft_kg.apps.text_agents.conversation import Conversation
+from wordcraft_kg.apps.text_agents.games import DiscoveryGame, TaskGame
+from wordcraft_kg.apps.text_agents.records import (
+    GamesHeader,
+    PlayedSettings,
+    PlayedTask,
+    PlayedWorld,
+    TextResult,
+)
+from wordcraft_kg.base.artefacts import read_large_file
+from wordcraft_kg.base.errors import ConfigError, GraphMismatchError
+from wordcraft_kg.base.records import parse_lines, parse_record
+from wordcraft_kg.base.settings import MAX_SIZE, whole
+from wordcraft_kg.envs.config import WordCraftConfig
+from wordcraft_kg.envs.evaluation_tables import distance_of
+from wordcraft_kg.envs.world import World
+from wordcraft_kg.graphs.arrays import Ids
+from wordcraft_kg.graphs.folder import OpenedGraph
+
+COUNTS = ("refused", "lost", "look_ups")
+
+
+def chosen_tasks(world: World, most: int | None) -> Ids:
+    """Return the numbers of the tasks that are played: all, or at most ``most`` of them, evenly spaced.
+
+    Raises:
+        ConfigError: for a number below 1, as `tasks`.
+    """
+    if most is not None:
+        whole("tasks", most, 1, MAX_SIZE)
+    return np.arange(0, len(world.tasks), distance_of(len(world.tasks), most))
+
+
+def record_of(talk: Conversation, messages: Sequence[str], number: int = 0) -> PlayedTask | PlayedWorld:
+    """Return the record of a game that is over; ``number`` counts games of the open-ended world."""
+    game = talk.game
+    counts = {**{name: getattr(talk, name) for name in COUNTS}, "messages": tuple(messages)}
+    if isinstance(game, DiscoveryGame):
+        return PlayedWorld(game=number, known_after=tuple(game.known_after), repeated=game.repeated, **counts)
+    assert isinstance(game, TaskGame)
+    return PlayedTask(
+        task=game.task,
+        draw=game.draw,
+        goal=game.goal,
+        table=game.start,
+        success=game.is_made,
+        by_plan=game.by_plan,
+        picks=game.picks,
+        ending=_ending_of(game),
+        last=game.last,
+        **counts,
+    )
+
+
+def _ending_of(game: TaskGame) -> Ending:
+    if game.is_made:
+        return "goal"
+    if game.last is None:
+        return "no_recipe"
+    one, other = map(game.graph.id_of, game.last)
+    parts = {part for plan in game.tasks.plans[game.task] for part in game.graph.recipes[plan[-1], :2].tolist()}
+    if one == other:
+        return "same_twice"
+    if {one, other} & parts:
+        return "one_right_part"
+    return "no_right_part" if (min(one, other), max(one, other)) in game.graph.outcomes else "no_recipe"
+
+
+def evaluation_of(world: World | None, played: Sequence[PlayedTask]) -> Evaluation:
+    """Return games as an evaluation of agents: N tasks with D draws each.
+
+    Without a world, the last pairs have no ids: they are -1. Figures and shares do not depend on them.
+
+    Raises:
+        ValueError: if a task lacks a draw that another one has.
+    """
+    tasks = np.array(sorted({one.task for one in played}), dtype=np.int64)
+    draws = sorted({one.draw for one in played})
+    shape = len(tasks), len(draws)
+    if len(played) != shape[0] * shape[1]:
+        raise ValueError(f"{len(played)} games of {shape[0]} tasks with {shape[1]} draws: expected all of them")
+    games = sorted(played, key=lambda one: (one.task, one.draw))
+    last = np.full((*shape, 2), -1 if world is None else world.nothing)
+    if world is not None:
+        for one, place in zip(games, np.ndindex(shape), strict=True):
+            if one.last is not None:
+                last[place] = [world.graph.id_of(label) for label in one.last]
+    return Evaluation(
+        tasks,
+        np.array([one.success for one in games], dtype=bool).reshape(shape),
+        np.array([one.by_plan for one in games], dtype=bool).reshape(shape),
+        np.array([one.picks for one in games], dtype=np.int64).reshape(shape),
+        np.array([ENDINGS.index(one.ending) for one in games], dtype=np.int8).reshape(shape),
+        last,
+    )
+
+
+def mean_known(played: Sequence[PlayedWorld], attempts: int, base: int) -> dict[int, float]:
+    """Return the mean number of known entities after some numbers of attempts, starting from ``base``.
+
+    A game that ended before its last attempt keeps its number.
+    """
+    marks = sorted({mark for mark in (*MARKS, attempts) if mark <= attempts})
+    after = {mark: [(base, *one.known_after[:mark])[-1] for one in played] for mark in marks}
+    return {mark: float(np.mean(known)) for mark, known in after.items()}
+
+
+def result_of(
+    player: str,
+    settings: PlayedSettings,
+    played: Sequence[PlayedTask | PlayedWorld],
+    world: World | None = None,
+) -> TextResult:
+    """Return the result of all games of a player; the figures do not depend on ``world``."""
+    counts = {name: sum(getattr(one, name) for one in played) for name in COUNTS}
+    worlds = [one for one in played if isinstance(one, PlayedWorld)]
+    tasks = [one for one in played if isinstance(one, PlayedTask)]
+    found = None if settings.is_open_ended else evaluation_of(world, tasks)
+    return TextResult(
+        player=player,
+        settings=settings,
+        games=len(played),
+        success=found.figures() if found else None,
+        outcomes=found.shares() if found else {},
+        known={} if found else mean_known(worlds, settings.attempts, len(settings.base)),
+        **counts,
+    )
+
+
+def read_games(path: Path) -> tuple[GamesHeader, Sequence[PlayedTask | PlayedWorld], bytes]:
+    """Read a file of games; a torn last line is left out.
+
+    Returns:
+        the header, the games, and the torn line.
+
+    Raises:
+        ArtefactError: if the file is missing, of another kind, or damaged.
+    """
+    lines, _, torn = read_large_file(path).rpartition(b"\n")
+    first, _, rest = lines.partition(b"\n")
+    header, where = parse_record(first, GamesHeader, f"{path}, line 1,"), f"{path} (after line 1)"
+    if header.settings.is_open_ended:
+        return header, parse_lines(rest, PlayedWorld, where), torn
+    return header, parse_lines(rest, PlayedTask, where), torn
+
+
+def read_games_result(path: Path, opened: OpenedGraph) -> TextResult:
+    """Read the games of ``wordcraft-kg mcp --out`` as a result.
+
+    Of a task that was played again, the first game counts. Every task is needed: a figure over tasks that a player has
+    chosen says nothing.
+
+    Raises:
+        ArtefactError: if the file is of another kind or damaged.
+        GraphMismatchError: if its games are of another graph or split.
+        ConfigError: if a task is missing.
+    """
+    header, played, _ = read_games(path)
+    settings = header.settings
+    for what, its, own in (
+        ("graph", settings.graph_hash, opened.graph.hash),
+        ("split", settings.split_hash, opened.split.hash),
+    ):
+        if its != own:
+            raise GraphMismatchError(f"'{path}' holds games on the {what} {its[:12]}, and this is {own[:12]}.")
+    if settings.part is None or settings.depth is None or settings.distractors is None:
+        if not played:
+            raise ConfigError(f"'{path}' holds no game that is over.")
+        return result_of(header.player, msgspec.structs.replace(settings, draws=len(played)), played)
+    config = WordCraftConfig(
+        part=settings.part,
+        depth=settings.depth,
+        num_distractors=settings.distractors,
+        max_attempts=settings.attempts,
+    )
+    world = World(opened, config)
+    first = {(one.task, one.draw): one for one in reversed(played) if isinstance(one, PlayedTask)}
+    draws = 1 + max((draw for _, draw in first), default=0)
+    needed = set(product(chosen_tasks(world, settings.tasks).tolist(), range(draws)))
+    if set(first) != needed:
+        raise ConfigError(
+            f"'{path}' holds {len(needed & set(first)):,} of the {len(needed):,} games of its {settings.part} tasks: "
+            "expected each task with each draw. A player that chooses its tasks has no figure."
+        )
+    return result_of(header.player, msgspec.structs.replace(settings, draws=draws), [*first.values()], world)

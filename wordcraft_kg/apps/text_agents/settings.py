@@ -1,0 +1,112 @@
+"""Settings of games that text agents play; imports nothing heavy, so that the command line can name them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar, Literal, get_args
+
+from cyclopts import Parameter
+
+from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.base.settings import MAX_SIZE, one_of, whole
+from wordcraft_kg.cli.console import Flag, split_labels
+from wordcraft_kg.cli.options import Scorer
+from wordcraft_kg.envs.config import MAX_ATTEMPTS, WordCraftConfig
+from wordcraft_kg.graphs.task_search import MAX_DEPTH
+from wordcraft_kg.graphs.tasks import TaskPart
+
+KnowledgeKind = Literal["none", "partial", "scorer"]
+"""What may be looked up: nothing, the train recipes, or the best links of a trained scorer."""
+REFUSALS = 3
+LOOK_UPS = 10
+TIMEOUT = 60.0
+"""Seconds for an answer of a program."""
+ATTEMPTS = 100
+"""Attempts in a game of the open-ended world."""
+
+
+def _labels(kind: Any, tokens: Sequence[Any]) -> list[str]:
+    return split_labels([token.value for token in tokens])
+
+
+@dataclass(frozen=True)
+class GameSettings:
+    """Games of text agents: tasks or the open-ended world, and what may be looked up.
+
+    Attributes:
+        part: tasks to play: train, valid, test or all.
+        depth: fewest attempts that solve a task, 1 to 5.
+        distractors: entities on the table that no plan needs.
+        attempts: attempts in a game. Default: depth; 100 in the open-ended world.
+        open_ended: no tasks: discover as many entities as possible from the base.
+        base: comma-separated entities known at the start of the open-ended world. Default: the graph's base.
+        knowledge: what may be looked up: none, partial (the train recipes, but none that solves the task) or scorer
+            (the best links of --scorer).
+        scorer: model folder, for --knowledge scorer.
+        look_ups: look-ups in a game.
+
+    Raises:
+        ConfigError: for a value out of range, or settings that exclude each other.
+    """
+
+    part: TaskPart = "test"
+    depth: int = WordCraftConfig.depth
+    distractors: int = WordCraftConfig.num_distractors
+    attempts: int | None = None
+    open_ended: Flag = False
+    base: Annotated[
+        list[str] | None, Parameter(negative=(), consume_multiple=False, converter=_labels, accepts_keys=False)
+    ] = None
+    knowledge: KnowledgeKind = "none"
+    scorer: Scorer = None
+    look_ups: int = LOOK_UPS
+    _of_tasks: ClassVar[tuple[str, ...]] = ("part", "depth", "distractors")
+
+    def __post_init__(self) -> None:
+        one_of("part", self.part, get_args(TaskPart))
+        whole("depth", self.depth, 1, MAX_DEPTH)
+        whole("distractors", self.distractors, 0, MAX_SIZE)
+        if self.base is not None and not self.open_ended:
+            raise ConfigError(f"`base` {','.join(self.base)}: tasks have no base; add `open_ended`.")
+        for name in self._of_tasks if self.open_ended else ():
+            if getattr(self, name) != getattr(type(self), name):
+                raise ConfigError(f"`open_ended` has no tasks; leave `{name}` out.")
+        if self.attempts is not None:
+            whole("attempts", self.attempts, *((1, MAX_SIZE) if self.open_ended else (self.depth, MAX_ATTEMPTS)))
+        one_of("knowledge", self.knowledge, get_args(KnowledgeKind))
+        whole("look_ups", self.look_ups, 0, MAX_SIZE)
+        if self.knowledge == "scorer" and self.scorer is None:
+            raise ConfigError("`knowledge` scorer: name the scorer's model folder.")
+        if self.knowledge != "scorer" and self.scorer is not None:
+            raise ConfigError(
+                f"`scorer` {self.scorer}: only `knowledge` scorer asks one; add it, or leave the scorer out."
+            )
+
+    @property
+    def environment(self) -> WordCraftConfig:
+        """Settings of the environment in which tasks are played."""
+        return WordCraftConfig(
+            part=self.part, depth=self.depth, num_distractors=self.distractors, max_attempts=self.attempts
+        )
+
+
+@dataclass(frozen=True)
+class EvaluationSettings(GameSettings):
+    """Games on which a text agent is evaluated.
+
+    Attributes:
+        draws: draws of distractors for each task; with --open-ended the number of games.
+        tasks: most tasks to play, evenly spaced over the part. Default: all.
+        refusals: answers in a row that may be misunderstood at no cost; the next one costs the attempt.
+    """
+
+    draws: int = 1
+    tasks: int | None = None
+    refusals: int = REFUSALS
+    _of_tasks: ClassVar[tuple[str, ...]] = (*GameSettings._of_tasks, "tasks")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        whole("draws", self.draws, 1, MAX_SIZE)
+        if self.tasks is not None:
+            whole("tasks", self.tasks, 1, MAX_SIZE)
+        whole("refusals", self.refusals, 0, MAX_SIZE)

@@ -3,7 +3,7 @@
 import re
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import Annotated, Any, Literal
 
 import msgspec
@@ -233,6 +233,8 @@ class AgentsSummary(Record):
 
 Groups = dict[str, list[OpenedAgent]]
 """Runs by agent."""
+_Found = dict[int, list[Evaluation]]
+"""Evaluations of an agent's runs, by the number of distractors."""
 
 
 def group_agents(agents: Sequence[OpenedAgent]) -> Groups:
@@ -286,29 +288,15 @@ def view_agents(
     """
     everyone = [agent for members in groups.values() for agent in members]
     first = everyone[0]
-    _check_alike(everyone, RULES)
-    headline = first.config.tasks.distractors
-    world = World(first.opened, first.config.tasks.environment(part, headline))
-    if not world.tasks.is_complete:
-        _check_alike(everyone, DRAWN_BY)
-    played = _distractors(everyone, distractors, world.max_distractors)
-    if headline not in played:
-        headline = played[-1]
-        world = world.variant(num_distractors=headline)
-    references = _references(first, part, played)
-    judge = _Judge(world, draws)
+    world, played = _conditions(everyone, part, distractors)
+    headline = world.config.num_distractors
+    evaluators = {amount: Evaluator(world.variant(num_distractors=amount), draws=draws) for amount in played}
     plays = [(name, amount) for name, members in groups.items() for amount in played if can_play(members[0], amount)]
-    found: dict[str, dict[int, list[Evaluation]]] = {name: {} for name in groups}
+    found: dict[str, _Found] = {name: {} for name in groups}
     for name, amount in steps("evaluating agents", plays):
-        found[name][amount] = judge.runs(groups[name], amount)
-    reference = next(iter(groups))
-    entries = []
-    for name, members in groups.items():
-        others = {} if name == reference else found[reference]
-        slices = judge.slices(members[0], found[name], headline)
-        confusions = _confusions(world, found[name].get(headline, ()))
-        entries.append(_entry(name, members, found[name], others, slices, confusions))
-    graph, split = first.opened.graph, first.opened.split
+        found[name][amount] = [evaluators[amount](PolicyPlayer(agent.policy)) for agent in groups[name]]
+    reference = next(iter(found.values()))
+    graph, split, tasks = first.opened.graph, first.opened.split, len(evaluators[headline].tasks)
     return AgentsView(
         format="wordcraft-kg agent report 1",
         graph=SharedGraph(graph.name, graph.hash, graph.num_entities, graph.num_recipes),
@@ -318,20 +306,21 @@ def view_agents(
         distractors=tuple(played),
         headline=headline,
         draws=draws,
-        tasks=len(judge.evaluator(headline).tasks),
-        sampled_from=len(world.tasks) if len(judge.evaluator(headline).tasks) < len(world.tasks) else None,
-        agents=tuple(entries),
+        tasks=tasks,
+        sampled_from=len(world.tasks) if tasks < len(world.tasks) else None,
+        agents=tuple(
+            _entry(name, members, world, found[name], {} if found[name] is reference else reference)
+            for name, members in groups.items()
+        ),
         baselines=tuple(
-            BaselineSuccess(
-                name, {str(amount): float(judge.evaluator(amount)(player).success.mean()) for amount in played}
-            )
+            BaselineSuccess(name, {str(amount): float(evaluators[amount](player).success.mean()) for amount in played})
             for name, player in BASELINES.items()
         ),
         episodes=tuple(
             AgentEpisodes(name, members[0].name, _episodes(members[0], world, episodes))
             for name, members in groups.items()
         ),
-        references=references,
+        references=_references(first, part, played),
     )
 
 
@@ -348,6 +337,25 @@ def _references(agent: OpenedAgent, part: TaskPart, played: Sequence[int]) -> tu
     if play is None or pack is None:
         return ()
     return tuple(row for row in pack.rows_of(play, played) if row.player not in BASELINES)
+
+
+def _conditions(
+    agents: Sequence[OpenedAgent], part: TaskPart, distractors: Sequence[int] | None
+) -> tuple[World, list[int]]:
+    """Return the world of the headline, and the numbers of distractors that at least one agent can play with."""
+    _check_alike(agents, RULES)
+    first = agents[0]
+    headline = first.config.tasks.distractors
+    world = World(first.opened, first.config.tasks.environment(part, headline))
+    if not world.tasks.is_complete:
+        _check_alike(agents, DRAWN_BY)
+    if distractors is None:
+        usual = (amount for amount in DISTRACTORS if amount <= world.max_distractors)
+        distractors = sorted({*usual, *(agent.config.tasks.distractors for agent in agents)})
+    played = [amount for amount in distractors if any(can_play(agent, amount) for agent in agents)]
+    if not played:
+        raise ConfigError(f"`distractors` {list(distractors)}: an mlp plays with as many as in training, {headline}.")
+    return world if headline in played else world.variant(num_distractors=played[-1]), played
 
 
 def _check_alike(agents: Sequence[OpenedAgent], rules: Sequence[str]) -> None:
@@ -368,59 +376,13 @@ def _check_alike(agents: Sequence[OpenedAgent], rules: Sequence[str]) -> None:
                 )
 
 
-def _distractors(agents: Sequence[OpenedAgent], wanted: Sequence[int] | None, most: int) -> list[int]:
-    """Return the numbers of distractors that at least one agent can play with; by default, ``most`` at most."""
-    if wanted is None:
-        usual = (amount for amount in DISTRACTORS if amount <= most)
-        wanted = sorted({*usual, *(agent.config.tasks.distractors for agent in agents)})
-    played = [amount for amount in wanted if any(can_play(agent, amount) for agent in agents)]
-    if not played:
-        trained_with = agents[0].config.tasks.distractors
-        raise ConfigError(f"`distractors` {list(wanted)}: an mlp plays with as many as in training, {trained_with}.")
-    return played
-
-
 def can_play(agent: OpenedAgent, distractors: int) -> bool:
     """Whether a policy takes tables of this size; an mlp takes one size only."""
     return agent.config.policy.policy != "mlp" or distractors == agent.config.tasks.distractors
 
 
-@dataclass
-class _Judge:
-    """Evaluates policies in one world, with one set of environments for each number of distractors."""
-
-    world: World
-    draws: int
-    evaluators: dict[int, Evaluator] = field(default_factory=dict)
-
-    def evaluator(self, distractors: int) -> Evaluator:
-        """Return the evaluator for a number of distractors."""
-        if distractors not in self.evaluators:
-            world = self.world.variant(num_distractors=distractors)
-            self.evaluators[distractors] = Evaluator(world, draws=self.draws)
-        return self.evaluators[distractors]
-
-    def runs(self, members: Sequence[OpenedAgent], distractors: int) -> list[Evaluation]:
-        """Evaluate all runs of an agent."""
-        return [self.evaluator(distractors)(PolicyPlayer(agent.policy)) for agent in members]
-
-    def slices(
-        self, agent: OpenedAgent, found: dict[int, list[Evaluation]], distractors: int
-    ) -> dict[Slice, tuple[SliceSuccess, ...]]:
-        """Return success on slices of the tasks; none if the agent cannot play with this number of distractors."""
-        if distractors not in found:
-            return {}
-        return _slices(agent, self.world.tasks, found[distractors][0].tasks, _every(found[distractors]))
-
-
-def _entry(
-    name: str,
-    members: list[OpenedAgent],
-    found: dict[int, list[Evaluation]],
-    reference: dict[int, list[Evaluation]],
-    slices: dict[Slice, tuple[SliceSuccess, ...]],
-    confusions: tuple[Confusion, ...],
-) -> AgentEntry:
+def _entry(name: str, members: list[OpenedAgent], world: World, found: _Found, reference: _Found) -> AgentEntry:
+    headline = found.get(world.config.num_distractors, [])
     config = members[0].config
     return AgentEntry(
         name=name,
@@ -436,8 +398,8 @@ def _entry(
         steps_per_second=tuple(agent.evaluation.steps_per_second if agent.evaluation else None for agent in members),
         success={str(amount): _success(results, reference.get(amount)) for amount, results in found.items()},
         outcomes={str(amount): _outcomes(results) for amount, results in found.items()},
-        confusions=confusions,
-        slices=slices,
+        confusions=_confusions(world, headline),
+        slices=_slices(members[0], world.tasks, headline),
         curves=success_curves(members),
         lambdas=tuple(lambda_curves(members)),
         training=training_figures(members),
@@ -505,10 +467,11 @@ def _confused(last: list[int], plans: list[list[int]]) -> list[tuple[int, int]]:
     return []
 
 
-def _slices(
-    agent: OpenedAgent, tasks: TaskSet, played: Ids, success: NDArray[np.bool_]
-) -> dict[Slice, tuple[SliceSuccess, ...]]:
-    """Success by the number of train recipes of the goal, by its layer, and by the scorer's ranks of its links."""
+def _slices(agent: OpenedAgent, tasks: TaskSet, found: Sequence[Evaluation]) -> dict[Slice, tuple[SliceSuccess, ...]]:
+    """Return success by the goal's number of train recipes and layer, and by the scorer's ranks of its links."""
+    if not found:
+        return {}
+    played, success = found[0].tasks, _every(found)
     graph, split, goals = agent.opened.graph, agent.opened.split, tasks.goals[played]
     made = np.bincount(graph.recipes[split.is_in("train"), 2], minlength=graph.num_entities)[goals]
     layer = layers(graph)[goals]
@@ -519,7 +482,7 @@ def _slices(
     ranks = _link_ranks(agent, tasks, played)
     if ranks is not None:
         groups["link_rank"] = list(binned(ranks, LINK_RANKS))
-    found = {
+    rows = {
         name: tuple(
             SliceSuccess(part, int(mask.sum()), float(success[mask].mean()), task_bootstrap(success[mask]))
             for part, mask in masks
@@ -527,7 +490,7 @@ def _slices(
         )
         for name, masks in groups.items()
     }
-    return {name: rows for name, rows in found.items() if rows}
+    return {name: slices for name, slices in rows.items() if slices}
 
 
 def _link_ranks(agent: OpenedAgent, tasks: TaskSet, played: Ids) -> Ids | None:

@@ -122,33 +122,27 @@ def compare(contenders: Sequence[Contender], *, resamples: int = 2_000, seed: in
         )
     clusters = np.tile(recipe_clusters(graph, split.is_in("test"), queries), 2)
     pairs = len(contenders) * (len(contenders) - 1) // 2
+    confidence = 1 - 0.05 / pairs
 
     def resampled(values: NDArray[np.float64]) -> NDArray[np.float64]:
         return bootstrap(values, clusters, resamples=resamples, seed=seed)
 
-    def lead(gain: NDArray[np.float64]) -> tuple[NDArray[np.float64], Bounds]:
-        means = resampled(gain)
-        return means, interval(means, 1 - 0.05 / pairs)
-
     ranked = [_ranked(contender, queries) for contender in contenders]
-    models = [msgspec.structs.replace(model, mrr_ci=interval(resampled(values))) for model, values in ranked]
     reciprocal = [values for _, values in ranked]
+    models = [msgspec.structs.replace(model, mrr_ci=interval(resampled(values))) for model, values in ranked]
     for i in range(1, len(models)):
         gain = reciprocal[i] - reciprocal[0]
-        means, bounds = lead(gain)
+        means = resampled(gain)
         models[i] = msgspec.structs.replace(
             models[i],
             difference=float(gain.mean()),
-            difference_ci=bounds,
+            difference_ci=interval(means, confidence),
             probability_better=float(np.mean(means > 0) + np.mean(means == 0) / 2),
         )
     fair = [i for i, model in enumerate(models) if not model.has_seen_the_test_recipes]
     best = max(fair, key=lambda i: float(reciprocal[i].mean()), default=None)
-    level = (
-        ()
-        if best is None
-        else (models[i].name for i in fair if i != best and lead(reciprocal[best] - reciprocal[i])[1][0] <= 0)
-    )
+    rivals = [] if best is None else [i for i in fair if i != best]
+    leads = {models[i].name: resampled(reciprocal[best or 0] - reciprocal[i]) for i in rivals}
     return LinkComparison(
         graph=graph.name,
         hash=graph.hash,
@@ -160,7 +154,7 @@ def compare(contenders: Sequence[Contender], *, resamples: int = 2_000, seed: in
         sampled_from=len(everything) if len(everything) > len(queries) else None,
         models=tuple(models),
         best=None if best is None else models[best].name,
-        not_told_apart=tuple(level),
+        not_told_apart=tuple(name for name, means in leads.items() if interval(means, confidence)[0] <= 0),
     )
 
 

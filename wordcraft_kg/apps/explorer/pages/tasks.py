@@ -15,9 +15,9 @@ from wordcraft_kg.apps.explorer.played import (
     tasks_of,
     usual_part,
 )
+from wordcraft_kg.apps.explorer.views.task_table import TaskResults, TaskTable, Won, view_task_table
 from wordcraft_kg.base.errors import ArtefactError
 from wordcraft_kg.base.records import Record
-from wordcraft_kg.evaluation.tasks import TaskResults, TaskTable, Won, view_task_table
 from wordcraft_kg.graphs.tasks import TaskPart, TaskSet
 
 

@@ -8,10 +8,10 @@ import pytest
 from wordcraft_kg.agents.evaluation import Evaluator
 from wordcraft_kg.agents.players import random_entity
 from wordcraft_kg.agents.records import PlayedTask, read_episodes
+from wordcraft_kg.apps.explorer.views.task_table import TASKS_A_PAGE, ListedTask, TaskResults, view_task_table
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, UnknownEntityError
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.evaluation.tasks import TASKS_A_PAGE, ListedTask, TaskResults, view_task_table
 from wordcraft_kg.graphs import RecipeGraph, open_graph
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.task_search import make_tasks

@@ -21,18 +21,19 @@ steps = 512
 [grid]
 distractors = [2, 1]
 [scorers.partial]
-command = "train-complex"
-epochs = 2
-dim = 4
-folds = 3
+command = "neighbours"
 [variants.none]
 [variants.guided]
 scorer = "partial"
 """
 
 
-def small_plan(more: str = "", name: str = "small") -> Plan:
-    return make_plan(parse_study(TEXT + more, "a test"), name)
+TRAINED = TEXT.replace('"neighbours"', '"train-complex"\nepochs = 2\ndim = 4\nfolds = 3')
+"""The same with a scorer that is trained, which takes seconds."""
+
+
+def small_plan(more: str = "", name: str = "small", text: str = TEXT) -> Plan:
+    return make_plan(parse_study(text + more, "a test"), name)
 
 
 NO_GRAPH = PlayedGraph("nowhere", "0" * 64, "by-recipe", 0, "0" * 64)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import msgspec
 import pytest
-from small_study import TEXT, Inline, pretend, run_small, small_plan
+from small_study import TEXT, TRAINED, Inline, pretend, run_small, small_plan
 
 from wordcraft_kg.base.errors import ArtefactError
 from wordcraft_kg.base.records import as_values
@@ -106,7 +106,8 @@ def test_a_training_that_was_interrupted_goes_on_and_ends_the_same(done, tmp_pat
 
     plan = small_plan()
     task = plan.tasks[plan.runs[0]]
-    run_small(tmp_path, work=lambda task, root: Outcome(task.address, "failed", "not now"))  # the graph alone
+    shutil.copytree(done, tmp_path, dirs_exist_ok=True)
+    shutil.rmtree(task.folder(tmp_path))
     config = agent_config(task.settings["settings"], str(tmp_path / task.needs[0]), None)
     train_agent(config, task.folder(tmp_path), progress=lambda *_: os.kill(os.getpid(), signal.SIGINT))
     assert json.loads((task.folder(tmp_path) / "run.json").read_text())["status"] == "interrupted"
@@ -147,7 +148,7 @@ def test_a_damaged_graph_that_is_still_needed_is_made_again(done):
 
 
 def test_a_scorer_whose_checkpoint_is_damaged_is_begun_again(done, tmp_path):
-    plan = small_plan()
+    plan = small_plan(text=TRAINED)
     task = next(task for task in plan.tasks.values() if task.kind == "scorers")
     shutil.copytree(done / "graphs", tmp_path / "graphs")
     folder = task.folder(tmp_path)
@@ -168,12 +169,12 @@ def test_a_failure_stops_nothing_but_what_needs_it_and_is_tried_again(tmp_path):
         return Outcome(task.address, "failed", "the oven is broken") if task.address == broken else pretend(task, root)
 
     state = run_plan(plan, tmp_path, lambda: Inline(tmp_path, work))
-    assert (state.done, len(state.failed), state.left) == (8, 3, 0)
+    assert (state.done, len(state.failed), state.left) == (5, 5, 0)
     assert failure_of(tmp_path, broken) == "the oven is broken"
     run = next(address for address, task in plan.tasks.items() if broken in task.needs)
     assert failure_of(tmp_path, run) == f"{plan.tasks[broken].title} failed: the oven is broken"
-    assert run_plan(plan, tmp_path, lambda: Inline(tmp_path, work)).kept == 8
-    assert len(run_small(tmp_path, plan, pretend).began) == 3
+    assert run_plan(plan, tmp_path, lambda: Inline(tmp_path, work)).kept == 5
+    assert len(run_small(tmp_path, plan, pretend).began) == 5
     assert failure_of(tmp_path, run) is None
 
 
@@ -187,7 +188,7 @@ def test_a_full_disk_ends_the_study_with_what_is_done_safe(tmp_path):
     with pytest.raises(FullDiskError, match="the same command goes on"):
         run_small(tmp_path, plan, work)
     assert len(began) == 3
-    assert len(run_small(tmp_path, plan, pretend).began) == 8
+    assert len(run_small(tmp_path, plan, pretend).began) == 7
     assert set(times_made(tmp_path)) == {1}
 
 
@@ -261,13 +262,14 @@ def endless(task: Task, root: Path) -> Outcome:
 
 def test_a_task_whose_process_is_killed_is_begun_again(tmp_path):
     state = run_plan(small_plan(), tmp_path, lambda: LocalWorkers(tmp_path, 2, die_once))
-    assert (state.done, state.failed) == (11, {})
+    assert (state.done, state.failed) == (10, {})
     assert set(times_made(tmp_path)) == {1}, "nothing lost, nothing double"
 
 
 def test_a_task_that_is_always_killed_fails(tmp_path):
-    state = run_plan(small_plan(), tmp_path, lambda: LocalWorkers(tmp_path, 1, die))
-    assert len(state.failed) == 10
+    plan = small_plan(text='title = "One run"\nseeds = 1\n[settings]\nbook = "kitchen"\n[variants.none]\n')
+    state = run_plan(plan, tmp_path, lambda: LocalWorkers(tmp_path, 1, die))
+    assert len(state.failed) == 1
     assert "too little memory" in next(iter(state.failed.values())).error
 
 

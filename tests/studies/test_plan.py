@@ -1,8 +1,9 @@
 from collections import Counter
 from dataclasses import fields
+from functools import partial
 
 import pytest
-from small_study import TEXT, small_plan
+import small_study
 
 from wordcraft_kg.agents.config import ImpalaConfig, TaskConfig
 from wordcraft_kg.base.errors import ConfigError, RecipeFileError
@@ -12,6 +13,9 @@ from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.recipes.config import RecipeScorerConfig
 from wordcraft_kg.studies.plan import DEFAULTS, make_plan
 from wordcraft_kg.studies.study import adapted, parse_study, read_study
+
+TEXT = small_study.TRAINED
+small_plan = partial(small_study.small_plan, text=TEXT)
 
 
 def kinds(plan):

@@ -10,7 +10,7 @@ import time
 from pathlib import Path
 
 import pytest
-from small_study import Inline, small_plan
+from small_study import TRAINED, Inline, small_plan
 
 from wordcraft_kg.base.errors import ConfigError, MissingExtraError
 from wordcraft_kg.runs.side_by_side import cores
@@ -186,7 +186,7 @@ def test_a_study_on_a_cluster_gives_the_bytes_of_one_on_this_machine(cluster, se
         assert (state.failed, state.done) == ({}, len(plan.tasks))
         return {str(path.relative_to("results")): path.read_bytes() for path in Path("results").rglob("*.*")}
 
-    plan = small_plan()
+    plan = small_plan(text=TRAINED)
     ours = done("local", lambda: Inline(Path("results")))
     theirs = done("ray", lambda: RayWorkers(Path("results"), cluster.address, perform))
     assert ours.keys() == theirs.keys()

@@ -177,28 +177,30 @@ def _measure(results: StudyResults, claim: Claim, point: Values) -> Measured:
     Raises:
         ConfigError: if there are none.
     """
+    names = f"'{claim.left}' and '{claim.right}'"
     left = _runs(results, claim.left, point)
-    right = _runs(results, claim.right, {**point, **claim.right_at}) if claim.right else {}
-    seeds = sorted(left.keys() & right.keys()) if claim.right else sorted(left)
+    right = _runs(results, claim.right, {**point, **claim.right_at}) if claim.right else left
+    seeds = sorted(left.keys() & right.keys())
     if not seeds:
-        raise ConfigError(f"no seed of '{claim.left}' and '{claim.right}' together, {_point(point)}")
-    pairs = [(left[seed], right.get(seed)) for seed in seeds]
-    if claim.measure == "success":
-        a = np.array([run.rates for run, _ in pairs])
-        others = [other.rates if other else np.full(a.shape[1], claim.than) for _, other in pairs]
-        runs = [run for pair in pairs for run in pair if run]
-        graphs = [results.graphs[run.graph] for run in runs]
-        if len({(of.hash, of.split, len(run.won)) for of, run in zip(graphs, runs, strict=True)}) > 1:
-            raise ConfigError(f"'{claim.left}' and '{claim.right}' were tested on different tasks, {_point(point)}")
-        b, tasks = np.array(others), a.shape[1]
-        # Over tasks alone it would speak of these two trainings, and the claim is about agents.
-        interval = crossed_bootstrap(a - b) if len(seeds) > 1 else None
-    else:
-        figures = [_figures(claim, run, other) for run, other in pairs]
-        a, b, tasks = np.array([of[0] for of in figures]), np.array([of[1] for of in figures]), 0
-        interval = _student(a - b)
-    low, high = interval if interval else (None, None)
-    return Measured(point, float(a.mean()), float(b.mean()), float(a.mean() - b.mean()), low, high, len(seeds), tasks)
+        raise ConfigError(f"no seed of {names} together, {_point(point)}")
+    pairs = [(left[seed], right[seed]) for seed in seeds]
+    runs = [run for pair in pairs for run in pair]
+    if claim.measure in ("early", "steps") and not all(run.curve for run in runs):
+        raise ConfigError(f"no learning curves of {names}")
+    is_success = claim.measure == "success"
+    played = {(graph.hash, graph.split, len(run.won)) for run in runs for graph in [results.graphs[run.graph]]}
+    if is_success and len(played) > 1:
+        raise ConfigError(f"{names} were tested on different tasks, {_point(point)}")
+    a = np.array([_figures(claim.measure, run, other) for run, other in pairs])
+    b = np.array([_figures(claim.measure, other, other) for _, other in pairs])
+    if not claim.right:
+        b = np.full_like(a, claim.than)
+    # Over tasks alone the interval would speak of these two trainings, and the claim is about agents.
+    interval = None if len(seeds) == 1 else crossed_bootstrap(a - b) if is_success else _student((a - b)[:, 0])
+    low, high = interval or (None, None)
+    difference = float(a.mean() - b.mean())
+    tasks = a.shape[1] if is_success else 0
+    return Measured(point, float(a.mean()), float(b.mean()), difference, low, high, len(seeds), tasks)
 
 
 def _runs(results: StudyResults, variant: str, point: Values) -> dict[int, RunResult]:
@@ -214,62 +216,51 @@ def _runs(results: StudyResults, variant: str, point: Values) -> dict[int, RunRe
     return found
 
 
-def _figures(claim: Claim, left: RunResult, right: RunResult | None) -> tuple[float, float]:
-    """Return the figure of each side."""
-    if claim.measure == "same_twice":
-        of = [run.endings["same_twice"] for run in (left, right) if run]
-    else:
-        if not all(run.curve for run in (left, right) if run):
-            raise ConfigError(f"no learning curves of '{claim.left}' and '{claim.right}'")
-        if claim.measure == "early":
-            of = [_early(run) for run in (left, right) if run]
-        else:
-            level = REACHED * (right or left).curve[-1][1]
-            of = [_steps_to(run, level) for run in (left, right) if run]
-    return of[0], of[1] if right else float(claim.than or 0)
+def _figures(measure: Measure, run: RunResult, other: RunResult) -> Sequence[float] | NDArray[np.float64]:
+    """Return the success of a run on each task, or its one figure; ``other`` is the run that it is compared with."""
+    if measure == "success":
+        return run.rates
+    if measure == "same_twice":
+        return [run.endings["same_twice"]]
+    if measure == "early":
+        return [min(run.curve, key=lambda point: abs(point[0] - EARLY * run.steps))[1]]
+    level = REACHED * other.curve[-1][1]
+    return [min((step for step, success in run.curve if success >= level), default=run.steps) / run.steps]
 
 
-def _early(run: RunResult) -> float:
-    return min(run.curve, key=lambda point: abs(point[0] - EARLY * run.steps))[1]
-
-
-def _steps_to(run: RunResult, level: float) -> float:
-    """Return the steps to a level of success as a share of all; 1 if it is never reached."""
-    return min((step for step, success in run.curve if success >= level), default=run.steps) / run.steps
-
-
-def _student(differences: NDArray[np.float64]) -> tuple[float, float] | None:
-    """Return Student's interval of a mean over seeds; None for a single one."""
+def _student(differences: NDArray[np.float64]) -> tuple[float, float]:
+    """Return Student's interval of a mean over seeds."""
     from scipy.stats import t
 
-    size = len(differences)
-    if size == 1:
-        return None
+    size, mean = len(differences), float(differences.mean())
     half = float(t.ppf(0.975, size - 1) * differences.std(ddof=1) / sqrt(size))
-    return float(differences.mean()) - half, float(differences.mean()) + half
+    return mean - half, mean + half
 
 
 def _rule(claim: Claim, measured: Sequence[Measured]) -> tuple[Verdict, str]:
     """Return the verdict and what decided; see the module for the rule."""
-    if any(of.low is None for of in measured):
+    intervals = [(of.low, of.high) for of in measured if of.low is not None and of.high is not None]
+    if len(intervals) < len(measured):
         return "undecided", "one seed says nothing about others"
-    intervals = [(of.low or 0.0, of.high or 0.0) for of in measured]
     if claim.expected == "varies":
         return _varies(claim, measured, intervals)
     low, high = intervals[0]
     if claim.expected == "comparable":
         return _comparable(low, high, claim.by)
-    word, opposite = ("more", "less") if claim.expected == "more" else ("less", "more")
-    if claim.expected == "less":
-        low, high = -high, -low
+    if claim.expected == "more":
+        return _more(low, high, claim.by, "more", "less")
+    return _more(-high, -low, claim.by, "less", "more")
+
+
+def _more(low: float, high: float, by: float, word: str, opposite: str) -> tuple[Verdict, str]:
     if low > 0:
-        if low >= claim.by:
-            return "reproduced", f"{word}, by more than {claim.by:g}" if claim.by else word
-        return "differs", f"{word}, but {'not' if high < claim.by else 'not surely'} by {claim.by:g}"
+        if low >= by:
+            return "reproduced", f"{word}, by more than {by:g}" if by else word
+        return "differs", f"{word}, but {'not' if high < by else 'not surely'} by {by:g}"
     if high < 0:
         return "not reproduced", f"it is {opposite}"
-    if high < (claim.by or SAME):
-        return "not reproduced", f"not {word} by {claim.by or SAME:g}"
+    if high < (by or SAME):
+        return "not reproduced", f"not {word} by {by or SAME:g}"
     return "undecided", "the interval is too wide"
 
 
@@ -286,17 +277,18 @@ def _comparable(low: float, high: float, by: float) -> tuple[Verdict, str]:
 def _varies(
     claim: Claim, measured: Sequence[Measured], intervals: Sequence[tuple[float, float]]
 ) -> tuple[Verdict, str]:
-    more = [_point(of.values) for of, (low, _) in zip(measured, intervals, strict=True) if low > 0]
-    less = [_point(of.values) for of, (_, high) in zip(measured, intervals, strict=True) if high < 0]
+    lows, highs = zip(*intervals, strict=True)
+    more = [_point(of.values) for of, low in zip(measured, lows, strict=True) if low > 0]
+    less = [_point(of.values) for of, high in zip(measured, highs, strict=True) if high < 0]
     if more and less:
         right = claim.right or f"{claim.than:g}"
         return "reproduced", f"{claim.left} is ahead with {'; '.join(more)}, {right} with {'; '.join(less)}"
-    if len(more) == len(measured) or len(less) == len(measured):
-        who = counted(len(measured), "point")
-        if max(low for low, _ in intervals) > min(high for _, high in intervals):
-            return "differs", f"{'more' if more else 'less'} at all {who}, but by different amounts"
-        return "not reproduced", f"{'more' if more else 'less'} at all {who}, by amounts that cannot be told apart"
-    if all(low >= -SAME and high <= SAME for low, high in intervals):
+    if len(measured) in (len(more), len(less)):
+        everywhere = f"{'more' if more else 'less'} at all {counted(len(measured), 'point')}"
+        if max(lows) > min(highs):
+            return "differs", f"{everywhere}, but by different amounts"
+        return "not reproduced", f"{everywhere}, by amounts that cannot be told apart"
+    if min(lows) >= -SAME and max(highs) <= SAME:
         return "not reproduced", f"no difference of {SAME:g} anywhere"
     return "undecided", "the intervals are too wide"
 

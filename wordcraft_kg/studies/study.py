@@ -238,6 +238,23 @@ def check_study(study: Study, source: str = "study") -> None:
             f"{source}: reference '{study.reference}' is no variant; there are {', '.join(study.variants)}."
             f"{nearest(study.reference, study.variants)}"
         )
+    _check_scorers(study, source)
+    _check_settings(study, source)
+    _check_grid(study, source)
+    _check_points(study, source)
+    for cell in cells_of(study):
+        name = cell.settings.get(SCORER)
+        if name is not None and name not in study.scorers:
+            raise ConfigError(
+                f"{source}: variant '{cell.variant}' names the scorer {name!r}; there are "
+                f"{', '.join(study.scorers) or 'none'}.{nearest(str(name), study.scorers)}"
+            )
+    _refuse_equal_variants(study, source)
+    for claim in study.claims:
+        _check_claim(study, claim, source)
+
+
+def _check_scorers(study: Study, source: str) -> None:
     for name, scorer in study.scorers.items():
         command = scorer.get("command")
         if command not in SCORER_SETTINGS:
@@ -246,6 +263,9 @@ def check_study(study: Study, source: str = "study") -> None:
                 f"{source}: scorers.{name} has command {command!r}; expected one of {', '.join(SCORER_SETTINGS)}.{hint}"
             )
         _known(source, f"scorers.{name}.", scorer, {"command", *SCORER_SETTINGS[str(command)]})
+
+
+def _check_settings(study: Study, source: str) -> None:
     tables: dict[str, dict[str, Any]] = {"settings.": study.settings, "grid.": study.grid}
     tables |= {f"points[{number}].": point for number, point in enumerate(study.points)}
     tables |= {f"variants.{name}.": settings for name, settings in study.variants.items()}
@@ -254,21 +274,18 @@ def check_study(study: Study, source: str = "study") -> None:
     varied = {*study.grid, *(name for point in study.points for name in point)}
     for where, table in tables.items():
         _known(source, where, table, known)
-        for name in table:
-            if where.startswith("variants.") and name in varied:
-                raise ConfigError(f"{source}: {where}{name} is also in the grid; a variant cannot fix what is varied.")
+        twice = [name for name in table if where.startswith("variants.") and name in varied]
+        if twice:
+            raise ConfigError(f"{source}: {where}{twice[0]} is also in the grid; a variant cannot fix what is varied.")
+
+
+def _check_grid(study: Study, source: str) -> None:
     for name, values in study.grid.items():
         if not values:
             raise ConfigError(f"{source}: grid.{name} is empty; expected at least one value.")
         for value in values:
             if values.count(value) > 1:
                 raise ConfigError(f"{source}: grid.{name} has {value!r} twice.")
-    _check_points(study, source)
-    for cell in cells_of(study):
-        _check_scorer(study, cell, source)
-    _refuse_equal_variants(study, source)
-    for claim in study.claims:
-        _check_claim(study, claim, source)
 
 
 def _check_points(study: Study, source: str) -> None:
@@ -317,17 +334,6 @@ def _known(source: str, where: str, table: Any, known: Any) -> None:
     for name in table:
         if name not in known:
             raise ConfigError(f"{source}: unknown setting '{where}{name}'.{nearest(str(name), known)}")
-
-
-def _check_scorer(study: Study, cell: Cell, source: str) -> None:
-    name = cell.settings.get(SCORER)
-    if name is None:
-        return
-    if name not in study.scorers:
-        raise ConfigError(
-            f"{source}: variant '{cell.variant}' names the scorer {name!r}; there are "
-            f"{', '.join(study.scorers) or 'none'}.{nearest(str(name), study.scorers)}"
-        )
 
 
 def _refuse_equal_variants(study: Study, source: str) -> None:

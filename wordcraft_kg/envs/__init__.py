@@ -1,1 +1,7 @@
-"""The crafting worlds as environments: one at a time, in batches, and open-ended."""
+"""The crafting worlds as environments: readable, batched, open-ended, and wrappers around them.
+
+Read ``wordcraft`` first: the rules, one environment at a time. ``batch`` steps many at once and must agree with it step
+for step. Observations are ids and masks; features and scores of knowledge are added by wrappers or looked up by the
+policy. A ``World`` holds the graph, the split, the settings, the tasks and all that follows from them: build one, and
+use ``world.variant(part="test")`` for another setting.
+"""

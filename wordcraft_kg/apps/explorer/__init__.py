@@ -1,1 +1,7 @@
-"""The same as in reports, in the browser: pages of a graph, its models and its agents; and people's studies."""
+"""The explorer: a graph, its models and its agents as pages in the browser, served or exported as a static site.
+
+A page is a state and a view (``page``). A state is a frozen record whose fields are the address, so every choice is a
+link. A page names the function that computes its view, which ``format=json`` prints, and its template. The server and
+the static site render the same pages and differ in the form of addresses alone. Expensive values (ranks, the map, a
+policy bound to its tasks) are computed once, by the first page that needs them (``Explored.once``).
+"""

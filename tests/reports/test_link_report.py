@@ -56,6 +56,10 @@ def summary_of(report: LinkReport) -> Values:
     return as_values(summarise_links(report.view, "index.html"))
 
 
+def made(model: Model, **more: Any) -> LinkReport:
+    return make_link_report(model.scorer, model.opened, **more)
+
+
 def with_view(report: LinkReport, **changes: Any) -> LinkReport:
     return replace(report, view=msgspec.structs.replace(report.view, **changes))
 
@@ -66,6 +70,24 @@ def values(kitchen_report: LinkReport) -> Values:
     return values_of(kitchen_report)
 
 
+@pytest.fixture(autouse=True)
+def no_map(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave out the map, which takes half of the time; shared reports and those of tests with ``real_map`` have it."""
+    if "real_map" not in request.fixturenames:
+        monkeypatch.setattr("wordcraft_kg.reports.link_report._map", lambda *_: "")
+
+
+@pytest.fixture
+def real_map() -> None:
+    pass
+
+
+@pytest.fixture(scope="module")
+def whole_report(kitchen_model: Model) -> LinkReport:
+    """Of the model of all train recipes, without its folds."""
+    return make_link_report(kitchen_model.scorer.whole, kitchen_model.opened)
+
+
 def checks(values: Values) -> dict[str, bool]:
     return {check["id"]: check["passed"] for check in values["checks"]}
 
@@ -74,6 +96,7 @@ def detail(values: Values, name: str) -> str:
     return next(check["detail"] for check in values["checks"] if check["id"] == name)
 
 
+SCHEMA = jsonschema.Draft202012Validator(report_schema())
 ALL_PASS = {"leak": True, "mirror": True, "graph": True, "coverage": True}
 
 
@@ -81,25 +104,25 @@ ALL_PASS = {"leak": True, "mirror": True, "graph": True, "coverage": True}
 
 
 def test_the_reports_values_are_valid(values: Values, full_report: LinkReport):
-    jsonschema.Draft202012Validator.check_schema(report_schema())
-    jsonschema.validate(values, report_schema())
-    jsonschema.validate(values_of(full_report), report_schema())
+    SCHEMA.check_schema(report_schema())
+    SCHEMA.validate(values)
+    SCHEMA.validate(values_of(full_report))
 
 
 def test_the_schema_requires_every_key_of_the_report(values: Values):
     for key in list(values):
         broken = {name: value for name, value in values.items() if name != key}
         with pytest.raises(jsonschema.ValidationError, match=key):
-            jsonschema.validate(broken, report_schema())
+            SCHEMA.validate(broken)
 
 
 def test_the_schema_knows_no_other_keys(values: Values):
     for place in (values, values["model"], values["graph"], values["metrics"]["all"], values["best"][0]):
         place["surprise"] = 1
         with pytest.raises(jsonschema.ValidationError, match="surprise"):
-            jsonschema.validate(values, report_schema())
+            SCHEMA.validate(values)
         del place["surprise"]
-    jsonschema.validate(values, report_schema())
+    SCHEMA.validate(values)
 
 
 @pytest.mark.parametrize(
@@ -123,7 +146,7 @@ def test_a_value_out_of_range_is_not_valid(values: Values, path: tuple, value: A
         place = place[key]
     place[path[-1]] = value
     with pytest.raises(jsonschema.ValidationError):
-        jsonschema.validate(values, report_schema())
+        SCHEMA.validate(values)
 
 
 @pytest.mark.parametrize("number", [float("nan"), float("inf"), 1.5, np.float64(0.5), "0.5", None])
@@ -348,9 +371,9 @@ def test_neighbours_are_other_entities(values: Values, kitchen_model: Model):
         assert set(row["neighbours"]) <= set(kitchen_model.opened.graph.entities)
 
 
-@pytest.mark.parametrize("score", ["0.5", "0.1"])
-def test_a_constant_scorer_is_reported_as_no_better_than_chance(tmp_path: Path, score: str):
-    # In a process of its own: what goes wrong with equal points in a map may end the whole process.
+@pytest.fixture(scope="module")
+def constant_reports(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Reports of constant scorers, by score; in another process, which equal points in a map might end."""
     code = """
 import sys
 from pathlib import Path
@@ -362,15 +385,20 @@ from wordcraft_kg.reports.pages import write_report
 
 opened = open_graph("kitchen")
 size = opened.graph.num_entities
-scorer = TableScorer(torch.full((2, size, size), float(sys.argv[2])), opened.graph.entities, opened.graph.hash)
-write_report(make_link_report(scorer, opened), Path(sys.argv[1]))
+for score in (0.5, 0.1):
+    scorer = TableScorer(torch.full((2, size, size), score), opened.graph.entities, opened.graph.hash)
+    write_report(make_link_report(scorer, opened), Path(sys.argv[1], str(score)))
 """
-    done = subprocess.run(
-        [sys.executable, "-c", code, str(tmp_path / "report"), score], capture_output=True, timeout=120
-    )
+    out = tmp_path_factory.mktemp("constant")
+    done = subprocess.run([sys.executable, "-c", code, str(out)], capture_output=True, timeout=120)
     assert done.returncode == 0, done.stderr.decode()[-500:]
-    values = json.loads((tmp_path / "report" / "report.json").read_text())
-    jsonschema.validate(values, report_schema())
+    return out
+
+
+@pytest.mark.parametrize("score", ["0.5", "0.1"])
+def test_a_constant_scorer_is_reported_as_no_better_than_chance(constant_reports: Path, score: str):
+    values = json.loads((constant_reports / score / "report.json").read_text())
+    SCHEMA.validate(values)
     assert values["metrics"]["all"]["hits@1"] == 0
     assert values["metrics"]["all"]["amri"] == pytest.approx(0, abs=1e-9)
 
@@ -401,7 +429,7 @@ def test_a_leaked_test_triple_fails_the_leak_check(kitchen_model: Model, monkeyp
     monkeypatch.setattr(
         "wordcraft_kg.evaluation.links.recipe_clusters", lambda graph, chosen, triples: np.arange(len(triples))
     )
-    report = make_link_report(kitchen_model.scorer, kitchen_model.opened)
+    report = made(kitchen_model)
     assert checks(values_of(report)) == ALL_PASS | {"leak": False}
     assert detail(values_of(report), "leak") == "1 found"
     assert not summary_of(report)["checks_passed"]
@@ -409,7 +437,7 @@ def test_a_leaked_test_triple_fails_the_leak_check(kitchen_model: Model, monkeyp
 
 def test_ranking_all_test_candidates_fails_the_leak_check(kitchen_model: Model, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(Split, "held_out", lambda self, part: self.triples_of(part))
-    values = values_of(make_link_report(kitchen_model.scorer, kitchen_model.opened))
+    values = values_of(made(kitchen_model))
     leaked = is_in(
         kitchen_model.opened.split.triples_of("test"),
         kitchen_model.opened.split.partial,
@@ -427,7 +455,7 @@ def test_a_mirror_in_train_fails_the_mirror_check(kitchen_model: Model, monkeypa
     test = np.array([t for t in split.held_out("test").tolist() if t != given_away[::-1]])
     monkeypatch.setattr(Dose, "triples", property(lambda self: partial))
     monkeypatch.setattr(Split, "held_out", lambda self, part: test)
-    values = values_of(make_link_report(kitchen_model.scorer, kitchen_model.opened))
+    values = values_of(made(kitchen_model))
     assert checks(values) == ALL_PASS | {"mirror": False}
 
 
@@ -452,7 +480,7 @@ def test_a_report_of_every_split_is_valid_and_free_of_leaks(kitchen_model: Model
     graph = kitchen_model.opened.graph
     split = make_split(graph, SplitConfig(kind=kind, train_ratio=0.5, valid_ratio=0.1))
     report = make_link_report(FrequencyScorer(graph, split.partial), OpenedGraph(graph, split, kind))
-    jsonschema.validate(values_of(report), report_schema())
+    SCHEMA.validate(values_of(report))
     assert checks(values_of(report))["leak"]
     assert Page(render(report)).faults == []
 
@@ -471,7 +499,7 @@ def test_a_graph_without_a_split_has_nothing_to_report_but_memory(kitchen_model:
     with pytest.raises(SplitError, match="only 0 unseen"):
         make_link_report(FrequencyScorer(graph, graph.triples), opened)
     values = values_of(make_link_report(SymbolicScorer(graph, graph.triples), opened, kg="full"))
-    jsonschema.validate(values, report_schema())
+    SCHEMA.validate(values)
     assert values["metrics"]["all"]["mrr"] == 1
 
 
@@ -634,7 +662,7 @@ def test_more_ranks_than_a_page_should_hold_are_in_the_table_only(
     kitchen_model: Model, monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setattr("wordcraft_kg.reports.link_report.SEARCHABLE", 10)
-    html = render(make_link_report(kitchen_model.scorer, kitchen_model.opened))
+    html = render(made(kitchen_model))
     assert "ranks-data" not in re.sub(r"<script>.*?</script>", "", html, flags=re.DOTALL)
     assert 'href="ranks.csv"' in html
 
@@ -687,31 +715,33 @@ def test_the_page_shows_the_curves_of_the_training(kitchen_model: Model):
         TraceRow(epoch=1, loss=3.0, seconds=0.1),
         TraceRow(epoch=2, loss=2.0, valid_mrr=0.25, seconds=0.1),
     ]
-    report = make_link_report(kitchen_model.scorer, kitchen_model.opened, trace=trace)
+    report = made(kitchen_model, trace=trace)
     assert {"loss", "valid"} <= set(report.pictures)
     assert "validation MRR" in text_of(render(report))
-    without = make_link_report(kitchen_model.scorer, kitchen_model.opened, trace=trace[:1])
+    without = made(kitchen_model, trace=trace[:1])
     assert "valid" not in without.pictures
     assert "loss" in without.pictures
 
 
-def test_a_large_graph_has_a_report_without_the_map(kitchen_model: Model, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("wordcraft_kg.evaluation.links.MAP_LIMIT", kitchen_model.opened.graph.num_entities - 1)
-    report = make_link_report(kitchen_model.scorer, kitchen_model.opened)
-    assert set(report.pictures) == {"baselines", "ranks", "calibration"}
-    assert set(report.view.baselines) == {"frequency", "random"}
-    jsonschema.validate(values_of(report), report_schema())
-    assert Page(render(report)).faults == []
+@pytest.fixture(scope="module")
+def large_report(kitchen_model: Model) -> LinkReport:
+    """Of a graph that has too many entities for the scores of all pairs."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("wordcraft_kg.evaluation.links.MAP_LIMIT", kitchen_model.opened.graph.num_entities - 1)
+        return made(kitchen_model)
 
 
-def test_a_large_graph_has_a_report_that_says_what_it_leaves_out(
-    kitchen_model: Model, kitchen_report: LinkReport, monkeypatch: pytest.MonkeyPatch
-):
+def test_a_large_graph_has_a_report_without_the_map(large_report: LinkReport):
+    assert set(large_report.pictures) == {"baselines", "ranks", "calibration"}
+    assert set(large_report.view.baselines) == {"frequency", "random"}
+    SCHEMA.validate(values_of(large_report))
+    assert Page(render(large_report)).faults == []
+
+
+def test_a_large_graph_has_a_report_that_says_what_it_leaves_out(kitchen_report: LinkReport, large_report: LinkReport):
     assert "this report has no neighbour and vote baselines" not in " ".join(render(kitchen_report).split())
-    monkeypatch.setattr("wordcraft_kg.evaluation.links.MAP_LIMIT", kitchen_model.opened.graph.num_entities - 1)
-    report = make_link_report(kitchen_model.scorer, kitchen_model.opened)
-    assert report.view.without_pairs
-    assert "this report has no neighbour and vote baselines" in " ".join(render(report).split())
+    assert large_report.view.without_pairs
+    assert "this report has no neighbour and vote baselines" in " ".join(render(large_report).split())
 
 
 # --- a sample of the queries -----------------------------------------------------------------------------------------
@@ -719,7 +749,7 @@ def test_a_large_graph_has_a_report_that_says_what_it_leaves_out(
 
 def test_of_more_queries_than_asked_for_a_uniform_sample_is_ranked_and_said_so(kitchen_model: Model):
     held_out = kitchen_model.opened.split.held_out("test")
-    report = make_link_report(kitchen_model.scorer, kitchen_model.opened, max_queries=80)
+    report = made(kitchen_model, max_queries=80)
     assert (report.view.queries, report.view.triples, report.view.sampled_from) == (80, 40, len(held_out))
     assert {table["all"].queries for table in report.view.baselines.values()} == {80}
     assert len(report.tables["ranks.csv"]) == 80
@@ -728,7 +758,7 @@ def test_of_more_queries_than_asked_for_a_uniform_sample_is_ranked_and_said_so(k
     assert low < report.view.metrics["all"].mrr < high
     leaked = len(kitchen_model.opened.split.triples_of("test")) - len(held_out)
     assert report.view.with_leaked.queries == 80 + 2 * round(leaked * 40 / len(held_out))
-    again = make_link_report(kitchen_model.scorer, kitchen_model.opened, max_queries=80)
+    again = made(kitchen_model, max_queries=80)
     pd.testing.assert_frame_equal(again.tables["ranks.csv"], report.tables["ranks.csv"])
 
 
@@ -745,7 +775,7 @@ def test_samples_get_on_average_what_all_queries_get(kitchen_model: Model, value
 @pytest.mark.parametrize("max_queries", [-1, 59])
 def test_a_sample_too_small_for_a_figure_is_refused(kitchen_model: Model, max_queries: int):
     with pytest.raises(ConfigError, match="`max_queries`"):
-        make_link_report(kitchen_model.scorer, kitchen_model.opened, max_queries=max_queries)
+        made(kitchen_model, max_queries=max_queries)
 
 
 def test_labels_are_escaped_wherever_they_are_shown(awkward_graph: OpenedGraph, tmp_path: Path):
@@ -772,7 +802,7 @@ def test_labels_are_escaped_wherever_they_are_shown(awkward_graph: OpenedGraph, 
 def test_a_report_is_three_files(report_folder: Path, kitchen_report: LinkReport):
     assert sorted(path.name for path in report_folder.iterdir()) == ["index.html", "ranks.csv", "report.json"]
     written = json.loads((report_folder / "report.json").read_text(encoding="utf-8"))
-    jsonschema.validate(written, report_schema())
+    SCHEMA.validate(written)
     assert written == values_of(kitchen_report)
 
 
@@ -804,31 +834,27 @@ def test_awkward_labels_come_back_from_the_table_of_ranks(awkward_graph: OpenedG
     assert len(ranks) == 2 * len(split.held_out("test"))
 
 
+@pytest.mark.usefixtures("real_map")
 def test_the_same_inputs_give_the_same_bytes(kitchen_model: Model, report_folder: Path, tmp_path: Path):
-    again = make_link_report(
-        kitchen_model.scorer,
-        kitchen_model.opened,
-        name="kitchen",
-        provenance=kitchen_model.provenance,
-        trace=kitchen_model.trace,
-    )
+    again = made(kitchen_model, name="kitchen", provenance=kitchen_model.provenance, trace=kitchen_model.trace)
     write_report(again, tmp_path / "report")
     for name in ("report.json", "ranks.csv", "index.html"):
         assert (tmp_path / "report" / name).read_bytes() == (report_folder / name).read_bytes(), name
 
 
 def test_the_seed_moves_the_interval_but_not_the_headline(kitchen_model: Model, values: Values):
-    other = values_of(make_link_report(kitchen_model.scorer, kitchen_model.opened, seed=1))
+    other = values_of(made(kitchen_model, seed=1))
     assert other["metrics"]["all"]["mrr"] == values["metrics"]["all"]["mrr"]
     assert other["metrics"]["all"]["mrr_ci"] != values["metrics"]["all"]["mrr_ci"]
     assert other["metrics"]["all"]["mrr_ci"] == pytest.approx(values["metrics"]["all"]["mrr_ci"], abs=0.03)
 
 
+@pytest.mark.usefixtures("real_map")
 def test_making_a_report_leaves_the_global_generators_as_they_were(kitchen_model: Model):
     import random
 
     before = random.getstate(), np.random.get_state()[1].tobytes(), torch.get_rng_state().tolist()  # noqa: NPY002
-    make_link_report(kitchen_model.scorer, kitchen_model.opened)
+    made(kitchen_model)
     after = random.getstate(), np.random.get_state()[1].tobytes(), torch.get_rng_state().tolist()  # noqa: NPY002
     assert after == before
 
@@ -872,38 +898,35 @@ def test_numbers_in_the_report_are_plain(values: Values):
 # --- memory ----------------------------------------------------------------------------------------------------------
 
 
-def test_a_cross_fitted_model_shows_what_it_remembers_beside_what_it_can_tell(kitchen_model):
-    report = make_link_report(kitchen_model.scorer, kitchen_model.opened)
-    memory, record = values_of(report)["memory"], kitchen_model.scorer.record
+def test_a_cross_fitted_model_shows_what_it_remembers_beside_what_it_can_tell(
+    kitchen_model: Model, kitchen_report: LinkReport, values: Values, whole_report: LinkReport, full_report: LinkReport
+):
+    memory, record = values["memory"], kitchen_model.scorer.record
     assert memory == {
         "folds": 5,
         "queries": record.queries,
         "in_sample_mrr": record.in_sample_mrr,
         "left_out_mrr": record.mrr,
-        "test_mrr": values_of(report)["metrics"]["all"]["mrr"],
+        "test_mrr": values["metrics"]["all"]["mrr"],
     }
     assert memory["in_sample_mrr"] > memory["left_out_mrr"] + 0.2
-    html = render(report)
+    html = render(kitchen_report)
     assert "Memory and generalisation" in html
     assert f"{record.mrr:.3f}" in html
-    for others in (
-        make_link_report(kitchen_model.scorer.whole, kitchen_model.opened),
-        make_link_report(kitchen_model.scorer, kitchen_model.opened, kg="full"),
-    ):
-        assert values_of(others)["memory"] is None
+    for others in (whole_report, full_report):
+        assert others.view.memory is None
         assert "Memory and generalisation" not in render(others)
 
 
 # --- probabilities ---------------------------------------------------------------------------------------------------
 
 
-def test_predicted_probabilities_are_compared_with_the_recipes_outside_train(kitchen_model):
+def test_predicted_probabilities_are_compared_with_the_recipes_outside_train(kitchen_model: Model, values: Values):
     opened, scorer = kitchen_model.opened, kitchen_model.scorer
-    report = make_link_report(scorer, opened)
     known = {tuple(row) for row in opened.split.partial.tolist()}
     given = {tuple(row) for row in opened.graph.triples.tolist()}
     entities = range(opened.graph.num_entities)
-    rows = values_of(report)["probabilities"]
+    rows = values["probabilities"]
     assert [(row["relation"], row["pairs"]) for row in rows] == [
         (relation, pairs) for relation in ("combinesWith", "componentOf") for pairs in ("distinct", "itself")
     ]
@@ -932,14 +955,12 @@ def test_predicted_probabilities_are_compared_with_the_recipes_outside_train(kit
     assert rows[0]["log_loss"] < rows[0]["base_log_loss"]
 
 
-def test_probabilities_are_shown_with_what_has_its_base_rate_only(kitchen_model):
-    report = make_link_report(kitchen_model.scorer, kitchen_model.opened)
-    html = render(report)
+def test_probabilities_are_shown_with_what_has_its_base_rate_only(
+    kitchen_report: LinkReport, whole_report: LinkReport, full_report: LinkReport
+):
+    html = render(kitchen_report)
     assert ">Probabilities<" in html
     assert "of an entity with itself has its base rate" in " ".join(html.split())
-    for others in (
-        make_link_report(kitchen_model.scorer.whole, kitchen_model.opened),
-        make_link_report(kitchen_model.scorer, kitchen_model.opened, kg="full"),
-    ):
-        assert values_of(others)["probabilities"] == []
+    for others in (whole_report, full_report):
+        assert others.view.probabilities == ()
         assert ">Probabilities<" not in render(others)

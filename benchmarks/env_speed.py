@@ -14,7 +14,7 @@ import gymnasium as gym
 import numpy as np
 
 import wordcraft_kg  # noqa: F401 - registers the environments
-from wordcraft_kg.envs.batch import BatchEngine
+from wordcraft_kg.envs.batch import BatchEngine, State
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.wordcraft import WordCraftEnv
 from wordcraft_kg.envs.world import World
@@ -53,17 +53,18 @@ def single(opened: OpenedGraph) -> Callable[[], int]:
     return run
 
 
-def batched(opened: OpenedGraph, num_envs: int, depth: int = 1) -> tuple[Callable[[], int], BatchEngine]:
+def batched(opened: OpenedGraph, num_envs: int, depth: int = 1) -> tuple[Callable[[], int], State]:
     engine = BatchEngine(World(opened, WordCraftConfig(num_distractors=8, depth=depth)), num_envs)
-    rng = np.random.default_rng(0)
+    rng, state = np.random.default_rng(0), engine.reset()
 
     def run() -> int:
+        nonlocal state
         for _ in range(16):
-            engine.step(engine.random_actions(rng.random(num_envs, dtype=np.float32)))
+            state, _ = engine.step(state, state.random_actions(rng.random(num_envs, dtype=np.float32)))
         return 16 * num_envs
 
     run()
-    return run, engine
+    return run, state
 
 
 def naive(opened: OpenedGraph, num_envs: int) -> Callable[[], int]:
@@ -81,14 +82,12 @@ def naive(opened: OpenedGraph, num_envs: int) -> Callable[[], int]:
     return run
 
 
-def memory(engine: BatchEngine) -> float:
-    """Return the bytes that the engine keeps for each environment."""
-    holders = (engine, engine._state, engine._ahead)
-    arrays = {
-        id(value): value for holder in holders for value in vars(holder).values() if isinstance(value, np.ndarray)
-    }
-    own = [array for array in arrays.values() if array.shape[0] == engine.num_envs and array.base is None]
-    return sum(array.nbytes for array in own) / engine.num_envs
+def memory(state: State) -> float:
+    """Return the bytes that are kept for each environment."""
+    values = [*state, *vars(state.engine).values(), *vars(state.ahead).values()]
+    arrays = {id(value): value for value in values if isinstance(value, np.ndarray)}
+    own = [array for array in arrays.values() if array.shape[0] == state.num_envs and array.base is None]
+    return sum(array.nbytes for array in own) / state.num_envs
 
 
 def main() -> None:
@@ -107,10 +106,10 @@ def main() -> None:
     loop = rate(naive(opened, 1_024))
     print(f"naive, 1,024              {loop:12,.0f} steps/s")
     for num_envs in (128, 1_024, 8_192):
-        run, engine = batched(opened, num_envs)
+        run, state = batched(opened, num_envs)
         speed = rate(run)
         ratio = f", {speed / loop:.0f} times the naive loop" if num_envs == 1_024 else ""
-        print(f"batched, {num_envs:5,}            {speed:12,.0f} steps/s, {memory(engine):.0f} bytes each{ratio}")
+        print(f"batched, {num_envs:5,}            {speed:12,.0f} steps/s, {memory(state):.0f} bytes each{ratio}")
     run, _ = batched(opened, 1_024, depth=3)
     print(f"batched, 1,024, depth 3   {rate(run):12,.0f} steps/s")
 

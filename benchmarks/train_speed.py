@@ -27,7 +27,7 @@ from wordcraft_kg.agents.config import ImpalaConfig
 from wordcraft_kg.agents.impala import Impala
 from wordcraft_kg.agents.losses import baseline_loss, entropy, policy_gradient_loss
 from wordcraft_kg.agents.vtrace import v_trace
-from wordcraft_kg.envs.batch import BatchEngine
+from wordcraft_kg.envs.batch import BatchEngine, State
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World, open_world_graph
 from wordcraft_kg.graphs.folder import OpenedGraph
@@ -38,16 +38,16 @@ from wordcraft_kg.models.scorers.features import make_features
 
 
 def ours(opened: OpenedGraph, config: ImpalaConfig, distractors: int, guided: bool) -> Callable[[], None]:
-    engine = make_engine(opened, config, distractors)
+    state = begin(opened, config, distractors)
     scorer = NeighbourScorer(opened.graph, opened.split.partial) if guided else None
     observed = opened.split.partial
-    policy, _ = make_policy(PolicyConfig(), opened.graph, engine.num_slots, scorer=scorer, observed=observed)
-    return Impala(policy, engine, config).update
+    policy, _ = make_policy(PolicyConfig(), opened.graph, state.engine.num_slots, scorer=scorer, observed=observed)
+    return Impala(policy, state, config).update
 
 
 def plain(opened: OpenedGraph, config: ImpalaConfig, distractors: int) -> Callable[[], None]:
     """The unguided agent, as one would first write it."""
-    engine = make_engine(opened, config, distractors)
+    state = begin(opened, config, distractors)
     features = torch.tensor(make_features("glove", opened.graph.entities).vectors)
     vectors = torch.cat([features, torch.zeros(1, features.shape[1])])
     query, key = nn.Linear(100, 300), nn.Linear(50, 300, bias=False)
@@ -56,7 +56,7 @@ def plain(opened: OpenedGraph, config: ImpalaConfig, distractors: int) -> Callab
     optimizer = torch.optim.RMSprop(parameters, lr=0.001, alpha=0.99, eps=0.01)
 
     def policy(goal: torch.Tensor, selection: torch.Tensor, table: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        slots, mask = vectors[table], table != engine.nothing
+        slots, mask = vectors[table], table != state.nothing
         asked = query(torch.cat([vectors[goal], vectors[selection]], dim=1))
         alpha = torch.einsum("bd,bad->ba", asked, key(slots)) / math.sqrt(300)
         weights = torch.softmax(alpha.masked_fill(~mask, -torch.inf), dim=1)
@@ -64,16 +64,17 @@ def plain(opened: OpenedGraph, config: ImpalaConfig, distractors: int) -> Callab
         return torch.log_softmax(alpha.masked_fill(~mask, -torch.inf), dim=1), value
 
     def observe() -> list[torch.Tensor]:
-        return [torch.from_numpy(getattr(engine, name).copy()) for name in ("goal", "selection", "table")]
+        return [torch.from_numpy(getattr(state, name).copy()) for name in ("goal", "selection", "table")]
 
     def update() -> None:
+        nonlocal state
         states, actions, log_probs, rewards, discounts = [], [], [], [], []
         for _ in range(config.unroll):
             states.append(observe())
             with torch.no_grad():
                 log_policy, _ = policy(*states[-1])
                 action = torch.multinomial(log_policy.exp(), 1)
-            step = engine.step(action[:, 0].numpy())
+            state, step = state.engine.step(state, action[:, 0].numpy())
             actions.append(action)
             log_probs.append(log_policy.gather(1, action)[:, 0])
             rewards.append(torch.from_numpy(step.reward))
@@ -95,9 +96,9 @@ def plain(opened: OpenedGraph, config: ImpalaConfig, distractors: int) -> Callab
     return update
 
 
-def make_engine(opened: OpenedGraph, config: ImpalaConfig, distractors: int) -> BatchEngine:
+def begin(opened: OpenedGraph, config: ImpalaConfig, distractors: int) -> State:
     world = World(opened, WordCraftConfig(part="train", num_distractors=distractors))
-    return BatchEngine(world, config.batch_size, device=config.device, seed=0)
+    return BatchEngine(world, config.batch_size, device=config.device).reset()
 
 
 def rate(update: Callable[[], None], config: ImpalaConfig, seconds: float) -> float:

@@ -39,23 +39,25 @@ def policy_for(opened, num_slots, scorer=None, **settings):
     return make_policy(PolicyConfig(**small, **settings), opened.graph, num_slots, scorer=scorer, seed=2)[0]
 
 
-def scripted(engine, rng):
+def scripted(state, rng):
     """Picks that depend on the state alone and lead to every ending: plans, other ways, loops, chance, empty slots."""
-    slots = (7 * engine.goal + 5 * engine.selection + 3 * engine.attempts_left + engine.table[:, 0]) % engine.num_slots
-    again = (engine.table == engine.selection[:, None]).argmax(1)
-    there = slots % (engine.table != engine.nothing).sum(1)
-    kind, other = engine.goal % 5, other_ways(engine)
+    slots = (
+        7 * state.goal + 5 * state.selection + 3 * state.attempts_left + state.table[:, 0]
+    ) % state.engine.num_slots
+    again = (state.table == state.selection[:, None]).argmax(1)
+    there = slots % (state.table != state.nothing).sum(1)
+    kind, other = state.goal % 5, other_ways(state)
     return np.select(
-        [kind == 0, other >= 0, kind == 1, kind == 2], [recipe_oracle(engine, rng), other, again, slots], there
+        [kind == 0, other >= 0, kind == 1, kind == 2], [recipe_oracle(state, rng), other, again, slots], there
     )
 
 
-def other_ways(engine):
+def other_ways(state):
     """The next pick of a pair on the table that makes the goal and ends no plan; -1 where there is none."""
-    picks, graph = np.full(engine.num_envs, -1), engine.world.graph
+    picks, graph = np.full(state.num_envs, -1), state.world.graph
     facts = list(zip(graph.recipes.tolist(), graph.pair_of_recipe.tolist(), strict=True))
-    for row, (goal, held, table) in enumerate(zip(engine.goal, engine.selection, engine.table.tolist(), strict=True)):
-        finals = engine.world.tasks.final_pairs[engine.task[row]].tolist()
+    for row, (goal, held, table) in enumerate(zip(state.goal, state.selection, state.table.tolist(), strict=True)):
+        finals = state.world.tasks.final_pairs[state.task[row]].tolist()
         for (one, other, result), pair in facts:
             if result == goal and {one, other} <= set(table) and pair not in finals:
                 picks[row] = table.index(other if held == one else one)
@@ -89,26 +91,24 @@ def test_a_perfect_player_scores_exactly_one_in_all_tasks_and_draws(opened, part
 
 
 def play_singly(opened, config, player, draws, tasks):
-    """Play each task and draw alone in the readable environment, on the tables of a batched engine of the same seed."""
-    engine = BatchEngine(World(opened, config), len(tasks), seed=EVALUATION_SEED)
+    """Play each task and draw alone in the readable environment, on the tables of a batch of the same seed."""
+    engine = BatchEngine(World(opened, config), len(tasks))
     settings = {name: getattr(config, name) for name in ("part", "depth", "num_distractors", "max_attempts", "reward")}
     env = WordCraftEnv(opened, **settings)
     one = BatchEngine(World(opened, config), 1)  # shows the player what the environment shows
     recipes = opened.graph.recipes.tolist()
     results = {name: np.zeros((len(tasks), draws), dtype=int) for name in RESULTS}
     for draw in range(draws):
-        engine.pose(tasks, draw)
+        posed = engine.pose(tasks, draw, seed=EVALUATION_SEED)
         for row, task in enumerate(tasks.tolist()):
-            table = [entity for entity in engine.table[row].tolist() if entity < engine.nothing]
+            table = [entity for entity in posed.table[row].tolist() if entity < engine.nothing]
             seen, _ = env.reset(options={"task": task, "table": table})
-            one.pose(np.array([task]))
+            state = one.pose(np.array([task]))
             over, pair = False, []
             while not over:
-                one.goal[0], one.selection[0], one.attempts_left[0] = (
-                    seen[name] for name in ("goal", "selection", "attempts_left")
-                )
-                one.table[0] = seen["table"]
-                slot = int(player(one, None)[0])
+                shown = {name: np.array([seen[name]]) for name in ("goal", "selection", "attempts_left")}
+                state = state._replace(wide=np.append(seen["table"], engine.nothing)[None, :], **shown)
+                slot = int(player(state, None)[0])
                 entity = int(seen["table"][slot])
                 pair = [*pair, entity] if len(pair) == 1 else [entity]
                 seen, _, over, _, info = env.step(slot)
@@ -163,11 +163,11 @@ def test_a_policy_plays_its_best_action_of_each_state(opened, monkeypatch, kind,
     scorer = FrequencyScorer(opened.graph, opened.split.partial) if guided else None
     policy = policy_for(opened, evaluator.engine.num_slots, scorer, policy=kind)
 
-    def alone(engine, rng):
+    def alone(state, rng):
         slots = []
-        for row in zip(engine.goal.tolist(), engine.selection.tolist(), engine.table.tolist(), strict=True):
+        for row in zip(state.goal.tolist(), state.selection.tolist(), state.table.tolist(), strict=True):
             logits = policy(*(torch.tensor([ids]) for ids in row)).logits[0]
-            there = [slot for slot, entity in enumerate(row[2]) if entity != engine.nothing]
+            there = [slot for slot, entity in enumerate(row[2]) if entity != state.nothing]
             slots.append(max(there, key=logits.tolist().__getitem__))
         return np.array(slots)
 
@@ -185,14 +185,14 @@ def test_of_equally_good_actions_the_first_is_taken(opened):
     with torch.no_grad():
         for parameter in policy.attention.parameters():
             parameter.zero_()
-    assert PolicyPlayer(policy)(engine, None).tolist() == [0] * 6
+    assert PolicyPlayer(policy)(engine.reset(), None).tolist() == [0] * 6
 
 
 def test_a_policy_plays_on_torch_environments_too(opened):
     config = WordCraftConfig(part="test", num_distractors=3)
     one, other = (BatchEngine(World(opened, config), 6, device=device) for device in ("cpu", "torch:cpu"))
     player = PolicyPlayer(policy_for(opened, one.num_slots))
-    slots, same = player(one, None), player(other, None)
+    slots, same = player(one.reset(), None), player(other.reset(), None)
     assert isinstance(slots, np.ndarray)
     assert isinstance(same, torch.Tensor)
     np.testing.assert_array_equal(slots, same.numpy())
@@ -203,10 +203,10 @@ def test_chance_makes_the_goal_as_often_as_the_tables_say(opened):
     evaluator = Evaluator(World(opened, WordCraftConfig(part="test", num_distractors=2)), draws=draws)
     tables = []
 
-    def look(engine, rng):
-        if (engine.selection == engine.nothing).all():
-            tables.append((engine.goal.tolist(), engine.table.tolist()))
-        return random_entity(engine, rng)
+    def look(state, rng):
+        if (state.selection == state.nothing).all():
+            tables.append((state.goal.tolist(), state.table.tolist()))
+        return random_entity(state, rng)
 
     result = evaluator(look)
     made = Counter((min(a, b), max(a, b), goal) for a, b, goal in opened.graph.recipes.tolist())
@@ -233,10 +233,10 @@ def test_every_player_meets_the_same_tables_every_time(opened):
     seen = []
 
     def watched(player):
-        def look(engine, rng):
-            if (engine.attempts_left == 2).all() and (engine.selection == engine.nothing).all():
-                seen.append(np.column_stack([engine.task, engine.goal, engine.table]))
-            return player(engine, rng)
+        def look(state, rng):
+            if (state.attempts_left == 2).all() and (state.selection == state.nothing).all():
+                seen.append(np.column_stack([state.task, state.goal, state.table]))
+            return player(state, rng)
 
         return look
 
@@ -284,10 +284,10 @@ def test_an_evaluation_amid_training_sees_one_set_of_weights_and_does_not_distur
     config = WordCraftConfig(depth=2, num_distractors=2, reward="official")
     ends = []
     for evaluates in (False, True):
-        engine = BatchEngine(World(opened, config), 8, seed=1)
+        engine = BatchEngine(World(opened, config), 8)
         policy = policy_for(opened, engine.num_slots)
         settings = ImpalaConfig(steps=10**4, batch_size=8, unroll=3, policy_lag=1, learning_rate=0.02)
-        impala = Impala(policy, engine, settings)
+        impala = Impala(policy, engine.reset(1), settings)
         world = World(opened, WordCraftConfig(part="test", depth=2, num_distractors=2))
         evaluator = Evaluator(world, draws=1, limit=50)
         player, used = PolicyPlayer(policy), []
@@ -297,9 +297,9 @@ def test_an_evaluation_amid_training_sees_one_set_of_weights_and_does_not_distur
             if evaluates:
                 used.append(set())
 
-                def watched(engine, rng, player=player, policy=policy, used=used):
+                def watched(state, rng, player=player, policy=policy, used=used):
                     used[-1].add(b"".join(parameter.detach().numpy().tobytes() for parameter in policy.parameters()))
-                    return player(engine, rng)
+                    return player(state, rng)
 
                 result = evaluator(watched)
                 frozen = evaluator(PolicyPlayer(copy.deepcopy(policy)))
@@ -334,10 +334,10 @@ def test_a_sample_is_judged_by_its_own_tasks_parts(opened):
     evaluator = Evaluator(World(opened, WordCraftConfig(part="test", num_distractors=3)), draws=1, limit=20)
     assert evaluator.tasks[1] > 1
 
-    def half_right(engine, rng):  # a part of the goal first, then an empty slot
-        starts = engine.world.tasks.starts[engine.task]
-        first = (engine.table == starts[:, :1]).argmax(1)
-        return np.where(engine.selection == engine.nothing, first, engine.num_slots - 1)
+    def half_right(state, rng):  # a part of the goal first, then an empty slot
+        starts = state.world.tasks.starts[state.task]
+        first = (state.table == starts[:, :1]).argmax(1)
+        return np.where(state.selection == state.nothing, first, state.engine.num_slots - 1)
 
     assert evaluator(half_right).shares() == {name: float(name == "one_right_part") for name in ENDINGS}
 
@@ -373,18 +373,18 @@ def test_players_go_by_name(opened):
 @pytest.mark.parametrize("use", ["u", "v", "u,v"])
 def test_the_scorer_alone_picks_the_best_sum_of_its_scores(opened, use):
     config = WordCraftConfig(part="all", num_distractors=6)
-    engine = BatchEngine(World(opened, config), 300, seed=1)
-    policy = policy_for(opened, engine.num_slots, FrequencyScorer(opened.graph, opened.split.partial), use=use)
+    state = BatchEngine(World(opened, config), 300).reset(1)
+    policy = policy_for(opened, state.engine.num_slots, FrequencyScorer(opened.graph, opened.split.partial), use=use)
     player, rng = player_of(policy, "kg-only"), np.random.default_rng(0)
     for _ in range(2):
-        slots = player(engine, rng)
-        scores = sum(source(*states_of(engine)) for source in policy.sources.values()).double().numpy()
-        scores[engine.table == engine.nothing] = -np.inf
+        slots = player(state, rng)
+        scores = sum(source(*states_of(state)) for source in policy.sources.values()).double().numpy()
+        scores[state.table == state.nothing] = -np.inf
         chosen = scores[np.arange(300), slots]
         np.testing.assert_allclose(chosen, scores.max(1), atol=1e-5)
-        if use != "u" or (engine.selection != engine.nothing).all():
+        if use != "u" or (state.selection != state.nothing).all():
             assert (scores.max(1) > scores[:, 0]).sum() > 100
-        engine.step_once(slots)
+        state, _ = state.engine.step_once(state, slots)
 
 
 def test_the_scorer_alone_needs_a_scorer(opened):

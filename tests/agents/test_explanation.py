@@ -89,15 +89,15 @@ def test_an_explained_episode_is_that_of_the_evaluation(
 ) -> None:
     world = world_of(opened, part, depth=depth, max_attempts=attempts)
     policy = policy_of(opened, scorer, kind, world)
-    engine = BatchEngine(world, len(world.tasks), seed=EVALUATION_SEED)
+    engine = BatchEngine(world, len(world.tasks))
     result = Evaluator(world, draws=2)(PolicyPlayer(policy))
     explainer = Explainer(policy, world)
     outcomes = set()
     for draw in range(2):
-        engine.pose(np.arange(len(world.tasks)), draw)
+        posed = engine.pose(np.arange(len(world.tasks)), draw, seed=EVALUATION_SEED)
         for task in range(0, len(world.tasks), 9):
             found = explainer.task(task, draw)
-            table = [entity for entity in engine.table[task].tolist() if entity != engine.nothing]
+            table = [entity for entity in posed.table[task].tolist() if entity != engine.nothing]
             assert found.table == opened.graph.labels(table)
             assert len(found.episode.steps) == result.picks[task, draw]
             assert (found.episode.outcome == "goal") == result.success[task, draw]
@@ -114,11 +114,11 @@ def test_of_a_sample_of_the_tasks_the_tables_are_those_that_were_played(
     monkeypatch.setattr(evaluation_tables, "MOST_TASKS", 20)
     world = world_of(opened)
     evaluator = Evaluator(world, draws=1, limit=20)
-    evaluator.engine.pose(evaluator.tasks, 0)
+    posed = evaluator.engine.pose(evaluator.tasks, seed=EVALUATION_SEED)
     explainer = Explainer(policy_of(opened, scorer, "no scorer", world), world)
     assert evaluator.tasks[1] > 1
     for row, task in enumerate(evaluator.tasks.tolist()):
-        table = [entity for entity in evaluator.engine.table[row].tolist() if entity != world.nothing]
+        table = [entity for entity in posed.table[row].tolist() if entity != world.nothing]
         assert explainer.task(task).table == opened.graph.labels(table)
     assert len(explainer.task(1).table) == len(world.tasks[1].start) + 4
 

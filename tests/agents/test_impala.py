@@ -3,7 +3,6 @@
 import copy
 import itertools
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -48,14 +47,14 @@ def scorer(opened):
 def trainer(opened):
     """Return a maker of small trainers; rewards are shaped, so that there are some."""
 
-    def make(*, depth=1, policy=(), scorer=None, engine_seed=3, engine_device="cpu", policy_seed=0, world=(), **config):
+    def make(*, depth=1, policy=(), scorer=None, env_seed=3, env_device="cpu", policy_seed=0, world=(), **config):
         settings = {"steps": 10**4, "batch_size": BATCH, "learning_rate": 0.02, **config}
         config = ImpalaConfig(**settings)
         tasks = WordCraftConfig(**{"depth": depth, "num_distractors": 2, "reward": "official", **dict(world)})
-        engine = BatchEngine(World(opened, tasks), config.batch_size, seed=engine_seed, device=engine_device)
+        engine = BatchEngine(World(opened, tasks), config.batch_size, device=env_device)
         kind = PolicyConfig(**{**SMALL, **dict(policy)})
         made, _ = make_policy(kind, opened.graph, engine.num_slots, scorer=scorer, seed=policy_seed)
-        return Impala(made, engine, config)
+        return Impala(made, engine.reset(env_seed), config)
 
     return make
 
@@ -87,9 +86,9 @@ class SlowImpala:
 
     def __init__(self, impala):
         self.policy = copy.deepcopy(impala.policy).double()
-        self.config, self.nothing = impala.config, impala.engine.nothing
-        engine = impala.engine
-        self.engine = BatchEngine(World(open_graph("kitchen"), engine.config), engine.num_envs, seed=3)
+        self.config, self.nothing = impala.config, impala.envs.nothing
+        world = World(open_graph("kitchen"), impala.envs.world.config)
+        self.envs = BatchEngine(world, impala.envs.num_envs).reset(3)
         self.actors = []
         self.updates = 0
         self.squares = [torch.zeros_like(parameter) for parameter in self.policy.parameters()]
@@ -104,14 +103,15 @@ class SlowImpala:
         return dict(zip(there, log_probs, strict=True)), output.value[0], output.lambdas
 
     def states(self):
-        engine = self.engine
-        return list(zip(engine.goal.tolist(), engine.selection.tolist(), engine.table.tolist(), strict=True))
+        return list(
+            zip(*(part.tolist() for part in (self.envs.goal, self.envs.selection, self.envs.table)), strict=True)
+        )
 
     def play(self, actions):
         """Return the states of each step and after the last, rewards, which episodes ended, and which made the goal."""
         states, rewards, over, won = [self.states()], [], [], []
         for row in actions.numpy():
-            step = self.engine.step(row)
+            self.envs, step = self.envs.engine.step(self.envs, row)
             states.append(self.states())
             rewards.append(step.reward.tolist())
             over.append(step.over.tolist())
@@ -333,8 +333,8 @@ def test_with_lag_ratios_differ_from_one_and_are_logged(trainer, traced):
 
 def test_actions_follow_the_policy_and_no_empty_slot_is_ever_picked(trainer):
     impala = trainer(depth=2, unroll=3, batch_size=16, learning_rate=1e-30, policy={"embedding_size": 40})
-    nothing = impala.engine.nothing
-    picked, expected, variance = np.zeros((3, impala.engine.num_slots))
+    nothing = impala.envs.nothing
+    picked, expected, variance = np.zeros((3, impala.envs.engine.num_slots))
     for _ in range(60):
         impala.update()
         seen = impala._unroll
@@ -357,7 +357,7 @@ def test_each_uniform_number_picks_the_slot_whose_share_it_falls_into(trainer):
     impala = trainer(policy={"embedding_size": 40})
     count = 10_000
     weights = impala.policy.weights()
-    state = [getattr(impala.engine, name)[:1] for name in ("goal", "selection", "table")]
+    state = [getattr(impala.envs, name)[:1] for name in ("goal", "selection", "table")]
     goal, selection, table = (torch.from_numpy(np.repeat(array, count, axis=0)) for array in state)
     noise = (torch.arange(count) + 0.5) / count
     with torch.no_grad():
@@ -377,7 +377,7 @@ def test_the_least_and_the_greatest_uniform_number_pick_an_entity_too(trainer, m
     for _ in range(10):
         impala.update()
         seen = impala._unroll
-        there = (seen.table[:-1] != impala.engine.nothing).sum(2)
+        there = (seen.table[:-1] != impala.envs.nothing).sum(2)
         assert torch.equal(seen.actions, torch.zeros_like(there) if number == 0 else there - 1)
 
 
@@ -394,8 +394,8 @@ def test_an_entity_whose_probability_is_rounded_to_zero_is_never_picked(trainer,
 def test_the_environments_of_a_batch_see_different_tasks(opened, trainer):
     """In the released code all actors see the same tasks; here n environments draw n streams, by one seed."""
 
-    def streams(engine_seed):
-        impala = trainer(batch_size=16, engine_seed=engine_seed)
+    def streams(env_seed):
+        impala = trainer(batch_size=16, env_seed=env_seed)
         goals = []
         for _ in range(10):
             impala.update()
@@ -455,7 +455,7 @@ def test_every_parameter_learns_and_constants_stay(opened, trainer, scorer):
 def test_the_same_seeds_give_the_same_parameters_and_others_others(trainer):
     one, same = train(trainer(), 20), train(trainer(), 20)
     assert torch.equal(one, same)
-    for changed in ({"seed": 1}, {"engine_seed": 1}, {"policy_seed": 1}):
+    for changed in ({"seed": 1}, {"env_seed": 1}, {"policy_seed": 1}):
         assert not torch.equal(one, train(trainer(**changed), 20))
 
 
@@ -471,9 +471,7 @@ def test_training_neither_uses_nor_changes_global_generators(trainer):
 
 @pytest.mark.parametrize(("depth", "unroll", "settings"), [(1, 2, {}), (2, 3, {"policy_lag": 2, "momentum": 0.9})])
 def test_torch_environments_train_the_same_as_numpy_ones(trainer, depth, unroll, settings):
-    one, other = (
-        trainer(depth=depth, unroll=unroll, engine_device=device, **settings) for device in ("cpu", "torch:cpu")
-    )
+    one, other = (trainer(depth=depth, unroll=unroll, env_device=device, **settings) for device in ("cpu", "torch:cpu"))
     begun = flat(one).clone()
     for _ in range(20):
         one.update()
@@ -569,13 +567,13 @@ def test_a_reward_that_is_no_number_stops_the_training_and_leaves_the_parameters
     impala, undisturbed = trainer(), trainer()
     before = train(impala, 2)
     squares = impala.optimizer.state[impala._flat]["square_avg"].clone()
-    step = impala.engine.step
+    step = impala.envs.engine.step
 
-    def poisoned(actions):
-        done = step(actions)
-        return replace(done, reward=np.full_like(done.reward, np.nan))
+    def poisoned(state, actions):
+        state, done = step(state, actions)
+        return state, done._replace(reward=np.full_like(done.reward, np.nan))
 
-    monkeypatch.setattr(impala.engine, "step", poisoned)
+    monkeypatch.setattr(impala.envs.engine, "step", poisoned)
     with pytest.raises(TrainingError, match=r"no longer a finite number in update 3 \(environment steps 32 to 48\)"):
         impala.update()
     assert torch.equal(flat(impala), before)
@@ -651,10 +649,12 @@ def test_compiling_covers_actor_and_learner_and_changes_nothing(trainer, monkeyp
 def test_a_tiny_world_is_learned_within_two_hundred_updates(lag):
     rows = [("a", "b", "e"), ("a", "c", "f"), ("b", "d", "g"), ("c", "d", "h"), ("a", "d", "i"), ("b", "c", "j")]
     graph = RecipeGraph.from_recipes(rows)
-    engine = BatchEngine(World(graph, WordCraftConfig(part="all", num_distractors=2)), 16, seed=1)
+    engine = BatchEngine(World(graph, WordCraftConfig(part="all", num_distractors=2)), 16)
     settings = PolicyConfig(features="one-hot", key_size=16, value_size=16)
     policy, _ = make_policy(settings, graph, engine.num_slots)
-    impala = Impala(policy, engine, ImpalaConfig(steps=200 * 32, batch_size=16, learning_rate=0.02, policy_lag=lag))
+    impala = Impala(
+        policy, engine.reset(1), ImpalaConfig(steps=200 * 32, batch_size=16, learning_rate=0.02, policy_lag=lag)
+    )
     early = figures_after(impala, 20)
     train(impala, 150)
     impala.take_figures()

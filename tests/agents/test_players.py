@@ -84,15 +84,15 @@ def test_the_pair_player_picks_a_best_pair_of_the_table_whatever_is_scored_at_a_
     graph, world = opened.graph, World(opened, WordCraftConfig(part="test", num_distractors=3))
     scores = torch.rand((graph.num_entities,) * 3, generator=torch.Generator().manual_seed(0))
     scores = (scores + scores.transpose(0, 1)) / 2
-    engine = BatchEngine(world, 50, seed=0)
-    engine.pose(np.arange(50), 0)
-    table, goals = engine.table.copy(), engine.goal.tolist()
+    engine = BatchEngine(world, 50)
+    state = engine.pose(np.arange(50))
+    table, goals = state.table, state.goal.tolist()
     player, rng = pair_player(lambda a, b, c: scores[a, b, c]), np.random.default_rng(0)
     picks = []
     for _ in range(2):
-        slots = player(engine, rng)
+        slots = player(state, rng)
         picks.append(table[np.arange(50), slots].tolist())
-        engine.step_once(slots)
+        state, _ = engine.step_once(state, slots)
     for row, goal, one, other in zip(table.tolist(), goals, *picks, strict=True):
         there = [entity for entity in row if entity != graph.num_entities]
         assert float(scores[one, other, goal]) == max(float(scores[a, b, goal]) for a in there for b in there)
@@ -121,9 +121,9 @@ def test_votes_make_more_goals_than_chance_and_no_more_where_no_slot_of_the_goal
 def test_all_players_see_the_same_tables_and_the_seed_decides_them(opened):
     seen = []
 
-    def look(engine, rng):
-        seen.append(engine.table.copy())
-        return np.zeros(engine.num_envs, dtype=np.int64)
+    def look(state, rng):
+        seen.append(state.table)
+        return np.zeros(state.num_envs, dtype=np.int64)
 
     config = WordCraftConfig(part="test")
     for seed in (0, 0, 1):
@@ -180,8 +180,8 @@ def test_facts_score_slots_like_tables_of_all_pairs_do(opened, known):
 
 
 def test_intervals_are_those_over_tasks_because_the_draws_of_a_task_resemble_each_other(opened):
-    def picky(engine, rng):
-        return np.where(engine.task % 2, recipe_oracle(engine, rng), 0)
+    def picky(state, rng):
+        return np.where(state.task % 2, recipe_oracle(state, rng), 0)
 
     world = World(opened, WordCraftConfig(part="test"))
     (row,) = play_all(world, {"picky": picky}, (1,), draws=5)

@@ -16,6 +16,9 @@ from wordcraft_kg.envs.world import SHORTCUT_TRIES, World
 from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_graph
 from wordcraft_kg.graphs.folder import OpenedGraph
 
+DEVICES = ("cpu", "torch:cpu")
+SEEN = ("goal", "task", "selection", "attempts_left", "table")
+GIVEN = ("reward", "over", "outcome", "by_plan", "illegal", "task")
 SHAPED = RewardConfig(wrong_pair_penalty=0.25, irrelevant_penalty=0.5, intermediate_reward=2.0)
 
 
@@ -34,39 +37,48 @@ def ambiguous():
     return OpenedGraph(graph, make_split(graph, SplitConfig()), "ambiguous")
 
 
-class Twins:
-    """A batched engine and a readable environment for each of its rows, kept in step."""
+def batch(opened, num_envs, seed=0, *, device="cpu", first_env=0, **settings):
+    """The first state of a batch of environments."""
+    world = opened if isinstance(opened, World) else World(opened, WordCraftConfig(**settings))
+    return BatchEngine(world, num_envs, device=device, first_env=first_env).reset(seed)
 
-    def __init__(self, opened, num_envs, seed, device="cpu", **settings):
-        world = World(opened, WordCraftConfig(**settings))
-        self.engine = BatchEngine(world, num_envs, seed=seed, device=device)
-        self.envs = [WordCraftEnv(world) for _ in range(num_envs)]
+
+def empty_slots(state):
+    return state.engine.arrays.array(np.full(state.num_envs, state.engine.num_slots - 1))
+
+
+class Twins:
+    """A batch and a readable environment for each of its rows, kept in step."""
+
+    def __init__(self, opened, num_envs, seed, **settings):
+        self.state = batch(opened, num_envs, seed, **settings)
+        self.envs = [WordCraftEnv(self.state.world) for _ in range(num_envs)]
         self.observations = [self.begin(i) for i in range(num_envs)]
 
     def begin(self, i):
-        """Pose the readable environment what the engine's row shows."""
-        table = [entity for entity in self.row("table", i) if entity < self.engine.nothing]
-        return self.envs[i].reset(options={"task": int(self.engine.task[i]), "table": table})[0]
+        """Pose the readable environment what the batch's row shows."""
+        table = [entity for entity in self.row("table", i) if entity < self.state.nothing]
+        return self.envs[i].reset(options={"task": int(self.state.task[i]), "table": table})[0]
 
     def row(self, name, i):
-        return getattr(self.engine, name)[i].tolist()
+        return getattr(self.state, name)[i].tolist()
 
     def compare(self, i, seen):
         assert seen["goal"] == self.row("goal", i)
         assert seen["table"].tolist() == self.row("table", i)
         assert seen["selection"] == self.row("selection", i)
         assert seen["attempts_left"] == self.row("attempts_left", i)
-        assert seen["action_mask"].tolist() == self.engine.action_masks()[i].tolist()
+        assert seen["action_mask"].tolist() == self.state.action_masks()[i].tolist()
 
     def run(self, steps, rng, legal=0.9):
         count = {"goal": 0, "over": 0, "illegal": 0, "other way": 0}
         for _ in range(steps):
-            actions = rng.integers(self.engine.num_slots, size=len(self.envs))
+            actions = rng.integers(self.state.engine.num_slots, size=len(self.envs))
             for i, seen in enumerate(self.observations):
                 self.compare(i, seen)
                 if rng.random() < legal:
                     actions[i] = self.wise(i, seen, rng)
-            step = self.engine.step(self.engine.arrays.array(actions))
+            self.state, step = self.state.engine.step(self.state, actions)
             for i, env in enumerate(self.envs):
                 seen, reward, terminated, truncated, info = env.step(int(actions[i]))
                 assert float(step.reward[i]) == pytest.approx(reward, abs=1e-6)
@@ -88,7 +100,7 @@ class Twins:
         there = np.flatnonzero(seen["action_mask"]).tolist()
         table = [int(seen["table"][slot]) for slot in there]
         plan = self.envs[i].tasks.plans[self.envs[i].state.task][0]
-        rows = self.engine.world.graph.recipes[list(plan)].tolist()
+        rows = self.state.world.graph.recipes[list(plan)].tolist()
         a, b, _ = next((row for row in rows if row[2] not in table), rows[-1])
         wanted = b if seen["selection"] == a else a
         return table.index(wanted) if wanted in table and rng.random() < 0.8 else int(rng.choice(there))
@@ -112,75 +124,71 @@ def test_a_batch_on_the_kitchen_agrees_in_every_part(kitchen_opened, part):
 
 
 def test_torch_arrays_give_the_same_as_numpy_arrays(kitchen_opened):
-    config = WordCraftConfig(depth=2, num_distractors=6, reward="official", task_weighting="goal")
-    one = BatchEngine(World(kitchen_opened, config), 16, seed=3)
-    other = BatchEngine(World(kitchen_opened, config), 16, seed=3, device="torch:cpu")
+    settings = {"depth": 2, "num_distractors": 6, "reward": "official", "task_weighting": "goal"}
+    one, other = (batch(kitchen_opened, 16, 3, device=device, **settings) for device in DEVICES)
     rng = np.random.default_rng(0)
     goals = 0
     for turn in range(200):
-        for name in ("goal", "table", "selection", "attempts_left", "task"):
+        for name in SEEN:
             np.testing.assert_array_equal(getattr(other, name).numpy(), getattr(one, name))
         # The oracle, chance, and for a while nothing but empty slots, which end an episode a pick.
         oracle = recipe_oracle(one, rng)
-        actions = np.where(rng.random(16) < 0.7, oracle, rng.integers(one.num_slots, size=16))
+        actions = np.where(rng.random(16) < 0.7, oracle, rng.integers(one.engine.num_slots, size=16))
         if turn % 50 > 25:
-            actions[:] = one.num_slots - 1
-        a, b = one.step(actions), other.step(torch.from_numpy(actions))
-        for name in ("reward", "over", "outcome", "by_plan", "illegal", "task"):
+            actions[:] = one.engine.num_slots - 1
+        (one, a), (other, b) = one.engine.step(one, actions), other.engine.step(other, torch.from_numpy(actions))
+        for name in GIVEN:
             np.testing.assert_allclose(getattr(b, name).numpy(), getattr(a, name), atol=1e-6)
         goals += int((a.outcome == 1).sum())
     assert goals > 50
 
 
-def episodes(engine, steps, rng_of):
+def episodes(state, steps, rng_of):
     """What each environment sees when its own actions are the same, whoever runs beside it."""
-    seen = [[] for _ in range(engine.num_envs)]
+    seen = [[] for _ in range(state.num_envs)]
     for _ in range(steps):
-        actions = np.array([rng.integers(engine.num_slots) for rng in rng_of[: engine.num_envs]])
-        step = engine.step(actions)
-        for i in range(engine.num_envs):
-            seen[i].append((engine.table[i].tolist(), int(engine.goal[i]), float(step.reward[i])))
+        actions = np.array([rng.integers(state.engine.num_slots) for rng in rng_of[: state.num_envs]])
+        state, step = state.engine.step(state, actions)
+        for i in range(state.num_envs):
+            seen[i].append((state.table[i].tolist(), int(state.goal[i]), float(step.reward[i])))
     return seen
 
 
 def test_results_do_not_depend_on_how_many_run_side_by_side(kitchen_opened):
-    config = WordCraftConfig(num_distractors=5)
-    few = BatchEngine(World(kitchen_opened, config), 3, seed=7)
-    many = BatchEngine(World(kitchen_opened, config), 1_500, seed=7)
+    few, many = (batch(kitchen_opened, n, 7, num_distractors=5) for n in (3, 1_500))
     rngs = [[np.random.default_rng(i) for i in range(1_500)] for _ in range(2)]
     assert episodes(few, 60, rngs[0]) == episodes(many, 60, rngs[1])[:3]
 
 
 def test_two_engines_of_a_half_each_see_what_a_whole_one_sees(kitchen_opened):
     world = World(kitchen_opened, WordCraftConfig(num_distractors=5))
-    whole, low, high = (BatchEngine(world, n, seed=7, first_env=first) for n, first in ((7, 0), (3, 0), (4, 3)))
+    whole, low, high = (batch(world, n, 7, first_env=first) for n, first in ((7, 0), (3, 0), (4, 3)))
     rngs = [[np.random.default_rng(i) for i in range(7)] for _ in range(2)]
     assert episodes(whole, 60, rngs[0]) == episodes(low, 60, rngs[1]) + episodes(high, 60, rngs[1][3:])
-    for engine, tasks in ((whole, np.arange(7)), (low, np.arange(3)), (high, np.arange(3, 7))):
-        engine.pose(tasks, 2)
-    np.testing.assert_array_equal(whole.table, np.concatenate([low.table, high.table]))
+    tasks = np.arange(7)
+    posed = (state.engine.pose(some, 2, seed=7) for state, some in ((low, tasks[:3]), (high, tasks[3:])))
+    np.testing.assert_array_equal(
+        whole.engine.pose(tasks, 2, seed=7).table, np.concatenate([state.table for state in posed])
+    )
     with pytest.raises(ConfigError, match=r"`first_env` -1: expected a whole number, 0 or more"):
         BatchEngine(world, 4, first_env=-1)
 
 
 def test_environments_draw_different_tasks_and_the_seed_decides_them(kitchen_opened):
-    config = WordCraftConfig(num_distractors=2)
-    one, same, other = (BatchEngine(World(kitchen_opened, config), 64, seed=seed) for seed in (1, 1, 2))
+    one, same, other = (batch(kitchen_opened, 64, seed, num_distractors=2) for seed in (1, 1, 2))
     assert len(set(one.task.tolist())) > 40
     np.testing.assert_array_equal(one.table, same.table)
     assert (one.table != other.table).any()
-    first = one.table.copy()
-    one.step(np.zeros(64, dtype=np.int64))
-    one.reset(1)
-    np.testing.assert_array_equal(one.table, first)
+    one.engine.step(one, np.zeros(64, dtype=np.int64))
+    np.testing.assert_array_equal(one.engine.reset(1).table, one.table)
 
 
 def test_global_random_states_are_left_alone(kitchen_opened):
     np.random.seed(0)  # noqa: NPY002 - the state that must not change
     torch.manual_seed(0)
     before = np.random.get_state()[1].copy(), torch.get_rng_state().clone()  # noqa: NPY002
-    engine = BatchEngine(World(kitchen_opened, WordCraftConfig(num_distractors=3)), 8, seed=1)
-    engine.step(np.zeros(8, dtype=np.int64))
+    state = batch(kitchen_opened, 8, 1, num_distractors=3)
+    state.engine.step(state, np.zeros(8, dtype=np.int64))
     np.testing.assert_array_equal(np.random.get_state()[1], before[0])  # noqa: NPY002
     assert torch.equal(torch.get_rng_state(), before[1])
 
@@ -189,11 +197,11 @@ def test_global_random_states_are_left_alone(kitchen_opened):
 
 
 def drawn_tables(world, tables, at_once=500):
-    engine = BatchEngine(world, at_once, seed=11)
+    engine = BatchEngine(world, at_once)
     for episode in range(tables // at_once):
         tasks = np.arange(episode * at_once, (episode + 1) * at_once) % len(world.tasks)
-        engine.pose(tasks, episode)
-        for task, row in zip(tasks.tolist(), engine.table.tolist(), strict=True):
+        posed = engine.pose(tasks, episode, seed=11)
+        for task, row in zip(tasks.tolist(), posed.table.tolist(), strict=True):
             yield task, [entity for entity in row if entity < world.nothing]
 
 
@@ -253,9 +261,8 @@ def test_both_engines_draw_distractors_from_the_same_distribution(kitchen_opened
     share = weights / weights.sum()
     expected = share + sum(share[first] * share / (1 - share[first]) for first in range(len(share)))
     expected -= share**2 / (1 - share)  # the second is not the first
-    engine = BatchEngine(World(kitchen_opened, WordCraftConfig(**settings)), 4_000, seed=0)
-    engine.pose(np.zeros(4_000, dtype=np.int64))
-    batched = np.bincount(engine.table.ravel(), minlength=len(share) + 1)[:-1]
+    posed = BatchEngine(env.world, 4_000).pose(np.zeros(4_000, dtype=np.int64))
+    batched = np.bincount(posed.table.ravel(), minlength=len(share) + 1)[:-1]
     single = np.zeros_like(batched)
     for seed in range(4_000):
         observation, _ = env.reset(seed=seed, options={"task": 0})
@@ -271,201 +278,189 @@ def test_both_engines_draw_distractors_from_the_same_distribution(kitchen_opened
 
 
 def test_the_place_on_the_table_says_nothing(kitchen_opened):
-    engine = BatchEngine(World(kitchen_opened, WordCraftConfig(part="all", num_distractors=4)), 6_000, seed=2)
-    goal = int(np.argmax([len(set(row)) == 2 for row in engine.world.tasks.starts.tolist()]))
-    engine.pose(np.full(6_000, goal))
-    first = engine.world.tasks.starts[goal, 0]
-    places = np.bincount((engine.table == first).argmax(1), minlength=6)
+    world = World(kitchen_opened, WordCraftConfig(part="all", num_distractors=4))
+    goal = int(np.argmax([len(set(row)) == 2 for row in world.tasks.starts.tolist()]))
+    posed = BatchEngine(world, 6_000).pose(np.full(6_000, goal), seed=2)
+    places = np.bincount((posed.table == world.tasks.starts[goal, 0]).argmax(1), minlength=6)
     np.testing.assert_allclose(places / 6_000, 1 / 6, atol=0.02)
 
 
 @pytest.mark.parametrize("weighting", ["task", "goal"])
 def test_tasks_are_drawn_by_their_weights(kitchen_opened, weighting):
-    config = WordCraftConfig(part="test", task_weighting=weighting)
-    engine = BatchEngine(World(kitchen_opened, config), 20_000, seed=4)
-    counts = np.bincount(engine.task, minlength=len(engine.world.tasks))
-    expected = engine.world.tasks.weights(weighting) * 20_000
+    state = batch(kitchen_opened, 20_000, 4, part="test", task_weighting=weighting)
+    counts = np.bincount(state.task, minlength=len(state.world.tasks))
+    expected = state.world.tasks.weights(weighting) * 20_000
     assert np.abs(counts - expected).max() < 5 * np.sqrt(expected.max())
     assert weighting == "task" or expected.std() > 0
 
 
 # --- going on later --------------------------------------------------------------------------------------------------
 
-DEVICES = ("cpu", "torch:cpu")
-SEEN = ("goal", "task", "selection", "attempts_left", "table")
-GIVEN = ("reward", "over", "outcome", "by_plan", "illegal", "task")
 
-
-def played(engine, rng, steps):
-    """What an engine shows and gives over steps of which many end an episode at once."""
-    rows = []
+def played(state, rng, steps):
+    """The last state, and what a batch shows and gives over steps of which many end an episode at once."""
+    engine, rows = state.engine, []
     for _ in range(steps):
-        legal = np.asarray(engine.random_actions(engine.arrays.array(rng.random(engine.num_envs))))
-        actions = np.where(rng.random(engine.num_envs) < 0.4, engine.num_slots - 1, legal)
-        step = engine.step(engine.arrays.array(actions))
-        values = [getattr(engine, name) for name in SEEN] + [getattr(step, name) for name in GIVEN]
+        legal = np.asarray(state.random_actions(engine.arrays.array(rng.random(state.num_envs))))
+        actions = np.where(rng.random(state.num_envs) < 0.4, engine.num_slots - 1, legal)
+        state, step = engine.step(state, engine.arrays.array(actions))
+        values = [getattr(state, name) for name in SEEN] + [getattr(step, name) for name in GIVEN]
         rows.append([value.tolist() for value in values])
-    return rows
+    return state, rows
+
+
+def assert_same(one, other):
+    for name, array in one.saved().items():
+        np.testing.assert_array_equal(array, other.saved()[name])
+
+
+@pytest.mark.parametrize("device", DEVICES)
+def test_a_step_changes_neither_the_state_that_it_begins_with_nor_a_later_step_from_there(kitchen_opened, device):
+    settings = {"depth": 2, "num_distractors": 4, "reward": "official"}
+    state = batch(kitchen_opened, 6, 3, device=device, **settings)
+    kept, states = [], []
+    for turn in range(90):  # each environment uses up more episodes than are prepared at a time
+        states.append(state)
+        kept.append(state.saved())
+        state, _ = played(state, np.random.default_rng(turn), 1)
+    assert (states[-1].saved()["episode"] - kept[0]["episode"]).min() > state.ahead.size
+    for before, expected, (turn, after) in zip(states, kept, enumerate([*states[1:], state]), strict=True):
+        for name, array in before.saved().items():
+            np.testing.assert_array_equal(array, expected[name])
+        assert_same(played(before, np.random.default_rng(turn), 1)[0], after)
 
 
 @pytest.mark.parametrize(("device", "after"), [*product(DEVICES, DEVICES)])
 @pytest.mark.parametrize("steps", [0, 1, 16, 40])
-def test_a_restored_engine_goes_on_with_the_same_episodes(kitchen_opened, device, after, steps):
-    config = WordCraftConfig(depth=2, num_distractors=4, reward="official", task_weighting="goal")
-    engine = BatchEngine(World(kitchen_opened, config), 6, seed=3, device=device)
-    played(engine, np.random.default_rng(0), steps)
-    state = engine.state()
-    other = BatchEngine(World(kitchen_opened, config), 6, seed=3, device=after)
-    played(other, np.random.default_rng(5), 7)
-    other.restore(state)
-    for name, array in other.state().items():
-        np.testing.assert_array_equal(array, state[name])
-    # Each environment uses up more episodes than are prepared at a time.
-    assert played(other, np.random.default_rng(1), 60) == played(engine, np.random.default_rng(1), 60)
-    assert (engine.state()["episode"] - state["episode"]).min() > engine._ahead.size
-    for name, array in other.state().items():
-        np.testing.assert_array_equal(array, engine.state()[name])
+def test_a_restored_state_goes_on_with_the_same_episodes(kitchen_opened, device, after, steps):
+    settings = {"depth": 2, "num_distractors": 4, "reward": "official", "task_weighting": "goal"}
+    state, _ = played(batch(kitchen_opened, 6, 3, device=device, **settings), np.random.default_rng(0), steps)
+    other, _ = played(batch(kitchen_opened, 6, 3, device=after, **settings), np.random.default_rng(5), 7)
+    other = other.restored(state.saved())
+    assert_same(other, state)
+    (one, rows), (other, same) = (played(each, np.random.default_rng(1), 60) for each in (state, other))
+    assert rows == same
+    assert_same(other, one)
 
 
 @pytest.mark.parametrize("device", DEVICES)
 def test_environments_that_all_end_at_once_go_on_the_same_across_what_is_prepared(kitchen_opened, device):
-    world = World(kitchen_opened, WordCraftConfig(num_distractors=3))
+    first = batch(kitchen_opened, 4, 1, device=device, num_distractors=3)
+    empty, step = empty_slots(first), first.engine.step
     for ended in range(14, 19):
-        one, other = (BatchEngine(world, 4, seed=1, device=device) for _ in range(2))
-        empty = one.arrays.array(np.full(4, one.num_slots - 1))
+        one = first
         for _ in range(ended):
-            one.step(empty)
-        other.restore(one.state())
+            one, _ = step(one, empty)
+        other = first.restored(one.saved())
         for _ in range(40):
-            one.step(empty)
-            other.step(empty)
+            (one, _), (other, _) = step(one, empty), step(other, empty)
             assert one.table.tolist() == other.table.tolist()
             assert one.task.tolist() == other.task.tolist()
 
 
 @pytest.mark.parametrize("device", DEVICES)
 def test_a_posed_episode_can_be_restored_too(kitchen_opened, device):
-    config = WordCraftConfig(part="test", num_distractors=3)
-    one, other = (BatchEngine(World(kitchen_opened, config), 5, seed=2, device=device) for _ in range(2))
-    one.pose(np.arange(5), 4)
-    one.step(one.arrays.array(np.zeros(5, dtype=np.int64)))
-    other.restore(one.state())
+    first = batch(kitchen_opened, 5, 2, device=device, part="test", num_distractors=3)
+    posed = first.engine.pose(np.arange(5), 4, seed=2)
+    one, _ = first.engine.step(posed, first.engine.arrays.array(np.zeros(5, dtype=np.int64)))
+    other = first.restored(one.saved())
     np.testing.assert_array_equal(np.asarray(other.task), np.arange(5))
-    assert played(one, np.random.default_rng(0), 30) == played(other, np.random.default_rng(0), 30)
+    assert played(one, np.random.default_rng(0), 30)[1] == played(other, np.random.default_rng(0), 30)[1]
 
 
 @pytest.mark.parametrize("device", DEVICES)
-def test_a_state_is_a_copy_when_taken_and_when_restored(kitchen_opened, device):
-    config = WordCraftConfig(depth=2, num_distractors=3, reward="official")
-    engine, other = (BatchEngine(World(kitchen_opened, config), 6, seed=3, device=device) for _ in range(2))
-    played(engine, np.random.default_rng(0), 9)
-    state = engine.state()
-    kept = {name: array.copy() for name, array in state.items()}
-    other.restore(state)
-    played(engine, np.random.default_rng(1), 9)
-    played(other, np.random.default_rng(1), 9)
-    for name, array in state.items():
+def test_a_saved_state_is_a_copy_when_taken_and_when_restored(kitchen_opened, device):
+    state = batch(kitchen_opened, 6, 3, device=device, depth=2, num_distractors=3, reward="official")
+    saved, again = state.saved(), state.saved()
+    other = state.restored(saved)
+    for array in saved.values():
         assert isinstance(array, np.ndarray)
-        np.testing.assert_array_equal(array, kept[name])
-    before = other.state()
-    for array in state.values():
         array += 1
-    for array in engine.state().values():
-        array += 1
-    for name, array in other.state().items():
-        np.testing.assert_array_equal(array, before[name])
-        np.testing.assert_array_equal(array, engine.state()[name])
+    for name, array in again.items():
+        np.testing.assert_array_equal(other.saved()[name], array)
+        np.testing.assert_array_equal(state.saved()[name], array)
 
 
 @pytest.mark.parametrize("device", DEVICES)
-def test_a_state_of_another_engine_is_refused_and_changes_nothing(kitchen_opened, device):
-    config = WordCraftConfig(num_distractors=3)
-    engine = BatchEngine(World(kitchen_opened, config), 4, device=device)
-    before = engine.state()
-    more = BatchEngine(World(kitchen_opened, config), 5, seed=1).state()
-    wider = BatchEngine(World(kitchen_opened, WordCraftConfig(num_distractors=4)), 4, seed=1).state()
-    wrong = {"goal": (more, r"\(4,\)"), "wide": (wider, rf"\(4, {engine.num_slots + 1}\)")}
-    for name, (state, shape) in wrong.items():
+def test_a_state_of_another_engine_is_refused(kitchen_opened, device):
+    state = batch(kitchen_opened, 4, device=device, num_distractors=3)
+    more = batch(kitchen_opened, 5, 1, num_distractors=3).saved()
+    wider = batch(kitchen_opened, 4, 1, num_distractors=4).saved()
+    wrong = {"goal": (more, r"\(4,\)"), "wide": (wider, rf"\(4, {state.engine.num_slots + 1}\)")}
+    for name, (saved, shape) in wrong.items():
         with pytest.raises(ConfigError, match=f"state of another engine: '{name}' should have shape {shape}"):
-            engine.restore(state)
-    own = BatchEngine(World(kitchen_opened, config), 4, seed=1).state()
+            state.restored(saved)
+    own = state.saved()
     for name in own:
         with pytest.raises(ConfigError, match=f"of another engine: '{name}'"):
-            engine.restore({other: array for other, array in own.items() if other != name})
+            state.restored({other: array for other, array in own.items() if other != name})
         with pytest.raises(ConfigError, match=f"of another engine: '{name}'"):
-            engine.restore({**own, name: own[name][:1]})
-    assert (own["task"] != before["task"]).any()
-    for name, array in engine.state().items():
-        np.testing.assert_array_equal(array, before[name])
+            state.restored({**own, name: own[name][:1]})
 
 
 # --- posing and bad input --------------------------------------------------------------------------------------------
 
 
 def test_a_posed_episode_ends_and_stays(kitchen_opened):
-    engine = BatchEngine(World(kitchen_opened, WordCraftConfig(part="test", num_distractors=3)), 50, seed=0)
+    engine = batch(kitchen_opened, 50, part="test", num_distractors=3).engine
     tasks = np.arange(50) % len(engine.world.tasks)
-    engine.pose(tasks)
+    state = engine.pose(tasks)
     starts = engine.world.tasks.starts[tasks]
     results = []
     for pick in (0, -1):
-        entity = np.where(starts[:, pick] < engine.nothing, starts[:, pick], starts[:, 0])
-        results.append(engine.step_once((engine.table == entity[:, None]).argmax(1)))
+        entity = np.where(starts[:, pick] < state.nothing, starts[:, pick], starts[:, 0])
+        state, step = engine.step_once(state, (state.table == entity[:, None]).argmax(1))
+        results.append(step)
     assert results[1].over.all()
     assert (results[1].outcome == 1).all()
     assert results[1].by_plan.all()
-    np.testing.assert_array_equal(engine.task, tasks)
-    assert not (engine.attempts_left > 0).any()
+    np.testing.assert_array_equal(state.task, tasks)
+    assert not (state.attempts_left > 0).any()
     with pytest.raises(EpisodeError, match="all episodes are over"):
-        engine.step_once(np.zeros(50, dtype=np.int64))
+        engine.step_once(state, np.zeros(50, dtype=np.int64))
 
 
 def test_an_episode_that_is_over_stays_while_others_go_on(kitchen_opened):
-    engine = BatchEngine(World(kitchen_opened, WordCraftConfig(part="all", depth=2, num_distractors=3)), 2, seed=0)
-    engine.pose(np.array([0, 1]))
-    empty = engine.num_slots - 1
+    engine = batch(kitchen_opened, 2, part="all", depth=2, num_distractors=3).engine
+    state = engine.pose(np.array([0, 1]))
     for _ in range(2):  # the first environment loses both attempts, the second picks and picks
-        engine.step_once(np.array([empty, 0]))
-    assert (engine.attempts_left > 0).tolist() == [False, True]
-    before = engine.table[0].copy()
-    step = engine.step_once(np.array([0, 0]))
-    np.testing.assert_array_equal(engine.table[0], before)
+        state, _ = engine.step_once(state, np.array([engine.num_slots - 1, 0]))
+    assert (state.attempts_left > 0).tolist() == [False, True]
+    after, step = engine.step_once(state, np.array([0, 0]))
+    np.testing.assert_array_equal(after.table[0], state.table[0])
     assert not step.over[0]
     assert not step.illegal[0]
-    assert engine.attempts_left[0] == 0
+    assert after.attempts_left[0] == 0
 
 
-@pytest.mark.parametrize("device", ["cpu", "torch:cpu"])
+@pytest.mark.parametrize("device", DEVICES)
 def test_drawn_episodes_follow_posed_ones(kitchen_opened, device):
-    engine = BatchEngine(World(kitchen_opened, WordCraftConfig(num_distractors=3)), 20, seed=0, device=device)
-    engine.pose(np.arange(20))
-    empty = engine.arrays.array(np.full(20, engine.num_slots - 1))
+    engine = batch(kitchen_opened, 20, device=device, num_distractors=3).engine
+    state = engine.pose(np.arange(20))
     for _ in range(40):
-        assert bool(engine.step(empty).over.all())
-        for row, task in zip(np.asarray(engine.table).tolist(), engine.task.tolist(), strict=True):
-            entities = [entity for entity in row if entity < engine.nothing]
-            start = set(engine.world.tasks.starts[task].tolist()) - {engine.nothing}
+        state, step = engine.step(state, empty_slots(state))
+        assert bool(step.over.all())
+        for row, task in zip(np.asarray(state.table).tolist(), state.task.tolist(), strict=True):
+            entities = [entity for entity in row if entity < state.nothing]
+            start = set(state.world.tasks.starts[task].tolist()) - {state.nothing}
             assert start <= set(entities)
             assert len(entities) == len(set(entities)) == len(start) + 3
 
 
-def test_a_reset_without_a_seed_goes_on(kitchen_opened):
-    one, other = (BatchEngine(World(kitchen_opened, WordCraftConfig(num_distractors=3)), 30, seed=4) for _ in range(2))
-    first = one.table.copy()
-    one.reset()
-    assert (one.table != first).any()
-    other.step(np.full(30, other.num_slots - 1))  # ends the first episode of each
-    np.testing.assert_array_equal(one.table, other.table)
-    one.reset(4)
-    np.testing.assert_array_equal(one.table, first)
+@pytest.mark.parametrize("device", DEVICES)
+def test_a_restart_goes_on_with_the_next_episodes(kitchen_opened, device):
+    first = batch(kitchen_opened, 30, 4, device=device, num_distractors=3)
+    again = first.engine.restart(first)
+    assert (again.table != first.table).any()
+    ended, _ = first.engine.step(first, empty_slots(first))
+    assert again.table.tolist() == ended.table.tolist()
 
 
 def test_what_is_on_a_table_stands_first_however_many_are_drawn(kitchen_opened):
-    engine = BatchEngine(World(kitchen_opened, WordCraftConfig(part="all", num_distractors=4)), 20_000, seed=0)
+    engine = batch(kitchen_opened, 20_000, part="all", num_distractors=4).engine
     task = int(np.argmax(engine.world.tasks.starts[:, 1] == engine.nothing))
     for episode in range(10):
-        engine.pose(np.full(20_000, task), episode)
-        there = engine.action_masks()
+        there = engine.pose(np.full(20_000, task), episode).action_masks()
         assert (there.sum(1) == 5).all()
         assert there[:, :5].all()
 
@@ -474,9 +469,9 @@ def test_large_tables_hold_each_entity_once():
     rows = [(f"e{i:04d}", f"e{i + 1:04d}", f"e{i + 2:04d}") for i in range(1_300)]
     opened = OpenedGraph(RecipeGraph.from_recipes(rows), None, "chain")
     opened = OpenedGraph(opened.graph, make_split(opened.graph, SplitConfig()), "chain")
-    engine = BatchEngine(World(opened, WordCraftConfig(part="all", num_distractors=1_100)), 2, seed=0)
-    for row in engine.table.tolist():
-        entities = [entity for entity in row if entity < engine.nothing]
+    state = batch(opened, 2, part="all", num_distractors=1_100)
+    for row in state.table.tolist():
+        entities = [entity for entity in row if entity < state.nothing]
         assert len(entities) == len(set(entities)) == 1_102
 
 
@@ -489,20 +484,18 @@ def test_large_tables_hold_each_entity_once():
         (np.array([0]), "shape \\(1,\\)"),
     ],
 )
-def test_actions_outside_the_space_are_refused_and_change_nothing(kitchen_opened, actions, says):
-    engine = BatchEngine(World(kitchen_opened, WordCraftConfig()), 2)
-    before = engine.selection.copy()
+def test_actions_outside_the_space_are_refused(kitchen_opened, actions, says):
+    state = batch(kitchen_opened, 2)
     with pytest.raises(ActionError, match=says):
-        engine.step(actions)
-    np.testing.assert_array_equal(engine.selection, before)
+        state.engine.step(state, actions)
 
 
 def test_an_empty_slot_raises_where_asked(kitchen_opened):
-    engine = BatchEngine(World(kitchen_opened, WordCraftConfig(num_distractors=1, illegal_action="raise")), 2)
+    state = batch(kitchen_opened, 2, num_distractors=1, illegal_action="raise")
     with pytest.raises(
         ActionError, match=r"action 4 of environment 1: the slot is empty; slots 0 to [12] hold entities"
     ):
-        engine.step(np.array([0, 4]))
+        state.engine.step(state, np.array([0, 4]))
 
 
 def test_no_environments_and_missing_devices_are_refused(kitchen_opened):
@@ -510,12 +503,12 @@ def test_no_environments_and_missing_devices_are_refused(kitchen_opened):
         with pytest.raises(
             ConfigError, match=f"`num_envs` {wrong!r}: expected a whole number, 1 (or more|to 16777216)"
         ):
-            BatchEngine(World(kitchen_opened, WordCraftConfig()), wrong)
+            batch(kitchen_opened, wrong)
     with pytest.raises(ConfigError, match="`seed` -1: expected a whole number, 0 or more"):
-        BatchEngine(World(kitchen_opened, WordCraftConfig()), 1, seed=-1)
+        batch(kitchen_opened, 1, -1)
     if not torch.cuda.is_available():
         with pytest.raises(ConfigError, match="no CUDA device"):
-            BatchEngine(World(kitchen_opened, WordCraftConfig()), 1, device="cuda")
+            batch(kitchen_opened, 1, device="cuda")
 
 
 def test_all_rewards_of_the_presets_are_magnitudes():
@@ -530,6 +523,6 @@ def test_a_table_without_shortcuts_that_cannot_be_is_given_up(ambiguous, monkeyp
     world = World(ambiguous, WordCraftConfig(**settings))
     expected = rf"`num_distractors` 8: found no distractors without a shortcut to 'e.*' in {tries} tries"
     with pytest.raises(ConfigError, match=expected):
-        BatchEngine(world, 1)
+        batch(world, 1)
     with pytest.raises(ConfigError, match=expected):
         WordCraftEnv(world).reset(seed=0)

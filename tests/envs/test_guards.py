@@ -100,7 +100,7 @@ def test_no_distractor_completes_a_held_out_recipe_of_the_goal(train, depth, att
 def tables(world, engine, count):
     """Task and table at the beginning of many episodes."""
     if engine == "batched":
-        batch = BatchEngine(world, count)
+        batch = BatchEngine(world, count).reset()
         return zip(batch.task.tolist(), batch.table.tolist(), strict=True)
     env = WordCraftEnv(world)
     return [(env.state.task, list(env.state.table)) for seed in range(count) if env.reset(seed=seed)]

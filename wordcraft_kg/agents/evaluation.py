@@ -16,7 +16,7 @@ from wordcraft_kg.base.progress import steps
 from wordcraft_kg.base.records import Share
 from wordcraft_kg.base.settings import MAX_SIZE, check_memory, whole
 from wordcraft_kg.base.statistics import task_bootstrap
-from wordcraft_kg.envs.batch import GOAL, BatchEngine
+from wordcraft_kg.envs.batch import GOAL, BatchEngine, State
 from wordcraft_kg.envs.evaluation_tables import EVALUATION_SEED, MOST_TASKS, distance_of
 from wordcraft_kg.envs.world import GraphLike, World
 from wordcraft_kg.graphs.arrays import Ids, padded
@@ -34,19 +34,19 @@ class PolicyPlayer:
         self.policy = policy
 
     @torch.no_grad()
-    def __call__(self, engine: BatchEngine, rng: np.random.Generator) -> Any:
+    def __call__(self, state: State, rng: np.random.Generator) -> Any:
         """Pick a slot in every environment."""
-        bind_tasks([self.policy], engine)
-        states, weights = states_of(engine), self.policy.weights()
+        bind_tasks([self.policy], state.world)
+        states, weights = states_of(state), self.policy.weights()
         device = next(self.policy.parameters()).device
         slots = torch.cat(
             [
                 self.policy(goal, selection, table, weights, task).logits.argmax(1)
-                for start in range(0, engine.num_envs, ROWS)
+                for start in range(0, state.num_envs, ROWS)
                 for goal, selection, table, task in [states.rows(start, start + ROWS, device)]
             ]
         )
-        return slots if engine.arrays.on_device else slots.cpu().numpy()
+        return slots if state.engine.arrays.on_device else slots.cpu().numpy()
 
 
 def player_of(policy: Policy, kind: str) -> Player:
@@ -127,7 +127,7 @@ class Evaluator:
             )
         self.draws = whole("draws", draws, 1, MAX_SIZE)
         check_memory("draws", draws, f"the episodes of {len(self.tasks):,} tasks", draws * len(self.tasks) * 11)
-        self.engine = BatchEngine(world, len(self.tasks), seed=EVALUATION_SEED)
+        self.engine = BatchEngine(world, len(self.tasks))
         self._parts = _right_parts(world)[self.tasks]
 
     def __call__(self, player: Player) -> Evaluation:
@@ -138,13 +138,12 @@ class Evaluator:
         last = np.zeros((*shape, 2), dtype=np.int64)
         engine, rows = self.engine, np.arange(len(self.tasks))
         for draw in steps("playing", range(self.draws)):
-            engine.pose(self.tasks, draw)
+            state = engine.pose(self.tasks, draw, seed=EVALUATION_SEED)
             rng = np.random.default_rng([EVALUATION_SEED, draw])
-            while (running := engine.attempts_left > 0).any():
-                held = engine.selection
-                slots = player(engine, rng)
-                picked = engine.table[rows, slots]
-                step = engine.step_once(slots)
+            while (running := state.attempts_left > 0).any():
+                slots = player(state, rng)
+                held, picked = state.selection, state.table[rows, slots]
+                state, step = engine.step_once(state, slots)
                 picks[running, draw] += 1
                 success[:, draw] |= step.outcome == GOAL
                 by_plan[:, draw] |= step.by_plan
@@ -165,7 +164,7 @@ def evaluate(player: Policy | Player, graph: GraphLike | World, *, draws: int = 
     """Let a policy (greedily) or any other player play all tasks of a part, of very many a sample.
 
     Args:
-        player: a policy of the graph, or a function ``(engine, rng) -> slots``.
+        player: a policy of the graph, or a function ``(state, rng) -> slots``.
         graph: graph folder, book's file or name, a graph, an opened graph, or a world, which has its own settings.
         draws: draws of distractors for each task; all players see the same ones.
         settings: settings of the tasks, see :class:`~wordcraft_kg.envs.config.WordCraftConfig`.

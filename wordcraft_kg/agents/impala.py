@@ -20,7 +20,7 @@ from wordcraft_kg.agents.vtrace import v_trace
 from wordcraft_kg.base.errors import ConfigError, TrainingError
 from wordcraft_kg.base.settings import check_memory
 from wordcraft_kg.base.tensors import as_tensor, copied
-from wordcraft_kg.envs.batch import GOAL, BatchEngine
+from wordcraft_kg.envs.batch import GOAL, State
 from wordcraft_kg.models.policies.policy import Policy, Weights, log_policy
 
 
@@ -84,19 +84,20 @@ class Losses(NamedTuple):
 
 
 class Impala:
-    """Trains a policy on an engine's tasks.
+    """Trains a policy on a batch's tasks.
 
     Attributes:
+        envs: state of the environments.
         update_number: number of updates done.
     """
 
-    def __init__(self, policy: Policy, engine: BatchEngine, config: ImpalaConfig):
-        """Take a policy, which is trained in place, and an engine of ``config.batch_size`` environments.
+    def __init__(self, policy: Policy, envs: State, config: ImpalaConfig):
+        """Take a policy, which is trained in place, and the first state of ``config.batch_size`` environments.
 
         Raises:
             ConfigError: if ``config.compile`` is set and torch cannot compile.
         """
-        self.policy, self.engine, self.config = policy, engine, config
+        self.policy, self.envs, self.config = policy, envs, config
         self.device = torch.device(config.device)
         policy.to(self.device)
         self.update_number = 0
@@ -116,7 +117,7 @@ class Impala:
         check_memory("policy_lag", config.policy_lag, "that many policies", 4 * len(self._flat) * lag)
         self._generator = torch.Generator(self.device).manual_seed(config.seed)
         self._snapshots: deque[Weights] = deque(maxlen=config.policy_lag + 1)
-        time, batch, slots = config.unroll, config.batch_size, engine.num_slots
+        time, batch, slots = config.unroll, config.batch_size, envs.engine.num_slots
         self._unroll = Unroll(
             goal=self._empty(time + 1, batch, dtype=torch.int64),
             selection=self._empty(time + 1, batch, dtype=torch.int64),
@@ -145,7 +146,7 @@ class Impala:
         Raises:
             TrainingError: if the loss is no longer finite; the parameters are as before the update.
         """
-        bind_tasks([self.policy], self.engine)  # an evaluation may have asked about others in between
+        bind_tasks([self.policy], self.envs.world)  # an evaluation may have asked about others in between
         weights = self.policy.weights()
         acting = {name: tensor.detach() for name, tensor in weights.items()}
         if self.config.policy_lag:
@@ -212,7 +213,7 @@ class Impala:
             raise TrainingError(self._not_finite())
         tensors: dict[str, Tensor] = {f"policy.{name}": parameter for name, parameter in self.policy.named_parameters()}
         tensors |= {f"optimizer.{name}": torch.as_tensor(value) for name, value in self._optimizer_state().items()}
-        tensors |= {f"engine.{name}": torch.from_numpy(array) for name, array in self.engine.state().items()}
+        tensors |= {f"engine.{name}": torch.from_numpy(array) for name, array in self.envs.saved().items()}
         for i, snapshot in enumerate(self._snapshots):
             tensors |= {f"snapshot.{i}.{name}": tensor for name, tensor in snapshot.items()}
         tensors |= {"sums": self._sums, "generator": self._generator.get_state()}
@@ -230,7 +231,7 @@ class Impala:
             for name, parameter in self.policy.named_parameters():
                 parameter.copy_(state[f"policy.{name}"])
         self.optimizer.state[self._flat] = self._restored_optimizer(state)
-        self.engine.restore({name: state[f"engine.{name}"].numpy() for name in self.engine.state()})
+        self.envs = self.envs.restored({name: state[f"engine.{name}"].numpy() for name in self.envs.saved()})
         self._snapshots.clear()
         snapshots: dict[int, Weights] = {}
         for key, tensor in state.items():
@@ -247,7 +248,7 @@ class Impala:
     @torch.no_grad()
     def _collect(self, weights: Weights) -> bool:
         """Act for an unroll; return whether any episode continues after it, so that its value is needed."""
-        unroll, engine = self._unroll, self.engine
+        unroll, engine = self._unroll, self.envs.engine
         noise = torch.rand(self.config.unroll, engine.num_envs, generator=self._generator, device=self.device)
         for t in range(self.config.unroll):
             self._observe(t)
@@ -256,7 +257,7 @@ class Impala:
             actions, log_probs = self._act(weights, *state, noise[t])
             unroll.actions[t], unroll.log_probs[t] = actions, log_probs
             slots: Any = actions if engine.arrays.on_device else actions.numpy()
-            step = engine.step(slots)
+            self.envs, step = engine.step(self.envs, slots)
             unroll.rewards[t], unroll.over[t] = as_tensor(step.reward), as_tensor(step.over)
             unroll.won[t] = as_tensor(step.outcome == GOAL)
         self._observe(self.config.unroll)
@@ -264,7 +265,7 @@ class Impala:
         return engine.arrays.on_device or not step.over.all()
 
     def _observe(self, t: int) -> None:
-        unroll, states = self._unroll, states_of(self.engine)
+        unroll, states = self._unroll, states_of(self.envs)
         unroll.goal[t], unroll.selection[t], unroll.table[t] = states.goal, states.selection, states.table
         opinions = self.policy.opinions(*states) if t < self.config.unroll else None
         if opinions is not None:

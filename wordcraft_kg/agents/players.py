@@ -1,6 +1,6 @@
 """Scripted players (chance, knowledge graphs without learning, an oracle) and how often each makes the goal.
 
-A player is a function ``(engine, rng) -> slots`` that picks for all environments of a batch at once.
+A player is a function ``(state, rng) -> slots`` that picks for all environments of a batch at once.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -15,7 +15,7 @@ from wordcraft_kg.base.progress import steps
 from wordcraft_kg.base.records import Count, Record, Share
 from wordcraft_kg.base.settings import whole
 from wordcraft_kg.base.statistics import task_bootstrap
-from wordcraft_kg.envs.batch import GOAL, BatchEngine
+from wordcraft_kg.envs.batch import GOAL, BatchEngine, State
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
@@ -28,7 +28,7 @@ from wordcraft_kg.models.scorers.baselines import SymbolicScorer, VoteScorer
 from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
 from wordcraft_kg.models.scorers.scales import SelfEdges
 
-Player = Callable[[BatchEngine, np.random.Generator], Ids]
+Player = Callable[[State, np.random.Generator], Ids]
 SlotScores = Callable[[Tensor, Tensor, Tensor, Tensor | None], Tensor]
 """Scores of slots by goal, selection, table and task, such as a source's."""
 RecipeFunction = Callable[[Tensor, Tensor, Tensor], Tensor]
@@ -37,42 +37,42 @@ CELLS = 200_000
 """Pairs of slots that are scored at a time: there are A² of them in a state of A slots."""
 
 
-def random_entity(engine: BatchEngine, rng: np.random.Generator) -> Ids:
+def random_entity(state: State, rng: np.random.Generator) -> Ids:
     """Pick any entity on the table."""
-    return np.asarray(engine.random_actions(rng.random(engine.num_envs)))
+    return np.asarray(state.random_actions(rng.random(state.num_envs)))
 
 
-def random_distinct(engine: BatchEngine, rng: np.random.Generator) -> Ids:
+def random_distinct(state: State, rng: np.random.Generator) -> Ids:
     """Pick any entity on the table, but not the same one twice."""
-    others = engine.action_masks() & (engine.table != engine.selection[:, None])
+    others = state.action_masks() & (state.table != state.selection[:, None])
     # Where there is no other entity, the same again.
-    return _best(np.where(others, 1.0, np.where(engine.action_masks(), 0.0, -np.inf)), rng)
+    return _best(np.where(others, 1.0, np.where(state.action_masks(), 0.0, -np.inf)), rng)
 
 
-def recipe_oracle(engine: BatchEngine, rng: np.random.Generator) -> Ids:
+def recipe_oracle(state: State, rng: np.random.Generator) -> Ids:
     """Follow a plan of the task."""
-    tasks, recipes = engine.world.tasks, engine.world.search.rows
-    slots = np.zeros(engine.num_envs, dtype=np.int64)
-    for i in range(engine.num_envs):
-        if not engine.attempts_left[i]:
+    tasks, recipes = state.world.tasks, state.world.search.rows
+    slots = np.zeros(state.num_envs, dtype=np.int64)
+    for i in range(state.num_envs):
+        if not state.attempts_left[i]:
             continue
-        table = engine.table[i].tolist()
-        plan = [recipes[row] for row in tasks.plans[engine.task[i]][0]]
+        table = state.table[i].tolist()
+        plan = [recipes[row] for row in tasks.plans[state.task[i]][0]]
         a, b, _ = next((recipe for recipe in plan if recipe[2] not in table), plan[-1])
-        slots[i] = table.index(b if engine.selection[i] == a else a)
+        slots[i] = table.index(b if state.selection[i] == a else a)
     return slots
 
 
 def knowledge_player(sources: Sequence[SlotScores]) -> Player:
     """Return a player that picks the highest sum of its sources' scores, ties at random; the paper's has u and v."""
 
-    def pick(engine: BatchEngine, rng: np.random.Generator) -> Ids:
-        bind_tasks(sources, engine)
-        states = states_of(engine)
-        scores = np.zeros(engine.table.shape)
+    def pick(state: State, rng: np.random.Generator) -> Ids:
+        bind_tasks(sources, state.world)
+        inputs = states_of(state)
+        scores = np.zeros(state.table.shape)
         for source in sources:
-            scores += source(*states).numpy()
-        return _best(np.where(engine.action_masks(), scores, -np.inf), rng)
+            scores += source(*inputs).numpy()
+        return _best(np.where(state.action_masks(), scores, -np.inf), rng)
 
     return pick
 
@@ -92,17 +92,17 @@ def pair_player(score_recipes: RecipeFunction) -> Player:
         scores = score_recipes(a.clamp(max=last), b.clamp(max=last), goal).double() - 1e-6 * (a == b)
         return scores.masked_fill(b == nothing, -torch.inf)
 
-    def pick(engine: BatchEngine, rng: np.random.Generator) -> Ids:
-        goal, selection, table, _ = states_of(engine)
-        scores = of_pairs(selection[:, None], table, goal[:, None], engine.nothing)
-        begins = torch.nonzero(selection == engine.nothing).flatten()
+    def pick(state: State, rng: np.random.Generator) -> Ids:
+        goal, selection, table, _ = states_of(state)
+        scores = of_pairs(selection[:, None], table, goal[:, None], state.nothing)
+        begins = torch.nonzero(selection == state.nothing).flatten()
         # Most slots of a large book may be for results that nobody has made yet.
-        slots = torch.nonzero((table[begins] != engine.nothing).any(0)).flatten()
+        slots = torch.nonzero((table[begins] != state.nothing).any(0)).flatten()
         for rows in begins.split(max(1, CELLS // len(slots) ** 2)) if len(slots) else ():
             there = table[rows][:, slots]
-            pairs = of_pairs(there[:, :, None], there[:, None, :], goal[rows, None, None], engine.nothing)
+            pairs = of_pairs(there[:, :, None], there[:, None, :], goal[rows, None, None], state.nothing)
             scores[rows[:, None], slots] = pairs.max(dim=2).values
-        return _best(np.where(engine.action_masks(), scores.numpy(), -np.inf), rng)
+        return _best(np.where(state.action_masks(), scores.numpy(), -np.inf), rng)
 
     return pick
 
@@ -246,14 +246,14 @@ def play_all(
     amounts = list(dict.fromkeys(distractors))
     for amount in amounts:
         tasks = np.arange(len(world.tasks))
-        engine = BatchEngine(world.variant(num_distractors=amount), len(tasks), seed=seed)
+        engine = BatchEngine(world.variant(num_distractors=amount), len(tasks))
         for name, player in steps(f"playing with {amount} distractor{'s' * (amount != 1)}", players.items()):
             success, by_plan = (np.zeros((len(tasks), draws), dtype=bool) for _ in range(2))
             rng = np.random.default_rng([seed, amount])
             for draw in range(draws):
-                engine.pose(tasks, draw)
-                while (engine.attempts_left > 0).any():
-                    step = engine.step_once(player(engine, rng))
+                state = engine.pose(tasks, draw, seed=seed)
+                while (state.attempts_left > 0).any():
+                    state, step = engine.step_once(state, player(state, rng))
                     success[:, draw] |= step.outcome == GOAL
                     by_plan[:, draw] |= step.by_plan
             low, high = task_bootstrap(success)

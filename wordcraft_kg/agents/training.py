@@ -22,7 +22,7 @@ from wordcraft_kg.agents.records import AgentProgress, AgentSummary
 from wordcraft_kg.agents.results import OUTPUTS, model_card, write_results
 from wordcraft_kg.base.settings import check_memory
 from wordcraft_kg.base.tensors import check_device
-from wordcraft_kg.envs.batch import BatchEngine
+from wordcraft_kg.envs.batch import BatchEngine, State
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
@@ -117,14 +117,14 @@ def train_agent(
         elif kg == "partial":
             _warn_of_memory(config)
         _warn_of_self_pairs(opened.graph, config)
-    engine = _engine(opened, config)
+    envs = _environments(opened, config)
     policy, features = make_policy(
         config.policy,
         opened.graph,
-        engine.num_slots,
+        envs.engine.num_slots,
         scorer=scorer,
         observed=observed,
-        tasks=engine.world.tasks,
+        tasks=envs.world.tasks,
         seed=trainer.seed,
     )
     if features is not None:
@@ -142,7 +142,7 @@ def train_agent(
             missing_words=features.missing_words if features is not None else (),
         )
         with tracking(run, trackers, config.values()) as log:
-            return _Training(run, opened, config, policy, engine, log, report).go()
+            return _Training(run, opened, config, policy, envs, log, report).go()
 
 
 def _warn_of_memory(config: AgentConfig) -> None:
@@ -193,19 +193,19 @@ def resume_agent(
         config = replace(config, graph=graph or config.graph)
         opened = open_run_graph(run.path, run.record, config.graph)
         check_device(config.trainer.device)
-        engine = _engine(opened, config)
+        envs = _environments(opened, config)
         checkpoint = run.checkpoints.load()
         policy = policy_at(run.path, run.record, checkpoint)
         all_trackers = checked_trackers([*run.record.trackers, *trackers])
         with tracking(run, all_trackers, config.values(), checkpoint.number) as log:
-            training = _Training(run, opened, config, policy, engine, log, report)
+            training = _Training(run, opened, config, policy, envs, log, report)
             with run.restoring():
                 training.restore(checkpoint)
             run.go_on(config)
             return training.go()
 
 
-def _engine(opened: OpenedGraph, config: AgentConfig) -> BatchEngine:
+def _environments(opened: OpenedGraph, config: AgentConfig) -> State:
     trainer = config.trainer
     # Tables, and what the learner keeps of each step for its gradients.
     slots = config.tasks.distractors + config.tasks.depth + 1
@@ -213,7 +213,7 @@ def _engine(opened: OpenedGraph, config: AgentConfig) -> BatchEngine:
     name, size = max(("batch_size", trainer.batch_size), ("unroll", trainer.unroll), key=lambda setting: setting[1])
     check_memory(name, size, f"an update of {trainer.steps_per_update:,} steps", needed)
     world = World(opened, config.tasks.environment("train"))
-    return BatchEngine(world, trainer.batch_size, device=trainer.device, seed=trainer.seed)
+    return BatchEngine(world, trainer.batch_size, device=trainer.device).reset(trainer.seed)
 
 
 class _Training:
@@ -225,14 +225,14 @@ class _Training:
         opened: OpenedGraph,
         config: AgentConfig,
         policy: Policy,
-        engine: BatchEngine,
+        envs: State,
         log: Log,
         progress: Progress | None,
     ):
         self._elapsed, self._begun = 0.0, time.perf_counter()
         self.run, self.opened, self.config, self.policy, self.progress = run, opened, config, policy, progress
-        self.impala = Impala(policy, engine, config.trainer)
-        self.metrics = MetricsFile(run.path, engine.world, log)
+        self.impala = Impala(policy, envs, config.trainer)
+        self.metrics = MetricsFile(run.path, envs.world, log)
         self.seconds = 0.0
         self._logged = (0, 0.0)
 
@@ -318,7 +318,7 @@ class _Training:
     def _finish(self) -> TrainedAgent:
         run, config = self.run, self.config
         player = PolicyPlayer(self.policy)
-        results = {part: evaluator(player) for part, evaluator in evaluators(self.impala.engine.world).items()}
+        results = {part: evaluator(player) for part, evaluator in evaluators(self.impala.envs.world).items()}
         summary = AgentSummary(
             steps=self.step,
             seconds=round(self.elapsed, 3),
@@ -330,7 +330,7 @@ class _Training:
             outcomes={part: result.shares() for part, result in results.items()},
             distractors=config.tasks.distractors,
         )
-        write_results(run.path, self.policy, self.impala.engine.world, summary, results)
+        write_results(run.path, self.policy, self.impala.envs.world, summary, results)
         run.finish(OUTPUTS, model_card(self.opened, config, run.record, summary))
         return TrainedAgent(run.path, self.step, summary)
 

@@ -1,12 +1,11 @@
 """Many crafting environments at once, as arrays: the semantics of :mod:`wordcraft_kg.envs.wordcraft`, in bulk.
 
-:mod:`~wordcraft_kg.envs.draws` draws what episodes begin with, this module computes steps. Both are written once, for
+:mod:`~wordcraft_kg.envs.draws` draws the start of episodes, this module computes steps. Both are written once, for
 NumPy and torch alike: see :mod:`~wordcraft_kg.envs.arrays`.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,13 +25,12 @@ DENSE_LIMIT = 4_096
 """Most entities for which pairs are looked up in a square table, of 4 bytes a cell; larger graphs use a search."""
 
 
-@dataclass
-class Step:
+class Step(NamedTuple):
     """The outcome of a step in all environments, shape (N,) each.
 
     Attributes:
         reward: float32.
-        over: whether the episode ended with this step; if so, the observation is the first of the next episode.
+        over: whether the episode ended with this step.
         outcome: int8, of the episode that the step belongs to; names in :data:`OUTCOMES`.
         by_plan: whether the last pair of a plan made the goal.
         illegal: whether an empty slot was picked.
@@ -47,11 +45,14 @@ class Step:
     task: Array
 
 
-@dataclass
-class State:
-    """The state of N environments; shape (N,), int64, unless stated otherwise.
+class State(NamedTuple):
+    """The state of N environments; no step writes into it. Shape (N,), int64, unless stated otherwise.
 
     Attributes:
+        engine: the engine that it belongs to.
+        keys: what the draws of each environment are hashed from, besides the episode: its seed and number.
+        ahead: the next episodes, drawn ahead; a cache that no result depends on.
+        age: steps since they were drawn, counted on a device only.
         goal: id.
         task: index into the world's tasks.
         selection: id of the entity in hand.
@@ -62,13 +63,69 @@ class State:
         episode: number of the next episode.
     """
 
+    engine: "BatchEngine"
+    keys: Array
+    ahead: Ahead
+    age: int
     goal: Array
     task: Array
     selection: Array
     attempts_left: Array
     wide: Array
-    count: Array
+    count: Array  # type: ignore[assignment] # hides the method of tuples
     episode: Array
+
+    @property
+    def world(self) -> World:
+        """Graph, tasks and settings."""
+        return self.engine.world
+
+    @property
+    def num_envs(self) -> int:
+        """N."""
+        return self.engine.num_envs
+
+    @property
+    def nothing(self) -> int:
+        """Id of nothing."""
+        return self.engine.nothing
+
+    @property
+    def table(self) -> Array:
+        """Shape (N, num_slots), int64, ids; empty slots hold the id of nothing."""
+        return self.wide[:, :-1]
+
+    def action_masks(self) -> Array:
+        """Return which slots hold an entity, shape (N, num_slots), bool."""
+        return self.table != self.engine.nothing
+
+    def random_actions(self, numbers: Array) -> Array:
+        """Return a legal action for each environment, drawn with uniform numbers in [0, 1), shape (N,)."""
+        return self.engine.arrays.cast(numbers * self.count, "int64")
+
+    def saved(self) -> dict[str, NDArray[Any]]:
+        """Return copies of the arrays as NumPy arrays by name, for :meth:`restored`."""
+        return {name: self.engine.arrays.numpy(getattr(self, name)) for name in _SAVED}
+
+    def restored(self, saved: Mapping[str, NDArray[Any]]) -> "State":
+        """Return the :meth:`saved` state of an engine with the same world, environments and seed.
+
+        Raises:
+            ConfigError: if it is the state of another engine.
+        """
+        for name in _SAVED:
+            expected = tuple(getattr(self, name).shape)
+            if name not in saved or tuple(saved[name].shape) != expected:
+                raise ConfigError(f"this is the state of another engine: '{name}' should have shape {expected}.")
+        copies: dict[str, Any] = {
+            name: self.engine.arrays.array(np.array(saved[name], dtype=np.int64)) for name in _SAVED
+        }
+        # Episodes that were drawn ahead are drawn again: they depend on seed, environment and episode only.
+        ahead = Ahead(self.ahead.draws, self.keys, copies["episode"])
+        return self._replace(ahead=ahead, age=0, **copies)
+
+
+_SAVED: tuple[str, ...] = State._fields[4:]
 
 
 class PairNumbers:
@@ -96,7 +153,7 @@ class PairNumbers:
 
 
 class BatchEngine:
-    """N environments in step; when an episode ends, the next one begins in the same step.
+    """N environments in step, as pure functions of their state; when an episode ends, the next one begins.
 
     Attributes:
         world: graph, tasks and settings.
@@ -105,18 +162,24 @@ class BatchEngine:
         nothing: id of nothing.
         arrays: the library and device of all arrays that are taken and returned.
         pairs: the number of the pair of two entities, ``num_pairs`` where they make nothing.
+
+    Example:
+        >>> engine = BatchEngine(World("kitchen", WordCraftConfig(num_distractors=2)), 4)
+        >>> state = engine.reset(seed=0)
+        >>> after, step = engine.step(state, np.zeros(4, dtype=np.int64))
+        >>> step.over.tolist(), (after.selection == state.table[:, 0]).all()
+        ([False, False, False, False], True)
     """
 
-    def __init__(self, world: World, num_envs: int, *, device: str = "cpu", seed: int = 0, first_env: int = 0):
-        """Begin the first episode in each of N environments.
+    def __init__(self, world: World, num_envs: int, *, device: str = "cpu", first_env: int = 0):
+        """Prepare N environments.
 
         Args:
             world: graph, tasks and settings.
             num_envs: N, 1 or more.
-            device: ``cpu``, or a device of torch such as ``cuda``; ``torch:cpu`` runs on the CPU what a device runs.
-            seed: see :meth:`reset`.
-            first_env: number of the first environment. What an environment draws depends on its number: two engines for
-                numbers 0 to 63 and 64 to 127 draw what one engine for all 128 draws.
+            device: ``cpu``, or a device of torch such as ``cuda``; ``torch:cpu`` runs on the CPU the code for devices.
+            first_env: number of the first environment. The draws of an environment depend on its number: two engines
+                for numbers 0 to 63 and 64 to 127 draw the same as one engine for all 128.
 
         Raises:
             ConfigError: for no environments, a negative number, or a device that is not available.
@@ -134,58 +197,22 @@ class BatchEngine:
         )
         self._rows = self.arrays.array(np.arange(self.num_envs))
         self._offsets = self._rows * (self.num_slots + 1)  # of the environments' tables in `State.wide`
-        self.reset(seed)
-
-    # --- what is seen ------------------------------------------------------------------------------------------------
-
-    @property
-    def goal(self) -> Array:
-        """Shape (N,), int64, ids."""
-        return self._state.goal
-
-    @property
-    def selection(self) -> Array:
-        """Shape (N,), int64: id of the entity in hand."""
-        return self._state.selection
-
-    @property
-    def table(self) -> Array:
-        """Shape (N, num_slots), int64, ids; empty slots hold the id of nothing."""
-        return self._state.wide[:, : self.num_slots]
-
-    @property
-    def attempts_left(self) -> Array:
-        """Shape (N,), int64."""
-        return self._state.attempts_left
-
-    @property
-    def task(self) -> Array:
-        """Shape (N,), int64, indices into the world's tasks."""
-        return self._state.task
-
-    def action_masks(self) -> Array:
-        """Return which slots hold an entity, shape (N, num_slots), bool."""
-        return self.table != self.nothing
-
-    def random_actions(self, numbers: Array) -> Array:
-        """Return a legal action for each environment, drawn with uniform numbers in [0, 1), shape (N,)."""
-        return self.arrays.cast(numbers * self._state.count, "int64")
 
     # --- episodes ----------------------------------------------------------------------------------------------------
 
-    def reset(self, seed: int | None = None) -> None:
-        """Begin an episode in every environment: the first one of a seed, or with None the next one.
+    def reset(self, seed: int = 0) -> State:
+        """Begin the first episode of a seed in every environment.
 
         Raises:
             ConfigError: for a negative seed.
         """
-        if seed is not None:
-            self._env_keys = self._draws.env_keys(seed, self.first_env, self.num_envs)
-            self._blank()
-        self._look_ahead()
-        self._begin(self._rows)
+        return self._begin(self._keys(seed), self.arrays.full((self.num_envs,), 0))
 
-    def pose(self, tasks: Array, episode: int = 0) -> None:
+    def restart(self, state: State) -> State:
+        """Begin the next episode in every environment."""
+        return self._begin(state.keys, state.episode)
+
+    def pose(self, tasks: Array, episode: int = 0, *, seed: int = 0) -> State:
         """Begin a given task in each environment, for evaluation; :meth:`step` then continues with drawn tasks.
 
         The distractors depend on the seed, the environment's number, ``episode`` and the task only.
@@ -193,152 +220,134 @@ class BatchEngine:
         Args:
             tasks: shape (N,), indices into the world's tasks.
             episode: number of the draw.
+            seed: seed of the draw.
         """
-        self._blank()
-        self._state.episode += episode
+        keys, number = self._keys(seed), self.arrays.full((self.num_envs,), episode)
         tasks = self.arrays.array(np.asarray(tasks, dtype=np.int64)) if isinstance(tasks, list | np.ndarray) else tasks
-        keys = self._draws.keys(self._env_keys, self._state.episode)
-        self._place(self._rows, self._draws.tables(keys, tasks), tasks)
-        self._state.episode += 1
-        self._look_ahead()
+        begun = self._begun(self._draws.tables(self._draws.keys(keys, number), tasks), tasks)
+        return State(self, keys, Ahead(self._draws, keys, number + 1), 0, **begun, episode=number + 1)
 
-    def _blank(self) -> None:
-        blank = {entry.name: self.arrays.full((self.num_envs,), 0) for entry in fields(State)}
-        self._state = State(**blank | {"wide": self.arrays.full((self.num_envs, self.num_slots + 1), self.nothing)})
+    def _keys(self, seed: int) -> Array:
+        return self._draws.env_keys(seed, self.first_env, self.num_envs)
 
-    def _look_ahead(self) -> None:
-        self._ahead = Ahead(self._draws, self._env_keys, self._state.episode)
+    def _begin(self, keys: Array, episode: Array) -> State:
+        ahead = Ahead(self._draws, keys, episode)
+        return State(self, keys, ahead, 1, **self._begun(*ahead.take(self._rows, episode)), episode=episode + 1)
 
-    def _begin(self, rows: Array) -> None:
-        """Begin the next episode of some environments."""
-        tables, tasks = self._ahead.take(rows, self._state.episode[rows])
-        self._place(rows, tables, tasks)
-        self._state.episode[rows] += 1
-
-    def _place(self, rows: Array, tables: Array, tasks: Array) -> None:
-        now, width = self._state, tables.shape[1]
-        where = slice(None) if len(rows) == self.num_envs else rows  # several times as fast
-        now.wide[where, :width] = self.arrays.cast(tables, "int64")
-        now.wide[where, width:] = self.nothing
-        now.task[where] = tasks
-        now.goal[where] = self._goals[tasks]
-        now.selection[where] = self.nothing
-        now.attempts_left[where] = self.config.attempts
-        now.count[where] = self._sizes(tables)
-
-    def _sizes(self, tables: Array) -> Array:
-        """Count the entities on tables, of which most are full at depth 1."""
-        sizes = self.arrays.full((len(tables),), tables.shape[1])
+    def _begun(self, tables: Array, tasks: Array) -> dict[str, Any]:
+        """Return the arrays of a state at the start of episodes."""
+        full, size = self.arrays.full, (len(tables),)
+        wide = full((len(tables), self.num_slots + 1), self.nothing)
+        wide[:, : tables.shape[1]] = self.arrays.cast(tables, "int64")
+        # Most tables are full at depth 1.
+        count = full(size, tables.shape[1])
         rows = self.arrays.rows(tables[:, -1] == self.nothing)
-        sizes[rows] = (tables[rows] != self.nothing).sum(1)
-        return sizes
+        count[rows] = (tables[rows] != self.nothing).sum(1)
+        return {
+            "goal": self._goals[tasks],
+            "task": tasks,
+            "selection": full(size, self.nothing),
+            "attempts_left": full(size, self.config.attempts),
+            "wide": wide,
+            "count": count,
+        }
 
-    def _begin_where(self, over: Array) -> None:
-        """Begin the next episode in environments where one is over."""
-        if not self.arrays.on_device:
-            rows = over.nonzero()[0]
-            if len(rows):
-                self._begin(rows)
-            return
-        # Without reading from the device: every environment is written, with its old state or its next episode.
-        where, now = self.arrays.xp.where, self._state
-        tables, task = self._ahead.peek()
-        table = self.arrays.cast(tables, "int64")
-        room = self.arrays.full((self.num_envs, self.num_slots + 1 - table.shape[1]), self.nothing)
-        now.wide = where(over[:, None], self.arrays.xp.concatenate([table, room], 1), now.wide)
-        now.task = where(over, task, now.task)
-        now.goal = where(over, self._goals[task], now.goal)
-        now.selection = where(over, self.nothing, now.selection)
-        now.attempts_left = where(over, self.config.attempts, now.attempts_left)
-        now.count = where(over, self._sizes(table), now.count)
-        now.episode = now.episode + over
-        self._ahead.skip(over, now.episode)
-
-    # --- resuming ----------------------------------------------------------------------------------------------------
-
-    def state(self) -> dict[str, NDArray[Any]]:
-        """Return the state of all environments, for :meth:`restore`: copied NumPy arrays by name."""
-        return {entry.name: self.arrays.numpy(getattr(self._state, entry.name)) for entry in fields(State)}
-
-    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
-        """Continue from the :meth:`state` of an engine with the same world, environments and seed.
-
-        Raises:
-            ConfigError: if the state is that of another engine.
-        """
-        names = [entry.name for entry in fields(State)]
-        for name in names:
-            expected = tuple(getattr(self._state, name).shape)
-            if name not in state or tuple(state[name].shape) != expected:
-                raise ConfigError(f"this is the state of another engine: '{name}' should have shape {expected}.")
-        self._state = State(**{name: self.arrays.array(np.array(state[name], dtype=np.int64)) for name in names})
-        # Episodes that were drawn ahead are drawn again: they depend on seed, environment and episode only.
-        self._look_ahead()
+    def _begin_where(self, over: Array, before: State, now: State) -> State:
+        """Begin the next episode in environments where one is over; ``now`` is the state after ``before``."""
+        on_device = self.arrays.on_device
+        rows = self._rows if on_device else over.nonzero()[0]
+        if not len(rows):
+            return now
+        begun = self._begun(*now.ahead.take(rows, now.episode[rows]))
+        episode = now.episode + over
+        if on_device:
+            # Without reading from the device: every environment is written, with its old state or its next episode.
+            where = self.arrays.xp.where
+            begun = {
+                name: where(over if new.ndim == 1 else over[:, None], new, getattr(now, name))
+                for name, new in begun.items()
+            }
+            age = now.age + 1
+            if age < now.ahead.size:
+                return now._replace(**begun, episode=episode, age=age)
+            return now._replace(**begun, episode=episode, age=0, ahead=Ahead(self._draws, now.keys, episode))
+        if len(rows) < self.num_envs:
+            for name, new in begun.items():
+                begun[name] = getattr(now, name)
+                if begun[name] is getattr(before, name):  # other arrays were made in this step
+                    begun[name] = begun[name] + 0
+                begun[name][rows] = new
+        return now._replace(**begun, episode=episode)
 
     # --- steps -------------------------------------------------------------------------------------------------------
 
-    def step(self, actions: Array) -> Step:
-        """Pick a slot in every environment; when an episode ends, the next one begins.
+    def step(self, state: State, actions: Array) -> tuple[State, Step]:
+        """Pick a slot in every environment; when an episode ends, the next one begins in the same step.
 
         Args:
+            state: where the environments are; it stays as it is.
             actions: shape (N,), integers. On the CPU they are checked against the action space.
 
+        Returns:
+            the state afterwards, and the outcome of the step.
+
         Raises:
-            ActionError: if one is outside the action space, or illegal where ``illegal_action`` is ``raise``.
+            ActionError: if an action is outside the action space, or illegal where ``illegal_action`` is ``raise``.
         """
-        done = self._step(actions)
-        self._begin_where(done.over)
-        return done
+        now, done = self._step(state, actions)
+        return self._begin_where(done.over, state, now), done
 
-    def step_once(self, actions: Array) -> Step:
+    def step_once(self, state: State, actions: Array) -> tuple[State, Step]:
         """Like :meth:`step`, but an environment whose episode has ended stays there; further steps do nothing in it."""
-        if not self.arrays.on_device and not (self.attempts_left > 0).any():
+        if not self.arrays.on_device and not (state.attempts_left > 0).any():
             raise EpisodeError("all episodes are over; call pose() or reset().")
-        done = self._step(actions)
-        self._state.attempts_left = self.arrays.xp.where(done.over, 0, self.attempts_left)
-        return done
+        now, done = self._step(state, actions)
+        return now._replace(attempts_left=self.arrays.xp.where(done.over, 0, now.attempts_left)), done
 
-    def _step(self, actions: Array) -> Step:
-        now, nothing, cast = self._state, self.nothing, self.arrays.cast
+    def _step(self, state: State, actions: Array) -> tuple[State, Step]:
+        nothing, cast = self.nothing, self.arrays.cast
         if not self.arrays.on_device:
             actions = self._checked(actions)
-        running = now.attempts_left > 0
-        picked = now.wide.take(self._offsets + actions)
+        running = state.attempts_left > 0
+        picked = state.wide.take(self._offsets + actions)
         empty = picked == nothing
         illegal = empty & running
         if self.config.illegal_action == "raise" and bool(illegal.any()):
-            self._refuse(actions, illegal)
-        second = now.selection != nothing
+            self._refuse(state, actions, illegal)
+        second = state.selection != nothing
         # With nothing in hand, or nothing picked, nothing is made: the table of pairs has a row for that.
-        pair = self.pairs(now.selection, picked)
-        made_goal, by_plan, shaped = self._land(pair, running)
-        ended = (second | empty) & running
-        now.attempts_left = now.attempts_left - cast(ended, "int64")
-        now.selection = self.arrays.xp.where(second | empty, nothing, picked)
-        over = running & (made_goal | (now.attempts_left == 0))
+        pair = self.pairs(state.selection, picked)
+        wide, count, made_goal, by_plan, shaped = self._land(state, pair, running)
+        attempts_left = state.attempts_left - cast((second | empty) & running, "int64")
+        selection = self.arrays.xp.where(second | empty, nothing, picked)
+        over = running & (made_goal | (attempts_left == 0))
         reward = cast(made_goal, "float32")
         if shaped is not None:
             wrong = second & ~empty & running & (pair == self.pairs.no_pair)
             reward = reward + shaped - self.config.rewards.wrong_pair_penalty * cast(wrong, "float32")
         outcome = cast(over, "int8") * OUT_OF_ATTEMPTS - cast(made_goal, "int8")
-        # The task is copied, because the next one is written into the same array.
-        return Step(cast(reward, "float32"), over, outcome, by_plan, illegal, now.task + 0)
+        now = state._replace(selection=selection, attempts_left=attempts_left, wide=wide, count=count)
+        return now, Step(cast(reward, "float32"), over, outcome, by_plan, illegal, state.task)
 
-    def _land(self, pair: Array, running: Array) -> tuple[Array, Array, Array | None]:
-        """Put results on the tables; return where the goal was made, where by a plan, and the shaped reward."""
-        arrays, rewards, now = self.arrays, self.config.rewards, self._state
+    def _land(self, state: State, pair: Array, running: Array) -> tuple[Array, Array, Array, Array, Array | None]:
+        """Put results on the tables.
+
+        Returns:
+            the tables and their sizes, where the goal was made, where by a plan, and the shaped reward if there is one.
+        """
+        arrays, rewards = self.arrays, self.config.rewards
         makes = (pair != self.pairs.no_pair) & running
         made_goal, by_plan = (arrays.full((self.num_envs,), 0, "bool") for _ in range(2))
         is_shaped = bool(rewards.wrong_pair_penalty or rewards.irrelevant_penalty or rewards.intermediate_reward)
         shaped = arrays.full((self.num_envs,), 0, "float32") if is_shaped else None
         rows = arrays.rows(makes)
         if not len(rows):
-            return made_goal, by_plan, shaped
-        results, goal, task, makes = self._results[pair[rows]], now.goal[rows], now.task[rows], makes[rows]
+            return state.wide, state.count, made_goal, by_plan, shaped
+        results, goal, task, makes = self._results[pair[rows]], state.goal[rows], state.task[rows], makes[rows]
         hit = (results == goal[:, None]).any(1) & makes
         made = self._made[task]
         first, relevant = arrays.full((len(rows),), 0), hit
-        tables, count = now.wide[rows], now.count[rows]
+        tables, count, wide = state.wide[rows], state.count[rows], state.wide + 0
         for i in range(results.shape[1]):
             result = results[:, i]
             is_new = makes & (result != self.nothing) & ~(tables == result[:, None]).any(1)
@@ -346,9 +355,10 @@ class BatchEngine:
                 is_made = (made == result[:, None]).any(1) & (result != self.nothing)
                 first, relevant = first + (is_made & is_new), relevant | is_made
             # Where nothing is new, the id of nothing is written to the first free slot, which holds it already.
-            now.wide[rows, count] = arrays.xp.where(is_new, result, now.wide[rows, count])
+            wide[rows, count] = arrays.xp.where(is_new, result, wide[rows, count])
             count = count + is_new
-        now.count[rows] = count
+        counts = state.count + 0
+        counts[rows] = count
         made_goal[rows] = hit
         by_plan[rows] = hit & (self._finals[task] == pair[rows][:, None]).any(1)
         if shaped is not None:
@@ -356,7 +366,7 @@ class BatchEngine:
             shaped[rows] = (
                 rewards.intermediate_reward * arrays.cast(first, "float32") - rewards.irrelevant_penalty * irrelevant
             )
-        return made_goal, by_plan, shaped
+        return wide, counts, made_goal, by_plan, shaped
 
     def _checked(self, actions: Array) -> NDArray[Any]:
         actions = np.asarray(actions)
@@ -371,11 +381,11 @@ class BatchEngine:
             )
         return actions
 
-    def _refuse(self, actions: Array, illegal: Array) -> None:
+    def _refuse(self, state: State, actions: Array, illegal: Array) -> None:
         env = int(illegal.nonzero()[0][0])
         raise ActionError(
             f"action {int(actions[env])} of environment {env}: the slot is empty; slots 0 to "
-            f"{int(self._state.count[env]) - 1} hold entities."
+            f"{int(state.count[env]) - 1} hold entities."
         )
 
 

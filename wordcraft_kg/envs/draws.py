@@ -180,60 +180,43 @@ class Draws:
 
 
 class Ahead:
-    """The next episodes of N environments, several drawn at a time.
+    """The next episodes of N environments, several drawn at a time; a cache, whose answers depend on no earlier call.
 
-    On the CPU they are drawn when an environment needs one. On a device control flow may not depend on that: they are
-    drawn at once, and again for all as soon as one environment may have used up its own.
+    On the CPU episodes are drawn when an environment asks for one that is not there. On a device control flow may not
+    depend on that: ``size`` episodes are drawn at once, and a caller asks for no others.
 
     Attributes:
         size: episodes drawn at a time for each environment.
     """
 
-    def __init__(self, draws: Draws, env_keys: Array, episodes: Array):
+    def __init__(self, draws: Draws, keys: Array, episodes: Array):
         """Begin with the episodes of the given numbers, one for each environment, shape (N,)."""
-        arrays, count = draws.arrays, len(env_keys)
-        self.draws, self.env_keys, self.size = draws, env_keys, AHEAD if count <= MANY else AHEAD_OF_MANY
+        arrays, count = draws.arrays, len(keys)
+        self.draws, self.keys, self.size = draws, keys, AHEAD if count <= MANY else AHEAD_OF_MANY
         self._tables = arrays.full((count, self.size, draws.width), 0, "int32")
         self._tasks = arrays.full((count, self.size), 0, "int32")
-        self._next = arrays.full((count,), self.size)  # index of the next one; size where none is left
-        self._all = arrays.array(np.arange(count))
+        self._first = arrays.full((count,), -self.size)  # number of the first episode that is there
         self._offsets = arrays.array(np.arange(self.size))[None, :]
-        self._used = 0  # most episodes that an environment can have used since all of them drew
         if arrays.on_device:
-            self._draw(self._all, episodes)
+            self._draw(arrays.array(np.arange(count)), episodes)
 
     def _draw(self, rows: Array, episodes: Array) -> None:
         """Draw episodes of some environments, from the given numbers on."""
         draws, shape = self.draws, (len(rows), self.size)
-        keys = draws.keys(self.env_keys[rows][:, None], episodes[:, None] + self._offsets).reshape(-1)
+        keys = draws.keys(self.keys[rows][:, None], episodes[:, None] + self._offsets).reshape(-1)
         tasks = draws.tasks(keys)
         self._tables[rows] = draws.tables(keys, tasks).reshape(*shape, -1)
         self._tasks[rows] = draws.arrays.cast(tasks, "int32").reshape(shape)
-        self._next[rows] = 0
-        self._used = 0
-
-    def peek(self) -> tuple[Array, Array]:
-        """Return the next table (N, width) and task (N,) of every environment, which must have been drawn."""
-        return self._read(self._all)
+        self._first[rows] = episodes
 
     def take(self, rows: Array, episodes: Array) -> tuple[Array, Array]:
-        """Take the next table and task of some environments; draw from the given numbers on where none is left."""
-        spent = self._next[rows] == self.size
-        if not self.draws.arrays.on_device and spent.any():
-            self._draw(rows[spent], episodes[spent])
-        found = self._read(rows)
-        self._next[rows] += 1
-        self._used += 1
-        return found
-
-    def skip(self, over: Array, episodes: Array) -> None:
-        """Count the episode shown by :meth:`peek` as taken where ``over``; draw for all before one runs out."""
-        self._next = self._next + over
-        self._used += 1
-        if self._used == self.size:
-            self._draw(self._all, episodes)
-
-    def _read(self, rows: Array) -> tuple[Array, Array]:
-        which, take = rows * self.size + self._next[rows], self.draws.arrays.take_rows
-        tasks = take(self._tasks.reshape(-1), which)
-        return take(self._tables.reshape(-1, self.draws.width), which), self.draws.arrays.cast(tasks, "int64")
+        """Return table (R, width) and task (R,) of an episode of each of some environments."""
+        arrays, index = self.draws.arrays, episodes - self._first[rows]
+        if not arrays.on_device:
+            spent = ((index < 0) | (index >= self.size)).nonzero()[0]
+            if len(spent):
+                self._draw(rows[spent], episodes[spent])
+                index[spent] = 0
+        which = rows * self.size + index
+        tasks = arrays.take_rows(self._tasks.reshape(-1), which)
+        return arrays.take_rows(self._tables.reshape(-1, self.draws.width), which), arrays.cast(tasks, "int64")

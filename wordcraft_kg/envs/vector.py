@@ -8,7 +8,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from wordcraft_kg.base.errors import ConfigError, EpisodeError
-from wordcraft_kg.envs.batch import OUTCOMES, BatchEngine
+from wordcraft_kg.envs.batch import OUTCOMES, BatchEngine, State
 from wordcraft_kg.envs.wordcraft import WordCraftEnv, observation_space
 from wordcraft_kg.envs.world import GraphLike, World
 
@@ -52,7 +52,7 @@ class WordCraftVectorEnv(VectorEnv[Arrays, Any, Any]):
         self.single_action_space = WordCraftEnv.space_of_actions(world.num_slots)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
-        self._has_begun = False
+        self._state: State | None = None
 
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
@@ -68,36 +68,44 @@ class WordCraftVectorEnv(VectorEnv[Arrays, Any, Any]):
             raise ConfigError(
                 f"unknown reset option '{min(options)}': there are none; set tasks with the engine's pose()."
             )
-        if seed is None and not self._has_begun:
+        if seed is None and self._state is None:
             seed = int(np.random.SeedSequence().generate_state(1)[0])
-        self.engine.reset(seed)
-        self._has_begun = True
+        state = self._state = self.engine.restart(self.state) if seed is None else self.engine.reset(seed)
         zeros = np.zeros(self.num_envs, dtype=bool)
-        return self._observations(), self._infos(np.zeros(self.num_envs, np.int8), zeros, zeros, self.engine.task)
+        return self._observations(), self._infos(np.zeros(self.num_envs, np.int8), zeros, zeros, state.task)
 
     def step(
         self, actions: NDArray[np.int64]
     ) -> tuple[Arrays, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
         """Pick a slot in each environment."""
-        if not self._has_begun:
-            raise EpisodeError("call reset() before step().")
-        done = self.engine.step(actions)
+        self._state, done = self.engine.step(self.state, actions)
         infos = self._infos(done.outcome, done.by_plan, done.illegal, done.task)
         over = np.zeros(self.num_envs, dtype=bool)
         return self._observations(), done.reward.astype(np.float64), done.over, over, infos
 
     def action_masks(self) -> NDArray[np.bool_]:
         """Return which slots hold an entity, shape (N, num_slots)."""
-        return np.asarray(self.engine.action_masks())
+        return np.asarray(self.state.action_masks())
+
+    @property
+    def state(self) -> State:
+        """The state of the engine.
+
+        Raises:
+            EpisodeError: before the first reset.
+        """
+        if self._state is None:
+            raise EpisodeError("call reset() before step().")
+        return self._state
 
     def _observations(self) -> Arrays:
-        engine = self.engine
+        state = self.state
         return {
-            "action_mask": engine.action_masks().astype(np.int8),
-            "attempts_left": engine.attempts_left.copy(),
-            "goal": engine.goal.copy(),
-            "selection": engine.selection.copy(),
-            "table": engine.table.copy(),
+            "action_mask": state.action_masks().astype(np.int8),
+            "attempts_left": state.attempts_left.copy(),
+            "goal": state.goal.copy(),
+            "selection": state.selection.copy(),
+            "table": state.table.copy(),
         }
 
     @staticmethod

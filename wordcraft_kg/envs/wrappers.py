@@ -146,8 +146,7 @@ class VectorKGScoreObservation(VectorWrapper):
     def __init__(self, env: VectorEnv[Any, Any, Any], sources: Sequence[SlotSource]):
         """Take sources of the environment's graph, as :class:`KGScoreObservation` does."""
         super().__init__(env)
-        self._engine = env.unwrapped.engine  # type: ignore[attr-defined]
-        world: World = self._engine.world
+        world = _world(env)
         self._scores = _Scores(world, sources)
         single, batched = env.single_observation_space, env.observation_space
         assert isinstance(single, spaces.Dict)
@@ -167,7 +166,8 @@ class VectorKGScoreObservation(VectorWrapper):
         return self._with_scores(observations), rewards, terminated, truncated, infos
 
     def _with_scores(self, observations: dict[str, Any]) -> dict[str, Any]:
-        return {**observations, **self._scores.of(observations, self._engine.task)}
+        task = self.env.unwrapped.state.task  # type: ignore[attr-defined]
+        return {**observations, **self._scores.of(observations, task)}
 
 
 class TaskObservation(gym.ObservationWrapper[dict[str, Any], Any, dict[str, Any]]):
@@ -265,7 +265,7 @@ def _id_spaces(env: gym.Env[Any, Any]) -> dict[str, spaces.Space[Any]]:
     return dict(known.spaces)
 
 
-def _world(env: gym.Env[Any, Any]) -> World:
+def _world(env: gym.Env[Any, Any] | VectorEnv[Any, Any, Any]) -> World:
     world = getattr(env.unwrapped, "world", None)
     if not isinstance(world, World):
         raise ConfigError(f"{env.unwrapped} is not a WordCraft environment.")

@@ -150,21 +150,21 @@ def test_the_greedy_picks_are_those_of_a_player_in_an_engine_with_the_same_table
     world = protocol.world.variant(part=part)
     tasks = [protocol.task(part, number) for number in range(1, 41)]
     slots = greedy_slots(agent.policy, world, tasks)
-    engine = BatchEngine(world, len(tasks))
-    state = engine.state()
-    state["wide"][:] = world.nothing
+    state = BatchEngine(world, len(tasks)).reset()
+    saved = state.saved()
+    saved["wide"][:] = world.nothing
     for row, task in enumerate(tasks):
-        state["wide"][row, : len(task.table)] = [world.graph.id_of(label) for label in task.table]
-        state["goal"][row], state["task"][row] = world.graph.id_of(task.goal), task.index
-        state["count"][row] = len(task.table)
-    engine.restore(state)
+        saved["wide"][row, : len(task.table)] = [world.graph.id_of(label) for label in task.table]
+        saved["goal"][row], saved["task"][row] = world.graph.id_of(task.goal), task.index
+        saved["count"][row] = len(task.table)
+    state = state.restored(saved)
     player, rng = PolicyPlayer(agent.policy), np.random.default_rng(0)
     for pick in range(2):
-        picked = player(engine, rng)
+        picked = player(state, rng)
         assert picked.tolist() == slots[:, pick].tolist()
-        outcome = engine.step_once(picked).outcome
+        state, step = state.engine.step_once(state, picked)
     made = [protocol.answer(task, pair, 1.0).success for task, pair in zip(tasks, slots.tolist(), strict=True)]
-    assert made == (outcome == GOAL).tolist()
+    assert made == (step.outcome == GOAL).tolist()
     assert 0 < sum(made) < len(made)
 
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from wordcraft_kg.agents.evaluation import Evaluator
 from wordcraft_kg.agents.players import Player
-from wordcraft_kg.envs.batch import BatchEngine
+from wordcraft_kg.envs.batch import State
 from wordcraft_kg.envs.world import World
 
 
@@ -14,12 +14,12 @@ def picks_of(player: Player, world: World, draws: int) -> dict[tuple[int, int], 
     evaluator = Evaluator(world, draws=draws)
     episode = -1
 
-    def recording(engine: BatchEngine, rng: np.random.Generator) -> np.ndarray:
+    def recording(state: State, rng: np.random.Generator) -> np.ndarray:
         nonlocal episode
-        slots = player(engine, rng)
-        if (engine.selection == engine.nothing).all() and (engine.attempts_left == world.config.attempts).all():
+        slots = player(state, rng)
+        if (state.selection == state.nothing).all() and (state.attempts_left == world.config.attempts).all():
             episode += 1
-        for row in np.flatnonzero(engine.attempts_left > 0):
+        for row in np.flatnonzero(state.attempts_left > 0):
             found.setdefault((int(evaluator.tasks[row]), episode), []).append(int(slots[row]))
         return slots
 

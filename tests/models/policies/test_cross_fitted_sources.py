@@ -108,11 +108,11 @@ def test_every_task_is_scored_by_a_model_that_has_not_seen_its_recipes(
     folds = folds_of(world)
     if part == "all":
         assert {len(one) for one in folds} == {0, 1, 2}
-    engine = BatchEngine(world, len(world.tasks), seed=1)
+    engine = BatchEngine(world, len(world.tasks))
     for _ in range(2):
-        engine.pose(np.arange(len(world.tasks)))
-        engine.step_once(np.zeros(len(world.tasks), dtype=np.int64))  # something is in hand
-        state = states_of(engine)
+        posed = engine.pose(np.arange(len(world.tasks)), seed=1)
+        held, _ = engine.step_once(posed, np.zeros(len(world.tasks), dtype=np.int64))  # something is in hand
+        state = states_of(held)
         found = torch.stack([source(*state) for source in sources])
         expected = expected_scores(opened, scorer, view, state, folds)
         torch.testing.assert_close(found, expected, rtol=1e-4, atol=1e-4)
@@ -218,7 +218,7 @@ def test_evaluations_bind_the_tasks_that_they_play_and_training_binds_its_own_ag
     world = world_of(opened)
     policy = guided(opened, scorer, world)
     deep = world.variant(depth=2, num_tasks=40)
-    impala = Impala(policy, BatchEngine(world, 8), ImpalaConfig(steps=64, batch_size=8))
+    impala = Impala(policy, BatchEngine(world, 8).reset(), ImpalaConfig(steps=64, batch_size=8))
     impala.update()
     assert policy.sources["u"].bound_to == world.tasks.hash
     Evaluator(deep, draws=1)(PolicyPlayer(policy))
@@ -236,7 +236,7 @@ def test_a_trainer_uses_for_a_task_what_the_source_says_of_it(opened, scorer):
     trained = []
     for settings in ({}, {"in_sample": True}):
         policy = guided(opened, scorer, world, **settings)
-        impala = Impala(policy, BatchEngine(world, 8), ImpalaConfig(steps=64, batch_size=8))
+        impala = Impala(policy, BatchEngine(world, 8).reset(), ImpalaConfig(steps=64, batch_size=8))
         impala.update()
         trained.append(torch.cat([parameter.flatten() for parameter in policy.parameters()]))
     assert not torch.equal(*trained)
@@ -272,7 +272,7 @@ def test_a_run_says_that_its_scorer_is_cross_fitted_and_comes_back_the_same(fold
     assert found == agent.evaluation.success["train"]
     saved = load_policy(save_policy(tmp_path / "saved", agent.policy))
     assert Evaluator(world_of(opened))(PolicyPlayer(saved)).figures() == found
-    player_of(agent.policy, "kg-only")(BatchEngine(world_of(opened), 4), np.random.default_rng(0))
+    player_of(agent.policy, "kg-only")(BatchEngine(world_of(opened), 4).reset(), np.random.default_rng(0))
     assert len(explain_episodes(agent.policy, world_of(opened), episodes=2)) == 2
 
     def press(step, total, figures):

@@ -106,9 +106,7 @@ def test_train_tasks_have_w_and_evidence_of_the_scorer_without_their_recipes(
 ):
     world = World(opened, WordCraftConfig(part="all", num_distractors=3))
     (source,) = make_sources(["w"], cross_fitted, tasks=world.tasks)
-    engine = BatchEngine(world, len(world.tasks), seed=0)
-    engine.pose(np.arange(len(world.tasks)))
-    state = states_of(engine)
+    state = states_of(BatchEngine(world, len(world.tasks)).pose(np.arange(len(world.tasks))))
     found = source(*state)
     seen = set()
     for row in range(0, len(world.tasks), 4):

@@ -12,7 +12,6 @@ from wordcraft_kg.apps.people.protocol import HumanProtocol, PosedTask
 from wordcraft_kg.apps.people.session_file import Session, TableKey
 from wordcraft_kg.base.errors import ArtefactError, GraphMismatchError
 from wordcraft_kg.base.tensors import as_tensor
-from wordcraft_kg.envs.batch import BatchEngine
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.models.policies.policy import Policy
@@ -78,13 +77,12 @@ def greedy_slots(policy: Policy, world: World, tasks: Sequence[PosedTask]) -> Id
         world: of the tasks' part and number of distractors.
         tasks: N tasks of depth 1.
     """
-    engine = BatchEngine(world, 1)
-    bind_tasks([policy], engine)
+    bind_tasks([policy], world)
     table = np.full((len(tasks), world.num_slots), world.nothing)
     for row, task in enumerate(tasks):
         table[row, : len(task.table)] = [world.graph.id_of(label) for label in task.table]
     goal = as_tensor(np.array([world.graph.id_of(task.goal) for task in tasks]))
-    number = as_tensor(np.array([task.index for task in tasks])) if has_train_recipes(engine) else None
+    number = as_tensor(np.array([task.index for task in tasks])) if has_train_recipes(world) else None
     held = torch.full_like(goal, world.nothing)
     weights, device = policy.weights(), next(policy.parameters()).device
     picks = []

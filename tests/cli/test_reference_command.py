@@ -107,11 +107,11 @@ def test_ours_and_the_literature_are_apart_and_each_of_the_latter_has_a_source(r
     ours, theirs = "\n".join(lines[first:second]), "\n".join(lines[second:])
     assert "our agent" in ours
     assert "gpt-4o-mini" not in ours
-    assert "gpt-4o-mini agent [1]" in theirs
-    assert "[1] Sarukkai" in theirs
+    assert "gpt-4o-mini agent [2]" in theirs
+    assert "[2] Sarukkai" in theirs
     assert "our agent" not in theirs
     assert "measured now" not in theirs
-    assert "[a] 5 seeds, 1,000 steps" in theirs
+    assert "[1] 5 seeds, 1,000 steps" in theirs
 
 
 def test_what_the_pack_does_not_have_is_measured_and_the_rest_is_not(run, pack):

@@ -8,12 +8,14 @@ from cyclopts import Parameter
 
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.cli.console import Flag, Output, aligned, names, split_labels
-from wordcraft_kg.cli.options import Book
-from wordcraft_kg.cli.splits import split_rows
+from wordcraft_kg.cli.describe import split_rows
+from wordcraft_kg.cli.options import Book, Force, Words
 from wordcraft_kg.graphs.splits import SPLITS, SplitConfig
 
 if TYPE_CHECKING:
     from wordcraft_kg.evaluation.graphs import BuiltGraph
+    from wordcraft_kg.graphs.audit import Reachability
+    from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 
     SplitName = str
 else:
@@ -32,7 +34,7 @@ def _kinds() -> str:
 def build_graph(
     book: Book = "everyday",
     *,
-    base: Annotated[list[str] | None, Parameter(negative=(), consume_multiple=False)] = None,
+    base: Words = None,
     base_file: Path | None = None,
     split: Annotated[SplitName, Parameter(help=f"what is held out: {_kinds()}.")] = SplitConfig.kind,
     train_ratio: float = SplitConfig.train_ratio,
@@ -42,7 +44,7 @@ def build_graph(
     single_ingredient: str | None = None,
     name: str | None = None,
     out: Path | None = None,
-    force: Flag = False,
+    force: Force = False,
     output: Output = Output(),
 ) -> None:
     """Turn a recipe book into a graph folder: graph, split, triples and audit.
@@ -60,7 +62,6 @@ def build_graph(
             it is combined with, such as furnace. Default: such a recipe is an error.
         name: what reports call the graph, and after which models are named. Default: the name of the folder.
         out: folder to write. Default: graphs/<name, or else the book's name>.
-        force: replace the folder if it exists.
     """
     from wordcraft_kg.base.artefacts import check_output
     from wordcraft_kg.evaluation.graphs import view_build
@@ -71,26 +72,29 @@ def build_graph(
     from wordcraft_kg.graphs.recipes import check_label
     from wordcraft_kg.graphs.splits import make_split
 
-    config = SplitConfig(split, train_ratio, valid_ratio, seed)
     recipes = open_book(book, keep_self_results=keep_self_results, single_ingredient=single_ingredient)
     folder = out or Path("graphs") / (name or recipes.name)
     check_output(folder, force=force)
     graph = RecipeGraph.from_book(recipes, _base(base, base_file))
     graph.name = book_name(folder.resolve() / "graph.json") if name is None else check_label(name, "`name`")
-    found = write_graph_folder(folder, recipes, make_split(graph, config), force=force)
-    reach = found.reachability
-    if reach.unreachable:
-        inferred = base is None and base_file is None and recipes.base is None
-        logging.getLogger(__name__).warning(
-            "%s of %s entities cannot be made from the base (%s)%s: %s",
-            f"{reach.unreachable:,}",
-            f"{graph.num_entities:,}",
-            names(graph.base[:10], len(graph.base)),
-            ", which was inferred as the entities without a recipe; name it with --base" if inferred else "",
-            names(reach.unreachable_entities[:10], reach.unreachable),
-        )
+    drawn = make_split(graph, SplitConfig(split, train_ratio, valid_ratio, seed))
+    found = write_graph_folder(folder, recipes, drawn, force=force)
+    if found.reachability.unreachable:
+        _warn(graph, found.reachability, inferred=base is None and base_file is None and recipes.base is None)
     view = view_build(found, folder)
     output.result(view, _text(view, found.ambiguity.pairs_with_several_results))
+
+
+def _warn(graph: "RecipeGraph", found: "Reachability", *, inferred: bool) -> None:
+    reason = ", which was inferred as the entities without a recipe; name it with --base" if inferred else ""
+    logging.getLogger(__name__).warning(
+        "%s of %s entities cannot be made from the base (%s)%s: %s",
+        f"{found.unreachable:,}",
+        f"{graph.num_entities:,}",
+        names(graph.base[:10], len(graph.base)),
+        reason,
+        names(found.unreachable_entities[:10], found.unreachable),
+    )
 
 
 def _base(base: list[str] | None, base_file: Path | None) -> list[str] | None:

@@ -2,13 +2,11 @@
 
 from collections import Counter
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Annotated
-
-from cyclopts import Parameter
+from typing import TYPE_CHECKING
 
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.cli.console import Flag, Output, aligned, split_labels
-from wordcraft_kg.cli.options import Book
+from wordcraft_kg.cli.options import Book, Words
 
 if TYPE_CHECKING:
     from wordcraft_kg.evaluation.books import CheckedBook
@@ -23,7 +21,7 @@ EXAMPLES = (
 def check_book(
     book: Book,
     *,
-    base: Annotated[list[str] | None, Parameter(negative=(), consume_multiple=False)] = None,
+    base: Words = None,
     against: str | None = None,
     single_ingredient: str | None = None,
     limit: int = 10,

@@ -6,11 +6,10 @@ from typing import TYPE_CHECKING
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.cli.console import Output, aligned, names
 from wordcraft_kg.cli.options import Book
-from wordcraft_kg.cli.splits import split_rows
 
 if TYPE_CHECKING:
     from wordcraft_kg.evaluation.graphs import EntityView
-    from wordcraft_kg.graphs.audit import Audit
+    from wordcraft_kg.graphs.audit import Audit, SplitSummary
     from wordcraft_kg.graphs.recipes import Recipe
 
 EXAMPLES = ("wordcraft-kg describe everyday", "wordcraft-kg describe graphs/everyday --entity bread")
@@ -56,24 +55,19 @@ def _entity_text(view: "EntityView") -> list[str]:
 def _audit_text(name: str, found: "Audit") -> list[str]:
     reach, degrees, ambiguity, labels = found.reachability, found.degrees, found.ambiguity, found.labels
     per = degrees.recipes_per_craftable
+    several = (
+        f"{counted(pairs, 'pair')} with {counted(int(results), 'result')}"
+        for results, pairs in ambiguity.pairs_by_number_of_results.items()
+    )
     rows = [
         ("graph", f"{name}, hash {found.hash[:12]}"),
         ("entities", f"{found.entities:,}, {degrees.craftable:,} craftable, {degrees.terminal:,} terminal"),
-        (
-            "recipes",
-            f"{found.recipes:,} over {counted(found.pairs, 'pair')}, {degrees.self_pairs:,} with itself",
-        ),
+        ("recipes", f"{found.recipes:,} over {counted(found.pairs, 'pair')}, {degrees.self_pairs:,} with itself"),
         ("per entity", f"{per.mean:.2f} recipes on average, median {per.median:.0f}, at most {per.max}"),
-        (
-            "ambiguity",
-            ", ".join(
-                f"{counted(pairs, 'pair')} with {counted(int(n), 'result')}"
-                for n, pairs in ambiguity.pairs_by_number_of_results.items()
-            ),
-        ),
+        ("ambiguity", ", ".join(several)),
         ("base", names(found.base[:10], len(found.base))),
         ("reachable", f"{reach.reachable:,} of {found.entities:,}, in {counted(reach.rounds, 'round')}"),
-        ("layers", " ".join(str(count) for count in reach.known_after_round) + " known after each round"),
+        ("layers", " ".join(map(str, reach.known_after_round)) + " known after each round"),
         ("most used", ", ".join(f"{label} {count}" for label, count in degrees.most_used[:5])),
         ("most made", ", ".join(f"{label} {count}" for label, count in degrees.most_recipes[:5])),
     ]
@@ -83,18 +77,42 @@ def _audit_text(name: str, found: "Audit") -> list[str]:
         alike = " / ".join(", ".join(map(repr, group)) for group in labels.alike_labels[:3])
         groups = counted(labels.alike, "group")
         rows.append(("look alike", f"{groups} of labels, different only in case or blanks: {alike}"))
-    rows += split_rows(found.split)
-    return [*aligned(rows), *_leak_check(found)]
-
-
-def _leak_check(found: "Audit") -> list[str]:
+    text = aligned(rows + split_rows(found.split))
     if found.split.kind == "none":
-        return []
-    text = ["", f"{'leak check':<14}{'train':>9}{'test':>9}{'in train':>10}{'evaluated':>11}{'mirrored':>10}"]
+        return text
+    leaks: list[tuple[str, ...]] = [("leak check", "train", "test", "in train", "evaluated", "mirrored")]
     for relation, row in found.leakage.items():
+        counts = (row.train, row.from_test_recipes, row.already_in_train, row.evaluated)
         mirrored = f"{row.mirror_in_train:,}" if relation == "combinesWith" else "-"
-        text.append(
-            f"{relation:<14}{row.train:>9,}{row.from_test_recipes:>9,}{row.already_in_train:>10,}"
-            f"{row.evaluated:>11,}{mirrored:>10}"
-        )
-    return text
+        leaks.append((relation, *(f"{count:,}" for count in counts), mirrored))
+    return [*text, "", *aligned(leaks, numbers=True)]
+
+
+def split_rows(split: "SplitSummary") -> list[tuple[str, str]]:
+    """Describe a split in a few lines."""
+    if split.kind == "none":
+        return [("split", "none: every recipe is in train")]
+    ratios = (split.train_ratio, split.valid_ratio, 1 - split.train_ratio - split.valid_ratio)
+    shares = "/".join(f"{share:.0%}" for share in ratios if share)
+    valid = f", {split.valid_recipes:,} validation" if split.valid_recipes else ""
+    sizes = f"{split.train_recipes:,} train{valid}, {counted(split.test_recipes, 'test recipe')}"
+    goals, test = (max(number, 1) for number in (split.test_goals, split.test_recipes))
+    known = f"{split.test_goals_in_train / goals:.0%} of {counted(split.test_goals, 'test goal')} made in train"
+    share = f"{split.one_ingredient_away / test:.0%} of the test recipes"
+    rows = [
+        ("split", f"{split.kind} {shares}, seed {split.seed}: {sizes}"),
+        ("unseen", f"{counted(split.unseen_triples, 'triple')}; leaked and left out: {split.leaked_triples:,}"),
+        ("near train", f"{known}; {share} share an ingredient and the result with a train recipe"),
+    ]
+    if split.moved_for_coverage:
+        rows.append(("moved", f"{counted(split.moved_for_coverage, 'recipe')} to train, to cover every entity"))
+    if split.uncovered:
+        who = counted(split.uncovered, "entity is", "entities are")
+        listed = names(split.uncovered_entities[:5], split.uncovered)
+        rows.append(("uncovered", f"{who} in no train recipe: {listed}"))
+    else:
+        rows.append(("covered", "every entity is in a train recipe"))
+    if split.pairs_on_both_sides:
+        who = counted(split.pairs_on_both_sides, "pair has", "pairs have")
+        rows.append(("both sides", f"{who} results in more than one part"))
+    return rows

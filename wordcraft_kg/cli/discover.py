@@ -1,13 +1,12 @@
 """``wordcraft-kg discover``."""
 
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-from cyclopts import Parameter
-
-from wordcraft_kg.base.errors import ConfigError, OutputExistsError
-from wordcraft_kg.cli.console import Flag, Output, split_labels
-from wordcraft_kg.cli.options import Book, Scorer
+from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.cli.console import Output, aligned, check_page, split_labels, write_page
+from wordcraft_kg.cli.options import Book, Force, Scorer, Words
 
 if TYPE_CHECKING:
     from wordcraft_kg.evaluation.discovery import DiscoveryView, Known
@@ -16,7 +15,6 @@ EXAMPLES = (
     "wordcraft-kg discover everyday --players random,greedy --runs 20",
     "wordcraft-kg discover everyday --scorer models/everyday --out discovery.html",
 )
-List = Annotated[list[str] | None, Parameter(negative=(), consume_multiple=False)]
 
 
 def discover(
@@ -24,12 +22,12 @@ def discover(
     *,
     attempts: int = 100,
     runs: int = 100,
-    players: List = None,
+    players: Words = None,
     scorer: Scorer = None,
-    base: List = None,
+    base: Words = None,
     seed: int = 0,
     out: Path | None = None,
-    force: Flag = False,
+    force: Force = False,
     output: Output = Output(),
 ) -> None:
     """Let players discover entities from the base in open-ended play, and compare them with people.
@@ -45,10 +43,8 @@ def discover(
             fire and water.
         seed: root seed of all draws.
         out: HTML page to write, with the curves.
-        force: replace the page if it exists.
     """
-    if out is not None and out.exists() and not force:
-        raise OutputExistsError(f"'{out}' exists. Choose another --out, or replace it with --force.")
+    check_page(out, force=force)
     from wordcraft_kg.agents.discovery import DISCOVERERS
     from wordcraft_kg.evaluation.discovery import view_discovery, written_to
     from wordcraft_kg.graphs.folder import open_graph
@@ -74,36 +70,25 @@ def discover(
         progress=output.progress("discovery", unit="run"),
     )
     if out is not None:
-        from wordcraft_kg.base.artefacts import staged_file, write_atomically
         from wordcraft_kg.reports.discovery_report import discovery_page
 
-        with staged_file(out, force=force) as file:
-            write_atomically(file, discovery_page(view, curves))
+        write_page(out, discovery_page(view, curves), force=force)
         view = written_to(view, out)
     output.result(view, _text(view))
 
 
-def _text(view: "DiscoveryView") -> list[str]:
-    marks = [str(mark) for mark in view.marks]
-
+def _text(view: "DiscoveryView") -> Iterator[str]:
     def cell(known: "Known") -> str:
         has_interval = known.low is not None and known.high is not None and known.low < known.high
         return f"{known.mean:.1f}" + (f" [{known.low:.1f}, {known.high:.1f}]" if has_interval else "")
 
-    rows = [["entities known after", *marks, "repeated"]]
-    rows += [
-        [name, *(cell(known[mark]) for mark in marks), f"{known[marks[-1]].repeated:.1%}"]
-        for name, known in view.players.items()
-    ]
-    people = view.people
-    rows.append(["people, another game", *(f"{people[mark]:g}" if mark in people else "" for mark in marks), ""])
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    text = [
-        f"{view.graph}: {view.reachable:,} of {view.entities:,} entities reachable from {', '.join(view.base)}",
-        f"{view.runs:,} runs of {view.attempts:,} attempts: mean [95% interval]",
-        "",
-        *("  ".join(f"{part:<{width}}" for part, width in zip(row, widths, strict=True)).rstrip() for row in rows),
-        "",
-        f"people: {view.people_source}",
-    ]
-    return text + ([f"wrote {view.out}"] if view.out else [])
+    rows: list[tuple[str, ...]] = [("entities known after", *map(str, view.marks), "repeated")]
+    for name, known in view.players.items():
+        rows.append((name, *map(cell, known.values()), f"{known[str(view.marks[-1])].repeated:.1%}"))
+    people = (view.people.get(str(mark)) for mark in view.marks)
+    rows.append(("people, another game", *("" if mean is None else f"{mean:g}" for mean in people)))
+    yield f"{view.graph}: {view.reachable:,} of {view.entities:,} entities reachable from {', '.join(view.base)}"
+    yield f"{view.runs:,} runs of {view.attempts:,} attempts: mean [95% interval]"
+    yield from ("", *aligned(rows), "", f"people: {view.people_source}")
+    if view.out:
+        yield f"wrote {view.out}"

@@ -4,8 +4,8 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from wordcraft_kg.cli.console import Flag, Output, aligned
-from wordcraft_kg.cli.options import Model
+from wordcraft_kg.cli.console import Output, aligned
+from wordcraft_kg.cli.options import Force, Model, MovedGraph
 from wordcraft_kg.models.scorers.config import MAX_QUERIES
 
 if TYPE_CHECKING:
@@ -21,20 +21,18 @@ EXAMPLES = (
 def evaluate_links(
     model: Model,
     *,
-    graph: str | None = None,
+    graph: MovedGraph = None,
     max_queries: int = MAX_QUERIES,
     out: Path | None = None,
-    force: Flag = False,
+    force: Force = False,
     output: Output = Output(),
 ) -> int:
     """Rank the triples that a model has never seen, and write the report; leaked triples never count.
 
     Args:
         model: model folder.
-        graph: where the graph is now, if it has moved since the training.
         max_queries: most queries to rank, two for each triple; of more, a uniform sample is ranked. 0 ranks all.
         out: folder to write. Default: report/ in the model folder.
-        force: replace the report if it exists.
     """
     from wordcraft_kg.base.artefacts import check_output
     from wordcraft_kg.runs.record import read_finished_run

@@ -4,8 +4,8 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from wordcraft_kg.base.settings import MAX_SIZE, whole
-from wordcraft_kg.cli.console import Output
-from wordcraft_kg.cli.options import Agent
+from wordcraft_kg.cli.console import Output, aligned
+from wordcraft_kg.cli.options import Agent, MovedGraph
 from wordcraft_kg.graphs.tasks import TaskPart
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ def explain(
     episodes: int = 3,
     part: TaskPart = "test",
     distractors: int | None = None,
-    graph: str | None = None,
+    graph: MovedGraph = None,
     output: Output = Output(),
 ) -> None:
     """Show why an agent picked what it picked: each logit, split into the contributions of attention and knowledge.
@@ -37,7 +37,6 @@ def explain(
         episodes: number of episodes to play.
         part: tasks to play: train, valid, test or all.
         distractors: number of distractors on the table. Default: as in training.
-        graph: where the graph is now, if it has moved since the training.
     """
     from wordcraft_kg.agents.agent_folder import open_agent
     from wordcraft_kg.evaluation.players import view_explanation
@@ -63,17 +62,13 @@ def _step(step: "ExplainedStep") -> Iterator[str]:
 
     weights = "  ".join(f"{label_of(name).coefficient} {value:.2f}" for name, value in step.lambdas.items())
     yield from ("", f"  holding {step.held or 'nothing'}   V {step.value:.2f}   {weights}".rstrip())
-    width = max(16, *(len(slot.entity) + 4 for slot in step.slots))
-    columns = [label_of(name).symbol for name in step.slots[0].sources]
-    if step.lambdas:
-        columns += [f"λ{symbol}·{symbol}" for symbol in columns]
-    yield f"  {'':<{width}}" + "".join(f"{column:>8}" for column in (*columns, "β", "π"))
+    symbols = [label_of(name).symbol for name in step.slots[0].sources]
+    rows = [("  ", *symbols, *(f"λ{symbol}·{symbol}" for symbol in symbols if step.lambdas), "β", "π")]
     for slot in sorted(step.slots, key=lambda slot: -slot.logit):
-        mark = ">" if slot.entity == step.picked else " "
-        label = f"{mark} {slot.entity}{' *' if slot.is_part else ''}"
-        figures = [*slot.sources.values(), *(slot.contributions.values() if step.lambdas else ())]
-        cells = "".join(f"{figure:>8.2f}" for figure in (*figures, slot.logit))
-        yield f"  {label:<{width}}{cells}{slot.probability:>8.1%}"
+        figures = (*slot.sources.values(), *(slot.contributions.values() if step.lambdas else ()), slot.logit)
+        label = f"  {'>' if slot.entity == step.picked else ' '} {slot.entity}{' *' if slot.is_part else ''}"
+        rows.append((label, *(f"{figure:.2f}" for figure in figures), f"{slot.probability:.1%}"))
+    yield from aligned(rows, numbers=True)
     for entity, found in step.told():
         yield f"  {label_of(found.source).symbol}: {entity} + {found.partner} because {because(found.because)}"
     if step.made:

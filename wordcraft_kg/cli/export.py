@@ -5,8 +5,8 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from wordcraft_kg.cli.console import Flag, Output
-from wordcraft_kg.cli.options import Book
+from wordcraft_kg.cli.console import Output
+from wordcraft_kg.cli.options import Book, Force
 from wordcraft_kg.graphs.export import ExportPart, Format
 
 EXAMPLES = (
@@ -22,7 +22,7 @@ def export(
     format: Format,
     out: Annotated[Path, Parameter(name=["--out"])],
     part: ExportPart = "full",
-    force: Flag = False,
+    force: Force = False,
     output: Output = Output(),
 ) -> None:
     """Write a graph for other tools.
@@ -34,7 +34,6 @@ def export(
         out: file to write, or folder for libkge.
         part: full (all recipes, those of the test part too), partial (the train recipes), or unseen (the held-out
             recipes, and the triples that no train recipe gives). Entities and base are always complete.
-        force: replace it if it exists.
     """
     from wordcraft_kg.graphs.export import EXPORTERS, export_graph
     from wordcraft_kg.graphs.folder import open_graph

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from wordcraft_kg.models.links.training import train_links
     from wordcraft_kg.models.policies.config import PolicyConfig
     from wordcraft_kg.models.policies.folder import load_policy, save_policy
-    from wordcraft_kg.models.policies.sources.source import make_sources
+    from wordcraft_kg.models.policies.sources.registry import make_sources
     from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
     from wordcraft_kg.models.recipes.training import train_recipes
     from wordcraft_kg.models.saving import save_scorer
@@ -68,7 +68,7 @@ _MODULES = {
     "from_pykeen": "models.links.pykeen_import",
     "load_policy": "models.policies.folder",
     "load_scorer": "models.scorers.folder",
-    "make_sources": "models.policies.sources.source",
+    "make_sources": "models.policies.sources.registry",
     "make_split": "graphs.splits",
     "open_agent": "agents.agent_folder",
     "open_book": "graphs.library",

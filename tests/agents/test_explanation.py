@@ -24,7 +24,8 @@ from wordcraft_kg.graphs.triples import recipe_triples
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.folder import make_policy
 from wordcraft_kg.models.policies.policy import Policy
-from wordcraft_kg.models.policies.sources.source import ScoreView, make_sources
+from wordcraft_kg.models.policies.sources.registry import make_sources
+from wordcraft_kg.models.policies.sources.source import ScoreView
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.recipes.training import train_recipes
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer

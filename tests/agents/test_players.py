@@ -23,7 +23,7 @@ from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs import SplitConfig, make_split, open_graph
 from wordcraft_kg.graphs.folder import OpenedGraph
-from wordcraft_kg.models.policies.sources.source import make_sources
+from wordcraft_kg.models.policies.sources.registry import make_sources
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer, SymbolicScorer
 from wordcraft_kg.models.scorers.cross_fitting import whole_of
 from wordcraft_kg.models.scorers.folder import load_scorer

@@ -17,7 +17,7 @@ from wordcraft_kg.envs.wrappers import (
     VectorKGScoreObservation,
 )
 from wordcraft_kg.graphs import COMBINES_WITH, COMPONENT_OF, RecipeGraph, open_book, open_graph
-from wordcraft_kg.models.policies.sources.source import make_sources
+from wordcraft_kg.models.policies.sources.registry import make_sources
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer, NeighbourScorer
 
 SETTINGS = {"graph": "kitchen", "part": "all", "depth": 2, "num_distractors": 3}

@@ -29,7 +29,7 @@ from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.models.folder import open_model
 from wordcraft_kg.models.policies.folder import make_policy, write_constants
 from wordcraft_kg.models.policies.policy import Policy
-from wordcraft_kg.models.policies.sources.source import pairs_need_factors
+from wordcraft_kg.models.policies.sources.registry import pairs_need_factors
 from wordcraft_kg.models.scorers.cross_fitting import whole_of
 from wordcraft_kg.models.scorers.folder import FOLDS_TENSORS
 from wordcraft_kg.runs.checkpoints import Checkpoint

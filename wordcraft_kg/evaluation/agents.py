@@ -43,7 +43,7 @@ from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folder import Taught
 from wordcraft_kg.graphs.planner import layers
 from wordcraft_kg.graphs.tasks import TaskPart, TaskSet
-from wordcraft_kg.models.policies.sources.component_of import ComponentOf
+from wordcraft_kg.models.policies.sources.pairs import ComponentOf
 
 RULES = ("depth", "max_attempts", "distractor_weighting", "distractor_policy", "ambiguity")
 """Settings of the tasks that must be equal in all agents that are compared."""

@@ -8,7 +8,7 @@ import numpy as np
 from wordcraft_kg.agents.agent_folder import AgentRun
 from wordcraft_kg.base.records import Record
 from wordcraft_kg.base.statistics import stratified_bootstrap
-from wordcraft_kg.models.policies.sources import ALPHA, SOURCES
+from wordcraft_kg.models.policies.sources import ALPHA, source_names
 
 CURVE_POINTS = 100
 """About the most points of a curve of training figures."""
@@ -59,7 +59,7 @@ def lambda_curves(members: Sequence[AgentRun]) -> list[LambdaCurve]:
     """λ over training, by source and pick, the mean over seeds, in about :data:`CURVE_POINTS` points."""
     found = []
     picks: tuple[Literal["first", "second"], ...] = ("first", "second")
-    for source in (ALPHA.name, *SOURCES):
+    for source in (ALPHA.name, *source_names()):
         for pick in picks:
             rows = _shared_rows(members, f"lambda_{source}_{pick}")
             points = [(step, float(np.mean(seeds))) for step, seeds in rows[:: max(1, len(rows) // CURVE_POINTS)]]

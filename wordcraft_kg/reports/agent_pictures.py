@@ -8,12 +8,9 @@ from markupsafe import Markup
 from wordcraft_kg.agents.explanation import ExplainedSlot, ExplainedStep
 from wordcraft_kg.evaluation.recipe_scores import told
 from wordcraft_kg.evaluation.training_curves import CurvePoint, Figure, LambdaCurve, SeedCurve
-from wordcraft_kg.models.policies.sources import ALPHA, SOURCES, Label, label_of
+from wordcraft_kg.models.policies.sources import ALPHA, Label, label_of, source_names
 from wordcraft_kg.reports import charts
-from wordcraft_kg.reports.glossary import GLOSSARY
 
-COLOURS = {name: number for number, name in enumerate((ALPHA.name, *SOURCES))}
-"""Number of each source's colour."""
 FIGURES: dict[Figure, str] = {
     "test_success": "greedy success on test tasks",
     "return": "return of the last episodes",
@@ -24,6 +21,11 @@ FIGURES: dict[Figure, str] = {
     "grad_norm": "gradient norm",
 }
 """Title of the picture of each figure of the training."""
+
+
+def source_colours() -> dict[str, int]:
+    """Return the number of each source's colour."""
+    return {name: number for number, name in enumerate((ALPHA.name, *source_names()))}
 
 
 def picture_of_success(curves: Mapping[str, Mapping[str, Sequence[CurvePoint]]]) -> Markup:
@@ -46,6 +48,7 @@ def picture_of_success(curves: Mapping[str, Mapping[str, Sequence[CurvePoint]]])
 
 def picture_of_lambdas(agent: str, found: Sequence[LambdaCurve]) -> Markup:
     """Draw the mixing weights of an agent over training."""
+    colours = source_colours()
     curves = {f"{label_of(curve.source).coefficient} {curve.pick}": curve for curve in found}
     return charts.curves(
         {name: [(step, value, None, None) for step, value in curve.points] for name, curve in curves.items()},
@@ -53,7 +56,7 @@ def picture_of_lambdas(agent: str, found: Sequence[LambdaCurve]) -> Markup:
         "mean mixing weight (λ) in the last batch",
         f"Mixing weights of {agent} over training",
         dashed={name for name, curve in curves.items() if curve.pick == "second"},
-        colours={name: COLOURS[curve.source] for name, curve in curves.items()},
+        colours={name: colours[curve.source] for name, curve in curves.items()},
     )
 
 
@@ -94,15 +97,14 @@ def slot_rows(step: ExplainedStep) -> list[tuple[ExplainedSlot, Markup]]:
         for to_the_right in (True, False)
     )
     by_logit = sorted(step.slots, key=lambda slot: slot.logit, reverse=True)
-    return [(slot, charts.contribution_bar(slot.contributions, scale, COLOURS)) for slot in by_logit]
+    return [(slot, charts.contribution_bar(slot.contributions, scale, source_colours())) for slot in by_logit]
 
 
 PICKS: dict[str, Any] = {
-    "colours": COLOURS,
+    "colours": source_colours,
     "column_labels": column_labels,
     "label_of": label_of,
     "slot_rows": slot_rows,
     "told": told,
-    "words": {name: GLOSSARY[name].name for name in COLOURS},
 }
 """What the template ``picks.html.j2`` needs."""

@@ -11,11 +11,11 @@ from wordcraft_kg.evaluation.agents import NEVER, AgentsView, Groups, Slice, vie
 from wordcraft_kg.graphs.tasks import TaskPart
 from wordcraft_kg.reports import charts
 from wordcraft_kg.reports.agent_pictures import (
-    COLOURS,
     PICKS,
     picture_of_lambdas,
     picture_of_success,
     pictures_of_figures,
+    source_colours,
 )
 from wordcraft_kg.reports.pages import Report
 
@@ -53,7 +53,7 @@ def make_agent_report(
         },
         shown={
             "min_seeds": MIN_SEEDS,
-            "colours": COLOURS,
+            "colours": source_colours(),
             "picks": PICKS,
         },
     )

@@ -3,6 +3,7 @@
 from typing import Literal
 
 from wordcraft_kg.base.records import Record
+from wordcraft_kg.models.policies.sources import ALPHA, BUILT_IN, Label, label_of
 
 Topic = Literal["Graphs", "Links", "Play", "Agents"]
 
@@ -14,6 +15,10 @@ class Term(Record):
     name: str
     meaning: str
     symbol: str = ""
+
+
+def _term(label: Label) -> Term:
+    return Term("Agents", label.words, label.meaning or label.about, label.symbol)
 
 
 GLOSSARY: dict[str, Term] = {
@@ -216,17 +221,7 @@ GLOSSARY: dict[str, Term] = {
     ),
     "greedy": Term("Play", "greedy", "The agent takes its best slot each time instead of drawing one."),
     "oracle": Term("Play", "recipe oracle", "A player that looks the recipes up; nothing can be better."),
-    "alpha": Term(
-        "Agents", "attention", "What the agent's own network gives a slot, without any knowledge graph.", "α"
-    ),
-    "u": Term("Agents", "combination score", "The scorer's combinesWith score of a slot with the entity in hand.", "u"),
-    "v": Term("Agents", "ingredient score", "The scorer's componentOf score of a slot with the goal.", "v"),
-    "w": Term(
-        "Agents",
-        "recipe score",
-        "How plausible it is that a slot and the entity in hand make the goal; with an empty hand, its best partner.",
-        "w",
-    ),
+    **{label.name: _term(label) for label in (ALPHA, *BUILT_IN.values())},
     "evidence": Term(
         "Agents",
         "evidence",
@@ -269,3 +264,12 @@ GLOSSARY: dict[str, Term] = {
     ),
 }
 """Terms by the key that templates use."""
+
+
+def find_term(key: str) -> Term:
+    """Return a word of the glossary, or the words of a source's label.
+
+    Raises:
+        KeyError: if there is neither.
+    """
+    return GLOSSARY[key] if key in GLOSSARY else _term(label_of(key))

@@ -18,7 +18,7 @@ from wordcraft_kg.base.progress import stage
 from wordcraft_kg.base.records import Record, checked_values
 from wordcraft_kg.reports.charts import plot
 from wordcraft_kg.reports.charts.standalone import resolved
-from wordcraft_kg.reports.glossary import GLOSSARY, Term
+from wordcraft_kg.reports.glossary import Term, find_term
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -50,9 +50,9 @@ class Outline:
         """Return a word of the glossary, or another text for it, with its meaning as a tooltip.
 
         Raises:
-            KeyError: if the glossary does not have it.
+            KeyError: if neither the glossary nor a source has it.
         """
-        term = self.terms[key] = GLOSSARY[key]
+        term = self.terms[key] = find_term(key)
         shown = text or (f"{term.name} ({term.symbol})" if term.symbol else term.name)
         return Markup('<abbr title="{}">{}</abbr>').format(term.meaning, shown)
 

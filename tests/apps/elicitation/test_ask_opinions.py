@@ -17,7 +17,7 @@ from wordcraft_kg.base.errors import ArtefactError
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.models.folder import open_model
-from wordcraft_kg.models.policies.sources.source import make_sources
+from wordcraft_kg.models.policies.sources.registry import make_sources
 from wordcraft_kg.models.scorers.folder import load_scorer
 from wordcraft_kg.runs.record import read_run
 

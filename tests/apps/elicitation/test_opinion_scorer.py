@@ -13,7 +13,8 @@ from wordcraft_kg.base.errors import ArtefactError, ConfigError, UnknownEntityEr
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
 from wordcraft_kg.models.folder import open_model
-from wordcraft_kg.models.policies.sources.source import Source, make_sources
+from wordcraft_kg.models.policies.sources.registry import make_sources
+from wordcraft_kg.models.policies.sources.source import Source
 from wordcraft_kg.models.saving import save_scorer
 from wordcraft_kg.models.scorers.folder import load_scorer
 from wordcraft_kg.runs.record import end_run, read_run

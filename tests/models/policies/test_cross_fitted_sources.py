@@ -33,7 +33,8 @@ from wordcraft_kg.models.links.training import train_links
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.folder import load_policy, make_policy, save_policy
 from wordcraft_kg.models.policies.sources import source as source_module
-from wordcraft_kg.models.policies.sources.source import ScoreView, make_sources
+from wordcraft_kg.models.policies.sources.registry import make_sources
+from wordcraft_kg.models.policies.sources.source import ScoreView
 from wordcraft_kg.models.scorers import cross_fitting
 from wordcraft_kg.models.scorers import folder as scorer_folder
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted, models_of_tasks

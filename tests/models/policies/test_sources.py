@@ -3,9 +3,9 @@
 import json
 import subprocess
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from types import ModuleType
+from types import SimpleNamespace
 
 import gymnasium as gym
 import numpy as np
@@ -28,13 +28,22 @@ from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
 from wordcraft_kg.models.links.training import train_links
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.folder import load_policy
-from wordcraft_kg.models.policies.sources import ALPHA, SOURCES, Label, label_of, source_class
-from wordcraft_kg.models.policies.sources import source as source_module
-from wordcraft_kg.models.policies.sources.source import ScoreView, Source, make_sources
+from wordcraft_kg.models.policies.sources import (
+    ALPHA,
+    LABELS,
+    Label,
+    installed_sources,
+    label_of,
+    registry,
+    source_names,
+)
+from wordcraft_kg.models.policies.sources.registry import make_sources, register_source, source_class
+from wordcraft_kg.models.policies.sources.source import ScoreView, Source
 from wordcraft_kg.models.scorers import folder as scorer_folder
 from wordcraft_kg.models.scorers.baselines import NeighbourScorer
 from wordcraft_kg.models.scorers.protocol import TripleScorer
 from wordcraft_kg.models.scorers.scales import scaled_scorer
+from wordcraft_kg.reports.glossary import find_term
 
 SIZE = 6
 NOTHING = SIZE
@@ -197,9 +206,9 @@ def test_a_source_is_restored_from_its_constants(name):
 @any_sources
 def test_tables_that_would_not_fit_are_refused_before_the_scorer_is_asked(names, monkeypatch: pytest.MonkeyPatch):
     needed = len(names) * (SIZE + 1) ** 2 * 4
-    monkeypatch.setattr(source_module, "TABLE_LIMIT", needed)
+    monkeypatch.setattr(registry, "TABLE_LIMIT", needed)
     make_sources(names, SCORER)
-    monkeypatch.setattr(source_module, "TABLE_LIMIT", needed - 1)
+    monkeypatch.setattr(registry, "TABLE_LIMIT", needed - 1)
     monkeypatch.setattr(OtherScorer, "table", None)
     with pytest.raises(ConfigError, match="scores of all pairs of 6 entities take"):
         make_sources(names, SCORER)
@@ -218,7 +227,7 @@ class Factored(OtherScorer):
 
 @pytest.fixture
 def no_tables(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(source_module, "TABLE_LIMIT", 1)
+    monkeypatch.setattr(registry, "TABLE_LIMIT", 1)
 
 
 @any_sources
@@ -233,7 +242,7 @@ def test_sources_of_factors_score_like_tables_and_nothing_scores_zero(
     goal, held, slot = (x.flatten() for x in torch.broadcast_tensors(everything[:-1, None, None], *states_of_all[:2]))
     state = goal, held, torch.stack([slot, held], dim=1)
     tables = make_sources(names, Factored(), view)
-    monkeypatch.setattr(source_module, "TABLE_LIMIT", 1)
+    monkeypatch.setattr(registry, "TABLE_LIMIT", 1)
     for table, factors in zip(tables, make_sources(names, Factored(), view), strict=True):
         assert "scores" not in factors.state_dict()
         torch.testing.assert_close(factors(*state), table(*state), atol=1e-5, rtol=1e-4)
@@ -286,8 +295,8 @@ def test_an_agent_learns_with_factors_and_its_policy_comes_back(
 
 
 def test_every_source_has_a_label_of_its_own_name_and_symbol():
-    labels = [label_of(name) for name in (ALPHA.name, *SOURCES)]
-    assert [label.name for label in labels] == [ALPHA.name, *SOURCES]
+    labels = [label_of(name) for name in (ALPHA.name, *source_names())]
+    assert [label.name for label in labels] == [ALPHA.name, *source_names()]
     assert len({label.symbol for label in labels}) == len(labels)
     assert [label.coefficient for label in labels][:3] == ["λα", "λu", "λv"]
 
@@ -312,7 +321,7 @@ def test_importing_the_names_of_sources_imports_no_torch():
 class Triple(Source):
     """Depends on three entities, and on the task: what no table of pairs holds."""
 
-    label = Label("w", "w", "makes the goal with {held}")
+    label = Label("third", "t", "makes the goal with {held}")
     reads_task = True
 
     def __init__(self, num_entities: int, offsets: Tensor | None = None):
@@ -333,34 +342,59 @@ class Triple(Source):
         return torch.where(table == self.num_entities, 0.0, product + shift)
 
 
-@pytest.fixture
-def third(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Make the source known as a module of the package would."""
-    module = ModuleType("wordcraft_kg.models.policies.sources.triple")
-    module.Triple = Triple
-    monkeypatch.setitem(sys.modules, module.__name__, module)
-    monkeypatch.setitem(SOURCES, "w", "triple:Triple")
+@pytest.fixture(params=["registered", "installed"])
+def third(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[None]:
+    """Make the source known by a call, or by the entry point of an installed package."""
+    monkeypatch.setattr(registry, "_CLASSES", {**registry._CLASSES})
+    for name in {*LABELS} - {"u", "v", "w"}:
+        monkeypatch.delitem(LABELS, name)
+    if request.param == "registered":
+        register_source(Triple)
+    else:
+        monkeypatch.setitem(sys.modules, "their_sources", SimpleNamespace(Triple=Triple))
+        about = tmp_path / "site" / "theirs-1.0.dist-info"
+        about.mkdir(parents=True)
+        (about / "METADATA").write_text("Metadata-Version: 2.1\nName: theirs\nVersion: 1.0\n")
+        (about / "entry_points.txt").write_text("[wordcraft_kg.sources]\nthird = their_sources:Triple\n")
+        monkeypatch.syspath_prepend(tmp_path / "site")
+        installed_sources.cache_clear()
+    yield
+    LABELS.pop("third", None)
+    installed_sources.cache_clear()
 
 
-def test_a_third_source_trains_saves_plays_and_explains_by_its_one_line(third, tmp_path: Path):
+def test_a_third_source_trains_saves_plays_and_explains(third, tmp_path: Path):
     opened = open_graph("kitchen")
     folder = tmp_path / "model"
     train_links(LinksConfig("kitchen", ComplExConfig(dim=4, epochs=1)), folder)
-    config = AgentConfig("kitchen", str(folder), TaskConfig(), PolicyConfig(use="w,u"), ImpalaConfig(steps=2_000))
+    config = AgentConfig("kitchen", str(folder), TaskConfig(), PolicyConfig(use="third,u"), ImpalaConfig(steps=2_000))
     trained = train_agent(config, tmp_path / "run")
     policy = load_policy(trained.folder)
-    assert [label.name for label in policy.labels] == ["alpha", "u", "w"]
+    assert [label.name for label in policy.labels] == ["alpha", "u", "third"]
     lines = [json.loads(line) for line in (trained.folder / "metrics.jsonl").read_text().splitlines()]
-    assert any("lambda_w_first" in line for line in lines)
+    assert any("lambda_third_first" in line for line in lines)
     (agent,) = [open_agent(trained.folder)]
     train = World(opened, agent.config.tasks.environment("train", 3))
     (episode,) = explain_episodes(agent.policy, train, episodes=1)
     slots = episode.steps[0].slots
-    assert set(slots[0].sources) == {"alpha", "u", "w"}
+    assert set(slots[0].sources) == {"alpha", "u", "third"}
     # Of a train task the number is known, and so its shift; of a test task it is not.
-    assert min(slot.sources["w"] for slot in slots) >= 9
+    assert min(slot.sources["third"] for slot in slots) >= 9
     (other,) = explain_episodes(agent.policy, train.variant(part="test"), episodes=1)
-    assert all(abs(slot.sources["w"]) <= 1 for slot in other.steps[0].slots)
+    assert all(abs(slot.sources["third"]) <= 1 for slot in other.steps[0].slots)
+    assert find_term("third").name == label_of("third").words == "third"
+
+
+@pytest.mark.parametrize("name", ["alpha", "u", "w"])
+def test_a_source_may_not_take_the_name_of_one_that_is_built_in(name: str):
+    taking = type("Taking", (Triple,), {"label": Label(name, "x", "anything")})
+    with pytest.raises(ConfigError, match="built in"):
+        register_source(taking)
+
+
+def test_a_source_that_is_nowhere_names_those_that_are_known():
+    with pytest.raises(ConfigError, match="u, v, w"):
+        source_class("nowhere")
 
 
 def test_sources_of_other_graphs_are_known_by_their_hash():

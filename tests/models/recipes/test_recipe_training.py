@@ -20,7 +20,7 @@ from wordcraft_kg.graphs import RecipeGraph, SplitConfig
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
 from wordcraft_kg.graphs.folds import OUTSIDE, Folds, make_folds
 from wordcraft_kg.graphs.splits import Draw, Split, make_split
-from wordcraft_kg.models.policies.sources.source import make_sources
+from wordcraft_kg.models.policies.sources.registry import make_sources
 from wordcraft_kg.models.recipes import training
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.recipes.fitting import LinkRankers, fit_recipe_scorer
@@ -233,7 +233,7 @@ def test_two_folds_are_too_few_to_leave_one_out(book: Path, tmp_path: Path):
 
 
 def test_w_is_restored_from_its_constants_and_a_kept_table_is_not_mistaken_for_another(opened, small, book):
-    from wordcraft_kg.models.policies.sources import source_class
+    from wordcraft_kg.models.policies.sources.registry import source_class
 
     scorer = load_scorer(small)
     world = World(str(book), WordCraftConfig(num_distractors=2))

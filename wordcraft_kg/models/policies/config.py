@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 from wordcraft_kg.base.settings import MAX_DIM, nearest, one_of, refuse, require, whole
-from wordcraft_kg.models.policies.sources import SOURCES
+from wordcraft_kg.models.policies.sources import source_names
 from wordcraft_kg.models.scorers.config import Scale, SelfEdges
 from wordcraft_kg.models.scorers.features import Pooling
 
@@ -83,8 +83,9 @@ class PolicyConfig:
     def sources(self) -> tuple[str, ...]:
         """The sources in use, in the order in which they are mixed."""
         asked = [source.strip() for source in self.use.split(",")]
-        unknown = [source for source in asked if source not in SOURCES]
+        known = source_names()
+        unknown = [source for source in asked if source not in known]
         if unknown:
-            hint = nearest(unknown[0], SOURCES)
-            raise refuse("use", self.use, f"one or more of {', '.join(SOURCES)}, comma-separated", hint)
-        return tuple(source for source in SOURCES if source in asked)
+            hint = nearest(unknown[0], known)
+            raise refuse("use", self.use, f"one or more of {', '.join(known)}, comma-separated", hint)
+        return tuple(source for source in known if source in asked)

@@ -20,8 +20,8 @@ from wordcraft_kg.models.policies.attention import EntityVectors
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.mlp import MLPPolicy
 from wordcraft_kg.models.policies.policy import Policy
-from wordcraft_kg.models.policies.sources import source_class
-from wordcraft_kg.models.policies.sources.source import ScoreView, Source, make_sources
+from wordcraft_kg.models.policies.sources.registry import make_sources, source_class
+from wordcraft_kg.models.policies.sources.source import ScoreView, Source
 from wordcraft_kg.models.scorers.cross_fitting import whole_of
 from wordcraft_kg.models.scorers.features import EntityFeatures, make_features
 from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
@@ -48,7 +48,7 @@ def make_policy(
         config: settings of the policy.
         graph: graph among whose entities it decides.
         num_slots: number of slots of the tables; only an mlp depends on it.
-        scorer: scorer that its sources read, see :func:`~wordcraft_kg.models.policies.sources.source.make_sources`.
+        scorer: scorer that its sources read, see :func:`~wordcraft_kg.models.policies.sources.registry.make_sources`.
         observed: triples that the scorer was trained on, for ``self_edges`` ``observed``.
         tasks: tasks that it will be trained on, such as ``world.tasks``, which a cross-fitted scorer needs.
         seed: seed of the parameters and of random features; no global generator is left changed.

@@ -92,7 +92,7 @@ class CrossFitted(Scorer):
     """A scorer of all train recipes, with one for each fold that has been trained without it.
 
     Scores and tables are those of ``whole``. Whatever learns on train tasks takes :meth:`left_out` instead, which
-    sources do when they are made with tasks: :func:`~wordcraft_kg.models.policies.sources.source.make_sources`.
+    sources do when they are made with tasks: :func:`~wordcraft_kg.models.policies.sources.registry.make_sources`.
 
     Attributes:
         whole: the scorer of all train recipes.

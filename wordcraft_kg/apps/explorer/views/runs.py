@@ -23,7 +23,7 @@ from wordcraft_kg.evaluation.training_curves import (
 )
 from wordcraft_kg.graphs.folder import Taught
 from wordcraft_kg.graphs.tasks import TaskPart
-from wordcraft_kg.models.policies.sources import ALPHA, SOURCES
+from wordcraft_kg.models.policies.sources import ALPHA, source_names
 from wordcraft_kg.runs.record import RUN_FILE, Status
 
 
@@ -131,7 +131,7 @@ def view_runs(runs: Mapping[str, FollowedRun]) -> RunList:
     return RunList(
         runs=tuple(rows),
         parts=tuple(part for part in JUDGED if any(part in row.success for row in rows)),
-        sources=tuple(name for name in (ALPHA.name, *SOURCES) if any(name in row.lambdas for row in rows)),
+        sources=tuple(name for name in (ALPHA.name, *source_names()) if any(name in row.lambdas for row in rows)),
     )
 
 
@@ -208,7 +208,7 @@ def _lambdas(found: AgentRun) -> dict[str, tuple[float | None, float | None]]:
         figures |= row.figures
     weights = {
         name: (figures.get(f"lambda_{name}_first"), figures.get(f"lambda_{name}_second"))
-        for name in (ALPHA.name, *SOURCES)
+        for name in (ALPHA.name, *source_names())
     }
     return {name: pair for name, pair in weights.items() if pair != (None, None)}
 

@@ -7,6 +7,7 @@ from torch import Tensor, nn
 
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.tensors import lazily_zero
+from wordcraft_kg.models.policies.sources import W
 from wordcraft_kg.models.policies.sources.source import Evidence, FoldedSource, ScoreView, Source
 from wordcraft_kg.models.policies.sources.weighted import BestWeighted, WeightedRecipes
 from wordcraft_kg.models.scorers.cross_fitting import folds_of, whole_of
@@ -26,7 +27,7 @@ class BestRecipe(FoldedSource):
         knowledge: tables and rankers; of a cross-fitted scorer those of K + 1 models.
     """
 
-    label = BestWeighted.label
+    label = W
 
     def __init__(self, num_entities: int, knowledge: RecipeKnowledge, fold_of_recipe: Tensor | None = None):
         """Take the knowledge, and the fold of each recipe if the scorer is cross-fitted."""

@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from wordcraft_kg.base.tensors import lazily_zero
-from wordcraft_kg.models.policies.sources import Label
+from wordcraft_kg.models.policies.sources import W
 from wordcraft_kg.models.policies.sources.source import ScoreView, Source
 from wordcraft_kg.models.scorers.protocol import TripleScorer
 
@@ -32,7 +32,7 @@ class BestWeighted(Source):
         weights: buffer, shape (n + 1,).
     """
 
-    label = Label("w", "w", "makes the goal with its best partner")
+    label = W
 
     keys: Tensor
     weights: Tensor

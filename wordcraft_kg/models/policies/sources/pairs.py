@@ -1,0 +1,153 @@
+"""Sources that score pairs of entities: u, with the entity held, and v, with the goal."""
+
+from abc import abstractmethod
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any, Self
+
+import torch
+from torch import Tensor
+
+from wordcraft_kg.base.tensors import lazily_zero
+from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
+from wordcraft_kg.models.policies.sources import U, V
+from wordcraft_kg.models.policies.sources.source import FoldedSource, ScoreView
+from wordcraft_kg.models.scorers.config import SelfEdges
+from wordcraft_kg.models.scorers.cross_fitting import folds_of
+from wordcraft_kg.models.scorers.protocol import FactoredScorer, TripleScorer
+from wordcraft_kg.models.scorers.scales import scaled_factors, scaled_table
+
+
+class PairSource(FoldedSource):
+    """Scores each slot's entity with a key, the goal or the entity held: by a table of all pairs, or by factors.
+
+    Of a cross-fitted scorer there are K + 2 tables, or factors: the first axis of each buffer says which model they
+    are of, see :func:`~wordcraft_kg.models.scorers.cross_fitting.seen_by_models`; those of no model are 0. The task
+    decides which one is asked; without a task it is that of all train recipes.
+
+    Attributes:
+        scores: buffer of a table, shape (E + 1, E + 1): by key, by the slot's entity; 0 for nothing.
+        left: buffer of factors, like those below, see :class:`~wordcraft_kg.models.scorers.scales.ScaledFactors`;
+            shape (E + 1, m), by the slot's entity; 0 for nothing.
+        right: shape (E + 1, m), by the key; 0 for nothing.
+        shift: shape (), what is taken off each product.
+        dropped: shape (E + 1,), bool.
+        itself: shape ().
+    """
+
+    scores: Tensor
+    left: Tensor
+    right: Tensor
+    shift: Tensor
+    dropped: Tensor
+    itself: Tensor
+
+    def __init__(self, num_entities: int, constants: Mapping[str, Tensor]):
+        """Take the buffers, either ``scores`` or those of factors, and ``fold_of_recipe`` of a cross-fitted scorer."""
+        super().__init__(num_entities, constants.get("fold_of_recipe"))
+        self.is_table = "scores" in constants
+        for name in ("scores",) if self.is_table else ("left", "right", "shift", "dropped", "itself"):
+            self.register_buffer(name, constants[name])
+
+    @classmethod
+    def of_pairs(cls, scorer: TripleScorer, relation: int, view: ScoreView, *, self_edges: SelfEdges = "keep") -> Self:
+        """Return the source of a scorer's scores of all pairs in one relation, slot's entity first, then key."""
+        size = len(scorer.entities)
+        constants = _constants(scorer, relation, replace(view, self_edges=self_edges))
+        folded = folds_of(scorer)
+        if folded is None:
+            return cls(size, constants)
+        of_recipe = cls.fold_numbers(folded, view)
+        if view.tasks is not None:
+            graph = view.tasks.graph
+            of_folds = [
+                _constants(
+                    folded.left_out(fold),
+                    relation,
+                    replace(view, self_edges=self_edges, observed=folded.trained_on(fold, graph)),
+                )
+                for fold in range(folded.count)
+            ]
+            of_nothing = {name: torch.zeros_like(tensor) for name, tensor in constants.items()}
+            models = (constants, *of_folds, of_nothing)
+            constants = {name: torch.stack([model[name] for model in models]) for name in constants}
+        return cls(size, {**constants, "fold_of_recipe": of_recipe}).bound(view)
+
+    @classmethod
+    def restored(cls, num_entities: int, constants: Mapping[str, Tensor]) -> Self:  # noqa: D102 - inherited
+        return cls(num_entities, {name: lazily_zero(tensor) for name, tensor in constants.items()})
+
+    @classmethod
+    def num_bytes(cls, scorer: TripleScorer) -> int:  # noqa: D102 - inherited
+        return (len(scorer.entities) + 1) ** 2 * 4
+
+    @abstractmethod
+    def key(self, goal: Tensor, selection: Tensor) -> Tensor:
+        """Return the entity whose scores are asked for, shape (B,)."""
+
+    def forward(self, goal: Tensor, selection: Tensor, table: Tensor, task: Tensor | None = None) -> Tensor:  # noqa: D102 - inherited
+        key = self.key(goal, selection)[:, None]
+        rows, width = table, self.num_entities + 1
+        model = self.model_of(task)
+        if self.is_table:
+            cells = torch.add(table, key if model is None else key + width * model[:, None], alpha=width)
+            return self.scores.view(-1).index_select(0, cells.reshape(-1)).view(cells.shape)
+        shift, itself, keys = self.shift, self.itself, key[:, 0]
+        if self.left.ndim == 3:  # there are several models
+            model = torch.zeros_like(goal) if model is None else model
+            shift, itself = shift[model][:, None], itself[model][:, None]
+            rows, keys = table + width * model[:, None], keys + width * model
+        slots = self.left.flatten(0, -2).index_select(0, rows.reshape(-1)).view(*table.shape, -1)
+        scores = torch.bmm(slots, self.right.flatten(0, -2)[keys][:, :, None])[:, :, 0] - shift
+        scores = torch.where((table == key) & self.dropped.view(-1)[rows], itself, scores)
+        return scores.masked_fill((table == self.num_entities) | (key == self.num_entities), 0)
+
+
+class CombinesWith(PairSource):
+    """``u_i = L(e_i, combinesWith, e_s)``; 0 while nothing is held.
+
+    Source: Jiang et al. 2020, section "Link Prediction Model".
+    """
+
+    label = U
+
+    @classmethod
+    def of_scorer(cls, scorer: TripleScorer, view: ScoreView) -> "CombinesWith":  # noqa: D102 - inherited
+        return cls.of_pairs(scorer, COMBINES_WITH, view, self_edges=view.self_edges)
+
+    def key(self, goal: Tensor, selection: Tensor) -> Tensor:  # noqa: D102 - inherited
+        return selection
+
+
+class ComponentOf(PairSource):
+    """``v_i = L(e_i, componentOf, e_g)``.
+
+    Source: Jiang et al. 2020, section "Link Prediction Model".
+    """
+
+    label = V
+
+    @classmethod
+    def of_scorer(cls, scorer: TripleScorer, view: ScoreView) -> "ComponentOf":  # noqa: D102 - inherited
+        return cls.of_pairs(scorer, COMPONENT_OF, view)
+
+    def key(self, goal: Tensor, selection: Tensor) -> Tensor:  # noqa: D102 - inherited
+        return goal
+
+
+def _constants(scorer: TripleScorer, relation: int, view: ScoreView) -> dict[str, Tensor]:
+    """Return the buffers of one model's scores of all pairs."""
+    size = len(scorer.entities)
+    settings: dict[str, Any] = {"self_edges": view.self_edges, "observed": view.observed}
+    if not view.by_factors:
+        table = torch.zeros(size + 1, size + 1)
+        table[:-1, :-1] = scaled_table(scorer, relation, view.scale, **settings).detach().cpu().T
+        return {"scores": table}
+    assert isinstance(scorer, FactoredScorer)
+    constants = dict(vars(scaled_factors(scorer, relation, view.scale, **settings)))
+    return constants | {name: _with_nothing(constants[name]) for name in ("left", "right", "dropped")}
+
+
+def _with_nothing(rows: Tensor) -> Tensor:
+    """Return rows of all entities with one of zeros for nothing."""
+    return torch.cat([rows, torch.zeros_like(rows[:1])])

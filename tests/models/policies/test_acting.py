@@ -8,11 +8,10 @@ import torch
 from link_helpers import flip_bit, random_graph
 
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, OutputExistsError, UnknownEntityError
-from wordcraft_kg.models.policies.actor_critic import AttentionPolicy
-from wordcraft_kg.models.policies.attention import EntityVectors
+from wordcraft_kg.models.policies.attention import AttentionPolicy
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.folder import load_policy, make_policy, save_policy
-from wordcraft_kg.models.policies.policy import Policy
+from wordcraft_kg.models.policies.policy import EntityVectors, Policy
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer
 
 GRAPH = random_graph(num_entities=8, num_recipes=20)

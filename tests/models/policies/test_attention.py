@@ -10,13 +10,11 @@ from torch import Tensor
 
 from wordcraft_kg.models.policies.attention import (
     FOLD_LIMIT,
-    EntityVectors,
     Slots,
     TableAttention,
-    look_up,
     masked_softmax,
 )
-from wordcraft_kg.models.policies.policy import log_policy
+from wordcraft_kg.models.policies.policy import EntityVectors, log_policy, look_up
 
 KEY_SIZE = 3
 NUM_ENTITIES = 7

@@ -32,7 +32,7 @@ from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
 from wordcraft_kg.models.links.training import train_links
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.folder import load_policy, make_policy, save_policy
-from wordcraft_kg.models.policies.sources import source as source_module
+from wordcraft_kg.models.policies.sources import registry
 from wordcraft_kg.models.policies.sources.registry import make_sources
 from wordcraft_kg.models.policies.sources.source import ScoreView
 from wordcraft_kg.models.scorers import cross_fitting
@@ -102,7 +102,7 @@ def test_every_task_is_scored_by_a_model_that_has_not_seen_its_recipes(
     view = ScoreView("standardise", "observed", opened.split.partial)
     if by_factors:
         monkeypatch.setattr(scorer_folder, "TABLE_LIMIT", 1)
-        monkeypatch.setattr(source_module, "TABLE_LIMIT", 1)
+        monkeypatch.setattr(registry, "TABLE_LIMIT", 1)
     scorer = load_scorer(folder)
     world = world_of(opened, part, depth, num_tasks=60)
     sources = make_sources(["u", "v"], scorer, view, tasks=None if part == "test" else world.tasks)

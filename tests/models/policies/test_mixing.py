@@ -8,7 +8,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from torch import Tensor
 
-from wordcraft_kg.models.policies.mixing import mix_logits
+from wordcraft_kg.models.policies.attention import mix_logits
 
 
 def slow_mixture(logits: Tensor, lambdas: Tensor, mask: Tensor) -> list[list[float]]:

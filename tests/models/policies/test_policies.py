@@ -14,11 +14,10 @@ from torch import Tensor
 
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.graphs.triples import RELATIONS
-from wordcraft_kg.models.policies.actor_critic import AttentionPolicy
-from wordcraft_kg.models.policies.attention import EntityVectors
+from wordcraft_kg.models.policies.attention import AttentionPolicy
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.mlp import MLPPolicy
-from wordcraft_kg.models.policies.policy import Policy
+from wordcraft_kg.models.policies.policy import EntityVectors, Policy
 from wordcraft_kg.models.policies.sources.registry import make_sources
 
 SIZE = 7

@@ -15,7 +15,7 @@ from torch import Tensor
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError
 from wordcraft_kg.graphs import RecipeGraph
 from wordcraft_kg.graphs.triples import COMBINES_WITH
-from wordcraft_kg.models.policies.actor_critic import AttentionPolicy
+from wordcraft_kg.models.policies.attention import AttentionPolicy
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.folder import load_policy, make_policy, read_policy, write_constants, write_parameters
 from wordcraft_kg.models.policies.policy import Policy

@@ -1,53 +1,96 @@
-"""Attention of the goal and the selection over the table, and the entity vectors that it uses.
+"""The self-attention actor-critic, alone or guided by knowledge.
 
 Rows of a batch have few slots, so the shapes of products matter more than their size: vectors are fetched by
 ``index_select``, a row's slots are the columns of one small product, and softmax runs along the first axis.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 import torch
 from torch import Tensor, nn
+
+from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.models.policies.config import PolicyConfig
+from wordcraft_kg.models.policies.policy import EntityVectors, Policy, PolicyOutput, Weights, look_up
+from wordcraft_kg.models.policies.sources.source import Source
 
 FOLD_LIMIT = 300
 """Dimensions up to which query and key weights are multiplied once for all samples of an update."""
 
 
-class EntityVectors(nn.Module):
-    """The vectors x of entities: constant, learned or one-hot; that of nothing, the id after the last, is zero.
+class AttentionPolicy(Policy):
+    """Self-attention actor-critic, alone or guided by sources.
 
-    One-hot vectors are never written out, since a product with one is a row of the weights.
+    ``α_i = Q([x_g; x_s]) · K(x_i) / √d``, ``V = MLP(wᵀ x)`` with ``w = softmax(α)`` over the slots (or the raw α),
+    and with sources ``β = λα·α + Σ_s λ_s·source_s``, ``λ = MLP(wᵀ x)`` with its own weights. An MLP here is the
+    linear map W of the paper, a rectifier and a linear map; W, with a bias, is applied to the sum.
 
-    Attributes:
-        num_entities: E, which is also the id of nothing.
-        dim: F, the length of a vector.
-        is_one_hot: whether the vectors are the rows of the identity.
+    Permuting the slots permutes the logits and leaves the value as it is.
+
+    Source: Jiang et al. 2020, sections "Self-attention Actor-Critic Network" and "Learning Mixing Coefficients".
     """
 
-    vectors: Tensor
+    def __init__(self, config: PolicyConfig, vectors: EntityVectors, sources: Iterable[Source] = ()):
+        """Take entity vectors and any sources of knowledge."""
+        super().__init__(config, vectors, sources)
+        if config.kg_only and not self.sources:
+            raise ConfigError("`kg_only` mixes a scorer's scores and nothing else; give a `scorer` too.")
+        self.attention = TableAttention(vectors.dim, config.key_size)
+        self.value = _head(vectors.dim, config.value_size, 1)
+        if self.sources:
+            self.mixture = _head(vectors.dim, config.value_size, len(self.labels))
+            last = self.mixture[2]
+            assert isinstance(last, nn.Linear)
+            if config.mixing == "free":  # all sources start with about the same weight
+                nn.init.ones_(last.bias)
 
-    def __init__(self, num_entities: int, vectors: Tensor | None = None, *, learned_dim: int = 0):
-        """Take constant vectors, shape (E, F); without them, learn vectors of ``learned_dim`` or use one-hot ones."""
-        super().__init__()
-        self.num_entities = num_entities
-        self.is_one_hot = vectors is None and not learned_dim
-        if vectors is not None:
-            self.register_buffer("vectors", vectors.detach().to(torch.float32).clone())
-        elif learned_dim:
-            self.vectors = nn.Parameter(torch.randn(num_entities, learned_dim))
-        else:
-            self.register_buffer("vectors", torch.empty(0, 0))
-        self.dim = num_entities if self.is_one_hot else self.vectors.shape[1]
+    def weights(self) -> Weights:  # noqa: D102 - inherited
+        mixture = _head_weights("mixture", self.mixture) if self.sources else {}
+        return {**self.vectors.weights(), **_head_weights("value", self.value), **mixture, **self.attention.weights()}
 
-    def weights(self) -> dict[str, Tensor]:
-        """Return ``vectors`` of all entities and of nothing, shape (E + 1, F); without that key if they are one-hot."""
-        return {} if self.is_one_hot else {"vectors": nn.functional.pad(self.vectors, (0, 0, 0, 1))}
+    def forward(  # noqa: D102 - inherited
+        self,
+        goal: Tensor,
+        selection: Tensor,
+        table: Tensor,
+        weights: Weights | None = None,
+        task: Tensor | None = None,
+        opinions: Tensor | None = None,
+    ) -> PolicyOutput:
+        weights = weights or self.weights()
+        mask = table != self.num_entities
+        slots = Slots(weights.get("vectors"), table)
+        alpha = slots.dot(self.attention.rows(weights, goal, selection))
+        is_softmax = self.config.value_readout == "softmax"
+        state = slots.sum(masked_softmax(alpha, mask) if is_softmax else alpha.masked_fill(~mask, 0), self.num_entities)
+        value = _mlp(state, weights, "value")[:, 0]
+        opinions = self.opinions(goal, selection, table, task) if opinions is None else opinions
+        if opinions is None:
+            return PolicyOutput(alpha.masked_fill(~mask, -torch.inf), value)
+        sources = opinions if self.config.kg_only else torch.cat([alpha[:, None], opinions], dim=1)
+        lambdas = _mlp(state, weights, "mixture")
+        if self.config.mixing == "softmax":
+            lambdas = torch.softmax(lambdas, dim=1)
+        return PolicyOutput(mix_logits(sources, lambdas, mask), value, sources, lambdas)
 
 
-def look_up(vectors: Tensor, ids: Tensor) -> Tensor:
-    """Return the vectors of entities, ``ids`` of any shape: shape (*ids, F)."""
-    return vectors.index_select(0, ids.reshape(-1)).view(*ids.shape, vectors.shape[1])
+def mix_logits(logits: Tensor, lambdas: Tensor, slot_mask: Tensor) -> Tensor:
+    """Blend the logits of several sources, slot by slot.
+
+    ``β_i = Σ_s λ_s · source_s,i``; empty slots become -inf *after* mixing, so no choice of λ can revive them.
+
+    Args:
+        logits: shape (B, S, A). One channel for each active source; the attention's α first if it is active.
+        lambdas: shape (B, S). A source that is switched off has no entry.
+        slot_mask: shape (B, A), bool. True where the slot holds an entity.
+
+    Returns:
+        shape (B, A). Exactly -inf where ``slot_mask`` is False.
+
+    Source: Jiang et al. 2020, appendix "Learning Mixing Coefficients"; differs by masking after mixing.
+    """
+    return torch.bmm(lambdas[:, None, :], logits)[:, 0].masked_fill(~slot_mask, -torch.inf)
 
 
 def masked_softmax(logits: Tensor, mask: Tensor) -> Tensor:
@@ -118,3 +161,24 @@ class Slots:
             return torch.bmm(weights[:, None, :].contiguous(), self.vectors)[:, 0]
         sums = weights.new_zeros(len(weights), num_entities + 1)
         return sums.scatter_add(1, self.table, weights)[:, :-1]
+
+
+def _head(dim: int, size: int, outputs: int) -> nn.Sequential:
+    return nn.Sequential(nn.Linear(dim, size), nn.ReLU(), nn.Linear(size, outputs))
+
+
+def _head_weights(name: str, head: nn.Sequential) -> Weights:
+    first, _, second = head
+    assert isinstance(first, nn.Linear)
+    assert isinstance(second, nn.Linear)
+    return {
+        f"{name}.first": first.weight.T,
+        f"{name}.first.bias": first.bias,
+        f"{name}.second": second.weight.T,
+        f"{name}.second.bias": second.bias,
+    }
+
+
+def _mlp(state: Tensor, weights: Weights, name: str) -> Tensor:
+    hidden = torch.relu(torch.addmm(weights[f"{name}.first.bias"], state, weights[f"{name}.first"]))
+    return torch.addmm(weights[f"{name}.second.bias"], hidden, weights[f"{name}.second"])

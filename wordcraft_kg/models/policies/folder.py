@@ -15,11 +15,10 @@ from wordcraft_kg.base.tensors import copied, read_tensors, with_prefix
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.tasks import TaskSet
-from wordcraft_kg.models.policies.actor_critic import AttentionPolicy
-from wordcraft_kg.models.policies.attention import EntityVectors
+from wordcraft_kg.models.policies.attention import AttentionPolicy
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.mlp import MLPPolicy
-from wordcraft_kg.models.policies.policy import Policy
+from wordcraft_kg.models.policies.policy import EntityVectors, Policy
 from wordcraft_kg.models.policies.sources.registry import make_sources, source_class
 from wordcraft_kg.models.policies.sources.source import ScoreView, Source
 from wordcraft_kg.models.scorers.cross_fitting import whole_of

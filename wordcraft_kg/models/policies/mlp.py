@@ -4,9 +4,8 @@ import torch
 from torch import Tensor, nn
 
 from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.models.policies.attention import EntityVectors, look_up
 from wordcraft_kg.models.policies.config import PolicyConfig
-from wordcraft_kg.models.policies.policy import Policy, PolicyOutput, Weights
+from wordcraft_kg.models.policies.policy import EntityVectors, Policy, PolicyOutput, Weights, look_up
 
 
 class MLPPolicy(Policy):

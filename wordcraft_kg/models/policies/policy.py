@@ -10,7 +10,6 @@ from wordcraft_kg.base.errors import UnknownEntityError
 from wordcraft_kg.base.settings import nearest, refuse
 from wordcraft_kg.graphs.recipe_graph import Entity
 from wordcraft_kg.graphs.tasks import TaskSet
-from wordcraft_kg.models.policies.attention import EntityVectors
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.sources import ALPHA, Label
 from wordcraft_kg.models.policies.sources.source import Source
@@ -47,6 +46,42 @@ class Pick(NamedTuple):
     slot: int
     entity: str
     probability: float
+
+
+class EntityVectors(nn.Module):
+    """The vectors x of entities: constant, learned or one-hot; that of nothing, the id after the last, is zero.
+
+    One-hot vectors are never written out, since a product with one is a row of the weights.
+
+    Attributes:
+        num_entities: E, which is also the id of nothing.
+        dim: F, the length of a vector.
+        is_one_hot: whether the vectors are the rows of the identity.
+    """
+
+    vectors: Tensor
+
+    def __init__(self, num_entities: int, vectors: Tensor | None = None, *, learned_dim: int = 0):
+        """Take constant vectors, shape (E, F); without them, learn vectors of ``learned_dim`` or use one-hot ones."""
+        super().__init__()
+        self.num_entities = num_entities
+        self.is_one_hot = vectors is None and not learned_dim
+        if vectors is not None:
+            self.register_buffer("vectors", vectors.detach().to(torch.float32).clone())
+        elif learned_dim:
+            self.vectors = nn.Parameter(torch.randn(num_entities, learned_dim))
+        else:
+            self.register_buffer("vectors", torch.empty(0, 0))
+        self.dim = num_entities if self.is_one_hot else self.vectors.shape[1]
+
+    def weights(self) -> dict[str, Tensor]:
+        """Return ``vectors`` of all entities and of nothing, shape (E + 1, F); without that key if they are one-hot."""
+        return {} if self.is_one_hot else {"vectors": nn.functional.pad(self.vectors, (0, 0, 0, 1))}
+
+
+def look_up(vectors: Tensor, ids: Tensor) -> Tensor:
+    """Return the vectors of entities, ``ids`` of any shape: shape (*ids, F)."""
+    return vectors.index_select(0, ids.reshape(-1)).view(*ids.shape, vectors.shape[1])
 
 
 class Policy(nn.Module):

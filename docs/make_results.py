@@ -21,11 +21,13 @@ from wordcraft_kg.base.records import read_record
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.studies.claims import Judged, Verdict, in_words, share, signed, view_claims
 from wordcraft_kg.studies.collect import collect_study
+from wordcraft_kg.studies.doses import Dose
 from wordcraft_kg.studies.report import study_figure
 from wordcraft_kg.studies.results import StudyResults, results_text
 from wordcraft_kg.studies.store import studies_of
 from wordcraft_kg.studies.study import Study, Values, built_in, read_study
-from wordcraft_kg.studies.view import Dose, PointFigures, StudyView, VariantFigures, title_of, view_study
+from wordcraft_kg.studies.variants import PointFigures, VariantFigures
+from wordcraft_kg.studies.view import StudyView, title_of, view_study
 
 HERE = Path(__file__).parent
 BEGIN, END = "<!-- results -->\n", "<!-- end of results -->"

@@ -10,7 +10,8 @@ from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.records import as_values, checked_values
 from wordcraft_kg.base.statistics import interval_p_value
 from wordcraft_kg.studies.results import Missing, StudyResults
-from wordcraft_kg.studies.view import TAUS, StudyView, VariantFigures, title_of, view_study
+from wordcraft_kg.studies.variants import VariantFigures
+from wordcraft_kg.studies.view import TAUS, StudyView, title_of, view_study
 
 Fabricate = Callable[..., StudyResults]
 NO_GRAPH = ["00000", "50000", "05000", "00500", "55000"]

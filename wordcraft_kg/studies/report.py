@@ -13,8 +13,10 @@ from wordcraft_kg.reports.charts.scales import Estimate
 from wordcraft_kg.reports.charts.standalone import as_pdf, as_png
 from wordcraft_kg.reports.pages import Report, chart_style, write_report
 from wordcraft_kg.studies.claims import in_words
+from wordcraft_kg.studies.doses import Correlation, Dose
 from wordcraft_kg.studies.tables import as_csv, as_latex, as_markdown, notes, tables_of, with_bounds
-from wordcraft_kg.studies.view import Correlation, Dose, PointFigures, StudyView, title_of
+from wordcraft_kg.studies.variants import PointFigures
+from wordcraft_kg.studies.view import StudyView, title_of
 
 SUCCESS = "greedy success on test tasks"
 

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.studies.claims import in_words
 from wordcraft_kg.studies.study import Metric
-from wordcraft_kg.studies.view import Interval, PointFigures, StudyView, VariantFigures, title_of
+from wordcraft_kg.studies.variants import Interval, PointFigures, VariantFigures
+from wordcraft_kg.studies.view import StudyView, title_of
 
 LATEX = {
     "\\": r"\textbackslash{}",

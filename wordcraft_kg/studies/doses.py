@@ -1,0 +1,134 @@
+"""Success of agents against the MRR of their scorers, where all else is equal."""
+
+from collections.abc import Iterator, Sequence
+from typing import Literal
+
+import msgspec
+
+from wordcraft_kg.base.records import Count, Record, Share
+from wordcraft_kg.base.statistics import correlation
+from wordcraft_kg.studies.results import StudyResults
+from wordcraft_kg.studies.study import SCORER, Values
+from wordcraft_kg.studies.variants import Interval, PointFigures, VariantFigures, mean_of
+
+EVERYTHING: Values = {"share": 1, "noise": 0}
+"""Settings of a scorer that learns from all recipes as they are."""
+
+
+class Correlation(Record, array_like=True):
+    """A correlation over cells, and its 95 % interval, resampling cells."""
+
+    value: float
+    low: float
+    high: float
+
+
+class DosePoint(Record):
+    """Success and MRR of a variant at a point of the grid.
+
+    Attributes:
+        label: what tells it from the other points of its line.
+        mrr: mean MRR of its scorers.
+        mrr_range: the least and the greatest.
+        success: mean success.
+        interval: its 95 % interval over seeds and tasks.
+        reached: see :attr:`VariantFigures.reached`.
+    """
+
+    label: str
+    variant: str
+    mrr: Share
+    mrr_range: Interval
+    success: Share
+    interval: Interval
+    reached: Count | None
+
+
+class Dose(Record):
+    """Success against the MRR of the scorer, where all else is equal.
+
+    Attributes:
+        values: values of the grid's settings that are not the scorer's.
+        in_sample: whether train tasks were scored by a model that had seen them.
+        points: by ascending MRR.
+        pearson: correlation of MRR and success over the points; None for fewer than three.
+        spearman: rank correlation.
+        steps_spearman: rank correlation of MRR and :attr:`DosePoint.reached`, where never counts as the latest.
+        without: success of the reference, if it has no scorer.
+    """
+
+    values: Values
+    in_sample: bool
+    points: tuple[DosePoint, ...]
+    pearson: Correlation | None
+    spearman: Correlation | None
+    steps_spearman: Correlation | None
+    without: Share | None
+
+
+def doses_of(results: StudyResults, points: Sequence[PointFigures], reference: str) -> Iterator[Dose]:
+    """Yield the dose-response of each way of scoring train tasks, at each point of the settings that no scorer has."""
+    groups: dict[bytes, list[tuple[PointFigures, VariantFigures]]] = {}
+    for point in points:
+        for entry in point.variants:
+            if entry.mrr is not None:
+                key = msgspec.json.encode((_others(point), _is_in_sample(results, point, entry)), order="sorted")
+                groups.setdefault(key, []).append((point, entry))
+    for found in groups.values():
+        rows = [_dose_point(point, entry) for point, entry in found]
+        bare = [
+            entry.mean
+            for point, _ in found
+            for entry in point.variants
+            if entry.variant == reference and entry.mrr is None
+        ]
+        mrr, success = [at.mrr for at in rows], [at.success for at in rows]
+        latest = 1 + max(at.reached or 0 for at in rows)
+        reached = [latest if at.reached is None else at.reached for at in rows]
+        yield Dose(
+            values=_others(found[0][0]),
+            in_sample=_is_in_sample(results, *found[0]),
+            points=tuple(sorted(rows, key=lambda at: (at.mrr, at.label))),
+            pearson=_correlation(mrr, success, "pearson"),
+            spearman=_correlation(mrr, success, "spearman"),
+            steps_spearman=_correlation(mrr, reached, "spearman"),
+            without=mean_of(bare) if bare else None,
+        )
+
+
+def _others(point: PointFigures) -> Values:
+    """Return the settings of a point that are not the scorer's."""
+    return {name: value for name, value in point.values.items() if not name.startswith(f"{SCORER}.")}
+
+
+def _is_in_sample(results: StudyResults, point: PointFigures, entry: VariantFigures) -> bool:
+    settings = {**results.study.settings, **point.values, **results.study.variants.get(entry.variant, {})}
+    return settings.get("in_sample") is True
+
+
+def _dose_point(point: PointFigures, entry: VariantFigures) -> DosePoint:
+    assert entry.mrr is not None
+    assert entry.mrr_range is not None
+    return DosePoint(
+        label=_label(point, entry.variant),
+        variant=entry.variant,
+        mrr=entry.mrr,
+        mrr_range=entry.mrr_range,
+        success=entry.mean,
+        interval=entry.interval,
+        reached=entry.reached,
+    )
+
+
+def _correlation(x: Sequence[float], y: Sequence[float], kind: Literal["pearson", "spearman"]) -> Correlation | None:
+    found = correlation(x, y, kind)
+    return Correlation(*found) if found else None
+
+
+def _label(point: PointFigures, variant: str) -> str:
+    """Return the settings of a scorer that are not those of one that learns from everything."""
+    prefix = f"{SCORER}."
+    values = {name.removeprefix(prefix): value for name, value in point.values.items() if name.startswith(prefix)}
+    told = {name: value for name, value in values.items() if value != EVERYTHING.get(name)} or values
+    shown = [f"{name} {value:g}" if isinstance(value, float) else f"{name} {value}" for name, value in told.items()]
+    return ", ".join(shown if told is not values else shown[:1]) or variant

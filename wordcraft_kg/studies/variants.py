@@ -1,0 +1,238 @@
+"""The figures of a variant of a study at a point of the grid: means, intervals, and differences to the reference."""
+
+import math
+from collections.abc import Sequence
+from typing import Annotated
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from wordcraft_kg.base.records import Count, Record, Share
+from wordcraft_kg.base.statistics import (
+    crossed_bootstrap,
+    interquartile_mean,
+    interval_p_value,
+    probability_of_improvement,
+    probability_of_improvement_interval,
+    resampled_means,
+    stratified_bootstrap,
+    wilson_interval,
+)
+from wordcraft_kg.evaluation.reference import PlayedGraph
+from wordcraft_kg.studies.results import RunResult, StudyResults
+from wordcraft_kg.studies.study import Values
+
+Interval = tuple[float, float]
+
+
+class StudyCurvePoint(Record, array_like=True):
+    """Mean success on test tasks after a number of steps, and its interval over seeds."""
+
+    step: int
+    success: float
+    low: float | None
+    high: float | None
+
+
+class Comparison(Record):
+    """A variant against the reference at a point of the grid.
+
+    Attributes:
+        difference: of mean success on test tasks.
+        interval: its 95 % interval over seeds and tasks, resampled as pairs: the same seed, and the same task.
+        pairs: number of seeds that both have.
+        p_better: probability that a run of the variant is better than one of the reference.
+        p_better_interval: its 95 % interval over seeds; None for a single seed.
+        p_value: of no difference, from the interval.
+        p_corrected: the same by Holm, over all comparisons of the study.
+    """
+
+    difference: Annotated[float, msgspec.Meta(ge=-1, le=1)]
+    interval: Interval
+    pairs: Annotated[int, msgspec.Meta(ge=1)]
+    p_better: Share
+    p_better_interval: Interval | None
+    p_value: Share
+    p_corrected: Share
+
+
+class VariantFigures(Record):
+    """The figures of a variant at a point of the grid.
+
+    Attributes:
+        seeds: seeds of its runs.
+        success: success of each run on test tasks.
+        mean: their mean.
+        iqm: mean of the middle half of them.
+        seed_interval: 95 % interval of the mean over seeds, for the same tasks; None for a single seed.
+        interval: 95 % interval of the mean over seeds and tasks; over tasks alone for a single seed.
+        iqm_interval: 95 % interval of the IQM over seeds; None for a single seed.
+        by_plan: share of episodes in which the last pair of a plan made the goal.
+        train: mean success on train tasks; None if it was not measured.
+        mrr: mean leak-free MRR of the scorers on test triples; None without a scorer that has not seen them.
+        mrr_range: the least and the greatest of them.
+        comparison: against the reference; None for the reference itself, and if there is nothing to pair.
+        reached: steps until the mean curve reaches the final success of the reference's; None if it never does, or
+            there is no reference to reach.
+        reached_interval: its 95 % interval over seeds, None for never; None for a single seed.
+        curve: success during training.
+        runs: addresses of the run folders.
+        seconds: mean duration of a training.
+        steps: steps of a training.
+    """
+
+    variant: str
+    seeds: tuple[int, ...]
+    success: Annotated[tuple[Share, ...], msgspec.Meta(min_length=1)]
+    mean: Share
+    iqm: Share
+    seed_interval: Interval | None
+    interval: Interval
+    iqm_interval: Interval | None
+    by_plan: Share
+    train: Share | None
+    mrr: Share | None
+    mrr_range: Interval | None
+    comparison: Comparison | None
+    reached: Count | None
+    reached_interval: tuple[Count | None, Count | None] | None
+    curve: tuple[StudyCurvePoint, ...]
+    runs: tuple[str, ...]
+    seconds: float
+    steps: Count
+
+
+class PointFigures(Record):
+    """All variants at a point of the grid.
+
+    Attributes:
+        values: the grid's values, by setting.
+        title: the same in words.
+        graphs: graphs that were played on, in the order of the variants; usually one.
+        tasks: number of test tasks.
+        draws: draws of distractors for each.
+        variants: variants that have runs, in the order of the study.
+    """
+
+    values: Values
+    title: str
+    graphs: tuple[PlayedGraph, ...]
+    tasks: Count
+    draws: Count
+    variants: tuple[VariantFigures, ...]
+
+
+def figures_of(results: StudyResults, variant: str, members: list[RunResult], base: list[RunResult]) -> VariantFigures:
+    """Return the figures of a variant's runs, and against the runs of the reference, which may be the same ones."""
+    success = [run.success["test"] for run in members]
+    table = _table(members)
+    train = [run.success["train"] for run in members if "train" in run.success]
+    mrr = [run.mrr for run in members if run.mrr is not None]
+    reached, reached_interval = _reached(members, base)
+    return VariantFigures(
+        variant=variant,
+        seeds=tuple(run.seed for run in members),
+        success=tuple(success),
+        mean=mean_of(success),
+        iqm=interquartile_mean(success),
+        seed_interval=stratified_bootstrap(success, np.mean),
+        # Where nothing varies, Wilson's interval of the tasks.
+        interval=crossed_bootstrap(table) if np.ptp(table) else wilson_interval(float(table[0].sum()), table.shape[1]),
+        iqm_interval=stratified_bootstrap(success, interquartile_mean),
+        by_plan=mean_of([run.by_plan["test"] for run in members]),
+        train=mean_of(train) if len(train) == len(members) else None,
+        mrr=mean_of(mrr) if mrr else None,
+        mrr_range=(min(mrr), max(mrr)) if mrr else None,
+        comparison=_comparison(results, members, base),
+        reached=reached,
+        reached_interval=reached_interval,
+        curve=_curve(members),
+        runs=tuple(run.run for run in members),
+        seconds=mean_of([run.seconds for run in members]),
+        steps=members[0].steps,
+    )
+
+
+def mean_of(values: Sequence[float]) -> float:
+    """Return the mean, exactly rounded."""
+    return math.fsum(values) / len(values)
+
+
+def _table(members: Sequence[RunResult]) -> NDArray[np.float64]:
+    """Return the success rate of each run on each test task, shape (S, K)."""
+    return np.array([run.rates for run in members])
+
+
+def _comparison(results: StudyResults, members: list[RunResult], base: list[RunResult]) -> Comparison | None:
+    """Compare runs on the same tables and with the same seeds; None if there are none, or both are the reference."""
+    by_seed = {run.seed: run for run in base}
+    pairs = [(run, by_seed[run.seed]) for run in members if run.seed in by_seed]
+    if members is base or not pairs or _played(results, members[0]) != _played(results, base[0]):
+        return None
+    differences = _table([run for run, _ in pairs]) - _table([run for _, run in pairs])
+    ours, theirs = ([run.success["test"] for run in runs] for runs in (members, base))
+    difference, interval = float(differences.mean()), crossed_bootstrap(differences)
+    p_value = interval_p_value(difference, interval)
+    return Comparison(
+        difference=difference,
+        interval=interval,
+        pairs=len(pairs),
+        p_better=probability_of_improvement(ours, theirs),
+        p_better_interval=probability_of_improvement_interval(ours, theirs),
+        p_value=p_value,
+        p_corrected=p_value,
+    )
+
+
+def _played(results: StudyResults, run: RunResult) -> tuple[str, str, int, int]:
+    graph = results.graphs[run.graph]
+    return graph.hash, graph.split, len(run.won), run.draws
+
+
+def _curves(members: Sequence[RunResult]) -> tuple[list[int], NDArray[np.float64]]:
+    """Return the steps at which all runs have a point, and their success, shape (S, T)."""
+    rows = [dict(run.curve) for run in members]
+    steps = sorted(set.intersection(*map(set, rows)))
+    return steps, np.array([[row[step] for step in steps] for row in rows])
+
+
+def _curve(members: Sequence[RunResult]) -> tuple[StudyCurvePoint, ...]:
+    steps, table = _curves(members)
+    if not steps:
+        return ()
+    means = table.mean(axis=0).tolist()
+    if len(members) == 1:
+        return tuple(StudyCurvePoint(step, mean, None, None) for step, mean in zip(steps, means, strict=True))
+    low, high = np.quantile(resampled_means(table), [0.025, 0.975], axis=0).tolist()
+    return tuple(map(StudyCurvePoint, steps, means, low, high))
+
+
+def _reached(
+    members: list[RunResult], base: list[RunResult]
+) -> tuple[int | None, tuple[int | None, int | None] | None]:
+    """Return when the mean curve reaches the last point of the reference's mean curve, and the interval over seeds."""
+    if not base:
+        return None, None
+    steps, table = _curves(members)
+    goal_steps, goal = _curves(base)
+    if not steps or not goal_steps:
+        return None, None
+    places = np.array([*steps, np.inf])
+
+    def first(means: NDArray[np.float64], wanted: NDArray[np.float64]) -> NDArray[np.float64]:
+        hit = means >= wanted[:, None] - 1e-12
+        return np.asarray(places[np.where(hit.any(axis=1), hit.argmax(axis=1), len(steps))])
+
+    seen = first(table.mean(axis=0)[None], goal.mean(axis=0)[-1:])[0]
+    if len(members) == 1 or len(base) == 1:
+        return _steps(seen), None
+    # The same runs are resampled for the goal and the curve where a variant is compared with itself.
+    goals = resampled_means(goal[:, -1:], seed=0)[:, 0]
+    drawn = np.sort(first(resampled_means(table, seed=0 if members is base else 1), goals))
+    low, high = np.quantile(drawn, [0.025, 0.975], method="nearest")
+    return _steps(seen), (_steps(low), _steps(high))
+
+
+def _steps(value: float) -> int | None:
+    return int(value) if math.isfinite(value) else None

@@ -282,16 +282,16 @@ def test_each_game_that_is_over_is_in_the_file_once_and_the_file_goes_on(world: 
     path, host = tmp_path / "new" / "games.jsonl", hosted(world)
     header = GamesHeader(player="clients", settings=host.play.settings)
     with kept_games(path, header) as host.keep:
-        first = host.begin(5, draw=2).name
+        first = host.begin(5, draw=2)
         host.begin(6)  # never played
         with pytest.raises(ValueError, match="unicorn"):
-            host.combine(first, "unicorn", "1")
-        host.combine(first, "1", "1")
-        host.end(first)
+            first.combine("unicorn", "1")
+        first.combine("1", "1")
+        first.end()
         with pytest.raises(ArtefactError, match="being written by another process"), kept_games(path, header):
             pass
     with kept_games(path, header) as host.keep:
-        host.end(host.begin(7).name)
+        host.begin(7).end()
     one, two = parse_lines(path.read_bytes().partition(b"\n")[2], PlayedTask, path)
     thing = one.table[0]
     assert (one.task, one.draw, one.success, one.ending, one.refused) == (5, 2, False, "same_twice", 1)
@@ -334,9 +334,9 @@ def test_games_in_the_open_ended_world_are_numbered_as_they_end(kitchen: OpenedG
     header = GamesHeader(player="clients", settings=host.play.settings)
     for _ in range(2):
         with kept_games(path, header) as host.keep:
-            name = host.begin().name
-            host.combine(name, "1", "1")
-            host.combine(name, "1", "2")
+            game = host.begin()
+            game.combine("1", "1")
+            game.combine("1", "2")
     played = parse_lines(path.read_bytes().partition(b"\n")[2], PlayedWorld, path)
     assert [(one.game, len(one.known_after)) for one in played] == [(0, 2), (1, 2)]
 

@@ -11,7 +11,6 @@ from wordcraft_kg.apps.text_agents.records import PlayedSettings
 from wordcraft_kg.apps.text_agents.settings import ATTEMPTS, LOOK_UPS, REFUSALS, GameSettings
 from wordcraft_kg.base.errors import ActionError
 from wordcraft_kg.base.labels import last_line, read_label, read_pair
-from wordcraft_kg.base.settings import MAX_SIZE, whole
 from wordcraft_kg.envs.words import told
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.folder import open_graph
@@ -42,14 +41,8 @@ class Conversation:
     def __init__(
         self, game: Game, knowledge: Knowledge | None = None, *, refusals: int = REFUSALS, look_ups: int = LOOK_UPS
     ):
-        """Begin a conversation; see :class:`~wordcraft_kg.apps.text_agents.settings.EvaluationSettings`.
-
-        Raises:
-            ConfigError: for a negative number.
-        """
-        self.game, self._knowledge = game, knowledge
-        self._refusals = whole("refusals", refusals, 0, MAX_SIZE)
-        self._most_look_ups = whole("look_ups", look_ups, 0, MAX_SIZE)
+        """Begin a conversation; for the numbers see :class:`~.settings.EvaluationSettings`."""
+        self.game, self._knowledge, self._refusals, self._most_look_ups = game, knowledge, refusals, look_ups
         self.refused = self.lost = self.look_ups = 0
         self._in_a_row = 0
 
@@ -72,11 +65,7 @@ class Conversation:
         return self.game.is_over
 
     def hear(self, message: str) -> str:
-        """Take a message and return the reply: its outcome, and the state.
-
-        Raises:
-            EpisodeError: if the game is over.
-        """
+        """Take a message and return the reply: its outcome, and the state."""
         line = last_line(message)
         asked = _LOOK_UP.fullmatch(line) if self._knowledge is not None else None
         try:
@@ -119,11 +108,7 @@ def facts_in_words(label: str, facts: list[str]) -> str:
 
 
 def converse(talk: Conversation, answer: Callable[[str], str]) -> list[str]:
-    """Play a game to its end with a player that answers each prompt.
-
-    Returns:
-        all messages, prompts and answers in turn, the verdict last.
-    """
+    """Play a game with a player that answers each prompt; return all prompts and answers in turn, the verdict last."""
     messages = [talk.opening]
     while not talk.is_over:
         messages.append(answer(messages[-1]))
@@ -151,12 +136,7 @@ class Play:
 
     @classmethod
     def open(cls, graph: str, settings: GameSettings, **rules: Any) -> Self:
-        """Open the games of settings on a graph folder, a book's file or a known book.
-
-        Args:
-            graph: where the graph is.
-            settings: the settings.
-            rules: recorded rules that are no game settings, such as draws.
+        """Open the games of settings on a graph folder, a book's file or a known book; ``rules`` are recorded, too.
 
         Raises:
             ConfigError: for settings that do not fit the graph.

@@ -15,7 +15,7 @@ from wordcraft_kg.graphs.tasks import TaskSet
 
 
 class Game(ABC):
-    """A game in which an attempt combines two places of :attr:`labels`.
+    """A game in which an attempt combines two places of :attr:`labels`; none is made once the game is over.
 
     Attributes:
         graph: the recipe graph.
@@ -48,28 +48,20 @@ class Game(ABC):
     @property
     def is_over(self) -> bool:
         """Whether no further attempt is possible."""
-        return self._is_ended or self._is_done()
+        return self._is_ended or self._ending() is not None
 
     @property
     def state(self) -> str:
         """The state in words; once the game is over, how it ended."""
-        return told("ended") if self._is_ended else self._state()
+        return told("ended") if self._is_ended else self._ending() or self._ongoing()
 
     def combine(self, one: int, other: int) -> str:
-        """Make an attempt and return its outcome in words.
-
-        Raises:
-            EpisodeError: if the game is over.
-        """
+        """Make an attempt and return its outcome in words."""
         self._check()
         return self._combine(one, other)
 
     def lose_attempt(self) -> None:
-        """Use up an attempt for nothing.
-
-        Raises:
-            EpisodeError: if the game is over.
-        """
+        """Use up an attempt for nothing."""
         self._check()
         self._lose()
 
@@ -85,10 +77,10 @@ class Game(ABC):
     def _entities(self) -> Iterable[int]: ...
 
     @abstractmethod
-    def _is_done(self) -> bool: ...
+    def _ending(self) -> str | None: ...
 
     @abstractmethod
-    def _state(self) -> str: ...
+    def _ongoing(self) -> str: ...
 
     @abstractmethod
     def _combine(self, one: int, other: int) -> str: ...
@@ -133,13 +125,13 @@ class TaskGame(Game):
     def _entities(self) -> Iterable[int]:
         return self._env.state.table
 
-    def _is_done(self) -> bool:
-        return self._env.state.outcome != "in_progress"
-
-    def _state(self) -> str:
-        if not self.is_over:
-            return told("task", goal=self.goal, table=numbered(self.labels), attempts_left=self.attempts_left)
+    def _ending(self) -> str | None:
+        if self._env.state.outcome == "in_progress":
+            return None
         return told("goal_made" if self.is_made else "not_made", goal=self.goal)
+
+    def _ongoing(self) -> str:
+        return told("task", goal=self.goal, table=numbered(self.labels), attempts_left=self.attempts_left)
 
     def _combine(self, one: int, other: int) -> str:
         table = self.labels
@@ -161,10 +153,7 @@ class TaskGame(Game):
 
 
 class TaskGames:
-    """Tasks of a world as games, each at the tables at which agents are evaluated; many may go on at once.
-
-    Attributes:
-        world: graph, tasks and settings.
+    """Tasks of a world as games, at the tables at which agents are evaluated; many may go on at once.
 
     Example:
         >>> games = TaskGames(World("kitchen", WordCraftConfig(part="test", num_distractors=2)))
@@ -211,15 +200,13 @@ class DiscoveryGame(Game):
     def _entities(self) -> Iterable[int]:
         return self._env.discovery.known
 
-    def _is_done(self) -> bool:
-        return not self.attempts_left or self._env.discovery.is_complete
-
-    def _state(self) -> str:
-        known = len(self._env.discovery.known)
+    def _ending(self) -> str | None:
         if self._env.discovery.is_complete:
             return told("all_known")
-        if not self.attempts_left:
-            return told("no_attempt_left", known=known)
+        return None if self.attempts_left else told("no_attempt_left", known=len(self._env.discovery.known))
+
+    def _ongoing(self) -> str:
+        known = len(self._env.discovery.known)
         return told("world", known=known, table=numbered(self.labels), attempts_left=self.attempts_left)
 
     def _combine(self, one: int, other: int) -> str:
@@ -238,11 +225,7 @@ class DiscoveryGame(Game):
 
 
 class DiscoveryGames:
-    """Games in the open-ended world of a graph, all alike; many may go on at once.
-
-    Attributes:
-        env: the environment at its beginning.
-    """
+    """Games in the open-ended world of a graph, all alike; many may go on at once."""
 
     def __init__(self, graph: GraphLike, *, attempts: int = 100, base: Iterable[Entity] | None = None):
         """Prepare what all games share.

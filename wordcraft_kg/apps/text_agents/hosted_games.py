@@ -4,6 +4,7 @@ import secrets
 from collections import OrderedDict
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from wordcraft_kg.apps.text_agents.conversation import Conversation, Play
@@ -24,28 +25,76 @@ NEVER = MAX_SIZE
 """Refusals in a row until one costs an attempt: players that call tools read the error, and call again."""
 
 
+@dataclass
 class HostedGame:
-    """A game with the messages of its player.
+    """A game with an id and the messages of its player.
+
+    A game that is over raises an EpisodeError, a message that is not understood an ActionError, at no cost; a record
+    that cannot be kept raises an OSError, and ``end`` tries again.
 
     Attributes:
         name: the game's id.
         talk: the game, and its counts.
+        keep: called with the game once it is over, to keep its record.
         attempts: the attempts so far, in words.
         messages: prompts and answers in turn; the first has the rules and the first state, later ones no states.
-        is_kept: whether the game is over and its record was kept.
     """
 
-    def __init__(self, name: str, talk: Conversation):
-        """Begin."""
-        self.name, self.talk = name, talk
-        self.attempts: list[str] = []
-        self.messages = [f"{talk.game.rules}\n\n{talk.game.state}"]
-        self.is_kept = False
+    name: str
+    talk: Conversation
+    keep: "Callable[[HostedGame], None]"
+    attempts: list[str] = field(default_factory=list)
+    messages: list[str] = field(default_factory=list)
 
-    def note(self, said: str, answer: str) -> None:
-        """Add a message and its answer."""
+    def __post_init__(self) -> None:
+        self._is_kept = False
+        self.messages.append(f"{self.talk.game.rules}\n\n{self.talk.game.state}")
+
+    def combine(self, first: str, second: str) -> str:
+        """Make an attempt and return its outcome in words."""
+        game = self.talk.game
+        with self._heard(said := f"{first} + {second}"):
+            came = game.combine(*(read_label(thing, game.labels) for thing in (first, second)))
+        self.attempts.append(came)
+        self._note(said, came)
+        self._keep_if_over()
+        return came
+
+    def look_up(self, thing: str) -> tuple[str, list[str]]:
+        """Return the label of an entity, and the facts about it."""
+        entities = self.talk.game.graph.entities
+        with self._heard(said := f"look up {thing}"):
+            entity = read_label(thing, entities, by_number=False)
+            facts = self.talk.facts(entity)
+        self._note(said, "\n".join(facts))
+        return entities[entity], facts
+
+    def end(self) -> None:
+        """Give the game up, if it is not over."""
+        if not self.talk.is_over:
+            self.talk.game.end()
+            self._note("end", "")  # the answer is the state alone
+        self._keep_if_over()
+
+    @contextmanager
+    def _heard(self, said: str) -> Iterator[None]:
+        if self.talk.is_over:
+            raise EpisodeError(f"This game is over. {self.talk.game.state} Begin another one.")
+        try:
+            yield
+        except ActionError as error:
+            self.talk.refused += 1
+            self._note(said, str(error))
+            raise
+
+    def _note(self, said: str, answer: str) -> None:
         if len(self.messages) < MOST_MESSAGES:
             self.messages += [said, answer]
+
+    def _keep_if_over(self) -> None:
+        if self.talk.is_over and not self._is_kept:
+            self.keep(self)
+            self._is_kept = True
 
 
 class HostedGames:
@@ -53,20 +102,19 @@ class HostedGames:
 
     Attributes:
         play: the games and their rules.
-        keep: called with each game that is over, to keep its record.
+        keep: see :class:`HostedGame`.
 
     Example:
         >>> world = World("kitchen", WordCraftConfig(part="test"))
         >>> hosted = HostedGames(Play(TaskGames(world), PlayedSettings.of_tasks(world, refusals=NEVER)))
-        >>> name = hosted.begin(task=0).name
-        >>> hosted.combine(name, "the flour", "2")
+        >>> game = hosted.begin(task=0)
+        >>> hosted.game(game.name).combine("the flour", "2")
         'flour + water -> dough'
     """
 
-    def __init__(self, play: Play, *, most: int = MOST_GAMES):
+    def __init__(self, play: Play, keep: Callable[[HostedGame], None] = lambda game: None, *, most: int = MOST_GAMES):
         """Host games; ``most`` of them are remembered."""
-        self.play, self._most = play, most
-        self.keep: Callable[[HostedGame], None] | None = None
+        self.play, self.keep, self._most = play, keep, most
         self._hosted: OrderedDict[str, HostedGame] = OrderedDict()
 
     def begin(self, task: int = 0, draw: int = 0) -> HostedGame:
@@ -76,7 +124,7 @@ class HostedGames:
             ConfigError: if there is no such task or draw.
         """
         # A game's id cannot be guessed from another one.
-        hosted = HostedGame(secrets.token_urlsafe(9), self.play.begin(task, draw))
+        hosted = HostedGame(secrets.token_urlsafe(9), self.play.begin(task, draw), self.keep)
         self._hosted[hosted.name] = hosted
         while len(self._hosted) > self._most:
             self._hosted.popitem(last=False)
@@ -96,70 +144,6 @@ class HostedGames:
         self._hosted.move_to_end(name)
         return self._hosted[name]
 
-    def combine(self, name: str, first: str, second: str) -> str:
-        """Make an attempt and return its outcome in words.
-
-        Raises:
-            ActionError: if one of the two cannot be combined; it costs nothing.
-            EpisodeError: if there is no such game, or it is over.
-            OSError: if this attempt ended the game and its record could not be kept.
-        """
-        said = f"{first} + {second}"
-        with self._heard(name, said) as hosted:
-            game = hosted.talk.game
-            came = game.combine(*(read_label(thing, game.labels) for thing in (first, second)))
-        hosted.attempts.append(came)
-        hosted.note(said, came)
-        self._keep_if_over(hosted)
-        return came
-
-    def look_up(self, name: str, thing: str) -> tuple[str, list[str]]:
-        """Return the label of an entity, and the facts about it.
-
-        Raises:
-            ActionError: if there is no such entity, or no look-up is left.
-            EpisodeError: if there is no such game, or it is over.
-        """
-        said = f"look up {thing}"
-        with self._heard(name, said) as hosted:
-            entities = hosted.talk.game.graph.entities
-            entity = read_label(thing, entities, by_number=False)
-            facts = hosted.talk.facts(entity)
-        hosted.note(said, "\n".join(facts))
-        return entities[entity], facts
-
-    def end(self, name: str) -> HostedGame:
-        """Give a game up; one that is over stays as it is.
-
-        Raises:
-            EpisodeError: if there is no such game.
-            OSError: if its record could not be kept.
-        """
-        hosted = self.game(name)
-        if not hosted.talk.is_over:
-            hosted.talk.game.end()
-            hosted.note("end", "")  # the answer is the state alone
-        self._keep_if_over(hosted)
-        return hosted
-
-    @contextmanager
-    def _heard(self, name: str, said: str) -> Iterator[HostedGame]:
-        """Yield a game that is not over; a message that is not understood is counted."""
-        hosted = self.game(name)
-        if hosted.talk.is_over:
-            raise EpisodeError(f"This game is over. {hosted.talk.game.state} Begin another one.")
-        try:
-            yield hosted
-        except ActionError as error:
-            hosted.talk.refused += 1
-            hosted.note(said, str(error))
-            raise
-
-    def _keep_if_over(self, hosted: HostedGame) -> None:
-        if self.keep is not None and hosted.talk.is_over and not hosted.is_kept:
-            self.keep(hosted)
-            hosted.is_kept = True
-
 
 @contextmanager
 def kept_games(path: Path, header: GamesHeader) -> Iterator[Callable[[HostedGame], None]]:
@@ -169,12 +153,9 @@ def kept_games(path: Path, header: GamesHeader) -> Iterator[Callable[[HostedGame
         ArtefactError: if another server writes the file, or it is damaged or of another kind.
         GraphMismatchError, ConfigError: if its games are of another graph or other settings; the file is unchanged.
     """
-    if path.exists():
-        check_file(path)
-    else:
-        open_games(path, header)
-    with locked(path, "written"):
-        open_games(path, header)  # may put another file in the place of one without games
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.touch()
+    check_file(path)
     with locked(path, "written"):
         games = len(open_games(path, header))
 

@@ -6,9 +6,9 @@ The program is started once. It reads a JSON object in a line, and answers with 
 |---|---|
 | game | number of the game since the program was started, from 1 |
 | new | whether the game begins with this line |
-| text | what a player is told: at first the rules, then what came of the last answer, and always the state |
-| goal | what is to be made; null in the open-ended world |
-| table | what can be combined, in the order of its numbers |
+| text | the prompt: at first the rules, then the outcome of the last answer, and always the state |
+| goal | label of the goal; null in the open-ended world |
+| table | labels that can be combined, in the order of their numbers |
 | attempts_left | attempts left, the current one included |
 """
 
@@ -25,7 +25,6 @@ from types import TracebackType
 from typing import Self
 
 from wordcraft_kg.apps.text_agents.conversation import Conversation
-from wordcraft_kg.apps.text_agents.games import TaskGame
 from wordcraft_kg.apps.text_agents.settings import TIMEOUT
 from wordcraft_kg.base.errors import ConfigError, PlayerError
 from wordcraft_kg.base.settings import number_in
@@ -40,7 +39,7 @@ class LinePlayer:
     """A program that plays by the line protocol.
 
     Attributes:
-        name: what results call it: the name of the script or program, without options, which may hold a secret.
+        name: the name of the script or program, without options, which may hold a secret.
 
     Example:
         >>> with LinePlayer("python examples/line_player.py") as player:
@@ -49,11 +48,7 @@ class LinePlayer:
     """
 
     def __init__(self, command: str, *, timeout: float = TIMEOUT):
-        """Start a program.
-
-        Args:
-            command: program and arguments, as they are typed; no shell is asked.
-            timeout: seconds for an answer.
+        """Start a program from its command line, without a shell; ``timeout`` is in seconds for an answer.
 
         Raises:
             ConfigError: if the command cannot be read, or the time is not positive.
@@ -74,7 +69,7 @@ class LinePlayer:
             self._process = subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
         except OSError as error:
             raise PlayerError(f"player '{self.name}' cannot be started: {error.strerror or error}.") from None
-        # A program that does not read would keep whoever writes to it waiting for ever.
+        # Writing directly would wait for ever for a program that does not read.
         self._unsent: SimpleQueue[bytes | None] = SimpleQueue()
         for work in (self._read, self._write):
             threading.Thread(target=work, daemon=True).start()
@@ -84,24 +79,16 @@ class LinePlayer:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, _: TracebackType | None) -> None:
-        """End the program: its input ends, and if it goes on nevertheless, it is killed."""
-        self.close(patient=kind is None)
-
-    def close(self, *, patient: bool = True) -> None:
-        """End the program.
-
-        Args:
-            patient: wait a few seconds for it to end by itself once its input has.
-        """
+        """End the program's input, and kill a program that goes on nevertheless."""
         self._unsent.put(None)
         try:
-            self._process.wait(_PATIENCE if patient else 0.1)
+            self._process.wait(_PATIENCE if kind is None else 0.1)
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()
 
     def speaker(self, talk: Conversation) -> Callable[[str], str]:
-        """Return what answers in a conversation that begins."""
+        """Return the function that answers the prompts of a conversation that begins."""
         self._games += 1
         number, is_new = self._games, True
 
@@ -112,7 +99,7 @@ class LinePlayer:
                 "game": number,
                 "new": is_new,
                 "text": told,
-                "goal": game.goal if isinstance(game, TaskGame) else None,
+                "goal": game.goal,
                 "table": list(game.labels),
                 "attempts_left": game.attempts_left,
             }
@@ -125,13 +112,13 @@ class LinePlayer:
         """Return the line with which the program answers a line.
 
         Raises:
-            PlayerError: if it has ended, does not answer in time, or writes what is no answer to this line.
+            PlayerError: if it has ended, does not answer in time, or breaks the protocol.
         """
         if not self._lines.empty():
-            self._receive(0)  # a program that has ended is told as such
-            raise PlayerError(
-                f"player '{self.name}' wrote more lines than it was asked for: expected one for each line that it "
-                "reads. Write everything else to stderr."
+            self._receive(0)  # raises if the program has ended
+            raise self._error(
+                "wrote more lines than it was asked for: expected one for each line that it reads. Write everything "
+                "else to stderr."
             )
         self._unsent.put(line.encode() + b"\n")
         return self._receive(self._timeout)
@@ -140,34 +127,32 @@ class LinePlayer:
         try:
             found = self._lines.get(timeout=timeout) if timeout else self._lines.get_nowait()
         except Empty:
-            raise PlayerError(
-                f"player '{self.name}' did not answer within {self._timeout:g} seconds: expected a line for each line "
-                "that it reads. Does it flush what it writes? A longer time is --timeout."
+            raise self._error(
+                f"did not answer within {self._timeout:g} seconds: expected a line for each line that it reads. Does "
+                "it flush what it writes? A longer time is --timeout."
             ) from None
         if found is None:
-            code = self._wait()
-            raise PlayerError(
-                f"player '{self.name}' has ended{f' with exit code {code}' if code else ''} before the last game was "
-                "over: expected it to read lines until its input ends."
+            code = None
+            with suppress(subprocess.TimeoutExpired):
+                code = self._process.wait(_PATIENCE)
+            raise self._error(
+                f"has ended{f' with exit code {code}' if code else ''} before the last game was over: expected it to "
+                "read lines until its input ends."
             )
         if len(found) > MOST_CHARACTERS:
-            raise PlayerError(
-                f"player '{self.name}' wrote a line of more than {MOST_CHARACTERS:,} bytes: expected two things, such "
-                "as 'water + earth'."
+            raise self._error(
+                f"wrote a line of more than {MOST_CHARACTERS:,} bytes: expected two things, such as 'water + earth'."
             )
         return found.decode(errors="replace").rstrip("\r\n")
 
-    def _wait(self) -> int | None:
-        try:
-            return self._process.wait(_PATIENCE)
-        except subprocess.TimeoutExpired:
-            return None
+    def _error(self, found: str) -> PlayerError:
+        return PlayerError(f"player '{self.name}' {found}")
 
     def _write(self) -> None:
-        """Pass on what the program is asked, and end its input at the end; runs in a thread of its own."""
+        """Pass the lines on to the program, and end its input at the end; runs in a thread of its own."""
         stream = self._process.stdin
         assert stream is not None
-        with suppress(OSError):  # it has ended; what it wrote before may still be an answer
+        with suppress(OSError):  # it has ended; earlier output may still be an answer
             while (line := self._unsent.get()) is not None:
                 stream.write(line)
                 stream.flush()
@@ -175,7 +160,7 @@ class LinePlayer:
             stream.close()
 
     def _read(self) -> None:
-        """Pass on what the program writes, as long as somebody takes it; runs in a thread of its own."""
+        """Pass on the lines of the program, while they are taken; runs in a thread of its own."""
         stream = self._process.stdout
         assert stream is not None
         with suppress(OSError, ValueError, Full):

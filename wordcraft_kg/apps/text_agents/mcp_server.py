@@ -1,7 +1,6 @@
 """The crafting worlds as a server of the Model Context Protocol: tools to play, resources with rules and facts.
 
-In the protocol's present version a connection has no memory. So a game has an id, which ``begin`` returns and every
-other tool takes.
+Connections have no memory in the present protocol, so each game has an id, which ``begin`` returns.
 """
 
 import hashlib
@@ -19,9 +18,10 @@ from pydantic import BaseModel, BeforeValidator, Field, ValidationError
 from starlette.types import ASGIApp
 
 from wordcraft_kg import __version__
-from wordcraft_kg.apps.text_agents.conversation import facts_in_words
+from wordcraft_kg.apps.text_agents.conversation import Play, facts_in_words
 from wordcraft_kg.apps.text_agents.games import TaskGame, TaskGames
 from wordcraft_kg.apps.text_agents.hosted_games import HostedGame, HostedGames
+from wordcraft_kg.apps.text_agents.records import PlayedSettings
 from wordcraft_kg.apps.web.guard import LONGEST_BODY, LOOPBACK
 from wordcraft_kg.base.errors import ActionError, WordCraftKGError
 from wordcraft_kg.base.records import as_values
@@ -49,6 +49,11 @@ PROMPTS = {
     "world": "Play a game of crafting. Begin a game and play until it is over; discover as many things as you can.",
     "instructions": "Call begin, then combine until the game is over.",
 }
+BOOK = (
+    *("name", "entities", "recipes", "base", "graph_hash", "split_hash", "part", "depth", "tasks", "distractors"),
+    *("attempts", "knowledge", "look_ups", "texts"),
+)
+"""Keys of the facts of a book; none of them is a recipe."""
 _READS = ToolAnnotations(read_only_hint=True, open_world_hint=False)
 _PLAYS = ToolAnnotations(read_only_hint=False, destructive_hint=False, idempotent_hint=False, open_world_hint=False)
 _ENDS = ToolAnnotations(read_only_hint=False, destructive_hint=False, idempotent_hint=True, open_world_hint=False)
@@ -114,8 +119,7 @@ class Facts(BaseModel, frozen=True):
 
 def _as_text(value: Any) -> Any:
     """Return the digits of a number: language models write either."""
-    is_number = isinstance(value, int) and not isinstance(value, bool) and abs(value) < 10**9
-    return str(value) if is_number else value
+    return str(value) if type(value) is int and abs(value) < 10**9 else value
 
 
 def _no_truth_value(value: Any) -> Any:
@@ -130,37 +134,39 @@ Word = Annotated[str, Field(max_length=LONGEST, description="word of a thing")]
 
 
 class _Server(MCPServer[Any]):
-    """Words the errors of tools for players, without those of the libraries."""
-
     async def call_tool(
         self, name: str, arguments: dict[str, Any], context: Context[Any, Any] | None = None
     ) -> CallToolResult | InputRequiredResult:
-        """Call a tool; see the base class."""
+        """Call a tool as the base class does, with errors in words for players."""
         try:
             return await super().call_tool(name, arguments, context)
         except ToolError as error:
-            cause = error.__cause__
-            if isinstance(cause, ValidationError):
-                found = cause.errors(include_url=False, include_context=False, include_input=False)
-                each = (f"'{'.'.join(map(str, one['loc']))}': {one['msg']}" for one in found)
-                text = told("refused", why="; ".join(each).replace(": Value error, ", ": ") + ".")
-            elif isinstance(cause, ActionError):
-                text = told("refused", why=str(cause))
-            elif isinstance(cause, WordCraftKGError):
-                text = str(cause)
-            elif isinstance(cause, OSError):
-                text = (
-                    f"The game is over, but its record could not be written: {cause.strerror or cause}. `state` tells "
-                    "how it ended, and `end` tries again to write it."
-                )
-            else:
+            text = _in_words(error.__cause__)
+            if text is None:
                 raise
-            raise ToolError(text) from cause
+            raise ToolError(text) from error.__cause__
+
+
+def _in_words(error: BaseException | None) -> str | None:
+    """Return the text for a player's error; None for another one."""
+    if isinstance(error, ValidationError):
+        found = error.errors(include_url=False, include_context=False, include_input=False)
+        each = (f"'{'.'.join(map(str, one['loc']))}': {one['msg'].removeprefix('Value error, ')}" for one in found)
+        return told("refused", why="; ".join(each) + ".")
+    if isinstance(error, OSError):
+        return (
+            f"The game is over, but its record could not be written: {error.strerror or error}. `state` tells how it "
+            "ended, and `end` tries again to write it."
+        )
+    if isinstance(error, WordCraftKGError):
+        return told("refused", why=str(error)) if isinstance(error, ActionError) else str(error)
+    return None
 
 
 def make_server(hosted: HostedGames) -> MCPServer[Any]:
     """Return a server of games for any transport, or for clients in this process."""
-    rules, settings = _rules(hosted), hosted.play.settings
+    games, settings = hosted.play.games, hosted.play.settings
+    rules = _rules(settings)
     server = _Server(
         "wordcraft-kg",
         title="Crafting worlds of wordcraft-kg",
@@ -168,8 +174,8 @@ def make_server(hosted: HostedGames) -> MCPServer[Any]:
         version=__version__,
         log_level="WARNING",
     )
-    if isinstance(hosted.play.games, TaskGames):
-        _add_tasks(server, hosted, last=len(hosted.play.games.world.tasks) - 1)
+    if isinstance(games, TaskGames):
+        _add_tasks(server, hosted, last=len(games.world.tasks) - 1)
     else:
         _add_world(server, hosted)
 
@@ -182,7 +188,7 @@ def make_server(hosted: HostedGames) -> MCPServer[Any]:
     async def combine(game: GameName, first: Thing, second: Thing) -> Annotated[CallToolResult, Combined]:
         found = hosted.game(game)
         before = set(found.talk.game.labels)
-        came = hosted.combine(game, first, second)
+        came = found.combine(first, second)
         new = [label for label in found.talk.game.labels if label not in before]
         return _result(f"{came}\n\n{found.talk.game.state}", Combined.of(found, result=came, new=new))
 
@@ -194,29 +200,30 @@ def make_server(hosted: HostedGames) -> MCPServer[Any]:
 
     if settings.look_ups:
 
-        @server.tool(title="Look a thing up", description=_about_look_ups(hosted), annotations=_PLAYS)
+        @server.tool(title="Look a thing up", description=_about_look_ups(settings), annotations=_PLAYS)
         async def look_up(game: GameName, thing: Word) -> Annotated[CallToolResult, Facts]:
-            label, facts = hosted.look_up(game, thing)
-            left = settings.look_ups - hosted.game(game).talk.look_ups
+            found = hosted.game(game)
+            label, facts = found.look_up(thing)
+            left = settings.look_ups - found.talk.look_ups
             return _result(facts_in_words(label, facts), Facts(game=game, thing=label, facts=facts, look_ups_left=left))
 
     @server.tool(title="End a game", description=TOOLS["end"], annotations=_ENDS)
     async def end(game: GameName) -> Annotated[CallToolResult, Position]:
-        found = hosted.end(game)
+        found = hosted.game(game)
+        found.end()
         return _result(found.talk.game.state, Position.of(found))
 
-    _add_resources(server, hosted, rules)
+    _add_resources(server, hosted.play, rules)
     return server
 
 
-def _about_look_ups(hosted: HostedGames) -> str:
-    return TOOLS["look_up"].format(look_ups=hosted.play.settings.look_ups)
+def _about_look_ups(settings: PlayedSettings) -> str:
+    return TOOLS["look_up"].format(look_ups=settings.look_ups)
 
 
-def _rules(hosted: HostedGames) -> str:
-    settings = hosted.play.settings
-    rules = [told("rules") + " " + told("discover" if settings.is_open_ended else "goal")]
-    return "\n".join([*rules, _about_look_ups(hosted)] if settings.look_ups else rules)
+def _rules(settings: PlayedSettings) -> str:
+    rules = told("rules") + " " + told("discover" if settings.is_open_ended else "goal")
+    return f"{rules}\n{_about_look_ups(settings)}" if settings.look_ups else rules
 
 
 def _add_world(server: MCPServer[Any], hosted: HostedGames) -> None:
@@ -255,33 +262,19 @@ def _begun(found: HostedGame) -> CallToolResult:
     return _result(f"Game {found.name}\n{game.rules}\n\n{game.state}", Begun.of(found, rules=game.rules))
 
 
-def _add_resources(server: MCPServer[Any], hosted: HostedGames, rules: str) -> None:
-    games, graph = hosted.play.games, hosted.play.games.graph
-    settings = as_values(hosted.play.settings)
-    settings["tasks"] = len(games.world.tasks) if isinstance(games, TaskGames) else None
-    book = {
-        "name": graph.name,
-        "entities": graph.num_entities,
-        "recipes": len(graph.recipes),
-        "base": settings["base"] or graph.labels(graph.base_ids),
-    }
-    names = ("graph_hash", "split_hash", "part", "depth", "tasks", "distractors", "attempts", "knowledge", "look_ups")
-    book |= {name: settings[name] for name in (*names, "texts")}
+def _add_resources(server: MCPServer[Any], play: Play, rules: str) -> None:
+    graph, settings = play.games.graph, as_values(play.settings)
+    settings |= {"name": graph.name, "entities": graph.num_entities, "recipes": len(graph.recipes)}
+    settings["base"] = settings["base"] or graph.labels(graph.base_ids)
+    settings["tasks"] = len(play.games.world.tasks) if isinstance(play.games, TaskGames) else None
+    book = json.dumps({name: settings[name] for name in BOOK}, ensure_ascii=False, indent=2)
     for name, about, text, kind in (
         ("rules", "What is played, and how.", rules, "text/plain"),
-        (
-            "book",
-            "Facts of the book that is played.",
-            json.dumps(book, ensure_ascii=False, indent=2),
-            "application/json",
-        ),
+        ("book", "Facts of the book that is played.", book, "application/json"),
         ("things", "All things that there are, a line each.", "\n".join(graph.entities), "text/plain"),
     ):
-        server.add_resource(
-            TextResource(
-                uri=f"wordcraft://{name}", name=name, title=name.title(), description=about, text=text, mime_type=kind
-            )
-        )
+        uri, title = f"wordcraft://{name}", name.title()
+        server.add_resource(TextResource(uri=uri, name=name, title=title, description=about, text=text, mime_type=kind))
 
 
 def _result(text: str, values: BaseModel) -> CallToolResult:

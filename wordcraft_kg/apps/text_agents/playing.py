@@ -96,10 +96,12 @@ def open_games(path: Path, header: GamesHeader) -> list[PlayedTask | PlayedWorld
         GraphMismatchError: if its games were played on another graph or split.
         ConfigError: if they were played by another player or with other settings. The file is unchanged on errors.
     """
-    found, played, torn = read_games(path) if path.exists() else (None, [], b"")
-    if found is None or (not played and found != header):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_atomically(path, as_lines([header]), durable=True)
+    if not path.exists() or not path.stat().st_size:
+        _write(path, "wb", header)
+        return []
+    found, played, torn = read_games(path)
+    if not played and found != header:
+        _write(path, "wb", header)
         return []
     _check_header(path, found, header)
     if torn:
@@ -118,14 +120,18 @@ def append_game(path: Path, played: PlayedTask | PlayedWorld) -> None:
     """
     size = path.stat().st_size
     try:
-        with path.open("ab") as file:
-            file.write(as_lines([played])[0].encode())
-            file.flush()
-            os.fsync(file.fileno())
+        _write(path, "ab", played)
     except OSError:
         with suppress(OSError):
             os.truncate(path, size)
         raise
+
+
+def _write(path: Path, mode: str, record: GamesHeader | PlayedTask | PlayedWorld) -> None:
+    with path.open(mode) as file:
+        file.write(as_lines([record])[0].encode())
+        file.flush()
+        os.fsync(file.fileno())
 
 
 def _check_header(path: Path, found: GamesHeader, wanted: GamesHeader) -> None:

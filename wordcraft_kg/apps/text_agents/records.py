@@ -18,24 +18,15 @@ RESULT_FILE, GAMES_FILE = "result.json", "games.jsonl"
 
 
 class PlayedSettings(Record, frozen=True, kw_only=True):
-    """Settings of games that were played; results with equal settings can be compared.
+    """Settings of games that were played, with hashes; results with equal settings can be compared.
+
+    Names of :class:`~wordcraft_kg.apps.text_agents.settings.EvaluationSettings` mean the same here.
 
     Attributes:
-        graph: name of the graph.
-        graph_hash: its content hash.
-        split_hash: hash of its split.
-        part: part of the tasks; None in the open-ended world, as depth and distractors.
-        depth: depth of the tasks.
-        distractors: distractors on each table.
-        attempts: attempts in a game.
+        part: None in the open-ended world, as depth and distractors.
         base: entities known at the start of the open-ended world; empty for tasks.
-        draws: draws of distractors of each task, or games in the open-ended world.
-        tasks: most tasks that are played, evenly spaced; None for all.
-        knowledge: knowledge that can be looked up.
         scorer: hash of the scorer's weights, if one is asked.
         kg: triples that the scorer was trained on.
-        look_ups: look-ups in a game.
-        refusals: messages in a row that may be misunderstood at no cost.
         texts: hash of all texts that players read, see :func:`~wordcraft_kg.envs.words.texts_hash`.
     """
 
@@ -83,12 +74,7 @@ class PlayedSettings(Record, frozen=True, kw_only=True):
 
 
 class GamesHeader(Record, frozen=True, kw_only=True):
-    """The first line of ``games.jsonl``; the other lines are games.
-
-    Attributes:
-        player: name of the player.
-        settings: settings of the games.
-    """
+    """The first line of ``games.jsonl``; the other lines are games."""
 
     format: GamesFormat = "wordcraft-kg games in words 1"
     player: str
@@ -101,12 +87,9 @@ class PlayedTask(Record, frozen=True, kw_only=True):
     Attributes:
         task: number of the task among those of its part.
         draw: number of the draw of distractors.
-        goal: label of the goal.
         table: labels on the table at the beginning.
-        success: whether the goal was made.
         by_plan: whether the last pair of a plan made it.
         picks: picks until the end.
-        ending: how the game ended.
         last: the last pair that was combined; None if the last attempt was lost.
         refused: messages that were not understood.
         lost: attempts lost by them.
@@ -148,18 +131,13 @@ class PlayedWorld(Record, frozen=True, kw_only=True):
 
 
 class TextResult(Record, frozen=True, kw_only=True):
-    """``result.json``: how a text agent did.
+    """``result.json``: how a text agent did; see :class:`PlayedTask` for the last three.
 
     Attributes:
         player: name of the player, such as its script or a language model.
-        settings: settings of the games.
-        games: number of games.
         success: success on the tasks; None in the open-ended world.
         outcomes: shares of the endings; empty in the open-ended world.
         known: mean number of entities known after some numbers of attempts; empty for tasks.
-        refused: messages that were not understood.
-        lost: attempts lost by them.
-        look_ups: entities that were looked up.
     """
 
     format: Literal["wordcraft-kg words 1"] = "wordcraft-kg words 1"

@@ -65,9 +65,8 @@ def mcp(
             listening = stack.enter_context(listen(host, port))  # before the work
         hosted = HostedGames(Play.open(graph, settings, refusals=NEVER, texts=tools_hash()))
         if out is not None:
-            hosted.keep = stack.enter_context(
-                kept_games(out, GamesHeader(player=PLAYER, settings=hosted.play.settings))
-            )
+            header = GamesHeader(player=PLAYER, settings=hosted.play.settings)
+            hosted.keep = stack.enter_context(kept_games(out, header))
         server = make_server(hosted)
         if listening is None:
             if sys.stdin is not None and sys.stdin.isatty():

@@ -16,10 +16,9 @@ import numpy as np
 
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.pages import PAGES
-from wordcraft_kg.apps.explorer.pages.map import Map
+from wordcraft_kg.apps.explorer.pages.map import Map, map_of
 from wordcraft_kg.apps.explorer.rendering import Site
 from wordcraft_kg.apps.explorer.server import make_app
-from wordcraft_kg.apps.explorer.views.maps import map_of
 from wordcraft_kg.apps.web.serving import address_of, listen
 
 RECORD = """() => {

@@ -87,7 +87,7 @@ def reports() -> None:
 
 
 def maps() -> None:
-    from wordcraft_kg.apps.explorer.views.maps import map_of, view_map
+    from wordcraft_kg.apps.explorer.pages.map import map_of, view_map
 
     found = map_of(open_graph("kitchen").graph)
     print(found.places.tolist(), view_map(found, "bread"))

@@ -5,8 +5,9 @@ import json
 import re
 import xml.etree.ElementTree as ElementTree
 
-from wordcraft_kg.apps.explorer.views.paths import view_path
-from wordcraft_kg.graphs import Planner, SplitConfig, make_split
+from wordcraft_kg.apps.explorer.explored import Explored
+from wordcraft_kg.apps.explorer.pages.path import Path, view_path
+from wordcraft_kg.graphs.folder import OpenedGraph, default_split
 from wordcraft_kg.reports.charts import Dot, Made, Region, colour_of, layered, world
 from wordcraft_kg.reports.charts.pictures import LINE
 
@@ -35,10 +36,9 @@ DIAMOND = [made("b", 1, "a", "a"), made("c", 2, "b", "a"), made("d", 2, "b", "b"
 
 
 def test_layers_stand_from_left_to_right_and_boxes_do_not_overlap(kitchen):
-    planner = Planner(kitchen)
-    split = make_split(kitchen, SplitConfig("none"))
+    explored = Explored(OpenedGraph(kitchen, default_split(kitchen), "kitchen"))
     for entity in kitchen.entities:
-        steps = view_path(planner, split, entity).drawn
+        steps = view_path(explored, Path(entity)).drawn
         things = [made(step.recipe.result, step.layer, *step.recipe[:2]) for step in steps]
         if not things:
             continue

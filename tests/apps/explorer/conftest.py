@@ -1,15 +1,21 @@
-"""A small graph with models and a run, opened once; read only."""
+"""Small graphs with models and runs, made once; read only."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from tests.apps.explorer.labels import HOSTILE
+from tests.apps.explorer.shown import HOSTILE, Rows, explored_graph
 from wordcraft_kg.apps.explorer.explored import Explored
-from wordcraft_kg.graphs import open_book
-from wordcraft_kg.graphs.folder import write_graph_folder
-from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.graphs.splits import SplitConfig, make_split
+from wordcraft_kg.apps.explorer.predictor import LinkPredictor
+from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_book
+from wordcraft_kg.graphs.folder import OpenedGraph, open_graph, write_graph_folder
+from wordcraft_kg.graphs.recipes import RecipeBook
+from wordcraft_kg.models.folder import open_model
+from wordcraft_kg.models.saving import save_scorer
+from wordcraft_kg.models.scorers.baselines import NeighbourScorer
+from wordcraft_kg.models.scorers.cross_fitting import cross_fit
+from wordcraft_kg.models.scorers.kernel import KernelScorer
 
 
 @pytest.fixture(scope="session")
@@ -54,8 +60,83 @@ def explored(kitchen_folder: Path, links_folder: Path, recipes_folder: Path, run
 @pytest.fixture(scope="session")
 def hostile() -> Explored:
     """A graph of labels that a page must show as text, and that addresses must survive."""
-    rows = [(one, other, made) for one, other, made in zip(HOSTILE, HOSTILE[1:], HOSTILE[2:], strict=False)]
-    graph = RecipeGraph.from_recipes([*rows, ("water", "earth", "mud")], name="<b>hostile</b>")
-    from wordcraft_kg.graphs.folder import OpenedGraph, default_split
+    rows = zip(HOSTILE, HOSTILE[1:], HOSTILE[2:], strict=False)
+    return explored_graph(RecipeGraph.from_recipes([*rows, ("water", "earth", "mud")], name="<b>hostile</b>"))
 
-    return Explored(OpenedGraph(graph, default_split(graph), "hostile"))
+
+@pytest.fixture(scope="session")
+def static_site(explored: Explored, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The kitchen's site as files."""
+    from wordcraft_kg.apps.explorer.export import export_site
+
+    out = tmp_path_factory.mktemp("static") / "site"
+    export_site(explored, out)
+    return out
+
+
+# --- models that need no training ------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="session")
+def parted_kitchen(tmp_path_factory: pytest.TempPathFactory) -> OpenedGraph:
+    """The kitchen with a train, a validation and a test part."""
+    folder = tmp_path_factory.mktemp("graphs") / "kitchen"
+    book = open_book("kitchen")
+    split = make_split(RecipeGraph.from_book(book), SplitConfig(train_ratio=0.7, valid_ratio=0.15))
+    write_graph_folder(folder, book, split)
+    return open_graph(folder)
+
+
+@pytest.fixture(scope="session")
+def kernel(parted_kitchen: OpenedGraph, tmp_path_factory: pytest.TempPathFactory) -> LinkPredictor:
+    """The recipe kernel, with folds and so with probabilities."""
+    graph = parted_kitchen.graph
+    scorer = cross_fit(parted_kitchen.split, lambda recipes: KernelScorer(graph, recipes), folds=3)
+    return _opened(save_scorer(tmp_path_factory.mktemp("models") / "kernel", scorer, parted_kitchen, kg="partial"))
+
+
+@pytest.fixture(scope="session")
+def neighbours(parted_kitchen: OpenedGraph, tmp_path_factory: pytest.TempPathFactory) -> LinkPredictor:
+    """The neighbour rule, without folds."""
+    scorer = NeighbourScorer(parted_kitchen.graph, parted_kitchen.split.partial)
+    return _opened(save_scorer(tmp_path_factory.mktemp("models") / "neighbours", scorer, parted_kitchen, kg="partial"))
+
+
+@pytest.fixture(scope="session")
+def all_seeing(parted_kitchen: OpenedGraph, tmp_path_factory: pytest.TempPathFactory) -> LinkPredictor:
+    """A model of the full graph."""
+    scorer = NeighbourScorer(parted_kitchen.graph, parted_kitchen.graph.triples)
+    return _opened(save_scorer(tmp_path_factory.mktemp("models") / "full", scorer, parted_kitchen, kg="full"))
+
+
+@pytest.fixture(scope="session")
+def rankers(recipes_folder: Path) -> LinkPredictor:
+    """A recipe scorer of the kitchen with its default split."""
+    return _opened(recipes_folder)
+
+
+@pytest.fixture(scope="session")
+def of_recipes(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., LinkPredictor]:
+    """Make a graph of recipes, and the neighbour rule on it; without a split it knows everything."""
+
+    def make(rows: Rows, kg: str = "", **settings: object) -> LinkPredictor:
+        out = tmp_path_factory.mktemp("mine")
+        graph = RecipeGraph.from_recipes(rows, name="mine")
+        split = make_split(graph, SplitConfig(**settings))
+        write_graph_folder(out / "graph", RecipeBook("mine", tuple(graph.recipe_labels()), graph.base), split)
+        opened = open_graph(out / "graph")
+        kg = kg or ("full" if split.config.kind == "none" else "partial")
+        return _opened(save_scorer(out / "model", NeighbourScorer(graph, opened.triples(kg)), opened, kg=kg))
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def hostile_predictor(of_recipes: Callable[..., LinkPredictor]) -> LinkPredictor:
+    """A model of a graph of hostile labels."""
+    rows = [(one, other, made) for one in HOSTILE for other in HOSTILE if one < other for made in HOSTILE[:3]]
+    return of_recipes(rows, train_ratio=0.7)
+
+
+def _opened(folder: Path) -> LinkPredictor:
+    return LinkPredictor(folder.name, folder, open_model(folder))

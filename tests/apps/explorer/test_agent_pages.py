@@ -4,15 +4,13 @@ import json
 import shutil
 from collections.abc import Callable
 from dataclasses import replace
-from html.parser import HTMLParser
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
-from urllib.parse import parse_qsl, unquote, urlsplit
 
 import pytest
 
-from tests.apps.explorer.labels import HOSTILE
+from tests.apps.explorer.shown import HOSTILE, Shown, look, page_of, state_of, view_of
 from wordcraft_kg.agents.agent_folder import open_agent
 from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
 from wordcraft_kg.agents.explanation import MOST_ON_TABLE, Explainer
@@ -21,8 +19,7 @@ from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.page import State
 from wordcraft_kg.apps.explorer.pages import PAGES
 from wordcraft_kg.apps.explorer.pages.episode import Episode
-from wordcraft_kg.apps.explorer.pages.run import Run
-from wordcraft_kg.apps.explorer.pages.runs import Runs
+from wordcraft_kg.apps.explorer.pages.runs import Run, Runs
 from wordcraft_kg.apps.explorer.pages.tasks import Tasks
 from wordcraft_kg.apps.explorer.rendering import Site
 from wordcraft_kg.base.errors import ConfigError, GraphMismatchError, TaskError, UnknownEntityError
@@ -48,85 +45,30 @@ def agents(kitchen_folder: Path, run_folder: Path, tmp_path_factory: pytest.Temp
     return Explored.open(kitchen_folder, [], [run_folder, home / "plain", home / "mlp"])
 
 
-STATES: tuple[tuple[str, State], ...] = (
-    ("tasks", Tasks()),
-    ("tasks", Tasks(part="train", page=2, run="plain")),
-    ("tasks", Tasks(part="all", depth=2)),
-    ("tasks", Tasks(depth=3, goal="bread")),
-    ("tasks", Tasks(success="never")),
-    ("episode", Episode()),
-    ("episode", Episode(part="train", task=7, draw=3, other=("plain",))),
-    ("episode", Episode(depth=2, task=3, distractors=2, other=("plain", "mlp"))),
-    ("episode", Episode(goal="bread", table=("flour", "water", "fire"), held="water", other=("plain",))),
-    ("episode", Episode(run="mlp", task=2)),
-    ("runs", Runs()),
-    ("run", Run("guided")),
-    ("run", Run("plain")),
+STATES: tuple[State, ...] = (
+    Tasks(),
+    Tasks(part="train", page=2, run="plain"),
+    Tasks(part="all", depth=2),
+    Tasks(depth=3, goal="bread"),
+    Tasks(success="never"),
+    Episode(),
+    Episode(part="train", task=7, draw=3, other=("plain",)),
+    Episode(depth=2, task=3, distractors=2, other=("plain", "mlp")),
+    Episode(goal="bread", table=("flour", "water", "fire"), held="water", other=("plain",)),
+    Episode(run="mlp", task=2),
+    Runs(),
+    Run("guided"),
+    Run("plain"),
 )
-
-
-class Found(HTMLParser):
-    """The tags of a page, the fields of its forms, its links and its text."""
-
-    def __init__(self, page: str):
-        super().__init__()
-        self.tags: list[tuple[str, dict[str, str | None]]] = []
-        self.forms: list[list[tuple[str, str]]] = []
-        self.links: list[str] = []
-        self.texts: list[str] = []
-        self._select = ""
-        self._options: list[tuple[str, bool]] = []
-        self.feed(page)
-        self.text = " ".join(" ".join(self.texts).split())
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        found = dict(attrs)
-        self.tags.append((tag, found))
-        if tag == "form":
-            self.forms.append([])
-        elif tag == "input" and "name" in found and (found.get("type") != "checkbox" or "checked" in found):
-            self.forms[-1].append((str(found["name"]), found.get("value") or ""))
-        elif tag == "select":
-            self._select, self._options = str(found["name"]), []
-        elif tag == "option":
-            self._options.append((found.get("value", "?") or "", "selected" in found))
-        elif tag == "a" and (found.get("href") or "").startswith("/"):
-            self.links.append(str(found["href"]))
-
-    def handle_endtag(self, tag: str) -> None:
-        if tag == "select":
-            chosen = [value for value, is_selected in self._options if is_selected] or [self._options[0][0]]
-            self.forms[-1].append((self._select, chosen[-1]))
-
-    def handle_data(self, data: str) -> None:
-        if self._select and self._options and self._options[-1][0] == "?":
-            self._options[-1] = (data, self._options[-1][1])  # an option without a value is its text
-        self.texts.append(data)
-
-    def form(self, field: str) -> list[tuple[str, str]]:
-        """What a browser sends of the form that has a field."""
-        return next(form for form in self.forms if any(name == field for name, _ in form))
-
-
-def rendered(explored: Explored, name: str, state: State) -> str:
-    site = Site(explored, lambda page, asked: page.address(asked), lambda file: f"/files/{file}")
-    return site.page(PAGES[name], state)
-
-
-def state_of(address: str) -> tuple[str, State]:
-    found = urlsplit(address)
-    name, _, subject = found.path.removeprefix("/").partition("/")
-    return name, PAGES[name].read(unquote(subject), parse_qsl(found.query, keep_blank_values=True))
 
 
 # --- every page ------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("name", "state"), STATES)
-def test_a_page_is_plain_accessible_and_small(agents: Explored, name: str, state: State) -> None:
-    page = rendered(agents, name, state)
-    found = Found(page)
-    assert len(page.encode()) < LARGEST
+@pytest.mark.parametrize("state", STATES, ids=repr)
+def test_a_page_is_plain_accessible_and_small(agents: Explored, state: State) -> None:
+    found = look(agents, state)
+    assert len(found.page.encode()) < LARGEST
     names = {attribute for _, attributes in found.tags for attribute in attributes}
     assert not [attribute for attribute in names if attribute == "style" or attribute.startswith("on")]
     headings = [int(tag[1]) for tag, _ in found.tags if tag in ("h1", "h2", "h3")]
@@ -139,18 +81,15 @@ def test_a_page_is_plain_accessible_and_small(agents: Explored, name: str, state
     for tag, attributes in found.tags:
         if tag in ("input", "select") and attributes.get("type") not in ("hidden", "checkbox"):
             assert attributes["id"] in labelled
-    view = PAGES[name].view(agents, state)
-    assert checked_values(view)
+    assert checked_values(view_of(agents, state))
 
 
-@pytest.mark.parametrize(("name", "state"), STATES)
-def test_the_links_of_a_page_lead_to_pages(agents: Explored, name: str, state: State) -> None:
-    addresses = [link for link in Found(rendered(agents, name, state)).links if not link.startswith("/files")]
-    own = [link for link in addresses if link.split("?")[0].split("/")[1] in ("tasks", "episode", "runs", "run")]
+@pytest.mark.parametrize("state", STATES, ids=repr)
+def test_the_links_of_a_page_lead_to_pages(agents: Explored, state: State) -> None:
+    own = [target for where, target in look(agents, state).own if where in ("tasks", "episode", "runs", "run")]
     assert own
-    for address in dict.fromkeys(own[:12] + own[-6:]):
-        found, wanted = state_of(address)
-        PAGES[found].view(agents, wanted)
+    for target in dict.fromkeys(own[:12] + own[-6:]):
+        view_of(agents, target)
 
 
 # --- tasks -----------------------------------------------------------------------------------------------------------
@@ -158,10 +97,10 @@ def test_the_links_of_a_page_lead_to_pages(agents: Explored, name: str, state: S
 
 def test_a_task_leads_to_its_episode_with_the_ending_that_the_table_counts(agents: Explored) -> None:
     for part in ("train", "test"):
-        shown = PAGES["tasks"].view(agents, Tasks(part=part, run="guided"))
+        shown = view_of(agents, Tasks(part=part, run="guided"))
         for row in shown.table.rows[::7]:
             for draw in range(row.draws):
-                found = PAGES["episode"].view(agents, Episode(run="guided", part=part, task=row.number, draw=draw))
+                found = view_of(agents, Episode(run="guided", part=part, task=row.number, draw=draw))
                 episode = found.episode
                 assert (episode.goal, episode.start, episode.plans) == (row.goal, row.start, row.plans)
                 assert (episode.endings[draw] == "goal") == (episode.first.episode.outcome == "goal")
@@ -175,23 +114,23 @@ def test_where_there_are_no_results_the_page_says_why(agents: Explored) -> None:
         Tasks(): "",
     }
     for state, text in missing.items():
-        shown = PAGES["tasks"].view(agents, state)
+        shown = view_of(agents, state)
         assert (shown.missing, shown.table.counts == {}) == (text, bool(text))
-        assert text in Found(rendered(agents, "tasks", state)).text
-    assert "drawn at random: there may be more" in Found(rendered(agents, "tasks", Tasks(depth=3))).text
+        assert text in look(agents, state).text
+    assert "drawn at random: there may be more" in look(agents, Tasks(depth=3)).text
     with pytest.raises(UnknownEntityError, match="Did you mean 'bread'"):
-        PAGES["tasks"].view(agents, Tasks(goal="braed"))
+        view_of(agents, Tasks(goal="braed"))
 
 
 def test_tasks_are_shown_without_any_agent(kitchen_folder: Path) -> None:
     explored = Explored.open(kitchen_folder)
-    found = Found(rendered(explored, "tasks", Tasks(part="train")))
-    assert f"{PAGES['tasks'].view(explored, Tasks(part='train')).table.tasks} train tasks of depth 1" in found.text
+    found = look(explored, Tasks(part="train"))
+    assert f"{view_of(explored, Tasks(part='train')).table.tasks} train tasks of depth 1" in found.text
     assert "Solved" not in found.text
     assert not [link for link in found.links if "episode" in link]
     assert not PAGES["episode"].is_there(explored)
     with pytest.raises(ConfigError, match="needs a run"):
-        PAGES["episode"].view(explored, Episode())
+        view_of(explored, Episode())
 
 
 # --- episodes --------------------------------------------------------------------------------------------------------
@@ -202,40 +141,40 @@ def test_an_episode_is_what_the_agent_explains(agents: Explored, run: str) -> No
     agent = open_agent(agents.runs[run], agents.opened)
     world = World(agents.opened, agent.config.tasks.environment("train"))
     explainer = Explainer(agent.policy, world, kg=agent.run.kg or "partial")
-    shown = PAGES["episode"].view(agents, Episode(run=run, part="train", task=11, draw=2))
+    shown = view_of(agents, Episode(run=run, part="train", task=11, draw=2))
     assert shown.episode.first == explainer.task(11, 2)
     table = explainer.drawn(4)[:3]
     labels = agents.opened.graph.labels(table)
-    asked = PAGES["episode"].view(agents, Episode(run=run, part="train", task=4, goal="bread", table=labels))
+    asked = view_of(agents, Episode(run=run, part="train", task=4, goal="bread", table=labels))
     assert asked.episode.first == explainer.table("bread", labels, like=4)
-    page = rendered(agents, "episode", Episode(run=run, part="train", task=11, draw=2))
+    page = look(agents, Episode(run=run, part="train", task=11, draw=2)).page
     for step in shown.episode.first.episode.steps:
         for slot in step.slots:
             assert f"<td>{slot.logit:.2f}</td><td>{100 * slot.probability:.1f} %</td>" in page
 
 
 def test_agents_are_asked_at_one_table_by_one_world_s_rules(agents: Explored) -> None:
-    shown = PAGES["episode"].view(agents, Episode(task=5, draw=1, other=("plain", "mlp", "")))
+    shown = view_of(agents, Episode(task=5, draw=1, other=("plain", "mlp", "")))
     guided, plain, mlp = shown.episode.agents
     assert guided.found.table == plain.found.table == shown.episode.table
     assert plain.found.model == "no_scorer"
     assert (mlp.found, "this mlp was made for" in mlp.problem) == (None, True)
     assert guided.folds == 3
-    found = Found(rendered(agents, "episode", Episode(task=5, draw=1, other=("plain", "mlp"))))
+    found = look(agents, Episode(task=5, draw=1, other=("plain", "mlp")))
     assert "cannot be asked: tables of" in found.text
-    small = PAGES["episode"].view(agents, Episode(task=5, distractors=2, other=("mlp",)))
+    small = view_of(agents, Episode(task=5, distractors=2, other=("mlp",)))
     assert small.episode.agents[1].found.table == small.episode.table
     assert small.episode.endings == ()  # it was evaluated with eight
     with pytest.raises(ConfigError, match="this mlp was made for"):
-        PAGES["episode"].view(agents, Episode(run="mlp", distractors=8))
+        view_of(agents, Episode(run="mlp", distractors=8))
 
 
 def test_the_form_asks_at_the_table_that_is_seen(agents: Explored) -> None:
     state = Episode(part="train", task=9, draw=1, other=("plain",))
-    shown = PAGES["episode"].view(agents, state).episode
-    sent = Found(rendered(agents, "episode", state)).form("held")
+    shown = view_of(agents, state).episode
+    sent = look(agents, state).form("held")
     again = PAGES["episode"].read("", sent)
-    edited = PAGES["episode"].view(agents, again).episode
+    edited = view_of(agents, again).episode
     assert edited.is_edited
     assert edited.table == shown.table
     assert [agent.found.episode.steps for agent in edited.agents] == [
@@ -248,44 +187,43 @@ def test_the_form_asks_at_the_table_that_is_seen(agents: Explored) -> None:
     changed = ["", *lines[1:-2], f"  {added} ", ""]
     rest = [(name, value) for name, value in sent if name not in ("table", "held")]
     query = [*rest, *(("table", line) for line in changed), ("held", shown.table[1])]
-    found = PAGES["episode"].view(agents, PAGES["episode"].read("", query)).episode
+    found = view_of(agents, PAGES["episode"].read("", query)).episode
     assert found.table == (*shown.table[1:], added)
     assert found.held == shown.table[1]
     assert len(found.first.episode.steps) == 1
-    text = Found(rendered(agents, "episode", PAGES["episode"].read("", query))).text
+    text = look(agents, PAGES["episode"].read("", query)).text
     assert "at a table of your own" in text
     assert "Back to the task’s own table" in text
 
 
 def test_what_cannot_be_asked_is_said(agents: Explored) -> None:
-    view = PAGES["episode"].view
     with pytest.raises(UnknownEntityError, match=r"no entity 'flouur' in kitchen\. Did you mean 'flour'"):
-        view(agents, Episode(table=("flouur", "water")))
+        view_of(agents, Episode(table=("flouur", "water")))
     with pytest.raises(UnknownEntityError, match="no run 'giuded'"):
-        view(agents, Episode(run="giuded"))
+        view_of(agents, Episode(run="giuded"))
     with pytest.raises(UnknownEntityError, match="no run 'nobody'"):
-        view(agents, Episode(other=("nobody",)))
+        view_of(agents, Episode(other=("nobody",)))
     with pytest.raises(ConfigError, match="`held` 'fire' is not on the table"):
-        view(agents, Episode(table=("flour", "water"), held="fire"))
+        view_of(agents, Episode(table=("flour", "water"), held="fire"))
     with pytest.raises(ConfigError, match="`table` holds 'flour' twice"):
-        view(agents, Episode(table=("flour", "flour")))
+        view_of(agents, Episode(table=("flour", "flour")))
     with pytest.raises(ConfigError, match="`task` 99999"):
-        view(agents, Episode(task=99_999))
+        view_of(agents, Episode(task=99_999))
     with pytest.raises(ConfigError, match="`num_distractors`"):
-        view(agents, Episode(distractors=10_000))
+        view_of(agents, Episode(distractors=10_000))
     with pytest.raises(TaskError, match="no task"):
-        view(agents, Episode(part="valid"))
+        view_of(agents, Episode(part="valid"))
 
 
 def test_a_full_table_of_several_agents_is_a_page_of_usual_size(agents: Explored) -> None:
     labels = agents.opened.graph.entities[:MOST_ON_TABLE]
-    page = rendered(agents, "episode", Episode(goal="bread", table=labels, other=("plain", "mlp")))
+    page = look(agents, Episode(goal="bread", table=labels, other=("plain", "mlp"))).page
     assert len(page.encode()) < LARGEST
-    found = PAGES["episode"].view(agents, Episode(goal="bread", table=labels, other=("plain",)))
+    found = view_of(agents, Episode(goal="bread", table=labels, other=("plain",)))
     assert len(found.episode.first.episode.steps[0].slots) == MOST_ON_TABLE
     assert (
         f"The {found.most_slots} of highest logit, of {MOST_ON_TABLE} on the table."
-        in Found(rendered(agents, "episode", Episode(goal="bread", table=labels, other=("plain",)))).text
+        in look(agents, Episode(goal="bread", table=labels, other=("plain",))).text
     )
 
 
@@ -300,15 +238,15 @@ def test_memory_is_marked(agents: Explored, recipes_folder: Path) -> None:
             by_goal.setdefault(goal, {}).setdefault(fold, [a, b])
     goal, ways = next((goal, list(ways.values())) for goal, ways in by_goal.items() if len(ways) > 1)
     both = Episode(goal=graph.entities[goal], table=graph.labels(dict.fromkeys([*ways[0], *ways[1]])))
-    shown = PAGES["episode"].view(agents, both).episode.first
+    shown = view_of(agents, both).episode.first
     learned = {" + ".join(sorted(graph.labels(way))) for way in ways[:2]}
     assert learned <= {f"{recipe.ingredient_a} + {recipe.ingredient_b}" for recipe in shown.memory}
-    text = Found(rendered(agents, "episode", both)).text
+    text = look(agents, both).text
     assert "memory This model has learned" in text
     assert all(way in text for way in learned)
     one = replace_table(both, graph.labels(dict.fromkeys(ways[0])))
-    assert PAGES["episode"].view(agents, one).episode.first.memory == ()
-    text = Found(rendered(agents, "episode", one)).text
+    assert view_of(agents, one).episode.first.memory == ()
+    text = look(agents, one).text
     assert "memory This model" not in text
     assert "model that has not seen fold" in text
 
@@ -338,29 +276,29 @@ def hostile_agents(tmp_path_factory: pytest.TempPathFactory) -> Explored:
 
 
 def test_hostile_labels_stay_text_and_come_back_from_the_form(hostile_agents: Explored) -> None:
-    tasks = PAGES["tasks"].view(hostile_agents, Tasks())
+    tasks = view_of(hostile_agents, Tasks())
     assert {row.goal for row in tasks.table.rows} == {*HOSTILE}
-    pages = [rendered(hostile_agents, "tasks", Tasks()), rendered(hostile_agents, "runs", Runs())]
+    pages = [look(hostile_agents, Tasks()), look(hostile_agents, Runs())]
     for row in tasks.table.rows:
         state = Episode(task=row.number)
-        page = rendered(hostile_agents, "episode", state)
-        shown = PAGES["episode"].view(hostile_agents, state).episode
-        sent = Found(page).form("held")
+        page = look(hostile_agents, state)
+        shown = view_of(hostile_agents, state).episode
+        sent = page.form("held")
         again = PAGES["episode"].read("", sent)
-        assert PAGES["episode"].view(hostile_agents, again).episode.table == shown.table
+        assert view_of(hostile_agents, again).episode.table == shown.table
         held = replace_held(sent, shown.table[0])
-        assert PAGES["episode"].view(hostile_agents, PAGES["episode"].read("", held)).episode.held == shown.table[0]
+        assert view_of(hostile_agents, PAGES["episode"].read("", held)).episode.held == shown.table[0]
         found, read = state_of(PAGES["episode"].address(again))
         assert (found, read) == ("episode", again)
-        goal = PAGES["tasks"].view(hostile_agents, state_of(PAGES["tasks"].address(Tasks(goal=row.goal)))[1])
+        goal = view_of(hostile_agents, state_of(PAGES["tasks"].address(Tasks(goal=row.goal)))[1])
         assert [one.goal for one in goal.table.rows] == [row.goal]
-        pages += [page, rendered(hostile_agents, "episode", again)]
+        pages += [page, look(hostile_agents, again)]
     for page in pages:
-        tags = [tag for tag, _ in Found(page).tags]
+        tags = [tag for tag, _ in page.tags]
         assert "img" not in tags
         assert tags.count("script") == 1  # the site's own
-        assert "<b>hostile" not in page
-    assert any("alert(1)" in Found(page).text for page in pages)
+        assert "<b>hostile" not in page.page
+    assert any("alert(1)" in page.text for page in pages)
 
 
 def replace_held(sent: list[tuple[str, str]], label: str) -> list[tuple[str, str]]:
@@ -370,32 +308,32 @@ def replace_held(sent: list[tuple[str, str]], label: str) -> list[tuple[str, str
 @pytest.mark.parametrize(("kind", "part"), [("none", "train"), ("by-goal", "test"), ("by-recipe", "test")])
 def test_pages_fit_any_split(tmp_path: Path, kind: str, part: str) -> None:
     explored = explored_of(open_book("kitchen"), SplitConfig(kind), tmp_path, distractors=3)  # type: ignore[arg-type]
-    shown = PAGES["tasks"].view(explored, Tasks())
+    shown = view_of(explored, Tasks())
     assert (shown.table.part, shown.usual) == (part, part)
     assert shown.table.counts
-    assert PAGES["episode"].view(explored, Episode()).episode.part == part
-    rows = PAGES["runs"].view(explored, Runs()).runs
+    assert view_of(explored, Episode()).episode.part == part
+    rows = view_of(explored, Runs()).runs
     assert set(rows[0].success) == ({"train"} if kind == "none" else {"train", "test"})
     for name in ("tasks", "episode", "runs", "run"):
-        assert rendered(explored, name, PAGES[name].state())
+        assert look(explored, PAGES[name].state()).page
 
 
 def test_recipes_of_one_ingredient_are_tasks_like_others(tmp_path: Path) -> None:
     rows = [("a", "a", "b"), ("b", "b", "c"), ("c", "c", "d"), ("d", "d", "e")]
     explored = explored_of(RecipeBook.of("chain", rows), SplitConfig("none"), tmp_path, distractors=2)
-    found = PAGES["tasks"].view(explored, Tasks()).table.rows
+    found = view_of(explored, Tasks()).table.rows
     assert [(row.goal, row.start) for row in found] == [("b", ("a",)), ("c", ("b",)), ("d", ("c",)), ("e", ("d",))]
-    shown = PAGES["episode"].view(explored, Episode(goal="c", table=("b",))).episode
+    shown = view_of(explored, Episode(goal="c", table=("b",))).episode
     assert [step.picked for step in shown.first.episode.steps] == ["b", "b"]
     assert shown.first.episode.outcome == "goal"
-    assert "b + b → c" in Found(rendered(explored, "episode", Episode(goal="c", table=("b",)))).text
+    assert "b + b → c" in look(explored, Episode(goal="c", table=("b",))).text
 
 
 # --- runs ------------------------------------------------------------------------------------------------------------
 
 
 def test_the_runs_are_what_their_records_say(agents: Explored) -> None:
-    view = PAGES["runs"].view(agents, Runs())
+    view = view_of(agents, Runs())
     assert [row.name for row in view.runs] == ["guided", "plain", "mlp"]
     for row in view.runs:
         folder = agents.runs[row.name]
@@ -414,12 +352,12 @@ def test_the_runs_are_what_their_records_say(agents: Explored) -> None:
 
 
 def test_a_run_shows_its_curves_and_settings_but_no_folders_of_this_machine(agents: Explored, tmp_path: Path) -> None:
-    view = PAGES["run"].view(agents, Run("guided"))
+    view = view_of(agents, Run("guided"))
     lines = [json.loads(line) for line in (agents.runs["guided"] / "metrics.jsonl").read_text().splitlines()]
     points = [(line["step"], line["test_success"]) for line in lines if "test_success" in line]
     assert [(point.step, point.success) for point in view.curves["test"]] == points
     assert view.settings == {"graph": "kitchen", "scorer": "kitchen-recipes", "use": "u,v,w", "steps": "4000"}
-    page = rendered(agents, "run", Run("guided"))
+    page = look(agents, Run("guided")).page
     assert str(tmp_path.parent) not in page
     assert "data-live" not in page
     assert page.count("<svg") >= 6
@@ -447,42 +385,43 @@ def test_a_run_that_is_not_done_is_shown_as_far_as_it_has_come(
 ) -> None:
     folder = unfinished(agents.runs["plain"], tmp_path / "live", status, lines)
     explored = Explored.open(agents.opened.source, [], [folder])
-    view = PAGES["run"].view(explored, Run())
+    view = view_of(explored, Run())
     written = [json.loads(line) for line in (agents.runs["plain"] / "metrics.jsonl").read_text().splitlines()[:lines]]
     assert view.row.steps == (written[-1]["step"] if written else 0)
     assert (view.row.status, view.row.is_live, view.outcomes) == (status, status == "running", {})
     assert (view.row.success == {}) == (lines == 0)
-    page, found = rendered(explored, "run", Run()), Found(rendered(explored, "run", Run()))
+    found = look(explored, Run())
+    page = found.page
     live = [attributes["data-live"] for tag, attributes in found.tags if tag == "section" and "data-live" in attributes]
     assert live == (["3"] if status == "running" else [])
     assert "checkpoint" in view.waits_for
     assert view.waits_for in found.text
     assert ("<svg" in page) == (lines > 0)
-    runs = rendered(explored, "runs", Runs())
+    runs = look(explored, Runs()).page
     assert ('data-live="3"' in runs) == (status == "running")
     # What needs its weights or its evaluation says what it waits for.
-    tasks = PAGES["tasks"].view(explored, Tasks())
+    tasks = view_of(explored, Tasks())
     assert tasks.missing == f"live is {status}: how often it solves each task comes with its evaluation."
     with pytest.raises(Exception, match="no checkpoint yet"):
-        PAGES["episode"].view(explored, Episode())
-    for page_name, state in (("run", Run()), ("runs", Runs()), ("tasks", Tasks()), ("episode", Episode())):
-        assert PAGES[page_name].is_live(explored, state)
-        assert not PAGES[page_name].is_live(agents, state)
+        view_of(explored, Episode())
+    for state in (Run(), Runs(), Tasks(), Episode()):
+        assert page_of(state).is_live(explored, state)
+        assert not page_of(state).is_live(agents, state)
 
 
 def test_a_run_that_ends_while_it_is_looked_at_is_shown_as_done(agents: Explored, tmp_path: Path) -> None:
     done = agents.runs["plain"]
     folder = unfinished(done, tmp_path / "live", "running", 3)
     explored = Explored.open(agents.opened.source, [], [folder])
-    seen = [PAGES["run"].view(explored, Run()).row.steps]
+    seen = [view_of(explored, Run()).row.steps]
     shutil.copy(done / "metrics.jsonl", folder / "metrics.jsonl")
-    seen.append(PAGES["run"].view(explored, Run()).row.steps)
+    seen.append(view_of(explored, Run()).row.steps)
     shutil.copytree(done, folder, dirs_exist_ok=True)
-    view = PAGES["run"].view(explored, Run())
+    view = view_of(explored, Run())
     assert seen == [256, 1_024]
     assert (view.row.status, view.checkpoint, view.waits_for) == ("done", "final", "")
-    assert PAGES["tasks"].view(explored, Tasks()).table.counts
-    assert PAGES["episode"].view(explored, Episode()).episode.first.episode.steps
+    assert view_of(explored, Tasks()).table.counts
+    assert view_of(explored, Episode()).episode.first.episode.steps
     assert not PAGES["run"].is_live(explored, Run())
 
 
@@ -498,8 +437,8 @@ def test_an_agent_answers_with_its_last_checkpoint_while_it_trains(
         update(self)
         if self.update_number == 15:
             explored = Explored.open(kitchen_folder, [], [tmp_path / "run"])
-            seen.append(PAGES["episode"].view(explored, Episode()).episode.agents[0])
-            seen.append(PAGES["run"].view(explored, Run()))
+            seen.append(view_of(explored, Episode()).episode.agents[0])
+            seen.append(view_of(explored, Run()))
 
     monkeypatch.setattr(Impala, "update", look)
     train_agent(AgentConfig(str(kitchen_folder), None, TaskConfig(distractors=2), LEARNED, trainer), tmp_path / "run")
@@ -525,20 +464,20 @@ def test_a_run_that_is_damaged_is_said_to_be_and_the_others_are_shown(
     folder = unfinished(agents.runs["plain"], tmp_path / "broken", "running", 3)
     explored = Explored.open(agents.opened.source, [], [folder, agents.runs["guided"]])
     BREAK[what](folder)
-    rows = PAGES["runs"].view(explored, Runs()).runs
+    rows = view_of(explored, Runs()).runs
     assert [row.status for row in rows] == [None, "done"]
     assert rows[0].problem
-    for name, state in (("runs", Runs()), ("run", Run("broken")), ("tasks", Tasks())):
-        page = rendered(explored, name, state)
-        assert Found(page).text.count(rows[0].problem.split(". ")[0][:60]) == 1
-        assert "data-live" not in page
+    for state in (Runs(), Run("broken"), Tasks()):
+        page = look(explored, state)
+        assert page.text.count(rows[0].problem.split(". ")[0][:60]) == 1
+        assert "data-live" not in page.page
 
 
 def test_a_run_that_begins_again_is_waited_for(agents: Explored, tmp_path: Path) -> None:
     folder = unfinished(agents.runs["plain"], tmp_path / "again", "running", 3)
     explored = Explored.open(agents.opened.source, [], [folder])
     (folder / "run.json").unlink()
-    found = Found(rendered(explored, "run", Run()))
+    found = look(explored, Run())
     assert "It has not begun yet" in found.text
     assert [attributes for _, attributes in found.tags if "data-live" in attributes]
 
@@ -555,7 +494,7 @@ def test_a_run_of_another_graph_is_refused_at_the_start(agents: Explored, tmp_pa
 
 def test_a_site_of_files_has_the_episodes_of_the_tasks_that_it_lists(agents: Explored) -> None:
     states = list(PAGES["episode"].states(agents))
-    rows = PAGES["tasks"].view(agents, Tasks(run="plain")).table.rows
+    rows = view_of(agents, Tasks(run="plain")).table.rows
     assert {Episode(run="plain", task=row.number) for row in rows} <= set(states)
     assert set(PAGES["run"].states(agents)) == {Run("guided"), Run("plain"), Run("mlp")}
     assert list(PAGES["runs"].states(agents)) == [Runs()]
@@ -565,8 +504,8 @@ def test_a_site_of_files_has_the_episodes_of_the_tasks_that_it_lists(agents: Exp
         return f"/{page.name}.html" if (page.name, state) in known else ""
 
     site = Site(agents, address, lambda file: file, is_static=True)
-    for name, state in (("tasks", Tasks(run="plain")), ("episode", states[0])):
-        found = Found(site.page(PAGES[name], state))
+    for state in (Tasks(run="plain"), states[0]):
+        found = Shown(site.page(page_of(state), state))
         assert "form" not in [tag for tag, attributes in found.tags if attributes.get("role") != "search"]
         assert not [attributes for tag, attributes in found.tags if tag == "a" and not attributes.get("href")]
         assert "/episode.html" in found.links

@@ -5,7 +5,6 @@ import re
 import threading
 from collections.abc import Callable
 from html import escape
-from html.parser import HTMLParser
 from pathlib import Path
 from urllib.parse import quote
 
@@ -15,7 +14,7 @@ from starlette.responses import PlainTextResponse
 from starlette.routing import Route, Router
 from starlette.testclient import TestClient
 
-from tests.apps.explorer.labels import HOSTILE
+from tests.apps.explorer.shown import HOSTILE, Shown, client_of
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.pages import PAGES
 from wordcraft_kg.apps.explorer.server import make_app
@@ -24,22 +23,6 @@ from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchEr
 from wordcraft_kg.base.records import as_values
 
 Errors = Callable[[int, str], str]
-
-
-class Links(HTMLParser):
-    """Collects the addresses of a page's links."""
-
-    def __init__(self, page: str):
-        super().__init__()
-        self.found: list[str] = []
-        self.feed(page)
-
-    def handle_starttag(self, tag: str, attributes: list[tuple[str, str | None]]) -> None:
-        self.found += [value for name, value in attributes if tag == "a" and name == "href" and value]
-
-
-def client_of(explored: Explored) -> TestClient:
-    return TestClient(make_app(explored), base_url="http://localhost", follow_redirects=True)
 
 
 @pytest.fixture(scope="module")
@@ -59,7 +42,7 @@ def test_every_link_that_can_be_reached_leads_to_a_page(client: TestClient):
             continue
         answer = client.get(address)
         assert answer.status_code == 200, (address, re.findall("<p>.*</p>", answer.text))
-        todo += [link for link in dict.fromkeys(Links(answer.text).found) if link[0] == "/" and link not in seen]
+        todo += [link for link in dict.fromkeys(Shown(answer.text).links) if link[0] == "/" and link not in seen]
         seen.update(todo)
     assert set(kinds) >= set(PAGES)
 
@@ -140,7 +123,7 @@ def test_an_entity_that_is_not_there_leads_to_those_that_may_be_meant(client: Te
     answer = client.get("/entity/brea")
     assert answer.status_code == 404
     assert "No entity &#39;brea&#39;" in answer.text
-    assert "/entity/bread" in Links(answer.text).found
+    assert "/entity/bread" in Shown(answer.text).links
 
 
 @pytest.mark.parametrize(
@@ -150,7 +133,7 @@ def test_an_entity_that_is_not_there_leads_to_those_that_may_be_meant(client: Te
 def test_entities_are_offered_where_an_entity_is_not_there(client: TestClient, path: str, is_meant: bool):
     answer = client.get(path)
     assert answer.status_code == 404
-    assert ("Perhaps one of these" in answer.text, "/entity/bread" in Links(answer.text).found) == (is_meant, is_meant)
+    assert ("Perhaps one of these" in answer.text, "/entity/bread" in Shown(answer.text).links) == (is_meant, is_meant)
 
 
 def test_an_unknown_choice_of_a_page_is_named(client: TestClient):
@@ -190,7 +173,7 @@ def test_a_hostile_label_stays_text_and_its_link_works(hostile: Explored, label:
     assert f"<h1>{escape(label)}" in answer.text.replace("&#34;", "&quot;").replace("&#39;", "&#x27;")
     assert "<script>alert" not in answer.text
     assert "<img" not in answer.text
-    for link in Links(answer.text).found:
+    for link in Shown(answer.text).links:
         if link.startswith("/entity"):
             assert client.get(link).status_code == 200, link
 
@@ -278,12 +261,12 @@ def test_a_folder_of_another_kind_is_refused(kitchen_folder: Path, links_folder:
 def test_models_and_runs_are_found_by_name_and_the_first_without(explored: Explored):
     names = list(explored.models)
     assert names == ["kitchen-complex", "kitchen-recipes"]
-    assert explored.model().name == names[0]
-    assert explored.model(names[1]).name == names[1]
+    assert explored.predictor().name == names[0]
+    assert explored.predictor(names[1]).name == names[1]
     with pytest.raises(UnknownEntityError, match="Did you mean 'kitchen-complex'"):
-        explored.model("kitchen-complx")
+        explored.predictor("kitchen-complx")
     with pytest.raises(ConfigError, match="--model"):
-        Explored(explored.opened).model()
+        Explored(explored.opened).predictor()
     with pytest.raises(ConfigError, match="--run"):
         Explored(explored.opened).run()
 

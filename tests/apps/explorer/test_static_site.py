@@ -3,86 +3,73 @@
 import json
 import re
 import shutil
-from html.parser import HTMLParser
 from pathlib import Path
 from urllib.parse import unquote
 
 import pytest
 
-from tests.apps.explorer.labels import HOSTILE
+from tests.apps.explorer.shown import HOSTILE, Shown, explored_graph
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.export import export_site
 from wordcraft_kg.base.errors import OutputExistsError
 
 
-class References(HTMLParser):
-    """Collects what a page links to and loads."""
-
-    def __init__(self, page: str):
-        super().__init__()
-        self.links: list[str] = []
-        self.files: list[str] = []
-        self.forms = 0
-        self.feed(page)
-
-    def handle_starttag(self, tag: str, attributes: list[tuple[str, str | None]]) -> None:
-        found = dict(attributes)
-        if tag == "a" and found.get("href"):
-            self.links.append(found["href"] or "")
-        source = found.get("href") or found.get("src") or ""
-        if tag in ("link", "script", "img") and source and not source.startswith("data:"):
-            self.files.append(source)
-        if tag == "form" and "hidden" not in found:
-            self.forms += 1
+def loaded(page: Shown) -> list[str]:
+    """The files that a page loads."""
+    found = [
+        values.get("href") or values.get("src") or "" for tag, values in page.tags if tag in ("link", "script", "img")
+    ]
+    return [source for source in found if source and not source.startswith("data:")]
 
 
 @pytest.fixture(scope="module")
-def site(explored: Explored, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    out = tmp_path_factory.mktemp("sites") / "kitchen"
-    export_site(explored, out)
+def pages(static_site: Path) -> dict[Path, Shown]:
+    """The pages of the kitchen's site by their files."""
+    return {path: Shown(path.read_text()) for path in sorted(static_site.rglob("*.html"))}
+
+
+@pytest.fixture(scope="module")
+def hostile_site(hostile: Explored, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("static") / "hostile"
+    assert not export_site(hostile, out).skipped
     return out
 
 
-def test_every_link_of_every_file_leads_to_a_file(site: Path):
-    pages = sorted(site.rglob("*.html"))
+def test_every_link_of_every_file_leads_to_a_file(static_site: Path, pages: dict[Path, Shown]):
     assert len(pages) > 80  # one for each entity, and more
-    for page in pages:
-        found = References(page.read_text())
-        for link in found.links + found.files:
+    for path, page in pages.items():
+        for link in page.links + loaded(page):
             target, _, anchor = link.partition("#")
-            assert "?" not in target, (page, link)
-            there = (page.parent / unquote(target)).resolve() if target else page
-            assert there.is_file(), (page, link)
-            assert there.is_relative_to(site.resolve())
+            assert "?" not in target, (path, link)
+            there = (path.parent / unquote(target)).resolve() if target else path
+            assert there.is_file(), (path, link)
+            assert there.is_relative_to(static_site.resolve())
             if anchor:
-                assert f'id="{anchor}"' in there.read_text(), (page, link)
+                assert f'id="{anchor}"' in pages[there].page, (path, link)
 
 
-def test_the_first_page_leads_to_every_entity(site: Path, explored: Explored):
-    todo, seen = [site / "index.html"], set()
+def test_the_first_page_leads_to_every_entity(static_site: Path, pages: dict[Path, Shown], explored: Explored):
+    todo, seen = [static_site / "index.html"], set()
     while todo:
-        page = todo.pop()
-        seen.add(page)
-        links = [link.partition("#")[0] for link in References(page.read_text()).links]
-        more = {(page.parent / unquote(link)).resolve() for link in links if link}
+        path = todo.pop()
+        seen.add(path)
+        links = [link.partition("#")[0] for link in pages[path].links]
+        more = {(path.parent / unquote(link)).resolve() for link in links if link}
         todo += more - seen
         seen |= more
-    reached = {page.relative_to(site.resolve()) for page in seen if page.is_relative_to(site.resolve())}
-    assert len([page for page in reached if page.parts[0] == "entity"]) == explored.opened.graph.num_entities
+    assert len([path for path in seen if path.parent.name == "entity"]) == explored.opened.graph.num_entities
 
 
-def test_there_are_no_forms_and_nothing_is_loaded_from_elsewhere(site: Path):
-    for page in site.rglob("*.html"):
-        text = page.read_text()
-        found = References(text)
-        assert not found.forms, page
-        assert not [source for source in found.files if re.match(r"\w+:|//", source)], page
-        assert "Content-Security-Policy" in text
+def test_there_are_no_forms_and_nothing_is_loaded_from_elsewhere(pages: dict[Path, Shown]):
+    for path, page in pages.items():
+        assert all("hidden" in form.attributes for form in page.forms), path
+        assert not [source for source in loaded(page) if re.match(r"\w+:|//", source)], path
+        assert "Content-Security-Policy" in page.page
 
 
-def test_the_record_says_what_was_written(site: Path, explored: Explored):
-    record = json.loads((site / "site.json").read_text())
-    sizes = [page.stat().st_size for page in site.rglob("*.html")]
+def test_the_record_says_what_was_written(static_site: Path, explored: Explored):
+    record = json.loads((static_site / "site.json").read_text())
+    sizes = [page.stat().st_size for page in static_site.rglob("*.html")]
     assert (record["pages"], record["bytes"], record["largest"]) == (len(sizes), sum(sizes), max(sizes))
     assert record["graph_hash"] == explored.opened.graph.hash
     assert record["skipped"] == {}
@@ -90,45 +77,41 @@ def test_the_record_says_what_was_written(site: Path, explored: Explored):
     assert set(record["runs"]) == set(explored.runs)
 
 
-def test_the_search_file_has_every_entity_the_most_used_first(site: Path, explored: Explored):
-    text = (site / "search.js").read_text()
+def test_the_search_file_has_every_entity_the_most_used_first(static_site: Path, explored: Explored):
+    text = (static_site / "search.js").read_text()
     found = json.loads(text.removeprefix("window.entities = ").removesuffix(";\n"))
     graph = explored.opened.graph
     assert sorted(label for label, _ in found) == sorted(graph.entities)
     used = [int(graph.use_counts[graph.id_of(label)]) for label, _ in found]
     assert used == sorted(used, reverse=True)
-    assert all((site / file).is_file() for _, file in found)
+    assert all((static_site / file).is_file() for _, file in found)
 
 
-def test_labels_make_safe_file_names_and_none_is_lost(hostile: Explored, tmp_path: Path):
-    found = export_site(hostile, tmp_path / "site")
-    pages = list((tmp_path / "site" / "entity").iterdir())
+def test_labels_make_safe_file_names_and_none_is_lost(hostile: Explored, hostile_site: Path):
+    pages = list((hostile_site / "entity").iterdir())
     assert len(pages) == hostile.opened.graph.num_entities == len(HOSTILE) + 3
     assert all(re.fullmatch(r"[a-z0-9-]{1,70}\.html", page.name) for page in pages)
-    assert not found.skipped
-    assert not [page for page in (tmp_path / "site").rglob("*.html") if "<script>alert" in page.read_text()]
+    assert not [page for page in hostile_site.rglob("*.html") if "<script>alert" in page.read_text()]
 
 
-def test_the_same_site_has_the_same_bytes(explored: Explored, site: Path, tmp_path: Path):
-    export_site(explored, tmp_path / "again")
-    files = {path.relative_to(site): path.read_bytes() for path in site.rglob("*") if path.is_file()}
-    again = {
-        path.relative_to(tmp_path / "again"): path.read_bytes()
-        for path in (tmp_path / "again").rglob("*")
-        if path.is_file()
-    }
-    assert again == files
+def test_the_same_site_has_the_same_bytes(hostile: Explored, hostile_site: Path, tmp_path: Path):
+    def content(site: Path) -> dict[Path, bytes]:
+        return {path.relative_to(site): path.read_bytes() for path in site.rglob("*") if path.is_file()}
+
+    export_site(Explored(hostile.opened), tmp_path / "again")
+    assert content(tmp_path / "again") == content(hostile_site)
 
 
-def test_a_site_is_replaced_only_on_request(hostile: Explored, tmp_path: Path):
-    export_site(hostile, tmp_path / "site")
+def test_a_site_is_replaced_only_on_request(tmp_path: Path):
+    small = explored_graph([("a", "b", "c")])
+    export_site(small, tmp_path / "site")
     with pytest.raises(OutputExistsError):
-        export_site(hostile, tmp_path / "site")
-    export_site(hostile, tmp_path / "site", force=True)
+        export_site(small, tmp_path / "site")
+    export_site(small, tmp_path / "site", force=True)
     (tmp_path / "other").mkdir()
     (tmp_path / "other" / "notes.txt").write_text("mine")
     with pytest.raises(OutputExistsError):
-        export_site(hostile, tmp_path / "other", force=True)
+        export_site(small, tmp_path / "other", force=True)
     assert (tmp_path / "other" / "notes.txt").read_text() == "mine"
 
 
@@ -137,7 +120,7 @@ def test_no_file_says_where_folders_are_on_this_machine(
 ):
     shutil.copytree(run_folder, tmp_path / "w")
     (tmp_path / "w" / "episodes.jsonl").unlink()
-    broken = Explored(explored.opened, explored.models, {"w": tmp_path / "w"})
+    broken = Explored(explored.opened, runs={"w": tmp_path / "w"})
     export_site(broken, tmp_path / "site")
     pages = [page for page in (tmp_path / "site").rglob("*.*") if page.is_file()]
     assert any("episodes.jsonl" in page.read_text() for page in pages), "the reason itself is said"

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from starlette.testclient import TestClient
 
-from tests.apps.explorer.labels import HOSTILE
+from tests.apps.explorer.shown import HOSTILE
 from wordcraft_kg.apps.people.answers_database import AnswersDatabase
 from wordcraft_kg.apps.people.codes import code_hash
 from wordcraft_kg.apps.people.config import StudyConfig

@@ -1,39 +1,21 @@
-"""What is looked at: a graph, models of it, and runs of agents on it; and what is computed once for all pages."""
+"""The subject of a site: a graph, models of it and runs on it, with values that are computed once for all pages."""
 
 import threading
 from collections.abc import Callable, Hashable, Iterable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
 from wordcraft_kg.agents.agent_folder import AGENTS
+from wordcraft_kg.apps.explorer.predictor import LinkPredictor
 from wordcraft_kg.base.errors import ConfigError, UnknownEntityError
 from wordcraft_kg.base.settings import nearest
-from wordcraft_kg.evaluation.scores import ScoringModel
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
+from wordcraft_kg.graphs.planner import Planner
 from wordcraft_kg.models.folder import open_model
-from wordcraft_kg.models.model import Model
 from wordcraft_kg.runs.inputs import check_run_graph
 from wordcraft_kg.runs.seeds import run_folders, run_name
 
 T = TypeVar("T")
-
-
-@dataclass(frozen=True)
-class ExploredModel:
-    """A model of the graph.
-
-    Attributes:
-        name: what pages call it.
-        folder: its folder.
-        model: the opened folder.
-        scoring: its scorer with what the recipes know.
-    """
-
-    name: str
-    folder: Path
-    model: Model
-    scoring: ScoringModel
 
 
 class Explored:
@@ -42,16 +24,16 @@ class Explored:
     Attributes:
         opened: the graph and its split.
         models: models of this graph by name, in the order given.
-        runs: run folders of agents on this graph by name; they may be unfinished, or training at this moment.
+        runs: run folders of agents on this graph by name; they may be unfinished or in training.
     """
 
     def __init__(
         self,
         opened: OpenedGraph,
-        models: Mapping[str, ExploredModel] | None = None,
+        models: Mapping[str, LinkPredictor] | None = None,
         runs: Mapping[str, Path] | None = None,
     ):
-        """Take what has been opened."""
+        """Take opened folders."""
         self.opened = opened
         self.models = dict(models or {})
         self.runs = dict(runs or {})
@@ -73,38 +55,36 @@ class Explored:
             GraphMismatchError: if a model or a run belongs to another graph or split.
         """
         opened = open_graph(graph)
-        opened_models = {}
-        for name, folder in _named(map(Path, models)).items():
-            model = open_model(folder, str(graph))
-            opened_models[name] = ExploredModel(name, folder, model, ScoringModel(model.scorer, opened.split, model.kg))
+        named = _named(map(Path, models)).items()
+        opened_models = {name: LinkPredictor(name, folder, open_model(folder, str(graph))) for name, folder in named}
         folders = _named(folder for path in runs for folder in run_folders(Path(path)))
         for folder in folders.values():
             check_run_graph(folder, AGENTS.read_record(folder), opened)
         return cls(opened, opened_models, folders)
 
-    def model(self, name: str = "") -> ExploredModel:
-        """Return a model; without a name the first.
+    def predictor(self, name: str = "") -> LinkPredictor:
+        """Return a model with its evidence; without a name the first.
 
         Raises:
-            ConfigError: if there is none.
-            UnknownEntityError: if none has this name.
+            ConfigError: if there is no model, or it has too many entities for evidence.
+            UnknownEntityError: if no model has this name.
         """
-        if not self.models:
-            raise ConfigError("This page needs a model; start with `wordcraft-kg explore GRAPH --model FOLDER`.")
-        return self._named("model", self.models, name)
+        found = self._found("model", self.models, name)
+        self.once(("evidence", found.name), lambda: found.evidence)
+        return found
 
     def run(self, name: str = "") -> tuple[str, Path]:
         """Return the name and folder of a run; without a name the first.
 
         Raises:
-            ConfigError: if there is none.
-            UnknownEntityError: if none has this name.
+            ConfigError: if there is no run.
+            UnknownEntityError: if no run has this name.
         """
-        if not self.runs:
-            raise ConfigError("This page needs a run; start with `wordcraft-kg explore GRAPH --run FOLDER`.")
-        return self._named("run", {name: (name, folder) for name, folder in self.runs.items()}, name)
+        return self._found("run", {name: (name, folder) for name, folder in self.runs.items()}, name)
 
-    def _named(self, what: str, known: Mapping[str, T], name: str) -> T:
+    def _found(self, what: str, known: Mapping[str, T], name: str) -> T:
+        if not known:
+            raise ConfigError(f"This page needs a {what}; start with `wordcraft-kg explore GRAPH --{what} FOLDER`.")
         name = name or next(iter(known))
         if name not in known:
             raise UnknownEntityError(
@@ -112,10 +92,14 @@ class Explored:
             )
         return known[name]
 
-    def once(self, key: Hashable, make: Callable[[], T]) -> T:
-        """Return what ``make`` makes; it is made once for each key, while others who ask for it wait.
+    def planner(self) -> Planner:
+        """Return the cheapest derivations of the graph."""
+        return self.once("planner", lambda: Planner(self.opened.graph))
 
-        What fails is not kept, and fails again for who asks next.
+    def once(self, key: Hashable, make: Callable[[], T]) -> T:
+        """Return the value of ``make``, called once for each key while other threads that ask for it wait.
+
+        A failure is not kept: the next call tries again.
         """
         with self._lock:
             lock = self._locks.setdefault(key, threading.Lock())
@@ -126,7 +110,7 @@ class Explored:
 
 
 def _named(folders: Iterable[Path]) -> dict[str, Path]:
-    """Name folders after themselves; of equal names, those that come later are named after their parents too."""
+    """Name folders after themselves; of equal names, later ones are named after their parents too."""
     named: dict[str, Path] = {}
     for folder in folders:
         name, above = run_name(folder), folder.resolve().parent

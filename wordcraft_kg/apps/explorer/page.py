@@ -1,4 +1,4 @@
-"""What a page is: a name, a state that is its address, and the view that it shows."""
+"""A page: a name, a state that is its address, and the view of the state."""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
@@ -15,17 +15,12 @@ from wordcraft_kg.base.settings import nearest
 
 
 class State(Record):
-    """What a page shows, and so its address; fields are str, int, bool, Literal or a tuple of str, with defaults."""
+    """The choices of a page: str, int, bool, Literal or a tuple of str, all with defaults."""
 
 
 S = TypeVar("S", bound=State)
 Addresses = Callable[["Page[Any]", State], str]
 """Returns the address of a page, or an empty text where there is none."""
-
-
-def everywhere(_: Explored) -> bool:
-    """Return True: a page that needs neither a model nor a run."""
-    return True
 
 
 def has_models(explored: Explored) -> bool:
@@ -38,13 +33,8 @@ def has_runs(explored: Explored) -> bool:
     return bool(explored.runs)
 
 
-def settled(_: Explored, __: State) -> bool:
-    """Return False: what a page shows does not change."""
-    return False
-
-
 def nowhere(_: Explored) -> tuple[()]:
-    """Return no state: a page that only a server can make."""
+    """Return no state: for a page that only a server can make."""
     return ()
 
 
@@ -54,15 +44,16 @@ class Page(Generic[S]):
 
     Attributes:
         name: first segment of its address, and the name of its template.
-        state: what it shows.
-        view: makes the view of a state. An UnknownEntityError becomes a page "not found", any other error of a user's
-            input a page that says what is wrong.
+        state: its choices.
+        view: returns the view of a state. An UnknownEntityError becomes a page "not found", any other error of a user's
+            input a page with its message.
         title: its name in the menu; without one it is not in the menu.
         subject: the field of the state that is the second segment of the address, as in ``/entity/paper``.
-        draw: makes the pictures of a view, as server-side SVG, by the names that the template uses.
+        draw: returns the pictures of a view, as server-side SVG, by the names that the template uses.
         exported: the states that a static site holds.
         is_there: whether there is something to show.
-        is_live: whether what a state shows may change while it is looked at, so that the page must not be kept.
+        is_live: whether the view of a state may change, so that the page must not be kept.
+        package: the package with the template, in its folder ``templates``.
     """
 
     name: str
@@ -72,8 +63,9 @@ class Page(Generic[S]):
     subject: str = ""
     draw: Callable[[Any, S, Addresses], Mapping[str, Any]] | None = None
     exported: Callable[[Explored], Iterable[S]] | None = None
-    is_there: Callable[[Explored], bool] = everywhere
-    is_live: Callable[[Explored, S], bool] = settled
+    is_there: Callable[[Explored], bool] = lambda _: True
+    is_live: Callable[[Explored, S], bool] = lambda *_: False
+    package: str = "wordcraft_kg.apps.explorer"
 
     def states(self, explored: Explored) -> Iterable[S]:
         """Return the states that a static site holds: by default the one without any choices."""
@@ -89,7 +81,7 @@ class Page(Generic[S]):
         query: list[tuple[str, str]] = []
         for field in _fields(self.state):
             value = getattr(state, field.name)
-            if field.name == self.subject and fits_path(value):
+            if field.name == self.subject and _fits_path(value):
                 path += f"/{quote(value, safe='')}"
             elif value != field.default:
                 query += [(field.name, _written(one)) for one in (value if isinstance(value, tuple) else (value,))]
@@ -120,17 +112,17 @@ class Page(Generic[S]):
             raise ConfigError(f"The address is wrong: {str(error).replace('`', chr(39))}.") from None
 
 
-def fits_path(value: str) -> bool:
+def _fits_path(value: str) -> bool:
     """Return whether a label can be a segment of a path.
 
-    Browsers take dots as folders, some servers slashes, and what stands between may decode a percent sign twice.
+    Browsers take dots as folders, some servers slashes, and proxies may decode a percent sign twice.
     """
     return bool(value.strip(".")) and not set(value) & {"/", "\\", "%"}
 
 
 @cache
 def _fields(state: type[State]) -> tuple[msgspec.structs.FieldInfo, ...]:
-    """Return the fields of a state; a page asks for them once for each of its links."""
+    """Return the fields of a state; a page needs them once for each of its links."""
     return msgspec.structs.fields(state)
 
 

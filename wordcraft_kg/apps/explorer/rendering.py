@@ -10,23 +10,23 @@ from markupsafe import Markup
 
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.page import Addresses, Page, State
-from wordcraft_kg.apps.explorer.pages import PAGES
+from wordcraft_kg.apps.explorer.pages import HOME, PAGES
 from wordcraft_kg.reports.agent_pictures import PICKS
 from wordcraft_kg.reports.pages import Outline, make_environment
 
 
 class Site:
-    """How pages of a site are rendered.
+    """The rendering of a site's pages.
 
     Attributes:
-        explored: what it shows.
+        explored: its subject.
         address: returns the address of a page, or an empty text where the site does not have it.
         file: returns the address of one of the site's own files, such as the style sheet.
         is_static: whether there is no server, so that there are no forms.
     """
 
     def __init__(self, explored: Explored, address: Addresses, file: Callable[[str], str], *, is_static: bool = False):
-        """Take what it shows and how it links."""
+        """Take a subject and the ways to link."""
         self.explored, self.address, self.file, self.is_static = explored, address, file, is_static
 
     @property
@@ -40,14 +40,14 @@ class Site:
         """Return a page as HTML.
 
         Raises:
-            WordCraftKGError: if the state asks for what is not there.
+            WordCraftKGError: if the view of the state cannot be made.
         """
         view = page.view(self.explored, state)
         pictures = page.draw(view, state, self.address) if page.draw else {}
         return self._render(f"{page.name}.html.j2", page, state, view=view, pictures=pictures)
 
     def error(self, status: int, message: str, suggestions: Mapping[str, str] | None = None) -> str:
-        """Return the page that says what is wrong, with addresses by label of what may have been meant."""
+        """Return the page of an error, with suggested addresses by label."""
         values = {"status": status, "message": message, "suggestions": suggestions or {}}
         return self._render("error.html.j2", None, None, **values)
 
@@ -65,21 +65,23 @@ class Site:
 
         def entity(label: str) -> Markup:
             model = getattr(state, "model", "")
-            return anchor(link("entity", entity=label, **({"model": model} if model else {})), label)
+            return _anchor(link("entity", entity=label, **({"model": model} if model else {})), label)
 
         shown = {"site": self, "page": page, "state": state, "outline": outline, "heading": outline.heading}
-        functions = {"term": outline.term, "link": link, "here": here, "entity": entity, "a": anchor}
-        return _environment().get_template(template).render(**shown, **functions, **values)
+        functions = {"term": outline.term, "link": link, "here": here, "entity": entity, "a": _anchor}
+        environment = _environment(HOME.package if page is None else page.package)
+        return environment.get_template(template).render(**shown, **functions, **values)
 
 
-def anchor(address: str, text: str) -> Markup:
+def _anchor(address: str, text: str) -> Markup:
     """Return a link, or only its text where there is no address."""
     return Markup('<a href="{}">{}</a>').format(address, text) if address else Markup("{}").format(text)
 
 
 @cache
-def _environment() -> jinja2.Environment:
+def _environment(package: str) -> jinja2.Environment:
     # Charts look as in reports, and templates share their macros.
-    environment = make_environment("wordcraft_kg.apps.explorer", "wordcraft_kg.apps.web", "wordcraft_kg.reports")
+    packages = dict.fromkeys((package, HOME.package, "wordcraft_kg.apps.web", "wordcraft_kg.reports"))
+    environment = make_environment(*packages)
     environment.globals["picks"] = PICKS
     return environment

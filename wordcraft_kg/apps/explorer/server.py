@@ -21,8 +21,8 @@ from starlette.types import ASGIApp
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.page import Page
 from wordcraft_kg.apps.explorer.pages import HOME, PAGES
+from wordcraft_kg.apps.explorer.pages.entities import search_entities
 from wordcraft_kg.apps.explorer.rendering import Site
-from wordcraft_kg.apps.explorer.views.entity_list import search_entities
 from wordcraft_kg.apps.web.guard import guarded
 from wordcraft_kg.apps.web.style_sheet import style_sheet
 from wordcraft_kg.base.errors import ConfigError, UnknownEntityError, WordCraftKGError

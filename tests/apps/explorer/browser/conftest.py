@@ -7,7 +7,6 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -127,13 +126,3 @@ def addresses(explored: Explored) -> list[str]:
                 states.append(page.state(entity="bread"))
             found += [page.address(state) for state in states]
     return list(dict.fromkeys(found))
-
-
-@pytest.fixture(scope="session")
-def static_site(explored: Explored, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The kitchen's site as files."""
-    from wordcraft_kg.apps.explorer.export import export_site
-
-    out = tmp_path_factory.mktemp("static") / "site"
-    export_site(explored, out)
-    return out

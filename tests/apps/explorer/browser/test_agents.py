@@ -10,7 +10,7 @@ import pytest
 
 from tests.apps.explorer.browser.conftest import served
 from tests.apps.explorer.browser.test_pages import PHONE, TOO_WIDE
-from tests.apps.explorer.labels import HOSTILE
+from tests.apps.explorer.shown import HOSTILE
 from tests.apps.explorer.test_agent_pages import explored_of
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.graphs import SplitConfig

@@ -8,7 +8,7 @@ import pytest
 
 from tests.apps.explorer.browser.conftest import served
 from tests.apps.explorer.browser.test_pages import PHONE, TOO_WIDE
-from tests.apps.explorer.labels import HOSTILE
+from tests.apps.explorer.shown import HOSTILE
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.pages import PAGES
 from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split

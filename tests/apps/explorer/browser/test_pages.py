@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from tests.apps.explorer.browser.conftest import addresses
-from tests.apps.explorer.labels import HOSTILE
+from tests.apps.explorer.shown import HOSTILE
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.pages import PAGES
 

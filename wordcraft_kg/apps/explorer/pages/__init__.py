@@ -1,5 +1,11 @@
-"""All pages, by the first segment of their addresses."""
+"""All pages, by the first segment of their addresses.
 
+A page is a :class:`~wordcraft_kg.apps.explorer.page.Page` in a module here and an entry in :data:`CORE`. Another app or
+distribution adds pages by entry points of the group ``wordcraft_kg.pages``, each with ``module:PAGE``.
+"""
+
+from collections.abc import Iterable
+from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
 from wordcraft_kg.apps.explorer.page import Page
@@ -14,13 +20,33 @@ from wordcraft_kg.apps.explorer.pages import (
     pair,
     path,
     predictions,
-    recipes,
-    run,
     runs,
     tasks,
 )
+from wordcraft_kg.base.errors import ConfigError
 
+GROUP = "wordcraft_kg.pages"
 HOME: Page[Any] = home.PAGE
-IN_ORDER = (home, entities, entity, recipes, map, path, predictions, link, compare, pair, tasks, episode, runs, run)
-PAGES: dict[str, Page[Any]] = {module.PAGE.name: module.PAGE for module in IN_ORDER}
+CORE: tuple[Page[Any], ...] = (
+    *(HOME, entities.PAGE, entity.PAGE, entity.RECIPES, map.PAGE, path.PAGE, predictions.PAGE, link.PAGE),
+    *(compare.PAGE, pair.PAGE, tasks.PAGE, episode.PAGE, runs.PAGE, runs.RUN),
+)
+"""Pages of this app, in the order of the menu."""
+
+
+def pages_by_name(points: Iterable[EntryPoint]) -> dict[str, Page[Any]]:
+    """Return the pages of this app, followed by those of entry points.
+
+    Raises:
+        ConfigError: if two pages have the same name.
+    """
+    pages = {page.name: page for page in CORE}
+    for point in points:
+        page = point.load()
+        if pages.setdefault(page.name, page) is not page:
+            raise ConfigError(f"two pages have the name '{page.name}'; uninstall or rename that of {point.value}.")
+    return pages
+
+
+PAGES = pages_by_name(entry_points(group=GROUP))
 """In the order of the menu."""

@@ -1,20 +1,32 @@
-"""Two models of the graph on the same queries: which of them is better, and where they differ most."""
+"""Two models of the graph on the same queries: the better one, and their largest differences."""
 
 from collections.abc import Iterator
+from typing import Literal
 
-from wordcraft_kg.apps.explorer import asked
+import numpy as np
+
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.page import Page
-from wordcraft_kg.apps.explorer.pages.predictions import Queries
-from wordcraft_kg.apps.explorer.views.link_ranks import (
-    Better,
-    ComparedRanks,
-    check_comparable,
-    view_compared_ranks,
+from wordcraft_kg.apps.explorer.pages.predictions import (
+    ROWS_A_PAGE,
+    Queries,
+    RankedTriples,
+    RankFilter,
+    RankSample,
+    ranked_by,
+    ranked_queries,
 )
-from wordcraft_kg.base.errors import ConfigError, SplitError
-from wordcraft_kg.base.records import Record
+from wordcraft_kg.apps.explorer.paging import Paging, paging
+from wordcraft_kg.apps.explorer.predictor import LinkPredictor
+from wordcraft_kg.base.errors import ConfigError, GraphMismatchError, SplitError
+from wordcraft_kg.base.records import Count, Record
 from wordcraft_kg.evaluation import link_comparison
+from wordcraft_kg.graphs.splits import Part
+from wordcraft_kg.graphs.triples import Relation
+from wordcraft_kg.models.scorers.ranking import RankingMetrics, ranking_metrics
+from wordcraft_kg.models.scorers.roles import Side
+
+Better = Literal["either", "one", "other"]
 
 
 class Compare(Queries):
@@ -31,12 +43,58 @@ class Compare(Queries):
     better: Better = "either"
 
 
+class ComparedQuery(Record):
+    """A query with its ranks and best candidates by two models."""
+
+    head: str
+    relation: Relation
+    tail: str
+    side: Side
+    known: Part
+    learned_by_one: bool
+    learned_by_other: bool
+    rank_one: float
+    rank_other: float
+    top_one: str
+    top_other: str
+
+
+class ComparedRanks(Record):
+    """The ranks of the same queries by two models.
+
+    Attributes:
+        one: name of a model.
+        other: name of the other one.
+        chosen: the filter.
+        better: queries that one of them ranks better, or all.
+        metrics_one: figures of one for all chosen queries, whatever ``better`` is.
+        metrics_other: those of the other.
+        learned: number of these queries for triples of the training data of either model.
+        better_one: number of these queries that the one ranks better.
+        better_other: number of these queries that the other ranks better.
+        queries: the listed ones, the largest difference of the reciprocal rank first.
+    """
+
+    one: str
+    other: str
+    chosen: RankFilter
+    better: Better
+    metrics_one: RankingMetrics
+    metrics_other: RankingMetrics
+    learned: Count
+    better_one: Count
+    better_other: Count
+    sample: RankSample
+    paging: Paging
+    queries: tuple[ComparedQuery, ...]
+
+
 class ModelsCompared(Record):
     """Two models.
 
     Attributes:
-        headline: the same as ``compare`` says; None if there is too little to say it.
-        without_headline: why there is none.
+        headline: the comparison of ``compare``; None if there is too little data.
+        without_headline: the reason for None.
         ranks: the queries.
     """
 
@@ -45,8 +103,79 @@ class ModelsCompared(Record):
     ranks: ComparedRanks
 
 
+def check_comparable(one: LinkPredictor, other: LinkPredictor) -> None:
+    """Refuse two models whose ranks are of other triples.
+
+    Raises:
+        GraphMismatchError: naming both.
+    """
+    for what, left, right in (
+        ("graphs", one.graph.hash, other.graph.hash),
+        ("splits", one.split.hash, other.split.hash),
+    ):
+        if left != right:
+            raise GraphMismatchError(
+                f"'{one.name}' and '{other.name}' were trained on different {what} ({left[:12]}, {right[:12]}); their "
+                "ranks cannot be compared. Take two models of one graph folder."
+            )
+
+
+def view_compared_ranks(
+    one: RankedTriples, other: RankedTriples, chosen: RankFilter, better: Better = "either", page: int = 1
+) -> ComparedRanks:
+    """List queries by how differently two models rank them.
+
+    Args:
+        one: ranks of a model.
+        other: those of the other one, of the same triples.
+        chosen: the filter.
+        better: the queries that one of the two ranks better, or all.
+        page: number of the page.
+
+    Raises:
+        GraphMismatchError: if they are of other triples.
+        UnknownEntityError: if the graph does not have the entity of the filter.
+        ConfigError: if there is no such page.
+    """
+    keys = ["head", "relation", "tail", "side"]
+    if one.split.hash != other.split.hash or not one.ranks[keys].equals(other.ranks[keys]):
+        raise GraphMismatchError(
+            f"the ranks of '{one.name}' and '{other.name}' are of other triples. Take two models of one graph folder."
+        )
+    mask = one.mask(chosen) & other.mask(chosen)
+    left, right = one.ranks[mask], other.ranks[mask]
+    gain = (1 / left["rank"] - 1 / right["rank"]).to_numpy(dtype=float)
+    listed = {"either": np.ones(len(gain), dtype=bool), "one": gain > 0, "other": gain < 0}[better]
+    rows = np.flatnonzero(listed)
+    shown = paging(len(rows), page, ROWS_A_PAGE)
+    rows = rows[np.argsort(-np.abs(gain[rows]), kind="stable")][shown.rows]
+    pairs = zip(ranked_queries(one.graph, left.iloc[rows]), ranked_queries(one.graph, right.iloc[rows]), strict=True)
+    return ComparedRanks(
+        one=one.name,
+        other=other.name,
+        chosen=chosen,
+        better=better,
+        metrics_one=ranking_metrics(left),
+        metrics_other=ranking_metrics(right),
+        learned=int((left["learned"].to_numpy(dtype=bool) | right["learned"].to_numpy(dtype=bool)).sum()),
+        better_one=int((gain > 0).sum()),
+        better_other=int((gain < 0).sum()),
+        sample=one.sample,
+        paging=shown,
+        queries=tuple(
+            ComparedQuery(
+                *(a.head, a.relation, a.tail, a.side, a.known),
+                *(a.learned, b.learned),
+                *(a.rank, b.rank),
+                *(a.top, b.top),
+            )
+            for a, b in pairs
+        ),
+    )
+
+
 def has_two_models(explored: Explored) -> bool:
-    """Return whether there is something to compare."""
+    """Return whether there is a pair of models to compare."""
     return len(explored.models) > 1
 
 
@@ -56,17 +185,15 @@ def _view(explored: Explored, state: Compare) -> ModelsCompared:
     names = list(explored.models)
     first = state.one or next(name for name in names if name != state.other)
     second = state.other or next(name for name in names if name != first)
-    one, other = asked.predictor(explored, first), asked.predictor(explored, second)
+    one, other = explored.predictor(first), explored.predictor(second)
     check_comparable(one, other)
     headline, why = explored.once(("compared", one.name, other.name), lambda: _headline(one, other))
-    one_ranks, other_ranks = asked.ranked(explored, one.name), asked.ranked(explored, other.name)
+    one_ranks, other_ranks = ranked_by(explored, one.name), ranked_by(explored, other.name)
     ranks = view_compared_ranks(one_ranks, other_ranks, state.chosen, state.better, state.page)
     return ModelsCompared(headline, why, ranks)
 
 
-def _headline(
-    one: asked.LinkPredictor, other: asked.LinkPredictor
-) -> tuple[link_comparison.LinkComparison | None, str]:
+def _headline(one: LinkPredictor, other: LinkPredictor) -> tuple[link_comparison.LinkComparison | None, str]:
     contenders = [link_comparison.Contender(model.name, [model.model]) for model in (one, other)]
     try:
         return link_comparison.compare(contenders), ""
@@ -74,7 +201,7 @@ def _headline(
         return None, str(error)
 
 
-def _exported(explored: Explored) -> Iterator[Compare]:
+def _exported(_: Explored) -> Iterator[Compare]:
     yield from (Compare(better=better) for better in ("either", "one", "other"))
 
 

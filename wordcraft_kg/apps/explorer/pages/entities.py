@@ -1,10 +1,22 @@
 """All entities, page by page: searched by their labels, and sorted."""
 
-from collections.abc import Iterator
+import unicodedata
+from collections.abc import Iterator, Sequence
+from functools import lru_cache
+from typing import Literal
+
+import numpy as np
 
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.page import Page, State
-from wordcraft_kg.apps.explorer.views.entity_list import ENTITIES_A_PAGE, EntityList, EntityOrder, list_entities
+from wordcraft_kg.apps.explorer.paging import Paging, paging
+from wordcraft_kg.base.records import Count, Record
+from wordcraft_kg.graphs.arrays import Ids
+from wordcraft_kg.graphs.planner import layers
+from wordcraft_kg.graphs.recipe_graph import RecipeGraph
+
+EntityOrder = Literal["label", "layer", "recipes", "uses"]
+ENTITIES_A_PAGE = 200
 
 
 class Entities(State):
@@ -12,13 +24,95 @@ class Entities(State):
 
     Attributes:
         q: text in their labels.
-        sort: by what they are sorted.
+        sort: alphabetically, by layer from the base, or from the most recipes or uses.
         page: number of the page.
     """
 
     q: str = ""
     sort: EntityOrder = "label"
     page: int = 1
+
+
+class ListedEntity(Record):
+    """An entity; its layer is None if it cannot be made from the base."""
+
+    entity: str
+    layer: Count | None
+    recipes: Count
+    uses: Count
+
+
+class EntityList(Record):
+    """Some entities; see :class:`Entities`."""
+
+    wanted: str
+    order: EntityOrder
+    paging: Paging
+    entities: tuple[ListedEntity, ...]
+
+
+def list_entities(graph: RecipeGraph, wanted: str = "", order: EntityOrder = "label", page: int = 1) -> EntityList:
+    """List the entities whose labels contain a text, ignoring case and accents; without a text all of them."""
+    ids, layer = _matching(graph, wanted), layers_of(graph)
+    keys: dict[str, Ids] = {
+        "label": ids,
+        "layer": np.where(layer < 0, graph.num_entities, layer)[ids],
+        "recipes": -graph.recipe_counts[ids],
+        "uses": -graph.use_counts[ids],
+    }
+    found = paging(len(ids), page, ENTITIES_A_PAGE)
+    chosen = ids[np.argsort(keys[order], kind="stable")][found.rows]
+    columns = (values[chosen].tolist() for values in (layer, graph.recipe_counts, graph.use_counts))
+    rows = zip(graph.labels(chosen.tolist()), *columns, strict=True)
+    entities = tuple(ListedEntity(label, at if at >= 0 else None, made, used) for label, at, made, used in rows)
+    return EntityList(wanted, order, found, entities)
+
+
+def search_entities(graph: RecipeGraph, wanted: str, limit: int = 10) -> tuple[str, ...]:
+    """Return labels that match a text: the label itself, labels that begin with it, words that do, then other parts.
+
+    Among equals, the most used come first.
+
+    Example:
+        >>> search_entities(RecipeGraph.from_book(open_book("kitchen")), "BRE", limit=2)
+        ('bread', 'bread crumbs')
+    """
+    text = _folded(wanted)
+    if not text:
+        return ()
+    names, used = _folded_labels(graph), graph.use_counts
+    ids = _matching(graph, wanted).tolist()
+    return graph.labels(sorted(ids, key=lambda i: (_rank(names[i], text), -used[i], i))[:limit])
+
+
+def _rank(name: str, text: str) -> int:
+    if name == text:
+        return 0
+    if name.startswith(text):
+        return 1
+    return 2 if f" {text}" in name else 3
+
+
+def _folded(text: str) -> str:
+    """Return a text without case, accents and outer spaces, as searches compare it."""
+    apart = unicodedata.normalize("NFKD", text.strip().casefold())
+    return "".join(letter for letter in apart if not unicodedata.combining(letter))
+
+
+def _matching(graph: RecipeGraph, wanted: str) -> Ids:
+    text = _folded(wanted)
+    return np.array([i for i, name in enumerate(_folded_labels(graph)) if text in name], dtype=np.int64)
+
+
+@lru_cache(maxsize=4)
+def _folded_labels(graph: RecipeGraph) -> Sequence[str]:
+    return [_folded(label) for label in graph.entities]
+
+
+@lru_cache(maxsize=4)
+def layers_of(graph: RecipeGraph) -> Ids:
+    """Return the layers of all entities, see :func:`~wordcraft_kg.graphs.planner.layers`; computed once."""
+    return layers(graph)
 
 
 def _view(explored: Explored, state: Entities) -> EntityList:

@@ -1,15 +1,36 @@
-"""An entity: its recipes, what a model predicts for it and why, and what is like it."""
+"""An entity: its recipes, predictions for it with their evidence, and similar entities; and the list of its recipes."""
 
 from collections.abc import Iterator
+from typing import Literal
 
-from wordcraft_kg.apps.explorer import asked
+import numpy as np
+from numpy.typing import NDArray
+
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.page import Page, State
-from wordcraft_kg.apps.explorer.views.entities import EntityProfile, view_entity_profile
+from wordcraft_kg.apps.explorer.pages.entities import layers_of
+from wordcraft_kg.apps.explorer.paging import Paging, paging
+from wordcraft_kg.apps.explorer.predictor import PlacedRecipe, PredictedSlot, placed_recipes
 from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.base.records import Count, Record
+from wordcraft_kg.graphs.splits import PARTS, Part, Split
+from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
+from wordcraft_kg.models.scorers.features import EntityFeatures, glove_features
+from wordcraft_kg.models.scorers.roles import Side
 
+NEAREST = 8
+"""Similar entities in a list."""
+PREDICTED = 10
+"""Entities in the list of an open slot."""
+LISTED = 12
+"""Recipes of either kind on an entity's page."""
+RECIPES_A_PAGE = 100
 EXPORTED = 5_000
-"""Entities of which a static site has pages."""
+"""Entities with pages in a static site."""
+OPEN_SLOTS: tuple[tuple[int, Side], ...] = ((COMBINES_WITH, "tail"), (COMPONENT_OF, "head"), (COMPONENT_OF, "tail"))
+"""The queries to a model: partners of the entity, its ingredients, its products."""
+Use = Literal["makes", "uses"]
+"""Whether recipes make an entity or use it."""
 
 
 class Entity(State):
@@ -18,7 +39,7 @@ class Entity(State):
     Attributes:
         entity: its label; the most used one if it is empty.
         model: the model to ask; the first if it is empty.
-        learned: whether predictions are listed that the model was trained on.
+        learned: whether predictions of the model's training data are listed.
     """
 
     entity: str = ""
@@ -26,23 +47,190 @@ class Entity(State):
     learned: bool = False
 
 
-def _view(explored: Explored, state: Entity) -> EntityProfile:
-    graph = explored.opened.graph
+class Recipes(State):
+    """Recipes of an entity.
+
+    Attributes:
+        entity: its label.
+        use: whether they make it or use it.
+        part: their part; all if it is empty.
+        page: number of the page.
+    """
+
+    entity: str = ""
+    use: Use = "uses"
+    part: Part | Literal[""] = ""
+    page: int = 1
+
+
+class EntityRecipes(Record):
+    """Recipes of an entity.
+
+    Attributes:
+        entity: its label.
+        use: whether they make the entity or use it.
+        parts: number of recipes by part, for parts that have any.
+        paging: the rows that are listed.
+        recipes: the listed recipes.
+    """
+
+    entity: str
+    use: Use
+    parts: dict[Part, Count]
+    paging: Paging
+    recipes: tuple[PlacedRecipe, ...]
+
+    @property
+    def total(self) -> int:
+        """Number of all of them."""
+        return self.paging.total
+
+
+class AlikeEntity(Record):
+    """An entity and its cosine to another one."""
+
+    entity: str
+    cosine: float
+
+
+class EntityProfile(Record):
+    """An entity.
+
+    Attributes:
+        entity: its label.
+        base: whether it is a base entity.
+        layer: first round in which it can be made; None if it cannot.
+        crafts: number of steps of its cheapest derivation; None if it cannot be made.
+        made_by: recipes that make it.
+        used_in: recipes that use it.
+        model: name of the model; empty without one.
+        has_seen_the_test_recipes: whether the model was trained on all recipes.
+        slots: predictions for the open slots of the entity.
+        nearest: the entities most similar to it for the model.
+        by_words: the entities most similar to it by their words; None if its words have no vector.
+    """
+
+    entity: str
+    base: bool
+    layer: Count | None
+    crafts: Count | None
+    made_by: EntityRecipes
+    used_in: EntityRecipes
+    model: str
+    has_seen_the_test_recipes: bool
+    slots: tuple[PredictedSlot, ...]
+    nearest: tuple[AlikeEntity, ...]
+    by_words: tuple[AlikeEntity, ...] | None
+
+    @property
+    def held_out(self) -> int:
+        """Number of its recipes outside the train part."""
+        return sum(
+            count for found in (self.made_by, self.used_in) for part, count in found.parts.items() if part != "train"
+        )
+
+    @property
+    def has_probabilities(self) -> bool:
+        """Whether any prediction has a probability."""
+        return any(row.probability is not None for slot in self.slots for row in slot.best)
+
+
+def view_entity(explored: Explored, state: Entity) -> EntityProfile:
+    """Return an entity's recipes and, if there is a model, its predictions.
+
+    Raises:
+        UnknownEntityError: if the graph has no such entity, or there is no such model.
+        ConfigError: if the graph has no entities.
+    """
+    split, graph = explored.opened.split, explored.opened.graph
     if not graph.num_entities:
         raise ConfigError("The graph has no entities.")
     label = state.entity or graph.entities[int(graph.use_counts.argmax())]
-    return view_entity_profile(
-        explored.opened.split,
-        label,
-        planner=asked.planner(explored),
-        words=asked.words(explored),
-        predictor=asked.predictor(explored, state.model) if explored.models else None,
-        with_learned=state.learned,
+    entity = graph.id_of(label)
+    layer, words = int(layers_of(graph)[entity]), explored.once("words", lambda: glove_features(graph.entities))
+    predictor = explored.predictor(state.model) if explored.models else None
+    slots: tuple[PredictedSlot, ...] = ()
+    nearest: tuple[AlikeEntity, ...] = ()
+    if predictor is not None:
+        slots = tuple(
+            predictor.best(predictor.slot(entity, *which), with_learned=state.learned, top=PREDICTED)
+            for which in OPEN_SLOTS
+        )
+        nearest = _alike(graph.entities, predictor.evidence.roles.nearest(entity, NEAREST))
+    return EntityProfile(
+        entity=label,
+        base=bool((graph.base_ids == entity).any()),
+        layer=layer if layer >= 0 else None,
+        crafts=len(explored.planner().derivation(entity).steps) if layer >= 0 else None,
+        made_by=_recipes(split, Recipes(label, "makes"), LISTED),
+        used_in=_recipes(split, Recipes(label, "uses"), LISTED),
+        model="" if predictor is None else predictor.name,
+        has_seen_the_test_recipes=predictor is not None and predictor.has_seen_the_test_recipes,
+        slots=slots,
+        nearest=nearest,
+        by_words=_alike(graph.entities, near_by_words(words, entity)) if words.known[entity] else None,
     )
+
+
+def view_recipes(explored: Explored, state: Recipes) -> EntityRecipes:
+    """List recipes of an entity, page by page.
+
+    Raises:
+        UnknownEntityError: if the graph has no such entity.
+        ConfigError: if no entity is named, or there is no such page.
+    """
+    if not state.entity:
+        raise ConfigError("The address names no entity; expected one such as /recipes/water.")
+    return _recipes(explored.opened.split, state, RECIPES_A_PAGE)
+
+
+def _recipes(split: Split, state: Recipes, size: int) -> EntityRecipes:
+    graph = split.graph
+    rows = graph.recipes_of(state.entity) if state.use == "makes" else graph.uses_of(state.entity)
+    counts = np.bincount(split.parts[rows], minlength=len(PARTS)).tolist()
+    chosen = rows if not state.part else rows[split.parts[rows] == PARTS.index(state.part)]
+    shown = paging(len(chosen), state.page, size)
+    return EntityRecipes(
+        entity=state.entity,
+        use=state.use,
+        parts={name: count for name, count in zip(PARTS, counts, strict=True) if count},  # type: ignore[misc]
+        paging=shown,
+        recipes=placed_recipes(split, chosen[shown.rows]),
+    )
+
+
+def near_by_words(words: EntityFeatures, entity: int, limit: int = NEAREST) -> list[tuple[int, float]]:
+    """Return the entities most similar to one by the cosine of their words' vectors.
+
+    Returns:
+        ids and cosines, nearest first; none if the words of the entity have no vector.
+    """
+    if not words.known[entity]:
+        return []
+    cosines: NDArray[np.float32] = words.unit_vectors @ words.unit_vectors[entity]
+    others = np.flatnonzero(words.known)
+    order = others[np.argsort(-cosines[others], kind="stable")]
+    return [(other, float(cosines[other])) for other in order[: limit + 1].tolist() if other != entity][:limit]
+
+
+def _alike(labels: tuple[str, ...], found: list[tuple[int, float]]) -> tuple[AlikeEntity, ...]:
+    return tuple(AlikeEntity(labels[other], cosine) for other, cosine in found)
 
 
 def _exported(explored: Explored) -> Iterator[Entity]:
     yield from (Entity(label) for label in explored.opened.graph.entities[:EXPORTED])
 
 
-PAGE = Page("entity", Entity, _view, subject="entity", exported=_exported)
+def _exported_recipes(explored: Explored) -> Iterator[Recipes]:
+    """Yield the pages of entities with more recipes than their own page lists."""
+    graph = explored.opened.graph
+    counts = zip(graph.recipe_counts.tolist(), graph.use_counts.tolist(), strict=True)
+    uses: tuple[Use, ...] = ("makes", "uses")
+    for label, both in zip(graph.entities[:EXPORTED], counts, strict=False):
+        for use, count in zip(uses, both, strict=True):
+            if count > LISTED:
+                yield from (Recipes(label, use, page=page) for page in range(1, -(-count // RECIPES_A_PAGE) + 1))
+
+
+PAGE = Page("entity", Entity, view_entity, subject="entity", exported=_exported)
+RECIPES = Page("recipes", Recipes, view_recipes, subject="entity", exported=_exported_recipes)

@@ -1,36 +1,43 @@
-"""An episode: the table, what agents thought at each pick, and what they would do at another table."""
+"""An episode: the table, the agents' reasons at each pick, and their picks at a table of one's own."""
 
 from collections.abc import Iterator
 
+from wordcraft_kg.agents.explanation import ExplainedTable
+from wordcraft_kg.agents.following import FollowedRun
+from wordcraft_kg.agents.outcomes import Ending
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.page import Page, State, has_runs
 from wordcraft_kg.apps.explorer.pages.tasks import PAGE as TASKS
 from wordcraft_kg.apps.explorer.pages.tasks import list_tasks
 from wordcraft_kg.apps.explorer.played import AskedDepth, AskedPart, followed, is_done, settings_of, tasks_of, world_of
-from wordcraft_kg.apps.explorer.views.episodes import EpisodeView, TableQuestion, view_episode
-from wordcraft_kg.base.errors import WordCraftKGError
+from wordcraft_kg.base.errors import ArtefactError, ConfigError, WordCraftKGError
 from wordcraft_kg.base.records import Count, Record
+from wordcraft_kg.base.settings import whole
+from wordcraft_kg.envs.world import World
+from wordcraft_kg.graphs.recipe_graph import RecipeGraph
+from wordcraft_kg.graphs.recipes import Recipe
+from wordcraft_kg.graphs.tasks import TaskPart
 
 DRAWS = 5
-"""Draws of distractors that are offered; those of the evaluation."""
+"""Offered draws of distractors; those of the evaluation."""
 MOST_ROWS = 160
-"""Rows of slots on a page; of large tables and many agents only the best of each pick are shown."""
+"""Rows of slots on a page; for large tables and many agents only the best slots of each pick are shown."""
 
 
 class Episode(State):
-    """A table, and who is asked there.
+    """Agents at a table of a task, or at that table with changes.
 
     Attributes:
         run: the agent; by default the first one.
         other: agents to be compared with it.
         part: part of the task.
-        depth: fewest attempts that solve it; 0 for that on which the agent was trained.
+        depth: fewest attempts that solve it; 0 for the agent's training depth.
         task: number of the task among those of its depth and part.
         draw: draw of distractors.
         distractors: number of distractors; below 0 for as many as in training.
-        goal: another goal than the task's.
-        table: another table than the drawn one; empty texts count for nothing.
-        held: what is held.
+        goal: another goal, by label; empty for the task's.
+        table: another table, by labels; empty texts are ignored, and without any it is the task's.
+        held: held entity, by label; empty for none.
     """
 
     run: str = ""
@@ -44,14 +51,83 @@ class Episode(State):
     table: tuple[str, ...] = ()
     held: str = ""
 
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """The labels of another table."""
+        return tuple(label for label in self.table if label)
+
+    @property
+    def is_edited(self) -> bool:
+        """Whether anything but the task is asked about."""
+        return bool(self.goal or self.labels or self.held)
+
+
+class AgentAtTable(Record):
+    """An agent's picks at a table.
+
+    Attributes:
+        run: its name.
+        checkpoint: the weights that answer; empty if it cannot be asked.
+        folds: number of folds of its scorer; 0 without folds.
+        found: its picks; None if it cannot be asked.
+        problem: why it cannot be asked.
+    """
+
+    run: str
+    checkpoint: str
+    folds: Count
+    found: ExplainedTable | None
+    problem: str = ""
+
+
+class EpisodeView(Record):
+    """Agents at a table.
+
+    Attributes:
+        task: number of the task.
+        tasks: number of tasks of its depth and part.
+        draw: the draw of distractors.
+        endings: endings of the first agent's episodes of the task in its evaluation, by draw; none if it has not played
+            it, or not with so many distractors.
+        start: starting ingredients of the task.
+        plans: plans of the task.
+        is_edited: whether goal, table or hand differ from the task's.
+        goal: the goal.
+        table: the entities on the table.
+        held: the entity that is held at first; None for none.
+        agents: the agents; the others are compared with the first.
+    """
+
+    part: TaskPart
+    depth: int
+    distractors: Count
+    task: Count
+    tasks: Count
+    draw: Count
+    endings: tuple[Ending, ...]
+    start: tuple[str, ...]
+    plans: tuple[tuple[Recipe, ...], ...]
+    is_edited: bool
+    goal: str
+    table: tuple[str, ...]
+    held: str | None
+    agents: tuple[AgentAtTable, ...]
+
+    @property
+    def first(self) -> ExplainedTable:
+        """The first agent's picks."""
+        found = self.agents[0].found
+        assert found is not None, "the first one can be asked"
+        return found
+
 
 class ShownEpisode(Record):
-    """An episode, and what else could be asked.
+    """An episode with the page's choices.
 
     Attributes:
         runs: names of all agents.
-        draws: draws that are offered.
-        trained_with: distractors that the agent was trained with.
+        draws: number of offered draws.
+        trained_with: distractors in the agent's training.
         most_slots: the most slots that are shown of each pick.
         episode: the episode.
     """
@@ -63,23 +139,78 @@ class ShownEpisode(Record):
     episode: EpisodeView
 
 
-def _view(explored: Explored, state: Episode) -> ShownEpisode:
-    name, run = followed(explored, state.run)
+def view_episode(explored: Explored, state: Episode) -> ShownEpisode:
+    """Ask agents at a table, all by the rules of one world; problems with other agents than the first are in the view.
+
+    Raises:
+        UnknownEntityError: for an unknown run or label, with the nearest ones.
+        ConfigError: if there is no run or no such task, or the first agent cannot be asked at such a table.
+        TaskError: if there are no tasks of the part and depth.
+        ArtefactError: if the first run has no weights yet, or is damaged.
+    """
+    first, run = followed(explored, state.run)
     tasks = tasks_of(run)
     distractors = None if state.distractors < 0 else state.distractors
     world = world_of(explored, settings_of(explored, tasks, state.part, state.depth, distractors))
     others = dict(followed(explored, other) for other in state.other if other)
-    table = tuple(label for label in state.table if label)
-    question = TableQuestion(state.task, state.draw, state.goal, table, state.held)
-    found = view_episode(world, {name: run} | others, question)
-    steps = sum(len(agent.found.episode.steps) for agent in found.agents if agent.found)
-    return ShownEpisode(
-        tuple(explored.runs),
-        max(DRAWS, len(found.endings)),
-        tasks.distractors,
-        max(MOST_ROWS // steps, 4),
-        found,
+    whole("task", state.task, 0, len(world.tasks) - 1)
+    task, asked = world.tasks[state.task], _asked(run, world, state)
+    agents = [_agent(first, run, asked)]
+    for name, other in others.items():
+        if name != first:
+            try:
+                agents.append(_agent(name, other, _asked(other, world, state)))
+            except (ArtefactError, ConfigError) as error:
+                agents.append(AgentAtTable(name, "", 0, None, str(error)))
+    found = EpisodeView(
+        part=world.config.part,
+        depth=world.config.depth,
+        distractors=world.config.num_distractors,
+        task=state.task,
+        tasks=len(world.tasks),
+        draw=state.draw,
+        endings=_endings(run, world, state.task),
+        start=task.start,
+        plans=task.plans,
+        is_edited=state.is_edited,
+        goal=asked.episode.goal,
+        table=asked.table,
+        held=asked.episode.steps[0].held,
+        agents=tuple(agents),
     )
+    steps = sum(len(agent.found.episode.steps) for agent in agents if agent.found)
+    draws, most_slots = max(DRAWS, len(found.endings)), max(MOST_ROWS // steps, 4)
+    return ShownEpisode(tuple(explored.runs), draws, tasks.distractors, most_slots, found)
+
+
+def _agent(name: str, run: FollowedRun, found: ExplainedTable) -> AgentAtTable:
+    agent = run.agent()
+    return AgentAtTable(name, agent.checkpoint, agent.run.cross_fitted, found)
+
+
+def _asked(run: FollowedRun, world: World, state: Episode) -> ExplainedTable:
+    explainer, graph = run.explainer(world), world.graph
+    if not state.is_edited:
+        return explainer.task(state.task, state.draw)
+    goal = _label(graph, state.goal) if state.goal else int(world.tasks.goals[state.task])
+    table = [_label(graph, label) for label in state.labels] or explainer.drawn(state.task, state.draw)
+    held = _label(graph, state.held) if state.held else None
+    return explainer.table(goal, table, held, like=state.task)
+
+
+def _label(graph: RecipeGraph, text: str) -> int:
+    """Return the entity of a typed label; spaces around it do not matter, unless they belong to it."""
+    return graph.id_of(text if text in graph else text.strip())
+
+
+def _endings(run: FollowedRun, world: World, task: int) -> tuple[Ending, ...]:
+    """Return the endings of a task's episodes in the evaluation of a run."""
+    tasks = run.records().config.tasks
+    if (tasks.depth, tasks.distractors) != (world.config.depth, world.config.num_distractors):
+        return ()
+    posed = world.tasks[task]
+    played = run.episodes().get((world.config.part, posed.goal, posed.start))
+    return () if played is None else played.endings
 
 
 def _is_live(explored: Explored, state: Episode) -> bool:
@@ -97,4 +228,4 @@ def _exported(explored: Explored) -> Iterator[Episode]:
         yield from (Episode(run=tasks.run, task=row.number) for row in rows)
 
 
-PAGE = Page("episode", Episode, _view, "Episodes", exported=_exported, is_there=has_runs, is_live=_is_live)
+PAGE = Page("episode", Episode, view_episode, "Episodes", exported=_exported, is_there=has_runs, is_live=_is_live)

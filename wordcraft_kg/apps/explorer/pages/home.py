@@ -1,17 +1,99 @@
-"""The first page: what there is to look at."""
+"""The first page: a graph, the models trained on it, and the runs of agents."""
+
+import numpy as np
 
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.page import Page, State
-from wordcraft_kg.apps.explorer.views.overview import Overview, view_overview
+from wordcraft_kg.apps.explorer.predictor import LinkPredictor
+from wordcraft_kg.base.records import Count, Hash, Record
+from wordcraft_kg.graphs.audit import SplitSummary, split_summary
+from wordcraft_kg.graphs.folder import Taught
+from wordcraft_kg.graphs.planner import layers
+
+EXAMPLES = 12
+"""Entities in each list of examples."""
 
 
 class Home(State):
-    """There is one only."""
+    """The first page has no choices."""
+
+
+class ModelLine(Record):
+    """A model.
+
+    Attributes:
+        command: the command that made it.
+        kg: its training data.
+        dose: its share of the train recipes, in words; empty for all of them as they are.
+        folds: number of its folds; 0 if it is not cross-fitted.
+        scores_recipes: whether it scores recipes, and not links only.
+    """
+
+    name: str
+    command: str
+    kg: Taught
+    dose: str
+    folds: Count
+    scores_recipes: bool
+
+
+class Overview(Record):
+    """A graph with its models and runs.
+
+    Attributes:
+        reachable: entities that can be made from the base, which is included.
+        layers: number of rounds in which they are made.
+        most_used: entities in most recipes.
+        furthest: reachable entities that need most rounds.
+    """
+
+    graph: str
+    hash: Hash
+    entities: Count
+    recipes: Count
+    base: tuple[str, ...]
+    reachable: Count
+    layers: Count
+    split: SplitSummary
+    most_used: tuple[str, ...]
+    furthest: tuple[str, ...]
+    models: tuple[ModelLine, ...]
+    runs: tuple[str, ...]
 
 
 def _view(explored: Explored, _: Home) -> Overview:
-    models = {name: one.model for name, one in explored.models.items()}
-    return explored.once("overview", lambda: view_overview(explored.opened, models, explored.runs))
+    return explored.once("overview", lambda: _overview(explored))
+
+
+def _overview(explored: Explored) -> Overview:
+    graph = explored.opened.graph
+    layer = layers(graph)
+
+    def first(keys: np.ndarray) -> tuple[str, ...]:
+        order = np.argsort(-keys, kind="stable")
+        return graph.labels(order[keys[order] > 0][:EXAMPLES].tolist())
+
+    return Overview(
+        graph=graph.name,
+        hash=graph.hash,
+        entities=graph.num_entities,
+        recipes=graph.num_recipes,
+        base=graph.base,
+        reachable=int((layer >= 0).sum()),
+        layers=max(int(layer.max(initial=0)), 0),
+        split=split_summary(explored.opened.split),
+        most_used=first(graph.use_counts),
+        furthest=first(layer),
+        models=tuple(map(_line, explored.models.values())),
+        runs=tuple(explored.runs),
+    )
+
+
+def _line(predictor: LinkPredictor) -> ModelLine:
+    model = predictor.model
+    folds = 0 if model.scorer.folds is None else model.scorer.folds.count
+    kind, dose = model.run.kind, model.learned_from
+    return ModelLine(predictor.name, kind, model.kg, dose, folds, predictor.scores_recipes)
 
 
 PAGE = Page("home", Home, _view)

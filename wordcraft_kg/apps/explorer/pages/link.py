@@ -1,11 +1,24 @@
-"""A link: its score, its ranks, what is known of it, and why a model believes in it."""
+"""A link: its score and ranks, its recipes, and the evidence for it."""
 
-from wordcraft_kg.apps.explorer import asked
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.page import Page, State, has_models, nowhere
-from wordcraft_kg.apps.explorer.views.link_profiles import LinkProfile, view_link_profile
+from wordcraft_kg.apps.explorer.predictor import (
+    FilteredRank,
+    PlacedRecipe,
+    PredictedSlot,
+    Status,
+    placed_recipes,
+    recipes_giving,
+)
 from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.base.records import Record, Share
+from wordcraft_kg.evaluation.scores import Known
 from wordcraft_kg.graphs.triples import RELATIONS, Relation
+from wordcraft_kg.models.scorers.link_evidence import LinkReason
+
+WITNESSES = 10
+CANDIDATES = 10
+RECIPES = 10
 
 
 class Link(State):
@@ -24,18 +37,77 @@ class Link(State):
     model: str = ""
 
 
-def _view(explored: Explored, state: Link) -> LinkProfile:
-    predictor = asked.predictor(explored, state.model)
+class LinkProfile(Record):
+    """A link by a model.
+
+    Attributes:
+        model: name of the model.
+        has_seen_the_test_recipes: whether it was trained on all recipes.
+        score: higher is more plausible, on a scale of the model's own.
+        known: the part whose recipes give it.
+        probability: of a link outside the training data; None for others, and without a calibration.
+        as_tail: rank of the tail among all entities.
+        as_head: rank of the head.
+        reason: the evidence for it.
+        recipes: recipes of the book that give it, at most :data:`RECIPES`.
+        tails: the best tails for its head, without learned ones.
+        heads: the best heads for its tail.
+    """
+
+    head: str
+    relation: Relation
+    tail: str
+    model: str
+    has_seen_the_test_recipes: bool
+    score: float
+    status: Status
+    known: Known
+    probability: Share | None
+    as_tail: FilteredRank
+    as_head: FilteredRank
+    reason: LinkReason
+    recipes: tuple[PlacedRecipe, ...]
+    tails: PredictedSlot
+    heads: PredictedSlot
+
+
+def view_link(explored: Explored, state: Link) -> LinkProfile:
+    """Return a model's judgement of a link; without head and tail, of an example.
+
+    Raises:
+        UnknownEntityError: if the graph does not have an entity of this label, or there is no such model.
+        ConfigError: if there is no model, the graph has no recipe, or one of head and tail is missing.
+    """
+    predictor = explored.predictor(state.model)
+    graph, split = predictor.graph, predictor.split
     if state.head and state.tail:
-        return view_link_profile(predictor, state.head, state.relation, state.tail)
-    if state.head or state.tail:
+        head, relation, tail = graph.id_of(state.head), RELATIONS.index(state.relation), graph.id_of(state.tail)
+    elif state.head or state.tail:
         raise ConfigError("A link has a head and a tail; one of them is missing.")
-    split = explored.opened.split
-    triples = split.held_out("test") if len(split.held_out("test")) else split.graph.triples
-    if not len(triples):
-        raise ConfigError("The graph has no recipe, and so no link.")
-    head, relation, tail = triples[0].tolist()
-    return view_link_profile(predictor, split.graph.entities[head], RELATIONS[relation], split.graph.entities[tail])
+    else:
+        triples = split.held_out("test") if len(split.held_out("test")) else graph.triples
+        if not len(triples):
+            raise ConfigError("The graph has no recipe, and so no link.")
+        head, relation, tail = triples[0].tolist()
+    tails, heads = predictor.slot(head, relation, "tail"), predictor.slot(tail, relation, "head")
+    link = predictor.judged(tails, tail)
+    return LinkProfile(
+        head=graph.entities[head],
+        relation=RELATIONS[relation],
+        tail=graph.entities[tail],
+        model=predictor.name,
+        has_seen_the_test_recipes=predictor.has_seen_the_test_recipes,
+        score=link.score,
+        status=link.status,
+        known=link.known,
+        probability=link.probability,
+        as_tail=link.rank,
+        as_head=heads.rank(head),
+        reason=predictor.evidence.reason(head, relation, tail, WITNESSES),
+        recipes=placed_recipes(split, recipes_giving(graph, head, relation, tail)[:RECIPES]),
+        tails=predictor.best(tails, top=CANDIDATES, witnesses=0, truth=0),
+        heads=predictor.best(heads, top=CANDIDATES, witnesses=0, truth=0),
+    )
 
 
-PAGE = Page("link", Link, _view, exported=nowhere, is_there=has_models)
+PAGE = Page("link", Link, view_link, exported=nowhere, is_there=has_models)

@@ -1,14 +1,42 @@
-"""The map: all entities, those that are crafted together beside each other, and the links of a chosen one."""
+"""The map: entities that are crafted together lie together; the links of a chosen entity are shown."""
 
 from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Literal
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
 
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.page import Addresses, Page, State
 from wordcraft_kg.apps.explorer.pages import entity
-from wordcraft_kg.apps.explorer.views.maps import HEIGHT, WIDTH, MapView, Spot, map_of, view_map
+from wordcraft_kg.base.progress import stage
+from wordcraft_kg.base.records import Count, Record
+from wordcraft_kg.evaluation.communities import communities_of
+from wordcraft_kg.graphs.arrays import Ids
+from wordcraft_kg.graphs.planner import layers
+from wordcraft_kg.graphs.recipe_graph import RecipeGraph
+from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
 from wordcraft_kg.reports import charts
 
+PLACED = 1_000
+"""Most placed entities, the most used ones: the layout takes time and memory by their square."""
+GUESTS = 60
+"""Most entities without a place that are added for a chosen one: itself and its neighbours."""
+LISTED = 60
+"""Most listed links of a kind."""
+DRAWN = 200
+"""Most drawn links of a kind: more could not be told apart."""
+ALL_LINKS = 15_000
+"""Most links between placed entities; a map with more holds only the chosen entity's."""
+WIDTH, HEIGHT = 2_000, 1_400
+"""Size of the map; places are whole numbers."""
+PULL = 6.0
+"""How much more strongly a link pulls within a group than between groups."""
+ROUNDS = 100
+"""Rounds of the layout; the picture hardly changes after these."""
 SIZES = (5, 15, 40, 100)
 """Numbers of uses from which on a dot is larger."""
 SHADES = 4
@@ -19,12 +47,239 @@ class Map(State):
     """The map.
 
     Attributes:
-        entity: whose links are shown; may be none.
-        colour: what the colours of the dots mean.
+        entity: the entity whose links are shown; may be none.
+        colour: the meaning of the dots' colours.
     """
 
     entity: str = ""
     colour: Literal["group", "layer"] = "group"
+
+
+class Spot(Record):
+    """The place of an entity.
+
+    Attributes:
+        uses: number of recipes that use it.
+        group: number of its group; -1 for a guest, which has none.
+        layer: crafting layer; -1 if it cannot be made.
+    """
+
+    entity: str
+    x: Count
+    y: Count
+    uses: Count
+    group: int
+    layer: int
+
+
+class Group(Record):
+    """``size`` entities that are crafted together, named after the most used one; ``x`` and ``y`` are their middle."""
+
+    name: str
+    size: Count
+    x: Count
+    y: Count
+
+
+class Partners(Record):
+    """The neighbours of an entity by one kind of link.
+
+    Attributes:
+        total: number of neighbours.
+        listed: the most used of them.
+        placed: neighbours on the map, by their numbers among the spots; the most used, at most :data:`DRAWN`.
+    """
+
+    total: Count
+    listed: tuple[str, ...]
+    placed: tuple[Count, ...]
+
+
+class Links(Record):
+    """The links of an entity.
+
+    Attributes:
+        entity: number of its spot.
+        combines: its partners.
+        makes: its products.
+        made_of: its ingredients.
+    """
+
+    entity: Count
+    combines: Partners
+    makes: Partners
+    made_of: Partners
+
+
+class MapView(Record):
+    """A map.
+
+    Attributes:
+        entities: number of entities of the graph.
+        spots: the most used entities with their places, the most used first; then guests.
+        groups: the largest first.
+        layers: number of crafting layers.
+        combines: pairs of spots that combine, by their numbers, the smaller first; sorted. Without guests and loops;
+            empty if there are more than :data:`ALL_LINKS`.
+        components: pairs of ingredient and product; likewise.
+        chosen: links of the chosen entity; None without one.
+    """
+
+    graph: str
+    entities: Count
+    spots: tuple[Spot, ...]
+    groups: tuple[Group, ...]
+    layers: Count
+    combines: tuple[tuple[Count, Count], ...]
+    components: tuple[tuple[Count, Count], ...]
+    chosen: Links | None
+
+
+@dataclass(frozen=True)
+class EntityMap:
+    """The places of the most used entities of a graph, see :func:`map_of`.
+
+    Attributes:
+        graph: the graph.
+        ids: shape (P,), the placed entities, the most used first.
+        places: shape (P, 2), whole numbers.
+        view: the map with nothing chosen.
+        layer: shape (E,), crafting layers of all entities.
+    """
+
+    graph: RecipeGraph
+    ids: Ids
+    places: Ids
+    view: MapView
+    layer: Ids
+
+    @cached_property
+    def number_of(self) -> dict[int, int]:
+        """The number of each placed entity's spot, by its id."""
+        return {entity: number for number, entity in enumerate(self.ids.tolist())}
+
+
+@stage("laying out the map")
+def map_of(graph: RecipeGraph) -> EntityMap:
+    """Place and group the most used entities of a graph, at most :data:`PLACED`; equal graphs have equal maps."""
+    ids = np.argsort(-graph.use_counts, kind="stable")[:PLACED]
+    combines, components = (_links_among(graph, ids, relation) for relation in (COMBINES_WITH, COMPONENT_OF))
+    combines = combines[combines[:, 0] < combines[:, 1]]
+    links = np.unique(np.sort(np.concatenate([combines, components]), axis=1), axis=0)
+    uses, layer = graph.use_counts[ids], layers(graph)
+    communities = communities_of(graph.labels(ids.tolist()), links, uses, 0)
+    places = _places(len(ids), links, communities.group_of)
+    columns = (ids, *places.T, uses, communities.group_of, layer[ids])
+    spots = tuple(
+        Spot(graph.entities[entity], *numbers)
+        for entity, *numbers in zip(*(column.tolist() for column in columns), strict=True)
+    )
+    groups = []
+    for number, (name, size) in enumerate(zip(communities.names, communities.sizes, strict=True)):
+        x, y = np.median(places[communities.group_of == number], axis=0).round().astype(int).tolist()
+        groups.append(Group(name, size, x, y))
+    is_small = len(combines) + len(components) <= ALL_LINKS
+    view = MapView(
+        graph=graph.name,
+        entities=graph.num_entities,
+        spots=spots,
+        groups=tuple(groups),
+        layers=int(layer.max(initial=0)),
+        combines=tuple(map(tuple, combines.tolist())) if is_small else (),
+        components=tuple(map(tuple, components.tolist())) if is_small else (),
+        chosen=None,
+    )
+    return EntityMap(graph, ids, places, view, layer)
+
+
+def _links_among(graph: RecipeGraph, ids: Ids, relation: int) -> Ids:
+    """Return the links of a kind between different entities of some, by their numbers; shape (L, 2), sorted."""
+    number = np.full(graph.num_entities, -1)
+    number[ids] = np.arange(len(ids))
+    triples = graph.triples
+    ends = number[triples[triples[:, 1] == relation][:, [0, 2]]]
+    return np.unique(ends[(ends >= 0).all(axis=1) & (ends[:, 0] != ends[:, 1])], axis=0)
+
+
+def _places(number: int, links: Ids, group_of: Ids) -> Ids:
+    """Lay out entities by the forces of ForceAtlas2, and fill the map evenly.
+
+    A link weighs less the more links its ends have, since entities that are used everywhere would draw all together,
+    and more within a group, to tell groups apart.
+
+    Returns:
+        shape (number, 2), whole numbers from 0 to width and height.
+
+    Source: Jacomy et al. 2014, "ForceAtlas2, a continuous graph layout algorithm".
+    """
+    import networkx as nx
+
+    degree = np.bincount(links.ravel(), minlength=number)
+    weight = 1 / np.sqrt(degree[links].prod(axis=1))
+    weight[group_of[links[:, 0]] == group_of[links[:, 1]]] *= PULL
+    plain = nx.Graph()
+    plain.add_nodes_from(range(number))
+    plain.add_weighted_edges_from((a, b, w) for (a, b), w in zip(links.tolist(), weight.tolist(), strict=True))
+    if number < 2:
+        return np.full((number, 2), [WIDTH // 2, HEIGHT // 2])
+    found = nx.forceatlas2_layout(plain, max_iter=ROUNDS, weight="weight", seed=0)
+    places = np.array([found[entity] for entity in range(number)])
+    # Half by place and half by rank: true distances leave most of the map empty, ranks alone hide what lies apart.
+    low, high = places.min(axis=0), places.max(axis=0)
+    rank = places.argsort(axis=0, kind="stable").argsort(axis=0, kind="stable") / (number - 1)
+    even = ((places - low) / np.where(high > low, high - low, 1) + rank) / 2
+    return (even * [WIDTH, HEIGHT]).round().astype(np.int64)
+
+
+def view_map(found: EntityMap, entity: str = "") -> MapView:
+    """Show a map with the links of an entity, or of none.
+
+    Raises:
+        UnknownEntityError: if there is no such entity.
+    """
+    if not entity:
+        return found.view
+    graph, chosen = found.graph, found.graph.id_of(entity)
+    kinds = _partners(graph, chosen)
+    number_of, spots = dict(found.number_of), list(found.view.spots)
+    wanted = dict.fromkeys([chosen, *np.concatenate(kinds).tolist()])
+    for guest in [one for one in wanted if one not in number_of][:GUESTS]:
+        number_of[guest] = len(spots)
+        spots.append(_guest(found, guest))
+    combines, makes, made_of = (
+        Partners(
+            len(kind),
+            graph.labels(kind[:LISTED].tolist()),
+            tuple(number_of[one] for one in kind.tolist() if one in number_of)[:DRAWN],
+        )
+        for kind in kinds
+    )
+    links = Links(number_of[chosen], combines, makes, made_of)
+    return msgspec.structs.replace(found.view, spots=tuple(spots), chosen=links)
+
+
+def _partners(graph: RecipeGraph, entity: int) -> tuple[Ids, Ids, Ids]:
+    """Return the partners, products and ingredients of an entity, each the most used first."""
+    used = graph.recipes[graph.uses_of(entity)]
+    others = used[:, :2].sum(axis=1) - entity
+    made_of = graph.recipes[graph.recipes_of(entity), :2]
+    by_use = -graph.use_counts
+    found = (np.unique(ids) for ids in (others, used[:, 2], made_of))
+    one, two, three = (ids[np.argsort(by_use[ids], kind="stable")] for ids in found)
+    return one, two, three
+
+
+def _guest(found: EntityMap, entity: int) -> Spot:
+    """Return a place for an entity that has none: in the middle of its neighbours, and a little aside."""
+    graph = found.graph
+    neighbours = np.unique(np.concatenate(_partners(graph, entity))).tolist()
+    near = [found.number_of[one] for one in neighbours if one in found.number_of]
+    middle = found.places[near].mean(axis=0) if near else np.array([WIDTH / 2, HEIGHT / 2])
+    # Aside by the golden angle, so that guests with the same partners do not hide each other.
+    angle = 2.4 * entity
+    aside: NDArray[np.float64] = 40 * np.array([np.cos(angle), np.sin(angle)])
+    x, y = (middle + aside).clip(0, [WIDTH, HEIGHT]).round().astype(int).tolist()
+    return Spot(graph.entities[entity], x, y, int(graph.use_counts[entity]), -1, int(found.layer[entity]))
 
 
 def _view(explored: Explored, state: Map) -> MapView:
@@ -48,16 +303,10 @@ def _draw(view: MapView, state: Map, address: Addresses) -> Mapping[str, Any]:
         )
         for spot in view.spots
     ]
-    chosen = view.chosen
-    partners = (
-        {}
-        if chosen is None
-        else {
-            "combines": chosen.combines.placed,
-            "makes": chosen.makes.placed,
-            "made-of": chosen.made_of.placed,
-        }
-    )
+    chosen, partners = view.chosen, {}
+    if chosen is not None:
+        kinds = {"combines": chosen.combines, "makes": chosen.makes, "made-of": chosen.made_of}
+        partners = {name: kind.placed for name, kind in kinds.items()}
     picture = charts.world(
         dots,
         [charts.Region(group.name, group.x, group.y) for group in view.groups if group.size > 1],

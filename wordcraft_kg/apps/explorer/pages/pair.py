@@ -1,10 +1,15 @@
-"""A pair of entities: what it makes, and what a model says that it makes."""
+"""A pair of entities: its results in the book, and a model's predictions for it."""
 
-from wordcraft_kg.apps.explorer import asked
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.page import Page, State, nowhere
-from wordcraft_kg.apps.explorer.views.pairs import PairProfile, view_pair
+from wordcraft_kg.apps.explorer.predictor import JudgedLink, PlacedRecipe, placed_recipes, recipes_giving
 from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.base.records import Record
+from wordcraft_kg.evaluation.recipe_scores import RecipeScoring, ScoredRecipe, view_open_recipe
+from wordcraft_kg.graphs.triples import COMBINES_WITH
+from wordcraft_kg.models.scorers.queries import RecipeQuery
+
+RESULTS = 10
 
 
 class Pair(State):
@@ -21,19 +26,51 @@ class Pair(State):
     model: str = ""
 
 
-def _view(explored: Explored, state: Pair) -> PairProfile:
-    split, a, b = explored.opened.split, state.a, state.b
+class PairProfile(Record):
+    """A pair.
+
+    Attributes:
+        makes: its recipes in the book.
+        model: name of the model; empty without one.
+        has_seen_the_test_recipes: whether the model was trained on all recipes.
+        link: the model's judgement of ``a combinesWith b``; None without a model.
+        results: the model's predicted results, best first; None if it scores links only, and without a model.
+    """
+
+    a: str
+    b: str
+    makes: tuple[PlacedRecipe, ...]
+    model: str
+    has_seen_the_test_recipes: bool
+    link: JudgedLink | None
+    results: tuple[ScoredRecipe, ...] | None
+
+
+def view_pair(explored: Explored, state: Pair) -> PairProfile:
+    """Return the results of a pair and, if there is a model, its predictions; without ingredients, of an example.
+
+    Raises:
+        UnknownEntityError: if the graph does not have an entity of this label, or there is no such model.
+        ConfigError: if the graph has no recipe, or one of the ingredients is missing.
+    """
+    split, graph, (a, b) = explored.opened.split, explored.opened.graph, (state.a, state.b)
     if not a and not b:
-        recipes = split.recipes("test") if split.is_in("test").any() else split.graph.recipes
+        recipes = split.recipes("test") if split.is_in("test").any() else graph.recipes
         if not len(recipes):
             raise ConfigError("The graph has no recipe, and so no pair that makes something.")
-        a, b = split.graph.labels(recipes[0, :2].tolist())
+        a, b = graph.labels(recipes[0, :2].tolist())
     elif not a or not b:
         raise ConfigError("A pair has two ingredients, which may be the same; one of them is missing.")
+    one, other = graph.id_of(a), graph.id_of(b)
+    makes = placed_recipes(split, recipes_giving(graph, one, COMBINES_WITH, other))
     if not explored.models:
-        return view_pair(split, a, b)
-    predictor = asked.predictor(explored, state.model)
-    return view_pair(split, a, b, predictor, asked.recipe_scoring(explored, predictor.name))
+        return PairProfile(a, b, makes, model="", has_seen_the_test_recipes=False, link=None, results=None)
+    predictor, results = explored.predictor(state.model), None
+    if predictor.scores_recipes:
+        scoring = explored.once(("recipe scores", predictor.name), lambda: RecipeScoring.of(predictor.scoring))
+        results = view_open_recipe(scoring, RecipeQuery(a, b, None), RESULTS).top
+    link = predictor.judged(predictor.slot(one, COMBINES_WITH, "tail"), other)
+    return PairProfile(a, b, makes, predictor.name, predictor.has_seen_the_test_recipes, link, results)
 
 
 def has_recipes(explored: Explored) -> bool:
@@ -41,4 +78,4 @@ def has_recipes(explored: Explored) -> bool:
     return explored.opened.graph.num_recipes > 0
 
 
-PAGE = Page("pair", Pair, _view, title="Pairs", exported=nowhere, is_there=has_recipes)
+PAGE = Page("pair", Pair, view_pair, title="Pairs", exported=nowhere, is_there=has_recipes)

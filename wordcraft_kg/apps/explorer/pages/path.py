@@ -1,17 +1,29 @@
-"""The path to a goal: what has to be crafted, layer by layer, and the same as a list."""
+"""The path to a goal: its cheapest derivation, layer by layer, or the missing entities."""
 
+import math
 from collections.abc import Iterator, Mapping
+from typing import Literal
 
 import numpy as np
 from markupsafe import Markup
 
-from wordcraft_kg.apps.explorer import asked
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.page import Addresses, Page, State
-from wordcraft_kg.apps.explorer.views.paths import PathView, view_path
+from wordcraft_kg.apps.explorer.pages.entities import layers_of
+from wordcraft_kg.apps.explorer.paging import Paging, paging
 from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.graphs.planner import layers
+from wordcraft_kg.base.records import Count, Record
+from wordcraft_kg.base.wording import approximate
+from wordcraft_kg.graphs.planner import Planner
+from wordcraft_kg.graphs.recipes import Recipe
+from wordcraft_kg.graphs.splits import PARTS, Part, Split
 from wordcraft_kg.reports import charts
+
+STEPS_A_PAGE = 200
+DRAWN = 60
+"""Most drawn steps: the last ones."""
+LISTED = 20
+"""Most listed recipes and entities that are missing."""
 
 
 class Path(State):
@@ -26,30 +38,175 @@ class Path(State):
     page: int = 1
 
 
-def _view(explored: Explored, state: Path) -> PathView:
-    graph = explored.opened.graph
+class PathStep(Record):
+    """A craft of a path.
+
+    Attributes:
+        number: its place in the order of execution, from 1.
+        recipe: its recipe.
+        part: the part of the recipe.
+        layer: after the layers of its ingredients, and as late as its uses allow; the goal is last.
+    """
+
+    number: Count
+    recipe: Recipe
+    part: Part
+    layer: Count
+
+
+class Blocked(Record):
+    """An impossible recipe, with its ingredients that cannot be made."""
+
+    recipe: Recipe
+    missing: tuple[str, ...]
+
+
+class PathView(Record):
+    """The way from the base to an entity.
+
+    Attributes:
+        entity: the goal.
+        base: the base entities.
+        outcome: ``base`` if there is nothing to make, ``impossible`` if it cannot be made.
+        steps: number of crafts.
+        layers: number of layers of crafts.
+        cost: number of crafts if nothing is made only once, in words, since it may have thousands of digits.
+        parts: number of crafts by the part of their recipe, for parts that have any.
+        paging: the steps that are listed.
+        listed: these steps.
+        drawn: the last steps, at most :data:`DRAWN`, in the order of execution.
+        recipes: number of recipes that make the goal.
+        blocked: some recipes of a goal that cannot be made.
+        sources: some entities that such a goal depends on, that no recipe makes and that are not in the base. If there
+            are none, the recipes need each other's results.
+        num_sources: number of all of them.
+    """
+
+    entity: str
+    base: tuple[str, ...]
+    outcome: Literal["base", "made", "impossible"]
+    steps: Count
+    layers: Count
+    cost: str
+    parts: dict[Part, Count]
+    paging: Paging
+    listed: tuple[PathStep, ...]
+    drawn: tuple[PathStep, ...]
+    recipes: Count
+    blocked: tuple[Blocked, ...]
+    sources: tuple[str, ...]
+    num_sources: Count
+
+
+def view_path(explored: Explored, state: Path) -> PathView:
+    """Show the cheapest derivation of an entity.
+
+    Raises:
+        UnknownEntityError: if there is no such entity.
+        ConfigError: if the graph has no entities, or the list has no such page.
+    """
+    split, graph = explored.opened.split, explored.opened.graph
     if not graph.num_entities:
         raise ConfigError("The graph has no entities.")
-    goal = state.entity or explored.once("furthest", lambda: graph.entities[int(np.argmax(layers(graph)))])
-    return view_path(asked.planner(explored), explored.opened.split, goal, state.page)
+    goal = graph.id_of(state.entity) if state.entity else int(np.argmax(layers_of(graph)))
+    planner = explored.planner()
+    cost = planner.costs[goal]
+    steps: tuple[PathStep, ...] = ()
+    blocked: tuple[Blocked, ...] = ()
+    sources: list[int] = []
+    if cost == math.inf:
+        blocked, sources = _blocked(planner, goal), _sources(planner, goal)
+    else:
+        steps = _steps(split, planner.derivation(goal).steps)
+    shown = paging(len(steps), state.page, STEPS_A_PAGE)
+    used = [step.part for step in steps]
+    return PathView(
+        entity=graph.entities[goal],
+        base=planner.start,
+        outcome="impossible" if cost == math.inf else "made" if steps else "base",
+        steps=len(steps),
+        layers=max((step.layer for step in steps), default=0),
+        cost="" if cost == math.inf else approximate(int(cost)),
+        parts={part: used.count(part) for part in PARTS if part in used},
+        paging=shown,
+        listed=steps[shown.rows],
+        drawn=_last(steps),
+        recipes=len(graph.recipes_of(goal)),
+        blocked=blocked,
+        sources=graph.labels(sources[:LISTED]),
+        num_sources=len(sources),
+    )
+
+
+def _steps(split: Split, recipes: tuple[Recipe, ...]) -> tuple[PathStep, ...]:
+    """Return the recipes of a derivation with their numbers, parts and layers."""
+    earliest: dict[str, int] = {}
+    for one, other, result in recipes:
+        earliest[result] = 1 + max(earliest.get(one, 0), earliest.get(other, 0))
+    layer = dict.fromkeys(earliest, max(earliest.values(), default=0))
+    for one, other, result in reversed(recipes):
+        for ingredient in (one, other):
+            if ingredient in layer:
+                layer[ingredient] = min(layer[ingredient], layer[result] - 1)
+    return tuple(
+        PathStep(number, recipe, _part_of(split, recipe), layer[recipe.result])
+        for number, recipe in enumerate(recipes, start=1)
+    )
+
+
+def _part_of(split: Split, recipe: Recipe) -> Part:
+    graph = split.graph
+    wanted = [graph.id_of(label) for label in recipe]
+    (row,) = (row for row in graph.recipes_of(wanted[2]).tolist() if graph.recipes[row].tolist() == wanted)
+    return PARTS[split.parts[row]]  # type: ignore[return-value]
+
+
+def _last(steps: tuple[PathStep, ...]) -> tuple[PathStep, ...]:
+    """Return the steps of the last layers, so that the drawing has no gaps."""
+    kept = sorted(steps, key=lambda step: (-step.layer, -step.number))[:DRAWN]
+    return tuple(sorted(kept, key=lambda step: step.number))
+
+
+def _blocked(planner: Planner, goal: int) -> tuple[Blocked, ...]:
+    graph = planner.graph
+    rows = graph.recipes[graph.recipes_of(goal)[:LISTED]]
+    missing = [[i for i in dict.fromkeys(row[:2]) if planner.costs[i] == math.inf] for row in rows.tolist()]
+    found = zip(graph.recipe_labels(rows), missing, strict=True)
+    return tuple(Blocked(recipe, graph.labels(ids)) for recipe, ids in found)
+
+
+def _sources(planner: Planner, goal: int) -> list[int]:
+    """Return the entities that the goal depends on, that no recipe makes and that are not in the base."""
+    graph = planner.graph
+    found, seen, stack = [], {goal}, [goal]
+    while stack:
+        entity = stack.pop()
+        recipes = graph.recipes[graph.recipes_of(entity)]
+        if not len(recipes):
+            found.append(entity)
+        needed = {i for i in recipes[:, :2].ravel().tolist() if planner.costs[i] == math.inf} - seen
+        seen |= needed
+        stack.extend(needed)
+    return sorted(found)
 
 
 def _draw(view: PathView, _: Path, address: Addresses) -> Mapping[str, Markup]:
     if not view.drawn:
         return {}
-    things = [
-        charts.Made(
-            label=step.recipe.result,
-            href=address(PAGE, Path(entity=step.recipe.result)),
-            layer=step.layer,
-            of=step.recipe[:2],
-            style=" ".join(
-                (["goal"] if step.recipe.result == view.entity else []) + (["held"] if step.part != "train" else [])
-            ),
-            title=f"{step.recipe[0]} + {step.recipe[1]} → {step.recipe[2]} ({step.part})",
+    things = []
+    for step in view.drawn:
+        one, other, result = step.recipe
+        styles = {"goal": result == view.entity, "held": step.part != "train"}
+        things.append(
+            charts.Made(
+                label=result,
+                href=address(PAGE, Path(entity=result)),
+                layer=step.layer,
+                of=(one, other),
+                style=" ".join(name for name, applies in styles.items() if applies),
+                title=f"{one} + {other} → {result} ({step.part})",
+            )
         )
-        for step in view.drawn
-    ]
     return {"layers": charts.layered(things, view.base, f"Crafts that lead to {view.entity}, in layers")}
 
 
@@ -58,10 +215,7 @@ def _is_there(explored: Explored) -> bool:
 
 
 def _exported(explored: Explored) -> Iterator[Path]:
-    yield Path()
-    yield from (Path(entity=label) for label in explored.opened.graph.entities)
+    yield from (Path(entity=label) for label in ("", *explored.opened.graph.entities))
 
 
-PAGE = Page(
-    "path", Path, _view, title="Path to a goal", subject="entity", draw=_draw, exported=_exported, is_there=_is_there
-)
+PAGE = Page("path", Path, view_path, "Path to a goal", "entity", _draw, _exported, _is_there)

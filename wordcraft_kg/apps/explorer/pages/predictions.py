@@ -1,27 +1,42 @@
 """The ranks of all triples by a model, to filter and to sort."""
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Literal
 
-from wordcraft_kg.apps.explorer import asked
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.page import Page, State, has_models
-from wordcraft_kg.apps.explorer.views.link_ranks import Knowledge, LinkRanks, RankFilter, RankOrder, view_link_ranks
-from wordcraft_kg.graphs.splits import Part
-from wordcraft_kg.graphs.triples import RELATIONS, Relation
+from wordcraft_kg.apps.explorer.paging import Paging, paging
+from wordcraft_kg.apps.explorer.predictor import LinkPredictor
+from wordcraft_kg.base.records import Count, Record
+from wordcraft_kg.graphs.arrays import Ids
+from wordcraft_kg.graphs.recipe_graph import RecipeGraph
+from wordcraft_kg.graphs.splits import PARTS, Part, Split
+from wordcraft_kg.graphs.triples import RELATIONS, Relation, is_in
+from wordcraft_kg.models.scorers.config import MAX_QUERIES
+from wordcraft_kg.models.scorers.ranking import MIN_TRIPLES, RankingMetrics, rank_triples, ranking_metrics, sampled
 from wordcraft_kg.models.scorers.roles import Side
 
+ROWS_A_PAGE = 50
+SCORES = 2**26
+"""Most scores of a ranking's unseen or other triples, for seconds of work: all of up to 3,355 entities."""
+RankOrder = Literal["worst", "best", "score", "label"]
+Knowledge = Literal["unseen", "learned", "all"]
 
-class Queries(State):
-    """Some of the queries that models are ranked on.
+
+class RankFilter(State):
+    """Some of the queries that models are ranked on; an empty text filters nothing.
 
     Attributes:
-        relation: relation of the triples; both if it is empty.
-        side: the side that is asked for; both if it is empty.
-        part: the part whose recipes give the triple; any if it is empty.
-        known: whether the model was trained on the triple; of two, both, or neither.
-        entity: head or tail of the triple; any if it is empty.
-        page: number of the page.
+        relation: relation of the triple.
+        side: the side that is asked for.
+        part: the part whose recipes give the triple, the first of several.
+        known: whether the triple is in the model's training data; of two models, both or neither.
+        entity: label of its head or tail.
     """
 
     relation: Relation | Literal[""] = ""
@@ -29,11 +44,16 @@ class Queries(State):
     part: Part | Literal[""] = ""
     known: Knowledge = "unseen"
     entity: str = ""
+
+
+class Queries(RankFilter):
+    """A page of some queries."""
+
     page: int = 1
 
     @property
     def chosen(self) -> RankFilter:
-        """Which queries these are."""
+        """The filter alone."""
         return RankFilter(self.relation, self.side, self.part, self.known, self.entity)
 
 
@@ -42,15 +62,204 @@ class Predictions(Queries):
 
     Attributes:
         model: the model; the first if it is empty.
-        sort: by what they are sorted.
+        sort: from the worst or the best rank, the highest score, or alphabetically.
     """
 
     model: str = ""
     sort: RankOrder = "best"
 
 
+class RankedQuery(Record):
+    """A query: a true triple, one of whose entities is asked for.
+
+    Attributes:
+        known: the part whose recipes give it.
+        learned: whether it is in the model's training data.
+        rank: filtered, with realistic ties.
+        candidates: number of competing entities.
+        top: the best candidate.
+    """
+
+    head: str
+    relation: Relation
+    tail: str
+    side: Side
+    known: Part
+    learned: bool
+    rank: float
+    candidates: Count
+    score: float
+    top: str
+
+
+class RankSample(Record):
+    """Numbers of ranked and of all triples: unseen test triples, and others."""
+
+    unseen: Count
+    unseen_of: Count
+    others: Count
+    others_of: Count
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether all are ranked."""
+        return (self.unseen, self.others) == (self.unseen_of, self.others_of)
+
+
+class LinkRanks(Record):
+    """Some of a model's ranks.
+
+    Attributes:
+        model: its name.
+        has_seen_the_test_recipes: whether it was trained on all recipes.
+        chosen: the filter.
+        order: see :class:`Predictions`.
+        metrics: figures of all chosen queries, not only of the listed ones.
+        learned: number of chosen queries for triples of the training data.
+        sample: the ranked triples.
+        paging: the queries that are listed.
+        queries: the listed ones.
+    """
+
+    model: str
+    has_seen_the_test_recipes: bool
+    chosen: RankFilter
+    order: RankOrder
+    metrics: RankingMetrics
+    learned: Count
+    sample: RankSample
+    paging: Paging
+    queries: tuple[RankedQuery, ...]
+
+
+@dataclass(frozen=True)
+class RankedTriples:
+    """The ranks of the triples of a graph by a model.
+
+    Attributes:
+        name: name of the model.
+        split: graph and split.
+        has_seen_the_test_recipes: whether the model was trained on all recipes.
+        ranks: a row for each query, see :func:`~wordcraft_kg.models.scorers.ranking.rank_triples`, with the columns
+            ``part`` (its number) and ``learned`` besides.
+        sample: the ranked triples.
+    """
+
+    name: str
+    split: Split
+    has_seen_the_test_recipes: bool
+    ranks: pd.DataFrame
+    sample: RankSample
+
+    @property
+    def graph(self) -> RecipeGraph:
+        """The graph of the triples."""
+        return self.split.graph
+
+    def mask(self, chosen: RankFilter) -> NDArray[np.bool_]:
+        """Return the queries that a filter chooses, shape (Q,), bool.
+
+        Raises:
+            UnknownEntityError: if the graph does not have its entity.
+        """
+        ranks = self.ranks
+        mask = np.ones(len(ranks), dtype=bool)
+        if chosen.relation:
+            mask &= ranks["relation"].to_numpy() == RELATIONS.index(chosen.relation)
+        if chosen.side:
+            mask &= ranks["side"].to_numpy() == chosen.side
+        if chosen.part:
+            mask &= ranks["part"].to_numpy() == PARTS.index(chosen.part)
+        if chosen.known != "all":
+            mask &= ranks["learned"].to_numpy() == (chosen.known == "learned")
+        if chosen.entity:
+            entity = self.graph.id_of(chosen.entity)
+            mask &= (ranks["head"].to_numpy() == entity) | (ranks["tail"].to_numpy() == entity)
+        return mask
+
+
+def rank_graph(predictor: LinkPredictor, max_triples: int | None = None) -> RankedTriples:
+    """Rank all triples of the graph of a model, learned or not.
+
+    Very many unseen test triples are sampled as for the link-prediction report, and so are the others, separately.
+
+    Args:
+        predictor: the model.
+        max_triples: most triples of either kind. Default: as many as the report ranks, and fewer of many entities.
+    """
+    split = predictor.split
+    graph = split.graph
+    unseen = split.held_out("test")
+    others = graph.triples[~is_in(graph.triples, unseen, graph.num_entities)]
+    if max_triples is None:
+        max_triples = min(MAX_QUERIES // 2, max(MIN_TRIPLES, SCORES // max(graph.num_entities, 1)))
+    taken = [sampled(triples, max_triples) for triples in (unseen, others)]
+    chosen = np.concatenate(taken)
+    ranks = rank_triples(predictor.model.scorer, chosen, graph.triples)
+    part, learned = split.part_of(chosen), predictor.learned(chosen)
+    ranks = ranks.assign(part=np.tile(part, 2)[: len(ranks)], learned=np.tile(learned, 2)[: len(ranks)])
+    sample = RankSample(len(taken[0]), len(unseen), len(taken[1]), len(others))
+    return RankedTriples(predictor.name, split, predictor.has_seen_the_test_recipes, ranks, sample)
+
+
+def view_link_ranks(ranked: RankedTriples, chosen: RankFilter, order: RankOrder = "worst", page: int = 1) -> LinkRanks:
+    """List some of a model's ranks, with figures of all chosen queries.
+
+    Raises:
+        UnknownEntityError: if the graph does not have the entity of the filter.
+        ConfigError: if there is no such page.
+    """
+    ranks = ranked.ranks[ranked.mask(chosen)]
+    shown = paging(len(ranks), page, ROWS_A_PAGE)
+    rows = ranks.iloc[_order(ranks, order)[shown.rows]]
+    return LinkRanks(
+        model=ranked.name,
+        has_seen_the_test_recipes=ranked.has_seen_the_test_recipes,
+        chosen=chosen,
+        order=order,
+        metrics=ranking_metrics(ranks),
+        learned=int(ranks["learned"].sum()),
+        sample=ranked.sample,
+        paging=shown,
+        queries=tuple(ranked_queries(ranked.graph, rows)),
+    )
+
+
+def _order(ranks: pd.DataFrame, order: RankOrder) -> Ids:
+    """Return the order of queries, shape (Q,)."""
+    rank, score = (ranks[name].to_numpy(dtype=float) for name in ("rank", "score"))
+    keys: dict[RankOrder, tuple[NDArray[np.float64], ...]] = {
+        "worst": (score, -rank),
+        "best": (-score, rank),
+        "score": (-score,),
+        "label": tuple(ranks[name].to_numpy(dtype=float) for name in ("tail", "head", "relation")),
+    }
+    return np.lexsort(keys[order])
+
+
+def ranked_queries(graph: RecipeGraph, rows: pd.DataFrame) -> Iterator[RankedQuery]:
+    """Yield rows of :attr:`RankedTriples.ranks` with labels."""
+    labels, numbers = graph.entities, ("learned", "rank", "candidates", "score")
+    for row in rows.to_dict("records"):
+        yield RankedQuery(
+            head=labels[row["head"]],
+            relation=RELATIONS[row["relation"]],
+            tail=labels[row["tail"]],
+            side=row["side"],
+            known=PARTS[row["part"]],  # type: ignore[arg-type]
+            top=labels[row["top"]],
+            **{name: row[name] for name in numbers},
+        )
+
+
+def ranked_by(explored: Explored, name: str) -> RankedTriples:
+    """Return the ranks of all triples by a model, made once: it takes seconds."""
+    found = explored.predictor(name)
+    return explored.once(("ranks", found.name), lambda: rank_graph(found))
+
+
 def _view(explored: Explored, state: Predictions) -> LinkRanks:
-    return view_link_ranks(asked.ranked(explored, state.model), state.chosen, state.sort, state.page)
+    return view_link_ranks(ranked_by(explored, state.model), state.chosen, state.sort, state.page)
 
 
 def _exported(explored: Explored) -> Iterator[Predictions]:

@@ -1,21 +1,274 @@
-"""All runs of agents side by side."""
+"""Runs of agents side by side, and one with its curves; finished or not."""
 
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from wordcraft_kg.agents.agent_folder import AgentRun
+from wordcraft_kg.agents.curves import JUDGED
+from wordcraft_kg.agents.following import FollowedRun
+from wordcraft_kg.agents.outcomes import Ending
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.page import Page, State, has_runs
 from wordcraft_kg.apps.explorer.played import followed, is_done
-from wordcraft_kg.apps.explorer.views.runs import RunList, view_runs
+from wordcraft_kg.base.errors import ArtefactError
+from wordcraft_kg.base.records import Count, Record, Share
+from wordcraft_kg.evaluation.training_curves import (
+    CurvePoint,
+    Figure,
+    LambdaCurve,
+    SeedCurve,
+    lambda_curves,
+    success_curves,
+    training_figures,
+)
+from wordcraft_kg.graphs.folder import Taught
+from wordcraft_kg.graphs.tasks import TaskPart
+from wordcraft_kg.models.policies.sources import ALPHA, source_names
+from wordcraft_kg.reports.agent_pictures import picture_of_lambdas, picture_of_success, pictures_of_figures
+from wordcraft_kg.runs.record import RUN_FILE, Status
 
 
 class Runs(State):
-    """There is one only."""
+    """The list of runs has no choices."""
 
 
-def _view(explored: Explored, _: Runs) -> RunList:
-    return view_runs(dict(followed(explored, name) for name in explored.runs))
+class Run(State):
+    """A run; by default the first one."""
+
+    run: str = ""
 
 
-def _is_live(explored: Explored, _: Runs) -> bool:
+class PartSuccess(Record):
+    """Success on the tasks of a part.
+
+    Attributes:
+        mean: success rate: of the evaluation, or the last point of the learning curve.
+        ci: 95 % interval over tasks; None for a point of the curve.
+    """
+
+    mean: Share
+    ci: tuple[float, float] | None
+
+
+class RunRow(Record):
+    """A run of an agent.
+
+    Attributes:
+        status: its status; None if it has not begun or cannot be read.
+        problem: why it cannot be read.
+        policy: kind of its policy.
+        scorer: name of its scorer's folder; empty without one.
+        kg: the scorer's training data.
+        use: the scores that it mixes in.
+        steps: environment steps in its last line.
+        planned: steps of the whole training.
+        success: by part.
+        lambdas: last mixing weights of the first and the second pick, by source.
+    """
+
+    name: str
+    status: Status | None
+    problem: str = ""
+    policy: str = ""
+    scorer: str = ""
+    kg: Taught | None = None
+    use: tuple[str, ...] = ()
+    steps: Count = 0
+    planned: Count = 0
+    success: dict[TaskPart, PartSuccess] = msgspec.field(default_factory=dict)
+    lambdas: dict[str, tuple[float | None, float | None]] = msgspec.field(default_factory=dict)
+
+    @property
+    def is_live(self) -> bool:
+        """Whether it trains at this moment according to its record, or is about to begin."""
+        return self.status == "running" or (self.status is None and not self.problem)
+
+
+class RunList(Record):
+    """All runs.
+
+    Attributes:
+        parts: parts on which any of them has results.
+        sources: names of all mixing weights that any of them has.
+    """
+
+    runs: tuple[RunRow, ...]
+    parts: tuple[TaskPart, ...]
+    sources: tuple[str, ...]
+
+    @property
+    def is_live(self) -> bool:
+        """Whether any of them trains at this moment."""
+        return any(run.is_live for run in self.runs)
+
+
+class RunView(Record):
+    """A run.
+
+    Attributes:
+        row: its row in the list of runs.
+        checkpoint: its last weights; empty if there are none yet.
+        waits_for: condition before it can be asked or has all figures; empty if it is complete.
+        depth: depth of its tasks.
+        distractors: distractors on its tables.
+        seconds: duration so far; None before the first line.
+        steps_per_second: speed between the last two lines, or of the whole training once it is done; None if unknown.
+        outcomes: share of each ending, by part; empty before the evaluation.
+        settings: settings that differ from the defaults.
+        curves: success during training, by part.
+        lambdas: mixing weights during training.
+        training: figures of the training.
+        provenance: facts of its origin.
+    """
+
+    row: RunRow
+    checkpoint: str = ""
+    waits_for: str = ""
+    depth: Count = 0
+    distractors: Count = 0
+    seconds: float | None = None
+    steps_per_second: float | None = None
+    outcomes: dict[TaskPart, dict[Ending, Share]] = msgspec.field(default_factory=dict)
+    settings: dict[str, str] = msgspec.field(default_factory=dict)
+    curves: dict[str, tuple[CurvePoint, ...]] = msgspec.field(default_factory=dict)
+    lambdas: tuple[LambdaCurve, ...] = ()
+    training: dict[Figure, tuple[SeedCurve, ...]] = msgspec.field(default_factory=dict)
+    provenance: dict[str, str] = msgspec.field(default_factory=dict)
+
+
+def view_runs(explored: Explored, _: Runs) -> RunList:
+    """List all runs; one that cannot be read is listed with the reason."""
+    rows = [_row(*followed(explored, name)) for name in explored.runs]
+    return RunList(
+        runs=tuple(rows),
+        parts=tuple(part for part in JUDGED if any(part in row.success for row in rows)),
+        sources=tuple(name for name in (ALPHA.name, *source_names()) if any(name in row.lambdas for row in rows)),
+    )
+
+
+def view_run(explored: Explored, state: Run) -> RunView:
+    """Show a run, finished or not; one that cannot be read has a problem instead of figures."""
+    name, run = followed(explored, state.run)
+    row = _row(name, run)
+    if row.status is None:
+        waits = "It has not begun yet: its folder has no record." if row.is_live else ""
+        return RunView(row, waits_for=waits)
+    found = run.records()
+    figures = found.metrics[-1].figures if found.metrics else {}
+    summary = found.evaluation
+    return RunView(
+        row=row,
+        checkpoint=found.checkpoint,
+        waits_for=_waits_for(found),
+        depth=found.config.tasks.depth,
+        distractors=found.config.tasks.distractors,
+        seconds=summary.seconds if summary else found.metrics[-1].seconds if found.metrics else None,
+        steps_per_second=summary.steps_per_second if summary else figures.get("steps_per_second"),
+        outcomes=summary.outcomes if summary else {},
+        settings={setting: _shown(setting, value) for setting, value in found.config.differing().items()},
+        curves=success_curves([found]),
+        lambdas=tuple(lambda_curves([found])),
+        training=training_figures([found]),
+        provenance=found.provenance,
+    )
+
+
+def _shown(setting: str, value: Any) -> str:
+    """Return a setting's value as text; of a folder its name alone, to keep its place private."""
+    return Path(value).name if setting in ("graph", "scorer") else str(value)
+
+
+def _row(name: str, run: FollowedRun) -> RunRow:
+    try:
+        found = run.records()
+    except ArtefactError as error:
+        # Before its record is written, a folder is that of a training which is about to begin.
+        has_begun = (run.folder / RUN_FILE).exists() or not run.folder.is_dir()
+        return RunRow(name, None, str(error) if has_begun else "")
+    config = found.config
+    return RunRow(
+        name=name,
+        status=found.run.status,
+        policy=config.policy.policy,
+        scorer=Path(config.scorer).name if config.scorer else "",
+        kg=found.run.kg,
+        use=config.policy.sources if config.scorer else (),
+        steps=found.metrics[-1].step if found.metrics else 0,
+        planned=config.trainer.updates * config.trainer.steps_per_update,
+        success=_success(found),
+        lambdas=_lambdas(found),
+    )
+
+
+def _success(found: AgentRun) -> dict[TaskPart, PartSuccess]:
+    if found.evaluation is not None:
+        return {
+            part: PartSuccess(success.mean, (success.ci_low, success.ci_high))
+            for part, success in found.evaluation.success.items()
+        }
+    last = {}
+    for part in JUDGED:
+        points = [row.figures[f"{part}_success"] for row in found.metrics if f"{part}_success" in row.figures]
+        if points:
+            last[part] = PartSuccess(points[-1], None)
+    return last
+
+
+def _lambdas(found: AgentRun) -> dict[str, tuple[float | None, float | None]]:
+    figures: dict[str, float] = {}
+    for row in found.metrics:
+        figures |= row.figures
+    weights = {
+        name: (figures.get(f"lambda_{name}_first"), figures.get(f"lambda_{name}_second"))
+        for name in (ALPHA.name, *source_names())
+    }
+    return {name: pair for name, pair in weights.items() if pair != (None, None)}
+
+
+def _waits_for(found: AgentRun) -> str:
+    """Return the condition before a run can be asked or has all figures."""
+    status, every = found.run.status, f"{found.config.trainer.checkpoint_every:,}"
+    if status == "done":
+        return ""
+    if not found.checkpoint:
+        if status == "running":
+            return (
+                f"It can be asked as soon as it has a checkpoint: it writes one when it begins and every {every} steps."
+            )
+        return "It ended without a checkpoint, so it cannot be asked. Train it again."
+    if status == "running":
+        return f"It answers with the weights of {found.checkpoint}, renewed every {every} steps."
+    return (
+        f"It answers with the weights of {found.checkpoint}. Resume it for the evaluation: wordcraft-kg resume FOLDER"
+    )
+
+
+def _any_is_live(explored: Explored, _: Runs) -> bool:
     return not all(is_done(followed(explored, name)[1]) for name in explored.runs)
 
 
-PAGE = Page("runs", Runs, _view, title="Runs", is_there=has_runs, is_live=_is_live)
+def _draw(view: RunView, *_: object) -> dict[str, object]:
+    name = view.row.name
+    # Success on test tasks has a picture of its own.
+    figures = dict(view.training)
+    figures.pop("test_success", None)
+    return {
+        "success": picture_of_success({name: view.curves}) if view.curves else "",
+        "lambdas": picture_of_lambdas(name, view.lambdas) if view.lambdas else "",
+        "training": pictures_of_figures({name: figures}),
+    }
+
+
+def _is_live(explored: Explored, state: Run) -> bool:
+    return not is_done(followed(explored, state.run)[1])
+
+
+def _exported(explored: Explored) -> Iterator[Run]:
+    return (Run(name) for name in explored.runs)
+
+
+PAGE = Page("runs", Runs, view_runs, title="Runs", is_there=has_runs, is_live=_any_is_live)
+RUN = Page("run", Run, view_run, subject="run", draw=_draw, exported=_exported, is_there=has_runs, is_live=_is_live)

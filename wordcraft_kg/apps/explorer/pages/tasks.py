@@ -1,10 +1,17 @@
-"""All tasks of a depth and part, page by page, and how often an agent solved each."""
+"""All tasks of a depth and part, page by page, with the results of an agent."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
 
 from wordcraft_kg.agents.following import FollowedRun
+from wordcraft_kg.agents.records import PlayedTask
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.page import Page, State
+from wordcraft_kg.apps.explorer.paging import Paging, paging
 from wordcraft_kg.apps.explorer.played import (
     AskedDepth,
     AskedPart,
@@ -15,10 +22,15 @@ from wordcraft_kg.apps.explorer.played import (
     tasks_of,
     usual_part,
 )
-from wordcraft_kg.apps.explorer.views.task_table import TaskResults, TaskTable, Won, view_task_table
-from wordcraft_kg.base.errors import ArtefactError
-from wordcraft_kg.base.records import Record
+from wordcraft_kg.base.errors import ArtefactError, UnknownEntityError
+from wordcraft_kg.base.records import Count, Record
+from wordcraft_kg.graphs.arrays import Ids
+from wordcraft_kg.graphs.recipes import Recipe
 from wordcraft_kg.graphs.tasks import TaskPart, TaskSet
+
+TASKS_A_PAGE = 50
+Won = Literal["any", "always", "sometimes", "never"]
+"""Share of the draws of distractors with which a task was solved."""
 
 
 class Tasks(State):
@@ -26,10 +38,10 @@ class Tasks(State):
 
     Attributes:
         part: part of the tasks.
-        depth: fewest attempts that solve them; 0 for those on which the agent was trained.
+        depth: fewest attempts that solve them; 0 for the agent's training depth.
         goal: only tasks with this goal.
         run: the agent; by default the first one.
-        success: with how many of the draws of distractors the agent solved them.
+        success: only tasks that the agent solved so often.
         page: number of the page.
     """
 
@@ -41,14 +53,56 @@ class Tasks(State):
     page: int = 1
 
 
+class ListedTask(Record):
+    """A task, its plans, and an agent's results.
+
+    Attributes:
+        number: its number among the tasks of its depth and part.
+        won: draws of distractors with which the agent made the goal; None if it has not played the task.
+        draws: draws that it played; None if it has not.
+    """
+
+    number: Count
+    goal: str
+    start: tuple[str, ...]
+    plans: tuple[tuple[Recipe, ...], ...]
+    won: Count | None
+    draws: Count | None
+
+
+class TaskTable(Record):
+    """Some tasks of a depth and part.
+
+    Attributes:
+        tasks: number of all tasks.
+        is_complete: whether these are all that there are; otherwise they are a random sample.
+        mixed: number of tasks that belong to no part.
+        goal: the goal of the listed tasks; empty for any.
+        won: the results of the listed tasks.
+        counts: number of the goal's tasks by result; empty if the agent has played none.
+        paging: the rows that are shown.
+    """
+
+    part: TaskPart
+    depth: int
+    tasks: Count
+    is_complete: bool
+    mixed: Count
+    goal: str
+    won: Won
+    counts: dict[Won, Count]
+    paging: Paging
+    rows: tuple[ListedTask, ...]
+
+
 class ShownTasks(Record):
-    """Tasks, with an agent's results beside them.
+    """Tasks beside an agent's results.
 
     Attributes:
         run: name of the agent; empty without one.
         runs: names of all agents.
-        missing: why there are no results of it; empty if there are, or without an agent.
-        usual: the part that is shown unless another one is asked for.
+        missing: why there are no results of the agent; empty if there are, or without an agent.
+        usual: the default part.
         table: the tasks.
     """
 
@@ -59,18 +113,108 @@ class ShownTasks(Record):
     table: TaskTable
 
 
+@dataclass(frozen=True)
+class TaskResults:
+    """An agent's results on each of N tasks.
+
+    Attributes:
+        won: shape (N,), int64: draws with which it made the goal.
+        draws: shape (N,), int64: draws that it played; 0 for a task that it has not played.
+    """
+
+    won: Ids
+    draws: Ids
+
+    @classmethod
+    def of(cls, tasks: TaskSet, episodes: Iterable[PlayedTask]) -> "TaskResults":
+        """Find the tasks of an evaluation among those of a set.
+
+        Raises:
+            ArtefactError: if one has an entity that is not in the graph.
+        """
+        nothing, width = tasks.graph.num_entities, tasks.starts.shape[1]
+        keys = np.column_stack([tasks.goals, tasks.starts])
+        number = {key.tobytes(): place for place, key in enumerate(keys)}
+        results = cls(np.zeros(len(tasks), dtype=np.int64), np.zeros(len(tasks), dtype=np.int64))
+        for played in episodes:
+            if played.part != tasks.part or len(played.start) > width:
+                continue
+            try:
+                goal, *start = (tasks.graph.id_of(label) for label in (played.goal, *played.start))
+            except UnknownEntityError as error:
+                raise ArtefactError(f"the run's episodes are of another graph: {error}") from None
+            padding = [nothing] * (width - len(start))
+            place = number.get(np.array([goal, *sorted(start), *padding], dtype=np.int64).tobytes())
+            if place is not None:
+                results.won[place], results.draws[place] = played.endings.count("goal"), len(played.endings)
+        return results
+
+    def where(self, won: Won) -> NDArray[np.bool_]:
+        """Return the tasks that were solved so often, shape (N,), bool; all for ``any``."""
+        is_played, is_always, is_never = self.draws > 0, self.won == self.draws, self.won == 0
+        return {
+            "any": np.ones_like(is_played),
+            "always": is_played & is_always,
+            "sometimes": is_played & ~is_always & ~is_never,
+            "never": is_played & is_never,
+        }[won]
+
+
+def view_task_table(
+    tasks: TaskSet, results: TaskResults | None = None, *, goal: str = "", won: Won = "any", page: int = 1
+) -> TaskTable:
+    """List tasks page by page.
+
+    Args:
+        tasks: all tasks of a depth and part.
+        results: an agent's results on them.
+        goal: only tasks with this goal; empty for any.
+        won: only tasks that the agent solved so often.
+        page: number of the page.
+
+    Raises:
+        UnknownEntityError: if there is no such goal.
+        ConfigError: if there is no such page.
+    """
+    results = results or TaskResults(*np.zeros((2, len(tasks)), dtype=np.int64))
+    is_asked = np.ones(len(tasks), dtype=bool) if not goal else tasks.goals == tasks.graph.id_of(goal)
+    kinds: tuple[Won, ...] = ("always", "sometimes", "never") if results.draws[is_asked].any() else ()
+    chosen = np.flatnonzero(is_asked & results.where(won))
+    found = paging(len(chosen), page, TASKS_A_PAGE)
+    return TaskTable(
+        part=tasks.part,
+        depth=tasks.depth,
+        tasks=len(tasks),
+        is_complete=tasks.is_complete,
+        mixed=tasks.mixed,
+        goal=goal,
+        won=won,
+        counts={kind: int((is_asked & results.where(kind)).sum()) for kind in kinds},
+        paging=found,
+        rows=tuple(_listed(tasks, results, number) for number in chosen[found.rows].tolist()),
+    )
+
+
+def _listed(tasks: TaskSet, results: TaskResults, number: int) -> ListedTask:
+    task, draws = tasks[number], int(results.draws[number])
+    won = (int(results.won[number]), draws) if draws else (None, None)
+    return ListedTask(number, task.goal, task.start, task.plans, *won)
+
+
 def list_tasks(explored: Explored, state: Tasks) -> ShownTasks:
     """Return the view of some tasks."""
     name, run = followed(explored, state.run) if explored.runs or state.run else ("", None)
     tasks = plain_world(explored, settings_of(explored, tasks_of(run), state.part, state.depth)).tasks
-    missing = "" if run is None else _missing(name, run, tasks)
-    results = None if run is None or missing else _results(explored, name, run, tasks)
+    missing, results = "", None
+    if run is not None and not (missing := _missing(name, run, tasks)):
+        key = "results", name, run.records().run.ended, tasks.hash
+        results = explored.once(key, lambda: TaskResults.of(tasks, run.episodes().values()))
     table = view_task_table(tasks, results, goal=state.goal, won=state.success, page=state.page)
     return ShownTasks(name, tuple(explored.runs), missing, usual_part(explored), table)
 
 
 def _missing(name: str, run: FollowedRun, tasks: TaskSet) -> str:
-    """Say why there are no results of an agent on some tasks; an empty text if there are."""
+    """Return why there are no results of an agent on some tasks; an empty text if there are."""
     try:
         found = run.records()
         if found.evaluation is None:
@@ -85,17 +229,12 @@ def _missing(name: str, run: FollowedRun, tasks: TaskSet) -> str:
     return ""
 
 
-def _results(explored: Explored, name: str, run: FollowedRun, tasks: TaskSet) -> TaskResults:
-    key = "results", name, run.records().run.ended, tasks.hash
-    return explored.once(key, lambda: TaskResults.of(tasks, run.episodes().values()))
-
-
 def _is_live(explored: Explored, state: Tasks) -> bool:
     return bool(explored.runs) and not is_done(followed(explored, state.run)[1])
 
 
 def _exported(explored: Explored) -> Iterator[Tasks]:
-    """Yield the first page of each agent: a site of files would hold too many others."""
+    """Yield the first page of each agent: all pages would be too many files."""
     yield Tasks()
     yield from (Tasks(run=name) for name in explored.runs)
 

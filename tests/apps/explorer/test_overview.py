@@ -3,13 +3,10 @@
 from pathlib import Path
 
 import pytest
-from starlette.testclient import TestClient
 
+from tests.apps.explorer.shown import client_of, explored_graph
 from wordcraft_kg.apps.explorer.explored import Explored
-from wordcraft_kg.apps.explorer.server import make_app
-from wordcraft_kg.apps.explorer.views.overview import view_overview
-from wordcraft_kg.graphs.folder import OpenedGraph, default_split
-from wordcraft_kg.graphs.recipe_graph import RecipeGraph
+from wordcraft_kg.apps.explorer.pages import HOME
 from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
 from wordcraft_kg.models.links.training import train_links
 
@@ -25,8 +22,7 @@ from wordcraft_kg.models.links.training import train_links
 def test_what_needs_no_craft_or_cannot_be_made_is_not_far_from_the_base(
     rows: list[tuple[str, str, str]], furthest: tuple[str, ...], most_used: tuple[str, ...]
 ):
-    graph = RecipeGraph.from_recipes(rows)
-    found = view_overview(OpenedGraph(graph, default_split(graph), "small"), {}, {})
+    found = HOME.view(explored_graph(rows), HOME.state())
     assert (found.furthest, found.most_used) == (furthest, most_used)
 
 
@@ -37,7 +33,7 @@ def test_what_needs_no_craft_or_cannot_be_made_is_not_far_from_the_base(
 def test_a_model_that_was_taught_a_dose_says_of_what(settings: dict[str, float], said: str, tmp_path: Path):
     config = LinksConfig("kitchen", ComplExConfig(dim=2, epochs=1, folds=0, **settings))  # type: ignore[arg-type]
     explored = Explored.open("kitchen", [train_links(config, tmp_path / "model").folder])
-    (line,) = view_overview(explored.opened, {name: one.model for name, one in explored.models.items()}, {}).models
+    (line,) = HOME.view(explored, HOME.state()).models
     assert line.dose == said
-    page = TestClient(make_app(explored), base_url="http://localhost").get("/home").text
+    page = client_of(explored).get("/home").text
     assert f">{said or 'train recipes'}<" in page

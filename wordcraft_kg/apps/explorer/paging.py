@@ -5,14 +5,14 @@ from wordcraft_kg.base.records import Count, Record
 
 
 class Paging(Record):
-    """Which of many rows are shown.
+    """The rows of a page.
 
     Attributes:
-        first: number of the first one, from 1; 0 if there are none.
-        last: number of the last one.
-        total: how many there are.
+        first: number of the first row, from 1; 0 if there are none.
+        last: number of the last row.
+        total: number of all rows.
         page: number of the page, from 1.
-        pages: how many pages there are, 1 at the least.
+        pages: number of pages, at least 1.
     """
 
     first: Count
@@ -23,12 +23,12 @@ class Paging(Record):
 
     @property
     def rows(self) -> slice:
-        """The rows that are shown, among all."""
+        """The rows of the page, among all."""
         return slice(max(self.first - 1, 0), self.last)
 
 
 def paging(total: int, page: int, size: int) -> Paging:
-    """Return which rows a page of ``size`` rows shows.
+    """Return the rows of a page with ``size`` rows.
 
     Raises:
         ConfigError: if there is no such page.

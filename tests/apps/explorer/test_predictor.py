@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from wordcraft_kg.apps.explorer.views.predictor import NEW, LinkPredictor, recipes_giving, status_of
+from wordcraft_kg.apps.explorer.predictor import NEW, LinkPredictor, recipes_giving, status_of
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS, is_in
 from wordcraft_kg.models.folder import open_model
@@ -142,7 +142,7 @@ def test_what_a_dose_left_out_is_true_but_not_learned(parted_kitchen: OpenedGrap
     from wordcraft_kg.models.links.training import train_links
 
     config = LinksConfig(parted_kitchen.source, ComplExConfig(dim=2, epochs=1, folds=0, share=0.5))
-    predictor = LinkPredictor.of("half", open_model(train_links(config, tmp_path / "half").folder))
+    predictor = LinkPredictor("half", tmp_path, open_model(train_links(config, tmp_path / "half").folder))
     statuses = set()
     for entity, relation, side in SLOTS:
         slot = predictor.slot(entity, relation, side)
@@ -157,7 +157,7 @@ def test_what_was_taught_wrong_is_learned_and_has_no_probability(parted_kitchen:
     from wordcraft_kg.models.links.training import train_links
 
     config = LinksConfig(parted_kitchen.source, ComplExConfig(dim=2, epochs=1, folds=2, noise=0.5))
-    predictor = LinkPredictor.of("wrong", open_model(train_links(config, tmp_path / "wrong").folder))
+    predictor = LinkPredictor("wrong", tmp_path, open_model(train_links(config, tmp_path / "wrong").folder))
     dose = predictor.model.dose
     a, _, result = dose.among(dose.is_wrong)[0].tolist()
     found = predictor.best(predictor.slot(a, COMPONENT_OF, "tail"), with_learned=True, top=80, witnesses=0)
@@ -178,10 +178,12 @@ def test_the_recipes_of_a_link_are_those_that_give_its_triple(neighbours: LinkPr
         assert recipes_giving(graph, head, relation, tail).tolist() == expected
 
 
-def test_hostile_labels_are_predicted_as_they_are(hostile: LinkPredictor):
-    for label in hostile.graph.entities:
-        found = hostile.best(hostile.slot(hostile.graph.id_of(label), COMBINES_WITH, "tail"), with_learned=True)
-        assert {row.entity for row in found.best} <= set(hostile.graph.entities)
+def test_hostile_labels_are_predicted_as_they_are(hostile_predictor: LinkPredictor):
+    for label in hostile_predictor.graph.entities:
+        found = hostile_predictor.best(
+            hostile_predictor.slot(hostile_predictor.graph.id_of(label), COMBINES_WITH, "tail"), with_learned=True
+        )
+        assert {row.entity for row in found.best} <= set(hostile_predictor.graph.entities)
         assert found.head == label
 
 

@@ -1,7 +1,9 @@
-"""A model with all that its pages ask of it: what it has learned, what is true, and why it scores a link as it does."""
+"""Model queries for the pages: training status, filtered ranks and explanations of predicted links."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -12,31 +14,44 @@ from wordcraft_kg.base.records import Count, Record, Share
 from wordcraft_kg.evaluation.scores import Known, ScoringModel
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.graphs.splits import PARTS, Split
+from wordcraft_kg.graphs.splits import PARTS, Part, Split
 from wordcraft_kg.graphs.triples import COMBINES_WITH, RELATIONS, Relation, is_in
 from wordcraft_kg.models.model import Model
-from wordcraft_kg.models.scorers.cross_fitting import whole_of
 from wordcraft_kg.models.scorers.link_evidence import LinkEvidence, LinkReason
 from wordcraft_kg.models.scorers.recipes import RecipeScores
 from wordcraft_kg.models.scorers.roles import Side
 
 NEW = len(PARTS)
 """Part of a triple that no recipe of the book gives."""
+KNOWN: tuple[Known, ...] = ("train", "valid", "test", "new")
+"""Names of the parts by their numbers."""
 Status = Literal["learned", "held out", "not learned", "not in the book", "itself"]
-"""Whether a model was trained on a link; else whether it is true: held out of training, or in the train part but not in
-the model's dose; or not in the book, or of an entity with itself and not in the book."""
+"""``learned`` is in the model's training data; other links are ``held out``, ``not learned`` (left out by the dose),
+``not in the book``, or ``itself`` (not in the book, head and tail are equal)."""
+
+
+class PlacedRecipe(Record):
+    """A recipe with its part."""
+
+    ingredient_a: str
+    ingredient_b: str
+    result: str
+    part: Part
+
+    def partner(self, entity: str) -> str:
+        """Return the other ingredient than an entity; it may be the same one."""
+        return self.ingredient_b if self.ingredient_a == entity else self.ingredient_a
 
 
 class PredictedEntity(Record):
     """An entity in an open slot.
 
     Attributes:
-        place: in the list of all entities by score, in which links that the model was trained on count only if they are
-            listed; 0 for a link that does not count.
-        rank: filtered rank with realistic ties: other true ones do not compete.
+        place: place by score among the listed kinds of links; 0 for a link of a kind that is not listed.
+        rank: filtered rank with realistic ties: other true entities do not compete.
         known: the part whose recipes give the link.
-        probability: of a link that training does not contain; None for others, and without a calibration.
-        reason: what speaks for it.
+        probability: of a link outside the training data; None for others, and without a calibration.
+        reason: the evidence for it.
     """
 
     place: Count
@@ -50,16 +65,16 @@ class PredictedEntity(Record):
 
 
 class PredictedSlot(Record):
-    """The best entities in an open slot, and beside them what is true.
+    """The best entities in an open slot, beside the true ones.
 
     Attributes:
         head: the head; None if it is asked for.
         tail: the tail; None if it is asked for.
-        with_learned: whether links are listed that the model was trained on.
+        with_learned: whether links of the training data are listed.
         best: the best entities, best first.
-        truth: entities that make the link true, although the model was not trained on it, best rank first.
-        true_unlearned: how many of these there are; ``truth`` may be some of them.
-        true_learned: how many links of the slot it was trained on.
+        truth: some entities that make the link true without being learned, best rank first.
+        true_unlearned: number of all such entities.
+        true_learned: number of true links of the slot in the training data.
     """
 
     head: str | None
@@ -73,27 +88,14 @@ class PredictedSlot(Record):
 
 
 class FilteredRank(Record):
-    """The rank of a link among those with another entity in one slot; other true ones do not compete.
-
-    Attributes:
-        rank: realistic: ties count half.
-        candidates: how many compete, this one included.
-    """
+    """The realistic rank of a link among those with another entity in one slot, and the number of competing links."""
 
     rank: float
     candidates: Count
 
 
 class JudgedLink(Record):
-    """What a model says of a link.
-
-    Attributes:
-        score: higher is more plausible, on a scale of the model's own.
-        status: whether it is learned, or else true.
-        known: the part whose recipes give it.
-        probability: of a link that training does not contain; None for others, and without a calibration.
-        rank: its rank in the slot that was asked about.
-    """
+    """A model's judgement of a link; see :class:`PredictedEntity`. The score is on a scale of the model's own."""
 
     score: float
     status: Status
@@ -107,12 +109,12 @@ class Slot:
     """The scores of all entities in an open slot.
 
     Attributes:
-        entity: id of the entity that is given.
+        entity: id of the given entity.
         relation: id.
-        side: the side that is open.
+        side: the open side.
         scores: shape (E,).
         part: shape (E,): number of the part that gives the link, :data:`NEW` for none.
-        learned: shape (E,): whether the model was trained on the link.
+        learned: shape (E,): whether the link is in the training data.
     """
 
     entity: int
@@ -128,7 +130,7 @@ class Slot:
         return np.column_stack([entities, relation, given] if self.side == "head" else [given, relation, entities])
 
     def ranks(self, entities: Ids) -> NDArray[np.float64]:
-        """Return filtered ranks of some entities with realistic ties, shape (n,): as ``rank_triples`` ranks them."""
+        """Return filtered, realistic ranks of some entities, shape (n,), as ``rank_triples`` computes them."""
         others = np.sort(self.scores[self.part == NEW])
         of = self.scores[entities]
         above = len(others) - np.searchsorted(others, of, "right")
@@ -147,31 +149,28 @@ class LinkPredictor:
     """A model of a graph, opened for questions about links.
 
     Attributes:
-        name: what pages call it.
+        name: its name on pages.
+        folder: its folder.
         model: the opened folder.
-        scoring: its scorer with what the recipes know.
-        evidence: which links of training speak for a link.
     """
 
     name: str
+    folder: Path
     model: Model
-    scoring: ScoringModel
-    evidence: LinkEvidence
 
-    @classmethod
-    def of(cls, name: str, model: Model, scoring: ScoringModel | None = None) -> "LinkPredictor":
-        """Prepare a model for questions; ``scoring`` is made if it is not given.
+    @cached_property
+    def scoring(self) -> ScoringModel:
+        """Its scorer with the knowledge of the recipes."""
+        return ScoringModel(self.model.scorer, self.split, self.model.kg)
+
+    @cached_property
+    def evidence(self) -> LinkEvidence:
+        """The links of training that speak for a link.
 
         Raises:
             ConfigError: if it has too many entities for the scores of all pairs, and no factors of these.
         """
-        scoring = scoring or ScoringModel(model.scorer, model.opened.split, model.kg)
-        return cls(name, model, scoring, LinkEvidence(whole_of(model.scorer), model.dose.recipes))
-
-    @property
-    def graph(self) -> RecipeGraph:
-        """The graph that it was trained on."""
-        return self.model.opened.graph
+        return LinkEvidence(self.model.scorer.whole, self.model.dose.recipes)
 
     @property
     def split(self) -> Split:
@@ -179,9 +178,14 @@ class LinkPredictor:
         return self.model.opened.split
 
     @property
+    def graph(self) -> RecipeGraph:
+        """The graph that it was trained on."""
+        return self.model.opened.graph
+
+    @property
     def scores_recipes(self) -> bool:
         """Whether it scores recipes, and not links only."""
-        return isinstance(whole_of(self.model.scorer), RecipeScores)
+        return isinstance(self.model.scorer.whole, RecipeScores)
 
     @property
     def has_seen_the_test_recipes(self) -> bool:
@@ -189,11 +193,11 @@ class LinkPredictor:
         return self.model.kg == "full"
 
     def learned(self, triples: Ids) -> NDArray[np.bool_]:
-        """Return which triples it was trained on, shape (T, 3) -> (T,)."""
+        """Return which triples are in its training data, shape (T, 3) -> (T,)."""
         return is_in(triples, self.model.triples, self.graph.num_entities)
 
     def slot(self, entity: int, relation: int, side: Side) -> Slot:
-        """Return the scores of all entities in an open slot, with what is true and what was learned."""
+        """Return the scores of all entities in an open slot, with their parts and training status."""
         size = self.graph.num_entities
         # In two dimensions, as for rankings, where factors and embeddings take one matrix product.
         everything, given = torch.arange(size)[None], torch.tensor([[entity]])
@@ -201,34 +205,27 @@ class LinkPredictor:
         with torch.no_grad():
             scores = self.model.scorer.score(*ids)[0].cpu().numpy().astype(np.float64)
         part = np.full(size, NEW)
-        entities, parts = true_answers(self.split, entity, relation, side)
+        entities, parts = _true_answers(self.split, entity, relation, side)
         np.minimum.at(part, entities, parts)
         learned = np.zeros(size, dtype=bool)
         learned[self.evidence.ends(entity, relation, side)] = True
         return Slot(entity, relation, side, scores, part, learned)
 
     def judged(self, slot: Slot, entity: int) -> JudgedLink:
-        """Return what it says of the link with an entity in an open slot."""
-        known, learned = part_name(int(slot.part[entity])), bool(slot.learned[entity])
-        chance = self.scoring.probabilities(slot.triples(np.array([entity])), [known])[0]
-        return JudgedLink(
-            score=float(slot.scores[entity]),
-            status=status_of(known, learned, is_itself=entity == slot.entity),
-            known=known,
-            probability=None if learned else chance,
-            rank=slot.rank(entity),
-        )
+        """Judge the link with an entity in an open slot."""
+        (found,) = self._predicted(slot, np.array([entity]), np.zeros(len(slot.scores), dtype=np.int64), 0)
+        return JudgedLink(found.score, found.status, found.known, found.probability, slot.rank(entity))
 
     def best(
         self, slot: Slot, *, with_learned: bool = False, top: int = 10, witnesses: int = 1, truth: int = 5
     ) -> PredictedSlot:
-        """List the best entities in an open slot, and the best ranked of those that are true.
+        """List the best entities in an open slot, and the best ranked of the true ones.
 
         Args:
             slot: the slot.
-            with_learned: list links that the model was trained on, too.
+            with_learned: list links of the training data, too.
             top: the most entities to list.
-            witnesses: the most links to name that speak for one; 0 gives no reasons.
+            witnesses: the most links to name as evidence for each; 0 gives no reasons.
             truth: the most true entities to list.
         """
         order = np.argsort(-slot.scores, kind="stable")
@@ -251,7 +248,7 @@ class LinkPredictor:
 
     def _predicted(self, slot: Slot, entities: Ids, places: Ids, witnesses: int) -> Iterator[PredictedEntity]:
         triples, ranks = slot.triples(entities), slot.ranks(entities)
-        known = [part_name(part) for part in slot.part[entities].tolist()]
+        known = [KNOWN[part] for part in slot.part[entities].tolist()]
         chances = self.scoring.probabilities(triples, known)
         for row, (entity, rank, part, chance) in enumerate(zip(entities.tolist(), ranks, known, chances, strict=True)):
             learned = bool(slot.learned[entity])
@@ -268,11 +265,8 @@ class LinkPredictor:
             )
 
 
-def true_answers(split: Split, entity: int, relation: int, side: Side) -> tuple[Ids, Ids]:
-    """Return the entities that make a link of an open slot true, and the number of the part of each recipe that does.
-
-    An entity of several recipes comes several times.
-    """
+def _true_answers(split: Split, entity: int, relation: int, side: Side) -> tuple[Ids, Ids]:
+    """Return the entities that make a link of an open slot true, with the part of each recipe; some repeatedly."""
     graph = split.graph
     rows = graph.recipes_of(entity) if relation != COMBINES_WITH and side == "head" else graph.uses_of(entity)
     a, b, result = graph.recipes[rows].T
@@ -293,14 +287,15 @@ def recipes_giving(graph: RecipeGraph, head: int, relation: int, tail: int) -> I
     return rows[(pairs == sorted((head, tail))).all(axis=1)]
 
 
-def part_name(part: int) -> Known:
-    """Return the name of a part by its number."""
-    names: tuple[Known, ...] = ("train", "valid", "test", "new")
-    return names[part]
+def placed_recipes(split: Split, rows: Ids) -> tuple[PlacedRecipe, ...]:
+    """Return recipes of a split by their rows, with their parts."""
+    recipes = split.graph.recipe_labels(split.graph.recipes[rows])
+    parts = (PARTS[part] for part in split.parts[rows].tolist())
+    return tuple(PlacedRecipe(*recipe, part) for recipe, part in zip(recipes, parts, strict=True))  # type: ignore[arg-type]
 
 
 def status_of(known: Known, learned: bool, *, is_itself: bool = False) -> Status:
-    """Return what is known of a link; ``is_itself`` says that both entities are the same."""
+    """Return the status of a link; ``is_itself`` tells that both entities are the same."""
     if learned:
         return "learned"
     if known == "new":

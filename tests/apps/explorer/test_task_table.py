@@ -8,7 +8,7 @@ import pytest
 from wordcraft_kg.agents.evaluation import Evaluator
 from wordcraft_kg.agents.players import random_entity
 from wordcraft_kg.agents.records import PlayedTask, read_episodes
-from wordcraft_kg.apps.explorer.views.task_table import TASKS_A_PAGE, ListedTask, TaskResults, view_task_table
+from wordcraft_kg.apps.explorer.pages.tasks import TASKS_A_PAGE, ListedTask, TaskResults, view_task_table
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, UnknownEntityError
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World

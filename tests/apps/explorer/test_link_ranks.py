@@ -6,17 +6,10 @@ from itertools import pairwise, product
 import numpy as np
 import pytest
 
-from wordcraft_kg.apps.explorer.views import link_ranks
-from wordcraft_kg.apps.explorer.views.link_ranks import (
-    ComparedQuery,
-    RankedTriples,
-    RankFilter,
-    check_comparable,
-    rank_graph,
-    view_compared_ranks,
-    view_link_ranks,
-)
-from wordcraft_kg.apps.explorer.views.predictor import LinkPredictor
+from wordcraft_kg.apps.explorer.pages import predictions
+from wordcraft_kg.apps.explorer.pages.compare import ComparedQuery, check_comparable, view_compared_ranks
+from wordcraft_kg.apps.explorer.pages.predictions import RankedTriples, RankFilter, rank_graph, view_link_ranks
+from wordcraft_kg.apps.explorer.predictor import LinkPredictor
 from wordcraft_kg.base.errors import ConfigError, GraphMismatchError, UnknownEntityError
 from wordcraft_kg.base.records import checked_values
 from wordcraft_kg.evaluation.link_comparison import Contender, compare
@@ -24,7 +17,7 @@ from wordcraft_kg.evaluation.links import judge_links, view_links
 from wordcraft_kg.graphs.triples import is_in
 from wordcraft_kg.models.scorers.ranking import MIN_TRIPLES, rank_triples, ranking_metrics
 
-UNSEEN = RankFilter(known="unseen", part="test")
+UNSEEN = RankFilter(part="test")
 
 
 @pytest.fixture(scope="module")
@@ -67,10 +60,10 @@ def test_the_headline_is_that_of_the_report_on_a_sample_too(neighbours: LinkPred
 
 
 def test_of_many_entities_fewer_triples_are_ranked(neighbours: LinkPredictor, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(link_ranks, "SCORES", 50 * neighbours.graph.num_entities)
+    monkeypatch.setattr(predictions, "SCORES", 50 * neighbours.graph.num_entities)
     sample = rank_graph(neighbours).sample
     assert (sample.unseen, sample.others) == (50, 50)
-    monkeypatch.setattr(link_ranks, "SCORES", 0)
+    monkeypatch.setattr(predictions, "SCORES", 0)
     assert rank_graph(neighbours).sample.unseen == MIN_TRIPLES
 
 
@@ -81,7 +74,7 @@ def test_all_triples_are_ranked_on_both_sides_as_reports_rank_them(neighbours: L
         (graph.entities[row.head], row.relation, graph.entities[row.tail], row.side): row
         for row in expected.itertuples()
     }
-    queries = pages(ranked, RankFilter())
+    queries = pages(ranked, RankFilter(known="all"))
     assert len(queries) == 2 * len(graph.triples) == len(labelled)
     for query in queries:
         row = labelled[query.head, ["combinesWith", "componentOf"].index(query.relation), query.tail, query.side]
@@ -125,7 +118,7 @@ _KEPT: dict[int, list] = {}
 
 def _everything(ranked: RankedTriples) -> list:
     if id(ranked) not in _KEPT:
-        _KEPT[id(ranked)] = pages(ranked, RankFilter(), order="label")
+        _KEPT[id(ranked)] = pages(ranked, RankFilter(known="all"), order="label")
     return _KEPT[id(ranked)]
 
 
@@ -154,7 +147,7 @@ def test_an_unknown_entity_and_a_page_that_is_not_there_are_refused(ranked: Rank
 
 def test_a_model_of_the_full_graph_has_learned_every_row(all_seeing: LinkPredictor):
     ranked = rank_graph(all_seeing)
-    found = view_link_ranks(ranked, RankFilter())
+    found = view_link_ranks(ranked, RankFilter(known="all"))
     assert found.has_seen_the_test_recipes
     assert found.learned == found.metrics.queries == 2 * len(all_seeing.graph.triples)
     assert view_link_ranks(ranked, UNSEEN).queries == ()
@@ -162,14 +155,14 @@ def test_a_model_of_the_full_graph_has_learned_every_row(all_seeing: LinkPredict
 
 def test_a_book_without_a_split_has_no_unseen_rows(of_recipes: Callable[..., LinkPredictor]):
     ranked = rank_graph(of_recipes([("a", "b", "c"), ("b", "c", "d"), ("a", "d", "e")], kind="none"))
-    assert view_link_ranks(ranked, RankFilter()).learned == 2 * ranked.sample.others > 0
+    assert view_link_ranks(ranked, RankFilter(known="all")).learned == 2 * ranked.sample.others > 0
     assert view_link_ranks(ranked, UNSEEN).metrics.queries == 0
 
 
-def test_hostile_labels_stay_what_they_are(hostile: LinkPredictor):
-    ranked = rank_graph(hostile)
-    for label in hostile.graph.entities:
-        found = view_link_ranks(ranked, RankFilter(entity=label))
+def test_hostile_labels_stay_what_they_are(hostile_predictor: LinkPredictor):
+    ranked = rank_graph(hostile_predictor)
+    for label in hostile_predictor.graph.entities:
+        found = view_link_ranks(ranked, RankFilter(entity=label, known="all"))
         assert {label} <= {name for query in found.queries for name in (query.head, query.tail)}
         checked_values(found)
 
@@ -222,19 +215,19 @@ def test_queries_that_one_of_both_ranks_better_can_be_chosen(ranked: RankedTripl
 def test_a_model_that_has_seen_the_answers_is_marked_beside_one_that_has_not(
     ranked: RankedTriples, all_seeing: LinkPredictor
 ):
-    found = view_compared_ranks(ranked, rank_graph(all_seeing), RankFilter(part="test"))
+    found = view_compared_ranks(ranked, rank_graph(all_seeing), RankFilter(part="test", known="all"))
     assert found.learned == found.metrics_one.queries
     assert any(query.learned_by_other and not query.learned_by_one for query in found.queries)
     assert view_compared_ranks(ranked, rank_graph(all_seeing), UNSEEN).queries == ()
 
 
 def test_models_of_other_splits_or_graphs_are_not_compared(
-    neighbours: LinkPredictor, rankers: LinkPredictor, hostile: LinkPredictor, ranked: RankedTriples
+    neighbours: LinkPredictor, rankers: LinkPredictor, hostile_predictor: LinkPredictor, ranked: RankedTriples
 ):
     check_comparable(neighbours, neighbours)
     with pytest.raises(GraphMismatchError, match="different splits"):
         check_comparable(neighbours, rankers)
     with pytest.raises(GraphMismatchError, match="different graphs"):
-        check_comparable(neighbours, hostile)
+        check_comparable(neighbours, hostile_predictor)
     with pytest.raises(GraphMismatchError, match="are of other triples"):
-        view_compared_ranks(ranked, rank_graph(rankers), RankFilter())
+        view_compared_ranks(ranked, rank_graph(rankers), RankFilter(known="all"))

@@ -3,8 +3,8 @@ import itertools
 import numpy as np
 import pytest
 
-from wordcraft_kg.apps.explorer.views import maps
-from wordcraft_kg.apps.explorer.views.maps import HEIGHT, WIDTH, EntityMap, map_of, view_map
+from wordcraft_kg.apps.explorer.pages import map as maps
+from wordcraft_kg.apps.explorer.pages.map import HEIGHT, WIDTH, EntityMap, map_of, view_map
 from wordcraft_kg.base.errors import UnknownEntityError
 from wordcraft_kg.base.records import checked_values
 from wordcraft_kg.graphs import RecipeGraph

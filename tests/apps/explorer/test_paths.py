@@ -1,21 +1,16 @@
 import msgspec
 import pytest
 
-from wordcraft_kg.apps.explorer.views import paths
-from wordcraft_kg.apps.explorer.views.paths import PathView, view_path
+from tests.apps.explorer.shown import explored_graph
+from wordcraft_kg.apps.explorer.pages import path as paths
+from wordcraft_kg.apps.explorer.pages.path import Path, PathView, view_path
 from wordcraft_kg.base.errors import ConfigError, UnknownEntityError
 from wordcraft_kg.base.records import checked_values
-from wordcraft_kg.graphs import Planner, RecipeGraph, SplitConfig, make_split
-from wordcraft_kg.graphs.splits import Split
-
-
-def none_held_out(graph: RecipeGraph) -> Split:
-    return make_split(graph, SplitConfig("none"))
+from wordcraft_kg.graphs import Planner, SplitConfig, make_split
 
 
 def path_to(goal: str, *rows: tuple[str, str, str], base: list[str] | None = None, page: int = 1) -> PathView:
-    graph = RecipeGraph.from_recipes(rows, base)
-    return view_path(Planner(graph), none_held_out(graph), goal, page)
+    return view_path(explored_graph(rows, base), Path(goal, page))
 
 
 def chain(length: int) -> list[tuple[str, str, str]]:
@@ -25,12 +20,13 @@ def chain(length: int) -> list[tuple[str, str, str]]:
 
 def test_the_steps_are_those_of_the_cheapest_derivation_with_the_parts_of_their_recipes(kitchen):
     planner, split = Planner(kitchen), make_split(kitchen, SplitConfig())
+    explored = explored_graph(kitchen, split=split)
     part_of = {
         recipe: part for part in ("train", "valid", "test") for recipe in kitchen.recipe_labels(split.recipes(part))
     }
     seen = set()
     for entity in kitchen.entities:
-        view = view_path(planner, split, entity)
+        view = view_path(explored, Path(entity))
         found = planner.derivation(entity)
         assert tuple(step.recipe for step in view.listed) == found.steps
         assert [step.number for step in view.listed] == list(range(1, len(found.steps) + 1))
@@ -44,9 +40,9 @@ def test_the_steps_are_those_of_the_cheapest_derivation_with_the_parts_of_their_
 
 
 def test_each_craft_is_a_layer_after_all_that_it_needs_and_a_layer_before_something_that_needs_it(kitchen):
-    planner, split = Planner(kitchen), none_held_out(kitchen)
+    explored = explored_graph(kitchen)
     for entity in kitchen.entities:
-        view = view_path(planner, split, entity)
+        view = view_path(explored, Path(entity))
         layer = {step.recipe.result: step.layer for step in view.listed}
         needed_in: dict[str, set[int]] = {}
         for step in view.listed:

@@ -1,0 +1,213 @@
+"""Lists of entities and the search for one; an entity's recipes, cost, predictions and similar entities."""
+
+from collections import Counter
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from tests.apps.explorer.shown import explored_by, explored_graph
+from wordcraft_kg.apps.explorer.pages import entities, entity
+from wordcraft_kg.apps.explorer.pages.entities import list_entities, search_entities
+from wordcraft_kg.apps.explorer.pages.entity import (
+    Entity,
+    EntityProfile,
+    Recipes,
+    near_by_words,
+    view_entity,
+    view_recipes,
+)
+from wordcraft_kg.apps.explorer.paging import paging
+from wordcraft_kg.apps.explorer.predictor import LinkPredictor
+from wordcraft_kg.base.errors import ConfigError, UnknownEntityError
+from wordcraft_kg.base.records import checked_values
+from wordcraft_kg.graphs import Planner, RecipeGraph
+from wordcraft_kg.graphs.planner import layers
+from wordcraft_kg.graphs.splits import PARTS
+from wordcraft_kg.models.scorers.features import glove_features
+
+
+def profile(predictor: LinkPredictor, label: str, *, learned: bool = False) -> EntityProfile:
+    return view_entity(explored_by(predictor), Entity(label, learned=learned))
+
+
+# --- lists -----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("total", [0, 1, 19, 20, 21, 40, 41])
+def test_pages_together_hold_every_row_once(total: int):
+    rows = list(range(total))
+    first = paging(total, 1, 20)
+    shown = [row for page in range(1, first.pages + 1) for row in rows[paging(total, page, 20).rows]]
+    assert shown == rows
+    assert first.pages == max((total + 19) // 20, 1)
+    for page in (0, -1, first.pages + 1):
+        with pytest.raises(ConfigError, match="`page`"):
+            paging(total, page, 20)
+
+
+def test_the_list_has_every_entity_in_the_order_asked_for(kitchen: RecipeGraph, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(entities, "ENTITIES_A_PAGE", 7)
+    layer = layers(kitchen).tolist()
+    made = [sum(row[2] == i for row in kitchen.recipes.tolist()) for i in range(kitchen.num_entities)]
+    used = [sum(i in row[:2] for row in kitchen.recipes.tolist()) for i in range(kitchen.num_entities)]
+    keys = {
+        "label": lambda i: 0,
+        "layer": lambda i: layer[i] if layer[i] >= 0 else 10**6,
+        "recipes": lambda i: -made[i],
+        "uses": lambda i: -used[i],
+    }
+    for order, key in keys.items():
+        expected = [
+            (kitchen.entities[i], layer[i] if layer[i] >= 0 else None, made[i], used[i])
+            for i in sorted(range(kitchen.num_entities), key=lambda i: (key(i), i))
+        ]
+        pages = list_entities(kitchen, "", order).paging.pages
+        rows = [row for page in range(1, pages + 1) for row in list_entities(kitchen, "", order, page).entities]
+        assert [(row.entity, row.layer, row.recipes, row.uses) for row in rows] == expected
+
+
+def test_an_entity_that_cannot_be_made_has_no_layer():
+    graph = RecipeGraph.from_recipes([("a", "b", "c"), ("d", "d", "d2")], base=["a", "b"])
+    assert [row.layer for row in list_entities(graph).entities] == [0, 0, 1, None, None]
+    assert [row.entity for row in list_entities(graph, order="layer").entities] == ["a", "b", "c", "d", "d2"]
+
+
+def test_a_search_takes_the_label_itself_then_beginnings_then_words_then_parts():
+    labels = ["pie", "piece", "apple pie", "magpie", "tree"]
+    graph = RecipeGraph.from_recipes([(one, "tree", other) for one in labels for other in labels if one != other])
+    assert search_entities(graph, "pie") == ("pie", "piece", "apple pie", "magpie")
+    assert search_entities(graph, "pie", limit=2) == ("pie", "piece")
+    assert search_entities(graph, "  ") == ()
+
+
+def test_a_search_knows_neither_case_nor_accents():
+    graph = RecipeGraph.from_recipes([("Crème brûlée", "ICE", "Straße")])
+    assert search_entities(graph, "creme BRU") == ("Crème brûlée",)
+    assert search_entities(graph, "strasse") == ("Straße",)
+    assert list_entities(graph, "ice").paging.total == 1
+
+
+def test_of_equal_matches_the_most_used_comes_first():
+    graph = RecipeGraph.from_recipes([("ax", "water", "m1"), ("ay", "water", "m2"), ("ay", "fire", "m3")])
+    assert search_entities(graph, "a")[:2] == ("ay", "ax")
+
+
+# --- one entity ------------------------------------------------------------------------------------------------------
+
+
+def test_recipes_that_make_and_use_an_entity_have_their_parts(
+    neighbours: LinkPredictor, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(entity, "LISTED", 1_000)
+    graph, split = neighbours.graph, neighbours.split
+    part_of = {tuple(row): PARTS[part] for row, part in zip(graph.recipe_labels(), split.parts.tolist(), strict=True)}
+    parts = set()
+    for label in ("water", "bread", "flour"):
+        found = profile(neighbours, label)
+        makes, uses = (
+            {(row.ingredient_a, row.ingredient_b, row.result): row.part for row in kind.recipes}
+            for kind in (found.made_by, found.used_in)
+        )
+        assert makes == {recipe: part for recipe, part in part_of.items() if recipe[2] == label}
+        assert uses == {recipe: part for recipe, part in part_of.items() if label in recipe[:2]}
+        assert found.used_in.parts == Counter(uses.values())
+        assert found.used_in.total == len(uses)
+        parts |= set(uses.values())
+    assert parts == set(PARTS)
+
+
+def test_layer_and_crafts_are_those_of_the_planner(kitchen: RecipeGraph):
+    planner, layer, explored = Planner(kitchen), layers(kitchen), explored_graph(kitchen)
+    for label in kitchen.entities[::9]:
+        found = view_entity(explored, Entity(label))
+        assert found.layer == layer[kitchen.id_of(label)]
+        assert found.crafts == len(planner.derivation(label).steps)
+        assert found.base == (label in kitchen.base)
+
+
+def test_what_cannot_be_made_has_neither_layer_nor_crafts(of_recipes: Callable[..., LinkPredictor]):
+    found = profile(of_recipes([("a", "b", "c"), ("x", "y", "x"), ("x", "c", "y")], kind="none"), "y")
+    assert (found.layer, found.crafts, found.base) == (None, None, False)
+    assert found.made_by.total == 1
+
+
+def test_a_model_answers_for_partners_ingredients_and_products(neighbours: LinkPredictor):
+    found, with_learned = profile(neighbours, "bread"), profile(neighbours, "bread", learned=True)
+    assert [(slot.head, slot.relation, slot.tail) for slot in found.slots] == [
+        ("bread", "combinesWith", None),
+        (None, "componentOf", "bread"),
+        ("bread", "componentOf", None),
+    ]
+    assert "learned" not in {row.status for slot in found.slots for row in slot.best}
+    assert "learned" in {row.status for slot in with_learned.slots for row in slot.best}
+    assert found.model == neighbours.name
+    checked_values(found)
+
+
+def test_without_a_model_the_recipes_and_words_are_left(kitchen: RecipeGraph):
+    found = view_entity(explored_graph(kitchen), Entity("bread"))
+    assert (found.model, found.slots, found.nearest) == ("", (), ())
+    assert found.made_by.total
+    assert found.by_words
+
+
+def test_the_nearest_in_the_model_are_not_the_entity_itself(neighbours: LinkPredictor):
+    found = profile(neighbours, "bread").nearest
+    assert len(found) == 8
+    assert "bread" not in {row.entity for row in found}
+    cosines = [row.cosine for row in found]
+    assert cosines == sorted(cosines, reverse=True)
+    assert cosines[0] > 0.3
+
+
+def test_near_by_words_are_only_entities_whose_words_have_a_vector():
+    labels = ("bread", "cake", "qqxzzq", "xqqzzqx", "water")
+    words = glove_features(labels)
+    assert words.known.tolist() == [True, True, False, False, True]
+    unit = words.vectors / np.maximum(np.linalg.norm(words.vectors, axis=1, keepdims=True), 1e-9)
+    found = near_by_words(words, 0)
+    assert [labels[other] for other, _ in found] == ["cake", "water"]
+    assert [cosine for _, cosine in found] == pytest.approx([unit[0] @ unit[1], unit[0] @ unit[4]], abs=1e-6)
+    assert near_by_words(words, 2) == []
+
+
+def test_an_entity_whose_words_have_no_vector_is_like_none_by_words():
+    explored = explored_graph([("bread", "water", "qqxzzq"), ("qqxzzq", "water", "cake")])
+    assert view_entity(explored, Entity("qqxzzq")).by_words is None
+    by_words = view_entity(explored, Entity("bread")).by_words
+    assert by_words is not None
+    assert {row.entity for row in by_words} == {"water", "cake"}
+
+
+def test_many_recipes_come_page_by_page(of_recipes: Callable[..., LinkPredictor]):
+    rows = [("hub", f"part {i:03}", f"thing {i:03}") for i in range(250)]
+    explored = explored_by(of_recipes(rows, kind="by-recipe-plain"))
+    pages = [view_recipes(explored, Recipes("hub", page=page)) for page in (1, 2, 3)]
+    assert [len(page.recipes) for page in pages] == [100, 100, 50]
+    assert len({row.result for page in pages for row in page.recipes}) == 250
+    assert pages[0].paging.pages == 3
+    assert len(view_entity(explored, Entity("hub")).used_in.recipes) == 12
+    with pytest.raises(ConfigError, match="there are 3 pages"):
+        view_recipes(explored, Recipes("hub", page=4))
+    assert view_recipes(explored, Recipes("hub", "makes")).recipes == ()
+    of_test = view_recipes(explored, Recipes("hub", part="test"))
+    assert {row.part for row in of_test.recipes} == {"test"}
+    assert of_test.total == pages[0].parts["test"] < 250
+
+
+def test_the_partner_of_an_entity_may_be_itself():
+    explored = explored_graph([("a", "a", "b"), ("a", "z", "b"), ("Z", "a", "b")])
+    assert [row.partner("a") for row in view_recipes(explored, Recipes("a")).recipes] == ["Z", "a", "z"]
+
+
+def test_an_unknown_entity_is_refused_with_the_nearest_labels(neighbours: LinkPredictor):
+    with pytest.raises(UnknownEntityError, match="Did you mean 'bread'"):
+        profile(neighbours, "braed")
+
+
+def test_hostile_labels_stay_what_they_are(hostile_predictor: LinkPredictor):
+    for label in hostile_predictor.graph.entities:
+        found = profile(hostile_predictor, label, learned=True)
+        assert found.entity == label
+        checked_values(found)

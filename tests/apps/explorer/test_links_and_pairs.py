@@ -1,0 +1,163 @@
+"""A link: its score, ranks, status, recipes and evidence; a pair: its results, and predictions of them."""
+
+from collections.abc import Callable
+
+import pytest
+
+from tests.apps.explorer.shown import explored_by, explored_graph
+from wordcraft_kg.apps.explorer.pages.link import Link, LinkProfile, view_link
+from wordcraft_kg.apps.explorer.pages.pair import Pair, PairProfile, view_pair
+from wordcraft_kg.apps.explorer.predictor import LinkPredictor
+from wordcraft_kg.base.errors import UnknownEntityError
+from wordcraft_kg.base.records import checked_values
+from wordcraft_kg.graphs.triples import COMBINES_WITH, RELATIONS
+from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
+from wordcraft_kg.models.scorers.ranking import rank_triples
+
+
+def link_of(predictor: LinkPredictor, head: str, relation: str, tail: str) -> LinkProfile:
+    return view_link(explored_by(predictor), Link(head, relation, tail))  # type: ignore[arg-type]
+
+
+def pair_of(predictor: LinkPredictor, a: str, b: str) -> PairProfile:
+    return view_pair(explored_by(predictor), Pair(a, b))
+
+
+def test_a_link_has_the_score_and_ranks_that_reports_give_it(kernel: LinkPredictor):
+    graph = kernel.graph
+    triples = graph.triples[::37]
+    ranks = rank_triples(kernel.model.scorer, triples, graph.triples)
+    statuses = set()
+    for row, (head, relation, tail) in enumerate(triples.tolist()):
+        found = link_of(kernel, graph.entities[head], RELATIONS[relation], graph.entities[tail])
+        assert found.score == pytest.approx(float(kernel.model.scorer.score(head, relation, tail)))
+        assert found.as_tail.rank == ranks["rank"].iloc[row]
+        assert found.as_head.rank == ranks["rank"].iloc[row + len(triples)]
+        assert found.as_head.candidates == ranks["candidates"].iloc[row + len(triples)]
+        assert (found.status == "learned") == found.reason.is_memory == (found.known == "train")
+        assert {row.part for row in found.recipes} >= {found.known}
+        statuses.add((found.status, found.known))
+    assert statuses == {("learned", "train"), ("held out", "valid"), ("held out", "test")}
+
+
+def test_a_learned_link_is_memory_and_has_no_probability(kernel: LinkPredictor):
+    a, b, _ = kernel.graph.labels(kernel.split.recipes("train")[0])
+    found = link_of(kernel, a, "combinesWith", b)
+    assert (found.status, found.probability) == ("learned", None)
+    assert found.reason.learned_from[0] in [tuple(row)[:3] for row in kernel.graph.recipe_labels()]
+
+
+def test_a_link_that_is_held_out_has_a_probability_and_its_recipes(kernel: LinkPredictor):
+    head, relation, tail = kernel.split.held_out("test")[0].tolist()
+    found = link_of(kernel, kernel.graph.entities[head], RELATIONS[relation], kernel.graph.entities[tail])
+    assert found.status == "held out"
+    assert found.probability == pytest.approx(float(kernel.model.scorer.probability(head, relation, tail)))
+    assert found.recipes
+    assert {row.part for row in found.recipes} == {"test"}
+    assert not found.reason.is_memory
+    assert found.reason.witnesses
+
+
+def test_a_link_that_is_not_in_the_book_says_so(kernel: LinkPredictor):
+    found = link_of(kernel, "bread", "componentOf", "bread")
+    assert (found.status, found.known, found.recipes) == ("itself", "new", ())
+    assert found.probability is not None
+    other = link_of(kernel, "bread", "componentOf", "water")
+    assert (other.status, other.recipes) == ("not in the book", ())
+    assert {row.entity for row in other.tails.best}.isdisjoint({"water"}) or other.as_tail.rank <= 10
+    checked_values(other)
+
+
+def test_candidates_of_both_open_slots_stand_beside(kernel: LinkPredictor):
+    found = link_of(kernel, "flour", "componentOf", "bread")
+    assert (found.tails.head, found.tails.tail, len(found.tails.best)) == ("flour", None, 10)
+    assert (found.heads.head, found.heads.tail, len(found.heads.best)) == (None, "bread", 10)
+
+
+def test_a_model_of_the_full_graph_is_marked(all_seeing: LinkPredictor):
+    head, relation, tail = all_seeing.split.held_out("test")[0].tolist()
+    labels = all_seeing.graph.entities
+    found = link_of(all_seeing, labels[head], RELATIONS[relation], labels[tail])
+    assert (found.has_seen_the_test_recipes, found.status, found.known) == (True, "learned", "test")
+    assert found.reason.is_memory
+
+
+def test_an_unknown_end_is_refused(kernel: LinkPredictor):
+    with pytest.raises(UnknownEntityError, match="no entity 'braed'"):
+        link_of(kernel, "bread", "combinesWith", "braed")
+
+
+def test_hostile_labels_stay_what_they_are(hostile_predictor: LinkPredictor):
+    for label in hostile_predictor.graph.entities:
+        found = link_of(hostile_predictor, label, "combinesWith", hostile_predictor.graph.entities[0])
+        assert found.head == label
+        checked_values(found)
+
+
+def test_a_pair_makes_what_the_book_says_with_the_part(neighbours: LinkPredictor):
+    graph, explored = neighbours.graph, explored_graph(neighbours.graph, split=neighbours.split)
+    for a, b, _ in graph.recipe_labels()[::13]:
+        for one, other in ((a, b), (b, a)):
+            found = view_pair(explored, Pair(one, other))
+            assert tuple(row.result for row in found.makes) == graph.labels(graph.results(a, b))
+            assert (found.link, found.results, found.model) == (None, None, "")
+
+
+def test_a_scorer_of_recipes_says_what_it_expects_how_sure_it_is_and_why(rankers: LinkPredictor):
+    a, b, result = rankers.graph.labels(rankers.split.recipes("test")[0])
+    found = pair_of(rankers, a, b)
+    assert found.results is not None
+    scorer = rankers.model.scorer
+    assert isinstance(scorer, CrossFitted)
+    shares = scorer.result_probabilities(a, b)
+    assert [row.probability for row in found.results] == pytest.approx(sorted(shares.tolist(), reverse=True)[:10])
+    assert any(row.because for row in found.results)
+    assert not any(row.memory for row in found.results if row.known != "train")
+    assert [row.part for row in found.makes if row.result == result] == ["test"]
+    checked_values(found)
+
+
+def test_what_a_scorer_of_recipes_has_learned_is_memory(rankers: LinkPredictor):
+    a, b, result = rankers.graph.labels(rankers.split.recipes("train")[0])
+    found = pair_of(rankers, a, b)
+    assert found.results is not None
+    assert {row.result for row in found.results if row.memory} >= {result}
+    assert found.link is not None
+    assert (found.link.status, found.link.probability) == ("learned", None)
+
+
+def test_a_scorer_of_links_says_only_whether_a_pair_combines(kernel: LinkPredictor):
+    head, _, tail = kernel.split.held_out("test")[0].tolist()
+    a, b = kernel.graph.labels([head, tail])
+    found = pair_of(kernel, a, b)
+    assert found.results is None
+    assert found.link is not None
+    assert found.link.score == pytest.approx(float(kernel.model.scorer.score(a, COMBINES_WITH, b)))
+    assert found.link.status == "held out"
+    assert found.link.probability is not None
+    ranks = rank_triples(kernel.model.scorer, kernel.split.held_out("test")[:1], kernel.graph.triples)
+    assert found.link.rank.rank == ranks["rank"].iloc[0]
+
+
+def test_an_entity_may_be_paired_with_itself(kernel: LinkPredictor):
+    found = pair_of(kernel, "bread", "bread")
+    assert found.link is not None
+    assert found.link.status in ("itself", "held out", "learned")
+
+
+def test_an_unknown_ingredient_is_refused(kernel: LinkPredictor):
+    with pytest.raises(UnknownEntityError, match="no entity 'braed'"):
+        pair_of(kernel, "bread", "braed")
+
+
+def test_pairs_of_hostile_labels_and_of_a_book_without_a_split(
+    hostile_predictor: LinkPredictor, of_recipes: Callable[..., LinkPredictor]
+):
+    first = hostile_predictor.graph.entities[0]
+    for label in hostile_predictor.graph.entities:
+        found = pair_of(hostile_predictor, label, first)
+        assert (found.a, found.b) == (label, first)
+        checked_values(found)
+    whole = pair_of(of_recipes([("a", "b", "c"), ("a", "b", "d")], kind="none"), "b", "a")
+    assert [(row.result, row.part) for row in whole.makes] == [("c", "train"), ("d", "train")]
+    assert whole.has_seen_the_test_recipes

@@ -1,1 +1,0 @@
-"""What the explorer's pages show, as typed values."""

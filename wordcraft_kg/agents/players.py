@@ -4,6 +4,7 @@ A player is a function ``(state, rng) -> slots`` that picks for all environments
 """
 
 from collections.abc import Callable, Iterable, Sequence
+from importlib.metadata import entry_points
 
 import numpy as np
 import torch
@@ -30,6 +31,9 @@ from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
 from wordcraft_kg.models.scorers.scales import SelfEdges
 
 Player = Callable[[State, np.random.Generator], Ids]
+PLAYERS: dict[str, Callable[[Split], Player]] = {}
+"""Makers of players from outside this package, by name; those of installed packages are entry points of the group
+``wordcraft_kg.players``."""
 SlotScores = Callable[[Tensor, Tensor, Tensor, Tensor | None], Tensor]
 """Scores of slots by goal, selection, table and task, such as a source's."""
 RecipeFunction = Callable[[Tensor, Tensor, Tensor], Tensor]
@@ -142,11 +146,12 @@ def fact_recipes(graph: RecipeGraph, triples: Ids) -> RecipeFunction:
 
 
 def knowledge_players(split: Split) -> dict[str, Player]:
-    """Return the players of the reference table: chance, votes, symbolic partial and full graphs, and the oracle."""
+    """Return the players of the reference table: chance, votes, symbolic graphs, those of others, and the oracle."""
     graph = split.graph
     some, everything = fact_sources(graph, split.partial), fact_sources(graph, graph.triples)
     loops = (graph.triples[:, 1] == COMBINES_WITH) & (graph.triples[:, 0] == graph.triples[:, 2])
     no_self = fact_sources(graph, graph.triples[~loops])
+    makers = {point.name: point.load() for point in entry_points(group="wordcraft_kg.players")} | PLAYERS
     return {
         "random": random_entity,
         "random, distinct": random_distinct,
@@ -158,6 +163,7 @@ def knowledge_players(split: Split) -> dict[str, Player]:
         "full KG, u+v": knowledge_player([everything["u"], everything["v"]]),
         "full KG, u+v, no self edges": knowledge_player([no_self["u"], no_self["v"]]),
         "full KG, best pair": pair_player(fact_recipes(graph, graph.triples)),
+        **{name: make(split) for name, make in makers.items()},
         "recipe oracle": recipe_oracle,
     }
 

@@ -12,14 +12,16 @@ import os
 import re
 import sys
 import tomllib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
+from functools import reduce
 from importlib import import_module
 from importlib.metadata import entry_points
+from itertools import pairwise
 from pathlib import Path
 from types import ModuleType
 from typing import Any, get_args
 
-from cyclopts import App, ArgumentCollection, CoercionError, CycloptsError, Group
+from cyclopts import App, ArgumentCollection, CoercionError, Group
 from cyclopts.config import Dict
 
 from wordcraft_kg import __version__
@@ -27,7 +29,7 @@ from wordcraft_kg.base.artefacts import read_small_file
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.settings import nearest
 from wordcraft_kg.cli.console import Output
-from wordcraft_kg.cli.failures import Manual, failure_of, misuse
+from wordcraft_kg.cli.failures import Manual, failure_of
 from wordcraft_kg.cli.flowing_help import FlowingHelp
 
 CORE = {
@@ -84,7 +86,7 @@ def make_app() -> App:
                 group=None if subject else group,
                 sort_key=place,
                 usage=f"Usage: {manual.usage}",
-                help_epilogue=_examples(manual),
+                help_epilogue=_examples(manual.module),
                 synonym=tuple(word.split("-")),  # "train" is no command, but three commands train something
             )
     return app
@@ -96,14 +98,14 @@ def _subject(app: App, words: list[str], group: Group) -> App:
         return app
     (word,) = words
     if word not in app:
-        manuals = [manual_of(name) for name in ALL if name.startswith(f"{word} ")]
-        about = next(manual.module.SUBJECT for manual in manuals if hasattr(manual.module, "SUBJECT"))
-        app.command(App(name=word, help=about, help_epilogue=_examples(*manuals), group=group, version_flags=()))
+        modules = [manual_of(name).module for name in ALL if name.startswith(f"{word} ")]
+        about = next(module.SUBJECT for module in modules if hasattr(module, "SUBJECT"))
+        app.command(App(name=word, help=about, help_epilogue=_examples(*modules), group=group, version_flags=()))
     return app[word]
 
 
-def _examples(*manuals: Manual) -> str:
-    return "Examples:\n\n" + "\n".join(f"  {line}" for manual in manuals for line in manual.examples)
+def _examples(*modules: ModuleType) -> str:
+    return "Examples:\n\n" + "\n".join(f"  {line}" for module in modules for line in module.EXAMPLES)
 
 
 def commands_by_group() -> dict[str, list[str]]:
@@ -117,13 +119,11 @@ def commands_by_group() -> dict[str, list[str]]:
 def manual_of(name: str) -> Manual:
     """Return how a command is used."""
     if name in APPS:
-        function: Callable[..., Any] = APPS[name].load()
-        module: ModuleType = sys.modules[function.__module__]
-    else:
-        word = re.sub(r"\W", "_", name)
-        module = import_module(f"{__name__}.{word}")
-        function = getattr(module, word)
-    return Manual(f"{PROGRAM} {name}", function, module)
+        function = APPS[name].load()
+        return Manual(f"{PROGRAM} {name}", function, sys.modules[function.__module__])
+    word = re.sub(r"\W", "_", name)
+    module = import_module(f"{__name__}.{word}")
+    return Manual(f"{PROGRAM} {name}", getattr(module, word), module)
 
 
 def command_in(tokens: Sequence[str]) -> str | None:
@@ -150,16 +150,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _check_decodable(tokens)
         app = make_app()
         path = _config_path(tokens)
-        app.config = [*([Dict(_read_toml(path, tokens), source=path)] if path is not None else []), _refuse_fractions]
+        options = [] if path is None else [Dict(_read_toml(path, name), source=path)]
+        app.config = [*options, _refuse_fractions]
         command, bound, _ = app.parse_args(tokens, print_error=False, exit_on_error=False)
-        given = bound.arguments.get("output")
-        output = given if isinstance(given, Output) else output
+        output = bound.arguments.get("output", output)
         with output.session():
             return int(command(*bound.args, **bound.kwargs) or 0)
     except SystemExit as stop:
         return stop.code if isinstance(stop.code, int) else 1
-    except CycloptsError as error:
-        return misuse(error, manual).show(output)
     except BrokenPipeError:
         # The reader of the output has gone, as with `| head`: not an error, but Python must not flush into it at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -190,30 +188,26 @@ def _refuse_fractions(app: App, commands: tuple[str, ...], arguments: ArgumentCo
 
 
 def _config_path(tokens: Sequence[str]) -> str | None:
-    for i, token in enumerate(tokens):
-        if token == "--config" and i + 1 < len(tokens):
-            return tokens[i + 1]
-        if token.startswith("--config="):
-            return token.removeprefix("--config=")
-    return None
+    parts = [part for token in tokens for part in re.split("(?<=^--config)=", token)]
+    return next((after for before, after in pairwise(parts) if before == "--config"), None)
 
 
-def _read_toml(path: str, tokens: Sequence[str]) -> dict[str, Any]:
+def _read_toml(path: str, command: str | None) -> dict[str, Any]:
+    """Return the options of a command from its table of a file."""
     try:
         if not Path(path).is_file():
             raise ConfigError(f"--config {path}: no such file.")
         content = tomllib.loads(read_small_file(Path(path)).decode())
-    except ConfigError:
-        raise
-    except (ValueError, RecursionError) as error:
+    except (UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
         raise ConfigError(f"--config {path}: not a TOML file ({error}).") from None
     tables = dict(_tables(content))
-    for key, value in tables.items():
-        if key not in ALL or not isinstance(value, dict):
-            table = key.replace(" ", ".")
-            raise ConfigError(f"--config {path}: '{table}' is not a table named after a command.{nearest(key, ALL)}")
-    command = command_in(tokens)
-    if command and command not in tables:
+    for name, options in tables.items():
+        if name not in ALL or not isinstance(options, dict):
+            table = name.replace(" ", ".")
+            raise ConfigError(f"--config {path}: '{table}' is not a table named after a command.{nearest(name, ALL)}")
+    if command is None:
+        return {}
+    if command not in tables:
         there = ", ".join(tables).replace(" ", ".") or "nothing"
         raise ConfigError(f"--config {path}: no table [{command.replace(' ', '.')}]; found {there}.")
     # A run's own config.toml gives paths relative to itself.
@@ -223,18 +217,14 @@ def _read_toml(path: str, tokens: Sequence[str]) -> dict[str, Any]:
         there = os.path.normpath(Path(path).parent / value)
         return there if os.path.exists(there) and not os.path.exists(value) else value
 
-    found: dict[str, Any] = {}
-    for key, options in tables.items():
-        *subject, word = key.split()
-        (found.setdefault(subject[0], {}) if subject else found)[word] = moved(options, beside)
-    return found
+    return reduce(lambda options, word: {word: options}, reversed(command.split()), moved(tables[command], beside))
 
 
 def _tables(content: dict[str, Any]) -> Iterator[tuple[str, Any]]:
-    """Yield the tables of a file by the command that they seem to be of: [people.serve] is of ``people serve``."""
+    """Yield the tables of a file by command: [people.serve] is of ``people serve``."""
     subjects = {name.partition(" ")[0] for name in ALL if " " in name}
-    for key, value in content.items():
-        if key in subjects and isinstance(value, dict) and value:
-            yield from ((f"{key} {word}", options) for word, options in value.items())
+    for name, options in content.items():
+        if name in subjects and options and isinstance(options, dict):
+            yield from ((f"{name} {word}", inner) for word, inner in options.items())
         else:
-            yield key, value
+            yield name, options

@@ -1,11 +1,11 @@
-"""How a command's failure is said: one style for a user's mistake, whoever found it, and exit codes."""
+"""Failures of commands: one style for a user's mistakes, and exit codes."""
 
-import inspect
 import json
 import re
 import traceback
-from collections.abc import Callable, Container, Sequence
+from collections.abc import Callable, Container
 from dataclasses import dataclass
+from inspect import Parameter, signature
 from types import ModuleType
 from typing import Any
 
@@ -35,37 +35,27 @@ class Manual:
     module: ModuleType
 
     @property
-    def examples(self) -> Sequence[str]:
-        """Command lines that work."""
-        return self.module.EXAMPLES
-
-    @property
     def places(self) -> dict[str, str]:
-        """What is given by its place and not by an option: names of parameters, and how the usage shows them."""
-        return {
-            name: _shown(name, parameter)
-            for name, parameter in inspect.signature(self.function).parameters.items()
-            if not _is_option(parameter)
-        }
+        """Parameters that are given by their place, and how the usage shows them."""
+        return {one.name: _shown(one) for one in self._parameters if one.kind is not one.KEYWORD_ONLY}
 
     @property
     def usage(self) -> str:
-        """The command with what it needs."""
-        parameters = inspect.signature(self.function).parameters.values()
-        needed = (
-            f"--{one.name} {one.name.upper()}" for one in parameters if _is_option(one) and one.default is one.empty
-        )
+        """The command with the arguments and options that it needs."""
+        options = (one for one in self._parameters if one.kind is one.KEYWORD_ONLY and one.default is one.empty)
+        needed = (f"--{one.name} {one.name.upper()}" for one in options)
         return " ".join([self.command, *self.places.values(), *needed, "[OPTIONS]"])
 
+    @property
+    def _parameters(self) -> list[Parameter]:
+        return list(signature(self.function).parameters.values())
 
-def _is_option(parameter: inspect.Parameter) -> bool:
-    return parameter.kind is parameter.KEYWORD_ONLY
 
-
-def _shown(name: str, parameter: inspect.Parameter) -> str:
+def _shown(parameter: Parameter) -> str:
+    name = parameter.name.upper()
     if parameter.kind is parameter.VAR_POSITIONAL:
-        return f"{name.upper()}..."
-    return name.upper() if parameter.default is parameter.empty else f"[{name.upper()}]"
+        return f"{name}..."
+    return name if parameter.default is parameter.empty else f"[{name}]"
 
 
 @dataclass(frozen=True)
@@ -82,12 +72,12 @@ class Failure:
 
     kind: str
     message: str
-    code: int
+    code: int = 1
     hints: tuple[str, ...] = ()
     setting: str = ""
 
     def show(self, output: Output) -> int:
-        """Say it on stderr; with --json, also print it as the one object on stdout. Return the exit code."""
+        """Print it on stderr, and with --json as the one object on stdout; return the exit code."""
         from rich.console import Console
 
         if output.json:
@@ -102,12 +92,30 @@ class Failure:
         return self.code
 
 
-def misuse(error: CycloptsError, manual: Manual | None) -> Failure:
-    """Return the failure of a command line that cannot be understood."""
-    hints: tuple[str, ...] = ("`wordcraft-kg --help` lists all commands.",)
-    if manual is not None and not isinstance(error, UnknownCommandError):
-        hints = (f"usage:   {manual.usage}", f"example: {manual.examples[0]}")
-    return Failure(type(error).__name__, _said(error, manual), 2, hints)
+def failure_of(error: BaseException, manual: Manual | None) -> Failure | None:
+    """Return the failure that a command's error means to its user; None for a defect of this package."""
+    kind = type(error).__name__
+    if isinstance(error, CycloptsError):
+        hints: tuple[str, ...] = ("`wordcraft-kg --help` lists all commands.",)
+        if manual is not None and not isinstance(error, UnknownCommandError):
+            hints = (f"usage:   {manual.usage}", f"example: {manual.module.EXAMPLES[0]}")
+        return Failure(kind, _said(error, manual), 2, hints)
+    if isinstance(error, KeyboardInterrupt):
+        return Failure(kind, str(error) or "interrupted; nothing was written", INTERRUPTED)
+    if isinstance(error, WordCraftKGError):
+        shown = with_options(str(error), manual.places if manual else ())
+        return Failure(error.kind, shown, setting=error.setting)
+    if isinstance(error, ModuleNotFoundError):
+        package = (error.name or "").partition(".")[0]
+        needed = f"this command needs {package}, which is not installed. Install it: pip install wordcraft-kg"
+        return None if package in ("", "wordcraft_kg") else Failure(kind, needed)
+    if isinstance(error, OSError):
+        where = f"'{error.filename}': " if error.filename else ""
+        return Failure(kind, f"{where}{error.strerror or error}. Nothing was changed.")
+    # The second is what torch says about its tensors.
+    if isinstance(error, MemoryError) or (isinstance(error, RuntimeError) and _NO_MEMORY.search(str(error))):
+        return Failure("MemoryError", "this machine does not have enough memory for this. Nothing was changed.")
+    return None
 
 
 def _said(error: CycloptsError, manual: Manual | None) -> str:
@@ -124,32 +132,8 @@ def _said(error: CycloptsError, manual: Manual | None) -> str:
     return str(error).partition(" Available commands:")[0]
 
 
-def failure_of(error: BaseException, manual: Manual | None) -> Failure | None:
-    """Return the failure that a command's error means to its user; None for a defect of this package."""
-    kind = type(error).__name__
-    if isinstance(error, KeyboardInterrupt):
-        return Failure(kind, str(error) or "interrupted; nothing was written", INTERRUPTED)
-    if isinstance(error, WordCraftKGError):
-        shown = with_options(str(error), manual.places if manual else ())
-        return Failure(error.kind, shown, 1, setting=error.setting)
-    if isinstance(error, ModuleNotFoundError):
-        package = (error.name or "").partition(".")[0]
-        if package in ("", "wordcraft_kg"):
-            return None
-        return Failure(
-            kind, f"this command needs {package}, which is not installed. Install it: pip install wordcraft-kg", 1
-        )
-    if isinstance(error, OSError):
-        where = f"'{error.filename}': " if error.filename else ""
-        return Failure(kind, f"{where}{error.strerror or error}. Nothing was changed.", 1)
-    # The second is what torch says about its tensors.
-    if isinstance(error, MemoryError) or (isinstance(error, RuntimeError) and _NO_MEMORY.search(str(error))):
-        return Failure("MemoryError", "this machine does not have enough memory for this. Nothing was changed.", 1)
-    return None
-
-
 def with_options(message: str, places: Container[str] = ()) -> str:
-    """Return a library's error with its settings, which are in backticks, named as the command line names them.
+    """Return an error's message with its settings, which are in backticks, named as the command line names them.
 
     Args:
         message: text of the error.

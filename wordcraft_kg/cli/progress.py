@@ -1,4 +1,4 @@
-"""How progress is shown: a bar on a terminal, or else a plain line every few seconds; always on stderr."""
+"""Progress on stderr: a bar on a terminal, or else a plain line every few seconds."""
 
 import logging
 import sys
@@ -18,7 +18,7 @@ class Progress:
     """The progress of a training or a stage; of several that are nested, only the outermost is shown.
 
     Attributes:
-        what: name of what is counted.
+        what: name of the work.
         unit: unit of its steps, such as epoch.
         hidden: whether nothing is shown.
         is_stage: whether the bar is removed at the end, and a short stage is not worth a line.
@@ -35,6 +35,8 @@ class Progress:
 
     def __call__(self, done: int, total: int, figures: Mapping[str, float]) -> None:
         """Report that ``done`` of ``total`` are done, with the latest figures."""
+        from rich.console import Console
+
         if self.hidden or Progress._current not in (None, self):
             return
         if self.is_stage and done == total and Progress._current is None:  # given up by a command that has ended
@@ -45,8 +47,6 @@ class Progress:
             for name, value in figures.items()
             if name not in ("epoch", "seconds")
         ]
-        from rich.console import Console
-
         console = Console(stderr=True)
         if console.is_interactive:
             self._draw(console, done, total, shown)
@@ -56,43 +56,43 @@ class Progress:
             self.close()
 
     def _say(self, done: int, total: int, figures: list[str]) -> None:
-        now = time.monotonic()
-        is_last_line = done == total and not self.is_stage
-        if not is_last_line and (done == total or now - Progress._said < self.INTERVAL):
+        now, is_last = time.monotonic(), done == total
+        is_due = now - Progress._said >= self.INTERVAL and not is_last
+        if not is_due and not (is_last and not self.is_stage):
             return
         Progress._said = now
         place = f"{self.unit} {done:,} of {total:,}".lstrip() if total > 1 else "..."
         print(", ".join(filter(None, [f"{self.what}: {place}", " ".join(figures)])), file=sys.stderr, flush=True)
 
     def _draw(self, console: "Console", done: int, total: int, figures: list[str]) -> None:
-        from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
-        from rich.progress import Progress as Bar
-
         count = f"{_short(done)}/{_short(total)}" if total > 1 else ""
         others = len(f"{self.what}  {count} 0:00:00 left ") + MIN_BAR
         while figures and others + len("  ".join(figures)) > console.width:
             figures.pop()
-        fields = {"completed": done, "count": count, "figures": "  ".join(["left" if count else "", *figures])}
         if self._bar is None:
-            columns = (
-                TextColumn("{task.description}"),
-                BarColumn(bar_width=None),
-                TextColumn("{task.fields[count]}"),
-                TimeRemainingColumn(),
-                TextColumn("{task.fields[figures]}"),
-            )
-            self._bar = Bar(
-                *columns,
-                console=console,
-                expand=True,
-                redirect_stdout=False,
-                refresh_per_second=4,
-                transient=self.is_stage,
-            )
-            # Nobody knows how far a single step has come: the bar shows only that something is being done.
-            self._bar.add_task(self.what, total=total if total > 1 else None, **fields)
-            self._bar.start()
-        self._bar.update(self._bar.task_ids[0], **fields)
+            self._bar = self._begin_bar(console, total)
+        shown = "  ".join(["left" if count else "", *figures])
+        self._bar.update(self._bar.task_ids[0], completed=done, count=count, figures=shown)
+
+    def _begin_bar(self, console: "Console", total: int) -> Any:
+        from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+        bar = Progress(
+            TextColumn("{task.description}"),
+            BarColumn(bar_width=None),
+            TextColumn("{task.fields[count]}"),
+            TimeRemainingColumn(),
+            TextColumn("{task.fields[figures]}"),
+            console=console,
+            expand=True,
+            redirect_stdout=False,
+            refresh_per_second=4,
+            transient=self.is_stage,
+        )
+        # Nobody knows how far a single step has come: the bar shows only that something is being done.
+        bar.add_task(self.what, total=total if total > 1 else None, count="", figures="")
+        bar.start()
+        return bar
 
     def close(self) -> None:
         """Close the bar, even if it is not full."""

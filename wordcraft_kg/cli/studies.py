@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from datetime import timedelta
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -18,7 +19,7 @@ from wordcraft_kg.cli.console import Flag, Output
 from wordcraft_kg.studies.study import Study
 
 if TYPE_CHECKING:
-    from rich.console import Group
+    from rich.table import Table
 
     from wordcraft_kg.studies.engine import State, Watch
     from wordcraft_kg.studies.plan import Plan
@@ -50,7 +51,7 @@ class EngineOptions:
     dry_run: Flag = False
 
     def make_workers(self, plan: "Plan") -> "Callable[[], Workers]":
-        """Return what starts those who perform the tasks.
+        """Return a function that starts the workers of a plan.
 
         Raises:
             ConfigError: for options of the other engine.
@@ -66,13 +67,10 @@ class EngineOptions:
             return lambda: RayWorkers(self.out, self.address, work)
         if self.address is not None:
             raise ConfigError("`address` is that of a Ray cluster; give `engine` ray too.")
-        plan.jobs(self.jobs)  # refused now, if it has to be
-        return lambda: self._local(plan, work)
-
-    def _local(self, plan: "Plan", work: Any) -> "Workers":
         from wordcraft_kg.studies.local_workers import LocalWorkers
 
-        return LocalWorkers(self.out, plan.jobs(self.jobs), work, plan.threads)
+        jobs = plan.jobs(self.jobs)  # refused now, if it has to be
+        return lambda: LocalWorkers(self.out, jobs, work, plan.threads)
 
 
 def run_studies(studies: dict[str, Study], options: EngineOptions, output: Output) -> int:
@@ -83,28 +81,39 @@ def run_studies(studies: dict[str, Study], options: EngineOptions, output: Outpu
         options: where and how.
         output: where it is printed.
     """
+    from wordcraft_kg.runs.interruption import sigterm_as_interrupt
+    from wordcraft_kg.studies.engine import run_plan
     from wordcraft_kg.studies.plan import make_plan
 
     plans = [make_plan(study, name) for name, study in studies.items()]
-    if options.dry_run:
-        return _dry(plans, options, output)
-    from wordcraft_kg.runs.interruption import sigterm_as_interrupt
-    from wordcraft_kg.studies.engine import run_plan
-
-    found, text, failed = {}, [], 0
+    found: dict[str, Any] = {}
+    text: list[str] = []
+    failed = False
     for plan in plans:
-        with _board(plan, options, output) as watch, sigterm_as_interrupt():
-            state = run_plan(plan, options.out, options.make_workers(plan), command=_command(), watch=watch)
-        values, lines = _reported(plan, state, options)
-        found[plan.name] = values
+        if options.dry_run:
+            found[plan.name], lines = _planned(plan, options)
+        else:
+            command = shlex.join(["wordcraft-kg", *sys.argv[1:]])
+            with _board(plan, output) as watch, sigterm_as_interrupt():
+                state = run_plan(plan, options.out, options.make_workers(plan), command=command, watch=watch)
+            found[plan.name], lines = _reported(plan, state, options)
+            failed |= bool(state.failed) or found[plan.name]["report"] is None
         text += lines
-        failed += len(state.failed) + (values["report"] is None)
     output.result({"out": str(options.out), "studies": found}, text)
     return 1 if failed else 0
 
 
-def _command() -> str:
-    return shlex.join(["wordcraft-kg", *sys.argv[1:]])
+def _planned(plan: "Plan", options: EngineOptions) -> tuple[dict[str, Any], list[str]]:
+    """Return the tasks of a study, as values and as text."""
+    from wordcraft_kg.studies.engine import estimated_hours
+
+    hours, jobs = estimated_hours(plan, options.out), plan.jobs(options.jobs)
+    kinds = Counter(task.kind for task in plan.tasks.values())
+    counts = ", ".join(f"{number:,} {kind if number > 1 else kind[:-1]}" for kind, number in kinds.items())
+    about = f"{counts}; about {hours:.1f} hours of one core, {hours / jobs:.1f} with {jobs} jobs"
+    tasks = [{"address": address, "title": task.title} for address, task in plan.tasks.items()]
+    listed = _first([f"  {task['address']}  {task['title']}" for task in tasks], "--json lists all")
+    return {"core_hours": round(hours, 3), "tasks": tasks}, [f"{plan.study.title}: {about}", *listed]
 
 
 def _reported(plan: "Plan", state: "State", options: EngineOptions) -> tuple[dict[str, Any], list[str]]:
@@ -117,12 +126,10 @@ def _reported(plan: "Plan", state: "State", options: EngineOptions) -> tuple[dic
     from wordcraft_kg.studies.view import view_study
 
     results = collect_study(options.out, plan.name)
-    folder = options.out / "reports" / plan.name
-    failures = [f"  {plan.tasks[address].title}: {outcome.error}" for address, outcome in state.failed.items()]
-    text = [f"{state.done:,} tasks done, {state.kept:,} were there, {len(state.failed):,} failed", *failures[:LISTED]]
-    if len(failures) > LISTED:
-        text.append(f"  and {len(failures) - LISTED:,} more, in {options.out / 'failed'}/")
-    page = None
+    folder, page = options.out / "reports" / plan.name, None
+    failures = {plan.tasks[address].title: outcome.error for address, outcome in state.failed.items()}
+    text = [f"{state.done:,} tasks done, {state.kept:,} were there, {len(failures):,} failed"]
+    text += _first([f"  {title}: {error}" for title, error in failures.items()], f"in {options.out / 'failed'}/")
     try:
         if results.runs:
             view = view_study(results)
@@ -132,83 +139,51 @@ def _reported(plan: "Plan", state: "State", options: EngineOptions) -> tuple[dic
             text = [*lines_of(view, "success"), *text, f"wrote {folder}/   open {page}"]
     except ConfigError as error:  # of figures that cannot be averaged; the other studies go on
         text.append(f"no report: {error}")
-    values = {
-        "done": state.done,
-        "kept": state.kept,
-        "failed": {plan.tasks[address].title: outcome.error for address, outcome in state.failed.items()},
-        "report": None if page is None else str(folder),
-    }
-    return values, text
+    report = None if page is None else str(folder)
+    return {"done": state.done, "kept": state.kept, "failed": failures, "report": report}, text
 
 
-def _dry(plans: "list[Plan]", options: EngineOptions, output: Output) -> int:
-    """List what studies consist of."""
-    from wordcraft_kg.studies.engine import estimated_hours
-
-    found, text = {}, []
-    for plan in plans:
-        hours = estimated_hours(plan, options.out)
-        kinds = Counter(task.kind for task in plan.tasks.values())
-        counts = ", ".join(f"{number:,} {kind if number > 1 else kind[:-1]}" for kind, number in kinds.items())
-        found[plan.name] = {
-            "core_hours": round(hours, 3),
-            "tasks": [{"address": address, "title": task.title} for address, task in plan.tasks.items()],
-        }
-        jobs = plan.jobs(options.jobs)
-        text += [
-            f"{plan.study.title}: {counts}; about {hours:.1f} hours of one core, {hours / jobs:.1f} with {jobs} jobs",
-            *(f"  {task.address}  {task.title}" for task in list(plan.tasks.values())[:LISTED]),
-        ]
-        if len(plan.tasks) > LISTED:
-            text.append(f"  and {len(plan.tasks) - LISTED:,} more; --json lists all")
-    output.result({"out": str(options.out), "studies": found}, text)
-    return 0
+def _first(lines: list[str], rest: str) -> list[str]:
+    more = [f"  and {len(lines) - LISTED:,} more; {rest}"] if len(lines) > LISTED else []
+    return [*lines[:LISTED], *more]
 
 
 @contextmanager
-def _board(plan: "Plan", options: EngineOptions, output: Output) -> "Iterator[Watch | None]":
-    """Show how far a study is: a table on a terminal, or else a line now and then."""
+def _board(plan: "Plan", output: Output) -> "Iterator[Watch | None]":
+    """Show how far a study is: a table of the running tasks on a terminal, or else a line now and then."""
     from rich.console import Console
+    from rich.live import Live
 
     console = Console(stderr=True)
     if output.quiet:
         yield None
-    elif not console.is_interactive:
-        progress = output.progress(plan.name, unit="task")
-
-        def line(plan: "Plan", state: "State") -> None:
-            figures = {"running": len(state.running), "failed": len(state.failed)}
-            progress(state.kept + state.done + len(state.failed), state.total, figures)
-
-        yield line
-    else:
-        from rich.live import Live
-
+    elif console.is_interactive:
         began = time.monotonic()
         with Live(console=console, refresh_per_second=2, transient=True) as live:
             yield lambda plan, state: live.update(_table(plan, state, began))
+    else:
+        progress = output.progress(plan.name, unit="task")
+
+        def say(plan: "Plan", state: "State") -> None:
+            failed = len(state.failed)
+            progress(state.kept + state.done + failed, state.total, {"running": len(state.running), "failed": failed})
+
+        yield say
 
 
-def _table(plan: "Plan", state: "State", began: float) -> "Group":
-    """Return lines that say what runs."""
-    from rich.console import Group
+def _table(plan: "Plan", state: "State", began: float) -> "Table":
     from rich.table import Table
     from rich.text import Text
 
-    ended = state.done + len(state.failed)
-    notes = [f"{plan.study.title}: {state.kept + ended:,} of {state.total:,} tasks"]
-    if state.failed:
-        notes.append(f"{len(state.failed):,} failed")
+    now, ended = time.monotonic(), state.done + len(state.failed)
+    notes = [f"{plan.study.title}: {state.kept + ended:,} of {state.total:,} tasks, {len(state.failed):,} failed"]
     if ended:
-        left = (time.monotonic() - began) / ended * (state.left + len(state.running))
-        notes.append(f"about {_duration(left)} left")
-    table = Table.grid(padding=(0, 2))
+        left = (now - began) / ended * (state.left + len(state.running))
+        notes.append(f"about {timedelta(seconds=round(left))} left")
+    table = Table.grid(padding=(0, 2), expand=True)
+    table.title, table.caption = ", ".join(notes), "Ctrl-C stops; the same command goes on"
+    table.title_justify = table.caption_justify = "left"
     for address, since in state.running.items():
-        table.add_row(" ", _duration(time.monotonic() - since), Text(plan.tasks[address].title, overflow="ellipsis"))
-    return Group(Text(", ".join(notes)), table, Text("Ctrl-C stops; the same command goes on", style="dim"))
-
-
-def _duration(seconds: float) -> str:
-    minutes, seconds = divmod(round(seconds), 60)
-    hours, minutes = divmod(minutes, 60)
-    return f"{hours}:{minutes:02}:{seconds:02}"
+        running = timedelta(seconds=round(now - since))
+        table.add_row(str(running), Text(plan.tasks[address].title, overflow="ellipsis"))
+    return table

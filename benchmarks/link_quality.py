@@ -21,7 +21,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from feature_probe import count_votes, result_ranks
+import torch
 
 from wordcraft_kg.graphs import RecipeBook, RecipeGraph, Split, SplitConfig, make_split, open_book
 from wordcraft_kg.graphs.folder import write_graph_folder
@@ -125,6 +125,23 @@ def train(split: Split, settings: ComplExConfig, folder: Path) -> TrainedLinks:
 def _row(values: Iterable[float]) -> str:
     *mrr, hits1, hits10 = values
     return "".join(f"{value:17.4f}" for value in mrr) + f"   {hits1:.3f} {hits10:.3f}"
+
+
+def count_votes(scorer: VoteScorer, recipes: np.ndarray) -> np.ndarray:
+    """Return the score of every entity as the result of each recipe, shape (n, E)."""
+    a, b, _ = torch.tensor(recipes).T
+    everything = torch.arange(len(scorer.entities))
+    return scorer.score_recipes(a[:, None], b[:, None], everything).numpy()
+
+
+def result_ranks(graph: RecipeGraph, recipes: np.ndarray, scores: np.ndarray) -> np.ndarray:
+    """Return the rank of each recipe's result among the entities, ties counting half."""
+    ranks = np.empty(len(recipes))
+    for i, (a, b, result) in enumerate(recipes.tolist()):
+        true = scores[i, result]
+        others = np.setdiff1d(np.arange(graph.num_entities), [a, b, *graph.results(a, b)])
+        ranks[i] = 1 + np.sum(scores[i, others] > true) + np.sum(scores[i, others] == true) / 2
+    return ranks
 
 
 def main() -> None:

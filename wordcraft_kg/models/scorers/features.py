@@ -87,26 +87,20 @@ class EntityFeatures:
 def make_features(
     spec: str, labels: Sequence[str], *, pooling: Pooling = "mean", allow_missing: bool = False, seed: int = 0
 ) -> EntityFeatures:
-    """Return features of entities by name or from a vector file.
-
-    ``spec`` is one of:
+    """Return features of entities by name or from a file of vectors.
 
     - ``glove``: the built-in vectors, see :func:`glove_features`;
     - ``one-hot``: row i is the i-th unit vector, D = E;
     - ``random``: Laplace noise of mean 0 and standard deviation .4, D = 300; row i depends on the seed and i only;
     - ``shuffled:<any spec>``: its rows, assigned to the entities at random: no meaning, but entities still differ;
-    - the path of a text file, gzipped or not, with a line ``word v1 ... vD`` for each word, like GloVe's, and perhaps a
-      first line ``count D``, like word2vec's (so a first line of two whole numbers is always taken as this header);
-    - the path of an ``.npy`` file, floats of shape (N, D), with its N labels, one per line, beside it in
-      ``<same stem>.labels.txt`` or else ``<same stem>.txt``.
+    - a text file, gzipped or not, with lines ``word v1 ... vD`` as GloVe's, and perhaps a first line ``count D`` as
+      word2vec's (a first line of two whole numbers is always this header); a word may contain spaces;
+    - an ``.npy`` file, floats of shape (N, D), with its N labels, one a line, in ``<same stem>.labels.txt`` or
+      ``<same stem>.txt``.
 
-    A name takes precedence over a file of the same name; write ``./glove`` for the file.
-
-    In a file, a label is first looked up as a whole: as it is, in lower case, then both with ``_`` for spaces. If it is
-    absent, its vector is pooled from those of its words, each looked up as it is or in lower case. If a word occurs
-    twice, its first vector counts. In a text file a word may contain spaces; a whole number right before the vector
-    belongs to the word (``route 66``). Only the vectors of words that are looked up are read, and those of a text file
-    are kept in the user's cache, by content, so that the file is parsed only once.
+    A name takes precedence over a file; write ``./glove`` for the file. In a file, a label is looked up as a whole: as
+    it is, in lower case, then both with ``_`` for spaces; else its vector is pooled from its words, each as it is or in
+    lower case. The first vector of a word counts. Vectors of text files are cached by content.
 
     Args:
         spec: the features, as above.
@@ -116,12 +110,10 @@ def make_features(
         seed: seed of ``random`` and ``shuffled:``, 0 or more.
 
     Raises:
-        ConfigError: if an argument is outside its range; if ``spec`` is neither a name nor a file; if a file is
-            damaged (naming the line); if one-hot vectors would take more than 256 MiB; if no entity has a vector,
-            or more than a tenth have none and ``allow_missing`` is False.
+        ConfigError: if an argument is out of range, ``spec`` neither a name nor a file, a file damaged (naming the
+            line), one-hot vectors too large, or too few entities have a vector.
 
-    Source: Jiang et al. 2020; standard deviation and size of ``random``, ``shuffled`` and the maximum follow the
-    paper's released code.
+    Source: Jiang et al. 2020; ``random``, ``shuffled`` and the maximum follow the paper's released code.
     """
     one_of("pooling", pooling, tuple(_POOLINGS))
     whole("seed", seed, 0)
@@ -131,10 +123,8 @@ def make_features(
         for _ in range(asked.prefix.count(SHUFFLED)):
             features = _shuffled(features, seed)
         return features
-    if spec == "one-hot":
-        return _one_hot(len(labels))
-    if spec == "random":
-        return _random(len(labels), seed)
+    if spec in ("one-hot", "random"):
+        return _one_hot(len(labels)) if spec == "one-hot" else _random(len(labels), seed)
     if spec == "glove":
         features = _glove(labels, pooling)
     elif asked.is_path and os.path.isfile(spec):
@@ -318,9 +308,7 @@ def _parse(path: Path, wanted: Set[str]) -> _WordVectors:
     found: dict[str, tuple[int, list[float]]] = {}
     announced = None
     count = dimensions = 0
-    for number, line in _lines(path):
-        if not line:
-            continue
+    for number, line in filter(lambda row: row[1], _lines(path)):
         if not dimensions:
             if header := _HEADER.fullmatch(line):
                 announced, dimensions = map(int, header.groups())
@@ -329,24 +317,9 @@ def _parse(path: Path, wanted: Set[str]) -> _WordVectors:
             if not dimensions:
                 raise ConfigError(f"{path}, line {number}: no numbers at the end; expected a word and its vector.")
         count += 1
-        text, *values = line.rsplit(None, dimensions)
-        before = text.split()[1:]
-        if len(values) < dimensions or (before and _is_number(before[-1]) and not before[-1].isdigit()):
-            _decoded(line, path, number)  # binary vectors look like lines of the wrong length
-            raise ConfigError(
-                f"{path}, line {number}: {len(line.split()) - 1} columns after the word, expected {dimensions} as at "
-                "the file's start. Correct the line, or get the file again."
-            )
-        word = _decoded(text, path, number)
+        word, values = _divided(line, dimensions, path, number)
         if word in wanted and word not in found:
-            try:
-                found[word] = number, [float(value) for value in values]
-            except ValueError:
-                wrong = next(value for value in values if not _is_number(value)).decode(errors="replace")
-                raise ConfigError(
-                    f"{path}, line {number}: '{wrong}' in the vector of '{word}' is not a number. Correct the line, "
-                    "or get the file again."
-                ) from None
+            found[word] = number, _numbers(values, f"{path}, line {number}", word)
     if not dimensions:
         raise ConfigError(f"{path} is empty; expected lines of a word and its vector.")
     if announced not in (None, count):
@@ -357,6 +330,29 @@ def _parse(path: Path, wanted: Set[str]) -> _WordVectors:
     words = sorted(found)
     places = [f"line {found[word][0]}" for word in words]
     return _checked(path, places, words, np.array([found[word][1] for word in words]).reshape(-1, dimensions))
+
+
+def _divided(line: bytes, dimensions: int, path: Path, number: int) -> tuple[str, list[bytes]]:
+    """Return the word and the vector of a line."""
+    text, *values = line.rsplit(None, dimensions)
+    before = text.split()[1:]
+    if len(values) < dimensions or (before and _is_number(before[-1]) and not before[-1].isdigit()):
+        _decoded(line, path, number)  # binary vectors look like lines of the wrong length
+        raise ConfigError(
+            f"{path}, line {number}: {len(line.split()) - 1} columns after the word, expected {dimensions} as at "
+            "the file's start. Correct the line, or get the file again."
+        )
+    return _decoded(text, path, number), values
+
+
+def _numbers(values: Sequence[bytes], where: str, word: str) -> list[float]:
+    wrong = next((value for value in values if not _is_number(value)), None)
+    if wrong is not None:
+        raise ConfigError(
+            f"{where}: '{wrong.decode(errors='replace')}' in the vector of '{word}' is not a number. Correct the line, "
+            "or get the file again."
+        )
+    return [float(value) for value in values]
 
 
 def _read_array(path: Path, wanted: Set[str]) -> _WordVectors:

@@ -9,8 +9,7 @@ over the links of training, with the cosine of the scorer's own scores of both a
 :class:`~wordcraft_kg.models.scorers.roles.EntityRoles`, 0 where it is negative. So it needs nothing of the scorer but
 scores. Its rank correlation with scores is .83 to .90 (ComplEx and the recipe scorer on two books), and when ComplEx is
 trained again without the recipes that are named, scores fall by 1.1 standard deviations, but by .1 without as many
-others that share an entity. ``benchmarks/link_evidence.py`` computes this, docs/link-prediction.md has all figures and
-those of other formulas.
+others that share an entity; docs/link-prediction.md has all figures and those of other formulas.
 
 Source: k nearest neighbours as an explanation (Papernot and McDaniel 2018, "Deep k-nearest neighbors"; Hanawa et al.
 2021, "Evaluation of similarity-based explanations"), with the neighbours that share an end.

@@ -9,7 +9,7 @@ from cyclopts import Parameter
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.cli.console import Flag, Output, aligned, names, split_labels
 from wordcraft_kg.cli.describe import split_rows
-from wordcraft_kg.cli.options import Book, Force, Words
+from wordcraft_kg.cli.options import Base, Book, Force, SingleIngredient
 from wordcraft_kg.graphs.splits import SPLITS, SplitConfig
 
 if TYPE_CHECKING:
@@ -34,14 +34,14 @@ def _kinds() -> str:
 def build_graph(
     book: Book = "everyday",
     *,
-    base: Words = None,
+    base: Base = None,
     base_file: Path | None = None,
     split: Annotated[SplitName, Parameter(help=f"what is held out: {_kinds()}.")] = SplitConfig.kind,
     train_ratio: float = SplitConfig.train_ratio,
     valid_ratio: float = SplitConfig.valid_ratio,
     seed: int = SplitConfig.seed,
     keep_self_results: Flag = False,
-    single_ingredient: str | None = None,
+    single_ingredient: SingleIngredient = None,
     name: str | None = None,
     out: Path | None = None,
     force: Force = False,
@@ -51,15 +51,11 @@ def build_graph(
 
     Args:
         book: recipe book: a .csv, .tsv or .json file, or a known book's name.
-        base: comma-separated base entities; may be repeated. Default: the book's own, or else the entities without a
-            recipe.
         base_file: text file with one base entity per line.
         train_ratio: share of the pairs (or goals, or groups of recipes) kept for training, between 0 and 1.
         valid_ratio: share kept for validation; the rest is the test part.
         seed: seed of the split.
         keep_self_results: keep rows whose result is one of their own ingredients.
-        single_ingredient: how to read recipes of one ingredient: self combines it with itself, any other name is what
-            it is combined with, such as furnace. Default: such a recipe is an error.
         name: what reports call the graph, and after which models are named. Default: the name of the folder.
         out: folder to write. Default: graphs/<name, or else the book's name>.
     """
@@ -86,15 +82,11 @@ def build_graph(
 
 
 def _warn(graph: "RecipeGraph", found: "Reachability", *, inferred: bool) -> None:
+    which = f"{found.unreachable:,} of {graph.num_entities:,} entities"
     reason = ", which was inferred as the entities without a recipe; name it with --base" if inferred else ""
-    logging.getLogger(__name__).warning(
-        "%s of %s entities cannot be made from the base (%s)%s: %s",
-        f"{found.unreachable:,}",
-        f"{graph.num_entities:,}",
-        names(graph.base[:10], len(graph.base)),
-        reason,
-        names(found.unreachable_entities[:10], found.unreachable),
-    )
+    base = f"the base ({names(graph.base, len(graph.base))}){reason}"
+    unreachable = names(found.unreachable_entities, found.unreachable)
+    logging.getLogger(__name__).warning("%s cannot be made from %s: %s", which, base, unreachable)
 
 
 def _base(base: list[str] | None, base_file: Path | None) -> list[str] | None:
@@ -119,18 +111,16 @@ def _base(base: list[str] | None, base_file: Path | None) -> list[str] | None:
 
 def _text(view: "BuiltGraph", with_several_results: int) -> list[str]:
     triples = view.triples
+    relations = f"{triples.combines_with:,} combinesWith + {triples.component_of:,} componentOf"
     left_out = f", {view.dropped_self_results:,} left out (the result is one of its own ingredients)"
     merged = f", {counted(view.merged_duplicates, 'duplicate')} merged" if view.merged_duplicates else ""
     rows = [
         ("recipes", f"{view.recipes:,} kept{left_out}{merged}"),
         ("pairs", f"{view.pairs:,}, {with_several_results:,} with several results"),
         ("entities", f"{view.entities:,}"),
-        ("base", f"{len(view.base)}: {names(view.base[:10], len(view.base))}"),
+        ("base", f"{len(view.base)}: {names(view.base, len(view.base))}"),
         ("reachable", f"{view.reachable:,} of {view.entities:,}, in {counted(view.rounds, 'round')}"),
-        (
-            "triples",
-            f"{triples.total:,} = {triples.combines_with:,} combinesWith + {triples.component_of:,} componentOf",
-        ),
+        ("triples", f"{triples.total:,} = {relations}"),
         *split_rows(view.split),
         ("hash", view.hash[:12]),
     ]

@@ -5,8 +5,8 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from wordcraft_kg.base.wording import counted
-from wordcraft_kg.cli.console import Flag, Output, aligned, split_labels
-from wordcraft_kg.cli.options import Book, Words
+from wordcraft_kg.cli.console import Flag, Output, aligned, names, split_labels
+from wordcraft_kg.cli.options import Base, Book, SingleIngredient
 
 if TYPE_CHECKING:
     from wordcraft_kg.evaluation.books import CheckedBook
@@ -21,9 +21,9 @@ EXAMPLES = (
 def check_book(
     book: Book,
     *,
-    base: Words = None,
+    base: Base = None,
     against: str | None = None,
-    single_ingredient: str | None = None,
+    single_ingredient: SingleIngredient = None,
     limit: int = 10,
     all: Flag = False,
     output: Output = Output(),
@@ -34,11 +34,7 @@ def check_book(
 
     Args:
         book: recipe book: a .csv, .tsv or .json file, or a known book's name.
-        base: comma-separated base entities; may be repeated. Default: the book's own, or else the entities without a
-            recipe.
         against: another book; the share of this one's recipes that are in it too is reported.
-        single_ingredient: how to read recipes of one ingredient: self combines it with itself, any other name is what
-            it is combined with, such as furnace. Default: such a recipe is an error.
         limit: most findings of a kind to show; the others are counted. The JSON has all of them.
         all: show all findings.
     """
@@ -70,7 +66,7 @@ def _text(view: "CheckedBook", limit: int | None) -> Iterator[str]:
 
 def _rows(found: "BookFigures") -> Iterator[tuple[str, str]]:
     yield "entities", f"{found.entities:,}, {found.reachable:,} can be made, in {counted(found.max_layer, 'layer')}"
-    yield "base", ", ".join(found.base[:10]) + (", ..." if len(found.base) > 10 else "")
+    yield "base", names(found.base, len(found.base))
     yield "recipes", f"{found.recipes:,} of {counted(found.pairs, 'pair')}, {found.self_pairs:,} with itself"
     mean, share = found.mean_recipes_per_craftable, found.share_with_two_recipes
     yield "per craftable", f"{mean:.2f} recipes, {share:.1%} have two or more"

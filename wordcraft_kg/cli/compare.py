@@ -12,8 +12,7 @@ from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.settings import MAX_SIZE, whole
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.cli.console import Output, aligned, check_page, refuse_given, whole_numbers, write_page
-from wordcraft_kg.cli.options import AGENT, Force, MovedGraph, Run, Words
-from wordcraft_kg.graphs.tasks import TaskPart
+from wordcraft_kg.cli.options import AGENT, Force, MovedGraph, Part, Run, Words
 
 if TYPE_CHECKING:
     from wordcraft_kg.evaluation.agents import AgentSuccess, AgentsView
@@ -31,13 +30,12 @@ class AgentOptions:
     """Options for agents.
 
     Attributes:
-        part: tasks to play: train, valid, test or all.
         distractors: comma-separated numbers of distractors. Default: 1, 8 and those trained with.
         draws: draws of distractors for each task.
         episodes: number of episodes to explain for each agent.
     """
 
-    part: TaskPart = "test"
+    part: Part = "test"
     distractors: Words = None
     draws: int = 5
     episodes: int = 2

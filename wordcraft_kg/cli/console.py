@@ -81,11 +81,7 @@ def split_labels(values: Sequence[str]) -> list[str]:
 
 
 def whole_numbers(option: str, values: Sequence[str]) -> list[int]:
-    """Return comma-separated whole numbers, each once.
-
-    Raises:
-        ConfigError: naming the option.
-    """
+    """Return comma-separated whole numbers, each once; raise a ConfigError that names the option for anything else."""
     try:
         numbers = list(dict.fromkeys(int(value) for value in split_labels(values)))
     except ValueError:
@@ -111,11 +107,7 @@ def refuse_given(options: Any, about: str) -> None:
 
 
 def check_page(out: Path | None, *, force: bool) -> None:
-    """Refuse a page that exists, before any work is done.
-
-    Raises:
-        OutputExistsError: if ``out`` exists and ``force`` is False.
-    """
+    """Raise an OutputExistsError if a page exists and is not to be replaced, before any work is done."""
     if out is not None and out.exists() and not force:
         raise OutputExistsError(f"'{out}' exists. Choose another `out`, or replace it with `force`.")
 
@@ -149,16 +141,13 @@ def read_seeds(text: str) -> list[int]:
 
 
 def aligned(rows: Iterable[Sequence[str]], *, numbers: bool = False) -> list[str]:
-    """Return the lines of a table, columns two blanks apart; columns of ``numbers``, after the first, end alike."""
-    table = list(rows)
-    widths = [max(map(len, column)) for column in zip_longest(*table, fillvalue="")]
-    aligns = ["<", *(">" if numbers else "<" for _ in widths[1:])]
-    return [
-        "  ".join(f"{cell:{a}{w}}" for cell, a, w in zip(row, aligns, widths, strict=False)).rstrip() for row in table
-    ]
+    """Return the lines of a table without its empty columns; ``numbers`` aligns all but the first column right."""
+    columns = [column for column in zip_longest(*rows, fillvalue="") if any(column)]
+    widths = [f"{'>' if numbers and place else '<'}{max(map(len, column))}" for place, column in enumerate(columns)]
+    return ["  ".join(map(format, row, widths)).rstrip() for row in zip(*columns, strict=True)]
 
 
-def names(labels: Sequence[str], total: int | None = None) -> str:
-    """Join labels with commas; if only some are listed, add how many more there are."""
-    more = (total if total is not None else len(labels)) - len(labels)
-    return ", ".join(labels) + (f" and {more:,} more" if more > 0 else "")
+def names(labels: Sequence[str], total: int, most: int = 10) -> str:
+    """Join the first labels with commas, and add how many more of ``total`` there are."""
+    listed = ", ".join(labels[:most])
+    return f"{listed} and {total - most:,} more" if total > most else listed

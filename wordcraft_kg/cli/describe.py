@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.cli.console import Output, aligned, names
-from wordcraft_kg.cli.options import Book
+from wordcraft_kg.cli.options import Graph
 
 if TYPE_CHECKING:
     from wordcraft_kg.evaluation.graphs import EntityView
@@ -15,11 +15,10 @@ if TYPE_CHECKING:
 EXAMPLES = ("wordcraft-kg describe everyday", "wordcraft-kg describe graphs/everyday --entity bread")
 
 
-def describe(graph: Book, *, entity: str | None = None, output: Output = Output()) -> None:
+def describe(graph: Graph, *, entity: str | None = None, output: Output = Output()) -> None:
     """Audit a graph: ambiguity, reachability, layers, degrees, coverage, leakage; or show one entity.
 
     Args:
-        graph: graph folder, recipe book or known book's name.
         entity: show this entity's recipes, uses and cheapest derivation instead.
     """
     from wordcraft_kg.graphs.audit import audit
@@ -65,14 +64,14 @@ def _audit_text(name: str, found: "Audit") -> list[str]:
         ("recipes", f"{found.recipes:,} over {counted(found.pairs, 'pair')}, {degrees.self_pairs:,} with itself"),
         ("per entity", f"{per.mean:.2f} recipes on average, median {per.median:.0f}, at most {per.max}"),
         ("ambiguity", ", ".join(several)),
-        ("base", names(found.base[:10], len(found.base))),
+        ("base", names(found.base, len(found.base))),
         ("reachable", f"{reach.reachable:,} of {found.entities:,}, in {counted(reach.rounds, 'round')}"),
         ("layers", " ".join(map(str, reach.known_after_round)) + " known after each round"),
         ("most used", ", ".join(f"{label} {count}" for label, count in degrees.most_used[:5])),
         ("most made", ", ".join(f"{label} {count}" for label, count in degrees.most_recipes[:5])),
     ]
     if reach.unreachable:
-        rows.append(("unreachable", names(reach.unreachable_entities[:10], reach.unreachable)))
+        rows.append(("unreachable", names(reach.unreachable_entities, reach.unreachable)))
     if labels.alike:
         alike = " / ".join(", ".join(map(repr, group)) for group in labels.alike_labels[:3])
         groups = counted(labels.alike, "group")
@@ -108,7 +107,7 @@ def split_rows(split: "SplitSummary") -> list[tuple[str, str]]:
         rows.append(("moved", f"{counted(split.moved_for_coverage, 'recipe')} to train, to cover every entity"))
     if split.uncovered:
         who = counted(split.uncovered, "entity is", "entities are")
-        listed = names(split.uncovered_entities[:5], split.uncovered)
+        listed = names(split.uncovered_entities, split.uncovered, 5)
         rows.append(("uncovered", f"{who} in no train recipe: {listed}"))
     else:
         rows.append(("covered", "every entity is in a train recipe"))

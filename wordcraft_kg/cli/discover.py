@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.cli.console import Output, aligned, check_page, split_labels, write_page
-from wordcraft_kg.cli.options import Book, Force, Scorer, Words
+from wordcraft_kg.cli.options import Force, Graph, Scorer, Words
 
 if TYPE_CHECKING:
     from wordcraft_kg.evaluation.discovery import DiscoveryView, Known
@@ -18,7 +18,7 @@ EXAMPLES = (
 
 
 def discover(
-    graph: Book = "everyday",
+    graph: Graph = "everyday",
     *,
     attempts: int = 100,
     runs: int = 100,
@@ -33,7 +33,6 @@ def discover(
     """Let players discover entities from the base in open-ended play, and compare them with people.
 
     Args:
-        graph: graph folder, recipe book or known book's name.
         attempts: combinations that a player may try.
         runs: how many times each player plays.
         players: comma-separated: random, random-no-repeat, greedy and empowerment (these two know the graph),

@@ -10,9 +10,8 @@ from cyclopts import Parameter
 from wordcraft_kg.base.settings import MAX_SIZE, whole
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.cli.console import Output, aligned, refuse_given, whole_numbers
-from wordcraft_kg.cli.options import AgentOrBook, MovedGraph, Scorer, Words
+from wordcraft_kg.cli.options import AgentOrBook, MovedGraph, Part, Scorer, Words
 from wordcraft_kg.envs.config import WordCraftConfig
-from wordcraft_kg.graphs.tasks import TaskPart
 
 if TYPE_CHECKING:
     from wordcraft_kg.evaluation.players import AgentEvaluation, Baselines
@@ -55,7 +54,7 @@ class ScriptedOptions:
 def evaluate_agent(
     run: AgentOrBook = "everyday",
     *,
-    part: TaskPart = "test",
+    part: Part = "test",
     distractors: Words = None,
     draws: int = 5,
     trained: Annotated[RunOptions, Parameter(name="*", group="Run of an agent")] = RunOptions(),
@@ -69,7 +68,6 @@ def evaluate_agent(
     Args:
         run: run folder, evaluated at its last checkpoint if it is unfinished; or a graph folder, book's file, or known
             book's name, on which scripted players play.
-        part: tasks to play: train, valid, test or all.
         distractors: comma-separated numbers of distractors. Default: as in training, and 1,2,8 for scripted players.
         draws: draws of distractors for each task; all players see the same.
         trained: options for the run of an agent.

@@ -35,12 +35,8 @@ def evaluate_links(
         out: folder to write. Default: report/ in the model folder.
     """
     from wordcraft_kg.base.artefacts import check_output
-    from wordcraft_kg.runs.record import read_finished_run
 
     folder = out or model / "report"
-    read_finished_run(
-        model, "a model of train-complex, train-links, train-recipes or ask-opinions", "model.safetensors"
-    )
     check_output(folder, force=force)
     from wordcraft_kg.evaluation.links import summarise_links
     from wordcraft_kg.models.folder import open_model
@@ -73,23 +69,22 @@ def _text(view: "LinkView", folder: Path) -> list[str]:
     ranked = f"{view.triples:,}"
     if view.sampled_from is not None:
         ranked = f"a uniform sample of {view.triples:,} of {view.sampled_from:,}"
+    wrote = f"wrote {folder}/   open {folder / 'index.html'}"
     if view.model.has_seen_the_test_recipes:
-        first = f"{ranked} triples of the graph, all seen in training: memory, not prediction"
-    else:
-        first = f"{ranked} unseen triples; {view.leaked_left_out:,} leaked ones left out"
-        best, (low, high) = view.comparisons[0], view.comparisons[0].ci
-        verdict = f"{best.verdict} the best baseline, {best.baseline}: {best.difference:+.3f} [{low:+.3f}, {high:+.3f}]"
-        rows.append(("verdict", verdict))
-        others = [row for row in view.drill_down.near_synonyms if row.slice == "no such train recipe"]
-        rows += [
-            ("no near-synonym", f"{_figures(row)}  (recipes that no train recipe nearly repeats)") for row in others
-        ]
-        if view.memory:
-            left_out = f"MRR {view.memory.left_out_mrr:.3f} on train triples left out of training"
-            rows.append(("cross-fitted", f"{left_out} ({view.memory.in_sample_mrr:.3f} where they were in it)"))
-        if view.leaked_left_out and view.model.kg != "none":
-            rows.append(("with leaked", _with_leaked(view)))
-    return [first, *aligned(rows), f"wrote {folder}/   open {folder / 'index.html'}"]
+        memory = f"{ranked} triples of the graph, all seen in training: memory, not prediction"
+        return [memory, *aligned(rows), wrote]
+    best, (low, high) = view.comparisons[0], view.comparisons[0].ci
+    lead = f"{best.difference:+.3f} [{low:+.3f}, {high:+.3f}]"
+    rows.append(("verdict", f"{best.verdict} the best baseline, {best.baseline}: {lead}"))
+    for row in view.drill_down.near_synonyms:
+        if row.slice == "no such train recipe":
+            rows.append(("no near-synonym", f"{_figures(row)}  (recipes that no train recipe nearly repeats)"))
+    if view.memory:
+        left_out = f"MRR {view.memory.left_out_mrr:.3f} on train triples left out of training"
+        rows.append(("cross-fitted", f"{left_out} ({view.memory.in_sample_mrr:.3f} where they were in it)"))
+    if view.leaked_left_out and view.model.kg != "none":
+        rows.append(("with leaked", _with_leaked(view)))
+    return [f"{ranked} unseen triples; {view.leaked_left_out:,} leaked ones left out", *aligned(rows), wrote]
 
 
 def _with_leaked(view: "LinkView") -> str:

@@ -5,8 +5,7 @@ from typing import TYPE_CHECKING
 
 from wordcraft_kg.base.settings import MAX_SIZE, whole
 from wordcraft_kg.cli.console import Output, aligned
-from wordcraft_kg.cli.options import Agent, MovedGraph
-from wordcraft_kg.graphs.tasks import TaskPart
+from wordcraft_kg.cli.options import Agent, MovedGraph, Part
 
 if TYPE_CHECKING:
     from wordcraft_kg.agents.explanation import ExplainedEpisode, ExplainedStep
@@ -22,7 +21,7 @@ def explain(
     *,
     goal: str | None = None,
     episodes: int = 3,
-    part: TaskPart = "test",
+    part: Part = "test",
     distractors: int | None = None,
     graph: MovedGraph = None,
     output: Output = Output(),
@@ -35,7 +34,6 @@ def explain(
         run: run folder.
         goal: entity to make. Default: tasks spread over the part.
         episodes: number of episodes to play.
-        part: tasks to play: train, valid, test or all.
         distractors: number of distractors on the table. Default: as in training.
     """
     from wordcraft_kg.agents.agent_folder import open_agent

@@ -6,7 +6,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from wordcraft_kg.cli.console import Output
-from wordcraft_kg.cli.options import Book, Force
+from wordcraft_kg.cli.options import Force, Graph
 from wordcraft_kg.graphs.export import ExportPart, Format
 
 EXAMPLES = (
@@ -17,7 +17,7 @@ EXAMPLES = (
 
 
 def export(
-    graph: Book,
+    graph: Graph,
     *,
     format: Format,
     out: Annotated[Path, Parameter(name=["--out"])],
@@ -28,7 +28,6 @@ def export(
     """Write a graph for other tools.
 
     Args:
-        graph: graph folder, recipe book or known book's name.
         format: tsv (triples), libkge (dataset folder with all parts), graphml or gexf (with recipe nodes), nt or ttl
             (RDF, with recipe nodes), parquet (triples), csv or json (recipe book).
         out: file to write, or folder for libkge.

@@ -11,6 +11,7 @@ from wordcraft_kg.base.artefacts import read_json
 from wordcraft_kg.base.errors import ArtefactError
 from wordcraft_kg.cli.console import Flag
 from wordcraft_kg.graphs.library import ENDINGS, FETCHABLE, known_books
+from wordcraft_kg.graphs.tasks import TaskPart
 
 if TYPE_CHECKING:
     from cyclopts.completion import CompletionContext
@@ -60,6 +61,7 @@ _AGENT = Parameter(completer=_complete_run(agents=True, models=False), negative=
 
 Book = Annotated[str, Parameter(completer=_complete_book)]
 """A recipe book or a graph: a file, a folder or a known name."""
+Graph = Annotated[Book, Parameter(help="graph folder, recipe book or known book's name.")]
 OptionalBook = Annotated[str | None, Parameter(completer=_complete_book)]
 AgentOrBook = Annotated[str, Parameter(completer=_complete_played)]
 FetchableBook = Annotated[str | None, Parameter(completer=lambda _: iter(FETCHABLE))]
@@ -76,6 +78,18 @@ Run = Annotated[Path, Parameter(completer=_complete_run(agents=True, models=True
 Force = Annotated[Flag, Parameter(help="replace the output if it exists.")]
 Words = Annotated[list[str] | None, Parameter(negative=(), consume_multiple=False)]
 """Comma-separated values; the option may be repeated."""
+Base = Annotated[
+    Words,
+    Parameter(help="comma-separated base entities. Default: the book's own, or else the entities without a recipe."),
+]
+SingleIngredient = Annotated[
+    str | None,
+    Parameter(
+        help="how to read recipes of one ingredient: self combines it with itself, any other name is what it is "
+        "combined with, such as furnace. Default: such a recipe is an error."
+    ),
+]
+Part = Annotated[TaskPart, Parameter(help="tasks to play: train, valid, test or all.")]
 Paths = Annotated[list[Path] | None, Parameter(negative=(), consume_multiple=False)]
 MovedGraph = Annotated[
     str | None, Parameter(help="where the graph is now, if it has moved since the training.", show_default=False)

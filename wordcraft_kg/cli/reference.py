@@ -9,7 +9,7 @@ from msgspec.structs import replace
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.cli.console import Flag, Output, aligned, check_page, split_labels, whole_numbers, write_page
-from wordcraft_kg.cli.options import Book, Force, Paths, Words
+from wordcraft_kg.cli.options import Force, Graph, Paths, Words
 from wordcraft_kg.graphs.tasks import TaskPart
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ THEIRS = "From the literature, in other environments: not the same tasks"
 
 
 def reference(
-    graph: Book = "everyday",
+    graph: Graph = "everyday",
     *,
     distractors: Words = None,
     part: TaskPart = "test",
@@ -44,7 +44,6 @@ def reference(
     What the package has no figures of is measured now, by scripted players.
 
     Args:
-        graph: graph folder, book's file, or known book's name.
         distractors: comma-separated numbers of distractors. Default: 1,2,8.
         part: tasks that were played: train, valid, test or all.
         depth: fewest attempts that solve a task, 1 to 5.

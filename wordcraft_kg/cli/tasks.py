@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 from wordcraft_kg.base.settings import MAX_SIZE, whole
 from wordcraft_kg.cli.console import Output, aligned
-from wordcraft_kg.cli.options import Book
+from wordcraft_kg.cli.options import Graph
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.graphs.tasks import TaskPart
 
@@ -18,7 +18,7 @@ EXAMPLES = (
 
 
 def tasks(
-    graph: Book = "everyday",
+    graph: Graph = "everyday",
     *,
     depth: int = WordCraftConfig.depth,
     distractors: int = WordCraftConfig.num_distractors,
@@ -30,7 +30,6 @@ def tasks(
     """Count the tasks of a graph, and show some as an agent sees them, with all their plans.
 
     Args:
-        graph: graph folder, recipe book or known book's name.
         depth: fewest attempts that solve a task, 1 to 5.
         distractors: entities on the table that no plan needs.
         part: train (all plans use train recipes only), test (each uses a test recipe), valid, or all.

@@ -34,6 +34,9 @@ settings.load_profile("wordcraft")
 DATA_FOLDER = os.environ.get(DATA_VARIABLE)
 OFFICIAL_FILE = "alchemy2.json"
 
+MadeOnce = Callable[[str, Callable[[Path], object]], Path]
+"""Takes a folder's name and a function that fills a folder; returns the folder, filled."""
+
 
 @dataclass(frozen=True)
 class Outcome:
@@ -108,15 +111,15 @@ def kitchen() -> RecipeGraph:
 
 
 @pytest.fixture(scope="session")
-def trained(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, Callable[[Path], object]], Path]:
-    """Make a folder once for all processes of this test session: `trained(name, make)`; read only."""
+def made_once(tmp_path_factory: pytest.TempPathFactory) -> MadeOnce:
+    """Make a folder once for all processes of this test session: `made_once(name, make)`; read only."""
     root = tmp_path_factory.getbasetemp()
     if "PYTEST_XDIST_WORKER" in os.environ:
         root = root.parent
     root /= "trained"
     root.mkdir(exist_ok=True)
 
-    def trained(name: str, make: Callable[[Path], object]) -> Path:
+    def made_once(name: str, make: Callable[[Path], object]) -> Path:
         folder, done = root / name, root / f"{name}.done"
         with (root / f"{name}.lock").open("w") as lock:
             fcntl.flock(lock, fcntl.LOCK_EX)
@@ -125,17 +128,17 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, Callable
                 done.touch()
         return folder
 
-    return trained
+    return made_once
 
 
 @pytest.fixture(scope="session")
-def recipes_folder(trained: Callable[[str, Callable[[Path], object]], Path]) -> Path:
+def recipes_folder(made_once: MadeOnce) -> Path:
     """A recipe scorer of the kitchen with three folds; read only."""
     from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
     from wordcraft_kg.models.recipes.training import train_recipes
 
     config = RecipesConfig("kitchen", RecipeScorerConfig(folds=3))
-    return trained("kitchen-recipes", lambda out: train_recipes(config, out))
+    return made_once("kitchen-recipes", lambda out: train_recipes(config, out))
 
 
 @pytest.fixture(scope="session")

@@ -28,7 +28,7 @@ from wordcraft_kg.studies.study import Drawing, Study, Values
 os.environ.setdefault("RAY_AUTH_MODE", "token")
 os.environ.setdefault("RAY_AUTH_TOKEN", uuid.uuid4().hex)
 
-settings.register_profile("wordcraft", deadline=None, max_examples=60, print_blob=True)
+settings.register_profile("wordcraft", deadline=None, max_examples=30, print_blob=True)
 settings.load_profile("wordcraft")
 
 DATA_FOLDER = os.environ.get(DATA_VARIABLE)

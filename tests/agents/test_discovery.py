@@ -288,7 +288,7 @@ def test_errors_say_what_there_is(kitchen):
 
 def test_little_alchemy_from_the_four_entities_that_people_begin_with(alchemy):
     players = make_discoverers(["random", "random-no-repeat", "greedy", "empowerment"], alchemy)
-    curves = discovery_curves(alchemy, players, attempts=100, runs=100, base=FOUR)
+    curves = discovery_curves(alchemy, players, attempts=100, runs=60, base=FOUR)
     for attempt, expected in ((1, 5.0), (10, 8.8), (20, 10.9), (50, 15.0), (100, 19.3)):
         assert known_after(curves, "random", attempt) == pytest.approx(expected, rel=0.04)
     for attempt, expected in ((1, 5.0), (10, 9.2), (20, 11.9), (50, 17.1), (100, 22.6)):

@@ -408,7 +408,7 @@ def test_tables_are_explained_whatever_the_split(scorer: CrossFitted, kind: str)
         tasks=world.tasks,  # type: ignore[arg-type]
     )[0]
     explainer = Explainer(policy, world)
-    for task in range(0, len(world.tasks), 20):
+    for task in range(0, len(world.tasks), 9):
         found = explainer.task(task)
         assert found.model == ("train_recipes" if kind == "none" else "without_a_fold")
         assert bool(found.memory) == (kind == "none") or len(found.ways) > 1
@@ -421,7 +421,7 @@ def test_threads_that_ask_at_once_get_what_they_would_get_alone(opened: OpenedGr
     train = world_of(opened, "train")
     policy = policy_of(opened, scorer, "recipes", train)
     explainers = [Explainer(policy, train), Explainer(policy, train.variant(part="all"))]
-    questions = [(number % 2, number // 2 * 3, number % 5) for number in range(120)]
+    questions = [(number % 2, number // 2 * 3, number % 5) for number in range(40)]
 
     def ask(question: tuple[int, int, int]) -> tuple[ExplainedTable, ExplainedTable]:
         which, task, draw = question
@@ -430,7 +430,7 @@ def test_threads_that_ask_at_once_get_what_they_would_get_alone(opened: OpenedGr
 
     alone = list(map(ask, questions))
     with ThreadPoolExecutor(8) as pool:
-        assert list(pool.map(ask, questions * 3)) == alone * 3
+        assert list(pool.map(ask, questions * 2)) == alone * 2
 
 
 def test_a_source_keeps_the_scores_of_one_question_apart_from_those_of_another(

@@ -133,8 +133,13 @@ def test_a_policy_is_loaded_from_its_folder_alone(opened: OpenedGraph, tmp_path:
     assert policy(*state).logits[0, 2] == -torch.inf
 
 
-@pytest.mark.parametrize("lag", [0, 2])
-@pytest.mark.parametrize("update", [1, 20, 37, 99])
+POINTS = [(20, 0), (37, 2)]
+OTHERS = [(update, lag) for update in (1, 20, 37, 99) for lag in (0, 2) if (update, lag) not in POINTS]
+
+
+@pytest.mark.parametrize(
+    ("update", "lag"), [*POINTS, *(pytest.param(*point, marks=pytest.mark.slow) for point in OTHERS)]
+)
 def test_a_run_stopped_by_ctrl_c_and_resumed_ends_with_the_same_bits(
     opened: OpenedGraph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, update: int, lag: int
 ) -> None:

@@ -16,7 +16,7 @@ def model(tmp_path_factory):
     from wordcraft_kg.models.links.training import train_links
 
     out = tmp_path_factory.mktemp("models") / "kitchen"
-    return train_links(LinksConfig("kitchen", ComplExConfig(dim=4, epochs=1)), out).folder
+    return train_links(LinksConfig("kitchen", ComplExConfig(dim=4, epochs=1, n3=0.1, folds=0)), out).folder
 
 
 def test_the_table_has_a_row_for_each_player_and_one_for_people(run):

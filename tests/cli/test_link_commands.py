@@ -28,7 +28,8 @@ from wordcraft_kg.models.scorers.folder import load_scorer
 from wordcraft_kg.models.scorers.ranking import RankingMetrics
 
 Run = Callable[..., Any]
-TINY = ("--dim", "8", "--epochs", "4")
+TINY = ("--dim", "8", "--epochs", "4", "--folds", "0")
+QUICK = (*TINY, "--n3", "0.1")
 NAMES = ALL
 SLICES = {"all", *RELATIONS}
 
@@ -44,7 +45,7 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
     root = tmp_path_factory.mktemp("trained")
     build(root / "graph")
     for name, extra in (("one", []), ("two", ["--seed", "1"]), ("full", ["--kg", "full"])):
-        command = ["train-complex", str(root / "graph"), *TINY, *extra, "--out", str(root / name), "--quiet"]
+        command = ["train-complex", str(root / "graph"), *QUICK, *extra, "--out", str(root / name), "--quiet"]
         assert main(command) == 0
     return root
 
@@ -173,7 +174,7 @@ def test_help_of_a_command_imports_no_torch(name: str):
 
 
 def test_train_complex_prints_one_object_with_what_was_trained(run: Run, tmp_path: Path):
-    values = one_object(run("train-complex", "kitchen", *TINY, "--out", tmp_path / "model", "--json", "--quiet"))
+    values = one_object(run("train-complex", "kitchen", *QUICK, "--out", tmp_path / "model", "--json", "--quiet"))
     assert {"out", "kg", "epochs", "seconds", "parameters", "train_mrr"} <= set(values)
     assert (values["out"], values["kg"], values["epochs"]) == (str(tmp_path / "model"), "partial", 4)
     assert values["parameters"] == 2 * 8 * (80 + 2)
@@ -189,21 +190,21 @@ def test_train_links_prints_the_same_keys(run: Run, tmp_path: Path):
 
 
 def test_a_quiet_training_says_nothing_on_stderr(run: Run, tmp_path: Path):
-    for command, extra in (("train-complex", TINY), ("train-links", ("--model", "distmult", *TINY))):
+    for command, extra in (("train-complex", QUICK), ("train-links", ("--model", "distmult", *TINY))):
         outcome = run(command, "kitchen", *extra, "--out", tmp_path / command, "--quiet")
         assert (outcome.code, outcome.err) == (0, "")
 
 
 def test_progress_goes_to_stderr_and_the_result_to_stdout(run: Run, tmp_path: Path):
-    outcome = run("train-complex", "kitchen", *TINY, "--out", tmp_path / "model")
-    assert "epoch 24 of 24" in outcome.err
-    assert "epoch 24 of 24" not in outcome.out
+    outcome = run("train-complex", "kitchen", "--epochs", 4, "--n3", 0.1, "--folds", 2, "--out", tmp_path / "model")
+    assert "epoch 12 of 12" in outcome.err
+    assert "epoch 12 of 24" not in outcome.out
     assert f"next: wordcraft-kg evaluate-links {tmp_path / 'model'}" in outcome.out
 
 
 def test_models_go_to_a_folder_of_their_own_by_default(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.chdir(tmp_path)
-    run("train-complex", "kitchen", *TINY, "--kg", "full")
+    run("train-complex", "kitchen", *QUICK, "--kg", "full")
     run("train-links", "kitchen", *TINY, "--model", "DistMult", "--loop", "symmetric")
     assert sorted(path.name for path in (tmp_path / "models").iterdir()) == ["kitchen-distmult-partial", "kitchen-full"]
 
@@ -235,18 +236,18 @@ def test_an_unknown_model_is_one_line_with_a_suggestion(run: Run, tmp_path: Path
 
 def test_a_model_folder_that_exists_is_refused_before_anything_is_trained(run: Run, workshop: Path):
     weights = (workshop / "one" / "model.safetensors").read_bytes()
-    outcome = run("train-complex", workshop / "graph", *TINY, "--seed", "5", "--out", workshop / "one")
+    outcome = run("train-complex", workshop / "graph", *QUICK, "--seed", "5", "--out", workshop / "one")
     assert "--force" in refused(outcome, "OutputExistsError")
     assert (workshop / "one" / "model.safetensors").read_bytes() == weights
     assert (
-        run("train-complex", workshop / "graph", *TINY, "--seed", "5", "--out", workshop / "one", "--force").code == 0
+        run("train-complex", workshop / "graph", *QUICK, "--seed", "5", "--out", workshop / "one", "--force").code == 0
     )
     assert (workshop / "one" / "model.safetensors").read_bytes() != weights
 
 
 def test_a_file_is_never_replaced_by_a_model(run: Run, tmp_path: Path):
     (tmp_path / "model").write_text("mine")
-    outcome = run("train-complex", "kitchen", *TINY, "--out", tmp_path / "model", "--force")
+    outcome = run("train-complex", "kitchen", *QUICK, "--out", tmp_path / "model", "--force")
     refused(outcome, "OutputExistsError")
     assert (tmp_path / "model").read_text() == "mine"
 
@@ -254,7 +255,7 @@ def test_a_file_is_never_replaced_by_a_model(run: Run, tmp_path: Path):
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
 def test_a_read_only_folder_is_a_clear_error(run: Run, tmp_path: Path):
     (tmp_path / "locked").mkdir(mode=0o500)
-    outcome = run("train-complex", "kitchen", *TINY, "--out", tmp_path / "locked" / "model")
+    outcome = run("train-complex", "kitchen", *QUICK, "--out", tmp_path / "locked" / "model")
     assert str(tmp_path / "locked") in refused(outcome, "PermissionError")
 
 
@@ -323,7 +324,7 @@ def test_a_second_ctrl_c_says_truly_what_is_left(run: Run, tmp_path: Path, monke
             signal.raise_signal(signal.SIGINT)
 
     monkeypatch.setattr(Progress, "__call__", press_twice)
-    outcome = run("train-complex", "kitchen", *TINY, "--checkpoint-every", "1", "--out", tmp_path / "model")
+    outcome = run("train-complex", "kitchen", *QUICK, "--checkpoint-every", "1", "--out", tmp_path / "model")
     assert (outcome.code, outcome.out) == (130, "")
     assert [path.name for path in tmp_path.iterdir()] == ["model"]
     assert "wordcraft-kg resume" in outcome.err
@@ -340,7 +341,7 @@ def test_ctrl_c_at_once_in_a_forced_training_leaves_the_earlier_model(
     weights = (workshop / "one" / "model.safetensors").read_bytes()
     with monkeypatch.context() as patch:
         patch.setattr(Progress, "__call__", press_twice)
-        outcome = run("train-complex", workshop / "graph", *TINY, "--seed", "3", "--out", workshop / "one", "--force")
+        outcome = run("train-complex", workshop / "graph", *QUICK, "--seed", "3", "--out", workshop / "one", "--force")
     assert outcome.code == 130
     assert (workshop / "one" / "model.safetensors").read_bytes() == weights
     assert run("score", workshop / "one", "flour", "combinesWith", "water").code == 0
@@ -430,7 +431,7 @@ def test_without_leaked_triples_nothing_is_said_about_them(run: Run, workshop: P
 
 def test_a_full_graph_that_is_too_small_is_not_told_to_hold_out_more(run: Run, tmp_path: Path):
     (tmp_path / "tiny.csv").write_text("ingredient_a,ingredient_b,result\nwater,earth,mud\nmud,fire,brick\n")
-    assert run("train-complex", tmp_path / "tiny.csv", "--kg", "full", *TINY, "--out", tmp_path / "full").code == 0
+    assert run("train-complex", tmp_path / "tiny.csv", "--kg", "full", *QUICK, "--out", tmp_path / "full").code == 0
     message = refused(run("evaluate-links", tmp_path / "full"), "SplitError")
     assert "only 8 triples in the whole graph" in message
     assert "--train-ratio" not in message
@@ -501,7 +502,7 @@ def test_a_leak_is_an_exit_code_of_1_and_said_on_stderr(run: Run, workshop: Path
 
 def test_too_few_unseen_triples_are_an_error_that_suggests_another_ratio(run: Run, tmp_path: Path):
     build(tmp_path / "graph", train_ratio=0.99)
-    assert run("train-complex", tmp_path / "graph", *TINY, "--out", tmp_path / "model").code == 0
+    assert run("train-complex", tmp_path / "graph", *QUICK, "--out", tmp_path / "model").code == 0
     assert "--train-ratio" in refused(run("evaluate-links", tmp_path / "model"), "SplitError")
     assert not (tmp_path / "model" / "report").exists()
 
@@ -589,7 +590,7 @@ def test_score_says_which_recipes_give_each_triple(run: Run, trained: Path):
 
 def test_score_says_how_probable_triples_outside_training_are(run: Run, tmp_path: Path):
     build(tmp_path / "graph")
-    run("train-complex", tmp_path / "graph", *TINY, "--folds", "3", "--out", tmp_path / "model")
+    run("train-complex", tmp_path / "graph", "--dim", "8", "--epochs", "4", "--folds", "3", "--out", tmp_path / "model")
     model, scorer = tmp_path / "model", load_scorer(tmp_path / "model")
     assert isinstance(scorer, CrossFitted)
     found = one_object(run("score", model, "_", "componentOf", "bread", "--top", "80", "--json"))["top"]
@@ -615,7 +616,7 @@ def test_score_says_how_probable_triples_outside_training_are(run: Run, tmp_path
 
 def test_validation_triples_are_known_as_such(run: Run, tmp_path: Path):
     build(tmp_path / "graph", train_ratio=0.8, valid_ratio=0.1)
-    run("train-complex", tmp_path / "graph", *TINY, "--out", tmp_path / "model")
+    run("train-complex", tmp_path / "graph", *QUICK, "--out", tmp_path / "model")
     opened = open_graph(tmp_path / "graph")
     head, relation, tail = opened.split.held_out("valid")[0]
     triple = (opened.graph.entities[head], RELATIONS[relation], opened.graph.entities[tail])
@@ -661,7 +662,7 @@ def test_an_entity_called_like_an_open_slot_goes_before_it(run: Run, tmp_path: P
     book = tmp_path / "book.csv"
     rows = [f"{a},{b},{c}" for a, b, c in open_book("kitchen").recipes]
     book.write_text("ingredient_a,ingredient_b,result\n_,water,bread\n" + "\n".join(rows))
-    run("train-complex", book, *TINY, "--out", tmp_path / "model")
+    run("train-complex", book, *QUICK, "--out", tmp_path / "model")
     values = one_object(run("score", tmp_path / "model", "_", "combinesWith", "water", "--json"))
     assert (values["head"], values["known"]) == ("_", "train")
     assert one_object(run("score", tmp_path / "model", "?", "combinesWith", "water", "--json"))["head"] is None
@@ -835,7 +836,7 @@ def test_several_models_are_compared_with_the_first_on_a_page(run: Run, trained:
 
 def test_a_folder_of_seeds_is_compared_as_one_model(run: Run, workshop: Path):
     seeds = ("--seeds", "4,5", "--out", workshop / "seeds")
-    run("train-complex", workshop / "graph", *TINY, "--quiet", *seeds)
+    run("train-complex", workshop / "graph", *QUICK, "--quiet", *seeds)
     command = ("compare", workshop / "one", workshop / "seeds")
     found = one_object(run(*command, "--json"))["models"][1]
     assert (found["name"], found["seeds"]) == ("seeds", [4, 5])
@@ -845,7 +846,7 @@ def test_a_folder_of_seeds_is_compared_as_one_model(run: Run, workshop: Path):
 
 def test_models_of_different_splits_are_not_compared(run: Run, workshop: Path):
     build(workshop / "other", seed=1)
-    assert run("train-complex", workshop / "other", *TINY, "--out", workshop / "three").code == 0
+    assert run("train-complex", workshop / "other", *QUICK, "--out", workshop / "three").code == 0
     outcome = run("compare", workshop / "one", workshop / "three")
     assert "different splits" in refused(outcome, "GraphMismatchError")
 
@@ -958,7 +959,7 @@ def test_tuning_over_the_whole_range_on_the_kitchen(run: Run, tmp_path: Path):
 def test_the_start_page_works_from_a_book_to_a_report(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.chdir(tmp_path)
     assert run("build-graph", "kitchen", "--out", "graphs/kitchen").code == 0
-    assert run("train-complex", "graphs/kitchen", "--out", "models/kitchen", *TINY).code == 0
+    assert run("train-complex", "graphs/kitchen", "--out", "models/kitchen", *QUICK).code == 0
     values = one_object(run("evaluate-links", "models/kitchen", "--json"))
     assert Path(values["report"]).is_file()
     assert values["mrr"]["all"] > values["baselines"]["random"]["all"]
@@ -978,7 +979,7 @@ def test_a_model_trained_from_a_script_file_is_the_commands_model(trained: Path,
     from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
     from wordcraft_kg.models.links.training import train_links
 
-    config = LinksConfig(str(trained / "graph"), ComplExConfig(dim=8, epochs=4))
+    config = LinksConfig(str(trained / "graph"), ComplExConfig(dim=8, epochs=4, n3=0.1, folds=0))
     here = train_links(config, tmp_path / "model").folder
     assert (here / "model.safetensors").read_bytes() == (trained / "one" / "model.safetensors").read_bytes()
     assert not np.array_equal(

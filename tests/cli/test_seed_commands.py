@@ -14,7 +14,7 @@ from wordcraft_kg.cli.console import read_seeds
 
 Run = Callable[..., Any]
 SMALL = ("--steps", 1_600, "--batch-size", 16, "--eval-every", 0, "--checkpoint-every", 800, "--quiet")
-TINY = ("--dim", 8, "--epochs", 4, "--quiet")
+TINY = ("--dim", 8, "--epochs", 4, "--folds", 0, "--quiet")
 
 
 @pytest.fixture(scope="module")

@@ -24,7 +24,7 @@ def make_home(home: Path) -> Path:
     split = make_split(RecipeGraph.from_book(book), SplitConfig(train_ratio=0.6, valid_ratio=0.1))
     write_graph_folder(home / "graph", book, split)
     graph = str(home / "graph")
-    links = LinksConfig(graph, ComplExConfig(dim=4, epochs=3, checkpoint_every=1))
+    links = LinksConfig(graph, ComplExConfig(dim=4, epochs=3, n3=0.1, folds=2, checkpoint_every=1))
     other = LinksConfig(graph, LinkModelConfig(model="distmult", dim=4, epochs=2))
     trainer = ImpalaConfig(steps=320, batch_size=16, log_every=64, eval_every=160, checkpoint_every=64)
     agent = AgentConfig(graph, str(home / "model"), TaskConfig(distractors=1), trainer=trainer)

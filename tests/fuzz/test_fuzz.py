@@ -8,7 +8,7 @@ from .__main__ import run_case
 from .home import make_home
 from .values import cases
 
-SHORT = {"books": 60, "artefacts": 30, "values": 60}
+SHORT = {"books": 25, "artefacts": 15, "values": 40}
 LONG = {"books": 2_000, "artefacts": 1_000, "values": len(cases()) // 4}
 
 

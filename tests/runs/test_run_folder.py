@@ -37,7 +37,7 @@ class Links:
     numbers = (1, 2, 3, 4, 5, 6)
 
     def train(self, out: Path, *, seed: int = 0, force: bool = False, progress: Progress | None = None) -> Any:
-        settings = ComplExConfig(dim=4, epochs=6, checkpoint_every=1, seed=seed)
+        settings = ComplExConfig(dim=4, epochs=6, n3=0.1, folds=0, checkpoint_every=1, seed=seed)
         return train_links(LinksConfig("kitchen", settings), out, force=force, progress=progress)
 
     def resume(self, folder: Path, progress: Progress | None = None) -> Any:

@@ -16,7 +16,7 @@ from wordcraft_kg.models.folder import open_model
 from wordcraft_kg.models.links.config import ComplExConfig
 
 Spoilt = Callable[[str], tuple[Path, Path]]
-SHORT = ComplExConfig(dim=4, epochs=2)
+SHORT = ComplExConfig(dim=4, epochs=2, n3=0.1, folds=2)
 
 
 @pytest.fixture

@@ -159,7 +159,7 @@ def test_a_sampled_objective_that_was_chosen_for_the_size_is_said_and_recorded(
     opened_kitchen: OpenedGraph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ):
     monkeypatch.setattr(link_config, "FULL_SOFTMAX", opened_kitchen.graph.num_entities - 1)
-    trained = train(opened_kitchen, ComplExConfig(dim=4, epochs=1), tmp_path / "model")
+    trained = train(opened_kitchen, ComplExConfig(dim=4, epochs=1, n3=0.1, folds=0), tmp_path / "model")
     assert "512 sampled for each batch" in caplog.text
     settings = LinksConfig.read(trained.folder).settings
     assert isinstance(settings, ComplExConfig)
@@ -168,7 +168,7 @@ def test_a_sampled_objective_that_was_chosen_for_the_size_is_said_and_recorded(
 
 
 def test_with_all_entities_nothing_is_said(opened_kitchen: OpenedGraph, tmp_path: Path, caplog):
-    trained = train(opened_kitchen, ComplExConfig(dim=4, epochs=1), tmp_path / "model")
+    trained = train(opened_kitchen, ComplExConfig(dim=4, epochs=1, n3=0.1, folds=0), tmp_path / "model")
     assert caplog.text == ""
     assert "sampled" not in (trained.folder / "README.md").read_text()
     with pykeen_guard(0, threads=1):
@@ -179,7 +179,7 @@ def test_with_all_entities_nothing_is_said(opened_kitchen: OpenedGraph, tmp_path
 
 
 def test_a_resumed_training_ends_bit_for_bit_like_one_without_interruption(opened_kitchen: OpenedGraph, tmp_path: Path):
-    config = ComplExConfig(dim=4, epochs=5, negatives=16, batch_size=100)
+    config = ComplExConfig(dim=4, epochs=5, n3=0.1, negatives=16, batch_size=100, folds=2)
     whole = train(opened_kitchen, config, tmp_path / "whole")
     cut = train(opened_kitchen, config, tmp_path / "cut", progress=interrupt_after(2))
     assert cut.interrupted

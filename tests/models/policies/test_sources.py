@@ -265,7 +265,7 @@ def test_a_scale_that_needs_a_table_is_refused_where_none_fits_and_names_the_sca
 def test_an_agent_whose_sources_do_not_fit_is_refused_before_its_tasks_are_made(
     tmp_path: Path, no_tables, monkeypatch: pytest.MonkeyPatch
 ):
-    train_links(LinksConfig("kitchen", ComplExConfig(dim=4, epochs=1)), tmp_path / "model")
+    train_links(LinksConfig("kitchen", ComplExConfig(dim=4, epochs=1, n3=0.1, folds=2)), tmp_path / "model")
     monkeypatch.setattr("wordcraft_kg.agents.training.World", None)
     with pytest.raises(ConfigError, match="scores of all pairs"):
         train_agent(AgentConfig("kitchen", str(tmp_path / "model")), tmp_path / "run")
@@ -276,7 +276,7 @@ def test_an_agent_learns_with_factors_and_its_policy_comes_back(
     tmp_path: Path, no_tables, monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setattr(scorer_folder, "TABLE_LIMIT", 1)
-    train_links(LinksConfig("kitchen", ComplExConfig(dim=4, epochs=1)), tmp_path / "model")
+    train_links(LinksConfig("kitchen", ComplExConfig(dim=4, epochs=1, n3=0.1, folds=2)), tmp_path / "model")
     policy = PolicyConfig(scale="standardise")
     config = AgentConfig("kitchen", str(tmp_path / "model"), TaskConfig(), policy, ImpalaConfig(steps=512))
     trained = train_agent(config, tmp_path / "run")
@@ -366,7 +366,7 @@ def third(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch, tmp_p
 def test_a_third_source_trains_saves_plays_and_explains(third, tmp_path: Path):
     opened = open_graph("kitchen")
     folder = tmp_path / "model"
-    train_links(LinksConfig("kitchen", ComplExConfig(dim=4, epochs=1)), folder)
+    train_links(LinksConfig("kitchen", ComplExConfig(dim=4, epochs=1, n3=0.1, folds=2)), folder)
     config = AgentConfig("kitchen", str(folder), TaskConfig(), PolicyConfig(use="third,u"), ImpalaConfig(steps=2_000))
     trained = train_agent(config, tmp_path / "run")
     policy = load_policy(trained.folder)

@@ -5,12 +5,10 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
-import numpy as np
 import pytest
 
-from tests.apps.text_agents.scripted_words import picks_of
+from tests.apps.text_agents.scripted import PLAYERS, assert_same, picks_of
 from wordcraft_kg.agents.evaluation import Evaluator
-from wordcraft_kg.agents.players import Player, knowledge_player, random_distinct, random_entity, recipe_oracle
 from wordcraft_kg.apps.text_agents.conversation import Conversation, converse
 from wordcraft_kg.apps.text_agents.games import DiscoveryGames, TaskGames
 from wordcraft_kg.apps.text_agents.knowledge import PartialGraphKnowledge, ScorerKnowledge
@@ -19,13 +17,11 @@ from wordcraft_kg.apps.text_agents.results import evaluation_of, record_of, resu
 from wordcraft_kg.apps.text_agents.settings import REFUSALS, GameSettings
 from wordcraft_kg.base.errors import ActionError, ConfigError, EpisodeError, LeakError
 from wordcraft_kg.envs.config import WordCraftConfig
-from wordcraft_kg.envs.words import texts_hash
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.splits import SplitConfig, make_split
-from wordcraft_kg.models.policies.sources.registry import make_sources
-from wordcraft_kg.models.scorers.baselines import FrequencyScorer, SymbolicScorer
+from wordcraft_kg.models.scorers.baselines import FrequencyScorer
 
 
 @pytest.fixture(scope="module")
@@ -43,16 +39,6 @@ def play_all(games: TaskGames, draws: int, player: Callable[[int, int], Callable
     return played
 
 
-PLAYERS: dict[str, Callable[[OpenedGraph], Player]] = {
-    "oracle": lambda opened: recipe_oracle,
-    "random": lambda opened: random_entity,
-    "random distinct": lambda opened: random_distinct,
-    "full graph": lambda opened: knowledge_player(
-        make_sources(["u", "v"], SymbolicScorer(opened.graph, opened.graph.triples))
-    ),
-}
-
-
 @pytest.mark.parametrize("name", PLAYERS)
 @pytest.mark.parametrize("settings", [{}, {"depth": 2, "num_tasks": 60, "max_attempts": 3}], ids=["depth 1", "depth 2"])
 def test_a_text_player_that_plays_like_a_scripted_one_has_its_evaluation_to_the_last_digit(
@@ -67,11 +53,8 @@ def test_a_text_player_that_plays_like_a_scripted_one_has_its_evaluation_to_the_
         mine = iter(slots[task, draw])
         return lambda told: f"{next(mine) + 1} + {next(mine) + 1}"
 
-    found = evaluation_of(world, play_all(TaskGames(world), 2, speaker))
-    for field in ("tasks", "success", "by_plan", "picks", "endings", "last"):
-        assert np.array_equal(getattr(found, field), getattr(expected, field)), field
-    assert found.figures() == expected.figures()
-    assert 0 < found.success.mean() < 1 or name == "oracle"
+    assert_same(evaluation_of(world, play_all(TaskGames(world), 2, speaker)), expected)
+    assert 0 < expected.success.mean() < 1 or name == "oracle"
 
 
 def test_a_player_that_reads_nothing_but_the_texts_makes_every_goal(games: TaskGames, kitchen: OpenedGraph):
@@ -152,18 +135,7 @@ def test_the_open_ended_world_is_played_by_pairs_and_counts_what_is_known(kitche
     played = record_of(talk, [])
     assert played.known_after[:3] == (known,) * 3
     assert (played.repeated, played.lost, len(other.game.labels)) == (1, 1, base)
-    settings = PlayedSettings(
-        graph="kitchen",
-        graph_hash=kitchen.graph.hash,
-        split_hash=kitchen.split.hash,
-        part=None,
-        depth=None,
-        distractors=None,
-        attempts=4,
-        base=games.env.graph.labels(games.env.discovery.base),
-        refusals=REFUSALS,
-        texts=texts_hash(),
-    )
+    settings = PlayedSettings.of_world(games.env, kitchen.split)
     result = result_of("somebody", settings, [played, msgspec.structs.replace(played, known_after=())])
     assert result.known == {1: (known + base) / 2, 4: (played.known_after[-1] + base) / 2}
 

@@ -20,10 +20,9 @@ from inspect_ai.log import EvalLog, write_eval_log
 from inspect_ai.model import ChatMessage, ModelOutput, ModelUsage, get_model
 
 import wordcraft_kg
-from tests.apps.text_agents.scripted_words import picks_of
+from tests.apps.text_agents.scripted import PLAYERS, picks_of
 from wordcraft_kg.agents.discovery import HUMAN_CURVE
 from wordcraft_kg.agents.evaluation import Evaluation, Evaluator
-from wordcraft_kg.agents.players import Player, knowledge_player, random_entity, recipe_oracle
 from wordcraft_kg.apps.text_agents.conversation import Conversation, converse
 from wordcraft_kg.apps.text_agents.games import DiscoveryGames
 from wordcraft_kg.apps.text_agents.inspect_log import read_inspect_log
@@ -36,7 +35,6 @@ from wordcraft_kg.envs.words import texts_hash
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.evaluation.reference import OpenPlay, TaskPlay
 from wordcraft_kg.graphs.folder import OpenedGraph
-from wordcraft_kg.models.policies.sources.registry import make_sources
 from wordcraft_kg.models.saving import save_scorer
 from wordcraft_kg.models.scorers.baselines import SymbolicScorer
 from wordcraft_kg.studies.result_readers import rows_beside
@@ -101,15 +99,6 @@ def metrics_of(log: EvalLog) -> dict[str, float]:
     assert log.status == "success", log.error
     assert log.results is not None
     return {name: one.value for name, one in log.results.scores[0].metrics.items()}
-
-
-PLAYERS: dict[str, Callable[[OpenedGraph], Player]] = {
-    "oracle": lambda opened: recipe_oracle,
-    "random": lambda opened: random_entity,
-    "full graph": lambda opened: knowledge_player(
-        make_sources(["u", "v"], SymbolicScorer(opened.graph, opened.graph.triples))
-    ),
-}
 
 
 @pytest.mark.parametrize(

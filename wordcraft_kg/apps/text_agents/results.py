@@ -3,12 +3,12 @@
 from collections.abc import Sequence
 from itertools import product
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import msgspec
 import numpy as np
 
 from wordcraft_kg.agents.discovery import MARKS
-from wordcraft_kg.agents.evaluation import Evaluation
 from wordcraft_kg.agents.outcomes import ENDINGS, Ending
 from wordcraft_kg.apps.text_agents.conversation import Conversation
 from wordcraft_kg.apps.text_agents.games import DiscoveryGame, TaskGame
@@ -28,6 +28,9 @@ from wordcraft_kg.envs.evaluation_tables import distance_of
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folder import OpenedGraph
+
+if TYPE_CHECKING:
+    from wordcraft_kg.agents.evaluation import Evaluation
 
 COUNTS = ("refused", "lost", "look_ups")
 
@@ -78,7 +81,7 @@ def _ending_of(game: TaskGame) -> Ending:
     return "no_right_part" if (min(one, other), max(one, other)) in game.graph.outcomes else "no_recipe"
 
 
-def evaluation_of(world: World | None, played: Sequence[PlayedTask]) -> Evaluation:
+def evaluation_of(world: World | None, played: Sequence[PlayedTask]) -> "Evaluation":
     """Return games as an evaluation of agents: N tasks with D draws each.
 
     Without a world, the last pairs have no ids: they are -1. Figures and shares do not depend on them.
@@ -86,6 +89,8 @@ def evaluation_of(world: World | None, played: Sequence[PlayedTask]) -> Evaluati
     Raises:
         ValueError: if a task lacks a draw that another one has.
     """
+    from wordcraft_kg.agents.evaluation import Evaluation  # loads torch
+
     tasks = np.array(sorted({one.task for one in played}), dtype=np.int64)
     draws = sorted({one.draw for one in played})
     shape = len(tasks), len(draws)

@@ -1,0 +1,48 @@
+"""Picks of scripted players for text agents that play like them, and the evaluation that these must have."""
+
+from collections.abc import Callable
+from dataclasses import fields
+
+import numpy as np
+
+from wordcraft_kg.agents.evaluation import Evaluation, Evaluator
+from wordcraft_kg.agents.players import Player, knowledge_player, random_distinct, random_entity, recipe_oracle
+from wordcraft_kg.envs.batch import BatchEngine
+from wordcraft_kg.envs.world import World
+from wordcraft_kg.graphs.folder import OpenedGraph
+from wordcraft_kg.models.policies.sources.registry import make_sources
+from wordcraft_kg.models.scorers.baselines import SymbolicScorer
+
+PLAYERS: dict[str, Callable[[OpenedGraph], Player]] = {
+    "oracle": lambda opened: recipe_oracle,
+    "random": lambda opened: random_entity,
+    "random distinct": lambda opened: random_distinct,
+    "full graph": lambda opened: knowledge_player(
+        make_sources(["u", "v"], SymbolicScorer(opened.graph, opened.graph.triples))
+    ),
+}
+
+
+def picks_of(player: Player, world: World, draws: int) -> dict[tuple[int, int], list[int]]:
+    """Return the slots that a scripted player picks, by task and draw, as an evaluation has them."""
+    found: dict[tuple[int, int], list[int]] = {}
+    evaluator = Evaluator(world, draws=draws)
+    episode = -1
+
+    def recording(engine: BatchEngine, rng: np.random.Generator) -> np.ndarray:
+        nonlocal episode
+        slots = player(engine, rng)
+        if (engine.selection == engine.nothing).all() and (engine.attempts_left == world.config.attempts).all():
+            episode += 1
+        for row in np.flatnonzero(engine.attempts_left > 0):
+            found.setdefault((int(evaluator.tasks[row]), episode), []).append(int(slots[row]))
+        return slots
+
+    evaluator(recording)
+    return found
+
+
+def assert_same(found: Evaluation, expected: Evaluation) -> None:
+    for field in fields(Evaluation):
+        assert np.array_equal(getattr(found, field.name), getattr(expected, field.name)), field.name
+    assert found.figures() == expected.figures()

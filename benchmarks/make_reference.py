@@ -42,6 +42,7 @@ from wordcraft_kg.evaluation.reference import (
     FORMAT,
     PACK,
     TRAINED_WITH,
+    PlayedGraph,
     ReferencePack,
     ReferenceRow,
     TaskPlay,
@@ -55,7 +56,6 @@ from wordcraft_kg.studies.references import (
     in_order,
     open_play,
     open_rows,
-    played_graph,
     scripted_rows,
 )
 from wordcraft_kg.studies.result_readers import OVER_SEEDS, SEEN, agent_rows
@@ -87,7 +87,7 @@ def main() -> None:
     pack = ReferencePack(
         format=FORMAT,
         title=opened.graph.name,
-        graph=played_graph(opened),
+        graph=PlayedGraph.of(opened),
         versions=versions(),
         rows=in_order([*scripted, *agents]),
     )

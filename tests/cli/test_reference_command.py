@@ -16,9 +16,16 @@ from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.open_ended import OpenEndedEnv
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.evaluation import reference
-from wordcraft_kg.evaluation.reference import FORMAT, Figure, OpenPlay, ReferencePack, ReferenceRow, TaskPlay
+from wordcraft_kg.evaluation.reference import (
+    FORMAT,
+    Figure,
+    OpenPlay,
+    PlayedGraph,
+    ReferencePack,
+    ReferenceRow,
+    TaskPlay,
+)
 from wordcraft_kg.graphs import open_graph
-from wordcraft_kg.studies.references import played_graph
 
 DEPTH_1 = TaskPlay("test", 1, 1)
 
@@ -52,7 +59,7 @@ def pack(monkeypatch: pytest.MonkeyPatch) -> ReferencePack:
         row("of depth 2", "agent", {"1": 0.5}, play=TaskPlay("test", 2, 2)),
         row("explorer", "other", {"1": 5.5, "10": 6.25}, measure="entities known", play=base),
     )
-    found = ReferencePack(format=FORMAT, title="kitchen", rows=rows, graph=played_graph(opened))
+    found = ReferencePack(format=FORMAT, title="kitchen", rows=rows, graph=PlayedGraph.of(opened))
     real = [one for one in reference.read_packs() if one.graph is None]
     monkeypatch.setattr(reference, "packs", lambda: (found, *real))
     return found

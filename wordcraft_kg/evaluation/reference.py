@@ -12,6 +12,7 @@ from wordcraft_kg.base.errors import ArtefactError
 from wordcraft_kg.base.records import Count, Hash, Record, read_record
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.envs.config import WordCraftConfig
+from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.tasks import TaskPart
 
 PACK = Path(__file__).parent / "references"
@@ -38,6 +39,12 @@ class PlayedGraph(Record, frozen=True):
     kind: str
     split_seed: int
     split: Hash
+
+    @classmethod
+    def of(cls, opened: OpenedGraph) -> "PlayedGraph":
+        """Return the record of an opened graph."""
+        graph, split = opened.graph, opened.split
+        return cls(graph.name, graph.hash, split.config.kind, split.config.seed, split.hash)
 
 
 class TaskPlay(Record, frozen=True, tag="tasks"):
@@ -252,21 +259,25 @@ def figures_of(values: Mapping[int, Estimate]) -> dict[str, Figure]:
 
 
 def _contradiction(pack: ReferencePack, row: ReferenceRow) -> str:
-    """Say what is wrong with a row, nothing if it is sound."""
-    if pack.graph is None and (row.origin != "literature" or not row.environment or row.year is None):
-        return "is of no graph, so it has to be of the literature, with an 'environment' and a 'year'"
-    if pack.graph is not None and (row.origin != "ours" or row.play is None):
+    """Return a description of the fault of a row, empty if it is sound."""
+    if pack.graph is None:
+        if row.origin != "literature" or not row.environment or row.year is None:
+            return "is of no graph, so it has to be of the literature, with an 'environment' and a 'year'"
+    elif row.origin != "ours" or row.play is None:
         return "is of a graph, so it has to be ours, and to say what was played"
-    if pack.graph is not None and (row.measure == "success") != isinstance(row.play, TaskPlay):
+    elif (row.measure == "success") != isinstance(row.play, TaskPlay):
         return f"has the measure '{row.measure}' of another kind of play"
-    for column, found in row.figures.items():
-        low, high = found.low, found.high
-        if not (column.isascii() and column.isdigit()):
-            return f"has the column '{column}', which is not a number"
-        if (low is None) != (high is None) or (low is not None and high is not None and not low <= high):
-            return f"has at {column} an interval without two ends in their order"
-        if low is not None and not row.interval:
-            return f"does not say what the interval at {column} is"
-        if row.measure == "success" and not all(0 <= x <= 1 for x in (found.value, low, high) if x is not None):
-            return f"has at {column} a success outside of 0 to 1"
+    return next(filter(None, (_fault(row, column, found) for column, found in row.figures.items())), "")
+
+
+def _fault(row: ReferenceRow, column: str, found: Figure) -> str:
+    ends = [end for end in (found.low, found.high) if end is not None]
+    if not (column.isascii() and column.isdigit()):
+        return f"has the column '{column}', which is not a number"
+    if len(ends) == 1 or ends != sorted(ends):
+        return f"has at {column} an interval without two ends in their order"
+    if ends and not row.interval:
+        return f"does not say what the interval at {column} is"
+    if row.measure == "success" and not all(0 <= value <= 1 for value in (found.value, *ends)):
+        return f"has at {column} a success outside of 0 to 1"
     return ""

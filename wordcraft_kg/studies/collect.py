@@ -1,6 +1,6 @@
 """Collecting the figures of a results folder: of a study, or of any selection of its runs."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 
 from wordcraft_kg.agents.config import OF_SCORER
@@ -32,7 +32,7 @@ def collect_study(root: Path, name: str) -> StudyResults:
     """
     plan = read_plan(root, name)
     rows = list(zip(plan.cells, plan.runs, plan.scorers, strict=True))
-    return _Collection(root).results(name, plan.command, plan.study, rows)
+    return _results(root, name, plan.command, plan.study, rows)
 
 
 def collect_runs(root: Path, by: Sequence[str]) -> StudyResults:
@@ -54,42 +54,42 @@ def collect_runs(root: Path, by: Sequence[str]) -> StudyResults:
             said = _said(plan, cell, scorer)
             given |= dict.fromkeys(said)
             described.setdefault(run, (_with_defaults(said, by), cell, scorer))
+    every = [values for values, *_ in described.values()]
+    _check_known(by, list(given), {name for values in every for name in values}, root)
     # Only what some study says can differ; the rest is at its default, as it is where another study does not say it.
-    names, known = list(given), {name for values, *_ in described.values() for name in values}
+    varied = [name for name in given if name not in by and _varies(name, by, every)]
+    rows, variants = [], {}
+    for run, (values, cell, scorer) in described.items():
+        own = _of(values, by)
+        variant = ", ".join(map(str, own.values())) or "all"
+        variants[variant] = own
+        rows.append((Cell(variant, _of(values, varied), cell.seed, {}), run, scorer))
+    study = Study(
+        title=f"Runs by {', '.join(by)}" if by else "All runs",
+        variants=variants,
+        grid={name: list(dict.fromkeys(values.get(name, NONE) for values in every)) for name in varied},
+        seeds=max((cell.seed + 1 for cell, *_ in rows), default=1),
+        drawing="bars",
+    )
+    return _results(root, "runs", "", study, rows)
+
+
+def _check_known(by: Sequence[str], names: Sequence[str], known: Collection[str], root: Path) -> None:
     for name in by:
         if name not in known:
             there = f"there are {', '.join(names)}.{nearest(name, known)}"
             raise ConfigError(f"`by` '{name}': no run of '{root}' has this setting; {there}")
-    every = [values for values, *_ in described.values()]
-    varied = [name for name in names if name not in by and _varies(name, by, every)]
-    cells, variants = [], {}
-    for run, (values, cell, scorer) in described.items():
-        own: Values = {name: values.get(name, NONE) for name in by}
-        variant = ", ".join(str(value) for value in own.values()) or "all"
-        variants[variant] = own
-        grid: Values = {name: values.get(name, NONE) for name in varied}
-        cells.append((Cell(variant, grid, cell.seed, {}), run, scorer))
-    grid_values: dict[str, list[Value]] = {
-        name: list(dict.fromkeys(values.get(name, NONE) for values in every)) for name in varied
-    }
-    study = Study(
-        title=f"Runs by {', '.join(by)}" if by else "All runs",
-        variants=variants,
-        grid=grid_values,
-        seeds=max((cell.seed + 1 for cell, *_ in cells), default=1),
-        drawing="bars",
-    )
-    return _Collection(root).results("runs", "", study, cells)
+
+
+def _of(values: Values, names: Sequence[str]) -> Values:
+    return {name: values.get(name, NONE) for name in names}
 
 
 def _varies(name: str, by: Sequence[str], runs: Sequence[Values]) -> bool:
     """Return whether a setting has several values among runs that agree in those of ``by``."""
     found: dict[tuple[Value, ...], Value] = {}
-    for values in runs:
-        value = values.get(name, NONE)
-        if found.setdefault(tuple(values.get(other, NONE) for other in by), value) != value:
-            return True
-    return False
+    pairs = [(tuple(_of(values, by).values()), values.get(name, NONE)) for values in runs]
+    return any(found.setdefault(agreed, value) != value for agreed, value in pairs)
 
 
 def _said(plan: PlannedStudy, cell: Cell, scorer: str | None) -> Values:
@@ -117,74 +117,65 @@ def _with_defaults(said: Values, by: Sequence[str]) -> Values:
     return {name: value for name, value in found.items() if value is not None and name not in derived} | said
 
 
-class _Collection:
-    """Reads figures; those of a scorer once."""
-
-    def __init__(self, root: Path):
-        self.root = root
-        self._scorers: dict[str, ScorerFigures] = {}
-
-    def results(
-        self, name: str, command: str, study: Study, rows: Sequence[tuple[Cell, str, str | None]]
-    ) -> StudyResults:
-        graphs: dict[PlayedGraph, int] = {}
-        versions: dict[str, str] = {}
-        runs, missing, seconds = [], [], {}
-        for cell, address, scorer in rows:
-            found = self._figures(address, scorer)
-            if isinstance(found, str):
-                missing.append(Missing(cell.variant, cell.values, cell.seed, found))
-                continue
-            figures, of_scorer = found
-            versions |= figures.versions
-            seconds[address] = figures.seconds
-            if scorer is not None and of_scorer is not None:
-                seconds[scorer] = of_scorer.seconds
-            runs.append(
-                RunResult(
-                    variant=cell.variant,
-                    values=cell.values,
-                    seed=cell.seed,
-                    run=address,
-                    graph=graphs.setdefault(figures.graph, len(graphs)),
-                    success=_rounded(figures.success),
-                    by_plan=_rounded(figures.by_plan),
-                    endings=_rounded(figures.endings),
-                    won=figures.won,
-                    draws=figures.draws,
-                    curve=figures.curve,
-                    mrr=of_scorer.mrr if of_scorer else None,
-                    steps=figures.steps,
-                    seconds=figures.seconds,
-                    steps_per_second=figures.steps_per_second,
-                )
-            )
-        return StudyResults(
-            format="wordcraft-kg results 1",
-            name=name,
-            command=command,
-            study=study,
-            graphs=tuple(graphs),
-            versions=versions,
-            runs=tuple(runs),
-            missing=tuple(missing),
-            hours=round(sum(seconds.values()) / 3600, 4),
-        )
-
-    def _figures(self, address: str, scorer: str | None) -> tuple[RunFigures, ScorerFigures | None] | str:
-        """Return the figures of a run and its scorer, or why there are none."""
-        folder = self.root / address
+def _results(
+    root: Path, name: str, command: str, study: Study, rows: Sequence[tuple[Cell, str, str | None]]
+) -> StudyResults:
+    """Return the figures of cells with the addresses of their runs and scorers, as far as they are there."""
+    graphs: dict[PlayedGraph, int] = {}
+    versions: dict[str, str] = {}
+    scorers: dict[str, ScorerFigures] = {}
+    runs, missing, seconds = [], [], {}
+    for cell, address, scorer in rows:
         try:
-            if not (folder / FIGURES_FILE).exists():
-                return failure_of(self.root, address) or "not trained yet"
-            figures = read_figures(folder, RunFigures)
-            if "test" not in figures.success:
-                return "the split has no test tasks of this kind"
-            if scorer is not None and scorer not in self._scorers:
-                self._scorers[scorer] = read_figures(self.root / scorer, ScorerFigures)
+            figures = _run_figures(root, address)
+            if scorer is not None and scorer not in scorers:
+                scorers[scorer] = read_figures(root / scorer, ScorerFigures)
         except ArtefactError as error:
-            return str(error)
-        return figures, self._scorers[scorer] if scorer is not None else None
+            missing.append(Missing(cell.variant, cell.values, cell.seed, str(error)))
+            continue
+        versions |= figures.versions
+        seconds[address] = figures.seconds
+        runs.append(
+            RunResult(
+                variant=cell.variant,
+                values=cell.values,
+                seed=cell.seed,
+                run=address,
+                graph=graphs.setdefault(figures.graph, len(graphs)),
+                success=_rounded(figures.success),
+                by_plan=_rounded(figures.by_plan),
+                endings=_rounded(figures.endings),
+                won=figures.won,
+                draws=figures.draws,
+                curve=figures.curve,
+                mrr=scorers[scorer].mrr if scorer is not None else None,
+                steps=figures.steps,
+                seconds=figures.seconds,
+                steps_per_second=figures.steps_per_second,
+            )
+        )
+        if scorer is not None:
+            seconds[scorer] = scorers[scorer].seconds
+    return StudyResults(
+        format="wordcraft-kg results 1",
+        name=name,
+        command=command,
+        study=study,
+        graphs=tuple(graphs),
+        versions=versions,
+        runs=tuple(runs),
+        missing=tuple(missing),
+        hours=round(sum(seconds.values()) / 3600, 4),
+    )
+
+
+def _run_figures(root: Path, address: str) -> RunFigures:
+    if not (root / address / FIGURES_FILE).exists():
+        raise ArtefactError(failure_of(root, address) or "not trained yet")
+    figures = read_figures(root / address, RunFigures)
+    if "test" not in figures.success:
+        raise ArtefactError("the split has no test tasks of this kind")
+    return figures
 
 
 def _rounded(shares: Mapping[str, float]) -> dict[str, float]:

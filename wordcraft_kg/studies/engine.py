@@ -90,18 +90,12 @@ class _Engine:
 
     def run(self, make_workers: Callable[[], Workers]) -> State:
         tasks = self.plan.tasks
-        self._waiting = {address: task for address, task in tasks.items() if not self._is_there(task, is_done)}
-        for kind in ("scorers", "graphs"):  # a scorer that is made again needs its graph
-            needed = {tasks[address] for task in self._waiting.values() for address in task.needs}
-            for task in [task for task in needed if task.kind == kind and task.address not in self._waiting]:
-                if not self._is_there(task, check_whole):
-                    shutil.rmtree(task.folder(self.root))
-                    self._waiting[task.address] = task
+        self._waiting = self._missing()
         self._there = tasks.keys() - self._waiting.keys()
         self.state.kept = len(self._there)
         for task in [task for task in self._waiting.values() if task.kind == "graphs"]:
             make_graph(task, self.root, self.plan.books[task.address])
-            self._end(Outcome(self._taken(task).address, "done"))
+            self._end(Outcome(self._waiting.pop(task.address).address, "done"))
         if self._waiting:
             workers = make_workers()
             try:
@@ -115,6 +109,17 @@ class _Engine:
                 workers.stop()
         self._show()
         return self.state
+
+    def _missing(self) -> dict[str, Task]:
+        """Return the tasks without figures, and those that they need and whose files are damaged."""
+        tasks = self.plan.tasks
+        missing = {address: task for address, task in tasks.items() if not self._is_there(task, is_done)}
+        for kind in ("scorers", "graphs"):  # a scorer that is made again needs its graph
+            needed = {tasks[address] for task in missing.values() for address in task.needs if address not in missing}
+            for task in (task for task in needed if task.kind == kind and not self._is_there(task, check_whole)):
+                shutil.rmtree(task.folder(self.root))
+                missing[task.address] = task
+        return missing
 
     def _is_there(self, task: Task, check: Callable[[Task, Path], bool | None]) -> bool:
         try:
@@ -144,14 +149,10 @@ class _Engine:
             )
 
     def _next(self) -> Task | None:
-        """Return a task whose inputs are there."""
-        for task in self._waiting.values():
-            if self._there.issuperset(task.needs):
-                return self._taken(task)
-        return None
-
-    def _taken(self, task: Task) -> Task:
-        return self._waiting.pop(task.address)
+        """Take a task whose inputs are there."""
+        ready = (task for task in self._waiting.values() if self._there.issuperset(task.needs))
+        task = next(ready, None)
+        return self._waiting.pop(task.address) if task else None
 
     def _end(self, outcome: Outcome) -> None:
         task = self.plan.tasks[outcome.address]
@@ -162,7 +163,8 @@ class _Engine:
             return
         self._fail(task, outcome)
         for other in [other for other in self._waiting.values() if task.address in other.needs]:
-            self._fail(self._taken(other), Outcome(other.address, "failed", f"{task.title} failed: {outcome.error}"))
+            del self._waiting[other.address]
+            self._fail(other, Outcome(other.address, "failed", f"{task.title} failed: {outcome.error}"))
 
     def _fail(self, task: Task, outcome: Outcome) -> None:
         self.state.failed[task.address] = outcome

@@ -59,65 +59,55 @@ class LocalWorkers:
         """Give a task to a process that has none."""
         number = next(i for i, place in enumerate(self._places) if place is None or place.task is None)
         place = self._places[number]
-        if place is None or not place.process.is_alive():
-            place = self._places[number] = self._started(number)
-        place.task, place.attempts = task, 1
-        place.connection.send(task)
+        self._begin(number, place if place and place.process.is_alive() else self._started(number), task, 1)
 
     def wait(self, seconds: float) -> list[Outcome]:
         """Return what has ended; a task whose process has died is begun again, once."""
-        busy = {place.connection: number for number, place in enumerate(self._places) if place and place.task}
+        busy = {place.connection: (number, place) for number, place in enumerate(self._places) if place and place.task}
         found = []
         for ready in wait(list(busy), timeout=seconds):
-            assert isinstance(ready, Connection)
-            number = busy[ready]
-            place = self._places[number]
-            assert place is not None
-            assert place.task is not None
+            number, place = busy[ready]  # type: ignore[index]
             try:
-                found.append(ready.recv())
+                found.append(place.connection.recv())
                 place.task = None
             except (EOFError, OSError):
-                if (outcome := self._replaced(number, place)) is not None:
-                    found.append(outcome)
+                found += self._replaced(number, place)
         return found
 
     def stop(self) -> None:
         """Ask what runs to write a checkpoint and end, and end the processes."""
         deadline = time.monotonic() + PATIENCE
-        while any(place and place.task for place in self._places) and time.monotonic() < deadline:
-            for place in self._places:
-                if place and place.task and place.process.pid and place.process.is_alive():
+        busy = [place for place in self._places if place and place.task]
+        while busy and time.monotonic() < deadline:
+            for place in busy:
+                if place.process.pid and place.process.is_alive():
                     os.kill(place.process.pid, signal.SIGINT)
-                elif place:
-                    place.task = None
-            for connection in wait([p.connection for p in self._places if p and p.task], timeout=0.5):
-                for place in self._places:
-                    if place and place.connection is connection:
-                        place.task = None
-        for place in self._places:
-            if place:
-                place.connection.close()  # it ends by itself when nobody asks any more
-                place.process.join(timeout=1)
-                place.process.terminate()
-                place.process.join()
+            ended = wait([place.connection for place in busy], timeout=0.5)
+            busy = [place for place in busy if place.connection not in ended]
+        for place in filter(None, self._places):
+            place.connection.close()  # it ends by itself when nobody asks any more
+            place.process.join(timeout=1)
+            place.process.terminate()
+            place.process.join()
         self._places = [None] * len(self._places)
 
-    def _replaced(self, number: int, place: _Place) -> Outcome | None:
+    def _begin(self, number: int, place: _Place, task: Task, attempt: int) -> None:
+        place.task, place.attempts = task, attempt
+        self._places[number] = place
+        place.connection.send(task)
+
+    def _replaced(self, number: int, place: _Place) -> list[Outcome]:
         """Start a new process for the task of one that has died; give up on the second time."""
         place.process.join()
-        task, attempts = place.task, place.attempts
-        assert task is not None
+        assert place.task is not None
         self._places[number] = None
-        if attempts >= ATTEMPTS:
-            why = f"its process was ended {ATTEMPTS} times, the last time with code {place.process.exitcode}"
-            if place.process.exitcode == -signal.SIGKILL:
-                why += "; perhaps there is too little memory for as many at once: take fewer `jobs`"
-            return Outcome(task.address, "failed", f"{why}.")
-        new = self._places[number] = self._started(number)
-        new.task, new.attempts = task, attempts + 1
-        new.connection.send(task)
-        return None
+        if place.attempts < ATTEMPTS:
+            self._begin(number, self._started(number), place.task, place.attempts + 1)
+            return []
+        why = f"its process was ended {ATTEMPTS} times, the last time with code {place.process.exitcode}"
+        if place.process.exitcode == -signal.SIGKILL:
+            why += "; perhaps there is too little memory for as many at once: take fewer `jobs`"
+        return [Outcome(place.task.address, "failed", f"{why}.")]
 
     def _started(self, number: int) -> _Place:
         context = multiprocessing.get_context("spawn")

@@ -6,8 +6,10 @@ import traceback
 from errno import EDQUOT, ENOSPC
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 from wordcraft_kg.base.errors import ArtefactError, WordCraftKGError, reason
+from wordcraft_kg.evaluation.reference import PlayedGraph
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph, write_graph_folder
 from wordcraft_kg.graphs.library import open_book
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
@@ -18,7 +20,6 @@ from wordcraft_kg.studies.plan import CONFIG_OF, agent_config
 from wordcraft_kg.studies.results import (
     FIGURES_FILE,
     Figures,
-    PlayedGraph,
     RunFigures,
     ScorerFigures,
     read_figures,
@@ -76,12 +77,12 @@ def make_graph(task: Task, root: Path, book: str) -> None:
 
 
 def perform(task: Task, root: Path, keep_all: bool = True) -> Outcome:
-    """Train the scorer or the agent of a task in its folder; one that was interrupted goes on.
+    """Train the scorer or the agent of a task in its folder, from a checkpoint if there is one.
 
-    It never raises: what goes wrong is in the outcome.
+    It never raises: errors are in the outcome.
 
     Args:
-        task: what to train; the folders that it needs are below ``root``.
+        task: the task; the folders that it needs are below ``root``.
         root: results folder.
         keep_all: keep files of a run that its figures do not need, above all the agent's weights.
     """
@@ -158,11 +159,10 @@ def _run_figures(folder: Path, opened: OpenedGraph) -> RunFigures:
     name = f"{part}_success"
     curve = tuple((row.step, round(row.figures[name], 5)) for row in lines if name in row.figures)
     draws = summary.success[part].draws
-    split = opened.split
     return RunFigures(
         seconds=summary.seconds,
         versions=run.versions,
-        graph=PlayedGraph(opened.graph.name, opened.graph.hash, split.config.kind, split.config.seed, split.hash),
+        graph=PlayedGraph.of(opened),
         success={name: found.mean for name, found in summary.success.items()},
         by_plan={name: found.by_plan for name, found in summary.success.items()},
         endings={str(name): share for name, share in summary.outcomes[part].items()},
@@ -175,17 +175,12 @@ def _run_figures(folder: Path, opened: OpenedGraph) -> RunFigures:
 
 
 def _scorer(task: Task, root: Path) -> bool:
-    from wordcraft_kg.models.links.config import LinksConfig
-    from wordcraft_kg.models.links.training import train_links
-    from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
-    from wordcraft_kg.models.recipes.training import train_recipes
-
     folder, graph = task.folder(root), str(root / task.needs[0])
     command, settings = task.settings["command"], task.settings["settings"]
     began, status = time.perf_counter(), _status(folder)
     if status == "begun":
         try:
-            if not _resume_scorer(folder, graph, command):
+            if not _train_scorer(folder, graph, command, None):
                 return False
         except ArtefactError:  # its checkpoints are damaged
             status = "nothing"
@@ -193,24 +188,28 @@ def _scorer(task: Task, root: Path) -> bool:
         shutil.rmtree(folder, ignore_errors=True)
         if command not in CONFIG_OF:
             _save_plain(folder, graph, command, settings)
-        elif command == RecipeScorerConfig.command:
-            train_recipes(RecipesConfig(graph, RecipeScorerConfig(**settings)), folder)
-        elif train_links(LinksConfig(graph, CONFIG_OF[command](**settings)), folder).interrupted:  # type: ignore[arg-type]
+        elif not _train_scorer(folder, graph, command, settings):
             return False
-    write_figures(folder, _judged(folder, time.perf_counter() - began))
+    write_figures(folder, _scorer_figures(folder, time.perf_counter() - began))
     return True
 
 
-def _resume_scorer(folder: Path, graph: str, command: str) -> bool:
-    """Go on with the training of a scorer; return whether it came to its end."""
-    from wordcraft_kg.models.links.training import resume_links
-    from wordcraft_kg.models.recipes.config import RecipeScorerConfig
-    from wordcraft_kg.models.recipes.training import resume_recipes
+def _train_scorer(folder: Path, graph: str, command: str, settings: dict[str, Any] | None) -> bool:
+    """Train a scorer, or go on with its training (no settings); return whether it came to its end."""
+    from wordcraft_kg.models.links.config import LinksConfig
+    from wordcraft_kg.models.links.training import resume_links, train_links
+    from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
+    from wordcraft_kg.models.recipes.training import resume_recipes, train_recipes
 
     if command == RecipeScorerConfig.command:
-        resume_recipes(folder, graph=graph)
+        if settings is None:
+            resume_recipes(folder, graph=graph)
+        else:
+            train_recipes(RecipesConfig(graph, RecipeScorerConfig(**settings)), folder)
         return True
-    return not resume_links(folder, graph=graph).interrupted
+    if settings is None:
+        return not resume_links(folder, graph=graph).interrupted
+    return not train_links(LinksConfig(graph, CONFIG_OF[command](**settings)), folder).interrupted  # type: ignore[arg-type]
 
 
 def _save_plain(folder: Path, graph: str, name: str, settings: dict[str, str]) -> None:
@@ -226,18 +225,16 @@ def _save_plain(folder: Path, graph: str, name: str, settings: dict[str, str]) -
     whole = opened.graph
 
     def make(recipes):  # type: ignore[no-untyped-def]
-        if name == "facts":
-            return SymbolicScorer(whole, recipe_triples(recipes))
-        if name == "neighbours":
-            return NeighbourScorer(whole, recipe_triples(recipes))
-        return KernelScorer(whole, recipes, glove_features(whole.entities).vectors)
+        if name == "kernel":
+            return KernelScorer(whole, recipes, glove_features(whole.entities).vectors)
+        return {"facts": SymbolicScorer, "neighbours": NeighbourScorer}[name](whole, recipe_triples(recipes))
 
     is_full = settings.get("kg", "partial") == "full"
     scorer = make(whole.recipes) if is_full else cross_fit(opened.split, make)
     save_scorer(folder, scorer, opened, kg="full" if is_full else "partial", origin=name)
 
 
-def _judged(folder: Path, seconds: float) -> ScorerFigures:
+def _scorer_figures(folder: Path, seconds: float) -> ScorerFigures:
     from wordcraft_kg.models.folder import open_model
     from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples, sampled_for
 

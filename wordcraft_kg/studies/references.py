@@ -63,12 +63,6 @@ class ReferenceTable(Record, frozen=True):
     out: str | None = None
 
 
-def played_graph(opened: OpenedGraph) -> PlayedGraph:
-    """Return which graph and split these are."""
-    graph, split = opened.graph, opened.split
-    return PlayedGraph(graph.name, graph.hash, split.config.kind, split.config.seed, split.hash)
-
-
 def view_references(
     opened: OpenedGraph, play: TaskPlay, columns: Sequence[int] = DISTRACTORS, beside: Sequence[Path] = ()
 ) -> ReferenceTable:
@@ -91,7 +85,7 @@ def view_references(
     missing = [column for column in columns if not any(str(column) in row.figures for row in found)]
     now = scripted_rows(opened, play, missing) if missing else ()
     return ReferenceTable(
-        graph=played_graph(opened),
+        graph=PlayedGraph.of(opened),
         play=play,
         measure="success",
         columns=tuple(columns),
@@ -122,7 +116,7 @@ def view_open_references(
     pack = pack_of(opened.graph.hash, None)
     found = pack.rows_of(play) if pack else ()
     return ReferenceTable(
-        graph=played_graph(opened),
+        graph=PlayedGraph.of(opened),
         play=play,
         measure="entities known",
         columns=MARKS,

@@ -95,13 +95,19 @@ def rows_beside(
             expected = ", ".join(reader.expected for reader in readers)
             raise ConfigError(f"--beside: '{path}' {what_is(path)}; expected {expected}.")
         of[known].append(path)
-    rows: list[ReferenceRow] = []
-    for reader, own in of.items():
-        if own and isinstance(play, TaskPlay):
-            rows += reader.task_rows(own, opened, play, columns)
-        elif own and isinstance(play, OpenPlay) and reader.open_rows:
-            rows += reader.open_rows(own, opened, play)
-    return tuple(rows)
+    return tuple(row for reader, own in of.items() if own for row in _rows(reader, own, opened, play, columns))
+
+
+def _rows(
+    reader: ResultReader,
+    paths: Sequence[Path],
+    opened: OpenedGraph,
+    play: TaskPlay | OpenPlay,
+    columns: Sequence[int],
+) -> Sequence[ReferenceRow]:
+    if isinstance(play, TaskPlay):
+        return reader.task_rows(paths, opened, play, columns)
+    return reader.open_rows(paths, opened, play) if reader.open_rows else ()
 
 
 def begins_with(path: Path, form: str) -> bool:

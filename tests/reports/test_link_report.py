@@ -21,7 +21,8 @@ import torch
 
 from wordcraft_kg.base.errors import ConfigError, OutputExistsError, SplitError
 from wordcraft_kg.base.records import as_values
-from wordcraft_kg.evaluation.links import LinkView, judge_links, summarise_links
+from wordcraft_kg.evaluation.links import LinkView, summarise_links
+from wordcraft_kg.evaluation.ranked_links import rank_links
 from wordcraft_kg.graphs import SplitConfig, make_split
 from wordcraft_kg.graphs.doses import Dose
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
@@ -427,7 +428,7 @@ def test_a_leaked_test_triple_fails_the_leak_check(kitchen_model: Model, monkeyp
     leaked = next(t for t in split.partial.tolist() if t[1] == COMPONENT_OF)
     monkeypatch.setattr(Split, "held_out", lambda self, part: np.concatenate([honest, [leaked]]))
     monkeypatch.setattr(
-        "wordcraft_kg.evaluation.links.recipe_clusters", lambda graph, chosen, triples: np.arange(len(triples))
+        "wordcraft_kg.evaluation.ranked_links.recipe_clusters", lambda graph, chosen, triples: np.arange(len(triples))
     )
     report = made(kitchen_model)
     assert checks(values_of(report)) == ALL_PASS | {"leak": False}
@@ -727,7 +728,7 @@ def test_the_page_shows_the_curves_of_the_training(kitchen_model: Model):
 def large_report(kitchen_model: Model) -> LinkReport:
     """Of a graph that has too many entities for the scores of all pairs."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("wordcraft_kg.evaluation.links.MAP_LIMIT", kitchen_model.opened.graph.num_entities - 1)
+        patch.setattr("wordcraft_kg.evaluation.ranked_links.MAP_LIMIT", kitchen_model.opened.graph.num_entities - 1)
         return made(kitchen_model)
 
 
@@ -764,7 +765,7 @@ def test_of_more_queries_than_asked_for_a_uniform_sample_is_ranked_and_said_so(k
 
 def test_samples_get_on_average_what_all_queries_get(kitchen_model: Model, values: Values):
     samples = [
-        ranking_metrics(judge_links(kitchen_model.scorer, kitchen_model.opened, max_queries=80, seed=seed).ranks).mrr
+        ranking_metrics(rank_links(kitchen_model.scorer, kitchen_model.opened, max_queries=80, seed=seed).ranks).mrr
         for seed in range(100)
     ]
     error = float(np.std(samples)) / 10

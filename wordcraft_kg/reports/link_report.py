@@ -10,7 +10,8 @@ from wordcraft_kg.base.progress import stage
 from wordcraft_kg.base.records import schema_of
 from wordcraft_kg.evaluation.communities import Communities, communities_of
 from wordcraft_kg.evaluation.link_comparison import LinkComparison
-from wordcraft_kg.evaluation.links import JudgedLinks, LinkView, judge_links, view_links
+from wordcraft_kg.evaluation.links import LinkView, view_links
+from wordcraft_kg.evaluation.ranked_links import RankedLinks, rank_links
 from wordcraft_kg.graphs.doses import Dose
 from wordcraft_kg.graphs.folder import OpenedGraph, Taught
 from wordcraft_kg.graphs.triples import RELATIONS
@@ -54,18 +55,18 @@ def make_link_report(
         scorer: a scorer of this graph.
         opened: graph and split.
         kg: knowledge graph that the scorer was trained on, ``partial`` or ``full``; see
-            :func:`~wordcraft_kg.evaluation.links.judge_links`.
+            :func:`~wordcraft_kg.evaluation.ranked_links.rank_links`.
         dose: the recipes that it was trained on, if these are not all of that graph.
         name: name of the scorer in the report.
         provenance: facts for the last section.
         trace: a row for each epoch.
-        max_queries: most queries to rank; 0 ranks all. See :func:`~wordcraft_kg.evaluation.links.judge_links`.
+        max_queries: most queries to rank; 0 ranks all. See :func:`~wordcraft_kg.evaluation.ranked_links.rank_links`.
         seed: seed of the sample of queries, the bootstrap and the map.
 
     Raises:
         SplitError: if fewer than 30 triples are left to evaluate it on.
     """
-    judged = judge_links(scorer, opened, kg, dose=dose, max_queries=max_queries, seed=seed)
+    judged = rank_links(scorer, opened, kg, dose=dose, max_queries=max_queries, seed=seed)
     view = view_links(judged, name=name, provenance=provenance, trace=trace, seed=seed)
     graph, communities = judged.graph, None
     if judged.has_table:
@@ -144,7 +145,7 @@ def _pictures_of_training(view: LinkView) -> dict[str, Markup]:
     return pictures
 
 
-def _searchable(judged: JudgedLinks) -> dict[str, Any] | None:
+def _searchable(judged: RankedLinks) -> dict[str, Any] | None:
     """Return all ranks as the page's search reads them; None if they are too many for a page."""
     ranks = judged.ranks
     if len(ranks) > SEARCHABLE:
@@ -161,7 +162,7 @@ def _searchable(judged: JudgedLinks) -> dict[str, Any] | None:
     }
 
 
-def _pictures_of_entities(judged: JudgedLinks, communities: Communities, seed: int) -> dict[str, Markup]:
+def _pictures_of_entities(judged: RankedLinks, communities: Communities, seed: int) -> dict[str, Markup]:
     graph, order = judged.graph, communities.order
     groups = list(zip(communities.names, communities.sizes, strict=True))
     test = judged.opened.split.held_out("test")
@@ -180,7 +181,7 @@ def _pictures_of_entities(judged: JudgedLinks, communities: Communities, seed: i
 
 
 @stage("drawing the map")
-def _map(judged: JudgedLinks, communities: Communities, seed: int) -> Markup:
+def _map(judged: RankedLinks, communities: Communities, seed: int) -> Markup:
     """Return a t-SNE map of the score profiles."""
     from sklearn.decomposition import PCA
     from sklearn.manifold import TSNE

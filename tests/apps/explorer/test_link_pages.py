@@ -30,7 +30,8 @@ from wordcraft_kg.apps.explorer.pages.predictions import Predictions
 from wordcraft_kg.apps.explorer.predictor import LinkPredictor
 from wordcraft_kg.base.errors import ConfigError, UnknownEntityError, WordCraftKGError
 from wordcraft_kg.base.records import checked_values
-from wordcraft_kg.evaluation.links import judge_links, view_links
+from wordcraft_kg.evaluation.links import view_links
+from wordcraft_kg.evaluation.ranked_links import rank_links
 
 STATES: tuple[State, ...] = (
     Entity("bread"),
@@ -118,7 +119,7 @@ def test_hostile_labels_stay_text_and_their_links_lead_to_them(hostile_predictor
 
 def test_the_headline_of_predictions_is_that_of_the_report(explored: Explored):
     for name, one in explored.models.items():
-        report = view_links(judge_links(one.model.scorer, one.model.opened))
+        report = view_links(rank_links(one.model.scorer, one.model.opened))
         view = view_of(explored, Predictions(model=name, part="test"))
         assert view.metrics.mrr == pytest.approx(report.metrics["all"].mrr)
         assert f"{view.metrics.mrr:.3f}" in look(explored, Predictions(model=name)).text

@@ -13,7 +13,8 @@ from wordcraft_kg.apps.explorer.predictor import LinkPredictor
 from wordcraft_kg.base.errors import ConfigError, GraphMismatchError, UnknownEntityError
 from wordcraft_kg.base.records import checked_values
 from wordcraft_kg.evaluation.link_comparison import Contender, compare
-from wordcraft_kg.evaluation.links import judge_links, view_links
+from wordcraft_kg.evaluation.links import view_links
+from wordcraft_kg.evaluation.ranked_links import rank_links
 from wordcraft_kg.graphs.triples import is_in
 from wordcraft_kg.models.scorers.ranking import MIN_TRIPLES, rank_triples, ranking_metrics
 
@@ -37,7 +38,7 @@ def pages(found: RankedTriples, chosen: RankFilter, **options: str) -> list:
 
 
 def test_the_headline_of_unseen_test_triples_is_that_of_the_report(neighbours: LinkPredictor, ranked: RankedTriples):
-    report = view_links(judge_links(neighbours.model.scorer, neighbours.model.opened))
+    report = view_links(rank_links(neighbours.model.scorer, neighbours.model.opened))
     found = view_link_ranks(ranked, UNSEEN)
     assert found.metrics.mrr == pytest.approx(report.metrics["all"].mrr)
     assert found.metrics.queries == report.queries
@@ -49,7 +50,7 @@ def test_the_headline_of_unseen_test_triples_is_that_of_the_report(neighbours: L
 
 def test_the_headline_is_that_of_the_report_on_a_sample_too(neighbours: LinkPredictor):
     few = rank_graph(neighbours, 40)
-    report = judge_links(neighbours.model.scorer, neighbours.model.opened, max_queries=80)
+    report = rank_links(neighbours.model.scorer, neighbours.model.opened, max_queries=80)
     found = view_link_ranks(few, UNSEEN)
     assert found.metrics.mrr == pytest.approx(ranking_metrics(report.ranks).mrr)
     assert (found.sample.unseen, found.sample.others) == (40, 40)

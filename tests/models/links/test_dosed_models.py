@@ -15,7 +15,8 @@ from wordcraft_kg.agents import training as agents
 from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig
 from wordcraft_kg.base.artefacts import sha256_of
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError, LeakError
-from wordcraft_kg.evaluation.links import judge_links, view_links
+from wordcraft_kg.evaluation.links import view_links
+from wordcraft_kg.evaluation.ranked_links import rank_links
 from wordcraft_kg.graphs.doses import make_dose
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.folds import make_folds
@@ -190,7 +191,7 @@ def test_doses_are_judged_on_the_same_triples_and_baselines_know_what_the_model_
     dosed: Path, opened_kitchen: OpenedGraph
 ):
     model = open_model(dosed)
-    judged = judge_links(model.scorer, model.opened, dose=model.dose, max_queries=0)
+    judged = rank_links(model.scorer, model.opened, dose=model.dose, max_queries=0)
     graph, test = opened_kitchen.graph, opened_kitchen.split.held_out("test")
     np.testing.assert_array_equal(judged.queries, test)
     assert judged.ranks.equals(rank_triples(model.scorer, test, graph.triples))
@@ -202,7 +203,7 @@ def test_doses_are_judged_on_the_same_triples_and_baselines_know_what_the_model_
 @pytest.mark.parametrize(("share", "noise"), [(0.1, 0.0), (1.0, 1.0)])
 def test_the_checks_of_a_report_are_those_of_the_dose(opened_kitchen: OpenedGraph, share: float, noise: float):
     graph, dose = opened_kitchen.graph, make_dose(opened_kitchen.split, share, noise)
-    judged = judge_links(FrequencyScorer(graph, dose.triples), opened_kitchen, dose=dose)
+    judged = rank_links(FrequencyScorer(graph, dose.triples), opened_kitchen, dose=dose)
     checks = {check.id: check for check in view_links(judged).checks}
     missing = np.setdiff1d(np.arange(graph.num_entities), dose.recipes)
     assert checks["leak"].passed
@@ -210,7 +211,7 @@ def test_the_checks_of_a_report_are_those_of_the_dose(opened_kitchen: OpenedGrap
     assert checks["coverage"].detail.startswith(f"{len(missing)} do not" if len(missing) else "all do")
     assert bool(len(missing)) == (share < 1)
     # And they can fail: a dose of the whole book holds the test triples.
-    leaky = judge_links(FrequencyScorer(graph, dose.triples), opened_kitchen, dose=opened_kitchen.dose("full"))
+    leaky = rank_links(FrequencyScorer(graph, dose.triples), opened_kitchen, dose=opened_kitchen.dose("full"))
     assert not {check.id: check for check in view_links(leaky).checks}["leak"].passed
 
 

@@ -8,7 +8,7 @@ import torch
 from link_helpers import random_graph
 
 from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.evaluation.links import judge_links
+from wordcraft_kg.evaluation.ranked_links import rank_links
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.models.scorers import config, roles
 from wordcraft_kg.models.scorers.baselines import NeighbourScorer
@@ -86,7 +86,7 @@ def test_a_large_table_keeps_the_directions_that_matter(monkeypatch: pytest.Monk
 
 def test_the_nearest_entities_are_those_of_the_report(opened_kitchen: OpenedGraph):
     scorer = NeighbourScorer(opened_kitchen.graph, opened_kitchen.split.partial)
-    profiles = judge_links(scorer, opened_kitchen).profiles
+    profiles = rank_links(scorer, opened_kitchen).profiles
     found = EntityRoles.of(scorer)
     for entity in range(0, opened_kitchen.graph.num_entities, 7):
         cosines = profiles @ profiles[entity]

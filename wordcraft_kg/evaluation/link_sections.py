@@ -1,0 +1,235 @@
+"""Where a link predictor works and where it does not: slices, histograms, lists of triples, and play by its scores."""
+
+from collections.abc import Iterable, Iterator
+from typing import Annotated, Literal
+
+import msgspec
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from wordcraft_kg.agents.players import PlayerSuccess, play_all, random_entity, recipe_oracle, scorer_players
+from wordcraft_kg.base.errors import WordCraftKGError
+from wordcraft_kg.base.records import Record, Share
+from wordcraft_kg.base.statistics import bootstrap, interval
+from wordcraft_kg.envs.config import WordCraftConfig
+from wordcraft_kg.envs.world import World
+from wordcraft_kg.evaluation.bins import OPEN_END, Bounds, binned
+from wordcraft_kg.evaluation.ranked_links import RankedLinks, labelled
+from wordcraft_kg.graphs.arrays import Ids
+from wordcraft_kg.graphs.planner import layers
+from wordcraft_kg.graphs.triples import COMBINES_WITH, RELATIONS, Relation
+from wordcraft_kg.models.scorers.features import glove_features
+from wordcraft_kg.models.scorers.near_synonyms import near_synonym_recipes, near_synonym_triples
+from wordcraft_kg.models.scorers.ranking import (
+    RankingMetrics,
+    random_reciprocal_ranks,
+    with_interval,
+)
+
+LISTED = 8
+SEEN = ((0, 0), (1, 5), (6, 15), (16, 40), (41, 100), (101, OPEN_END))
+LAYERS = ((0, 2), (3, 5), (6, 8), (9, 11), (12, OPEN_END))
+RANKS = ((1, 1), (2, 3), (4, 5), (6, 10), (11, 20), (21, 50), (51, 100), (101, 200), (201, OPEN_END))
+NO_NEAR_SYNONYM = "no such train recipe"
+
+
+class Comparison(Record):
+    """The model against a baseline on the same queries.
+
+    Attributes:
+        baseline: its name.
+        difference: MRR of the model minus that of the baseline.
+        ci: its 95 % interval, by bootstrap over recipes; both answer the same resampled queries.
+        verdict: ``level with`` if the interval holds 0.
+    """
+
+    baseline: str
+    difference: Annotated[float, msgspec.Meta(ge=-1, le=1)]
+    ci: tuple[float, float]
+    verdict: Literal["above", "level with", "below"]
+
+
+class SliceMetrics(RankingMetrics, kw_only=True):
+    """Metrics of a named slice of the queries."""
+
+    slice: str
+
+
+class DrillDown(Record):
+    """Where the model works and where it does not; slices without queries are left out.
+
+    Attributes:
+        seen_in_train: by the number of training triples of the entity asked for.
+        layer: by the crafting rounds to the entity asked for.
+        self_combination: combinesWith of an entity with itself, and with another.
+        near_synonyms: test recipes that repeat a train recipe with a near-synonym, and the others.
+    """
+
+    seen_in_train: tuple[SliceMetrics, ...]
+    layer: tuple[SliceMetrics, ...]
+    self_combination: tuple[SliceMetrics, ...]
+    near_synonyms: tuple[SliceMetrics, ...]
+
+
+class Histogram(Record):
+    """Share of each relation's queries by rank."""
+
+    bins: tuple[str, ...]
+    shares: dict[Relation, tuple[Share, ...]]
+
+
+class RankedTriple(Record):
+    """A query: the rank and score of the true entity, and the best candidate."""
+
+    head: str
+    relation: Relation
+    tail: str
+    side: Literal["head", "tail"]
+    rank: Annotated[float, msgspec.Meta(ge=1)]
+    score: float
+    top: str
+
+
+class ScoredPair(Record):
+    """A triple that is not in the graph."""
+
+    head: str
+    relation: Relation
+    tail: str
+    score: float
+
+
+class SelfEdges(Record):
+    """Share of entities whose best combinesWith answer is the entity itself, and of those that combine with it."""
+
+    top_answer_is_itself: Share
+    really_combines_with_itself: Share
+
+
+class Neighbours(Record):
+    """An entity and its nearest neighbours."""
+
+    entity: str
+    neighbours: tuple[str, ...]
+
+
+def comparisons_of(judged: RankedLinks, seed: int) -> tuple[Comparison, ...]:
+    """Compare the model with each baseline, query by query."""
+    found = 1 / judged.ranks["rank"].to_numpy(dtype=float)
+    others = {name: 1 / ranks["rank"].to_numpy(dtype=float) for name, ranks in judged.baseline_ranks.items()}
+    others["random"] = random_reciprocal_ranks(judged.ranks)
+    best_first = sorted(others, key=lambda name: -float(others[name].mean()))
+    rows = []
+    for name in best_first:
+        difference = found - others[name]
+        low, high = interval(bootstrap(difference, judged.clusters, seed=seed))
+        verdict: Literal["above", "level with", "below"] = "above" if low > 0 else "below" if high < 0 else "level with"
+        rows.append(Comparison(name, float(difference.mean()), (low, high), verdict))
+    return tuple(rows)
+
+
+def drill_down_of(judged: RankedLinks, seed: int) -> DrillDown:
+    """Return the metrics of slices of the queries; ``seed`` is that of the bootstrap."""
+    graph, ranks, trained_on = judged.graph, judged.ranks, judged.trained_on
+    target = np.where(ranks["side"] == "tail", ranks["tail"], ranks["head"]).astype(np.int64)
+    seen = np.bincount(np.concatenate([trained_on[:, 0], trained_on[:, 2]]), minlength=graph.num_entities)[target]
+    layer = layers(graph)[target]
+    is_symmetric = (ranks["relation"] == COMBINES_WITH).to_numpy()
+    is_self = (ranks["head"] == ranks["tail"]).to_numpy()
+
+    def between(values: Ids, bounds: Bounds) -> Iterator[tuple[str, NDArray[np.bool_]]]:
+        return binned(values, bounds, more=" or more")
+
+    def slices(groups: Iterable[tuple[str, NDArray[np.bool_]]]) -> tuple[SliceMetrics, ...]:
+        found = (
+            (name, with_interval(ranks[mask], judged.clusters[mask], seed=seed)) for name, mask in groups if mask.any()
+        )
+        return tuple(SliceMetrics(**msgspec.structs.asdict(metrics), slice=name) for name, metrics in found)
+
+    return DrillDown(
+        seen_in_train=slices(between(seen, SEEN)),
+        layer=slices([("not reachable", layer < 0), *between(layer, LAYERS)]),
+        self_combination=slices([("with itself", is_symmetric & is_self), ("with another", is_symmetric & ~is_self)]),
+        near_synonyms=() if judged.is_full else slices(_near_synonyms(judged)),
+    )
+
+
+def _near_synonyms(judged: RankedLinks) -> list[tuple[str, NDArray[np.bool_]]]:
+    graph = judged.graph
+    recipes = near_synonym_recipes(judged.opened.split, glove_features(graph.entities))
+    repeats = np.tile(near_synonym_triples(graph, recipes, judged.queries), 2)
+    if not repeats.any():  # split by goal, no result is in both parts; and labels may have no word vectors
+        return []
+    return [("a train recipe with a near-synonym", repeats), (NO_NEAR_SYNONYM, ~repeats)]
+
+
+def histogram_of(ranks: pd.DataFrame) -> Histogram:
+    """Return the shares of ranks by bin."""
+    shares: dict[Relation, tuple[float, ...]] = {}
+    for relation, name in enumerate(RELATIONS):
+        rank = ranks.loc[ranks["relation"] == relation, "rank"].to_numpy(dtype=float)
+        # A realistic rank may end in .5; it is rounded up to find its bin.
+        masks = [mask for _, mask in binned(np.ceil(rank).astype(np.int64), RANKS)]
+        shares[name] = tuple(float(np.mean(mask)) if len(rank) else 0.0 for mask in masks)
+    return Histogram(tuple(name for name, _ in binned(np.empty(0, dtype=np.int64), RANKS)), shares)
+
+
+def listed_triples(judged: RankedLinks, *, ascending: bool) -> tuple[RankedTriple, ...]:
+    """Return the queries of the best ranks (ascending) or the worst."""
+    order = judged.ranks.sort_values(["rank", "score"], ascending=[ascending, not ascending], kind="stable")
+    shown = labelled(judged.graph, order.head(LISTED))[list(RankedTriple.__struct_fields__)]
+    return tuple(RankedTriple(*row) for row in zip(*(shown[name].tolist() for name in shown), strict=True))
+
+
+def perhaps_missing_of(judged: RankedLinks) -> tuple[ScoredPair, ...]:
+    """Return the best-scored triples that are not in the graph, without self edges, half of them of each relation."""
+    graph, found = judged.graph, []
+    for relation, name in enumerate(RELATIONS):
+        scores = judged.table[relation].copy()
+        if relation == COMBINES_WITH:
+            scores = np.triu((scores + scores.T) / 2, k=1) + np.where(np.tri(len(scores), dtype=bool), -np.inf, 0)
+        known = graph.triples[graph.triples[:, 1] == relation]
+        scores[known[:, 0], known[:, 2]] = -np.inf
+        np.fill_diagonal(scores, -np.inf)
+        for flat in np.argsort(-scores, axis=None, kind="stable")[: LISTED // 2].tolist():
+            head, tail = divmod(flat, len(scores))
+            found.append(ScoredPair(graph.entities[head], name, graph.entities[tail], float(scores[head, tail])))
+    return tuple(pair for pair in found if np.isfinite(pair.score))
+
+
+def self_edges_of(judged: RankedLinks) -> SelfEdges:
+    """Return how often an entity is its own best combinesWith answer, and how often it should be."""
+    graph, scores = judged.graph, judged.table[COMBINES_WITH]
+    symmetric = graph.triples[graph.triples[:, 1] == COMBINES_WITH]
+    return SelfEdges(
+        top_answer_is_itself=float(np.mean(scores.argmax(axis=1) == np.arange(len(scores)))),
+        really_combines_with_itself=float(np.sum(symmetric[:, 0] == symmetric[:, 2]) / graph.num_entities),
+    )
+
+
+def neighbours_of(judged: RankedLinks) -> tuple[Neighbours, ...]:
+    """Return the nearest neighbours of the ten most used entities."""
+    graph, profiles = judged.graph, judged.profiles
+    most_used = np.argsort(-graph.use_counts, kind="stable")[:10]
+    similar = profiles[most_used] @ profiles.T
+    similar[np.arange(len(most_used)), most_used] = -np.inf
+    nearest = np.argsort(-similar, axis=1, kind="stable")[:, :5]
+    return tuple(
+        Neighbours(graph.entities[entity], graph.labels(row))
+        for entity, row in zip(most_used.tolist(), nearest.tolist(), strict=True)
+    )
+
+
+def play_by_scores(judged: RankedLinks, seed: int) -> tuple[PlayerSuccess, ...]:
+    """Return the success of players that use the scorer alone, on test tasks of depth 1 with 1 and 8 distractors."""
+    try:
+        players = {
+            **scorer_players(judged.graph, judged.scorer, judged.observed),
+            "random": random_entity,
+            "recipe oracle": recipe_oracle,
+        }
+        return play_all(World(judged.opened, WordCraftConfig(part="test")), players, (1, 8), seed=seed)
+    except WordCraftKGError:
+        # No test task, too few entities for distractors, or a scorer that fails the checks.
+        return ()

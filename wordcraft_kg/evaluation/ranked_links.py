@@ -1,0 +1,178 @@
+"""A link predictor's ranking of the triples that it is evaluated on."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import pandas as pd
+import torch
+from numpy.typing import NDArray
+
+from wordcraft_kg.base.errors import SplitError
+from wordcraft_kg.base.settings import refuse, whole
+from wordcraft_kg.graphs.arrays import Ids
+from wordcraft_kg.graphs.doses import Dose
+from wordcraft_kg.graphs.folder import OpenedGraph, Taught
+from wordcraft_kg.graphs.recipe_graph import RecipeGraph
+from wordcraft_kg.graphs.triples import RELATIONS
+from wordcraft_kg.models.scorers.baselines import FrequencyScorer, NeighbourScorer, VoteScorer
+from wordcraft_kg.models.scorers.config import MAX_QUERIES
+from wordcraft_kg.models.scorers.protocol import TripleScorer
+from wordcraft_kg.models.scorers.ranking import (
+    MIN_TRIPLES,
+    rank_triples,
+    recipe_clusters,
+    sampled,
+)
+from wordcraft_kg.models.scorers.roles import centred
+
+MAP_LIMIT = 3_000
+"""Most entities for which the scores of all pairs are used: matrices, map, neighbours as a baseline, ..."""
+
+
+@dataclass(frozen=True)
+class RankedLinks:
+    """A scorer's ranking of the triples that it is evaluated on, and what several parts of a view need of it.
+
+    Attributes:
+        scorer: the scorer.
+        opened: graph and split.
+        kg: knowledge graph that the scorer was trained on, if any.
+        population: number of triples that it could be evaluated on.
+        queries: triples that it is evaluated on, shape (T, 3): all of them, or a uniform sample.
+        ranks: a row for each query, see :func:`~wordcraft_kg.models.scorers.ranking.rank_triples`.
+        dose: the recipes that the scorer was trained on.
+    """
+
+    scorer: TripleScorer
+    opened: OpenedGraph
+    kg: Taught
+    population: int
+    queries: Ids
+    ranks: pd.DataFrame
+    dose: Dose
+
+    @property
+    def graph(self) -> RecipeGraph:
+        """The graph whose triples are ranked."""
+        return self.opened.graph
+
+    @property
+    def is_full(self) -> bool:
+        """Whether the scorer has seen all triples."""
+        return self.kg == "full"
+
+    @property
+    def trained_on(self) -> Ids:
+        """The triples that the scorer has seen, shape (T, 3)."""
+        return self.dose.triples
+
+    @property
+    def observed(self) -> Ids:
+        """The triples that it holds to be true, shape (T, 3): those of its training, or of its opinions."""
+        observed: Ids | None = getattr(self.scorer, "observed", None)
+        return self.trained_on if observed is None else observed
+
+    @property
+    def has_table(self) -> bool:
+        """Whether the graph is small enough for the scores of all pairs."""
+        return self.graph.num_entities <= MAP_LIMIT
+
+    @cached_property
+    def table(self) -> NDArray[np.float32]:
+        """Scores of all pairs, shape (2, E, E), by relation, head and tail."""
+        return torch.stack([self.scorer.table(relation) for relation in range(len(RELATIONS))]).cpu().numpy()
+
+    @cached_property
+    def profiles(self) -> NDArray[np.float64]:
+        """Unit vectors of each entity's scores as head and as tail of both relations, shape (E, 4 E).
+
+        Each part is centred by row and by column; otherwise it would mainly show which entities score high overall.
+        """
+        parts = []
+        for scores in self.table.astype(np.float64):
+            rows = centred(scores)
+            parts += [part / (rows.std() or 1.0) for part in (rows, rows.T)]
+        profiles = np.concatenate(parts, axis=1)
+        return profiles / np.maximum(np.linalg.norm(profiles, axis=1, keepdims=True), 1e-12)
+
+    @cached_property
+    def clusters(self) -> Ids:
+        """The pair of each query, by which intervals are resampled; shape (2 T,)."""
+        split = self.opened.split
+        sources = np.ones(self.graph.num_recipes, dtype=bool) if self.is_full else split.is_in("test")
+        return np.tile(recipe_clusters(self.graph, sources, self.queries), 2)
+
+    @cached_property
+    def baseline_ranks(self) -> dict[str, pd.DataFrame]:
+        """Rankings of the same queries by baselines that know the same triples, by name.
+
+        Beside a scorer that was taught no recipe, they know those of the train recipes.
+        """
+        known = self.opened.dose("partial") if self.kg == "none" else self.dose
+        scorers: dict[str, TripleScorer] = {"frequency": FrequencyScorer(self.graph, known.triples)}
+        if self.has_table:
+            scorers["votes"] = VoteScorer(self.graph, known.recipes)
+            scorers["neighbours"] = NeighbourScorer(self.graph, known.triples)
+        return {name: rank_triples(scorer, self.queries, self.graph.triples) for name, scorer in scorers.items()}
+
+    @property
+    def labelled_ranks(self) -> pd.DataFrame:
+        """``ranks`` with labels instead of ids."""
+        return labelled(self.graph, self.ranks)
+
+
+def rank_links(
+    scorer: TripleScorer,
+    opened: OpenedGraph,
+    kg: Taught = "partial",
+    *,
+    dose: Dose | None = None,
+    max_queries: int = MAX_QUERIES,
+    seed: int = 0,
+) -> RankedLinks:
+    """Rank the triples that a scorer is evaluated on.
+
+    A scorer of the partial graph is evaluated on the test triples that training does not contain. One of the full graph
+    has seen these, so it is evaluated on the graph's own triples, which measures memory and is marked as such.
+
+    Args:
+        scorer: a scorer of the graph.
+        opened: graph and split.
+        kg: knowledge graph that the scorer was trained on.
+        dose: the recipes that it was trained on, if these are not all of that graph. They change neither the triples
+            nor the filter, so figures of different doses can be compared.
+        max_queries: most queries to rank, two for each triple; of more, a uniform sample of the triples is ranked. 0
+            ranks all.
+        seed: seed of that sample.
+
+    Raises:
+        ConfigError: if ``max_queries`` is too small for a meaningful figure.
+        SplitError: if fewer than 30 triples are left to evaluate it on.
+    """
+    if whole("max_queries", max_queries, 0) and max_queries < 2 * MIN_TRIPLES:
+        raise refuse("max_queries", max_queries, f"0 for all, or {2 * MIN_TRIPLES} or more")
+    everything = opened.graph.triples if kg == "full" else opened.split.held_out("test")
+    queries = sampled(everything, max_queries // 2, seed) if max_queries else everything
+    if len(queries) < MIN_TRIPLES:
+        raise SplitError(_too_few(len(queries), opened, kg))
+    ranks = rank_triples(scorer, queries, opened.graph.triples)
+    return RankedLinks(scorer, opened, kg, len(everything), queries, ranks, dose or opened.dose(kg))
+
+
+def _too_few(found: int, opened: OpenedGraph, kg: Taught) -> str:
+    needed = f"a meaningful figure needs at least {MIN_TRIPLES}."
+    if kg == "full":
+        return f"only {found} triples in the whole graph; {needed} Use a recipe book with more recipes."
+    ratio = "such as 0.7" if opened.split.config.train_ratio > 0.7 else "or use a recipe book with more recipes"
+    return f"only {found} unseen test triples; {needed} Build the graph with a smaller `train_ratio`, {ratio}."
+
+
+def labelled(graph: RecipeGraph, ranks: pd.DataFrame) -> pd.DataFrame:
+    """Return a ranking with labels instead of ids."""
+    names = np.array(graph.entities, dtype=object)
+    frame = ranks.copy()
+    for column in ("head", "tail", "top"):
+        frame[column] = names[frame[column].to_numpy(dtype=np.int64)]
+    frame["relation"] = np.array(RELATIONS, dtype=object)[frame["relation"].to_numpy(dtype=np.int64)]
+    return frame

@@ -1,7 +1,7 @@
-"""What a study compares, as data: variants of an agent, the settings that are crossed with them, and seeds.
+"""A study: an experiment as data, with variants of an agent, settings that are crossed with them, and seeds.
 
-A study is a TOML file; the built-in ones, the paper's figures among them, lie in ``studies/``. Every setting is an
-option of a command that does the same by hand: ``build-graph`` (``book``, ``split``, ``split_seed``, ``train_ratio``,
+A study is a TOML file; the built-in ones, the paper's figures among them, lie in ``builtin/``. Every setting is an
+option of a command: ``build-graph`` (``book``, ``split``, ``split_seed``, ``train_ratio``,
 ``valid_ratio``), ``train-agent``, and the training commands of scorers.
 """
 
@@ -34,6 +34,8 @@ Metric = Literal["success", "iqm", "by-plan", "train", "mrr", "steps"]
 Expected = Literal["more", "less", "comparable", "varies"]
 Measure = Literal["success", "early", "steps", "same_twice"]
 
+BUILT_IN = files("wordcraft_kg.studies") / "builtin"
+"""Folder of the studies that come with the package."""
 OF_GRAPH = {
     "book": "book",
     "split": "kind",
@@ -61,23 +63,23 @@ NO_SETTINGS = ("seed", "checkpoint_every")
 
 
 class Claim(Record, frozen=True, omit_defaults=True):
-    """What somebody says of two variants, in a form that can be held against results.
+    """A claim about two variants that can be compared with results.
 
     Attributes:
         text: the claim, in a sentence.
-        source: who says it, and where.
-        note: what is known of why it comes out otherwise, if it does.
+        source: its author and place.
+        note: the reason why it comes out otherwise, if known.
         left: a variant.
         right: the variant with which it is compared.
         than: a value with which it is compared instead of a variant.
-        expected: more or less than the other, or comparable (closer to it than ``by``); or varies: at some points of
-            the grid left is better, at others right.
-        by: how much more or less at least, for a claim such as "drastically"; how close, for comparable. In the unit of
-            the measure.
+        expected: more or less than the other; comparable (closer to it than ``by``); or varies: left is better at some
+            points of the grid, right at others.
+        by: least amount, for a claim such as "drastically", or the greatest distance of comparable, in the unit of the
+            measure.
         measure: success at the end on test tasks; early: success after a tenth of the steps; steps: environment steps
-            until a curve reaches 95 % of where the right one ends, as a share of all steps; same_twice: share of the
+            until a curve reaches 95 % of the end of the right one, as a share of all steps; same_twice: share of the
             test episodes that end with a pair of an entity with itself that does not make the goal.
-        at: points of the grid that the claim is about, by some of their values; all of them if there are none.
+        at: some values of the points that the claim is about; empty for all points.
         right_at: values in which the point of ``right`` differs from that of ``left``.
     """
 
@@ -98,20 +100,19 @@ class Study(Record, omit_defaults=True):
     """A study as its file has it.
 
     Attributes:
-        title: what is compared, in a line.
-        about: what it asks, and how to read it.
-        source: where the comparison comes from, such as a figure of the paper.
+        title: subject of the comparison, in a line.
+        about: its question, and how to read it.
+        source: origin of the comparison, such as a figure of the paper.
         seeds: number of trainings of each cell, with seeds from 0; scorers without a seed of their own take the same.
-        drawing: how its figure shows it.
+        drawing: kind of its figure.
         reference: the variant with which the others are compared. Default: the first.
         settings: settings of all trainings.
-        grid: settings that are crossed, by name: a list of values each.
-        points: conditions that are more than a cross of values: a table of settings each, all with the same names; they
-            are crossed with the grid. Default: none.
+        grid: settings that are crossed: a list of values for each name.
+        points: further conditions, each a table of the same settings; they are crossed with the grid.
         scorers: scorers by name: ``command`` (train-complex, train-links, train-recipes, facts, neighbours or kernel),
             and settings.
         variants: settings of each variant, by its name.
-        claims: what is said to come out, to be held against what does.
+        claims: claims to compare with the results.
 
     Example:
         >>> study = Study("Two policies", {"attention": {}, "mlp": {"policy": "mlp"}}, grid={"distractors": [1, 8]})
@@ -140,7 +141,7 @@ class Cell(Record, frozen=True):
         variant: name of the variant.
         values: the grid's values, by setting.
         seed: seed of the agent, and of its scorer unless that has one of its own.
-        settings: all settings that are given, those of the grid, of the study and of the variant.
+        settings: all given settings: those of the study, of the grid and of the variant.
     """
 
     variant: str
@@ -151,18 +152,11 @@ class Cell(Record, frozen=True):
 
 def built_in() -> list[str]:
     """Return the names of the studies that come with the package."""
-    return sorted(path.name.removesuffix(".toml") for path in _studies().iterdir() if path.name.endswith(".toml"))
-
-
-def _studies() -> Any:
-    return files("wordcraft_kg.studies") / "builtin"
+    return sorted(path.name.removesuffix(".toml") for path in BUILT_IN.iterdir() if path.name.endswith(".toml"))
 
 
 def read_study(source: str | Path) -> Study:
-    """Read a study, and check it as far as it can be without its books.
-
-    Args:
-        source: a TOML file, or the name of a built-in study.
+    """Read a study from a TOML file, or a built-in one by its name, and check it as far as possible without its books.
 
     Raises:
         ConfigError: if there is no such study, or naming the setting that is unknown, wrong or contradictory.
@@ -172,19 +166,17 @@ def read_study(source: str | Path) -> Study:
         'curves'
     """
     if str(source) in built_in():
-        text = (_studies() / f"{source}.toml").read_text(encoding="utf-8")
-    else:
-        path = Path(source)
-        if not path.is_file():
-            raise ConfigError(
-                f"'{source}': no such file, and no study of that name; there are {', '.join(built_in())}."
-                f"{nearest(str(source), built_in())}"
-            )
-        try:
-            text = read_small_file(path).decode()
-        except UnicodeDecodeError as error:
-            raise ConfigError(f"{source}: not UTF-8 ({error.reason}).") from None
-    return parse_study(text, str(source))
+        return parse_study((BUILT_IN / f"{source}.toml").read_text(encoding="utf-8"), str(source))
+    path = Path(source)
+    if not path.is_file():
+        raise ConfigError(
+            f"'{source}': no such file, and no study of that name; there are {', '.join(built_in())}."
+            f"{nearest(str(source), built_in())}"
+        )
+    try:
+        return parse_study(read_small_file(path).decode(), str(source))
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"{source}: not UTF-8 ({error.reason}).") from None
 
 
 def parse_study(text: str, source: str) -> Study:

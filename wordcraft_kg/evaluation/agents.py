@@ -45,21 +45,21 @@ from wordcraft_kg.graphs.planner import layers
 from wordcraft_kg.graphs.tasks import TaskPart, TaskSet
 from wordcraft_kg.models.policies.sources.pairs import ComponentOf
 
-RULES = ("depth", "max_attempts", "distractor_weighting", "distractor_policy", "ambiguity")
+_RULES = ("depth", "max_attempts", "distractor_weighting", "distractor_policy", "ambiguity")
 """Settings of the tasks that must be equal in all agents that are compared."""
-DRAWN_BY = ("task_weighting",)
+_DRAWN_BY = ("task_weighting",)
 """Further ones where tasks are drawn instead of enumerated: they decide which there are."""
 DISTRACTORS = (1, 8)
 """Numbers of distractors in every report, besides those trained with."""
-TRAIN_RECIPES = ((0, 0), (1, 1), (2, 2), (3, 4), (5, 8), (9, OPEN_END))
+_TRAIN_RECIPES = ((0, 0), (1, 1), (2, 2), (3, 4), (5, 8), (9, OPEN_END))
 LAYERS = ((0, 3), (4, 6), (7, 9), (10, OPEN_END))
-CONFUSIONS = 10
+_CONFUSIONS = 10
 """Most confusions that are listed for an agent."""
 NEVER = "never"
 """Layer of a goal that cannot be made from the base."""
-LINK_RANKS = ((1, 3), (4, 10), (11, 30), (31, 100), (101, OPEN_END))
+_LINK_RANKS = ((1, 3), (4, 10), (11, 30), (31, 100), (101, OPEN_END))
 
-BASELINES = {"random": random_entity, "recipe oracle": recipe_oracle}
+_BASELINES = {"random": random_entity, "recipe oracle": recipe_oracle}
 """Scripted players at the same tables as the agents."""
 
 Interval = tuple[float, float]
@@ -284,7 +284,7 @@ def view_agents(
 
     Raises:
         GraphMismatchError: if the runs are not all on one graph and split.
-        ConfigError: if they play by different rules, see :data:`RULES`, or no agent can play with these distractors.
+        ConfigError: if they play by different rules, see :data:`_RULES`, or no agent can play with these distractors.
     """
     everyone = [agent for members in groups.values() for agent in members]
     first = everyone[0]
@@ -314,7 +314,7 @@ def view_agents(
         ),
         baselines=tuple(
             BaselineSuccess(name, {str(amount): float(evaluators[amount](player).success.mean()) for amount in played})
-            for name, player in BASELINES.items()
+            for name, player in _BASELINES.items()
         ),
         episodes=tuple(
             AgentEpisodes(name, members[0].name, _episodes(members[0], world, episodes))
@@ -336,19 +336,19 @@ def _references(agent: OpenedAgent, part: TaskPart, played: Sequence[int]) -> tu
     pack = pack_of(agent.opened.graph.hash, agent.opened.split.hash)
     if play is None or pack is None:
         return ()
-    return tuple(row for row in pack.rows_of(play, played) if row.player not in BASELINES)
+    return tuple(row for row in pack.rows_of(play, played) if row.player not in _BASELINES)
 
 
 def _conditions(
     agents: Sequence[OpenedAgent], part: TaskPart, distractors: Sequence[int] | None
 ) -> tuple[World, list[int]]:
     """Return the world of the headline, and the numbers of distractors that at least one agent can play with."""
-    _check_alike(agents, RULES)
+    _check_alike(agents, _RULES)
     first = agents[0]
     headline = first.config.tasks.distractors
     world = World(first.opened, first.config.tasks.environment(part, headline))
     if not world.tasks.is_complete:
-        _check_alike(agents, DRAWN_BY)
+        _check_alike(agents, _DRAWN_BY)
     if distractors is None:
         usual = (amount for amount in DISTRACTORS if amount <= world.max_distractors)
         distractors = sorted({*usual, *(agent.config.tasks.distractors for agent in agents)})
@@ -453,7 +453,7 @@ def _confusions(world: World, found: Sequence[Evaluation]) -> tuple[Confusion, .
             plans = world.tasks.plans[int(result.tasks[row])]
             counts.update(_confused(result.last[row, draw].tolist(), [pairs[plan[-1]] for plan in plans]))
     # Ties in the order of the ids, so that the same episodes give the same list.
-    most = sorted(counts.items(), key=lambda item: (-item[1], item[0]))[:CONFUSIONS]
+    most = sorted(counts.items(), key=lambda item: (-item[1], item[0]))[:_CONFUSIONS]
     return tuple(Confusion(graph.entities[wanted], graph.entities[picked], times) for (wanted, picked), times in most)
 
 
@@ -476,12 +476,12 @@ def _slices(agent: OpenedAgent, tasks: TaskSet, found: Sequence[Evaluation]) -> 
     made = np.bincount(graph.recipes[split.is_in("train"), 2], minlength=graph.num_entities)[goals]
     layer = layers(graph)[goals]
     groups: dict[Slice, list[tuple[str, NDArray[np.bool_]]]] = {
-        "train_recipes": list(binned(made, TRAIN_RECIPES)),
+        "train_recipes": list(binned(made, _TRAIN_RECIPES)),
         "layer": [(NEVER, layer < 0), *binned(layer, LAYERS)],
     }
     ranks = _link_ranks(agent, tasks, played)
     if ranks is not None:
-        groups["link_rank"] = list(binned(ranks, LINK_RANKS))
+        groups["link_rank"] = list(binned(ranks, _LINK_RANKS))
     rows = {
         name: tuple(
             SliceSuccess(part, int(mask.sum()), float(success[mask].mean()), task_bootstrap(success[mask]))

@@ -30,7 +30,7 @@ from wordcraft_kg.models.scorers.ranking import (
 LISTED = 8
 SEEN = ((0, 0), (1, 5), (6, 15), (16, 40), (41, 100), (101, OPEN_END))
 LAYERS = ((0, 2), (3, 5), (6, 8), (9, 11), (12, OPEN_END))
-RANKS = ((1, 1), (2, 3), (4, 5), (6, 10), (11, 20), (21, 50), (51, 100), (101, 200), (201, OPEN_END))
+_RANKS = ((1, 1), (2, 3), (4, 5), (6, 10), (11, 20), (21, 50), (51, 100), (101, 200), (201, OPEN_END))
 NO_NEAR_SYNONYM = "no such train recipe"
 
 
@@ -170,9 +170,9 @@ def histogram_of(ranks: pd.DataFrame) -> Histogram:
     for relation, name in enumerate(RELATIONS):
         rank = ranks.loc[ranks["relation"] == relation, "rank"].to_numpy(dtype=float)
         # A realistic rank may end in .5; it is rounded up to find its bin.
-        masks = [mask for _, mask in binned(np.ceil(rank).astype(np.int64), RANKS)]
+        masks = [mask for _, mask in binned(np.ceil(rank).astype(np.int64), _RANKS)]
         shares[name] = tuple(float(np.mean(mask)) if len(rank) else 0.0 for mask in masks)
-    return Histogram(tuple(name for name, _ in binned(np.empty(0, dtype=np.int64), RANKS)), shares)
+    return Histogram(tuple(name for name, _ in binned(np.empty(0, dtype=np.int64), _RANKS)), shares)
 
 
 def listed_triples(judged: RankedLinks, *, ascending: bool) -> tuple[RankedTriple, ...]:

@@ -13,7 +13,7 @@ from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.triples import COMBINES_WITH, RELATIONS, Relation
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
 
-BINS = 8
+_BINS = 8
 """Most points of a curve."""
 LEAST = 5.0
 """Expected number of true triples of a point, if there are as many."""
@@ -106,7 +106,7 @@ def _cells(triples: Ids, size: int) -> NDArray[np.bool_]:
 
 def _bins(predicted: NDArray[np.float64], is_true: NDArray[np.bool_]) -> tuple[ReliabilityBin, ...]:
     order = np.argsort(predicted, kind="stable")
-    count = int(np.clip(predicted.sum() / LEAST, 1, BINS))
+    count = int(np.clip(predicted.sum() / LEAST, 1, _BINS))
     before = np.cumsum(predicted[order]) - predicted[order]
     number = np.minimum((before / predicted.sum() * count).astype(np.int64), count - 1)
     rows = []

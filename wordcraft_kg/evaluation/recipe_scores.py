@@ -20,9 +20,9 @@ from wordcraft_kg.models.scorers.queries import RecipeQuery
 from wordcraft_kg.models.scorers.recipes import RecipeScores, Witness
 
 Key = tuple[int, int, int]
-SPEAKING = 3
+_SPEAKING = 3
 """Recipes that are named for each one."""
-LEAST_SHARE = 0.01
+_LEAST_SHARE = 0.01
 """The least share of the evidence that is told."""
 
 
@@ -160,7 +160,7 @@ class RecipeScoring:
         """Yield recipes with what is known of them and what speaks for them."""
         for row, score, known, memory in zip(rows, scores, self.known(rows), self.memory(rows), strict=True):
             a, b, result = self.labels(row)
-            because = tuple(self.scorer.speaking_for(a, b, result, limit=SPEAKING))
+            because = tuple(self.scorer.speaking_for(a, b, result, limit=_SPEAKING))
             yield ScoredRecipe(a, b, result, score, known, memory, because, None)
 
     def labels(self, row: Ids) -> tuple[str, str, str]:
@@ -233,7 +233,7 @@ def view_recipe_file(
 
 def told(witnesses: Sequence[Witness]) -> Sequence[Witness]:
     """Return the recipes that speak for another one, but for those that hardly say anything beside the first."""
-    return [one for one in witnesses if one.share >= LEAST_SHARE] or witnesses[:1]
+    return [one for one in witnesses if one.share >= _LEAST_SHARE] or witnesses[:1]
 
 
 def because(witnesses: Sequence[Witness]) -> str:

@@ -178,9 +178,7 @@ def _triples(heads: Ids | int, relation: int | Ids, tails: Ids | int) -> Ids:
 def view_triple(model: ScoringModel, query: Query) -> ScoredTriple:
     """Score a triple."""
     scorer, (head, relation, tail) = model.scorer, _labels(query)
-    ids = (int(scorer.entity_ids(head)), RELATIONS.index(relation), int(scorer.entity_ids(tail)))
-    triple = _triples(*ids)
-    (known,) = model.known(triple)
+    ((_, known, probability),) = _scores(model, [(head, relation, tail)])
     tails, heads = (scorer.top(head, relation, None, limit=None), scorer.top(None, relation, tail, limit=None))
     return ScoredTriple(
         head=head,
@@ -191,7 +189,7 @@ def view_triple(model: ScoringModel, query: Query) -> ScoredTriple:
         rank_as_tail=1 + [name for name, _ in tails].index(tail),
         rank_as_head=1 + [name for name, _ in heads].index(head),
         trained_on=model.kg,
-        probability=model.probabilities(triple, [known])[0],
+        probability=probability,
         by_words=model.by_words,
     )
 
@@ -206,28 +204,32 @@ def score_queries(
     model: ScoringModel, queries: Sequence[Query], top: int, *, new_only: bool = False
 ) -> Iterator[ScoredRow]:
     """Yield the scores of queries in their order: a row for a triple, the ``top`` best for an open slot."""
-    triples = [query for query in queries if not query.is_open]
-    scores: Iterator[float] = iter(())
-    known: Iterator[Known | None] = iter(())
-    chances: Iterator[float | None] = iter(())
-    if triples:
-        scorer, columns = model.scorer, list(zip(*map(_labels, triples), strict=True))
-        heads, tails = (scorer.entity_ids(columns[i]) for i in (0, 2))
-        relations = torch.tensor([RELATIONS.index(label) for label in columns[1]])
-        scores = iter(scorer.score(heads, relations, tails).tolist())
-        ids = _triples(heads.cpu().numpy(), relations.numpy(), tails.cpu().numpy())
-        parts = model.known(ids)
-        known, chances = iter(parts), iter(model.probabilities(ids, parts))
+    scores = iter(_scores(model, [_labels(query) for query in queries if not query.is_open]))
     for query in queries:
         line = query.line or 0
         if not query.is_open:
-            score, part, chance = next(scores), next(known), next(chances)
+            score, part, chance = next(scores)
             if not new_only or part == "new":
                 yield ScoredRow(line, *_labels(query), score, None, part, chance)
             continue
         for rank, best in enumerate(model.answers(query, top, new_only=new_only), start=1):
             head, tail = (best.entity if slot is None else slot for slot in (query.head, query.tail))
             yield ScoredRow(line, head, query.relation, tail, best.score, rank, best.known, best.probability)
+
+
+def _scores(
+    model: ScoringModel, triples: Sequence[tuple[str, str, str]]
+) -> list[tuple[float, Known | None, float | None]]:
+    """Return score, part and probability of each triple, all at once."""
+    if not triples:
+        return []
+    head, relation, tail = zip(*triples, strict=True)
+    heads, tails = model.scorer.entity_ids(head), model.scorer.entity_ids(tail)
+    relations = torch.tensor([RELATIONS.index(label) for label in relation])
+    ids = _triples(heads.cpu().numpy(), relations.numpy(), tails.cpu().numpy())
+    known = model.known(ids)
+    scores = model.scorer.score(heads, relations, tails).tolist()
+    return list(zip(scores, known, model.probabilities(ids, known), strict=True))
 
 
 def view_file(

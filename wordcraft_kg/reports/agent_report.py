@@ -19,7 +19,7 @@ from wordcraft_kg.reports.agent_pictures import (
 )
 from wordcraft_kg.reports.pages import Report
 
-MIN_SEEDS = 5
+_MIN_SEEDS = 5
 """With fewer seeds the page warns that another seed may give another figure."""
 SLICES: dict[Slice, tuple[str, str]] = {
     "train_recipes": ("By train recipes of the goal", "train recipes that make the goal"),
@@ -52,7 +52,7 @@ def make_agent_report(
             "slices": _pictures_of_slices(view),
         },
         shown={
-            "min_seeds": MIN_SEEDS,
+            "min_seeds": _MIN_SEEDS,
             "colours": source_colours(),
             "picks": PICKS,
         },

@@ -10,7 +10,7 @@ from wordcraft_kg.reports.pages import render_page
 if TYPE_CHECKING:
     import pandas as pd
 
-PEOPLE = "people (another game)"
+_PEOPLE = "people (another game)"
 
 
 def discovery_page(view: DiscoveryView, curves: "pd.DataFrame") -> str:
@@ -22,7 +22,7 @@ def discovery_page(view: DiscoveryView, curves: "pd.DataFrame") -> str:
     """
     table = summarise_curves(curves, range(view.attempts + 1))
     # The same colours in both pictures.
-    colours = {name: number for number, name in enumerate((*view.players, PEOPLE))}
+    colours = {name: number for number, name in enumerate((*view.players, _PEOPLE))}
     known: dict[str, list[charts.CurvePoint]] = {name: [] for name in view.players}
     repeated: dict[str, list[charts.CurvePoint]] = {name: [] for name in view.players}
     columns = (table[name].tolist() for name in ("player", "attempt", "mean", "low", "high", "repeated"))
@@ -30,7 +30,7 @@ def discovery_page(view: DiscoveryView, curves: "pd.DataFrame") -> str:
         # The bounds are equal where all runs agree, and NaN for a single run.
         known[name].append((attempt, mean, *((low, high) if low < high else (None, None))))
         repeated[name].append((attempt, repeat, None, None))
-    known[PEOPLE] = [(attempt, mean, None, None) for attempt, mean in HUMAN_CURVE.items() if attempt <= view.attempts]
+    known[_PEOPLE] = [(attempt, mean, None, None) for attempt, mean in HUMAN_CURVE.items() if attempt <= view.attempts]
     repeats = {name: points for name, points in repeated.items() if any(point[1] for point in points)}
     pictures = {
         "known": charts.curves(

@@ -36,17 +36,17 @@ from wordcraft_kg.studies.results import RunResult, StudyResults
 from wordcraft_kg.studies.study import Claim, Expected, Measure, Values, points_at
 
 Verdict = Literal["reproduced", "differs", "not reproduced", "undecided", "not run"]
-SAME = 0.02
+_SAME = 0.02
 """A difference of success smaller than this is none; half the width of a usual interval over tasks."""
-EARLY = 0.1
+_EARLY = 0.1
 """Share of the steps that is early."""
-REACHED = 0.95
+_REACHED = 0.95
 """Share of a curve's last point at which it counts as reached; the last percents are noise."""
 
-MEASURES = {
+_MEASURES = {
     "success": "",
     "early": "after a tenth of the steps: ",
-    "steps": f"steps to {REACHED:.0%} of the other's end, as a share of all: ",
+    "steps": f"steps to {_REACHED:.0%} of the other's end, as a share of all: ",
     "same_twice": "ends with one entity twice: ",
 }
 
@@ -223,8 +223,8 @@ def _figures(measure: Measure, run: RunResult, other: RunResult) -> Sequence[flo
     if measure == "same_twice":
         return [run.endings["same_twice"]]
     if measure == "early":
-        return [min(run.curve, key=lambda point: abs(point[0] - EARLY * run.steps))[1]]
-    level = REACHED * other.curve[-1][1]
+        return [min(run.curve, key=lambda point: abs(point[0] - _EARLY * run.steps))[1]]
+    level = _REACHED * other.curve[-1][1]
     return [min((step for step, success in run.curve if success >= level), default=run.steps) / run.steps]
 
 
@@ -259,8 +259,8 @@ def _more(low: float, high: float, by: float, word: str, opposite: str) -> tuple
         return "differs", f"{word}, but {'not' if high < by else 'not surely'} by {by:g}"
     if high < 0:
         return "not reproduced", f"it is {opposite}"
-    if high < (by or SAME):
-        return "not reproduced", f"not {word} by {by or SAME:g}"
+    if high < (by or _SAME):
+        return "not reproduced", f"not {word} by {by or _SAME:g}"
     return "undecided", "the interval is too wide"
 
 
@@ -288,8 +288,8 @@ def _varies(
         if max(lows) > min(highs):
             return "differs", f"{everywhere}, but by different amounts"
         return "not reproduced", f"{everywhere}, by amounts that cannot be told apart"
-    if min(lows) >= -SAME and max(highs) <= SAME:
-        return "not reproduced", f"no difference of {SAME:g} anywhere"
+    if min(lows) >= -_SAME and max(highs) <= _SAME:
+        return "not reproduced", f"no difference of {_SAME:g} anywhere"
     return "undecided", "the intervals are too wide"
 
 
@@ -300,7 +300,7 @@ def in_words(claim: Judged, measured: Measured, mark: str = "") -> str:
     other = claim.sides[1] if claim.is_value else f"{right} {share(measured.right)}"
     size = counted(measured.seeds, "seed") + (f", {counted(measured.tasks, 'task')}" if measured.tasks else "")
     sides = f"{left} {share(measured.left)} against {other}"
-    return f"{MEASURES[claim.measure]}{sides}: {signed(measured.difference)}{interval} ({size})"
+    return f"{_MEASURES[claim.measure]}{sides}: {signed(measured.difference)}{interval} ({size})"
 
 
 def share(value: float) -> str:

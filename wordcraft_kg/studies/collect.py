@@ -20,7 +20,7 @@ from wordcraft_kg.studies.results import (
 from wordcraft_kg.studies.store import PlannedStudy, failure_of, read_plan, studies_of
 from wordcraft_kg.studies.study import NO_SETTINGS, SCORER, Cell, Study, Value, Values
 
-NONE = "none"
+_NONE = "none"
 """Value of a setting that a run does not have, such as the scorer of an agent without one."""
 
 
@@ -67,7 +67,7 @@ def collect_runs(root: Path, by: Sequence[str]) -> StudyResults:
     study = Study(
         title=f"Runs by {', '.join(by)}" if by else "All runs",
         variants=variants,
-        grid={name: list(dict.fromkeys(values.get(name, NONE) for values in every)) for name in varied},
+        grid={name: list(dict.fromkeys(values.get(name, _NONE) for values in every)) for name in varied},
         seeds=max((cell.seed + 1 for cell, *_ in rows), default=1),
         drawing="bars",
     )
@@ -82,13 +82,13 @@ def _check_known(by: Sequence[str], names: Sequence[str], known: Collection[str]
 
 
 def _of(values: Values, names: Sequence[str]) -> Values:
-    return {name: values.get(name, NONE) for name in names}
+    return {name: values.get(name, _NONE) for name in names}
 
 
 def _varies(name: str, by: Sequence[str], runs: Sequence[Values]) -> bool:
     """Return whether a setting has several values among runs that agree in those of ``by``."""
     found: dict[tuple[Value, ...], Value] = {}
-    pairs = [(tuple(_of(values, by).values()), values.get(name, NONE)) for values in runs]
+    pairs = [(tuple(_of(values, by).values()), values.get(name, _NONE)) for values in runs]
     return any(found.setdefault(agreed, value) != value for agreed, value in pairs)
 
 
@@ -98,7 +98,7 @@ def _said(plan: PlannedStudy, cell: Cell, scorer: str | None) -> Values:
     name = values.get(SCORER)
     if scorer is None or name is None:
         left_out = {key for key in values if key in OF_SCORER or key.startswith(f"{SCORER}.")}
-        return {key: value for key, value in values.items() if key not in left_out} | {SCORER: NONE}
+        return {key: value for key, value in values.items() if key not in left_out} | {SCORER: _NONE}
     own = {f"{SCORER}.{key}": value for key, value in plan.study.scorers[str(name)].items()}
     return {**own, **values}
 
@@ -109,8 +109,8 @@ def _with_defaults(said: Values, by: Sequence[str]) -> Values:
     An agent without a scorer stands beside those that use one as usual, but where use is asked for, it has none.
     """
     found = {**DEFAULTS_OF_GRAPH, **DEFAULTS_OF_AGENT}
-    if said[SCORER] == NONE:
-        found |= {name: NONE for name in OF_SCORER if name in by}
+    if said[SCORER] == _NONE:
+        found |= {name: _NONE for name in OF_SCORER if name in by}
     elif (kind := CONFIG_OF.get(str(said[f"{SCORER}.command"]))) is not None:
         found |= {f"{SCORER}.{name}": value for name, value in defaults_of(kind).items()}
     derived = {*NO_SETTINGS, "eval_every", *(f"{SCORER}.{name}" for name in NO_SETTINGS)}

@@ -178,13 +178,13 @@ class _Engine:
             self.watch(self.plan, self.state)
 
 
-STEPS_PER_SECOND = {"none": 55_000, "u,v": 42_000, "w": 26_000, "random": 20_000, "one-hot": 13_000}
+_STEPS_PER_SECOND = {"none": 55_000, "u,v": 42_000, "w": 26_000, "random": 20_000, "one-hot": 13_000}
 """Of one core of an ordinary machine, with 8 distractors: without a scorer, with one, and with w among the sources; and
 without a scorer, but with vectors of more dimensions than GloVe's 50.
 """
-SECONDS_OF_SCORER = {"train-complex": 70.0, "train-links": 120.0, "train-recipes": 50.0}
+_SECONDS_OF_SCORER = {"train-complex": 70.0, "train-links": 120.0, "train-recipes": 50.0}
 """Of a book of 700 entities, with its folds."""
-START = 3.0
+_START = 3.0
 """Seconds in which a training opens its graph and plays its tasks at the end."""
 
 
@@ -220,14 +220,14 @@ def _sort(task: Task) -> str:
     if len(task.needs) > 1:
         return "w" if "w" in settings.get("use", PolicyConfig.use) else "u,v"
     features = settings.get("features", PolicyConfig.features)
-    return features if features in STEPS_PER_SECOND else "none"
+    return features if features in _STEPS_PER_SECOND else "none"
 
 
 def _usual(task: Task) -> float:
     """Return the seconds that such a task takes on an ordinary machine."""
     if task.kind == "runs":
-        return START + task.settings["settings"].get("steps", ImpalaConfig.steps) / STEPS_PER_SECOND[_sort(task)]
-    return SECONDS_OF_SCORER.get(_sort(task), 1.0)
+        return _START + task.settings["settings"].get("steps", ImpalaConfig.steps) / _STEPS_PER_SECOND[_sort(task)]
+    return _SECONDS_OF_SCORER.get(_sort(task), 1.0)
 
 
 def run_study(

@@ -40,7 +40,7 @@ CURVE_POINTS = 20
 """Points of a learning curve; each takes about as long as 10,000 steps."""
 CONFIG_OF = {**CONFIGS, RecipeScorerConfig.command: RecipeScorerConfig}
 """Settings of scorers that are trained, by command."""
-PART_OF_AGENT = {"tasks": TaskConfig, "policy": PolicyConfig, "trainer": ImpalaConfig}
+_PART_OF_AGENT = {"tasks": TaskConfig, "policy": PolicyConfig, "trainer": ImpalaConfig}
 
 
 def defaults_of(kind: type) -> dict[str, Any]:
@@ -48,7 +48,7 @@ def defaults_of(kind: type) -> dict[str, Any]:
     return {field.name: field.default for field in fields(kind)}
 
 
-DEFAULTS_OF_AGENT = {name: value for kind in PART_OF_AGENT.values() for name, value in defaults_of(kind).items()}
+DEFAULTS_OF_AGENT = {name: value for kind in _PART_OF_AGENT.values() for name, value in defaults_of(kind).items()}
 DEFAULTS_OF_GRAPH = {name: {"book": BOOK, **defaults_of(SplitConfig)}[field] for name, field in OF_GRAPH.items()}
 
 
@@ -213,7 +213,7 @@ class _Planner:
             given["eval_every"] = max(steps // CURVE_POINTS, 1)
         config = agent_config(given, graph, scorer)
         settings: dict[str, Any] = {}
-        for kind in PART_OF_AGENT.values():
+        for kind in _PART_OF_AGENT.values():
             settings |= _not_default(given, kind)
         described = {"defaults": DEFAULTS, "graph": graph, "scorer": scorer, "settings": settings}
         return self._add(
@@ -256,7 +256,7 @@ def agent_config(settings: Mapping[str, Any], graph: str, scorer: str | None) ->
     """
     parts = {
         name: kind(**{field.name: settings[field.name] for field in fields(kind) if field.name in settings})
-        for name, kind in PART_OF_AGENT.items()
+        for name, kind in _PART_OF_AGENT.items()
     }
     return replace(AgentConfig(graph, scorer), **parts)
 

@@ -21,7 +21,7 @@ RETRIES = 3
 """How often Ray begins a task again whose node or process dies; a training goes on from its checkpoint."""
 PATIENCE = 60.0
 """Seconds that trainings get to write their checkpoints after Ctrl-C."""
-ANSWER = 120.0
+_ANSWER = 120.0
 """Seconds that a node gets to start its first process."""
 
 
@@ -116,7 +116,7 @@ class RayWorkers:
                 on_node = NodeAffinitySchedulingStrategy(node["NodeID"], soft=False)
                 there = self._ray.remote(_seen_there).options(num_cpus=0, scheduling_strategy=on_node)
                 try:
-                    found = self._ray.get(there.remote(marker), timeout=ANSWER)
+                    found = self._ray.get(there.remote(marker), timeout=_ANSWER)
                 except RayError as error:
                     found = reason(error)
                 if found != expected:

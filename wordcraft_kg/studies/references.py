@@ -30,9 +30,9 @@ DISTRACTORS = (1, 2, 8)
 """Numbers of distractors of the pack: the paper's."""
 SEED, RUNS = 0, 100
 """Of scripted players; those of ``evaluate-agent`` and ``discover`` by default."""
-CHANCE = ("random", "random, distinct", "random-no-repeat")
-ORACLES = ("recipe oracle", "greedy", "empowerment")
-OPEN_PLAYERS = ("random", "random-no-repeat", "greedy", "empowerment")
+_CHANCE = ("random", "random, distinct", "random-no-repeat")
+_ORACLES = ("recipe oracle", "greedy", "empowerment")
+_OPEN_PLAYERS = ("random", "random-no-repeat", "greedy", "empowerment")
 KINDS: tuple[Kind, ...] = ("chance", "knowledge graph", "oracle", "agent", "people", "language model", "other")
 """In the order of a table."""
 
@@ -165,7 +165,7 @@ def scripted_rows(opened: OpenedGraph, play: TaskPlay, columns: Sequence[int]) -
 
 def open_rows(opened: OpenedGraph, play: OpenPlay) -> tuple[ReferenceRow, ...]:
     """Let the players of ``discover`` play, and return a row for each."""
-    view, _ = view_discovery(opened.graph, OPEN_PLAYERS, attempts=MARKS[-1], runs=RUNS, seed=SEED, base=play.base)
+    view, _ = view_discovery(opened.graph, _OPEN_PLAYERS, attempts=MARKS[-1], runs=RUNS, seed=SEED, base=play.base)
     return tuple(
         ReferenceRow(
             player=player,
@@ -177,7 +177,7 @@ def open_rows(opened: OpenedGraph, play: OpenPlay) -> tuple[ReferenceRow, ...]:
             play=play,
             interval="95 %, over runs",
             runs=RUNS,
-            notes="knows the graph" if player in ORACLES else "",
+            notes="knows the graph" if player in _ORACLES else "",
         )
         for player, by_mark in view.players.items()
         for known in [{int(mark): found for mark, found in by_mark.items()}]
@@ -200,7 +200,7 @@ def _merged(found: Sequence[ReferenceRow], now: Sequence[ReferenceRow], columns:
 
 
 def _kind(player: str) -> Kind:
-    return "chance" if player in CHANCE else "oracle" if player in ORACLES else "knowledge graph"
+    return "chance" if player in _CHANCE else "oracle" if player in _ORACLES else "knowledge graph"
 
 
 def reference_page(view: ReferenceTable) -> str:

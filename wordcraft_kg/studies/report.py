@@ -18,7 +18,7 @@ from wordcraft_kg.studies.tables import as_csv, as_latex, as_markdown, notes, ta
 from wordcraft_kg.studies.variants import PointFigures
 from wordcraft_kg.studies.view import StudyView, title_of
 
-SUCCESS = "greedy success on test tasks"
+_SUCCESS = "greedy success on test tasks"
 
 
 def write_study_report(view: StudyView, folder: Path, *, force: bool = False) -> list[Path]:
@@ -40,7 +40,7 @@ def write_study_report(view: StudyView, folder: Path, *, force: bool = False) ->
 
 def make_study_report(view: StudyView) -> Report[StudyView]:
     """Return the content of a study's report."""
-    panels, profiles = list(panels_of(view)), profiles_of(view)
+    panels, profiles = list(panels_of(view)), _profiles_of(view)
     return Report(
         view,
         "wordcraft_kg.studies/study_report.html.j2",
@@ -48,7 +48,7 @@ def make_study_report(view: StudyView) -> Report[StudyView]:
         shown={
             "tables": tables_of(view),
             "notes": notes(view),
-            "correlation": correlation_in_words,
+            "correlation": _correlation_in_words,
             "title": title_of,
             "words": in_words,
             "claims": [list(same) for _, same in groupby(view.claims, key=attrgetter("text"))],
@@ -98,7 +98,7 @@ def _curves(view: StudyView, point: PointFigures) -> Markup:
     return charts.curves(
         series,
         "environment steps",
-        SUCCESS,
+        _SUCCESS,
         f"Success of each variant over training, {point.title}",
         percent=True,
         colours={name: names.index(name) for name in series},
@@ -128,18 +128,18 @@ def _dose(view: StudyView, doses: list[Dose]) -> Markup:
     return charts.scatter(
         series,
         "leak-free MRR of the scorer on test triples",
-        SUCCESS,
+        _SUCCESS,
         "Success by the MRR of the scorer",
         level=None if without is None else (view.reference, without),
     )
 
 
-def correlation_in_words(found: Correlation | None) -> str:
+def _correlation_in_words(found: Correlation | None) -> str:
     """Return a correlation with its interval."""
     return with_bounds(found.value, (found.low, found.high), ".2f") if found else "–"
 
 
-def profiles_of(view: StudyView) -> Markup:
+def _profiles_of(view: StudyView) -> Markup:
     """Return the picture of the performance profiles."""
     series = {
         profile.variant: [

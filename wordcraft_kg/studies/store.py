@@ -24,7 +24,7 @@ from wordcraft_kg.studies.plan import Plan
 from wordcraft_kg.studies.study import Cell, Study
 from wordcraft_kg.studies.tasks import Outcome, Task
 
-STUDIES = "studies"
+_STUDIES = "studies"
 FAILED = "failed"
 
 
@@ -58,14 +58,14 @@ def own_results(root: Path) -> Iterator[None]:
     """
     if root.is_file():
         raise ArtefactError(f"'{root}' is a file; expected a results folder. Choose another `out`.")
-    (root / STUDIES).mkdir(parents=True, exist_ok=True)
+    (root / _STUDIES).mkdir(parents=True, exist_ok=True)
     try:
         import fcntl
     except ImportError:  # Windows
         yield
         return
     # A file that is open for writing: what shares folders between machines locks nothing else.
-    handle = os.open(root / STUDIES / ".lock", os.O_RDWR | os.O_CREAT, 0o666)
+    handle = os.open(root / _STUDIES / ".lock", os.O_RDWR | os.O_CREAT, 0o666)
     try:
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -90,7 +90,7 @@ def write_plan(root: Path, plan: Plan, command: str) -> None:
         scorers=tuple(need[1] if len(need) > 1 else None for need in needs),
         graphs=tuple(need[0] for need in needs),
     )
-    path = root / STUDIES / f"{plan.name}.json"
+    path = root / _STUDIES / f"{plan.name}.json"
     with suppress(ArtefactError):
         before = read_record(path, PlannedStudy).study
         if structs.replace(before, seeds=plan.study.seeds) != plan.study:
@@ -108,11 +108,11 @@ def studies_of(root: Path) -> list[str]:
     Raises:
         ArtefactError: if it is not a results folder.
     """
-    if not (root / STUDIES).is_dir():
+    if not (root / _STUDIES).is_dir():
         raise ArtefactError(
-            f"'{root}' is no results folder: it has no folder '{STUDIES}'. Make one: wordcraft-kg reproduce."
+            f"'{root}' is no results folder: it has no folder '{_STUDIES}'. Make one: wordcraft-kg reproduce."
         )
-    return sorted(path.stem for path in (root / STUDIES).glob("*.json"))
+    return sorted(path.stem for path in (root / _STUDIES).glob("*.json"))
 
 
 def read_plan(root: Path, name: str) -> PlannedStudy:
@@ -126,7 +126,7 @@ def read_plan(root: Path, name: str) -> PlannedStudy:
         raise ArtefactError(
             f"'{root}' has no study '{name}'; it has {', '.join(known) or 'none'}.{nearest(name, known)}"
         )
-    return read_record(root / STUDIES / f"{name}.json", PlannedStudy)
+    return read_record(root / _STUDIES / f"{name}.json", PlannedStudy)
 
 
 def _failure_file(root: Path, address: str) -> Path:

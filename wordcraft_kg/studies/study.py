@@ -48,10 +48,10 @@ OF_AGENT = {field.name: kind for kind in (TaskConfig, PolicyConfig, ImpalaConfig
 """Settings of an agent, and which part of them each belongs to."""
 SCORER = "scorer"
 """The setting that names a scorer of the study; ``scorer.epochs`` is a setting of the scorer itself."""
-PLAIN_SCORERS = ("facts", "neighbours", "kernel")
+_PLAIN_SCORERS = ("facts", "neighbours", "kernel")
 """Scorers that are made of the train recipes without training; they have no settings but ``kg``."""
 SCORER_SETTINGS: dict[str, frozenset[str]] = {
-    **{name: frozenset({"kg"}) for name in PLAIN_SCORERS},
+    **{name: frozenset({"kg"}) for name in _PLAIN_SCORERS},
     **{
         command: frozenset(field.name for field in fields(kind)) - {"checkpoint_every"}
         for command, kind in {**CONFIGS, RecipeScorerConfig.command: RecipeScorerConfig}.items()

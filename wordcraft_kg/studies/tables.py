@@ -12,7 +12,7 @@ from wordcraft_kg.studies.study import Metric
 from wordcraft_kg.studies.variants import Interval, PointFigures, VariantFigures
 from wordcraft_kg.studies.view import StudyView, title_of
 
-LATEX = {
+_LATEX = {
     "\\": r"\textbackslash{}",
     "~": r"\textasciitilde{}",
     "^": r"\textasciicircum{}",
@@ -166,7 +166,7 @@ def latex(text: str) -> str:
         >>> latex("50 % of a_b")
         '50 \\% of a\\_b'
     """
-    return "".join(LATEX.get(letter, letter) for letter in " ".join(text.split()))
+    return "".join(_LATEX.get(letter, letter) for letter in " ".join(text.split()))
 
 
 def notes(view: StudyView) -> list[str]:
@@ -251,7 +251,7 @@ def _values(point: PointFigures, at: VariantFigures, grid: Sequence[str]) -> dic
 
 def lines_of(view: StudyView, metric: Metric) -> Iterator[str]:
     """Yield a study's title, and for each point of the grid a line for each variant."""
-    yield f"{view.title}: {TITLES[metric]}"
+    yield f"{view.title}: {_TITLES[metric]}"
     for point in view.points:
         yield f"{point.title} ({_where(point)})"
         width = max(len(entry.variant) for entry in point.variants)
@@ -296,7 +296,7 @@ def _comparison(entry: VariantFigures) -> str:
     return f"  {difference}  P(better) {found.p_better:.2f}  p {_p_value(found.p_corrected)}"
 
 
-TITLES: dict[Metric, str] = {
+_TITLES: dict[Metric, str] = {
     "success": "success on test tasks",
     "iqm": "success on test tasks, mean of the middle half of the seeds",
     "by-plan": "success on test tasks by the last pair of a plan",

@@ -12,13 +12,13 @@ LETTER, SMALL_LETTER = 5.9, 5.2
 """Width of a letter in a box and under it, on average; labels are longer than axes' numbers, so that it evens out."""
 LONGEST = 16
 """Letters of a label in a box; longer ones are cut, but complete in the tooltip."""
-LONGEST_PART = 11
+_LONGEST_PART = 11
 """Letters of a label under a box."""
 BOX, GAP, BETWEEN = 22, 46, 20
 """Height of a box; from one box or line to the next below; from a layer to the next."""
-NARROWEST = 50
+_NARROWEST = 50
 MARGIN = 8
-SWEEPS = 24
+_SWEEPS = 24
 """How often boxes are moved towards what they are linked to, from the left and from the right in turn."""
 
 
@@ -69,7 +69,7 @@ def layered(things: Sequence[Made], given: Collection[str], description: str) ->
         columns[place.column].append(place)
     arrows = _arrows(things, place_of, columns)
     _settle(columns)
-    widths = [NARROWEST] * len(columns)
+    widths = [_NARROWEST] * len(columns)
     for thing in things:
         letters = max(LETTER * len(shortened(thing.label, LONGEST)), SMALL_LETTER * len(_text_of(thing)))
         widths[thing.layer - first] = max(widths[thing.layer - first], round(letters) + 8)
@@ -121,11 +121,11 @@ def _settle(layers: list[list[_Place]]) -> None:
     for layer in layers:
         for number, place in enumerate(layer):
             place.y = GAP * (number - (len(layer) - 1) / 2)
-    for sweep in range(SWEEPS):
+    for sweep in range(_SWEEPS):
         from_left = sweep % 2 == 0
         for layer in layers if from_left else reversed(layers):
             # Late sweeps look at both sides; the very last makes lines straight that lead to one thing only.
-            wanted = [_mean(place, from_left, SWEEPS - 8 <= sweep < SWEEPS - 1) for place in layer]
+            wanted = [_mean(place, from_left, _SWEEPS - 8 <= sweep < _SWEEPS - 1) for place in layer]
             reach = GAP * len(layer) + max(map(abs, wanted), default=0.0)
             for place, y in zip(layer, spread(wanted, GAP, -reach, reach), strict=True):
                 place.y = y
@@ -150,12 +150,12 @@ def _curve(route: list[_Place], lefts: list[int], widths: list[int]) -> str:
 
 
 def _text_of(thing: Made) -> str:
-    return " + ".join(shortened(part, LONGEST_PART) for part in thing.of)
+    return " + ".join(shortened(part, _LONGEST_PART) for part in thing.of)
 
 
 def _box(thing: Made, given: Collection[str], left: int, width: int, y: int) -> list[str]:
     of = " + ".join(
-        f'<tspan class="{"given" if part in given else "made"}">{escape(shortened(part, LONGEST_PART))}</tspan>'
+        f'<tspan class="{"given" if part in given else "made"}">{escape(shortened(part, _LONGEST_PART))}</tspan>'
         for part in thing.of
     )
     middle, label = left + width / 2, escape(shortened(thing.label, LONGEST))

@@ -28,9 +28,9 @@ LONGEST_NAME = 28
 """Letters of a name; longer ones are cut, but complete in the tooltip."""
 ABOVE = 28
 """Margin above the axes that has room for a title or a legend."""
-HOVER_POINTS = 60
+_HOVER_POINTS = 60
 """Most points of a curve that have a tooltip."""
-CORNERS = (
+_CORNERS = (
     (),
     ((-3.2, -3.2), (3.2, -3.2), (3.2, 3.2), (-3.2, 3.2)),
     ((0, -4.2), (4, 3), (-4, 3)),
@@ -148,7 +148,7 @@ class Plot:
     def hover_points(self, name: str, points: Sequence[CurvePoint], number: int, percent: bool) -> None:
         """Give points of a curve a tooltip; a curve of a single point is a dot."""
         style, radius = ("hit", 4.0) if len(points) > 1 else (f"dot {style_of(number)}", 3.6)
-        every = math.ceil(len(points) / HOVER_POINTS)
+        every = math.ceil(len(points) / _HOVER_POINTS)
         # Counted from the end, because the last point matters most.
         for x, y, low, high in points[::-1][::every][::-1]:
             self.circle(x, y, radius, style, f"{name}, {x:,.10g}: {estimate((y, low, high), percent)}")
@@ -172,7 +172,7 @@ class Plot:
     def marker(self, x: float, y: float, number: int, title: str) -> None:
         """Draw a marker at a place in pixels, in the shape and colour of a series."""
         style, inside = f"dot {style_of(number)}", f"<title>{escape(title)}</title>"
-        corners = CORNERS[number % len(CORNERS)]
+        corners = _CORNERS[number % len(_CORNERS)]
         path = " ".join(f"{x + dx:.1f},{y + dy:.1f}" for dx, dy in corners)
         self.parts.append(
             f'<polygon points="{path}" class="{style}">{inside}</polygon>'

@@ -25,12 +25,12 @@ from wordcraft_kg.reports.charts.plot import (
 )
 from wordcraft_kg.reports.charts.scales import Estimate, Labels, amounts, estimate, round_ticks, shortened
 
-DASHES = 4
+_DASHES = 4
 ROW = 26
 """Height of a row of :func:`intervals`."""
-SAMPLE = 22
+_SAMPLE = 22
 """Width of the piece of a curve that stands before its name in :func:`profiles`."""
-FIFTHS = [i / 5 for i in range(6)]
+_FIFTHS = [i / 5 for i in range(6)]
 """Ticks of an axis of shares from 0 to 1."""
 
 
@@ -98,7 +98,7 @@ def curves(
 def _plot_of_curves(series: Mapping[str, Sequence[CurvePoint]], room: int, description: str, percent: bool) -> Plot:
     xs = [point[0] for points in series.values() for point in points]
     ys = [value for points in series.values() for point in points for value in point[1:] if value is not None]
-    y_ticks = FIFTHS if percent else round_ticks(min(ys, default=0), max(ys, default=1))
+    y_ticks = _FIFTHS if percent else round_ticks(min(ys, default=0), max(ys, default=1))
     first, last = min([0, *xs]), max(xs, default=1)
     last = last if last > first else first + 1
     plot = Plot((first, last), (y_ticks[0], y_ticks[-1]), description, right=room)
@@ -129,7 +129,7 @@ def dots(
     names = [name for name, values in series.items() if not values or any(values)]
     room = room_for(names, 30)
     plot = Plot((0, max(len(labels), 1)), (0, 1), description, right=room)
-    plot.y_axis(FIFTHS, _shares(FIFTHS))
+    plot.y_axis(_FIFTHS, _shares(_FIFTHS))
     letters = int((plot.x(1) - plot.x(0)) / LETTER)
     plot.x_axis([i + 0.5 for i in range(len(labels))], [shortened(label, letters) for label in labels])
     gap = min(0.15, 0.8 / max(len(series), 1))
@@ -244,10 +244,10 @@ def profiles(series: Mapping[str, Sequence[CurvePoint]], x_title: str, y_title: 
         y_title: title above the chart.
         description: text for readers who cannot see it.
     """
-    room = room_for(series, 32 + SAMPLE)
+    room = room_for(series, 32 + _SAMPLE)
     plot = Plot((0, 1), (0, 1), description, right=room)
-    plot.y_axis(FIFTHS, _shares(FIFTHS))
-    plot.x_axis(FIFTHS, _shares(FIFTHS))
+    plot.y_axis(_FIFTHS, _shares(_FIFTHS))
+    plot.x_axis(_FIFTHS, _shares(_FIFTHS))
     for number, points in enumerate(series.values()):
         plot.bands(points, number)
     styles = {name: f"line {style_of(number)} {_pattern(number)}" for number, name in enumerate(series)}
@@ -257,8 +257,8 @@ def profiles(series: Mapping[str, Sequence[CurvePoint]], x_title: str, y_title: 
     by_area = sorted(series, key=lambda name: -sum(point[1] for point in series[name]))
     for place, name in enumerate(by_area):
         left, y = WIDTH - room + 14, round(ABOVE + 6 + gap * place, 1)
-        plot.parts.append(f'<polyline points="{left},{y} {left + SAMPLE},{y}" class="{styles[name]}"/>')
-        plot.text(left + SAMPLE + 6, y + 4, short(name), style_of(list(series).index(name)), name=name)
+        plot.parts.append(f'<polyline points="{left},{y} {left + _SAMPLE},{y}" class="{styles[name]}"/>')
+        plot.text(left + _SAMPLE + 6, y + 4, short(name), style_of(list(series).index(name)), name=name)
     plot.titles(x_title, y_title)
     return plot.done()
 
@@ -316,4 +316,4 @@ def _shares(ticks: Sequence[float]) -> list[str]:
 
 def _pattern(place: int) -> str:
     """Return the dashes of a curve by its place; where colours come again, their patterns are others."""
-    return f"dash-{(place + place // COLOURS) % DASHES}"
+    return f"dash-{(place + place // COLOURS) % _DASHES}"

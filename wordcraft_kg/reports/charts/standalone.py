@@ -14,11 +14,11 @@ if TYPE_CHECKING:
 
 INK = {"ink": "#1b1f24", "soft": "#59636e", "line": "#d1d9e0", "other": "#8c959f", "page": "#ffffff"}
 """Colours of the page's style sheet on a white page."""
-FONTS = "Helvetica, Arial, 'Liberation Sans', 'DejaVu Sans', sans-serif"
+_FONTS = "Helvetica, Arial, 'Liberation Sans', 'DejaVu Sans', sans-serif"
 PANEL, MARGIN, HEAD, CAPTION = 460, 16, 40, 22
-HOVERED = re.compile(r'<circle [^>]*class="hit">.*?</circle>')
+_HOVERED = re.compile(r'<circle [^>]*class="hit">.*?</circle>')
 """Points that show their tooltip under the pointer, and nothing otherwise."""
-PIXELS = 200
+_PIXELS = 200
 """Pixels of a PNG in an inch; a panel is 460 points wide."""
 
 
@@ -47,11 +47,11 @@ def figure(title: str, panels: Sequence[tuple[str, str]], style: str) -> str:
                 shown = escape(shortened(caption, int(PANEL / LETTER)))
                 parts.append(f'<text x="{left}" y="{top + 14}" style="font-weight: 600">{shown}</text>')
             place = f'x="{left}" y="{top + CAPTION}" width="{PANEL}" height="{_height(chart)}" '
-            parts.append(HOVERED.sub("", str(chart)).replace("<svg ", f"<svg {place}", 1))
+            parts.append(_HOVERED.sub("", str(chart)).replace("<svg ", f"<svg {place}", 1))
         top += CAPTION + height + MARGIN
     head = (
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {top}" width="{width}" height="{top}" '
-        f'role="img" aria-label="{escape(title)}" font-family="{FONTS}">'
+        f'role="img" aria-label="{escape(title)}" font-family="{_FONTS}">'
     )
     page = f'<rect width="{width}" height="{top}" fill="{INK["page"]}"/>'
     return "\n".join([head, f"<title>{escape(title)}</title>", f"<style>\n{style}</style>", page, *parts, "</svg>\n"])
@@ -103,7 +103,7 @@ def _rendered(svg: str, kind: str) -> bytes:
             "figure.svg": svg.encode(),
         },
         format=kind,
-        ppi=float(PIXELS),
+        ppi=float(_PIXELS),
     )
     return bytes(found)
 

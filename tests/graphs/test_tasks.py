@@ -12,9 +12,8 @@ from scipy.stats import chisquare
 
 from wordcraft_kg.base.errors import ConfigError, TaskError, UnknownEntityError
 from wordcraft_kg.graphs import Recipe, RecipeGraph, Split, SplitConfig, make_split, task_search
-from wordcraft_kg.graphs.plan_search import PlanSearch
 from wordcraft_kg.graphs.splits import PARTS, Draw
-from wordcraft_kg.graphs.task_search import MAX_DEPTH, make_tasks
+from wordcraft_kg.graphs.task_search import MAX_DEPTH, PlanSearch, make_tasks
 from wordcraft_kg.graphs.tasks import Task, replay
 
 Pair = tuple[str, str]

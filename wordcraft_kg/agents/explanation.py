@@ -20,10 +20,9 @@ from wordcraft_kg.envs.evaluation_tables import EvaluationTables
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folder import Taught
-from wordcraft_kg.graphs.plan_search import Rows
 from wordcraft_kg.graphs.recipe_graph import Entity
 from wordcraft_kg.graphs.splits import Part
-from wordcraft_kg.graphs.tasks import TaskSet
+from wordcraft_kg.graphs.tasks import Rows, TaskSet
 from wordcraft_kg.models.policies.policy import Policy, PolicyOutput
 from wordcraft_kg.models.policies.sources import ALPHA
 from wordcraft_kg.models.policies.sources.recipe import BestRecipe

@@ -12,10 +12,9 @@ from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.graphs.arrays import Ids, frozen, padded
 from wordcraft_kg.graphs.folder import OpenedGraph, default_split, open_graph
-from wordcraft_kg.graphs.plan_search import PlanSearch
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.splits import Split
-from wordcraft_kg.graphs.task_search import make_tasks
+from wordcraft_kg.graphs.task_search import PlanSearch, make_tasks
 from wordcraft_kg.graphs.tasks import TaskSet
 
 GraphLike = str | Path | RecipeGraph | OpenedGraph

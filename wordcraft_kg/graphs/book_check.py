@@ -1,7 +1,6 @@
-"""Checking a recipe book while it is being written: everything that is wrong or odd, all at once, with lines.
+"""Checking a recipe book while it is being written: all errors and oddities at once, with their lines.
 
-Reading a book (:func:`~wordcraft_kg.graphs.book_files.read_book`) stops at the first error and accepts what is
-merely odd; a check continues to the end. It never changes the file.
+:func:`~wordcraft_kg.graphs.book_files.read_book` stops at the first error and accepts oddities.
 """
 
 import io
@@ -25,21 +24,21 @@ from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.recipes import Recipe, RecipeBook
 
 LISTED = 15
-"""How many lines or names a finding lists at most."""
+"""Most lines or names in a finding."""
 MAX_FINDINGS = 10_000
-"""How many findings about single lines are enough: a book with more is no book, and memory has an end."""
+"""Findings after which reading stops: a file with more is no book, and memory has an end."""
 SIMILAR_FROM = 6
 """Length from which labels that differ by one letter are listed; shorter ones often do so by chance (cat, bat)."""
 
 
 class Finding(Record):
-    """One thing to look at.
+    """A problem or an oddity.
 
     Attributes:
         kind: name of the rule, such as ``duplicate``.
         severity: a ``problem`` makes the check fail, a ``note`` does not.
         lines: line numbers, from 1; at most 15, and none for a finding about the whole book.
-        message: what was found.
+        message: the finding in words.
     """
 
     kind: str
@@ -49,7 +48,7 @@ class Finding(Record):
 
 
 class BookFigures(Record, omit_defaults=True):
-    """Counts of a book; those with a default are present only if they were added later.
+    """Counts of a book; those with a default are there only if they were added later.
 
     Attributes:
         reachable: entities that can be made from the base, or are in it.
@@ -59,7 +58,7 @@ class BookFigures(Record, omit_defaults=True):
         most_used_share: of the recipes, the share that uses the most used entity.
         words_with_vector: of the words in labels, the share with a word vector.
         near_synonym_share: of the test recipes of the default split, the share that repeats a train recipe with one
-            ingredient replaced by a near-synonym, one of at least this cosine.
+            ingredient replaced by a near-synonym, of cosine ``near_synonym_cosine`` or more.
         against: another book, which shares ``shared_recipes`` of the recipes.
     """
 
@@ -133,9 +132,7 @@ def check_book(
     Raises:
         RecipeFileError: if the file cannot be read at all.
     """
-    findings: list[Finding] = []
-    data = read_bytes(path)
-    text = _decoded(data, findings)
+    text, findings = _decoded(read_bytes(path))
     lines_of: dict[Recipe, list[int]] = {}
     delimiter = DELIMITERS.get(path.suffix.lower())
     if delimiter is None:
@@ -145,12 +142,12 @@ def check_book(
         book = _read_table(table, name or book_name(path), findings, lines_of)
     if book is None or not book.recipes:
         if not any(finding.severity == "problem" for finding in findings):
-            findings.append(Finding("empty", "problem", (), "it has no recipe"))
+            findings.append(_problem("empty", "it has no recipe"))
         return BookCheck(_sorted(findings), None, None)
     wanted = book.base if base is None else tuple(base)
     if wanted is not None and (unknown := sorted(set(wanted).difference(book.entities))):
-        message = f"base entities that are not in {book.name}: {listed(unknown)}{nearest(unknown[0], book.entities)}"
-        findings.append(Finding("base", "problem", (), message))
+        hint = nearest(unknown[0], book.entities)
+        findings.append(_problem("base", f"base entities that are not in {book.name}: {listed(unknown)}{hint}"))
     graph = RecipeGraph.from_book(book, None if wanted is None else set(wanted).intersection(book.entities))
     line_of: dict[str, int] = {}
     for recipe, numbers in lines_of.items():
@@ -161,74 +158,83 @@ def check_book(
     return BookCheck(_sorted(findings), _figures(graph), graph)
 
 
-def _decoded(data: bytes, findings: list[Finding]) -> str:
-    """Decode a file, with findings about its bytes."""
+def _decoded(data: bytes) -> tuple[str, list[Finding]]:
+    """Return the text of a file, and findings about its bytes."""
+    findings = []
     if data.startswith(b"\xef\xbb\xbf"):
-        findings.append(Finding("bom", "problem", (1,), "the file starts with a byte order mark; save it without one"))
+        findings.append(_problem("bom", "the file starts with a byte order mark; save it without one", [1]))
     text = data.decode("utf-8-sig", errors="replace")
     lines = list(io.StringIO(text, newline=""))
     returns = [number for number, line in enumerate(lines, start=1) if "\r" in line]
     if returns:
         message = f"{counted(len(returns), 'line')} with a carriage return (CRLF or CR); end lines in LF"
-        findings.append(Finding("line-ends", "problem", tuple(returns[:LISTED]), message))
+        findings.append(_problem("line-ends", message, returns))
     try:
         data.decode("utf-8-sig")
     except UnicodeDecodeError:
         bad = [number for number, line in enumerate(lines, start=1) if "\ufffd" in line]
-        findings.append(Finding("encoding", "problem", tuple(bad[:LISTED]), "not UTF-8; save it as UTF-8"))
-    return text
+        findings.append(_problem("encoding", "not UTF-8; save it as UTF-8", bad))
+    return text, findings
 
 
 def _read_other(path: Path, name: str | None, single: str | None, findings: list[Finding]) -> RecipeBook | None:
     try:
         book = read_book(path, name=name, single_ingredient=single)
     except RecipeFileError as error:
-        findings.append(Finding("unreadable", "problem", (), str(error)))
+        findings.append(_problem("unreadable", str(error)))
         return None
     if book.dropped_self_results:
-        message = f"{counted(book.dropped_self_results, 'recipe')} made from the result itself; such rows are dropped"
-        findings.append(Finding("self-result", "problem", (), message))
+        recipes = counted(book.dropped_self_results, "recipe")
+        findings.append(_problem("self-result", f"{recipes} made from the result itself; such rows are dropped"))
     if book.merged_duplicates:
-        findings.append(Finding("duplicate", "problem", (), f"{counted(book.merged_duplicates, 'row')} listed before"))
+        findings.append(_problem("duplicate", f"{counted(book.merged_duplicates, 'row')} listed before"))
     return book
 
 
 def _read_table(table: Table, name: str, findings: list[Finding], lines_of: dict[Recipe, list[int]]) -> RecipeBook:
     """Read the rows that can be read, with a finding for each that cannot; fill ``lines_of``."""
     for found in table:
+        line = found[0]
         if len(findings) >= MAX_FINDINGS:
             message = f"{len(findings):,} findings above; this line and those below it were not read"
-            findings.append(Finding("row", "problem", (found.line,), message))
+            findings.append(_problem("row", message, [line]))
             break
         if isinstance(found, Fault):
-            findings.append(Finding(found.kind, "problem", (found.line,), found.message))
+            findings.append(_problem(found.kind, found.message, [line]))
             continue
-        recipe = Recipe.of(*found.labels)
+        recipe = Recipe.of(*found[1])
         if recipe.is_self_result:
             message = f"'{recipe.result}' is made from itself; such rows are dropped"
-            findings.append(Finding("self-result", "problem", (found.line,), message))
-        lines_of.setdefault(recipe, []).append(found.line)
+            findings.append(_problem("self-result", message, [line]))
+        lines_of.setdefault(recipe, []).append(line)
     for recipe, numbers in lines_of.items():
         if len(numbers) > 1 and not recipe.is_self_result:
-            message = f"{recipe} is listed {len(numbers):,} times"
-            findings.append(Finding("duplicate", "problem", tuple(numbers[:LISTED]), message))
+            findings.append(_problem("duplicate", f"{recipe} is listed {len(numbers):,} times", numbers))
     known = {label for recipe in lines_of for label in recipe}.union(table.listed)
     for label, number in (table.base or {}).items():
         if label not in known:
-            findings.append(Finding("base", "problem", (number,), unknown_base(label, known)))
+            findings.append(_problem("base", unknown_base(label, known), [number]))
     base = None if table.base is None else known & table.base.keys()
     return RecipeBook.of(name, lines_of, base=base, listed=table.listed)
 
 
-def _at(labels: Iterable[str], line_of: Mapping[str, int]) -> tuple[int, ...]:
-    return tuple(sorted({line_of[label] for label in labels if label in line_of})[:LISTED])
+def _problem(kind: str, message: str, lines: Iterable[int] = ()) -> Finding:
+    return Finding(kind, "problem", tuple(lines)[:LISTED], message)
+
+
+def _note(kind: str, message: str, lines: Iterable[int] = ()) -> Finding:
+    return Finding(kind, "note", tuple(lines)[:LISTED], message)
+
+
+def _at(labels: Iterable[str], line_of: Mapping[str, int]) -> list[int]:
+    return sorted({line_of[label] for label in labels if label in line_of})
 
 
 def _commas(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Finding]:
     for label in graph.entities:
         if "," in label:
             message = f"the label '{label}' contains a comma, at which other tools may split it"
-            yield Finding("comma", "problem", _at([label], line_of), message)
+            yield _problem("comma", message, _at([label], line_of))
 
 
 def _idle(graph: RecipeGraph, base: tuple[str, ...] | None) -> Iterator[Finding]:
@@ -236,10 +242,10 @@ def _idle(graph: RecipeGraph, base: tuple[str, ...] | None) -> Iterator[Finding]
     idle = graph.labels(np.flatnonzero(graph.recipe_counts + graph.use_counts == 0))
     unused = graph.labels(graph.base_ids[graph.use_counts[graph.base_ids] == 0]) if base is not None else ()
     if unused:
-        yield Finding("base", "problem", (), f"base entities that no recipe uses: {listed(unused)}")
+        yield _problem("base", f"base entities that no recipe uses: {listed(unused)}")
     others = [label for label in idle if label not in unused]
     if others:
-        yield Finding("idle", "note", (), f"listed, but in no recipe: {listed(others)}")
+        yield _note("idle", f"listed, but in no recipe: {listed(others)}")
 
 
 def _spellings(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Finding]:
@@ -251,7 +257,7 @@ def _spellings(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Findi
     for labels in groups.values():
         if len(labels) > 1:
             message = f"{' and '.join(map(repr, labels))} count as different entities; use one spelling"
-            yield Finding("spelling", "problem", _at(labels, line_of), message)
+            yield _problem("spelling", message, _at(labels, line_of))
 
 
 def _unreachable(
@@ -270,13 +276,13 @@ def _unreachable(
         labels = graph.labels(sorted(island))
         subject = counted(len(labels), "entity", "entities")
         message = f"{subject} cannot be made from the base ({listed(graph.base)}): {listed(labels)}"
-        yield Finding("unreachable", "problem", _at(labels[:LISTED], line_of), message)
+        yield _problem("unreachable", message, _at(labels[:LISTED], line_of))
     for circle in sorted(nx.strongly_connected_components(needs), key=min):
         if len(circle) > 1 and _is_closed(graph, circle):
             labels = graph.labels(sorted(circle))
             lines = sorted(number for recipe in lines_of if recipe.result in labels for number in lines_of[recipe])
             message = f"every recipe of these needs another of them, so none can be made first: {listed(labels)}"
-            yield Finding("cycle", "problem", tuple(lines[:LISTED]), message)
+            yield _problem("cycle", message, lines)
 
 
 def _is_closed(graph: RecipeGraph, entities: set[int]) -> bool:
@@ -290,7 +296,7 @@ def _twins(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Finding]:
     plurals = set(_plurals(graph))
     for label, plural in sorted(plurals):
         message = f"'{label}' and '{plural}' are singular and plural of one word"
-        yield Finding("plural", "note", _at((label, plural), line_of), message)
+        yield _note("plural", message, _at((label, plural), line_of))
     # Two labels one edit apart leave the same text when one letter is taken from one or both of them.
     left: dict[str, set[str]] = {}
     for label in graph.entities:
@@ -300,9 +306,9 @@ def _twins(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Finding]:
     pairs = {(one, other) for labels in left.values() for one in labels for other in labels if one < other}
     similar = [pair for pair in sorted(pairs - plurals) if _one_edit_apart(*pair)]
     for one, other in similar[:LISTED]:
-        yield Finding("similar", "note", _at((one, other), line_of), f"'{one}' and '{other}' differ by one letter")
+        yield _note("similar", f"'{one}' and '{other}' differ by one letter", _at((one, other), line_of))
     if len(similar) > LISTED:
-        yield Finding("similar", "note", (), f"{len(similar) - LISTED:,} more pairs of labels differ by one letter")
+        yield _note("similar", f"{len(similar) - LISTED:,} more pairs of labels differ by one letter")
 
 
 def _plurals(graph: RecipeGraph) -> Iterator[tuple[str, str]]:
@@ -322,7 +328,7 @@ def _lonely(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Finding]
     lonely = graph.labels(np.flatnonzero(graph.recipe_counts + graph.use_counts == 1))
     if lonely:
         message = f"{counted(len(lonely), 'entity', 'entities')} in one recipe only: {listed(lonely)}"
-        yield Finding("lonely", "note", _at(lonely[:LISTED], line_of), message)
+        yield _note("lonely", message, _at(lonely[:LISTED], line_of))
 
 
 def _figures(graph: RecipeGraph) -> BookFigures:

@@ -1,4 +1,4 @@
-"""Files of recipe books: one reader of tables and JSON, which refuses or reports what is wrong, and the writer.
+"""Reading and writing files of recipe books.
 
 Three layouts are read: CSV or TSV (``ingredient_a,ingredient_b,result``), our own JSON, and the JSON released with the
 paper's code (``{"entities": {label: {"recipes": [[a, b], ...]}}}``). Labels are matched exactly. In CSV and TSV, spaces
@@ -22,18 +22,13 @@ from wordcraft_kg.base.settings import nearest
 from wordcraft_kg.graphs.recipes import MAX_LABEL_LENGTH, Recipe, RecipeBook, check_label, label_fault, shown
 
 CSV_HEADER = ("ingredient_a", "ingredient_b", "result")
-JSON_FORMAT = "wordcraft-kg recipe book 1"
-MAX_BOOK_SIZE = 2**30
-"""Bytes; about 40 million recipes."""
-MAX_LINE_LENGTH = 100_000
-"""Characters in a line of a CSV or TSV book: a file without line ends fails early, with the reason."""
-SELF = "self"
-"""The setting ``single_ingredient`` that combines a single ingredient with itself."""
 DELIMITERS = {".csv": ",", ".tsv": "\t", ".tab": "\t"}
 """Delimiter of a table, by the ending of its file."""
-
-
-# --- reading ---------------------------------------------------------------------------------------------------------
+MAX_BOOK_SIZE = 2**30
+"""Bytes; about 40 million recipes."""
+_JSON_FORMAT = "wordcraft-kg recipe book 1"
+_MAX_LINE_LENGTH = 100_000  # of a table: a file without line ends fails early, with the reason
+_SELF = "self"  # the `single_ingredient` that combines a single ingredient with itself
 
 
 @stage("reading the book")
@@ -58,7 +53,7 @@ def read_book(
         name: of the book; None takes the file's or folder's.
 
     Raises:
-        RecipeFileError: naming the line or key of the first thing that is wrong.
+        RecipeFileError: naming the line or key of the first error.
     """
     path = Path(path)
     if (path / "graph.json").is_file():
@@ -90,29 +85,16 @@ def read_book(
     return book if base is None else replace(book, base=tuple(sorted(base)))
 
 
-def _without_faults(path: Path, table: "Table") -> Iterator[Sequence[str]]:
-    """Yield the labels of a table's rows.
-
-    Raises:
-        RecipeFileError: at the first fault.
-    """
-    for found in table:
-        if isinstance(found, Fault):
-            raise RecipeFileError(f"{path}, line {found.line}: {found.message}")
-        yield found.labels
-
-
 def book_name(path: Path) -> str:
-    """Return the default name of a book: the name of its file or graph folder."""
+    """Return the default name of a book: the name of its file or graph folder, without control characters."""
     name = path.parent.name if path.name == "graph.json" else path.stem
     if label_fault(name) is None:
         return name
-    # a name of control characters or stray bytes
     return "".join(char if char.isprintable() else "_" for char in name) or "book"
 
 
 def unknown_base(label: str, known: Iterable[str]) -> str:
-    """Return the message about a base entity of a file that is none of its entities."""
+    """Return the message about a base entity that is none of a file's entities."""
     return (
         f"the base entity '{label}' is in no recipe.{nearest(label, known)} "
         f"If it is meant, list it as well: # entities: {label}"
@@ -123,7 +105,7 @@ def read_bytes(path: Path) -> bytes:
     """Return a book's bytes.
 
     Raises:
-        RecipeFileError: saying why they cannot be read.
+        RecipeFileError: giving the reason why they cannot be read.
     """
     if path.is_dir():
         raise RecipeFileError(
@@ -145,23 +127,22 @@ def _decode(path: Path, data: bytes) -> str:
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        line = data.count(b"\n", 0, error.start) + 1
-        raise RecipeFileError(
-            f"{path}, line {line}: not UTF-8 (byte 0x{data[error.start]:02x}). Save it as UTF-8."
-        ) from None
+        line, byte = data.count(b"\n", 0, error.start) + 1, data[error.start]
+        raise RecipeFileError(f"{path}, line {line}: not UTF-8 (byte 0x{byte:02x}). Save it as UTF-8.") from None
     if not text.strip():
         raise RecipeFileError(f"{path} is empty; a recipe book needs at least one recipe.")
     return text
 
 
+def _alone(ingredient: str) -> str:
+    return (
+        f"'{ingredient}' is the only ingredient; a recipe needs two. Write it twice, or build the graph "
+        f"with `single_ingredient` {_SELF}, which reads {ingredient} + {ingredient}, or the name of what it is "
+        "combined with."
+    )
+
+
 # --- tables ----------------------------------------------------------------------------------------------------------
-
-
-class Row(NamedTuple):
-    """A recipe of a table: its line, from 1, and the labels of ingredient, ingredient and result."""
-
-    line: int
-    labels: Sequence[str]
 
 
 class Fault(NamedTuple):
@@ -172,8 +153,12 @@ class Fault(NamedTuple):
     message: str
 
 
+Row = tuple[int, Sequence[str]]
+"""The line of a recipe, from 1, and the labels of ingredient, ingredient and result."""
+
+
 class Table:
-    """The lines of a CSV or TSV book, read once, each by itself: iterate for its rows and faults.
+    """A CSV or TSV book, read line by line: iterate once over its rows and faults.
 
     Attributes:
         base: labels declared as base entities, each with its line; None without such a declaration.
@@ -181,13 +166,7 @@ class Table:
     """
 
     def __init__(self, text: str, delimiter: str, single: str | None):
-        """Read up to the header.
-
-        Args:
-            text: content of the file.
-            delimiter: comma or tab.
-            single: see ``single_ingredient`` of :func:`read_book`.
-        """
+        """Read up to the header; ``single`` is the ``single_ingredient`` of :func:`read_book`."""
         self.base: dict[str, int] | None = None
         self.listed: dict[str, int] = {}
         self._delimiter, self._single = delimiter, single
@@ -222,16 +201,17 @@ class Table:
                 yield found
 
     def _is_header(self, line: str) -> bool:
-        line = line.rstrip("\r\n")[:MAX_LINE_LENGTH]
-        return CSV_HEADER[0] in line and tuple(map(str.strip, line.split(self._delimiter))) == CSV_HEADER
+        if CSV_HEADER[0] not in line[:_MAX_LINE_LENGTH]:
+            return False
+        return tuple(map(str.strip, line.rstrip("\r\n").split(self._delimiter))) == CSV_HEADER
 
     def _read_directive(self, number: int, line: str) -> Fault | None:
-        """Read ``# base: a, b`` or ``# entities: a, b``; any other comment is skipped."""
+        """Read ``# base: a, b`` or ``# entities: a, b``; skip any other comment."""
         key, colon, rest = line[1:].strip().partition(":")
         key = key.strip().lower()
         if not colon or key not in ("base", "entities"):
             return None
-        if len(line) > MAX_LINE_LENGTH:
+        if len(line) > _MAX_LINE_LENGTH:
             return Fault(number, "directive", _too_long(line))
         labels = [cell for row in csv.reader([trimmed(rest, ",")]) for cell in row]
         for fault in filter(None, map(label_fault, labels)):
@@ -244,34 +224,31 @@ class Table:
 
     def _read(self, number: int, line: str) -> Row | Fault | None:
         """Read one line; None if it is blank."""
-        if len(line) > MAX_LINE_LENGTH:
+        if len(line) > _MAX_LINE_LENGTH:
             return Fault(number, "row", _too_long(line))
         line = trimmed(line.rstrip("\r\n"), self._delimiter)
         if not line:
             return None
-        try:
-            cells = self._cells(line)
-        except csv.Error as error:
-            return Fault(number, "row", f"{error}; a quoted cell ends in its line, and a quote in it is doubled.")
-        if len(cells) == 3 and all(cells) and all(map(str.isprintable, cells)) and not any(map(str.isspace, cells)):
-            if max(map(len, cells)) <= MAX_LABEL_LENGTH:
-                return Row(number, cells)
-        elif len(cells) != 3:
+        cells = line.split(self._delimiter)
+        if '"' in line:
+            try:
+                (cells,) = csv.reader([line], delimiter=self._delimiter, strict=True)
+            except csv.Error as error:
+                return Fault(number, "row", f"{error}; a quoted cell ends in its line, and a quote in it is doubled.")
+        if len(cells) != 3:
             return Fault(number, "row", self._not_three(cells))
+        is_plain = all(cells) and all(map(str.isprintable, cells)) and not any(map(str.isspace, cells))
+        if is_plain and max(map(len, cells)) <= MAX_LABEL_LENGTH:
+            return number, cells
         one, other, result = cells
         if bool(one) != bool(other):
-            try:
-                one, other = _pair(one or other, self._single)
-            except ValueError as error:
-                return Fault(number, "label", str(error))
+            one = one or other
+            if self._single is None:
+                return Fault(number, "label", _alone(one))
+            other = one if self._single == _SELF else self._single
         for fault in filter(None, map(label_fault, (one, other, result))):
             return Fault(number, "label", fault)
-        return Row(number, (one, other, result))
-
-    def _cells(self, line: str) -> list[str]:
-        if '"' not in line:
-            return line.split(self._delimiter)
-        return next(csv.reader([line], delimiter=self._delimiter, strict=True))
+        return number, (one, other, result)
 
     def _not_three(self, cells: Sequence[str]) -> str:
         count = len(cells) - 1
@@ -282,23 +259,15 @@ class Table:
         )
 
 
+def _without_faults(path: Path, table: Table) -> Iterator[Sequence[str]]:
+    for found in table:
+        if isinstance(found, Fault):
+            raise RecipeFileError(f"{path}, line {found.line}: {found.message}")
+        yield found[1]
+
+
 def _too_long(line: str) -> str:
-    return f"a line of {len(line):,} characters; the limit is {MAX_LINE_LENGTH:,}."
-
-
-def _pair(ingredient: str, single: str | None) -> tuple[str, str]:
-    """Return a single ingredient with the one to combine it with, see ``single_ingredient`` of :func:`read_book`.
-
-    Raises:
-        ValueError: if ``single`` is None.
-    """
-    if single is None:
-        raise ValueError(
-            f"'{ingredient}' is the only ingredient; a recipe needs two. Write it twice, or build the graph "
-            f"with `single_ingredient` {SELF}, which reads {ingredient} + {ingredient}, or the name of what it is "
-            "combined with."
-        )
-    return ingredient, ingredient if single == SELF else single
+    return f"a line of {len(line):,} characters; the limit is {_MAX_LINE_LENGTH:,}."
 
 
 def trimmed(line: str, delimiter: str) -> str:
@@ -316,6 +285,9 @@ _CELLS = {
 
 # --- JSON ------------------------------------------------------------------------------------------------------------
 
+_Raw = tuple[str, list[Any], list[Any], Any]
+"""A recipe of a file: the place that names it, what stands there, its ingredients, and its result."""
+
 
 def _parse_json(
     path: Path, text: str, single: str | None
@@ -324,7 +296,8 @@ def _parse_json(
     content = _load_json(path, text)
     entities = content.get("entities") if isinstance(content, dict) else None
     if isinstance(entities, dict):
-        return None, entities, _official_rows(path, entities, single)
+        known = {check_label(label, f"{path}: entities") for label in entities}
+        return None, entities, _rows(_official_recipes(path, entities), known, single)
     if isinstance(entities, list) and isinstance(content.get("recipes"), list):
         known = {check_label(label, f"{path}: entities[{index}]") for index, label in enumerate(entities)}
         base = content.get("base")
@@ -332,7 +305,7 @@ def _parse_json(
             raise RecipeFileError(f"{path}: 'base' is {type(base).__name__}; expected a list of labels or null.")
         for index, label in enumerate(base or ()):
             _known(label, known, f"{path}: base[{index}]")
-        return base, known, _own_rows(path, content["recipes"], known, single)
+        return base, known, _rows(_own_recipes(path, content["recipes"]), known, single)
     raise RecipeFileError(
         f"{path}: neither of the known layouts. Expected an object with the lists 'entities' and 'recipes', "
         "or the official one with an object 'entities'."
@@ -360,17 +333,15 @@ def _load_json(path: Path, text: str) -> Any:
         raise RecipeFileError(f"{path}: not a recipe book ({error}).") from None
 
 
-def _own_rows(path: Path, recipes: list[Any], known: set[str], single: str | None) -> Iterator[Sequence[str]]:
+def _own_recipes(path: Path, recipes: list[Any]) -> Iterator[_Raw]:
     for index, row in enumerate(recipes):
         where = f"{path}: recipes[{index}]"
         if not isinstance(row, list) or len(row) not in (2, 3):
             raise RecipeFileError(f"{where} is {shown(row)}; expected [ingredient, ingredient, result].")
-        labels = [_known(label, known, where) for label in row]
-        yield labels if len(labels) == 3 else [*_pair_of(labels[0], row, single, where), labels[1]]
+        yield where, row, row[:-1], row[-1]
 
 
-def _official_rows(path: Path, entities: dict[str, Any], single: str | None) -> Iterator[Sequence[str]]:
-    known = {check_label(label, f"{path}: entities") for label in entities}
+def _official_recipes(path: Path, entities: dict[str, Any]) -> Iterator[_Raw]:
     for result, entry in entities.items():
         where = f"{path}: entities['{result}']"
         if not isinstance(entry, dict) or not isinstance(entry.get("recipes"), list):
@@ -379,15 +350,17 @@ def _official_rows(path: Path, entities: dict[str, Any], single: str | None) -> 
             here = f"{where}.recipes[{index}]"
             if not isinstance(pair, list) or len(pair) not in (1, 2):
                 raise RecipeFileError(f"{here} is {shown(pair)}; a recipe needs two ingredients.")
-            labels = [_known(label, known, here) for label in pair]
-            yield [*(labels if len(pair) == 2 else _pair_of(labels[0], pair, single, here)), result]
+            yield here, pair, pair, result
 
 
-def _pair_of(ingredient: str, row: list[Any], single: str | None, where: str) -> tuple[str, str]:
-    try:
-        return _pair(ingredient, single)
-    except ValueError as error:
-        raise RecipeFileError(f"{where} is {shown(row)}: {error}") from None
+def _rows(recipes: Iterable[_Raw], known: set[str], single: str | None) -> Iterator[Sequence[str]]:
+    for where, row, ingredients, result in recipes:
+        *labels, made = (_known(label, known, where) for label in (*ingredients, result))
+        if len(labels) == 1:
+            if single is None:
+                raise RecipeFileError(f"{where} is {shown(row)}: {_alone(labels[0])}")
+            labels.append(labels[0] if single == _SELF else single)
+        yield *labels, made
 
 
 def _known(label: Any, known: set[str], where: str) -> str:
@@ -427,7 +400,7 @@ def recipe_table(recipes: Iterable[Recipe], delimiter: str = ",") -> Iterator[st
 def book_json(book: RecipeBook, **extra: Any) -> Iterator[str]:
     """Yield our own JSON layout, one recipe per line so that it diffs well; ``extra`` keys come after the name."""
     dump = json.JSONEncoder(ensure_ascii=False, allow_nan=False).encode
-    yield f'{{\n"format": {dump(JSON_FORMAT)},\n"name": {dump(book.name)},\n'
+    yield f'{{\n"format": {dump(_JSON_FORMAT)},\n"name": {dump(book.name)},\n'
     for key, value in extra.items():
         yield f"{dump(key)}: {dump(value)},\n"
     yield f'"base": {dump(book.base)},\n"entities": {dump(book.entities)},\n"recipes": [\n'

@@ -1,8 +1,7 @@
 """Doses of knowledge: a share of the train recipes, some of them with a wrong result, for a scorer to learn from.
 
-How much a scorer knows, and how much of that is right, is varied to see what an agent gains by it. A wrong recipe keeps
-its pair and gets the result of another one, so an entity is expected to be a result as often as before. That other one
-is of the same fold: a model that leaves a fold out would otherwise meet the results of that fold elsewhere.
+A wrong recipe keeps its pair and gets the result of another one of the same fold. So entities are results as often as
+before, on average, and a model that leaves a fold out does not meet its results elsewhere.
 """
 
 import hashlib
@@ -21,15 +20,13 @@ from wordcraft_kg.graphs.triples import COMPONENT_OF, recipe_triples
 
 UNTAUGHT = -1
 """Result of a recipe that is not in a dose."""
-DRAWS = 1_000
-"""Results that are tried for a recipe until one is wrong."""
-STREAM = 0xD05E
-"""Keeps the draw apart from others with the same seed."""
+_DRAWS = 1_000  # results that are tried for a recipe until one is wrong
+_STREAM = 0xD05E  # keeps the draw apart from others with the same seed
 
 
 @dataclass(frozen=True, eq=False)
 class Dose:
-    """The recipes that a scorer learns from, and what they are said to make.
+    """The recipes that a scorer learns from, with the results that it is taught.
 
     Attributes:
         graph: the graph of the recipes.
@@ -79,15 +76,14 @@ def check_dose(kg: str, share: float, noise: float) -> None:
     """Check the settings of a dose.
 
     Raises:
-        ConfigError: if one is out of range, or they are to thin out a graph that has no held-out recipes.
+        ConfigError: if one is out of range, or the graph has no held-out recipes.
     """
     number_in("share", share, SMALLEST, 1, "more than 0 and at most 1")
     number_in("noise", noise, 0, 1, "0 to 1")
     if kg == "full" and is_dosed(share, noise):
-        name, value = ("share", share) if share < 1 else ("noise", noise)
+        setting = f"`share` {share:g}" if share < 1 else f"`noise` {noise:g}"
         raise ConfigError(
-            f"`{name}` {value:g} needs `kg` partial: a model of the full graph is judged by what it remembers of all "
-            "recipes."
+            f"{setting} needs `kg` partial: a model of the full graph is judged by what it remembers of all recipes."
         )
 
 
@@ -97,7 +93,7 @@ def is_dosed(share: float, noise: float) -> bool:
 
 
 def dose_words(share: float, noise: float) -> str:
-    """Say what a scorer has learned from, such as "20 % of the train recipes"; empty for all of them as they are."""
+    """Return a dose in words, such as "20 % of the train recipes"; empty for all of them as they are."""
     if not is_dosed(share, noise):
         return ""
     wrong = f", {100 * noise:g} % of them with a wrong result" if noise else ""
@@ -109,12 +105,11 @@ def make_dose(
 ) -> Dose:
     """Draw some of the train recipes, and give some of these the result of another one.
 
-    Recipes of a smaller share are among those of a larger one with the same seed, and recipes that are wrong with less
-    noise are wrong with more of it. A wrong recipe gives no componentOf triple that any recipe of the book gives, so it
-    cannot tell anything of the test part by chance. Its combinesWith triples stay right.
+    Doses of one seed are nested, in their recipes and in their wrong recipes. A wrong recipe gives no componentOf
+    triple that any recipe of the book gives, so it tells nothing of the test part; its combinesWith triples stay right.
 
     Args:
-        split: the split; nothing is drawn from outside its train part.
+        split: split whose train part is drawn from.
         share: share of its train recipes.
         noise: share of those with a wrong result.
         seed: seed of the draw.
@@ -131,7 +126,7 @@ def make_dose(
     graph, train = split.graph, np.flatnonzero(split.is_in("train"))
     if not is_dosed(share, noise):
         return Dose.of(graph, split.is_in("train"))
-    rng = np.random.default_rng([seed, STREAM])
+    rng = np.random.default_rng([seed, _STREAM])
     order, doubt = rng.permutation(len(train)), rng.permutation(len(train))
     taken = order[: round(share * len(train))]
     groups = np.zeros(graph.num_recipes, dtype=np.int64) if of_recipe is None else of_recipe
@@ -155,21 +150,13 @@ def make_dose(
 def _wrong_results(
     recipes: Ids, pool: Ids, right: set[tuple[int, int]], rng: np.random.Generator, noise: float
 ) -> list[int]:
-    """Return a wrong result for each recipe, drawn from a pool.
+    """Return a wrong result for each recipe (n, 3), drawn from a pool of results (m,).
 
-    Args:
-        recipes: shape (n, 3).
-        pool: results to draw from, each as often as it is one, shape (m,).
-        right: every ingredient and what it is a part of, in the whole book.
-        rng: draws the results.
-        noise: the setting, for the error.
-
-    Raises:
-        ConfigError: if none is found for one of them.
+    ``right`` holds every (ingredient, result) of the book; ``noise`` is the setting, for the error.
     """
     found: dict[tuple[int, int, int], None] = {}
     for a, b, _ in recipes.tolist():
-        for result in pool[rng.integers(len(pool), size=DRAWS)].tolist():
+        for result in pool[rng.integers(len(pool), size=_DRAWS)].tolist():
             is_new = (a, b, result) not in found  # a pair may have two wrong results, too
             if is_new and result not in (a, b) and (a, result) not in right and (b, result) not in right:
                 found[a, b, result] = None

@@ -5,11 +5,12 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import TYPE_CHECKING, Literal, get_args
 from urllib.parse import quote
 
 from wordcraft_kg.base.artefacts import staged_file, staged_folder, write_atomically
-from wordcraft_kg.base.errors import ConfigError, MissingExtraError
+from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.base.extras import check_extra
 from wordcraft_kg.base.progress import stage
 from wordcraft_kg.base.settings import one_of
 from wordcraft_kg.graphs.arrays import Ids
@@ -22,23 +23,20 @@ from wordcraft_kg.graphs.triples import RELATIONS, triple_lines
 
 NAMESPACE = "urn:wordcraft-kg:"
 """Prefix of the IRIs of entities (``...entity:<label>``), recipes (``...recipe:<a>+<b>=<result>``), relations
-(``...relation:<name>``) and of what an entity is to a recipe (``...role:ingredient``, ``...role:result``); labels are
-percent-encoded."""
+(``...relation:<name>``) and roles (``...role:ingredient``, ``...role:result``); labels are percent-encoded."""
 RDF_TYPE = "http://www.w3.org/1999/02/22-rdf-syntax-ns#type"
 RDFS_LABEL = "http://www.w3.org/2000/01/rdf-schema#label"
 ExportPart = Literal["full", "partial", "unseen"]
-"""All recipes and their triples; the train recipes and theirs; or the held-out recipes, and the triples that no train
-recipe gives."""
+"""All recipes; the train recipes; or the held-out recipes, with the triples that no train recipe gives."""
 MOST_BYTES = 4 * 2**30
 """Memory that an export may take."""
-GRAPHML, GEXF, TURTLE = 6_000, 8_000, 8_000
-"""Bytes that a recipe takes in memory while networkx or rdflib write it: measured for GraphML with 250,000 recipes, and
-rather too much than too little for the others."""
+# Bytes of a recipe in memory while networkx or rdflib write it: measured for GraphML with 250,000 recipes.
+_GRAPHML, _GEXF, _TURTLE = 6_000, 8_000, 8_000
 
 
 @dataclass(frozen=True)
 class Content:
-    """What is exported: a part of a graph with a split."""
+    """The exported part of a graph."""
 
     opened: OpenedGraph
     part: ExportPart = "full"
@@ -64,10 +62,10 @@ class Exporter:
     """A format.
 
     Attributes:
-        about: what it holds.
-        write: the function that writes it.
+        about: its content.
+        write: writes it.
         is_folder: whether it is a folder.
-        recipe_bytes: about how much memory a recipe takes while it is written; 0 where that is little.
+        recipe_bytes: memory of a recipe while it is written; 0 where that is little.
     """
 
     about: str
@@ -90,8 +88,8 @@ def export_graph(
         force: replace ``out`` if it exists.
 
     Raises:
-        ConfigError: for an unknown format, one that holds all parts if another part is asked for, or one that would
-            take more than :data:`MOST_BYTES` for so many recipes.
+        ConfigError: for an unknown format, a part of a format that holds all parts, or more memory than
+            :data:`MOST_BYTES`.
         MissingExtraError: if the format needs a package that is not installed.
         OutputExistsError: if ``out`` exists and ``force`` is False.
     """
@@ -124,48 +122,33 @@ def _book(ending: str) -> Callable[[Content, Path], None]:
     return write
 
 
-def _tsv(content: Content, path: Path) -> None:
-    write_atomically(path, triple_lines(content.triples, content.graph.entities))
-
-
 def _libkge(content: Content, folder: Path) -> None:
     """LibKGE's dataset folder: ids as ``.del`` files, the triples of each part by id, and ``dataset.yaml``."""
     graph, split = content.opened.graph, content.opened.split
     for name, labels in (("entity_ids", graph.entities), ("relation_ids", RELATIONS)):
         write_atomically(folder / f"{name}.del", (f"{i}\t{label}\n" for i, label in enumerate(labels)))
     parts = {"train": split.partial, "valid": split.held_out("valid"), "test": split.held_out("test")}
-    lines = [
-        "# wordcraft-kg: triples of the partial knowledge graph, and the held-out ones that it does not contain.",
-        "dataset:",
-        f"  name: {json.dumps(graph.name, ensure_ascii=False)}",
-        f"  num_entities: {graph.num_entities}",
-        f"  num_relations: {len(RELATIONS)}",
-        "  files.entity_ids.filename: entity_ids.del",
-        "  files.entity_ids.type: map",
-        "  files.relation_ids.filename: relation_ids.del",
-        "  files.relation_ids.type: map",
-    ]
+    head = (
+        "# wordcraft-kg: triples of the partial knowledge graph, and the held-out ones that it does not contain.\n"
+        f"dataset:\n  name: {json.dumps(graph.name, ensure_ascii=False)}\n"
+    )
+    values: dict[str, object] = {"num_entities": graph.num_entities, "num_relations": len(RELATIONS)}
+    for name in ("entity_ids", "relation_ids"):
+        values |= {f"files.{name}.filename": f"{name}.del", f"files.{name}.type": "map"}
     for part, triples in parts.items():
         write_atomically(folder / f"{part}.del", (f"{h}\t{r}\t{t}\n" for h, r, t in triples.tolist()))
-        lines += [
-            f"  files.{part}.filename: {part}.del",
-            f"  files.{part}.size: {len(triples)}",
-            f"  files.{part}.split_type: {part}",
-            f"  files.{part}.type: triples",
-        ]
-    write_atomically(folder / "dataset.yaml", "\n".join(lines) + "\n")
+        about = {"filename": f"{part}.del", "size": len(triples), "split_type": part, "type": "triples"}
+        values |= {f"files.{part}.{key}": value for key, value in about.items()}
+    write_atomically(folder / "dataset.yaml", head + "".join(f"  {key}: {value}\n" for key, value in values.items()))
 
 
-def _graphml(content: Content, path: Path) -> None:
-    import networkx as nx
+def _networkx(writer: str) -> Callable[[Content, Path], None]:
+    def write(content: Content, path: Path) -> None:
+        import networkx as nx
 
-    nx.write_graphml(to_networkx(content.graph, recipe_nodes=True), path)
+        getattr(nx, writer)(to_networkx(content.graph, recipe_nodes=True), path)
 
-
-def _gexf(content: Content, path: Path) -> None:
-    import networkx as nx
-
-    nx.write_gexf(to_networkx(content.graph, recipe_nodes=True), path)
+    return write
 
 
 def _statements(content: Content) -> Iterator[tuple[str, str, str]]:
@@ -193,7 +176,9 @@ def _nt(content: Content, path: Path) -> None:
 
 
 def _ttl(content: Content, path: Path) -> None:
-    rdflib = _needs("rdflib", "rdf")
+    check_extra("rdf")
+    import rdflib
+
     store = rdflib.Graph()
     for prefix in ("entity", "recipe", "relation", "role"):
         store.bind(prefix, rdflib.Namespace(f"{NAMESPACE}{prefix}:"))
@@ -203,31 +188,25 @@ def _ttl(content: Content, path: Path) -> None:
     path.write_bytes(store.serialize(format="turtle", encoding="utf-8"))
 
 
-def _parquet(content: Content, path: Path) -> None:
-    triples_frame(content.graph, content.triples).to_parquet(path, engine="pyarrow", index=False)
-
-
-def _needs(package: str, extra: str) -> Any:
-    from importlib import import_module
-
-    try:
-        return import_module(package)
-    except ImportError:
-        raise MissingExtraError(
-            f"this format needs {package}, which is not installed. Install it: pip install 'wordcraft-kg[{extra}]'"
-        ) from None
-
-
+_WITH_RECIPES = "with a node for each recipe"
 EXPORTERS = {
-    "tsv": Exporter("triples, head relation tail", _tsv),
+    "tsv": Exporter(
+        "triples, head relation tail",
+        lambda content, path: write_atomically(path, triple_lines(content.triples, content.graph.entities)),
+    ),
     "libkge": Exporter("LibKGE dataset folder with train, valid and test", _libkge, is_folder=True),
     "graphml": Exporter(
-        "GraphML, with a node for each recipe between its ingredients and its result", _graphml, recipe_bytes=GRAPHML
+        f"GraphML, {_WITH_RECIPES} between its ingredients and its result",
+        _networkx("write_graphml"),
+        recipe_bytes=_GRAPHML,
     ),
-    "gexf": Exporter("GEXF for Gephi, with a node for each recipe", _gexf, recipe_bytes=GEXF),
-    "nt": Exporter("RDF N-Triples, with a node for each recipe", _nt),
-    "ttl": Exporter("RDF Turtle, with a node for each recipe (extra: rdf)", _ttl, recipe_bytes=TURTLE),
-    "parquet": Exporter("triples as a Parquet table", _parquet),
+    "gexf": Exporter(f"GEXF for Gephi, {_WITH_RECIPES}", _networkx("write_gexf"), recipe_bytes=_GEXF),
+    "nt": Exporter(f"RDF N-Triples, {_WITH_RECIPES}", _nt),
+    "ttl": Exporter(f"RDF Turtle, {_WITH_RECIPES} (extra: rdf)", _ttl, recipe_bytes=_TURTLE),
+    "parquet": Exporter(
+        "triples as a Parquet table",
+        lambda content, path: triples_frame(content.graph, content.triples).to_parquet(path, index=False),
+    ),
     "csv": Exporter("recipe book with its base, for build-graph", _book(".csv")),
     "json": Exporter("recipe book in our own JSON, for build-graph", _book(".json")),
 }

@@ -22,16 +22,15 @@ from wordcraft_kg.graphs.triples import triple_lines
 KG = Literal["partial", "full"]
 """The triples of the train recipes, or those of all recipes."""
 Taught = Literal["partial", "full", "none"]
-"""What a scorer has been taught: the triples of the train recipes, those of all recipes, or nothing of the recipes at
-all, as one that rests on what is thought elsewhere of the entities' names."""
+"""The recipes that a scorer has learned from: those of train, all, or none, as one of the entities' names alone."""
 
 
 @dataclass(frozen=True)
 class OpenedGraph:
-    """A graph with its split, and where it came from (a folder, a file or a book's name).
+    """A graph with its split, and its source: a folder, a file or a book's name.
 
-    A model folder records ``source`` to open the same graph and split again when it is evaluated. For a split of your
-    own, write a graph folder and train on that.
+    A model folder records the source, to open the same graph and split again. For a split of your own, write a graph
+    folder and train on that.
     """
 
     graph: RecipeGraph
@@ -43,7 +42,7 @@ class OpenedGraph:
         return self.graph.triples if kg == "full" else self.split.partial
 
     def dose(self, kg: Taught) -> Dose:
-        """Return what a scorer of the full or the partial knowledge graph learns from, if nothing is left out."""
+        """Return the recipes that a scorer of the full or the partial knowledge graph learns from."""
         return Dose.of(self.graph, (self.split.is_in("train") | (kg == "full")) & (kg != "none"))
 
 

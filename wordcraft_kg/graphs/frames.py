@@ -18,15 +18,14 @@ if TYPE_CHECKING:
 def to_networkx(graph: RecipeGraph, *, recipe_nodes: bool = False) -> "nx.MultiDiGraph":
     """Return a networkx view.
 
-    Nodes of entities have ``kind="entity"``, ``base``, ``recipes`` (how many make it), ``uses`` (how many use it) and,
-    where they can be made from the base, ``layer``.
+    Nodes of entities have ``kind="entity"``, ``base``, ``recipes`` (number that make it), ``uses`` (number that use it)
+    and, if they can be made from the base, ``layer``.
 
     Args:
         graph: the recipe graph.
-        recipe_nodes: False gives the typed multigraph, entities joined by edges whose key and ``relation`` is
-            ``combinesWith`` or ``componentOf``. True preserves which pair makes what: each recipe is a
-            node ``recipe <index>`` of ``kind="recipe"`` with edges ``ingredient -> recipe -> result`` (two parallel
-            ingredient edges for a self pair). If a label starts that way too, underscores are put before the name.
+        recipe_nodes: False joins entities by edges whose key and ``relation`` is ``combinesWith`` or ``componentOf``.
+            True adds a node ``recipe <index>`` of ``kind="recipe"`` for each recipe, with edges ``ingredient -> recipe
+            -> result``, two for a self pair; underscores before the name keep it apart from labels.
     """
     import networkx as nx
 
@@ -43,13 +42,9 @@ def to_networkx(graph: RecipeGraph, *, recipe_nodes: bool = False) -> "nx.MultiD
         for index, recipe in enumerate(graph.recipe_labels()):
             node = f"{prefix}{index}"
             view.add_node(node, kind="recipe")
-            view.add_edges_from(
-                [
-                    (recipe.ingredient_a, node, "ingredient_a", {"role": "ingredient"}),
-                    (recipe.ingredient_b, node, "ingredient_b", {"role": "ingredient"}),
-                    (node, recipe.result, "result", {"role": "result"}),
-                ]
-            )
+            view.add_edge(recipe.ingredient_a, node, "ingredient_a", role="ingredient")
+            view.add_edge(recipe.ingredient_b, node, "ingredient_b", role="ingredient")
+            view.add_edge(node, recipe.result, "result", role="result")
     else:
         names = graph.entities
         view.add_edges_from(

@@ -1,7 +1,4 @@
-"""Recipe books known by name: built in, in the user's cache or data folder, or available to fetch.
-
-A built-in book is a ``.csv`` file in the folder ``books``; a book to fetch is an entry of :data:`FETCHABLE`.
-"""
+"""Recipe books known by name: built in (folder ``books``), in the user's cache or data folder, or to fetch."""
 
 import hashlib
 import os
@@ -29,14 +26,14 @@ _MAX_BYTES = 64 * 2**20
 
 @dataclass(frozen=True)
 class Fetchable:
-    """A book that its authors publish but that we may not bundle.
+    """A book that its authors publish but that may not be bundled.
 
     Attributes:
         url: URL at one commit, so that the file never changes.
         sha256: SHA-256 of the file.
         file_name: its name in the cache and in the data folder.
         base: base entities of its world, which the file itself does not name.
-        note: what a user should know about its licence.
+        note: its licence, for users.
     """
 
     url: str

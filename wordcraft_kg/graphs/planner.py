@@ -15,16 +15,10 @@ from wordcraft_kg.graphs.recipes import Recipe
 
 
 def layers(graph: RecipeGraph, start: Iterable[Entity] | None = None) -> Ids:
-    """Return the round in which each entity can first be made.
+    """Return the round in which each entity can first be made, shape (num_entities,); -1 if it never can.
 
-    In a round, every pair of entities known before it is combined. Base entities have layer 0.
-
-    Args:
-        graph: the recipe graph.
-        start: entities known at the start; None takes the graph's base entities.
-
-    Returns:
-        shape (num_entities,), int64; -1 where the entity is never reached.
+    In a round, every pair of entities known before it is combined. Entities of ``start`` (default: the base) have
+    layer 0.
     """
     starts, order = graph.by_ingredient
     a, b, result = graph.recipes.T
@@ -55,10 +49,9 @@ class Derivation:
 
     Attributes:
         goal: label of the entity.
-        steps: recipes in an order in which they can be carried out, each once; the last makes the goal. Empty for a
-            base entity.
-        cost: combinations needed if an intermediate entity is made again for every use (size of the derivation tree).
-            Entities are not used up, so carrying out ``steps`` takes ``len(steps) <= cost`` combinations.
+        steps: recipes in the order of execution, each once; the last makes the goal. Empty for a base entity.
+        cost: size of the derivation tree: combinations needed if an intermediate entity is made again for every use.
+            Entities are not used up, so ``len(steps) <= cost`` combinations are enough.
     """
 
     goal: str
@@ -73,13 +66,13 @@ class Derivation:
 
 
 def derivation_tree(goal: str, steps: Iterable[Recipe]) -> Iterator[str]:
-    """Yield the lines of a derivation as a tree: an entity and its pair, and below it what of the pair is made.
+    """Yield the lines of a derivation as a tree: an entity and its pair, and below it the derivations of the pair.
 
-    What was shown before is not repeated. Of a base entity there is one line, its label.
+    No derivation is repeated. A base entity has one line, its label.
 
     Args:
         goal: label of the entity.
-        steps: recipes, one for each entity that is made.
+        steps: one recipe for each entity that is made.
 
     Example:
         >>> print(Planner(open_graph("kitchen").graph).derivation("flour"))
@@ -107,10 +100,9 @@ def derivation_tree(goal: str, steps: Iterable[Recipe]) -> Iterator[str]:
 class Planner:
     """Cheapest derivations of every entity of a graph.
 
-    The cost of a derivation is its tree size: 1 + cost(a) + cost(b). With this additive cost the minimum over all
-    derivations is exact and found for all entities at once, by Knuth's generalisation of Dijkstra's algorithm (Knuth,
-    "A generalization of Dijkstra's algorithm", 1977). Counting shared intermediates once would be the set version of
-    the problem, which is NP-hard. Ties go to the earlier recipe in the graph's order.
+    The cost of a derivation is its tree size: 1 + cost(a) + cost(b). Knuth's generalisation of Dijkstra's algorithm
+    (Knuth, "A generalization of Dijkstra's algorithm", 1977) finds the exact minimum for all entities at once. Counting
+    shared intermediates once would be NP-hard. Ties go to the earlier recipe in the graph's order.
 
     Attributes:
         start: labels of the entities known at the start.
@@ -163,13 +155,12 @@ class Planner:
             entity = stack[-1]
             index = self._recipe[entity]
             missing = [] if index < 0 else [part for part in graph.recipes[index, :2].tolist() if part not in done]
-            if entity not in done and not missing:
-                done.add(entity)
-                if index >= 0:
-                    steps.append(index)
             if missing:
                 stack.extend(reversed(missing))
-            else:
-                stack.pop()
+                continue
+            stack.pop()
+            if entity not in done and index >= 0:
+                steps.append(index)
+            done.add(entity)
         labels = graph.recipe_labels(graph.recipes[steps])
         return Derivation(graph.entities[target], tuple(labels), int(self.costs[target]))

@@ -30,12 +30,12 @@ Part = Literal["train", "valid", "test"]
 
 @dataclass(frozen=True)
 class SplitConfig:
-    """How to split the recipes of a graph.
+    """Settings of a split.
 
     Attributes:
-        kind: what is held out, see :data:`SPLITS`.
-        train_ratio: share kept for training, between 0 and 1, of the pairs (by-recipe, by-recipe-plain), of the
-            goals (by-goal, by-goal-terminals) or of the groups of recipes (by-slot). 0.8 is the paper's.
+        kind: name in :data:`SPLITS`.
+        train_ratio: share of the pairs (by-recipe), goals (by-goal) or groups of recipes (by-slot) kept for training,
+            between 0 and 1; 0.8 in the paper.
         valid_ratio: share kept for validation, from 0; the rest, which must not be empty, is the test part.
         seed: seed of the random draw.
 
@@ -87,8 +87,8 @@ class SplitKind:
 class Split:
     """The parts of a graph's recipes, and the triples of each.
 
-    *full* are the triples of all recipes, *partial* those of the train recipes, *unseen* = full - partial. A triple
-    may follow from several recipes; a test triple that a train recipe gives too is *leaked* and never evaluated.
+    *full* are the triples of all recipes, *partial* those of the train recipes, *unseen* = full - partial. A test
+    triple that a train recipe gives too is *leaked* and never evaluated.
 
     Attributes:
         graph: the graph that was split.
@@ -98,7 +98,7 @@ class Split:
     """
 
     def __init__(self, graph: RecipeGraph, config: SplitConfig, draw: Draw):
-        """Bind a draw to its graph; most callers want :func:`make_split` or :func:`read_split`."""
+        """Bind a draw to its graph; see :func:`make_split` and :func:`read_split`."""
         self.graph = graph
         self.config = config
         self.parts = draw.parts
@@ -139,7 +139,7 @@ class Split:
     def held_out(self, part: Literal["valid", "test"]) -> Ids:
         """Return the triples of a part that may be evaluated, shape (T, 3), sorted.
 
-        Triples of the train recipes are left out. For the test part, so are those of the validation recipes, on which
+        Triples of the train recipes are left out, and for the test part those of the validation recipes too, on which
         settings may have been chosen.
         """
         if part not in self._held_out:
@@ -149,13 +149,7 @@ class Split:
         return self._held_out[part]
 
     def part_of(self, triples: Ids) -> NDArray[np.int8]:
-        """Return the part whose recipes give each triple, shape (T,): 0 train, 1 validation, 2 test, -1 none of them.
-
-        A triple that several parts give belongs to the first of them: a leaked one to train.
-
-        Args:
-            triples: shape (T, 3), ids.
-        """
+        """Return the first part whose recipes give each triple (T, 3): 0 train, 1 validation, 2 test, -1 none."""
         found = np.full(len(triples), -1, dtype=np.int8)
         for part in reversed(get_args(Part)):
             found[is_in(triples, self.triples_of(part), self.graph.num_entities)] = PARTS.index(part)
@@ -213,14 +207,13 @@ def make_split(graph: RecipeGraph, config: SplitConfig) -> Split:
     """
     draw = SPLITS[config.kind].draw(graph, config, np.random.default_rng(config.seed))
     split = Split(graph, config, draw)
-    if config.kind != "none":
-        needed = ["train", "test", *(["valid"] if config.valid_ratio else [])]
-        empty = [part for part in needed if not np.any(draw.parts == PARTS.index(part))]
-        if empty:
-            raise SplitError(
-                f"the {empty[0]} part of a {config.kind} split of {graph.num_recipes} recipes is empty; "
-                "choose another `train_ratio`, or `kind` none for the full graph only."
-            )
+    needed = ["train", "test", *(["valid"] if config.valid_ratio else [])]
+    empty = [part for part in needed if not np.any(draw.parts == PARTS.index(part))]
+    if empty and config.kind != "none":
+        raise SplitError(
+            f"the {empty[0]} part of a {config.kind} split of {graph.num_recipes} recipes is empty; "
+            "choose another `train_ratio`, or `kind` none for the full graph only."
+        )
     return split
 
 

@@ -1,6 +1,7 @@
-"""Finding the tasks of a graph by the part of their plans: all of them while they are few enough, else a random set."""
+"""Finding plans, and the tasks of a graph by the part of their plans: all while they are few, else a random set."""
 
-from collections.abc import Iterator
+import itertools
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 
@@ -8,10 +9,9 @@ from wordcraft_kg.base.errors import TaskError
 from wordcraft_kg.base.progress import stage
 from wordcraft_kg.base.settings import one_of, whole
 from wordcraft_kg.graphs.arrays import frozen, padded
-from wordcraft_kg.graphs.plan_search import PlanSearch, Rows
-from wordcraft_kg.graphs.recipe_graph import RecipeGraph
+from wordcraft_kg.graphs.recipe_graph import Entity, RecipeGraph
 from wordcraft_kg.graphs.splits import PARTS, Split
-from wordcraft_kg.graphs.tasks import TaskPart, TaskSet, TaskWeighting
+from wordcraft_kg.graphs.tasks import Rows, TaskPart, TaskSet, TaskWeighting
 
 MAX_DEPTH = 5
 """Longer plans are not searched: each further attempt makes the search six times slower."""
@@ -26,6 +26,92 @@ _TRIES = 2_000  # draws without a new task after which drawing stops
 Posed = tuple[int, Rows]
 """A task as it is posed: its goal and its starting ingredients, ascending."""
 Plans = tuple[Rows, ...]
+Way = frozenset[int]
+"""Numbers of pairs."""
+
+
+class PlanSearch:
+    """Search backwards from a goal, for all its plans at once.
+
+    A *way* is a set of attempts, given as numbers of pairs, that makes a goal in some order. A *plan* is a way in the
+    order of execution: the rows of the recipes whose results are needed.
+
+    Attributes:
+        graph: the graph; all its recipes may be used.
+        rows: its recipes, as Python lists, because a search looks at a few of them very often.
+        recipes_of: for each entity, the recipes that make it and do not need it, as (pair, ingredient, ingredient).
+    """
+
+    def __init__(self, graph: RecipeGraph):
+        """Sort the recipes by result."""
+        self.graph = graph
+        self.rows: list[list[int]] = graph.recipes.tolist()
+        self._starts: list[int] = graph.pair_starts.tolist()
+        self.recipes_of: list[list[tuple[int, int, int]]] = [[] for _ in range(graph.num_entities)]
+        for pair, (a, b, result) in zip(graph.pair_of_recipe.tolist(), self.rows, strict=True):
+            if result not in (a, b):
+                self.recipes_of[result].append((pair, a, b))
+
+    def plans(self, goal: Entity, at_hand: Iterable[Entity], attempts: int) -> list[Rows]:
+        """Return the shortest plans of at most ``attempts`` attempts, sorted; one empty plan if the goal is at hand."""
+        have = frozenset(map(self.graph.id_of, at_hand))
+        target = self.graph.id_of(goal)
+        return self.ordered(self.shortest_ways(target, have, attempts), target, have)
+
+    def shortest_ways(self, goal: int, have: frozenset[int], attempts: int) -> set[Way]:
+        """Return all ways with as few attempts as possible, if ``attempts`` are enough."""
+        found = (self.ways(goal, have, budget) for budget in range(attempts + 1))
+        return next(filter(None, found), set())
+
+    def ways(self, goal: int, have: frozenset[int], attempts: int) -> set[Way]:
+        """Return all ways of at most ``attempts`` attempts without circles."""
+        return self._ways(goal, attempts, have, frozenset())
+
+    def _ways(self, entity: int, budget: int, have: frozenset[int], above: frozenset[int]) -> set[Way]:
+        """Return the ways to make ``entity``, which is needed for the entities ``above``, without needing those."""
+        if entity in have:
+            return {frozenset()}
+        recipes = self.recipes_of[entity]
+        if budget <= 1:
+            return {frozenset((pair,)) for pair, a, b in recipes if budget and a in have and b in have}
+        above = above | {entity}
+        found = set()
+        for pair, a, b in recipes:
+            if above.isdisjoint((a, b)) and (one := self._ways(a, budget - 1, have, above)):
+                other = one if a == b else self._ways(b, budget - 1, have, above)
+                both = zip(one, one, strict=True) if a == b else itertools.product(one, other)
+                found |= {way for way_a, way_b in both if len(way := way_a | way_b | {pair}) <= budget}
+        return found
+
+    def ordered(self, ways: Iterable[Way], goal: int, have: frozenset[int]) -> list[Rows]:
+        """Return ways as plans, sorted."""
+        return sorted(self._plan(way, goal, have) for way in ways)
+
+    def _plan(self, way: Way, goal: int, have: frozenset[int]) -> Rows:
+        if len(way) == 1:  # most tasks are of depth 1
+            (pair,) = way
+            return tuple(row for row in self.rows_of(pair) if self.rows[row][2] == goal)
+        needed = {goal}.union(*(self.ingredients(pair) for pair in way))
+        at_hand, left, plan = set(have), sorted(way), []
+        while left:
+            pair = next(pair for pair in left if at_hand.issuperset(self.ingredients(pair)))
+            left.remove(pair)
+            plan += [row for row in self.rows_of(pair) if self.rows[row][2] in needed - at_hand]
+            at_hand |= self.results(pair)
+        # The goal comes last, even among the results of its own pair.
+        return tuple(sorted(plan, key=lambda row: self.rows[row][2] == goal))
+
+    def rows_of(self, pair: int) -> range:
+        """Return the rows of a pair's recipes."""
+        return range(self._starts[pair], self._starts[pair + 1])
+
+    def ingredients(self, pair: int) -> list[int]:
+        """Return the two ingredients of a pair."""
+        return self.rows[self._starts[pair]][:2]
+
+    def results(self, pair: int) -> set[int]:
+        """Return everything that a pair makes."""
+        return {self.rows[row][2] for row in self.rows_of(pair)}
 
 
 @stage("finding tasks")
@@ -40,32 +126,18 @@ def make_tasks(
     seed: int = 0,
     search: PlanSearch | None = None,
 ) -> TaskSet:
-    """Return the tasks of a depth: all of them at depth 1 and 2, a random set of them beyond.
-
-    A graph with more than :data:`MAX_ENUMERATED` plans of depth 2, a book of tens of thousands of entities, gets a
-    random set at that depth too.
+    """Return the tasks of a depth: all at depth 1 and, up to :data:`MAX_ENUMERATED` plans, 2; a random set beyond.
 
     A task belongs to *train* if all its plans use train recipes only, to *test* if each of them uses a test recipe, to
     *valid* if each uses a validation recipe and none a test recipe. Any other belongs to no part and is counted.
 
-    A deeper task is drawn backwards. A random recipe is the last step (for train tasks, a train recipe; with
-    ``weighting="goal"``, a random recipe of a random goal). Then, ``depth - 1`` times, a random leaf that has recipes
-    is replaced by the ingredients of one of them, at random. The draw is repeated if the result is not a task of this
-    depth and part, or was drawn before. The probability that task t is drawn first is
-
-    ``P(t) = W(t) / sum_t' W(t')``, ``W(t) = sum over the ways to build t of q * prod_i 1 / (l_i * r_i)``
-
-    where q is the probability of the last step (1 / number of allowed recipes; or 1 / number of goals / number of the
-    goal's recipes), l_i the number of leaves that have recipes at the i-th replacement, and r_i the number of recipes
-    of the leaf replaced.
-
     Args:
         graph: the graph; plans may use all its recipes.
         depth: attempts that a task takes, from 1.
-        split: split that defines the parts; needed for any part but ``all``.
+        split: defines the parts; needed for any part but ``all``.
         part: ``all``, ``train``, ``valid`` or ``test``.
-        weighting: how the last step of a drawn task is chosen: among all recipes (task) or by goal first (goal).
-        limit: maximum number of tasks to draw.
+        weighting: draw the last step of a task among all recipes (task), or by goal first (goal).
+        limit: most tasks to draw.
         seed: seed of the draw.
         search: the graph's plan search, if there is one already.
 
@@ -155,7 +227,17 @@ def _enumerated(search: PlanSearch, depth: int) -> Iterator[Posed]:
 
 
 class _Draw:
-    """Draws the goals and leaves of plans, backwards from the last step; see :func:`make_tasks`."""
+    """Draws the goals and leaves of plans, backwards.
+
+    The last step is a random recipe (for train tasks, a train recipe). Then, ``depth - 1`` times, a random leaf that
+    has recipes is replaced by the ingredients of one of them, at random. A draw that is no task of the depth and part,
+    or was drawn before, does not count. So the probability that task t is drawn first is
+
+    ``P(t) = W(t) / sum_t' W(t')``, ``W(t) = sum over the ways to build t of q * prod_i 1 / (l_i * r_i)``
+
+    where q is the probability of the last step, l_i the number of leaves that have recipes at the i-th replacement, and
+    r_i the number of recipes of the leaf replaced.
+    """
 
     def __init__(self, sieve: _Sieve, weighting: TaskWeighting, seed: int):
         self.recipes_of, self.depth, self.weighting = sieve.search.recipes_of, sieve.depth, weighting

@@ -1,9 +1,8 @@
-"""Crafting tasks: a goal and starting ingredients from which a known number of attempts makes it, and no fewer.
+"""Crafting tasks: a goal, and starting ingredients from which a known number of attempts makes it, and no fewer.
 
 An *attempt* combines two entities at hand; all results of the pair are at hand from then on, and nothing is used up. A
 *plan* is a set of attempts that makes the goal. A task of depth n has a plan of n attempts whose leaves are exactly the
-starting ingredients, and no plan of fewer attempts, even one that uses other recipes of the book;
-:mod:`~wordcraft_kg.graphs.task_search` finds such tasks.
+starting ingredients, and no shorter plan; :mod:`~wordcraft_kg.graphs.task_search` finds such tasks.
 """
 
 import hashlib
@@ -17,10 +16,11 @@ from numpy.typing import NDArray
 
 from wordcraft_kg.base.errors import TaskError
 from wordcraft_kg.graphs.arrays import Ids, frozen, padded
-from wordcraft_kg.graphs.plan_search import Rows
 from wordcraft_kg.graphs.recipe_graph import Entity, RecipeGraph
 from wordcraft_kg.graphs.recipes import Recipe
 
+Rows = tuple[int, ...]
+"""A plan: rows of recipes, in the order of execution."""
 TaskPart = Literal["all", "train", "valid", "test"]
 TaskWeighting = Literal["task", "goal"]
 
@@ -30,11 +30,11 @@ class Task:
     """A crafting task, by labels; tasks of equal content are equal.
 
     Attributes:
-        goal: what is to be made.
+        goal: entity to make.
         start: starting ingredients, sorted; never the goal.
         depth: number of attempts that is necessary and sufficient.
-        plans: all plans of ``depth`` attempts, each as recipes in an order in which they can be carried out. Two
-            recipes of one plan may belong to one attempt, if both results of its pair are needed.
+        plans: all plans of ``depth`` attempts, each as recipes in the order of execution; two recipes may belong to one
+            attempt, if both results of its pair are needed.
     """
 
     goal: str
@@ -53,10 +53,10 @@ class TaskSet:
         part: part that they belong to, or ``all``.
         goals: shape (N,), entity ids.
         starts: shape (N, depth + 1), entity ids, ascending, padded with ``num_entities``.
-        plans: the plans of each task, each a tuple of recipe rows in the order of execution.
-        is_complete: whether these are all the tasks of the depth and part; otherwise they were drawn at random.
-        mixed: number of tasks that belong to no part because their plans use recipes of different parts (for drawn
-            tasks: of those met while drawing).
+        plans: the plans of each task.
+        is_complete: whether these are all tasks of the depth and part; otherwise they were drawn at random.
+        mixed: number of tasks in no part, because their plans use recipes of different parts (of drawn tasks: of those
+            met while drawing).
     """
 
     graph: RecipeGraph
@@ -94,14 +94,14 @@ class TaskSet:
 
     @cached_property
     def hash(self) -> str:
-        """SHA-256 of all that decides which task has which number, in hexadecimal."""
+        """SHA-256 of the tasks in their order, in hexadecimal."""
         known = hashlib.sha256(f"{self.graph.hash} {self.depth} {self.part} {self.plans}".encode())
         known.update(self.starts.tobytes())
         return known.hexdigest()
 
     @cached_property
     def intermediates(self) -> Ids:
-        """What the plans make on the way, shape (N, at most ``depth - 1`` per plan), padded with ``num_entities``."""
+        """Intermediate results, shape (N, at most ``depth - 1`` per plan), padded with ``num_entities``."""
         made = self.graph.recipes[:, 2].tolist()
         rows = [sorted({made[row] for plan in plans for row in plan[:-1]}) for plans in self.plans]
         return frozen(padded(rows, self.graph.num_entities))

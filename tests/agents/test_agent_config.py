@@ -6,6 +6,7 @@ import sys
 from dataclasses import fields
 
 import pytest
+from refusals import refuses
 
 from wordcraft_kg.agents.config import ImpalaConfig, TaskConfig
 from wordcraft_kg.base.errors import ConfigError
@@ -78,12 +79,12 @@ def test_steps_are_rounded_up_to_whole_updates(steps, updates):
 )
 def test_a_task_setting_out_of_range_is_an_error_that_names_it_and_its_value(setting, value):
     name = "num_distractors" if setting == "distractors" else setting
-    with pytest.raises(ConfigError, match=f"^`{name}` {value!r}: expected"):
+    with refuses(name):
         TaskConfig(**{setting: value})
 
 
 def test_fewer_attempts_than_a_task_takes_are_refused():
-    with pytest.raises(ConfigError, match="`max_attempts` 1: expected 2 or more"):
+    with refuses("max_attempts"):
         TaskConfig(depth=2, max_attempts=1)
 
 

@@ -5,6 +5,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import torch
+from refusals import refuses
 
 from wordcraft_kg.agents import discovery
 from wordcraft_kg.agents.discovery import (
@@ -214,7 +215,7 @@ def test_a_scorer_on_a_graph_too_large_for_tables_of_all_pairs_is_refused_with_i
     ScorerDiscoverer(kitchen, scorer)
     monkeypatch.setattr(discovery, "MOST_BYTES", 80**2 * discovery.PAIR_BYTES - 1)
     monkeypatch.setattr(scorer, "table", None)  # nothing is computed before the refusal
-    with pytest.raises(ConfigError, match=r"`scorer`: .* the 80 entities of kitchen .*0.0 GiB"):
+    with refuses("scorer"):
         ScorerDiscoverer(kitchen, scorer)
 
 
@@ -271,9 +272,9 @@ def test_a_single_run_has_no_interval(kitchen):
 
 
 def test_errors_say_what_there_is(kitchen):
-    with pytest.raises(ConfigError, match=r"`players` 'gredy': .*Did you mean 'greedy'"):
+    with refuses("players"):
         make_discoverers(["gredy"], kitchen)
-    with pytest.raises(ConfigError, match="needs a `scorer`"):
+    with refuses("scorer"):
         make_discoverers(["empowerment-scorer"], kitchen)
     other = RecipeGraph.from_recipes([("a", "a", "b")])
     with pytest.raises(GraphMismatchError, match="trained on graph"):

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from refusals import refuses
 
 from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer
 from wordcraft_kg.agents.explanation import MOST_ON_TABLE, ExplainedTable, Explainer
@@ -483,19 +484,19 @@ def test_what_cannot_be_asked_is_an_error_that_says_so(opened: OpenedGraph, scor
         explainer.table("bread", ["flouur", "water"])
     with pytest.raises(UnknownEntityError, match="no entity 'breaad'"):
         explainer.table("breaad", ["flour"])
-    with pytest.raises(ConfigError, match="`table` of 0 entities: expected 1 to 64"):
+    with refuses("table"):
         explainer.table("bread", [])
-    with pytest.raises(ConfigError, match="`table` of 65 entities"):
+    with refuses("table"):
         explainer.table("bread", labels[: MOST_ON_TABLE + 1])
-    with pytest.raises(ConfigError, match="`table` holds 'flour' twice"):
+    with refuses("table"):
         explainer.table("bread", ["flour", "water", "flour"])
-    with pytest.raises(ConfigError, match="`held` 'fire' is not on the table"):
+    with refuses("held"):
         explainer.table("bread", ["flour", "water"], "fire")
-    with pytest.raises(ConfigError, match="`task` 63: expected a whole number, 0 to 62"):
+    with refuses("task"):
         explainer.task(63)
-    with pytest.raises(ConfigError, match="`draw` -1"):
+    with refuses("draw"):
         explainer.task(0, -1)
-    with pytest.raises(ConfigError, match="`like` 63"):
+    with refuses("like"):
         explainer.table("bread", ["flour"], like=63)
     mlp = Explainer(policy_of(opened, scorer, "mlp", world), world)
     assert len(mlp.table("bread", ["flour", "water"]).episode.steps) == 2

@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 import torch
+from refusals import refuses
 from test_vtrace import slow_v_trace
 
 from wordcraft_kg.agents.config import ImpalaConfig
@@ -597,7 +598,7 @@ def test_a_parameter_that_is_no_number_stops_the_training(trainer, value):
     with torch.no_grad():
         impala.policy.value[2].bias.fill_(value)
     before = flat(impala).clone()
-    with pytest.raises(TrainingError, match=r"in update 2 .*`learning_rate`"):
+    with refuses("learning_rate", TrainingError):
         impala.update()
     torch.testing.assert_close(flat(impala), before, equal_nan=True, rtol=0, atol=0)
 
@@ -618,7 +619,7 @@ def test_a_missing_compiler_is_an_error_that_says_what_to_do(trainer, monkeypatc
         raise error
 
     monkeypatch.setattr(torch, "compile", fail)
-    with pytest.raises(ConfigError, match=rf"`compile`: torch cannot compile here \({reason}.*Install a C\+\+ comp"):
+    with refuses("compile"):
         check_compiler(torch.device("cpu"))
     with pytest.raises(ConfigError, match="train without it"):
         trainer(compile=True)

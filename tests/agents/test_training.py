@@ -278,7 +278,7 @@ def test_a_finished_run_is_neither_resumed_nor_replaced_unasked(opened: OpenedGr
     before = sha256_of(tmp_path / "run/policy.safetensors")
     with pytest.raises(ArtefactError, match=r"is finished; there is nothing to resume"):
         resume_agent(tmp_path / "run")
-    with pytest.raises(OutputExistsError, match="`force`"):
+    with pytest.raises(OutputExistsError):
         train_agent(config_of(), tmp_path / "run")
     assert sha256_of(tmp_path / "run/policy.safetensors") == before
     train_agent(config_of(replace(SMALL, seed=1)), tmp_path / "run", force=True)

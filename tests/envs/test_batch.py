@@ -6,6 +6,7 @@ from itertools import product
 import numpy as np
 import pytest
 import torch
+from refusals import refuses
 
 from wordcraft_kg.agents.players import recipe_oracle
 from wordcraft_kg.base.errors import ActionError, ConfigError, EpisodeError
@@ -170,7 +171,7 @@ def test_two_engines_of_a_half_each_see_what_a_whole_one_sees(kitchen_opened):
     np.testing.assert_array_equal(
         whole.engine.pose(tasks, 2, seed=7).table, np.concatenate([state.table for state in posed])
     )
-    with pytest.raises(ConfigError, match=r"`first_env` -1: expected a whole number, 0 or more"):
+    with refuses("first_env"):
         BatchEngine(world, 4, first_env=-1)
 
 
@@ -500,11 +501,9 @@ def test_an_empty_slot_raises_where_asked(kitchen_opened):
 
 def test_no_environments_and_missing_devices_are_refused(kitchen_opened):
     for wrong in (0, -1, 1.5, "2", None, True):
-        with pytest.raises(
-            ConfigError, match=f"`num_envs` {wrong!r}: expected a whole number, 1 (or more|to 16777216)"
-        ):
+        with refuses("num_envs"):
             batch(kitchen_opened, wrong)
-    with pytest.raises(ConfigError, match="`seed` -1: expected a whole number, 0 or more"):
+    with refuses("seed"):
         batch(kitchen_opened, 1, -1)
     if not torch.cuda.is_available():
         with pytest.raises(ConfigError, match="no CUDA device"):

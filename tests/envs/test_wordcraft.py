@@ -8,6 +8,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from refusals import refuses
 
 import wordcraft_kg  # noqa: F401 - registers the environments
 from wordcraft_kg.base.errors import (
@@ -300,7 +301,7 @@ def test_bad_settings_are_refused_by_name(changes, error, says):
 @pytest.mark.parametrize("name", ["wrong_pair_penalty", "irrelevant_penalty", "intermediate_reward"])
 @pytest.mark.parametrize("value", [-0.1, float("nan"), float("inf"), "a", None])
 def test_rewards_are_magnitudes(name, value):
-    with pytest.raises(ConfigError, match=f"`{name}` {value!r}: expected a finite number, 0 or more"):
+    with refuses(name):
         RewardConfig(**{name: value})
 
 

@@ -6,6 +6,7 @@ import pickle
 import gymnasium as gym
 import numpy as np
 import pytest
+from refusals import refuses
 
 import wordcraft_kg  # noqa: F401 - registers the environments
 from wordcraft_kg.agents.players import play_all, random_entity
@@ -102,7 +103,7 @@ def test_a_variant_that_cannot_be_is_refused_and_the_world_stays(opened):
     world = World(opened, WordCraftConfig())
     with pytest.raises(ConfigError, match=r"'distractors'; .* Did you mean 'num_distractors'"):
         world.variant(distractors=3)
-    with pytest.raises(ConfigError, match="`num_distractors` 99: graph has 20 entities"):
+    with refuses("num_distractors"):
         world.variant(num_distractors=99)
     with pytest.raises(TaskError, match="no task of depth 1 in the valid part"):
         world.variant(part="valid")

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from graph_strategies import configs, splittable_graphs
 from hypothesis import assume, given, settings
+from refusals import refuses
 
-from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError, SplitError
+from wordcraft_kg.base.errors import ArtefactError, GraphMismatchError, SplitError
 from wordcraft_kg.graphs import SPLITS, RecipeGraph, Split, SplitConfig, make_split
 from wordcraft_kg.graphs.splits import PARTS, Draw, SplitKind, read_split, units_of
 from wordcraft_kg.graphs.triples import RELATIONS
@@ -236,28 +237,28 @@ def test_a_split_registered_from_outside_is_made_read_back_and_offered_by_the_co
 
 @pytest.mark.parametrize("ratio", [0.0, 1.0, -0.1, 1.5, math.nan, math.inf])
 def test_a_train_ratio_outside_its_range_is_refused(ratio):
-    with pytest.raises(ConfigError, match=rf"`train_ratio` {ratio}: expected more than 0 and less than 1"):
+    with refuses("train_ratio"):
         SplitConfig(train_ratio=ratio)
 
 
 @pytest.mark.parametrize("ratio", [-0.1, 0.2, 1.0, math.nan])
 def test_a_valid_ratio_that_leaves_no_test_part_is_refused(ratio):
-    with pytest.raises(ConfigError, match=rf"`valid_ratio` {ratio}: expected 0, or a share that leaves a test part"):
+    with refuses("valid_ratio"):
         SplitConfig(train_ratio=0.8, valid_ratio=ratio)
 
 
 def test_ratios_of_more_than_one_together_are_refused():
-    with pytest.raises(ConfigError, match=r"`valid_ratio` 0\.3: expected .* a share that leaves a test part"):
+    with refuses("valid_ratio"):
         SplitConfig(train_ratio=0.8, valid_ratio=0.3)
 
 
 def test_a_negative_seed_is_refused():
-    with pytest.raises(ConfigError, match="`seed` -1: expected a whole number, 0 or more"):
+    with refuses("seed"):
         SplitConfig(seed=-1)
 
 
 def test_an_unknown_split_is_refused_with_the_nearest_ones():
-    with pytest.raises(ConfigError, match=r"`kind` 'by-goals': expected one of by-recipe, .*Did you mean 'by-goal'"):
+    with refuses("kind"):
         SplitConfig("by-goals")
 
 
@@ -270,7 +271,7 @@ def test_a_graph_too_small_for_the_ratios_is_refused(kind):
 
 def test_more_held_out_goals_than_there_are_inner_ones_are_refused():
     graph = RecipeGraph.from_recipes([("a", "b", label) for label in "cdefg"])
-    with pytest.raises(SplitError, match="2 goals are to be held out but only 0 are not terminal; raise `train_ratio`"):
+    with refuses("train_ratio", SplitError):
         make_split(graph, SplitConfig("by-goal-terminals", train_ratio=0.6))
 
 

@@ -18,8 +18,9 @@ import numpy as np
 import pandas as pd
 import pytest
 import torch
+from refusals import refuses
 
-from wordcraft_kg.base.errors import ConfigError, OutputExistsError, SplitError
+from wordcraft_kg.base.errors import OutputExistsError, SplitError
 from wordcraft_kg.base.records import as_values
 from wordcraft_kg.evaluation.links import LinkView, summarise_links
 from wordcraft_kg.evaluation.ranked_links import rank_links
@@ -490,7 +491,7 @@ def test_fewer_than_thirty_unseen_triples_are_an_error_that_suggests_another_rat
     graph = kitchen_model.opened.graph
     split = make_split(graph, SplitConfig(train_ratio=0.99))
     assert 0 < len(split.held_out("test")) < 30
-    with pytest.raises(SplitError, match=rf"only {len(split.held_out('test'))} unseen .*`train_ratio`, such as 0\.7"):
+    with refuses("train_ratio", SplitError):
         make_link_report(FrequencyScorer(graph, split.partial), OpenedGraph(graph, split, "few"))
 
 
@@ -775,7 +776,7 @@ def test_samples_get_on_average_what_all_queries_get(kitchen_model: Model, value
 
 @pytest.mark.parametrize("max_queries", [-1, 59])
 def test_a_sample_too_small_for_a_figure_is_refused(kitchen_model: Model, max_queries: int):
-    with pytest.raises(ConfigError, match="`max_queries`"):
+    with refuses("max_queries"):
         made(kitchen_model, max_queries=max_queries)
 
 
@@ -862,7 +863,7 @@ def test_making_a_report_leaves_the_global_generators_as_they_were(kitchen_model
 
 def test_a_report_is_not_overwritten_unless_forced(kitchen_report: LinkReport, full_report: LinkReport, tmp_path: Path):
     write_report(kitchen_report, tmp_path / "report")
-    with pytest.raises(OutputExistsError, match="`force`"):
+    with pytest.raises(OutputExistsError):
         write_report(full_report, tmp_path / "report")
     assert json.loads((tmp_path / "report" / "report.json").read_text())["model"]["name"] == "kitchen"
     write_report(full_report, tmp_path / "report", force=True)

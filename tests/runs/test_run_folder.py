@@ -160,7 +160,7 @@ def test_an_error_is_on_record_and_the_run_can_go_on(trainer: Trainer, tmp_path:
 
 def test_an_existing_run_is_replaced_on_demand_only(trainer: Trainer, tmp_path: Path, whole: str) -> None:
     trainer.train(tmp_path / "run")
-    with pytest.raises(OutputExistsError, match="`force`"):
+    with pytest.raises(OutputExistsError):
         trainer.train(tmp_path / "run", seed=1)
     assert sha256_of(tmp_path / "run" / trainer.weights) == whole
     trainer.train(tmp_path / "run", seed=1, force=True)

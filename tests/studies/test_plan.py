@@ -4,6 +4,7 @@ from functools import partial
 
 import pytest
 import small_study
+from refusals import refuses
 
 from wordcraft_kg.agents.config import ImpalaConfig, TaskConfig
 from wordcraft_kg.base.errors import ConfigError, RecipeFileError
@@ -144,5 +145,5 @@ def test_a_book_that_is_not_there_is_refused_before_anything_starts():
 
 def test_a_study_that_varies_the_book_itself_takes_no_other():
     study = parse_study(TEXT.replace('book = "kitchen"\n', "").replace("[grid]", '[grid]\nbook = ["kitchen"]'), "x")
-    with pytest.raises(ConfigError, match="`book`: the study itself says which"):
+    with refuses("book"):
         adapted(study, book="everyday")

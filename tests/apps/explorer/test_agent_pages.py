@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from refusals import refuses
 
 from tests.apps.explorer.shown import HOSTILE, Shown, look, page_of, state_of, view_of
 from wordcraft_kg.agents.agent_folder import open_agent
@@ -203,13 +204,13 @@ def test_what_cannot_be_asked_is_said(agents: Explored) -> None:
         view_of(agents, Episode(run="giuded"))
     with pytest.raises(UnknownEntityError, match="no run 'nobody'"):
         view_of(agents, Episode(other=("nobody",)))
-    with pytest.raises(ConfigError, match="`held` 'fire' is not on the table"):
+    with refuses("held"):
         view_of(agents, Episode(table=("flour", "water"), held="fire"))
-    with pytest.raises(ConfigError, match="`table` holds 'flour' twice"):
+    with refuses("table"):
         view_of(agents, Episode(table=("flour", "flour")))
-    with pytest.raises(ConfigError, match="`task` 99999"):
+    with refuses("task"):
         view_of(agents, Episode(task=99_999))
-    with pytest.raises(ConfigError, match="`num_distractors`"):
+    with refuses("num_distractors"):
         view_of(agents, Episode(distractors=10_000))
     with pytest.raises(TaskError, match="no task"):
         view_of(agents, Episode(part="valid"))

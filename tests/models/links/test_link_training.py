@@ -15,6 +15,7 @@ import pytest
 import safetensors.torch
 import torch
 from link_helpers import contents, flip_bit, global_states, interrupt_after, train
+from refusals import refuses
 
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError, OutputExistsError, TrainingError
 from wordcraft_kg.base.records import as_values
@@ -381,7 +382,7 @@ def test_forced_training_starts_anew_over_an_unfinished_run(opened_kitchen: Open
 def test_a_finished_model_is_not_overwritten_unless_forced(opened_kitchen: OpenedGraph, tmp_path: Path):
     train(opened_kitchen, SHORT, tmp_path / "model")
     before = contents(tmp_path / "model")
-    with pytest.raises(OutputExistsError, match="`force`"):
+    with pytest.raises(OutputExistsError):
         train(opened_kitchen, replace(SHORT, seed=1), tmp_path / "model")
     assert contents(tmp_path / "model") == before
     train(opened_kitchen, replace(SHORT, seed=1), tmp_path / "model", force=True)
@@ -618,25 +619,25 @@ def test_a_graph_without_a_split_has_no_partial_graph_to_train_on(tmp_path: Path
     graph = RecipeGraph.from_book(book)
     write_graph_folder(tmp_path / "graph", book, make_split(graph, SplitConfig(kind="none")))
     opened = open_graph(tmp_path / "graph")
-    with pytest.raises(ConfigError, match="`kg` full"):
+    with refuses("kg"):
         train(opened, SHORT, tmp_path / "model")
     trained = train(opened, replace(SHORT, kg="full"), tmp_path / "model")
     assert trained.metrics.triples == len(graph.triples)
 
 
 def test_the_full_graph_is_not_validated_on_triples_it_has_seen(validated_kitchen: OpenedGraph, tmp_path: Path):
-    with pytest.raises(ConfigError, match="`eval_every` needs `kg` partial"):
+    with refuses("eval_every"):
         train(validated_kitchen, replace(SHORT, kg="full", eval_every=2), tmp_path / "model")
 
 
 def test_a_diverging_training_is_a_clear_error_and_leaves_nothing(opened_kitchen: OpenedGraph, tmp_path: Path):
-    with pytest.raises(TrainingError, match="lower `learning_rate`"):
+    with refuses("learning_rate", TrainingError):
         train(opened_kitchen, replace(SHORT, learning_rate=1e30), tmp_path / "model")
     assert not list(tmp_path.iterdir())
 
 
 def test_a_misspelt_model_leaves_an_unfinished_run_alone(opened_kitchen: OpenedGraph, tmp_path: Path):
     stopped = train(opened_kitchen, SHORT, tmp_path / "model", progress=interrupt_after(2))
-    with pytest.raises(ConfigError, match="`model` 'nosuch'"):
+    with refuses("model"):
         train(opened_kitchen, LinkModelConfig(model="nosuch"), tmp_path / "model", force=True)
     assert (stopped.folder / "checkpoints" / "epoch-3.json").exists()

@@ -6,6 +6,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 from kernel_oracles import explicit_ridge, slow_completion, slow_profiles, slow_similarity
+from refusals import refuses
 
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.statistics import standardised
@@ -263,9 +264,9 @@ def test_a_table_that_is_too_large_and_vectors_of_another_graph_are_refused(
     kitchen: RecipeGraph, monkeypatch: pytest.MonkeyPatch
 ):
     for kind in (KernelScorer, LowRankKernelScorer):
-        with pytest.raises(ConfigError, match=r"`vectors` have shape \(3, 4\); expected a row for each of the 80"):
+        with refuses("vectors"):
             kind(kitchen, kitchen.recipes, np.zeros((3, 4)))
-    with pytest.raises(ConfigError, match="`rank`"):
+    with refuses("rank"):
         LowRankKernelScorer(kitchen, kitchen.recipes, rank=0)
     monkeypatch.setattr("wordcraft_kg.models.scorers.config.TABLE_LIMIT", 1_000)
     with pytest.raises(ConfigError, match="the recipe kernel as a table needs"):

@@ -9,6 +9,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 from link_helpers import random_graph
+from refusals import refuses
 
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.statistics import standardised
@@ -216,7 +217,7 @@ def test_self_edges_are_kept_whatever_was_observed():
 
 
 def test_observed_self_edges_without_triples_are_an_error():
-    with pytest.raises(ConfigError, match="`self_edges` 'observed' needs the triples"):
+    with refuses("self_edges"):
         scaled_scorer(SCORER, self_edges="observed")
 
 
@@ -283,5 +284,5 @@ def test_factors_that_tell_no_pairs_apart_score_zero():
 
 @pytest.mark.parametrize("scale", ["ranks", "log-softmax"])
 def test_a_scale_that_needs_the_table_is_refused_for_factors(scale: str):
-    with pytest.raises(ConfigError, match="`scale`"):
+    with refuses("scale"):
         scaled_factors(factored(), COMBINES_WITH, scale)

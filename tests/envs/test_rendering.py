@@ -52,7 +52,7 @@ def test_without_pygame_the_error_names_the_extra(kind: Any, mode: str, monkeypa
 @pytest.mark.parametrize("make", [lambda: WordCraftEnv(GRAPH, part="all", num_distractors=0, render_mode="ansi"), None])
 def test_an_environment_that_has_not_begun_has_nothing_to_show(make: Any):
     env = make() if make else OpenEndedEnv(GRAPH, render_mode="ansi")
-    with pytest.raises(EpisodeError, match="call reset"):
+    with pytest.raises(EpisodeError):
         env.render()
 
 

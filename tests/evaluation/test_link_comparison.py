@@ -193,13 +193,13 @@ def test_seeds_with_other_settings_are_refused(frequency: Model, opened_kitchen:
 def test_models_of_different_splits_are_refused(frequency: Model, opened_kitchen: OpenedGraph):
     graph = opened_kitchen.graph
     other = OpenedGraph(graph, make_split(graph, SplitConfig(seed=1)), "other")
-    with pytest.raises(GraphMismatchError, match="different splits"):
+    with pytest.raises(GraphMismatchError):
         compared(frequency, model(FrequencyScorer(graph, other.split.partial), other))
 
 
 def test_models_of_different_graphs_are_refused(frequency: Model):
     other = open_graph("paper-examples")
-    with pytest.raises(GraphMismatchError, match="different graphs"):
+    with pytest.raises(GraphMismatchError):
         compared(frequency, model(FrequencyScorer(other.graph, other.graph.triples), other))
 
 

@@ -187,14 +187,14 @@ def test_an_export_that_exists_is_kept_unless_forced(kitchen, tmp_path, format):
 @pytest.mark.parametrize("format", [format for format, exporter in EXPORTERS.items() if not exporter.is_folder])
 def test_a_folder_is_never_replaced_by_a_file(kitchen, tmp_path, format):
     (tmp_path / "out").mkdir()
-    with pytest.raises(OutputExistsError, match="is a folder"):
+    with pytest.raises(OutputExistsError):
         export_graph(opened(kitchen), format, tmp_path / "out", force=True)
     assert (tmp_path / "out").is_dir()
 
 
 def test_a_file_is_never_replaced_by_a_folder(kitchen, tmp_path):
     (tmp_path / "out").write_text("mine", encoding="utf-8")
-    with pytest.raises(OutputExistsError, match="is a file"):
+    with pytest.raises(OutputExistsError):
         export_graph(opened(kitchen), "libkge", tmp_path / "out", force=True)
     assert (tmp_path / "out").read_text(encoding="utf-8") == "mine"
 

@@ -260,7 +260,7 @@ def test_it_is_written_whole_or_not_at_all(report: AgentReport, tmp_path: Path) 
 
 def test_agents_of_another_split_cannot_be_compared(agents: list[OpenedAgent]) -> None:
     other = replace(agents[1], opened=open_graph("kitchen", SplitConfig(seed=5)))
-    with pytest.raises(GraphMismatchError, match="different graphs or splits"):
+    with pytest.raises(GraphMismatchError):
         make_agent_report({"a": [agents[0]], "b": [other]})
 
 

@@ -185,7 +185,7 @@ def test_a_full_disk_ends_the_study_with_what_is_done_safe(tmp_path):
         began.append(task)
         return pretend(task, root) if len(began) < 3 else Outcome(task.address, "failed", "full", disk_full=True)
 
-    with pytest.raises(FullDiskError, match="the same command goes on"):
+    with pytest.raises(FullDiskError):
         run_small(tmp_path, plan, work)
     assert len(began) == 3
     assert len(run_small(tmp_path, plan, pretend).began) == 7

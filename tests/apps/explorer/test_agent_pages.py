@@ -486,7 +486,7 @@ def test_a_run_that_begins_again_is_waited_for(agents: Explored, tmp_path: Path)
 def test_a_run_of_another_graph_is_refused_at_the_start(agents: Explored, tmp_path: Path) -> None:
     book = open_book("kitchen")
     write_graph_folder(tmp_path / "other", book, make_split(RecipeGraph.from_book(book), SplitConfig(seed=3)))
-    with pytest.raises(GraphMismatchError, match="was trained on split"):
+    with pytest.raises(GraphMismatchError):
         Explored.open(tmp_path / "other", [], [agents.runs["plain"]])
 
 

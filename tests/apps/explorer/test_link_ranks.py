@@ -227,9 +227,9 @@ def test_models_of_other_splits_or_graphs_are_not_compared(
     neighbours: LinkPredictor, rankers: LinkPredictor, hostile_predictor: LinkPredictor, ranked: RankedTriples
 ):
     check_comparable(neighbours, neighbours)
-    with pytest.raises(GraphMismatchError, match="different splits"):
+    with pytest.raises(GraphMismatchError):
         check_comparable(neighbours, rankers)
-    with pytest.raises(GraphMismatchError, match="different graphs"):
+    with pytest.raises(GraphMismatchError):
         check_comparable(neighbours, hostile_predictor)
-    with pytest.raises(GraphMismatchError, match="are of other triples"):
+    with pytest.raises(GraphMismatchError):
         view_compared_ranks(ranked, rank_graph(rankers), RankFilter(known="all"))

@@ -243,9 +243,9 @@ def test_what_cannot_be_made_is_tried_again(explored: Explored):
 
 
 def test_a_model_or_run_of_another_graph_is_refused(links_folder: Path, run_folder: Path):
-    with pytest.raises(GraphMismatchError, match="was trained on graph"):
+    with pytest.raises(GraphMismatchError):
         Explored.open("everyday", [links_folder])
-    with pytest.raises(GraphMismatchError, match="was trained on graph"):
+    with pytest.raises(GraphMismatchError):
         Explored.open("everyday", [], [run_folder])
 
 

@@ -194,10 +194,10 @@ def test_an_agent_stands_beside_each_answer_at_the_table_of_that_answer(agent: O
 def test_an_agent_of_another_graph_or_split_is_refused(agent: OpenedAgent, kitchen: RecipeGraph):
     split = make_split(kitchen, SplitConfig(seed=1))
     other = HumanProtocol(OpenedGraph(kitchen, split, "here"), 5, tasks=3)
-    with pytest.raises(GraphMismatchError, match="of a split with hash"):
+    with pytest.raises(GraphMismatchError):
         successes_beside(agent, [session(other, "1")])
     everyday = HumanProtocol("everyday", 5, tasks=3)
-    with pytest.raises(GraphMismatchError, match="of a graph with hash"):
+    with pytest.raises(GraphMismatchError):
         successes_beside(agent, [session(everyday, "1")])
 
 

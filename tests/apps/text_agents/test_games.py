@@ -210,7 +210,7 @@ def test_a_scorer_tells_its_best_links_and_never_what_it_remembers(games: TaskGa
     assert made_of.startswith(f"is most likely made of: {best[0]} (")
     assert parts_of.count("(") == 10
     train = TaskGames(World(kitchen, WordCraftConfig(part="train"))).begin(0)
-    with pytest.raises(LeakError, match="has no folds"):
+    with pytest.raises(LeakError):
         knowledge.facts(entity, train)
 
 

@@ -253,7 +253,7 @@ def test_the_oldest_games_are_forgotten_and_others_go_on():
     host.game(names[0])  # it was played last
     host.begin(3)
     assert host.game(names[0]).name == names[0]
-    with pytest.raises(EpisodeError, match="one of the last 3 games"):
+    with pytest.raises(EpisodeError):
         host.game(names[1])
 
 

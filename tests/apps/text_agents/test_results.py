@@ -54,7 +54,7 @@ def test_a_figure_over_chosen_tasks_is_refused(kitchen: OpenedGraph, games: Task
     file_of(path, games, [played(games, task, "1 2") for task in range(count)] + [played(games, 0, "1 2", draw=1)])
     with pytest.raises(ConfigError, match=f"holds {count + 1} of the {2 * count} games of its test tasks"):
         read_games_result(path, kitchen)
-    with pytest.raises(GraphMismatchError, match="holds games on the graph"):
+    with pytest.raises(GraphMismatchError):
         read_games_result(path, open_graph("paper-examples"))
 
 

@@ -80,7 +80,7 @@ def test_another_graph_is_refused(complex_folder: Path, tmp_path: Path):
     book = open_book("kitchen")
     smaller = replace(book, recipes=book.recipes[:-1])
     write_graph_folder(tmp_path / "graph", smaller, make_split(RecipeGraph.from_book(smaller), SplitConfig()))
-    with pytest.raises(GraphMismatchError, match="trained on graph"):
+    with pytest.raises(GraphMismatchError):
         open_model(complex_folder, str(tmp_path / "graph"))
 
 

@@ -99,7 +99,7 @@ def test_all_that_a_folder_holds_is_hashed(mine: Lengths, opened_kitchen: Opened
 
 def test_a_scorer_of_another_graph_is_refused(opened_kitchen: OpenedGraph, tmp_path: Path):
     other = random_graph()
-    with pytest.raises(GraphMismatchError, match="was trained on graph"):
+    with pytest.raises(GraphMismatchError):
         save_scorer(tmp_path / "x", SymbolicScorer(other, other.triples), opened_kitchen, kg="partial")
     entities = opened_kitchen.graph.entities[::-1]
     with refuses("entities", GraphMismatchError):

@@ -51,7 +51,7 @@ def test_folds_that_have_seen_something_else_are_not_saved(opened, tmp_path):
     spoilt = CrossFitted(
         scorer.whole, [lambda fold=fold: scorer.left_out(fold) for fold in range(3)], scorer.of_recipe, record
     )
-    with pytest.raises(LeakError, match="fold 0"):
+    with pytest.raises(LeakError):
         save_scorer(tmp_path / "mine", spoilt, opened, kg="partial")
     assert not (tmp_path / "mine").exists()
 

@@ -205,7 +205,7 @@ def test_another_graphs_ids_are_refused(scorer: Scorer):
     check_scorer(scorer, GRAPH)
     check_scorer(scorer, RecipeGraph(GRAPH.entities, GRAPH.recipes, GRAPH.base_ids, name="an equal one"))
     other = random_graph(seed=1, num_entities=12, num_recipes=30)
-    with pytest.raises(GraphMismatchError, match=other.hash[:12]):
+    with pytest.raises(GraphMismatchError):
         check_scorer(scorer, other)
 
 
@@ -395,7 +395,7 @@ def test_loading_and_using_a_scorer_does_not_import_pykeen(folder: Path):
 
 
 def test_loading_with_another_graph_is_refused(folder: Path):
-    with pytest.raises(GraphMismatchError, match=folder.name):
+    with pytest.raises(GraphMismatchError):
         load_scorer(folder, graph=GRAPH)
 
 

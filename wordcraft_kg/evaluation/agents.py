@@ -84,20 +84,16 @@ class SharedSplit(Record):
 
 
 class AgentSuccess(Record):
-    """How often an agent makes the goal with a number of distractors.
+    """An agent's success with a number of distractors; intervals are of 95 %.
 
     Attributes:
-        mean: mean over its runs.
         iqm: mean of the middle half of the runs.
-        seed_ci: 95 % interval of the mean over seeds; None for a single run.
-        task_ci: 95 % interval over tasks.
+        seed_ci: interval of the mean over seeds; None for a single run.
+        task_ci: interval over tasks.
         seeds: mean of each run.
         by_plan: share of episodes in which the last pair of a plan made the goal.
-        picks: mean number of picks in an episode.
-        difference: difference to the first agent on the same tasks; None for the first agent.
-        difference_ci: its 95 % interval over tasks.
+        difference: to the first agent on the same tasks, with an interval over tasks; None for the first agent.
         p_better: probability that a run of this agent is better than one of the first; None if both have one run.
-        p_better_ci: its 95 % interval.
     """
 
     mean: Share
@@ -131,19 +127,16 @@ class Confusion(Record):
 
 
 class AgentEntry(Record):
-    """All figures of one agent, that is, of runs that differ only in the seed.
+    """The figures of runs that differ only in the seed.
 
     Attributes:
         settings: settings that differ from the defaults.
-        kg: knowledge graph that its scorer was trained on; None without a scorer.
-        cross_fitted: number of folds of its scorer; 0 if train tasks were scored by a model that has seen them.
+        kg: knowledge graph of its scorer; None without a scorer.
+        cross_fitted: number of folds of its scorer; 0 if a model that has seen them scored train tasks.
         trained_with: number of distractors in training.
-        success: success by the number of distractors.
-        outcomes: share of each ending, by the number of distractors.
-        confusions: the most frequent ones with the headline's number of distractors, of all runs and draws.
-        slices: success on slices of the tasks, with the headline's number of distractors.
+        success: by the number of distractors, as ``outcomes``, the share of each ending.
+        confusions: the most frequent ones with the headline's number of distractors, as ``slices`` of the tasks.
         curves: success during training, by part of the tasks.
-        training: figures of each training.
         provenance: facts about each run, by its name.
     """
 
@@ -187,14 +180,11 @@ class AgentsView(Record):
     """The agent report (``report.json``).
 
     Attributes:
-        distractors: numbers of distractors that were played with.
         headline: the number of distractors of the headline.
         draws: draws of distractors for each task.
-        tasks: number of tasks that were played.
-        sampled_from: number of those of which they are an even sample; None if all were played.
-        agents: the agents; the first is the reference of comparisons.
-        references: players and agents of the reference pack under these conditions, which are none of these runs;
-            empty if the pack does not have this graph and split.
+        sampled_from: number of tasks of which those played are an even sample; None if all were played.
+        agents: the first is the reference of comparisons.
+        references: other players of the reference pack under these conditions, if it has this graph and split.
     """
 
     format: Literal["wordcraft-kg agent report 1"]
@@ -238,12 +228,10 @@ _Found = dict[int, list[Evaluation]]
 
 
 def group_agents(agents: Sequence[OpenedAgent]) -> Groups:
-    """Return runs by agent: runs that differ only in the seed are one agent.
-
-    An agent is named after its runs, without the seed at the end of their names.
+    """Return runs by agent, named after its runs without their seed; runs that differ only in the seed are one agent.
 
     Raises:
-        ConfigError: if a run is given twice, that is, two runs of an agent have the same seed.
+        ConfigError: if two runs of an agent have the same seed.
     """
     by_settings: dict[Any, list[OpenedAgent]] = {}
     for agent in agents:
@@ -283,8 +271,8 @@ def view_agents(
         episodes: number of episodes to explain for each agent.
 
     Raises:
-        GraphMismatchError: if the runs are not all on one graph and split.
-        ConfigError: if they play by different rules, see :data:`_RULES`, or no agent can play with these distractors.
+        GraphMismatchError: for runs on different graphs or splits.
+        ConfigError: for runs by different rules, or if no agent can play with these distractors.
     """
     everyone = [agent for members in groups.values() for agent in members]
     first = everyone[0]
@@ -494,10 +482,7 @@ def _slices(agent: OpenedAgent, tasks: TaskSet, found: Sequence[Evaluation]) -> 
 
 
 def _link_ranks(agent: OpenedAgent, tasks: TaskSet, played: Ids) -> Ids | None:
-    """Return for each task the rank by v of the worse ingredient among all entities, the best over its plans.
-
-    v is what the agent saw of the task: a cross-fitted scorer answers train tasks by the model of their fold.
-    """
+    """Return for each task the rank by v, as the agent saw it, of the worse ingredient, the best over its plans."""
     if ComponentOf.label.name not in agent.policy.sources:
         return None
     source = agent.policy.sources[ComponentOf.label.name]

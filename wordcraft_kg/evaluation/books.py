@@ -40,8 +40,7 @@ class CheckedBook(Record):
     """The result of checking a book.
 
     Attributes:
-        book: the book as it was named by the user.
-        path: its file.
+        book: the book as the user named it.
         passed: whether there are no problems.
         figures: counts; empty if no recipe could be read.
         findings: problems first.

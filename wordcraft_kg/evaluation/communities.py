@@ -42,10 +42,10 @@ def communities_of(labels: Sequence[str], links: Ids, uses: Ids, seed: int) -> C
     """Return the groups that the Louvain method finds in an undirected graph.
 
     Args:
-        labels: the entities' labels.
-        links: shape (L, 2), the entities that are linked, by their place in ``labels``; repetitions count once.
+        labels: labels of the entities.
+        links: shape (L, 2), linked entities by their place in ``labels``; repetitions count once.
         uses: shape (E,), number of recipes that use each entity.
-        seed: seed of the order in which entities are looked at.
+        seed: seed of the order of entities.
 
     Source: Blondel et al. 2008, "Fast unfolding of communities in large networks".
     """

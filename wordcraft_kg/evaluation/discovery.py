@@ -46,10 +46,9 @@ class DiscoveryView(Record, omit_defaults=True):
     Attributes:
         base: entities known at the start.
         reachable: entities that can be made from them.
-        marks: attempts after which the number of known entities is reported.
-        players: what each player knows, by mark.
+        players: known entities of each player after each of the ``marks``, which are numbers of attempts.
         people: entities that people know in another game, by attempts.
-        references: players of the reference pack who are not among these, from the same base, and the literature.
+        references: other players of the reference pack from the same base, and the literature.
         out: file of the page, if it was written.
     """
 
@@ -87,7 +86,7 @@ def view_discovery(
         graph: the graph to play on.
         players: names of the players.
         attempts: combinations that a player may try.
-        runs: how many times each player plays.
+        runs: runs of each player.
         seed: root seed of all draws.
         base: entities known at the start; None takes the graph's.
         scorer: name of a scorer that guides a player, and the scorer.

@@ -35,14 +35,11 @@ class CheapestDerivation(Record):
 
 
 class EntityView(Record):
-    """An entity.
+    """An entity with the recipes that make it and those that use it.
 
     Attributes:
-        entity: its label.
         base: whether it is a base entity.
         layer: round in which it can first be made; None if it cannot.
-        recipes: recipes that make it.
-        uses: recipes that use it.
         derivation: its cheapest derivation; None if it cannot be made.
     """
 

@@ -32,11 +32,10 @@ class ComparedModel(RankingMetrics, kw_only=True):
     """A model's metrics on the shared queries; those of several seeds are averaged.
 
     Attributes:
-        has_seen_the_test_recipes: whether it was trained on the full graph, so that the queries are no test of it.
-        seeds: seeds of its training.
-        mrr_of_seeds: MRR with each of them.
+        has_seen_the_test_recipes: whether the queries are no test of it.
+        mrr_of_seeds: MRR with each of the seeds of its training.
         difference: difference of MRR to the first model; None for the first.
-        difference_ci: its interval; the intervals of all pairs of models hold together with a probability of 95 %.
+        difference_ci: its interval; those of all pairs of models hold together with a probability of 95 %.
         probability_better: share of resamples in which it is ahead of the first; ties count half.
     """
 
@@ -53,15 +52,10 @@ class LinkComparison(Record, omit_defaults=True):
     """Models on the same queries; the first is the reference.
 
     Attributes:
-        graph: name of their graph.
-        hash: its hash.
-        split: hash of its split.
+        split: hash of the split.
         triples: unseen test triples that are ranked.
-        sampled_from: number of those of which they are a uniform sample; left out if all are ranked.
-        queries: number of queries, two for each triple.
-        resamples: bootstrap resamples of the recipes.
+        sampled_from: number of triples of which they are a uniform sample; left out if all are ranked.
         pairs: number of pairs of models, for which the intervals of differences are corrected (Bonferroni).
-        models: the models in the order given.
         best: the model with the highest MRR, of those that have not seen the test recipes.
         not_told_apart: models whose interval of the difference to the best includes 0.
         out: file of the page, if it was written.
@@ -90,22 +84,20 @@ class Contender:
 
 
 def compare(contenders: Sequence[Contender], *, resamples: int = 2_000, seed: int = 0) -> LinkComparison:
-    """Rank the unseen test triples with all models and bootstrap the differences of their reciprocal ranks.
+    """Rank the unseen test triples, of very many a uniform sample, and bootstrap differences of reciprocal ranks.
 
-    Of very many triples a uniform sample is ranked.
-
-    All are resampled together, one recipe pair at a time: a difference is taken on the same queries, which is much
-    more precise than comparing two separate intervals. Of several seeds, the mean reciprocal rank of each query counts;
-    intervals are over recipes and say nothing about other seeds.
+    All models are resampled together, one recipe pair at a time: a difference on the same queries is much more precise
+    than two separate intervals. Of several seeds, the mean reciprocal rank of each query counts; intervals are over
+    recipes.
 
     Args:
         contenders: two or more; the first is the reference.
         resamples: bootstrap resamples.
-        seed: seed of the bootstrap, and of the sample of very many queries.
+        seed: seed of the bootstrap, and of the sample.
 
     Raises:
         ConfigError: if a setting is out of range, or the seeds of a model were trained with different settings.
-        GraphMismatchError: if the models were trained on different graphs or splits.
+        GraphMismatchError: for models of different graphs or splits.
         SplitError: if the split leaves too few unseen triples.
     """
     whole("resamples", resamples, 1, MAX_SIZE)

@@ -88,14 +88,13 @@ class Ties(Record):
 
 
 class Memory(Record):
-    """What a model remembers and what it can tell: MRR of train triples with and without them in training.
+    """MRR of train triples with and without them in training.
 
     Attributes:
         folds: number of folds of the train recipes.
         queries: number of queries for train triples that no recipe outside their fold gives.
-        in_sample_mrr: MRR of the model of all train recipes, which has seen them.
-        left_out_mrr: MRR of the models that have been trained without the fold: a forecast of ``test_mrr``.
-        test_mrr: MRR of the unseen test triples.
+        in_sample_mrr: MRR of the model of all train recipes.
+        left_out_mrr: MRR of the models without the fold: a forecast of ``test_mrr``.
     """
 
     folds: Count
@@ -110,22 +109,15 @@ class LinkView(Record):
 
     Attributes:
         queries: number of queries, two for each of ``triples``.
-        triples: number of triples ranked.
-        sampled_from: number of triples of which they are a uniform sample; None if all are ranked.
-        without_pairs: whether the graph has too many entities for the parts that need the scores of all pairs.
-        leaked_left_out: number of triples of the test recipes that training contains; they are not evaluated.
+        sampled_from: number of triples of which the ranked ones are a uniform sample; None if all are ranked.
+        without_pairs: whether the graph has too many entities for the parts that need the scores of all pairs, which
+            are empty or None then.
+        leaked_left_out: number of triples of the test recipes that are not evaluated, because training contains them.
         metrics: filtered metrics with realistic ties.
-        memory: what a cross-fitted model remembers and what it can tell; None for others.
-        probabilities: how the probabilities of a cross-fitted model agree with what is true; empty for others.
-        with_leaked: metrics if the leaked triples were evaluated too.
-        baselines: metrics of baselines by name.
+        memory: of a cross-fitted model, as ``probabilities``; None or empty for others.
+        with_leaked: metrics with the leaked triples.
         comparisons: the model against each baseline, the best baseline first.
-        calibration: calibration of the softmax over the candidates.
-        best: the best ranked queries.
-        worst: the worst ranked queries.
-        perhaps_missing: the best-scored triples that are not in the graph. Like the next two, it is empty or None above
-            :data:`MAP_LIMIT` entities.
-        self_edges: how often the best answer is the entity itself, a known failure.
+        perhaps_missing: the best-scored triples that are not in the graph.
         neighbours: nearest neighbours of the ten most used entities.
         kg_play: success of players that use the scorer alone.
         trace: a row for each epoch of the training.

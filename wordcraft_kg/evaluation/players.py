@@ -20,15 +20,12 @@ if TYPE_CHECKING:
 
 
 class AgentEvaluation(Record):
-    """Success of a run's agent, or of another player on its tasks, by the number of distractors.
+    """Success of a run's agent, or of another player on its tasks.
 
     Attributes:
-        run: folder of the run.
-        agent: name of the player.
         checkpoint: checkpoint of the trained agent's weights; None for other players.
-        scores: how the scorer's values were made, if it played alone; None for other players.
-        success: success by the number of distractors.
-        outcomes: share of each ending, by the number of distractors.
+        scores: origin of the scorer's values, if it played alone; None for other players.
+        success: by the number of distractors, as ``outcomes``, the share of each ending.
     """
 
     run: str
@@ -53,12 +50,12 @@ class Explanation(Record):
 def view_evaluation(
     run: Path, trained: OpenedAgent, agent: str, part: TaskPart, distractors: Sequence[int], draws: int
 ) -> AgentEvaluation:
-    """Let an agent play all tasks of a part.
+    """Let an agent, see :func:`~wordcraft_kg.agents.evaluation.player_of`, play all tasks of a part.
 
     Args:
         run: folder of ``trained``.
         trained: the agent whose tasks are played.
-        agent: name of the player, see :func:`~wordcraft_kg.agents.evaluation.player_of`.
+        agent: name of the player.
         part: part of the tasks.
         distractors: numbers of distractors.
         draws: draws of distractors for each task.
@@ -119,11 +116,11 @@ def view_baselines(
     seed: int = 0,
     progress: Callable[[int, int, dict[str, float]], None] | None = None,
 ) -> Baselines:
-    """Let the players of the reference table play, and those of a model if one is given.
+    """Let scripted players play, and those of a model if one is given.
 
     Args:
         opened: graph and split.
-        graph: the graph as it was named by the user.
+        graph: the graph as the user named it.
         config: part and depth of the tasks.
         distractors: numbers of distractors.
         model: name of a link predictor, and the predictor.

@@ -33,15 +33,12 @@ class Reliability(Record):
     """Predicted against observed: triples of a relation that training does not contain, those of combinesWith once.
 
     Attributes:
-        relation: the relation.
         pairs: of different entities, or of an entity with itself.
-        triples: their number.
-        expected: number of true ones by the probabilities.
-        observed: number of true ones: recipes outside train give them.
-        base_rate: the probability without looking at scores.
+        expected: number of true triples by the probabilities.
+        observed: number of true triples: recipes outside train give them.
+        base_rate: the probability without scores.
         ece: expected calibration error over ``bins``.
-        log_loss: mean of ``-log P(what is true)``, nats.
-        base_log_loss: the same for the base rate.
+        log_loss: mean of ``-log P(truth)``, nats; ``base_log_loss`` for the base rate.
         reason: why all have the base rate, else empty.
         bins: by probability, each with about the same expected number of true triples.
     """

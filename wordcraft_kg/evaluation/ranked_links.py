@@ -32,16 +32,14 @@ MAP_LIMIT = 3_000
 
 @dataclass(frozen=True)
 class RankedLinks:
-    """A scorer's ranking of the triples that it is evaluated on, and what several parts of a view need of it.
+    """A ranking of the triples that a scorer is evaluated on.
 
     Attributes:
-        scorer: the scorer.
-        opened: graph and split.
-        kg: knowledge graph that the scorer was trained on, if any.
+        kg: knowledge graph of the scorer's training, if any.
         population: number of triples that it could be evaluated on.
-        queries: triples that it is evaluated on, shape (T, 3): all of them, or a uniform sample.
+        queries: those that it is evaluated on, shape (T, 3): all of them, or a uniform sample.
         ranks: a row for each query, see :func:`~wordcraft_kg.models.scorers.ranking.rank_triples`.
-        dose: the recipes that the scorer was trained on.
+        dose: the recipes of the training.
     """
 
     scorer: TripleScorer
@@ -133,22 +131,20 @@ def rank_links(
 ) -> RankedLinks:
     """Rank the triples that a scorer is evaluated on.
 
-    A scorer of the partial graph is evaluated on the test triples that training does not contain. One of the full graph
-    has seen these, so it is evaluated on the graph's own triples, which measures memory and is marked as such.
+    A scorer of the partial graph is evaluated on the test triples that training does not contain; one of the full graph
+    on the graph's own triples, which measures memory and is marked as such.
 
     Args:
         scorer: a scorer of the graph.
         opened: graph and split.
-        kg: knowledge graph that the scorer was trained on.
-        dose: the recipes that it was trained on, if these are not all of that graph. They change neither the triples
-            nor the filter, so figures of different doses can be compared.
-        max_queries: most queries to rank, two for each triple; of more, a uniform sample of the triples is ranked. 0
-            ranks all.
+        kg: knowledge graph of its training.
+        dose: the recipes of its training, if these are not all of that graph; they change neither triples nor filter.
+        max_queries: most queries to rank, two for each triple of a uniform sample; 0 ranks all.
         seed: seed of that sample.
 
     Raises:
         ConfigError: if ``max_queries`` is too small for a meaningful figure.
-        SplitError: if fewer than 30 triples are left to evaluate it on.
+        SplitError: if fewer than 30 triples are left.
     """
     if whole("max_queries", max_queries, 0) and max_queries < 2 * MIN_TRIPLES:
         raise refuse("max_queries", max_queries, f"0 for all, or {2 * MIN_TRIPLES} or more")

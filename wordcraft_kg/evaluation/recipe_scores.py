@@ -27,15 +27,13 @@ _LEAST_SHARE = 0.01
 
 
 class ScoredRecipe(Record):
-    """A recipe's score.
+    """A recipe's score, higher for a more plausible one.
 
     Attributes:
-        score: higher is more plausible, on the scorer's own scale.
-        known: the part that it is in, or ``new`` if the book does not have it; None without the graph.
-        memory: whether the scorer was trained on it, so that its score says nothing about others.
-        because: the recipes that speak for it, those that say most first.
-        probability: where results of a pair are asked for, how probable this one is, if the pair makes something; None
-            elsewhere, and without a calibration.
+        known: its part, or ``new`` if the book does not have it; None without the graph.
+        memory: whether the scorer was trained on it.
+        because: the recipes that speak for it, those of most weight first.
+        probability: of this result of the pair, if it makes something; None for other slots, or without calibration.
     """
 
     ingredient_a: str

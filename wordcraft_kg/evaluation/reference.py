@@ -79,23 +79,17 @@ class ReferenceRow(Record, frozen=True, kw_only=True, omit_defaults=True):
     """The figures of one player under one condition.
 
     Attributes:
-        player: its name.
-        kind: what it is.
-        measure: what the figures are.
         figures: by the number of distractors (success) or of attempts (the other measures).
-        origin: where they come from.
-        source: the command that measures them, the publication, or the folder or file that the user gave.
-        play: what was played; None in the literature.
-        interval: what the ends of the intervals are; empty without intervals.
-        tasks: number of tasks.
+        source: the command that measures them, the publication, or the user's folder or file.
+        play: None in the literature.
+        interval: kind of the intervals; empty without intervals.
         draws: draws of distractors for each task.
         seeds: number of trainings.
         runs: number of runs of open-ended play.
-        people: number of people.
         settings: settings that the figures depend on, by name.
-        environment: of the literature: what was played, and how it differs from this package's.
-        year: of the literature: of the publication.
-        notes: what else a reader has to know.
+        environment: of the literature: the environment, and how it differs from this package's.
+        year: of the publication.
+        notes: further remarks for a reader.
     """
 
     player: str

@@ -27,15 +27,12 @@ Known = Literal["train", "valid", "test", "new"]
 
 
 class ScoredTriple(Record):
-    """A triple's score.
-
-    A raw score means little by itself; its unfiltered rank among all tails and all heads says more.
+    """A triple's score, with its unfiltered rank among all tails and all heads.
 
     Attributes:
         known: see :data:`Known`; None without the graph.
         probability: of a triple that training does not contain; None for others, and without a calibration.
-        trained_on: ``full`` if the model was trained on the recipes of all parts, ``partial`` if on those of the train
-            part; None if that is not recorded.
+        trained_on: ``full`` or ``partial`` recipes; None if that is not recorded.
         by_words: entities of the query that are not in the graph and were scored by their words alone.
     """
 
@@ -102,14 +99,12 @@ class ScoredFile(Record, omit_defaults=True):
 
 @dataclass(frozen=True)
 class ScoringModel:
-    """A scorer and, if its graph is at hand, what the recipes know.
+    """A scorer and, if its graph is at hand, the split of its recipes.
 
     Attributes:
-        scorer: the scorer.
-        split: split of its graph; None without the graph.
-        kg: what it was trained on; None if that is not recorded.
+        kg: recipes of its training; None if that is not recorded.
         missing: why there is no graph.
-        by_words: entities that are not in the graph, the last ones of the scorer; ``new_words.py`` adds them.
+        by_words: entities that are not in the graph, the last ones of the scorer; see :func:`with_new_words`.
     """
 
     scorer: Scorer
@@ -275,12 +270,12 @@ def with_new_words(
     Args:
         model: the model.
         folder: its folder.
-        queries: what will be asked.
-        file: the file that they were read from.
+        queries: the queries.
+        file: their file.
 
     Raises:
-        UnknownEntityError: if the model cannot tell anything of one of them, saying why.
-        QueryFileError: the same for the queries of a file, with the line of the first one.
+        UnknownEntityError: if the model has no scores for one of them, with the reason.
+        QueryFileError: the same for a file, with the line.
     """
     lines: dict[str, int | None] = {}
     known = frozenset(model.scorer.entities)

@@ -54,13 +54,12 @@ def make_link_report(
     Args:
         scorer: a scorer of this graph.
         opened: graph and split.
-        kg: knowledge graph that the scorer was trained on, ``partial`` or ``full``; see
-            :func:`~wordcraft_kg.evaluation.ranked_links.rank_links`.
-        dose: the recipes that it was trained on, if these are not all of that graph.
+        kg: knowledge graph of its training, see :func:`~wordcraft_kg.evaluation.ranked_links.rank_links`.
+        dose: the recipes of its training, if these are not all of that graph.
         name: name of the scorer in the report.
         provenance: facts for the last section.
         trace: a row for each epoch.
-        max_queries: most queries to rank; 0 ranks all. See :func:`~wordcraft_kg.evaluation.ranked_links.rank_links`.
+        max_queries: most queries to rank; 0 ranks all.
         seed: seed of the sample of queries, the bootstrap and the map.
 
     Raises:

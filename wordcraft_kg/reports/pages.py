@@ -60,13 +60,11 @@ class Outline:
 def render_page(template: str, *, data: Sequence[str] = (), **values: Any) -> str:
     """Return a page; labels and names are escaped, and a value that the template misses is an error.
 
-    A template extends ``page.html.j2``. ``heading(title)`` puts a section into the table of contents, and ``term(key)``
-    explains a word of :data:`~wordcraft_kg.reports.glossary.GLOSSARY`.
-
     Args:
-        template: its file name.
+        template: file name of a template that extends ``page.html.j2``; ``heading(title)`` begins a section there,
+            ``term(key)`` explains a word of :data:`~wordcraft_kg.reports.glossary.GLOSSARY`.
         data: files beside the page to link to.
-        values: what the template shows.
+        values: values of the template.
     """
     outline = Outline()
     shown = {"outline": outline, "heading": outline.heading, "term": outline.term, "data": data}
@@ -117,9 +115,8 @@ class Report(Generic[V]):
 
     Attributes:
         view: its numbers.
-        template: template of its page.
         pictures: pictures by the names that the template uses.
-        shown: other values that the template uses.
+        shown: other values of the template.
         tables: further tables by file name.
         files: further files by name, such as figures.
     """

@@ -55,14 +55,11 @@ class Measured(Record, frozen=True):
     """The two sides of a claim at a point of the grid.
 
     Attributes:
-        values: the point.
         left: mean of the left side over seeds.
         right: mean of the right side, or the value that left is compared with.
-        difference: left - right.
-        low: lower end of the 95 % interval of the difference; None if one seed says nothing about it.
-        high: upper end.
+        low: lower end of the 95 % interval of the difference; None for a single seed.
         seeds: seeds that both sides have.
-        tasks: test tasks; 0 if the figure is one of whole runs, and its interval one over seeds alone.
+        tasks: test tasks; 0 for a figure of whole runs, whose interval is over seeds alone.
     """
 
     values: Values
@@ -76,19 +73,13 @@ class Measured(Record, frozen=True):
 
 
 class Judged(Record, frozen=True):
-    """A claim, and what came out.
+    """A claim, and its verdict.
 
     Attributes:
-        text: the claim.
-        source: who says it.
-        sides: what is compared with what.
-        is_value: whether the right side is a value, not a variant.
-        expected: what is claimed of the left side.
-        by: the amount that is claimed.
-        measure: what is measured.
+        sides: names of the two sides; the right one may be a value (``is_value``).
         verdict: by the rule of this module.
-        why: what decided, in words.
-        note: what is known of why it comes out otherwise; empty if it does not.
+        why: the reason of the verdict.
+        note: the known reason why it comes out otherwise; empty if it does not.
         measured: the figures: of the point that the claim is about, or, of a claim about several at once, of all.
     """
 

@@ -36,12 +36,11 @@ def collect_study(root: Path, name: str) -> StudyResults:
 
 
 def collect_runs(root: Path, by: Sequence[str]) -> StudyResults:
-    """Return the figures of all runs of a results folder, whatever studies asked for them.
+    """Return the figures of all runs of a results folder, regardless of the studies that requested them.
 
     Args:
         root: results folder.
-        by: settings whose values make the variants, such as ``scorer`` or ``use``; of the others, those that differ
-            between runs make the grid.
+        by: settings whose values make the variants; of the others, those that differ between runs make the grid.
 
     Raises:
         ArtefactError: if it is no results folder.

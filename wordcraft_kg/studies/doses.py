@@ -24,16 +24,7 @@ class Correlation(Record, array_like=True):
 
 
 class DosePoint(Record):
-    """Success and MRR of a variant at a point of the grid.
-
-    Attributes:
-        label: what tells it from the other points of its line.
-        mrr: mean MRR of its scorers.
-        mrr_range: the least and the greatest.
-        success: mean success.
-        interval: its 95 % interval over seeds and tasks.
-        reached: see :attr:`VariantFigures.reached`.
-    """
+    """Success and MRR of a variant at a point of the grid, see :class:`VariantFigures`; labels tell points apart."""
 
     label: str
     variant: str
@@ -49,10 +40,9 @@ class Dose(Record):
 
     Attributes:
         values: values of the grid's settings that are not the scorer's.
-        in_sample: whether train tasks were scored by a model that had seen them.
+        in_sample: whether a model that had seen the train tasks scored them.
         points: by ascending MRR.
         pearson: correlation of MRR and success over the points; None for fewer than three.
-        spearman: rank correlation.
         steps_spearman: rank correlation of MRR and :attr:`DosePoint.reached`, where never counts as the latest.
         without: success of the reference, if it has no scorer.
     """

@@ -28,14 +28,12 @@ TICK = 0.5
 
 @dataclass
 class State:
-    """How far a study has come; changes while it runs.
+    """The state of a running study.
 
     Attributes:
-        total: tasks of the study.
         kept: tasks that were done before.
-        done: tasks done now.
-        failed: outcome of each task that failed, or cannot be made because what it needs failed.
-        running: when each task that runs was started, by :func:`time.monotonic`.
+        failed: outcome of each task that failed, or whose needs failed.
+        running: start of each running task, by :func:`time.monotonic`.
     """
 
     total: int
@@ -60,21 +58,21 @@ class FullDiskError(WordCraftKGError, OSError):
 def run_plan(
     plan: Plan, root: Path, make_workers: Callable[[], Workers], *, command: str = "", watch: Watch | None = None
 ) -> State:
-    """Make what of a study is not there yet.
+    """Run the missing tasks of a study.
 
-    A task that fails does not stop the others; only what needs it is left out. The next call tries it again.
+    A task that fails does not stop the others, only those that need it. The next call tries it again.
 
     Args:
         plan: the study.
         root: results folder.
-        make_workers: starts those who perform the tasks; called only if there is something to do.
+        make_workers: starts the workers; called only if there is something to do.
         command: the command line, for the record.
         watch: called regularly.
 
     Raises:
         ArtefactError: if another engine works in the folder.
         FullDiskError: if the disk is full.
-        KeyboardInterrupt: after Ctrl-C, saying how to go on; trainings that ran have kept a checkpoint.
+        KeyboardInterrupt: after Ctrl-C; trainings that ran have kept a checkpoint.
     """
     with own_results(root):
         write_plan(root, plan, command)
@@ -239,18 +237,18 @@ def run_study(
     keep_all: bool = True,
     watch: Watch | None = None,
 ) -> StudyResults:
-    """Run what of a study is not there yet, and return its figures; trainings that fail are among the missing.
+    """Run the missing tasks of a study and return its figures; trainings that fail are among the missing.
 
     Args:
         study: from :func:`~wordcraft_kg.studies.study.read_study`, or made in Python.
-        out: results folder; other studies may use it too, and share what is equal.
+        out: results folder; other studies may use it too, and share equal tasks.
         name: name of the study there.
         jobs: trainings at once, each in a process of its own. Default: as many as the cores allow.
-        keep_all: keep weights and episodes of runs too, tens of megabytes each, not figures alone.
-        watch: called regularly with the plan and how far it is.
+        keep_all: keep weights and episodes of runs too, tens of megabytes each.
+        watch: called regularly with the plan and its state.
 
     Raises:
-        ConfigError: naming what is wrong with the study, or a number of ``jobs`` that is not allowed.
+        ConfigError: naming the fault of the study, or a number of ``jobs`` that is not allowed.
         ArtefactError: if another study is being run in the folder.
         KeyboardInterrupt: after Ctrl-C; the same call goes on.
 

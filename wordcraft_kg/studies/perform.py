@@ -77,9 +77,7 @@ def make_graph(task: Task, root: Path, book: str) -> None:
 
 
 def perform(task: Task, root: Path, keep_all: bool = True) -> Outcome:
-    """Train the scorer or the agent of a task in its folder, from a checkpoint if there is one.
-
-    It never raises: errors are in the outcome.
+    """Train the scorer or the agent of a task in its folder, from a checkpoint if there is one; errors are results.
 
     Args:
         task: the task; the folders that it needs are below ``root``.

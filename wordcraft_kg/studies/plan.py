@@ -54,15 +54,12 @@ DEFAULTS_OF_GRAPH = {name: {"book": BOOK, **defaults_of(SplitConfig)}[field] for
 
 @dataclass(frozen=True)
 class Plan:
-    """All that a study consists of.
+    """The tasks of a study.
 
     Attributes:
-        name: name of the study.
-        study: the study.
-        cells: its trainings.
         runs: address of the run of each cell; equal trainings share one.
         tasks: all tasks by address; each after those that it needs.
-        books: where the recipe book of each graph is, by the graph's address.
+        books: name or file of the recipe book of each graph, by the graph's address.
     """
 
     name: str
@@ -87,15 +84,11 @@ class Plan:
 
 
 def make_plan(study: Study, name: str) -> Plan:
-    """Return what follows from a study.
-
-    Args:
-        study: the study.
-        name: its name in the results folder, that of a file there.
+    """Return the plan of a study; its name is that of a file of the results folder.
 
     Raises:
-        ConfigError: if it cannot be such a name; naming the variant and the setting that is out of range, or does
-            not fit another; for two variants that are the same trainings.
+        ConfigError: for another name; naming the variant and the setting that is out of range, or does not fit another;
+            for two variants that are the same trainings.
         RecipeFileError: if a book is not there.
     """
     if name in ("", "..") or Path(name).name != name:

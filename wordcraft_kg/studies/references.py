@@ -41,12 +41,10 @@ class ReferenceTable(Record, frozen=True):
     """Figures of players under one condition, and those of the literature.
 
     Attributes:
-        graph: graph and split that ``rows`` are of.
-        play: what was played.
-        measure: what the figures of ``rows`` are.
+        measure: kind of the figures of ``rows``.
         columns: numbers of distractors, or of attempts in open-ended play.
         pack: title of the file of the pack that has this graph and split; None if there is none.
-        measured: columns that the pack does not have, so that scripted players were measured now.
+        measured: columns that the pack does not have, for which scripted players were measured now.
         rows: measured with this package on this graph and split, by kind of player.
         literature: of others, in other environments: to be compared with care, or not at all.
         out: file of the page, if it was written.
@@ -75,8 +73,8 @@ def view_references(
         beside: folders and files of the user, see :func:`~wordcraft_kg.studies.result_readers.rows_beside`.
 
     Raises:
-        ConfigError: if a folder or file is nothing known, or of other tasks; or for a number out of range.
-        GraphMismatchError: if it is of another graph or split.
+        ConfigError: as ``rows_beside``, or for a number out of range.
+        GraphMismatchError: as ``rows_beside``.
         TaskError: if there are no such tasks.
     """
     pack = pack_of(opened.graph.hash, opened.split.hash)
@@ -102,14 +100,12 @@ def view_open_references(
     """Return entities known after n attempts of open-ended play: the pack's, or scripted players', and the user's own.
 
     Args:
-        opened: graph and split; the split does not matter here.
+        opened: graph and split, which does not matter here.
         base: entities known at the start; None takes the graph's.
         beside: folders and files of the user.
 
     Raises:
-        ConfigError: if an entity of the base is unknown, nothing can be made from the base, or a folder is nothing
-            known.
-        GraphMismatchError: if a folder is of another graph.
+        ConfigError: for an unknown entity of the base, or one from which nothing can be made; else as ``rows_beside``.
     """
     play = open_play(opened, base)
     own = rows_beside(opened, play, (), beside)

@@ -22,10 +22,7 @@ _SUCCESS = "greedy success on test tasks"
 
 
 def write_study_report(view: StudyView, folder: Path, *, force: bool = False) -> list[Path]:
-    """Write a study's page, tables and figures into a folder.
-
-    The files are ``index.html``, ``report.json``, ``table.csv``, ``table.md``, ``table.tex``, ``figure.svg`` and
-    ``profiles.svg``; with the extra ``figures``, also both figures as PNG and PDF.
+    """Write a study's page, report.json, tables and figures, with the extra ``figures`` also as PNG and PDF.
 
     Returns:
         The files, the page first.

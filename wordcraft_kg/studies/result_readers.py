@@ -48,16 +48,14 @@ _SAID = ("steps", "distractors")
 class ResultReader:
     """A kind of results that can stand beside the reference pack.
 
-    The functions return at least one row for the paths, which :attr:`knows` has accepted; results of one player may
-    share a row. They raise ConfigError for other tasks, GraphMismatchError for another graph or split, and
-    ArtefactError for a damaged file.
+    Results of one player may share a row. The functions raise ConfigError for other tasks, GraphMismatchError for
+    another graph or split, and ArtefactError for a damaged file.
 
     Attributes:
-        expected: names of the folders and files, for the message about a path that no reader knows.
+        expected: names of the folders and files, for the message about an unknown path.
         knows: whether a path, which need not exist, is of this kind.
         task_rows: success on crafting tasks; called with paths, graph and split, tasks, and numbers of distractors.
-        open_rows: entities known in open-ended play; called with paths, graph and play. None: such results do not
-            exist.
+        open_rows: entities known in open-ended play; called with paths, graph and play. None: there are none.
     """
 
     expected: str
@@ -78,9 +76,9 @@ def rows_beside(
         paths: folders and files.
 
     Raises:
-        ConfigError: if no reader knows a path, or a result is of other tasks.
-        GraphMismatchError: if a result is of another graph or split.
-        ArtefactError: if a result is damaged.
+        ConfigError: if no reader knows a path, or for a result of other tasks.
+        GraphMismatchError: for a result of another graph or split.
+        ArtefactError: for a damaged result.
     """
     if not paths:
         return ()

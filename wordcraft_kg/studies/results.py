@@ -26,16 +26,13 @@ class RunResult(Record, frozen=True):
     """The figures of a training.
 
     Attributes:
-        variant: name of the variant.
         values: the grid's values, by setting.
-        seed: of the training.
         run: address of the run folder, and of its settings: equal ones have equal addresses.
         graph: number of the graph in :attr:`StudyResults.graphs`.
         success: share of episodes in which the greedy agent made the goal, by part (train, test).
         by_plan: share in which the last pair of a plan made it, by part.
-        endings: share of episodes on test tasks by how they ended, see :data:`~wordcraft_kg.agents.evaluation.ENDINGS`.
+        endings: share of episodes on test tasks by ending, see :data:`~wordcraft_kg.agents.evaluation.ENDINGS`.
         won: successes of each test task in the order of the tasks, a digit each: of ``draws`` draws of distractors.
-        draws: draws of distractors for each task.
         curve: success on test tasks during training.
         mrr: leak-free MRR of the scorer on test triples; None without a scorer, or if it has seen them.
         steps: environment steps.
@@ -78,10 +75,8 @@ class StudyResults(Record, frozen=True):
     """A study and all its figures (``results.json``).
 
     Attributes:
-        name: name of the study.
-        command: what makes it again.
+        command: the command that makes it again.
         study: the study as it was run, with all that the command line changed.
-        graphs: graphs that were played on.
         versions: of packages, with which the runs were made.
         runs: in the order of the study's cells.
         missing: trainings without figures.

@@ -29,16 +29,7 @@ FAILED = "failed"
 
 
 class PlannedStudy(Record, frozen=True):
-    """``studies/<name>.json``.
-
-    Attributes:
-        study: the study, with what the command line changed.
-        command: the command that ran it.
-        cells: its trainings.
-        runs: address of the run of each cell.
-        scorers: address of the scorer of each cell, or None.
-        graphs: address of the graph of each cell.
-    """
+    """``studies/<name>.json``: a study as it was run, with the addresses of each cell's run, scorer and graph."""
 
     format: Literal["wordcraft-kg study 1"]
     study: Study

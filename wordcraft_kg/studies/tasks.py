@@ -17,12 +17,11 @@ class Task:
     """A piece of work: a graph folder, a model folder or the run folder of an agent.
 
     Attributes:
-        kind: what it makes.
         settings: everything that decides the outcome, as plain values; inputs by their addresses.
-        title: what it is, in a line for people; not part of the address.
+        title: a line for people; not part of the address.
         needs: addresses of the tasks whose folders it reads.
-        threads: CPU threads that it computes with.
-        device: torch device that it computes on.
+        threads: CPU threads.
+        device: torch device.
     """
 
     kind: Kind
@@ -45,12 +44,10 @@ class Task:
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a task ended.
+    """The end of a task: interrupted means that it can go on.
 
     Attributes:
-        address: address of the task.
-        ending: done, failed, or interrupted: it can go on.
-        error: what went wrong, in a line.
+        error: a line.
         detail: the traceback of an error that is no user's.
         disk_full: whether the disk was full, so that there is no point in going on.
     """

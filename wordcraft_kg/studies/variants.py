@@ -36,14 +36,14 @@ class StudyCurvePoint(Record, array_like=True):
 
 
 class Comparison(Record):
-    """A variant against the reference at a point of the grid.
+    """A variant against the reference at a point of the grid; intervals are of 95 %.
 
     Attributes:
         difference: of mean success on test tasks.
-        interval: its 95 % interval over seeds and tasks, resampled as pairs: the same seed, and the same task.
+        interval: over seeds and tasks, resampled as pairs: the same seed, and the same task.
         pairs: number of seeds that both have.
         p_better: probability that a run of the variant is better than one of the reference.
-        p_better_interval: its 95 % interval over seeds; None for a single seed.
+        p_better_interval: over seeds; None for a single seed.
         p_value: of no difference, from the interval.
         p_corrected: the same by Holm, over all comparisons of the study.
     """
@@ -58,28 +58,24 @@ class Comparison(Record):
 
 
 class VariantFigures(Record):
-    """The figures of a variant at a point of the grid.
+    """The figures of a variant at a point of the grid; intervals are of 95 %.
 
     Attributes:
-        seeds: seeds of its runs.
-        success: success of each run on test tasks.
-        mean: their mean.
+        success: success of each run on test tasks, in the order of ``seeds``.
         iqm: mean of the middle half of them.
-        seed_interval: 95 % interval of the mean over seeds, for the same tasks; None for a single seed.
-        interval: 95 % interval of the mean over seeds and tasks; over tasks alone for a single seed.
-        iqm_interval: 95 % interval of the IQM over seeds; None for a single seed.
+        seed_interval: of the mean over seeds, for the same tasks; None for a single seed.
+        interval: of the mean over seeds and tasks; over tasks alone for a single seed.
+        iqm_interval: of the IQM over seeds; None for a single seed.
         by_plan: share of episodes in which the last pair of a plan made the goal.
         train: mean success on train tasks; None if it was not measured.
         mrr: mean leak-free MRR of the scorers on test triples; None without a scorer that has not seen them.
         mrr_range: the least and the greatest of them.
         comparison: against the reference; None for the reference itself, and if there is nothing to pair.
-        reached: steps until the mean curve reaches the final success of the reference's; None if it never does, or
-            there is no reference to reach.
-        reached_interval: its 95 % interval over seeds, None for never; None for a single seed.
+        reached: steps until the mean curve reaches the final success of the reference's; None for never.
+        reached_interval: over seeds, None for never; None for a single seed.
         curve: success during training.
         runs: addresses of the run folders.
         seconds: mean duration of a training.
-        steps: steps of a training.
     """
 
     variant: str
@@ -104,15 +100,13 @@ class VariantFigures(Record):
 
 
 class PointFigures(Record):
-    """All variants at a point of the grid.
+    """All variants with runs at a point of the grid, in the order of the study.
 
     Attributes:
-        values: the grid's values, by setting.
-        title: the same in words.
+        values: the grid's values, by setting; ``title`` has them in words.
         graphs: graphs that were played on, in the order of the variants; usually one.
         tasks: number of test tasks.
         draws: draws of distractors for each.
-        variants: variants that have runs, in the order of the study.
     """
 
     values: Values

@@ -38,15 +38,11 @@ class StudyView(Record):
     """The report of a study (``report.json``).
 
     Attributes:
-        name: name of the study.
         reference: the variant with which the others are compared.
         points: points of the grid that have runs.
-        taus: levels of the profiles.
-        profiles: one for each variant.
-        doses: for studies of the drawing "dose": one for each way of scoring train tasks and each point of the other
-            settings; otherwise none.
+        taus: levels of the profiles, of which each variant has one.
+        doses: for the drawing "dose": one for each way of scoring train tasks and each point of the other settings.
         comparisons: number of comparisons that p-values are corrected for.
-        claims: what the study says comes out, and whether it does.
     """
 
     format: Literal["wordcraft-kg study report 1"]

@@ -24,16 +24,7 @@ _SWEEPS = 24
 
 @dataclass(frozen=True)
 class Made:
-    """A thing that is made.
-
-    Attributes:
-        label: its name.
-        href: where it leads to; may be empty.
-        layer: its layer, from 1; what it is made of is in earlier layers.
-        of: what it is made of.
-        style: classes of its box.
-        title: its tooltip.
-    """
+    """A thing in a layer, from 1, made of things in earlier layers; ``href`` may be empty, ``style`` holds classes."""
 
     label: str
     href: str

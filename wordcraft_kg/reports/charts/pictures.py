@@ -71,7 +71,7 @@ def matrix_image(
     Args:
         values: shape (N, N), float.
         marked: shape (N, N), bool.
-        groups: name and size of each group of consecutive rows (and columns), written along both sides where they fit.
+        groups: name and size of each group of consecutive rows and columns, written along both sides where they fit.
         description: text for readers who cannot see it.
         size: largest side in pixels; larger matrices are averaged in blocks.
     """
@@ -145,17 +145,7 @@ SIDE, EDGE, RIGHT = 50, 40, 190
 
 @dataclass(frozen=True)
 class Dot:
-    """A thing on the map.
-
-    Attributes:
-        label: its name.
-        href: where it leads to; may be empty.
-        x: place from the left.
-        y: place from above.
-        size: 1 to 5.
-        style: class of its colour.
-        title: its tooltip.
-    """
+    """A thing on the map: its place from the left and from above, its size (1 to 5), class of colour and tooltip."""
 
     label: str
     href: str
@@ -185,17 +175,16 @@ def world(
     chosen: int | None = None,
     partners: Mapping[str, Collection[int]] | None = None,
 ) -> Markup:
-    """Draw a map.
+    """Draw a map, whose links a script shows under the pointer.
 
     Args:
-        dots: the things, the most important first: their labels are placed first, those of the others where they fit.
+        dots: the things, in the order in which their labels take places.
         regions: names behind the dots.
         size: width and height of the map.
         description: text for readers who cannot see it.
-        links: by kind, which dots are linked, by their numbers; none is drawn, but a script shows those of the dot
-            under the pointer. It finds, by kind and for each dot, the list of those that it is linked to.
+        links: by kind, pairs of numbers of dots.
         chosen: number of a dot whose links are drawn.
-        partners: by kind, the dots that it is linked to. A kind is a class.
+        partners: by kind, which is a class, the dots that it is linked to.
     """
     partners = partners or {}
     near = {number for ends in partners.values() for number in ends} | ({chosen} if chosen is not None else set())

@@ -64,8 +64,7 @@ def curves(
 ) -> Markup:
     """Draw curves with bands of uncertainty, each labelled at its right end; the x-axis includes 0.
 
-    Several seeds are a curve of their means and a band of their interval. A point with bounds whose neighbours have
-    none gets a whisker, and a curve of a single point is a dot.
+    A point with bounds whose neighbours have none gets a whisker, and a curve of a single point is a dot.
 
     Args:
         series: points by name, x ascending; a curve without points keeps its colour, but is not drawn.
@@ -73,8 +72,7 @@ def curves(
         y_title: title above the chart.
         description: text for readers who cannot see it.
         percent: y is a share, on an axis from 0 to 100 %; otherwise the axis fits the data.
-        dashed: names of the dashed curves; the others are solid. Default: a pattern for each colour, so that curves
-            differ without colour too.
+        dashed: names of the dashed curves. Default: a pattern for each colour.
         colours: numbers of colours by name, for curves that share one. Default: a curve's place in ``series``.
         labels: text at the end by name, for curves that share one; all curves are thin then. Default: the names.
     """
@@ -115,13 +113,11 @@ def dots(
     y_title: str,
     description: str,
 ) -> Markup:
-    """Draw shares (0 to 1) with the whiskers of their intervals, side by side in each category, legend on the right.
-
-    Series differ in colour and in shape; one without any share keeps its own, but is not drawn.
+    """Draw shares (0 to 1) with whiskers, side by side in each category, legend on the right.
 
     Args:
         labels: names of the categories; cut where they would overlap.
-        series: by name, a share and its interval for each category, or None.
+        series: by name, a share and its interval for each category, or None; one without any share is not drawn.
         x_title: title under the x-axis.
         y_title: title above the chart.
         description: text for readers who cannot see it.
@@ -206,7 +202,7 @@ def intervals(
     reference: float | None = None,
     percent: bool = False,
 ) -> Markup:
-    """Draw values with the whiskers of their intervals, a row for each with a shape of its own; the axis fits them.
+    """Draw values with whiskers, a row for each with a shape of its own; the axis fits them.
 
     Args:
         rows: names, and values with their bounds.
@@ -234,9 +230,7 @@ def intervals(
 
 
 def profiles(series: Mapping[str, Sequence[CurvePoint]], x_title: str, y_title: str, description: str) -> Markup:
-    """Draw falling curves of shares over levels from 0 to 1, with bands, and their names in the order of their areas.
-
-    All curves end at 0, so names stand beside the chart with a piece of the curve, the best at the top.
+    """Draw falling curves of shares over levels from 0 to 1, with bands, and their names by area, the greatest first.
 
     Args:
         series: by name, points of level, share and the bounds of its interval.

@@ -1,20 +1,17 @@
-"""Scores as probabilities, by a fit on what the models of a cross-fitted scorer say of recipes they have not seen.
+"""Scores as probabilities, fitted on the scores that each fold's model gives to recipes it has not seen.
 
-A triple that a model was not trained on may be true: a recipe of its fold gives it, or one outside the train part.
-How often it is depends on how high the model scores it. Models of different folds have different scales, so a score
-counts by its *place*, the log-odds of its rank among all pairs of different entities that no train recipe gives. For
-each relation, and for pairs of an entity with itself apart,
+A score counts by its *place*: the log-odds of its rank among all pairs of different entities that no train recipe
+gives, so that models of different scales compare. For each relation, and for pairs of an entity with itself apart,
 
 ``P(true | place t) = σ(α + Σ_i β_i s_i(t))``, with ``s_i`` the part of t within the i-th segment of the axis and
 ``β_i >= 0``, so a higher score is never less probable.
 
-Of the true triples that a fold's model has not seen only the share c is known, those of its fold; the others belong to
-recipes outside train, which nobody may look at and which look like negatives. So the fit maximises the likelihood of
-``P(known | t) = c P(true | t)``. Asked for triples that the model of all train recipes has not seen, the ones of the
-folds are no longer among the candidates, and by Bayes' rule ``α`` falls by ``-log(1 - c)``.
+Of the true triples that a fold's model has not seen only the share c is known, those of its fold; the recipes outside
+train look like negatives. So the fit maximises the likelihood of ``P(known | t) = c P(true | t)``. The model of all
+train recipes has seen the triples of the folds, and by Bayes' rule ``α`` falls by ``-log(1 - c)`` for the others.
 
-Recipe scores of a pair become shares of its results by a softmax whose temperature maximises the likelihood that one of
-the pair's own results is drawn, on pairs of the folds (Guo et al. 2017): "if this pair makes something, it makes this".
+Recipe scores become shares of the results of a pair by a softmax, whose temperature maximises the likelihood of the
+pair's own results, on pairs of the folds (Guo et al. 2017): "if this pair makes something, it makes this".
 
 Source: Platt 1999 (the sigmoid); Elkan and Noto 2008 (positives of which a share is labelled); Saerens, Latinne and
 Decaestecker 2002 (another base rate).
@@ -58,7 +55,7 @@ RIDGE = 1e-3
 PAIRS = 2**15
 """Recipes that are scored for a fold to fit the temperature, all results of a pair together."""
 
-Places = NDArray[np.float64]
+Floats = NDArray[np.float64]
 
 
 class Curve(Record, frozen=True, kw_only=True):
@@ -66,10 +63,10 @@ class Curve(Record, frozen=True, kw_only=True):
 
     Attributes:
         intercept: α, for triples that this model has not seen.
-        slopes: β, of the segments that :data:`SEGMENTS` bound; one for all of the axis; none for the base rate.
-        rate: the base rate: what is expected without looking at scores.
-        true: number of true triples of the folds that it was fitted on.
-        cells: number of all triples that it was fitted on.
+        slopes: β of the segments that :data:`SEGMENTS` bound; one for all of the axis; none for the base rate.
+        rate: the base rate.
+        true: true triples of the folds in the fit.
+        cells: all triples in the fit.
         reason: why it is the base rate, else empty.
     """
 
@@ -80,7 +77,7 @@ class Curve(Record, frozen=True, kw_only=True):
     cells: Count
     reason: str = ""
 
-    def probability(self, places: Places) -> Places:
+    def probability(self, places: Floats) -> Floats:
         """Return probabilities, of the shape of ``places``."""
         return np.asarray(expit(self.intercept + _segments(places, len(self.slopes)) @ np.array(self.slopes)))
 
@@ -89,7 +86,7 @@ class RelationCurves(Record, frozen=True, kw_only=True):
     """How scores of a relation become probabilities.
 
     Attributes:
-        known_share: c, the share that the fold's triples are of all true triples that its model has not seen.
+        known_share: c, the share of a fold's triples among the true ones that its model has not seen.
         scores: scores of the model of all train recipes, ascending.
         places: their places.
         distinct: for pairs of different entities.
@@ -131,31 +128,25 @@ class Probabilities(Record, frozen=True, kw_only=True):
 
 @dataclass(frozen=True)
 class Seen:
-    """What a model says of triples that it was not trained on, counted by place.
+    """Scores of triples that a model was not trained on, counted by place.
 
     Attributes:
-        true: shape (2, 2, B): by relation, by whether both entities are the same, and by place: triples of its fold.
+        true: shape (2, 2, B): triples of its fold by relation, by whether both entities are the same, and by place.
         others: the same of triples that no train recipe gives; weighted, where they are a sample.
         results: shape (N, E): scores of all results of some pairs of its fold; None without recipe scores.
         right: shape (N, E), bool: the results that these pairs have.
     """
 
-    true: NDArray[np.float64]
-    others: NDArray[np.float64]
-    results: NDArray[np.float64] | None
+    true: Floats
+    others: Floats
+    results: Floats | None
     right: NDArray[np.bool_] | None
 
 
 def predictions(scorer: TripleScorer, folds: Folds, fold: int, *, seed: int = 0) -> Seen:
-    """Return what the model without a fold says of all triples that it has not seen.
+    """Count the scores that the model without a fold gives to triples that it has not seen.
 
-    Triples of the other train recipes are left out: it remembers them.
-
-    Args:
-        scorer: the model, of all train recipes but those of the fold.
-        folds: the folds; of recipes outside train nothing is looked at.
-        fold: the fold.
-        seed: seed of the sample of pairs.
+    Recipes outside train are not looked at; ``seed`` draws the sample of pairs.
     """
     size = len(scorer.entities)
     train, trained_on = folds.triples(), folds.triples([fold])
@@ -181,16 +172,12 @@ def predictions(scorer: TripleScorer, folds: Folds, fold: int, *, seed: int = 0)
 
 
 def fit_probabilities(whole: TripleScorer, folds: Folds, seen: Sequence[Seen], *, seed: int = 0) -> Probabilities:
-    """Fit how scores become probabilities.
+    """Fit the probabilities of the scorer of all train recipes to the predictions of the model without each fold.
 
-    Args:
-        whole: the scorer of all train recipes.
-        folds: the folds; of the recipes outside train only their number is used.
-        seen: the predictions of the model without each fold.
-        seed: seed of the sample of pairs.
+    Of the recipes outside train only the number is used.
     """
     size, train = len(whole.entities), folds.triples()
-    true, others = (np.stack(counts) for counts in zip(*((part.true, part.others) for part in seen), strict=True))
+    true, others = np.stack([part.true for part in seen]), np.stack([part.others for part in seen])
     found = []
     for relation in range(len(RELATIONS)):
         share = known_share(folds, relation)
@@ -201,18 +188,16 @@ def fit_probabilities(whole: TripleScorer, folds: Folds, seen: Sequence[Seen], *
             fit_curve(true[:, relation, kind], others[:, relation, kind], share, slopes)
             for kind, slopes in ((0, len(SEGMENTS) + 1), (1, 1))
         )
-        curves = RelationCurves(known_share=share, scores=scores, places=places, distinct=distinct, itself=itself)
-        found.append(curves)
+        found.append(RelationCurves(known_share=share, scores=scores, places=places, distinct=distinct, itself=itself))
     return Probabilities(relations=(found[0], found[1]), temperature=_temperature(seen))
 
 
 def known_share(folds: Folds, relation: int) -> float:
-    """Return c, the share that the fold's triples are of all true triples that its model has not seen.
+    """Return c, the share of a fold's triples among all true triples that its model has not seen.
 
-    The recipes outside train are expected to give new triples as those of a fold do, but fewer for each, because more
-    are known already: the share of new ones falls as a power of the number of train recipes, which is measured by
-    leaving out one fold and two. So ``c = m / (m + m')`` with m the mean number of new triples of a fold,
-    ``m' = m (outside / n_fold) (K / (K - 1))^-p`` and p from the shares of both. No recipe outside train is looked at.
+    The share of new triples falls as a power p of the number of train recipes, measured by leaving out one fold and
+    two. So ``c = m / (m + m')`` with m the mean number of new triples of a fold and
+    ``m' = m (outside / n_fold) (K / (K - 1))^-p``. No recipe outside train is looked at.
     """
     graph, count = folds.split.graph, folds.count
     train = folds.seen()
@@ -232,26 +217,19 @@ def known_share(folds: Folds, relation: int) -> float:
     return 1 / (1 + outside / of_fold * falling)
 
 
-def fit_curve(
-    true: NDArray[np.float64], others: NDArray[np.float64], share: float, slopes: int = len(SEGMENTS) + 1
-) -> Curve:
+def fit_curve(true: Floats, others: Floats, share: float, slopes: int = len(SEGMENTS) + 1) -> Curve:
     """Fit the curve of counts by place; the base rate where scores say nothing.
 
     Args:
         true: shape (K, B), number of true triples of each fold in each bin of places.
-        others: shape (K, B), of the others, true ones that are not known included.
-        share: c, the share of the true triples that is known.
+        others: shape (K, B), number of the others, among them true ones that are not known.
+        share: c.
         slopes: number of segments.
     """
     known, total = float(true.sum()), float(true.sum() + others.sum())
     shift = math.log1p(-share)
-    base = Curve(
-        intercept=_base(true, others, share) + shift,
-        slopes=(),
-        rate=float(expit(_base(true, others, share) + shift)),
-        true=round(known),
-        cells=round(total),
-    )
+    start = _base(true, others, share) + shift
+    base = Curve(intercept=start, slopes=(), rate=float(expit(start)), true=round(known), cells=round(total))
     if min(known, total - known) < MIN_TRUE:
         reason = f"{known:,.0f} true triples among {total:,.0f} are too few for more than a base rate"
         return msgspec.structs.replace(base, reason=reason)
@@ -268,13 +246,13 @@ def fit_curve(
     return msgspec.structs.replace(base, intercept=float(values[0] + shift), slopes=tuple(values[1:].tolist()))
 
 
-def _base(true: NDArray[np.float64], others: NDArray[np.float64], share: float) -> float:
+def _base(true: Floats, others: Floats, share: float) -> float:
     """Return the log-odds of the base rate, of half a triple more than was seen: nothing is impossible."""
     rate = min((true.sum() + 0.5) / (true.sum() + others.sum() + 1) / share, 0.5)
     return math.log(rate / (1 - rate))
 
 
-def _fit(true: NDArray[np.float64], others: NDArray[np.float64], share: float, slopes: int) -> NDArray[np.float64]:
+def _fit(true: Floats, others: Floats, share: float, slopes: int) -> Floats:
     """Return intercept and slopes of P(true | place), shape (1 + slopes,)."""
     start = np.array([_base(true, others, share)] + [0.1] * slopes)
     if not slopes:
@@ -284,9 +262,7 @@ def _fit(true: NDArray[np.float64], others: NDArray[np.float64], share: float, s
     return np.asarray(minimize(_loss, start, args=counts, jac=True, method="L-BFGS-B", bounds=bounds).x)
 
 
-def _loss(
-    values: NDArray[np.float64], true: NDArray[np.float64], others: NDArray[np.float64], share: float
-) -> tuple[float, NDArray[np.float64]]:
+def _loss(values: Floats, true: Floats, others: Floats, share: float) -> tuple[float, Floats]:
     """Return the negative log-likelihood of counts by place, nats, and its gradient."""
     inputs = _segments(_centres(), len(values) - 1)
     chance = expit(values[0] + inputs @ values[1:])
@@ -298,7 +274,7 @@ def _loss(
 
 def _results(
     scorer: TripleScorer, folds: Folds, fold: int, seed: int
-) -> tuple[NDArray[np.float64], NDArray[np.bool_]] | tuple[None, None]:
+) -> tuple[Floats, NDArray[np.bool_]] | tuple[None, None]:
     """Return the scores of all results of some pairs of a fold, and which of them are right."""
     if not isinstance(scorer, RecipeScores):
         return None, None
@@ -328,7 +304,7 @@ def _temperature(seen: Sequence[Seen]) -> float | None:
     return float(math.exp(minimize_scalar(loss, bounds=(-4.0, 4.0), method="bounded").x))
 
 
-def place_of(scores: Places, among: Places) -> Places:
+def place_of(scores: Floats, among: Floats) -> Floats:
     """Return the log-odds of the ranks of scores among others, ties halved; 0 is the median."""
     ordered, count = np.sort(among), len(among)
     above = count - (np.searchsorted(ordered, scores, "left") + np.searchsorted(ordered, scores, "right")) / 2
@@ -336,7 +312,7 @@ def place_of(scores: Places, among: Places) -> Places:
     return np.asarray(np.log1p(-rank) - np.log(rank))
 
 
-def _map_of_places(scores: Places) -> tuple[tuple[float, ...], tuple[float, ...]]:
+def _map_of_places(scores: Floats) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Return some scores, ascending, and their places among all of them."""
     if not len(scores):
         return (0.0,), (0.0,)
@@ -345,7 +321,7 @@ def _map_of_places(scores: Places) -> tuple[tuple[float, ...], tuple[float, ...]
     return tuple(knots.tolist()), tuple(place_of(knots, scores).tolist())
 
 
-def _segments(places: Places, slopes: int) -> NDArray[np.float64]:
+def _segments(places: Floats, slopes: int) -> Floats:
     """Return the part of each place within each segment, shape (..., slopes)."""
     if slopes <= 1:
         return np.repeat(places[..., None], slopes, axis=-1)
@@ -355,15 +331,15 @@ def _segments(places: Places, slopes: int) -> NDArray[np.float64]:
     )
 
 
-def _centres() -> Places:
+def _centres() -> Floats:
     return np.arange(-END, END + WIDTH / 2, WIDTH)
 
 
-def _bin(places: Places) -> Ids:
+def _bin(places: Floats) -> Ids:
     return np.rint((np.clip(places, -END, END) + END) / WIDTH).astype(np.int64)
 
 
-def _cells(size: int, relation: int, seed: int) -> tuple[Ids, NDArray[np.float64]]:
+def _cells(size: int, relation: int, seed: int) -> tuple[Ids, Floats]:
     """Return triples of a relation, shape (N, 3), with each entity and itself once, and how many each stands for."""
     everything = np.arange(size)
     pairs = size * (size - 1)
@@ -378,7 +354,7 @@ def _cells(size: int, relation: int, seed: int) -> tuple[Ids, NDArray[np.float64
     return np.column_stack([heads, np.full(len(heads), relation), tails]), weights
 
 
-def _scores(scorer: TripleScorer, triples: Ids) -> Places:
+def _scores(scorer: TripleScorer, triples: Ids) -> Floats:
     """Score triples in blocks."""
     blocks = np.array_split(triples, max(1, len(triples) // 2**18))
     with torch.no_grad():

@@ -1,11 +1,13 @@
-"""What a scorer is asked: a triple or a recipe, or one with an open slot; read from arguments or from a file."""
+"""Queries of a scorer: a triple or a recipe, perhaps with an open slot; read from arguments or from a file."""
 
 import csv
 import io
 import re
+from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from wordcraft_kg.base.errors import ConfigError, QueryFileError, UnknownEntityError, WordCraftKGError
 from wordcraft_kg.base.settings import nearest
@@ -18,16 +20,30 @@ RECIPE_HEADER = ["ingredient_a", "ingredient_b", "result"]
 """The header of a file of recipe queries; without a header a file is one of triples."""
 PLUS, MAKES = "+", ("=", "->", "→")
 """Signs of a recipe query, ``a + b = c``; ``=`` and ``+`` need no quotes in a shell, where ``>`` writes a file."""
+_SIGNS = {PLUS, *MAKES}
 _SIGN = re.compile(r"\s*(\+|=|->|→)\s*")
 
 
-@dataclass(frozen=True)
-class Query:
-    """A triple of labels in which the head or the tail may be open (None).
+class _Slots(ABC):
+    @property
+    @abstractmethod
+    def slots(self) -> tuple[str | None, ...]:
+        """Entities by label; None is an open slot."""
 
-    Attributes:
-        line: line of the file that it was read from, from 1.
-    """
+    @property
+    def is_open(self) -> bool:
+        """Whether a slot is open."""
+        return None in self.slots
+
+    @property
+    def labels(self) -> list[str]:
+        """The entities that it names."""
+        return [slot for slot in self.slots if slot is not None]
+
+
+@dataclass(frozen=True)
+class Query(_Slots):
+    """A triple of labels in which the head or the tail may be open (None); ``line`` is that of its file, from 1."""
 
     head: str | None
     relation: str
@@ -36,7 +52,7 @@ class Query:
 
     @classmethod
     def of(cls, head: str, relation: str, tail: str, entities: Collection[str], *, line: int | None = None) -> "Query":
-        """Check a query as it was typed: :data:`OPEN` or nothing is an open slot, unless an entity has this label.
+        """Check a query as typed: :data:`OPEN` or nothing is an open slot, unless an entity has this label.
 
         Raises:
             UnknownEntityError: for an unknown entity or relation, with the nearest ones.
@@ -52,23 +68,14 @@ class Query:
         return cls(slots[0], relation, slots[1], line)
 
     @property
-    def is_open(self) -> bool:
-        """Whether a slot is open."""
-        return self.head is None or self.tail is None
-
-    @property
-    def labels(self) -> list[str]:
-        """The entities that it names."""
-        return [slot for slot in (self.head, self.tail) if slot is not None]
+    def slots(self) -> tuple[str | None, str | None]:
+        """Head and tail."""
+        return self.head, self.tail
 
 
 @dataclass(frozen=True)
-class RecipeQuery:
-    """A recipe of labels in which an ingredient or the result may be open (None).
-
-    Attributes:
-        line: line of the file that it was read from, from 1.
-    """
+class RecipeQuery(_Slots):
+    """A recipe of labels, of which one may be open (None); ``line`` is that of its file, from 1."""
 
     ingredient_a: str | None
     ingredient_b: str | None
@@ -77,7 +84,7 @@ class RecipeQuery:
 
     @classmethod
     def of(cls, a: str, b: str, result: str, entities: Collection[str], *, line: int | None = None) -> "RecipeQuery":
-        """Check a query as it was typed; open slots are those of :meth:`Query.of`.
+        """Check a query as typed; open slots are those of :meth:`Query.of`.
 
         Raises:
             UnknownEntityError: for an unknown entity, with the nearest ones.
@@ -95,16 +102,6 @@ class RecipeQuery:
         """Both ingredients and the result."""
         return self.ingredient_a, self.ingredient_b, self.result
 
-    @property
-    def is_open(self) -> bool:
-        """Whether a slot is open."""
-        return None in self.slots
-
-    @property
-    def labels(self) -> list[str]:
-        """The entities that it names."""
-        return [slot for slot in (self.ingredient_a, self.ingredient_b, self.result) if slot is not None]
-
 
 def parse_query(
     words: Sequence[str], entities: Collection[str], allowed: Collection[str] | None = None
@@ -117,34 +114,35 @@ def parse_query(
     Args:
         words: the arguments.
         entities: the entities of the graph.
-        allowed: entities that may be named. Default: those of the graph.
+        allowed: entities that may be named; by default those of the graph.
 
     Raises:
         UnknownEntityError: for an unknown entity or relation, with the nearest ones.
         ConfigError: if it is neither, or has more than one open slot.
     """
-    shown, allowed = " ".join(words), entities if allowed is None else allowed
-    pieces: list[str] = []
-    if not any(word in RELATIONS for word in words):
-        for word in words:
-            pieces += [word] if word in entities else [piece for piece in _SIGN.split(word) if piece]
-    signs = (PLUS, *MAKES)
-    if any(piece in signs for piece in pieces):
-        if len(pieces) > 3 and pieces[3] in MAKES:
-            del pieces[3]
-        labels = pieces[:1] + pieces[2:]
-        if len(labels) not in (2, 3) or pieces[1] != PLUS or any(label in signs for label in labels):
-            raise ConfigError(
-                f"'{shown}' is no recipe; expected a + b for its results, a + b = c, or _ + b = c for its partners. "
-                "Write a label of several words in quotes."
-            )
-        return RecipeQuery.of(labels[0], labels[1], labels[2] if len(labels) == 3 else "", allowed)
-    if len(words) not in (2, 3):
-        raise ConfigError(
-            f"'{shown}' is no query; expected a head, a relation and perhaps a tail, or a recipe such as a + b. Write "
-            "a label of several words in quotes."
-        )
-    return Query.of(words[0], words[1], words[2] if len(words) == 3 else "", allowed)
+    allowed = entities if allowed is None else allowed
+    pieces = [] if any(word in RELATIONS for word in words) else list(_pieces(words, entities))
+    if _SIGNS.isdisjoint(pieces):
+        if len(words) not in (2, 3):
+            raise _unreadable(words, "query", "a head, a relation and perhaps a tail, or a recipe such as a + b")
+        return Query.of(words[0], words[1], words[2] if len(words) == 3 else "", allowed)
+    if len(pieces) > 3 and pieces[3] in MAKES:
+        del pieces[3]
+    labels = pieces[:1] + pieces[2:]
+    if len(labels) not in (2, 3) or pieces[1] != PLUS or not _SIGNS.isdisjoint(labels):
+        raise _unreadable(words, "recipe", "a + b for its results, a + b = c, or _ + b = c for its partners")
+    return RecipeQuery.of(labels[0], labels[1], labels[2] if len(labels) == 3 else "", allowed)
+
+
+def _pieces(words: Sequence[str], entities: Collection[str]) -> Iterator[str]:
+    for word in words:
+        yield from [word] if word in entities else filter(None, _SIGN.split(word))
+
+
+def _unreadable(words: Sequence[str], what: str, expected: str) -> ConfigError:
+    return ConfigError(
+        f"'{' '.join(words)}' is no {what}; expected {expected}. Write a label of several words in quotes."
+    )
 
 
 def _slots(typed: Sequence[str], entities: Collection[str]) -> list[str | None]:
@@ -167,27 +165,22 @@ def read_queries(path: Path, entities: Collection[str]) -> list[Query] | list[Re
     Raises:
         QueryFileError: if the file cannot be read, naming the line if one is wrong.
     """
-    queries: list[Query] = []
-    recipes: list[RecipeQuery] = []
-    header = HEADER
-    for number, (line, cells) in enumerate(_rows(path)):
-        if number == 0 and cells in (HEADER, RECIPE_HEADER):
-            header = cells
-            continue
-        where = f"{path}, line {line}"
-        if len(cells) != len(header):
+    rows = list(_rows(path))
+    header = rows[0][1] if rows and rows[0][1] in (HEADER, RECIPE_HEADER) else None
+    kind, columns = (RecipeQuery, RECIPE_HEADER) if header == RECIPE_HEADER else (Query, HEADER)
+    found: list[Any] = []
+    for line, cells in rows[header is not None :]:
+        if len(cells) != 3:
             shown = ",".join(cells)[:80]
-            raise QueryFileError(f"{where}: '{shown}' has {len(cells)} columns; expected {', '.join(header)}.")
+            expected = ", ".join(columns)
+            raise QueryFileError(f"{path}, line {line}: '{shown}' has {len(cells)} columns; expected {expected}.")
         try:
-            if header == HEADER:
-                queries.append(Query.of(cells[0], cells[1], cells[2], entities, line=line))
-            else:
-                recipes.append(RecipeQuery.of(cells[0], cells[1], cells[2], entities, line=line))
+            found.append(kind.of(cells[0], cells[1], cells[2], entities, line=line))
         except WordCraftKGError as error:
-            raise QueryFileError(f"{where}: {error}") from None
-    if not queries and not recipes:
-        raise QueryFileError(f"{path} has no query; expected lines of {', '.join(header)}.")
-    return recipes or queries
+            raise QueryFileError(f"{path}, line {line}: {error}") from None
+    if not found:
+        raise QueryFileError(f"{path} has no query; expected lines of {', '.join(columns)}.")
+    return found
 
 
 def _rows(path: Path) -> Iterator[tuple[int, list[str]]]:

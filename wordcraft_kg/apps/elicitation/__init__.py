@@ -1,7 +1,6 @@
-"""Opinions of a language model: which pairs of things make which thing, asked of any endpoint that speaks as OpenAI's.
+"""Opinions of a language model: asked of an OpenAI-compatible endpoint which pairs of things make which thing.
 
-``prompts`` is what is asked, ``endpoint`` who asks it, ``answers`` where answers are kept, ``asking`` asks what is not
-there yet, ``reading`` makes opinions of answers, and ``folder`` writes them as a model folder, whose scorer is an
-:class:`~wordcraft_kg.apps.elicitation.scorer.OpinionScorer`. Of the graph, prompts hold nothing but the labels of its
-entities: no recipe, and nothing of the split.
+``prompts`` are asked by ``endpoint``, ``answers`` keeps the answers, ``asking`` asks the missing ones, ``reading``
+reads opinions from them, and ``folder`` writes a model folder with an ``OpinionScorer``. Prompts hold nothing of the
+graph but the labels of its entities: no recipe, and nothing of the split.
 """

@@ -32,12 +32,7 @@ LONGEST_LINE = 200
 
 @dataclass(frozen=True)
 class WrittenOpinions:
-    """The outcome of asking.
-
-    Attributes:
-        folder: folder of the model.
-        metrics: content of ``metrics.json``.
-    """
+    """The outcome of asking: the model's folder, and the content of its ``metrics.json``."""
 
     folder: Path
     metrics: OpinionMetrics
@@ -52,15 +47,7 @@ def write_opinions(
     *,
     force: bool = False,
 ) -> WrittenOpinions:
-    """Write the model folder of the opinions in some answers.
-
-    Args:
-        out: folder to write.
-        opened: the graph; its split only says how the opinions are judged.
-        config: model and settings.
-        prompts: what was asked.
-        answers: an answer for each.
-        force: replace the folder if it exists.
+    """Write the model folder of the opinions in the answers to prompts; the graph's split only judges them.
 
     Raises:
         OutputExistsError: if ``out`` exists and ``force`` is False.

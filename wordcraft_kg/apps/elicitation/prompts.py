@@ -39,7 +39,7 @@ class Message(Record, frozen=True):
 
 
 class Request(Record, frozen=True, kw_only=True):
-    """What an endpoint is asked, and so what an answer is an answer to; the key is no part of it.
+    """The content of a request, which names its answer; the key is no part of it.
 
     Attributes:
         endpoint: address, because a model of the same name may be another one elsewhere.
@@ -66,13 +66,7 @@ class Request(Record, frozen=True, kw_only=True):
 
 @dataclass(frozen=True)
 class Prompt:
-    """Some goals, and what is asked about them.
-
-    Attributes:
-        goals: labels of the entities.
-        request: what the endpoint is asked.
-        answer_tokens: about how many tokens the answer will have.
-    """
+    """The labels of some goals, the request about them, and about how many tokens the answer will have."""
 
     goals: tuple[str, ...]
     request: Request
@@ -80,11 +74,7 @@ class Prompt:
 
 
 def make_prompts(config: OpinionsConfig, entities: Sequence[str]) -> list[Prompt]:
-    """Return the prompts that ask about all entities, in the order of their ids.
-
-    Args:
-        config: model and settings.
-        entities: labels of the graph's entities, of which nothing else is asked or told.
+    """Return the prompts that ask about all entities, given by label in the order of their ids.
 
     Example:
         >>> config = OpinionsConfig("kitchen", "http://localhost:8080/v1", "some-model")

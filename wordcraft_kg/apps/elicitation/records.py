@@ -4,7 +4,7 @@ from wordcraft_kg.base.records import Count, Hash, Record, Share
 
 
 class Agreement(Record, frozen=True, kw_only=True):
-    """How opinions agree with recipes of the graph, all of them or those of a part.
+    """The agreement of opinions with recipes of the graph, all of them or those of a part.
 
     Attributes:
         opinions: opinions that are judged: all, or those that are no recipe of another part.
@@ -26,17 +26,17 @@ class Agreement(Record, frozen=True, kw_only=True):
 
 
 class OpinionMetrics(Record, frozen=True, kw_only=True):
-    """``metrics.json``: what was asked, what was said, and how it agrees with the graph.
+    """``metrics.json``: prompts, answers, and the agreement with the graph.
 
     Attributes:
-        template: hash of the wording of the prompts, see :mod:`wordcraft_kg.apps.elicitation.prompts`.
+        template: hash of the wording of the prompts.
         prompts: number of prompts.
         goals: number of entities that they ask about.
         goals_with_opinions: entities of which something could be read.
         opinions: number of opinions.
-        unread: lines that say nothing, by why; see :mod:`wordcraft_kg.apps.elicitation.reading`.
-        cut: answers that ended because they were too long, so that their last lines are missing.
-        models: models that the endpoint says have answered.
+        unread: lines without an opinion, by reason.
+        cut: answers that ended at the limit of their length.
+        models: names of the models that have answered.
         tokens_in: tokens of the prompts as the endpoint counts them; None if it does not.
         tokens_out: tokens of the answers.
         agreement: with the recipes of the graph, ``all`` and ``test``.

@@ -22,15 +22,13 @@ class OpinionScorer(StoredScorer):
 
     A link has the strongest recipe that it would be part of::
 
-        score(a, b -> c) = the opinion's weight
         score(a, combinesWith, b) = max over c of score(a, b -> c)
         score(x, componentOf, c) = max over b of score(x, b -> c)
 
     Attributes:
-        opinions: shape (n, 3), int32: pairs, the smaller id first, and what they are thought to make; ascending, each
-            once.
+        opinions: shape (n, 3), int32: pairs, the smaller id first, and their results; ascending, each once.
         weights: shape (n,), float32, above 0.
-        recipes: shape (0, 3): recipes of the graph that it has been trained on, which are none.
+        recipes: shape (0, 3): recipes of its training, which are none.
     """
 
     kind: ClassVar[str] = "opinions"
@@ -55,14 +53,7 @@ class OpinionScorer(StoredScorer):
     def of(
         cls, opinions: Ids, weights: Sequence[float], entities: Sequence[str], graph_hash: str, **kwargs: Any
     ) -> "OpinionScorer":
-        """Take opinions as they come: pairs in any order; of several equal ones the strongest counts.
-
-        Args:
-            opinions: shape (n, 3), ids.
-            weights: shape (n,), above 0.
-            entities: labels in id order.
-            graph_hash: content hash of the graph that the ids belong to.
-            kwargs: ``device`` and ``name``.
+        """Take opinions, shape (n, 3), with weights above 0: pairs in any order; of equal ones the strongest counts.
 
         Example:
             >>> scorer = OpinionScorer.of([[1, 0, 2]], [1.0], ["earth", "water", "mud"], "hash of the graph")
@@ -91,12 +82,7 @@ class OpinionScorer(StoredScorer):
         return recipe_triples(self.opinions.numpy().astype(np.int64))
 
     def score_recipes(self, ingredients: EntityIds, others: EntityIds, results: EntityIds) -> Tensor:
-        """Return the weight of the opinion that each pair makes a result, 0 where there is none.
-
-        Args:
-            ingredients: one entity, a sequence, or a tensor of ids of any shape.
-            others: the other ingredients; the order of a pair is no matter.
-            results: what they make; the three broadcast against each other.
+        """Return the weight of the opinion that each pair makes a result, 0 without one; labels or ids broadcast.
 
         Returns:
             float32, of the broadcast shape.

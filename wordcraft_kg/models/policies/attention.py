@@ -20,13 +20,11 @@ FOLD_LIMIT = 300
 
 
 class AttentionPolicy(Policy):
-    """Self-attention actor-critic, alone or guided by sources.
+    """Self-attention actor-critic, alone or guided by sources; permuting the slots permutes the logits.
 
-    ``α_i = Q([x_g; x_s]) · K(x_i) / √d``, ``V = MLP(wᵀ x)`` with ``w = softmax(α)`` over the slots (or the raw α),
-    and with sources ``β = λα·α + Σ_s λ_s·source_s``, ``λ = MLP(wᵀ x)`` with its own weights. An MLP here is the
-    linear map W of the paper, a rectifier and a linear map; W, with a bias, is applied to the sum.
-
-    Permuting the slots permutes the logits and leaves the value as it is.
+    ``α_i = Q([x_g; x_s]) · K(x_i) / √d``, ``V = MLP(wᵀ x)`` with ``w = softmax(α)`` over the slots (or the raw α), and
+    with sources ``β = λα·α + Σ_s λ_s·source_s``, ``λ = MLP(wᵀ x)`` with its own weights. An MLP is the linear map W of
+    the paper, a rectifier and a linear map; W, with a bias, is applied to the sum.
 
     Source: Jiang et al. 2020, sections "Self-attention Actor-Critic Network" and "Learning Mixing Coefficients".
     """
@@ -76,13 +74,13 @@ class AttentionPolicy(Policy):
 
 
 def mix_logits(logits: Tensor, lambdas: Tensor, slot_mask: Tensor) -> Tensor:
-    """Blend the logits of several sources, slot by slot.
+    """Blend the logits of several sources, slot by slot: ``β_i = Σ_s λ_s · source_s,i``.
 
-    ``β_i = Σ_s λ_s · source_s,i``; empty slots become -inf *after* mixing, so no choice of λ can revive them.
+    Empty slots become -inf *after* mixing, so no choice of λ can revive them.
 
     Args:
         logits: shape (B, S, A). One channel for each active source; the attention's α first if it is active.
-        lambdas: shape (B, S). A source that is switched off has no entry.
+        lambdas: shape (B, S).
         slot_mask: shape (B, A), bool. True where the slot holds an entity.
 
     Returns:
@@ -99,11 +97,10 @@ def masked_softmax(logits: Tensor, mask: Tensor) -> Tensor:
 
 
 class TableAttention(nn.Module):
-    """Scaled dot-product attention of goal and selection over the slots, and sums over slots.
+    """Scaled dot-product attention of goal and selection over the slots: ``α_i = Q([x_g; x_s]) · K(x_i) / √d``.
 
-    ``α_i = Q([x_g; x_s]) · K(x_i) / √d``. Since ``q · K x = (Kᵀ q) · x``, and since vectors do not depend on the
-    sample, keys are folded into the query: no slot's key is ever computed. K has no bias, since it would add the
-    same to every slot.
+    Since ``q · K x = (Kᵀ q) · x``, and vectors do not depend on the sample, keys are folded into the query. K has no
+    bias, which would add the same to every slot.
 
     Source: Jiang et al. 2020, section "Self-attention Actor-Critic Network". The second selection is always empty when
     an action is chosen, and is left out of the query.
@@ -124,13 +121,7 @@ class TableAttention(nn.Module):
 
     @staticmethod
     def rows(weights: Mapping[str, Tensor], goal: Tensor, selection: Tensor) -> Tensor:
-        """Return ``Kᵀ q / √d``, whose product with a slot's vector is its α: shape (B, F).
-
-        Args:
-            weights: weights of the attention and of the entities' vectors.
-            goal: shape (B,).
-            selection: shape (B,).
-        """
+        """Return ``Kᵀ q / √d``, shape (B, F), whose product with a slot's vector is its α."""
         query, bias, vectors = weights["query"], weights["query.bias"], weights.get("vectors")
         if vectors is not None:
             both = look_up(vectors, torch.stack([goal, selection], dim=1)).flatten(1)

@@ -48,8 +48,8 @@ def make_policy(
         graph: graph among whose entities it decides.
         num_slots: number of slots of the tables; only an mlp depends on it.
         scorer: scorer that its sources read, see :func:`~wordcraft_kg.models.policies.sources.registry.make_sources`.
-        observed: triples that the scorer was trained on, for ``self_edges`` ``observed``.
-        tasks: tasks that it will be trained on, such as ``world.tasks``, which a cross-fitted scorer needs.
+        observed: triples of the scorer's training, for ``self_edges`` ``observed``.
+        tasks: tasks of the training, such as ``world.tasks``, which a cross-fitted scorer needs.
         seed: seed of the parameters and of random features; no global generator is left changed.
 
     Raises:
@@ -155,20 +155,13 @@ def read_policy(folder: Path, constants: bytes, parameters: Mapping[str, Tensor]
 def save_policy(folder: str | Path, policy: Policy, *, force: bool = False) -> Path:
     """Write a policy, such as one that you have trained further, into a folder from which :func:`load_policy` loads it.
 
-    Args:
-        folder: folder to write.
-        policy: made by :func:`make_policy` or loaded; only then it has the labels of its ids.
-        force: replace the folder if it exists.
-
     Raises:
         OutputExistsError: if ``folder`` exists and ``force`` is False.
-        ConfigError: if the policy has no labels, or a parameter is not a finite number.
+        ConfigError: if the policy was neither made nor loaded here, or a parameter is not a finite number.
 
     Example:
         >>> policy = load_policy("runs/kitchen")
-        >>> load_policy(save_policy("policies/mine", policy)).act("bread", ["flour", "water"]) == policy.act(
-        ...     "bread", ["flour", "water"]
-        ... )
+        >>> load_policy(save_policy("policies/mine", policy)).entities == policy.entities
         True
     """
     if not policy.entities:
@@ -208,9 +201,7 @@ policy.act(goal={goal!r}, table=[{one!r}, {other!r}])  # what to pick first
 
 
 def load_policy(folder: str | Path) -> Policy:
-    """Load the policy of a finished run, or one that was saved; its ``entities`` are the labels of its ids.
-
-    Only the folder is needed: not the graph, the scorer or the file of features.
+    """Load the policy of a finished run, or a saved one; only the folder is needed.
 
     Raises:
         ArtefactError: if the run is unfinished, or a file in it is missing or damaged.

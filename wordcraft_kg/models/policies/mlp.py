@@ -11,9 +11,7 @@ from wordcraft_kg.models.policies.policy import EntityVectors, Policy, PolicyOut
 class MLPPolicy(Policy):
     """The paper's simple baseline: one hidden layer on the vectors of goal, selection and all slots in their order.
 
-    It works for tables of one size only, and permuting the slots changes its output.
-
-    Source: Jiang et al. 2020, appendix "Extended Discussion".
+    It works for tables of one size only. Source: Jiang et al. 2020, appendix "Extended Discussion".
     """
 
     def __init__(self, config: PolicyConfig, vectors: EntityVectors, num_slots: int):

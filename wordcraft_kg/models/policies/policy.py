@@ -35,13 +35,7 @@ class PolicyOutput(NamedTuple):
 
 
 class Pick(NamedTuple):
-    """A decision.
-
-    Attributes:
-        slot: the slot that is picked.
-        entity: label of what lies there.
-        probability: that the policy gives it, among all slots.
-    """
+    """A decision: the slot, the label of the entity there, and the probability of the slot among all."""
 
     slot: int
     entity: str
@@ -49,12 +43,10 @@ class Pick(NamedTuple):
 
 
 class EntityVectors(nn.Module):
-    """The vectors x of entities: constant, learned or one-hot; that of nothing, the id after the last, is zero.
-
-    One-hot vectors are never written out, since a product with one is a row of the weights.
+    """The vectors x of entities: constant, learned or one-hot (never written out); that of nothing, the id E, is zero.
 
     Attributes:
-        num_entities: E, which is also the id of nothing.
+        num_entities: E.
         dim: F, the length of a vector.
         is_one_hot: whether the vectors are the rows of the identity.
     """
@@ -85,19 +77,17 @@ def look_up(vectors: Tensor, ids: Tensor) -> Tensor:
 
 
 class Policy(nn.Module):
-    """Base of all policies.
+    """Base of all policies: ``policy(goal, selection, table)`` for a batch of ids, :meth:`act` for one state's labels.
 
-    A policy takes ids as the environments give them: entities 0 to E - 1, and E for nothing. It can be used without
-    our trainer: call ``policy(goal, selection, table)`` with a batch of ids, or :meth:`act` with one state's labels.
+    Ids are those of the environments: entities 0 to E - 1, and E for nothing.
 
     Attributes:
         config: its settings.
         num_entities: E.
         sources: sources of knowledge by name; see :mod:`wordcraft_kg.models.policies.sources`.
-        labels: labels of the terms of the mixture, in order: ``alpha`` if it is mixed in, then the sources; empty
-            without a mixture.
-        entities: labels in id order; like ``graph_hash``, the hash of the graph, set when a policy is made or loaded.
-        graph_hash: see ``entities``.
+        labels: labels of the terms of the mixture, in order: ``alpha`` if it is mixed in, then the sources.
+        entities: labels in id order, set like ``graph_hash`` when a policy is made or loaded.
+        graph_hash: hash of the graph.
     """
 
     def __init__(self, config: PolicyConfig, vectors: EntityVectors, sources: Iterable[Source] = ()):
@@ -173,14 +163,13 @@ class Policy(nn.Module):
         *,
         generator: torch.Generator | None = None,
     ) -> Pick:
-        """Decide in one state.
+        """Decide in one state, given by labels or ids.
 
         Args:
-            goal: entity to make, by label or id, like the others.
+            goal: entity to make.
             table: entities on the table; None for an empty slot.
             selection: the entity held, None for nothing.
-            generator: draws the slot by its probability, on the CPU. Default: the most probable slot, of equal ones the
-                first.
+            generator: draws the slot by its probability, on the CPU; by default the first of the most probable slots.
 
         Raises:
             UnknownEntityError: with the nearest labels.

@@ -42,8 +42,8 @@ class SymbolicScorer(Scorer):
 class FrequencyScorer(Scorer):
     """Scores a triple by how often its head is a head and its tail a tail in known triples of the relation.
 
-    With one slot open, this ranks the candidates by their training frequency in that slot: the baseline that a link
-    predictor has to beat.
+    With one slot open, candidates are ranked by their training frequency: the baseline that a link predictor has to
+    beat.
     """
 
     def __init__(self, graph: RecipeGraph, triples: np.ndarray, **kwargs: Any):
@@ -63,11 +63,9 @@ class NeighbourScorer(TableScorer):
     """Scores a triple by how strongly entities like its head are linked to its tail, and its head to ones like it.
 
     Nothing is learned. With ``A_r`` the known links of relation r, ``score_r = S A_r + A_r S``, where ``S`` is the
-    cosine of the rows of ``[A_combinesWith, A_componentOf, A_componentOf transposed]``: entities are similar to the
-    extent that they share neighbours. A neighbour shared by n entities weighs 1 / n, and an entity's similarity to
-    itself is 0. The weight was chosen among powers of n on validation parts: ``benchmarks/link_quality.py neighbours``.
-
-    Everything is dense, (E, 3 E), so this suits graphs of up to a few thousand entities; larger ones are refused.
+    cosine of the rows of ``[A_combinesWith, A_componentOf, A_componentOf transposed]``. A neighbour shared by n
+    entities weighs 1 / n, a power chosen on validation parts (``benchmarks/link_quality.py neighbours``), and an
+    entity's similarity to itself is 0. Everything is dense, (E, 3 E), for graphs of up to a few thousand entities.
 
     Source: neighbourhood-based link prediction (Adamic and Adar 2003; Sarwar et al. 2001), here on two relations.
     """
@@ -101,18 +99,15 @@ class VoteScorer(Scorer):
 
         score(a, b -> c) = log((n_ac + eps) (n_bc + eps) / (m_c + 1)).
 
-    So two ingredients that vote for a result count far more than one that does so twice as often, and a vote counts
-    less for a result that everything makes. As P(c) is about ``m_c`` and P(x | c) about ``n_xc / m_c``, this is naive
-    Bayes. In a pair of one entity with itself the second factor is ``eps``: nobody votes twice.
-
-    Triples are scored by what remains when the open part of the recipe is summed out::
+    As P(c) is about ``m_c`` and P(x | c) about ``n_xc / m_c``, this is naive Bayes. In a pair of one entity with
+    itself the second factor is ``eps``: nobody votes twice. Triples are scored by summing the open part of the recipe
+    out::
 
         score(a, combinesWith, b) = log sum over c of exp score(a, b -> c)
         score(x, componentOf, c) = log sum over b of exp(score(x, combinesWith, b) + score(x, b -> c))
 
-    They need the scores of all pairs, so large graphs are refused; recipes are scored for graphs of any size. The form
-    of both scores, and ``eps``, on which the ranks of results hardly depend, were chosen on validation recipes:
-    ``benchmarks/link_quality.py votes``.
+    They need the scores of all pairs, so large graphs are refused; recipes are scored for graphs of any size. Forms and
+    ``eps`` were chosen on validation recipes: ``benchmarks/link_quality.py votes``.
     """
 
     def __init__(self, graph: RecipeGraph, recipes: Ids, *, unseen: float = UNSEEN, **kwargs: Any):
@@ -135,11 +130,7 @@ class VoteScorer(Scorer):
         return torch.where(self._keys[found] == keys, self._counts[found], 0.0)
 
     def score_recipes(self, one: EntityIds, other: EntityIds, results: EntityIds) -> torch.Tensor:
-        """Score recipes given by ids or labels, which broadcast against each other; the ingredients have no order.
-
-        Returns:
-            float32, of the broadcast shape.
-        """
+        """Score recipes given by ids or labels, which broadcast; the ingredients have no order. Return float32."""
         a, b, c = self.entity_ids(one), self.entity_ids(other), self.entity_ids(results)
         second = torch.where(a == b, 0.0, self.votes(b, c))
         weight = (self.votes(a, c) + self.unseen) * (second + self.unseen) / (self._made[c] + 1)

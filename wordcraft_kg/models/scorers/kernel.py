@@ -25,8 +25,7 @@ def kernel_regression(kernel: Tensor, links: Tensor, ridge: float = RIDGE, seen:
     """Return the ridge regression of links on the product kernel ``k((x, y), (x', y')) = k(x, x') k(y, y')``.
 
     With ``k = V diag(w) Vᵀ`` it is ``V [(w wᵀ) / (w wᵀ + λ) ∘ (Vᵀ Y V)] Vᵀ``: an E x E problem, not an E² x E² one.
-    Entities that are not among those seen are predicted only: ``K A Kᵀ`` with the kernel K between all entities and
-    those seen, and the A that the links of the latter give. That they have no links is then no evidence against links.
+    Entities outside ``seen`` are predicted only, ``K A Kᵀ``, so that their missing links are no evidence against links.
 
     Args:
         kernel: shape (E, E), symmetric; negative eigenvalues are taken as 0.
@@ -47,21 +46,17 @@ def kernel_regression(kernel: Tensor, links: Tensor, ridge: float = RIDGE, seen:
 
 
 def completion(recipes: Ids, num_entities: int) -> Tensor:
-    """Return how strongly pairs are suggested by pairs of the same result, shape (E, E).
+    """Return how strongly pairs are suggested by pairs of the same result, shape (E, E); ``recipes`` are (n, 3).
 
     With ``R_c`` the symmetric matrix of the pairs that make c, normalised by degrees, it is ``Σ_c R_c³``: if a + y,
     x + y and x + b make c, then a + b may as well.
-
-    Args:
-        recipes: shape (n, 3).
-        num_entities: E.
     """
     nodes, pairs = completion_paths(recipes, num_entities)
     return torch.from_numpy((nodes.T @ (pairs @ (pairs @ (pairs @ nodes)))).toarray().astype(np.float32))
 
 
 def completion_paths(recipes: Ids, num_entities: int) -> tuple[Any, Any]:
-    """Return G and R with ``completion = Gᵀ R³ G``, both sparse, so that it can multiply without being computed.
+    """Return sparse G and R with ``completion = Gᵀ R³ G``.
 
     A node is an entity as an ingredient of one result: ``G[node, entity]`` is 1, shape (N, E), and R, shape (N, N), has
     the ``R_c`` of all results as blocks on its diagonal.
@@ -91,9 +86,9 @@ def link_matrices(recipes: Ids, num_entities: int) -> tuple[Tensor, Tensor]:
 
 
 def kernel_scores(recipes: Ids, kernel: Tensor, seen: Tensor | None = None) -> tuple[Tensor, Tensor]:
-    """Return the scores of all combinesWith and componentOf links by a kernel, two of shape (E, E), row = head.
+    """Score all combinesWith and componentOf links, two of shape (E, E), row = head.
 
-    Only entities that are seen, by default all, are learned from and standardised by.
+    Only entities in ``seen``, by default all, are learned from and standardised by.
     """
     size = len(kernel)
 
@@ -111,17 +106,16 @@ class KernelScorer(TableScorer):
     """Links predicted in closed form from how alike entities are; nothing is trained.
 
     combinesWith is the standardised kernel regression plus half of the standardised completion, componentOf the
-    standardised regression. It sees recipes, not only their triples,
-    so give it none that are held out.
+    standardised regression. It sees recipes, not only their triples, so give it none that are held out.
     """
 
     def __init__(self, graph: RecipeGraph, recipes: Ids, vectors: NDArray[np.floating] | None = None, **kwargs: Any):
-        """Score all triples.
+        """Precompute the table of scores.
 
         Args:
             graph: the graph of the ids.
-            recipes: shape (n, 3), those that may be looked at, such as ``split.recipes("train")``.
-            vectors: vectors of the entities' words, shape (E, D), zeros where there is none; None to do without.
+            recipes: shape (n, 3), those to learn from, such as ``split.recipes("train")``.
+            vectors: vectors of the entities' words, shape (E, D), zeros for unknown ones; None to do without.
             kwargs: ``device`` and ``name``.
 
         Raises:

@@ -1,15 +1,12 @@
-"""Which of the links that a scorer was trained on speak for another link, and the recipes that they come from.
+"""The links of training that support another link, and the recipes that they come from.
 
 A link (h, r, t) is explained by examples: links (h', r, t) whose head is to the scorer like h, and links (h, r, t')
 whose tail is to it like t. ::
 
     evidence(h, r, t) = Σ_h' cos₊(h, h')³ + Σ_t' cos₊(t, t')³
 
-over the links of training, with the cosine of the scorer's own scores of both as a head (a tail) of r, see
-:class:`~wordcraft_kg.models.scorers.roles.EntityRoles`, 0 where it is negative. So it needs nothing of the scorer but
-scores. Its rank correlation with scores is .83 to .90 (ComplEx and the recipe scorer on two books), and when ComplEx is
-trained again without the recipes that are named, scores fall by 1.1 standard deviations, but by .1 without as many
-others that share an entity; docs/link-prediction.md has all figures and those of other formulas.
+over the links of training, with the cosine, 0 where it is negative, of both in
+:class:`~wordcraft_kg.models.scorers.roles.EntityRoles`. docs/link-prediction.md measures how faithful it is.
 
 Source: k nearest neighbours as an explanation (Papernot and McDaniel 2018, "Deep k-nearest neighbors"; Hanawa et al.
 2021, "Evaluation of similarity-based explanations"), with the neighbours that share an end.
@@ -34,12 +31,9 @@ RECIPES = 3
 
 
 class LinkWitness(Record):
-    """A link of training that speaks for another one.
+    """A link of training that supports another one, with which it shares the relation and an end.
 
     Attributes:
-        head: its head; it or the tail is that of the other link.
-        relation: the relation of both.
-        tail: its tail.
         weight: how like the other it is to the scorer, 1 for the same.
         share: its share of the evidence for the other one.
         recipes: recipes of training that give it, at most :data:`RECIPES`.
@@ -56,13 +50,13 @@ class LinkWitness(Record):
 
 
 class LinkReason(Record):
-    """Why a scorer may believe in a link.
+    """The reasons of a scorer to believe in a link.
 
     Attributes:
         learned_from: recipes of training that give the link itself, at most :data:`RECIPES`: its score is memory.
         more: number of further ones.
-        evidence: sum of the weights of all links that speak for it, not of the named ones alone.
-        witnesses: links that speak for it, those that say most first.
+        evidence: sum of the weights of all supporting links, named or not.
+        witnesses: supporting links, largest weight first.
     """
 
     learned_from: tuple[Recipe, ...]
@@ -94,11 +88,11 @@ class _Links:
 
 
 class LinkEvidence:
-    """Names the links and recipes of training that speak for a link.
+    """Names the links and recipes of training that support a link.
 
     Attributes:
         roles: how alike entities are to the scorer.
-        recipes: shape (n, 3), the recipes that it was trained on, as they were taught.
+        recipes: shape (n, 3), the recipes of its training.
 
     Example:
         >>> model = open_model("models/kitchen")
@@ -109,14 +103,10 @@ class LinkEvidence:
     """
 
     def __init__(self, scorer: TripleScorer, recipes: Ids):
-        """Find what is alike, and which recipes give each link.
-
-        Args:
-            scorer: any scorer of links.
-            recipes: shape (n, 3), what it was trained on.
+        """Compare entities by a scorer's scores; ``recipes``, shape (n, 3), are those of its training.
 
         Raises:
-            ConfigError: if it has too many entities for the scores of all pairs, and no factors of these.
+            ConfigError: if the scorer has too many entities for a table of scores, and no factors.
         """
         self.roles, self.recipes = EntityRoles.of(scorer), recipes
         self.entities = scorer.entities
@@ -138,10 +128,10 @@ class LinkEvidence:
         self._of = {"tail": _Links.of(relation, tail, head, size), "head": _Links.of(relation, head, tail, size)}
 
     def weights(self, head: int, relation: int, tail: int) -> tuple[Ids, NDArray[np.float64]]:
-        """Return the links that speak for a link of ids, shape (n, 3), and what each says, shape (n,).
+        """Return the links that support a link of ids, shape (n, 3), and their weights, shape (n,).
 
-        The link itself is not among them. combinesWith of an entity with itself has its witnesses once, not in both
-        directions.
+        The link itself is not among them. A combinesWith link of an entity with itself is supported in one direction
+        only.
         """
         triples, weights = [], []
         sides: tuple[Side, ...] = ("head",) if relation == COMBINES_WITH and head == tail else ("head", "tail")
@@ -162,10 +152,7 @@ class LinkEvidence:
         return self._of["tail" if side == "head" else "head"].at(relation, entity, len(self.entities))
 
     def reason(self, head: int, relation: int, tail: int, limit: int = 5) -> LinkReason:
-        """Return the links that speak for a link of ids, those that say most first, and the recipes that give it.
-
-        At most ``limit`` links are named; those that say nothing are left out.
-        """
+        """Return at most ``limit`` supporting links of a link of ids, and the recipes that give it."""
         triples, weights = self.weights(head, relation, tail)
         total = float(weights.sum())
         witnesses = []

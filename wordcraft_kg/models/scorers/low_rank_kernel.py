@@ -43,8 +43,7 @@ class SparseSimilarity:
 
     Attributes:
         shared: columns of the profiles in which two or more entities are, sparse, shape (E, M).
-        own: squared length of each entity's other columns, shape (E,). Most contexts are of this kind, and they make an
-            entity like itself only.
+        own: squared length of each entity's other columns, shape (E,); these make an entity like itself only.
         words: unit vectors of the words, shape (E, D), zeros where there are none; D is 0 without vectors.
     """
 
@@ -71,8 +70,8 @@ class SparseSimilarity:
     def times(self, block: Block) -> Block:
         """Return the kernel times a block of vectors, shape (E, m).
 
-        Here a negative cosine of words counts like a positive one: conjugate gradients need a positive semi-definite
-        kernel, and squares of cosines are one, but not those of positive cosines alone. Neither ranks better.
+        A negative cosine of words counts like a positive one here, because conjugate gradients need a positive
+        semi-definite kernel. Neither ranks better.
         """
         product = self.shared @ (self._columns @ block) + self.own[:, None] * block
         if self._word_pairs is not None:
@@ -122,12 +121,8 @@ def smoothed(kernel: SparseSimilarity, block: Block, ridge: float = SMOOTHING) -
 def two_step(kernel: SparseSimilarity, links: Any) -> Product:
     """Return the product with ``P Y P``, ``P = K (K + λ)⁻¹``: ridge regression over the heads, then over the tails.
 
-    It stands in for :func:`~wordcraft_kg.models.scorers.kernel.kernel_regression`, whose filter ``w w' / (w w' + λ)``
-    is no product of one for heads and one for tails, so that it needs all eigenvectors.
-
-    Args:
-        kernel: K.
-        links: Y, sparse, shape (E, E), row = head.
+    It replaces :func:`~wordcraft_kg.models.scorers.kernel.kernel_regression`, whose filter ``w w' / (w w' + λ)`` needs
+    all eigenvectors. ``links`` is Y, sparse, shape (E, E), row = head.
 
     Source: Pahikkala et al. 2014, "A two-step learning approach for solving full and almost full cold start problems in
     dyadic prediction"; Stock et al. 2018.
@@ -145,13 +140,7 @@ def spread(image: Block) -> float:
 
 
 class Term(NamedTuple):
-    """A matrix of shape (E, E) that counts with a weight, once its entries have a root mean square of 1.
-
-    Attributes:
-        weight: the weight.
-        product: what the matrix does to a block.
-        transposed: what its transpose does.
-    """
+    """A matrix of shape (E, E), as products, and its weight in a sum once its entries have a root mean square of 1."""
 
     weight: float
     product: Product
@@ -161,9 +150,7 @@ class Term(NamedTuple):
 def factored_sum(terms: Sequence[Term], drawn: Block) -> tuple[Block, Block]:
     """Return ``left`` and ``right``, shape (E, m), whose product ``left rightᵀ`` is close to the best of that rank.
 
-    Args:
-        terms: what is summed.
-        drawn: random directions, shape (E, m), standard normal.
+    ``drawn`` are random directions, shape (E, m), standard normal.
 
     Source: Halko, Martinsson and Tropp 2011, "Finding structure with randomness", algorithm 4.4.
     """
@@ -183,11 +170,9 @@ def factored_sum(terms: Sequence[Term], drawn: Block) -> tuple[Block, Block]:
 class LowRankKernelScorer(FactorsScorer):
     """Approximates :class:`KernelScorer` for graphs whose table of scores would be too large: factors of low rank.
 
-    The regression is the one in two steps, ``P Y P`` with ``P = K (K + λ)⁻¹``, because sparse products and conjugate
-    gradients are enough for it. It and the completion are scaled by their root mean square, and their sum is factored
-    by a seeded randomised singular value decomposition. Of the scores themselves it is the best approximation of that
-    rank, up to what the random directions miss; cutting the kernel instead, whose spectrum is flat, would lose more.
-    What is lost may differ between (a, b) and (b, a), so combinesWith is only nearly symmetric.
+    The regression is the one in two steps. It and the completion are scaled by their root mean square, and their sum is
+    factored by a seeded randomised singular value decomposition; cutting the kernel instead, whose spectrum is flat,
+    would lose more. combinesWith is only nearly symmetric, since the loss may differ between (a, b) and (b, a).
     """
 
     def __init__(
@@ -200,12 +185,12 @@ class LowRankKernelScorer(FactorsScorer):
         seed: int = 0,
         **kwargs: Any,
     ):
-        """Factor the scores of each relation.
+        """Factor the scores of each relation; arguments are those of :class:`KernelScorer`.
 
         Args:
             graph: the graph of the ids.
-            recipes: shape (n, 3), those that may be looked at.
-            vectors: vectors of the entities' words, shape (E, D); None to do without.
+            recipes: shape (n, 3).
+            vectors: shape (E, D), or None.
             rank: number of factors, at most E.
             seed: seed of the random directions.
             kwargs: ``device`` and ``name``.
@@ -240,13 +225,11 @@ class LowRankKernelScorer(FactorsScorer):
 def kernel_scorer(
     graph: RecipeGraph, recipes: Ids, vectors: NDArray[np.floating] | None = None, **kwargs: Any
 ) -> KernelScorer | LowRankKernelScorer:
-    """Return the recipe kernel of some recipes: a table where it fits :data:`TABLE_LIMIT`, factors above.
+    """Return the recipe kernel: a table where it fits :data:`TABLE_LIMIT`, factors above.
 
     Example:
         >>> opened = open_graph("kitchen")
-        >>> vectors = make_features("glove", opened.graph.entities).vectors
-        >>> scorer = kernel_scorer(opened.graph, opened.split.recipes("train"), vectors)
-        >>> scorer.name
+        >>> kernel_scorer(opened.graph, opened.split.recipes("train")).name
         'recipe kernel'
     """
     kind = KernelScorer if table_bytes(graph.num_entities) <= TABLE_LIMIT else LowRankKernelScorer

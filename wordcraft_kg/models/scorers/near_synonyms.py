@@ -20,17 +20,10 @@ cake are above it, but so are merely related pairs, such as day and night or chi
 
 @stage("looking for near-synonyms")
 def near_synonym_recipes(split: Split, features: EntityFeatures, threshold: float = NEAR_SYNONYM) -> NDArray[np.bool_]:
-    """Return which test recipes differ from a train recipe only in one ingredient, a near-synonym.
+    """Return which test recipes repeat a train recipe but for one ingredient, a near-synonym: shape (num_recipes,).
 
-    Test recipe {a, b} -> c counts if a train recipe {a', b} -> c exists with cos(a, a') >= ``threshold``.
-
-    Args:
-        split: split whose test and train recipes are compared.
-        features: features of the graph's entities, in id order.
-        threshold: cosine from which ingredients are near-synonyms.
-
-    Returns:
-        shape (num_recipes,), bool, in the graph's order; False outside the test part.
+    Test recipe {a, b} -> c counts if a train recipe {a', b} -> c exists with cos(a, a') >= ``threshold``, by the
+    ``features`` of the graph's entities in id order.
     """
     graph = split.graph
     unit = features.unit_vectors

@@ -57,12 +57,12 @@ WORDS_POWER = 4
 
 
 class Speaking(NamedTuple):
-    """A recipe that speaks for another one.
+    """A recipe that supports another one.
 
     Attributes:
         recipe: ids.
-        weight: how like the other it is, 1 for the same: the product of the similarities k of both ingredients, in the
-            order that fits better, and of the result.
+        weight: likeness, 1 for the same recipe: the product of k of both ingredients, in the better order, and of the
+            result.
         share: its share of the evidence for the other one.
     """
 
@@ -75,19 +75,18 @@ class RecipeKnowledge(nn.Module):
     """Tables from which any pair can be scored for any goal, for M models, and the rankers of these models.
 
     A row E stands for nothing. The evidence is
-    ``G(a, b, c) = Σ_r k(c, c_r) [k(a, a_r) k(b, b_r) + k(a, b_r) k(b, a_r)]`` over the recipes r that may speak for c,
-    with the squared normalised similarity k: recipes that differ little from this one say that it exists.
+    ``G(a, b, c) = Σ_r k(c, c_r) [k(a, a_r) k(b, b_r) + k(a, b_r) k(b, a_r)]`` over the recipes r whose results are most
+    like c, with the squared normalised similarity k.
 
     Attributes:
         parts: shape (M, E + 1, E + 1, 2), half: by ingredient and goal, the kernel's componentOf and the link ranker's.
         pairs: shape (M, E + 1, E + 1, 2), half: the kernel's combinesWith and the link ranker's.
-        numbers: shape (M, E + 1, E + 1), int32: the number of a known pair, 0 for one that is not known.
-        results: shape (M, N + 1, L), int32: what each known pair makes; E for nothing more.
+        numbers: shape (M, E + 1, E + 1), int32: the number of a known pair, 0 for an unknown one.
+        results: shape (M, N + 1, L), int32: the results of each known pair; E for nothing more.
         alike: shape (M, E + 1, E + 1), half: k.
         words: shape (E + 1, E + 1), half: cosines of words.
         counts: shape (M, E + 1, 2): log(1 + recipes that use an entity), log(1 + recipes that make it).
-        speaking: shape (M, E + 1, R, 3), int16: the recipes that may speak for a goal, by k of their results; E for
-            none.
+        speaking: shape (M, E + 1, R, 3), int16: recipes with the results most like a goal; E for none.
         first, first_bias, second, bias: the rankers, shapes (M, F, H), (M, H), (M, H) and (M,).
     """
 
@@ -142,16 +141,12 @@ class RecipeKnowledge(nn.Module):
         return type(self)(self.constants() | {name: weights[name][None] for name in RANKER})
 
     def features(self, goal: Tensor, table: Tensor, model: Tensor) -> Tensor:
-        """Return the features of the pairs of slots.
+        """Return the features of the pairs of slots, shape (F, B, P): pairs in the order of :func:`pairs_of`.
 
         Args:
             goal: shape (B,), int64.
             table: shape (B, A), int64; E for an empty slot.
             model: shape (B,), int64: the model that answers.
-
-        Returns:
-            shape (F, B, P): pairs in the order of :func:`pairs_of`. Features come first because the products of the
-            ranker want them so.
         """
         width = self.num_entities + 1
         slots = table.shape[1]
@@ -207,14 +202,9 @@ class RecipeKnowledge(nn.Module):
         return self._words_alike
 
     def speaking_for(self, a: int, b: int, goal: int, *, model: int = 0, limit: int = 5) -> list[Speaking]:
-        """Return the recipes that the evidence for one recipe comes from, those with most of it first.
+        """Return the recipes that support the recipe ``a + b -> goal``, largest share of the evidence first.
 
-        Args:
-            a: an ingredient.
-            b: the other one.
-            goal: the result.
-            model: the model that answers.
-            limit: the most recipes to return; those that say nothing are left out.
+        At most ``limit`` are returned, none without a weight; ``model`` is the one that answers.
         """
         speaking, alike = self.speaking[model, goal].long(), self.alike[model]
         one, other, result = speaking.T
@@ -264,7 +254,7 @@ def knowledge_of(
     """Return the knowledge of one model, with a ranker of zeros.
 
     Args:
-        recipes: shape (n, 3), what it has seen.
+        recipes: shape (n, 3), those of its training.
         kernel: how alike entities are, shape (E, E).
         text: cosines of words, shape (E, E).
         tables: the kernel's combinesWith and componentOf, two of shape (E, E).

@@ -19,12 +19,7 @@ ROWS = 4_096
 
 
 class Witness(Record):
-    """A recipe that speaks for another one, see :class:`~wordcraft_kg.models.scorers.pair_features.Speaking`.
-
-    Attributes:
-        weight: how like the other it is, 1 for the same.
-        share: its share of the evidence for the other one.
-    """
+    """A recipe that supports another one, see :class:`~wordcraft_kg.models.scorers.pair_features.Speaking`."""
 
     ingredient_a: str
     ingredient_b: str
@@ -46,11 +41,7 @@ class Witness(Record):
 
 @runtime_checkable
 class RecipeScores(TripleScorer, Protocol):
-    """A scorer that scores recipes, too.
-
-    Attributes:
-        recipes: shape (n, 3), the recipes that it has been trained on.
-    """
+    """A scorer that scores recipes, too; ``recipes``, shape (n, 3), are those of its training."""
 
     recipes: Tensor
 
@@ -64,15 +55,15 @@ class RecipeScores(TripleScorer, Protocol):
 
 
 class RecipeScorer(StoredScorer):
-    """The learned scorer of recipes and links: rankers on what train recipes say about recipes held out of them.
+    """The learned scorer of recipes and links: rankers on features of recipes that were held out of the features.
 
     A score of a recipe is in nats: the log-odds, up to a constant, that among the pairs on a table it is this one that
     makes the goal. Scores of links are those of the link ranker.
 
     Attributes:
         knowledge: tables and rankers.
-        recipes: shape (n, 3), the recipes that it has been trained on.
-        link_rankers: weights of the link rankers by relation, with which entities that are not in the graph are scored.
+        recipes: shape (n, 3), the recipes of its training.
+        link_rankers: weights of the link rankers by relation, which score entities that are not in the graph.
     """
 
     kind: ClassVar[str] = "recipes"
@@ -106,12 +97,7 @@ class RecipeScorer(StoredScorer):
         return (self.knowledge.pairs if is_pair else self.knowledge.parts)[0, :-1, :-1, 1].float()
 
     def score_recipes(self, ingredients: EntityIds, others: EntityIds, results: EntityIds) -> Tensor:
-        """Return how plausible it is that each pair makes a result.
-
-        Args:
-            ingredients: one entity, a sequence, or a tensor of ids of any shape.
-            others: the other ingredients.
-            results: what they make; the three broadcast against each other.
+        """Score recipes given by ids or labels: one, a sequence, or a tensor of ids of any shape, which broadcast.
 
         Returns:
             float32, of the broadcast shape, nats.
@@ -128,16 +114,10 @@ class RecipeScorer(StoredScorer):
         return torch.cat(found).view(ids[0].shape)
 
     def speaking_for(self, ingredient: str, other: str, result: str, limit: int = 5) -> list[Witness]:
-        """Return the recipes that speak for a recipe, those with the largest share of the evidence first.
+        """Return at most ``limit`` recipes that support a recipe of labels, largest share of the evidence first.
 
-        These are train recipes, and the recipe itself if it is one. Evidence is one of the features that a score rests
-        on, see :data:`~wordcraft_kg.models.scorers.pair_features.FEATURES`.
-
-        Args:
-            ingredient: label.
-            other: label of the other ingredient.
-            result: label of what they make.
-            limit: the most recipes to return.
+        These are train recipes, and the recipe itself if it is one. Evidence is one of the features of a score, see
+        :data:`~wordcraft_kg.models.scorers.pair_features.FEATURES`.
 
         Raises:
             UnknownEntityError: for a label that the scorer does not know.

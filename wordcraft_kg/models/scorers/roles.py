@@ -24,17 +24,15 @@ Rows = NDArray[np.float32]
 
 @dataclass(frozen=True)
 class EntityRoles:
-    """What a scorer thinks of entities, role by role: an entity is a head or a tail of a relation.
+    """The likeness of entities to a scorer, role by role: an entity is a head or a tail of a relation.
 
-    In a role, an entity is the row (as a tail: the column) of its scores with all others. Rows are centred by row and
-    by column; otherwise they would mainly show which entities score high overall. Only products of rows are needed, so
-    factors and a low rank do instead of all pairs where these would be many: the rows of :attr:`units` are then other
-    coordinates of the same vectors (of a table of more than :data:`EXACT` entities, nearly the same).
+    In a role, an entity is the row (as a tail: the column) of its scores with all others, centred by row and by column;
+    otherwise rows would mainly show which entities score high overall. Only products of rows are needed, so factors
+    and a low rank replace large tables: :attr:`units` are then other coordinates of (nearly) the same vectors.
 
     Attributes:
-        units: by relation and side (head, tail), rows of length 1 (0 for an entity without any scores of its own), each
-            of shape (E, m).
-        lengths: shape (E, 4), float32: how long each of these rows was, beside the root mean square of its role.
+        units: by relation and side (head, tail), rows of length 1, or 0 for an entity without scores, shape (E, m).
+        lengths: shape (E, 4), float32: length of each of these rows beside the root mean square of its role.
 
     Example:
         >>> scorer = load_scorer("models/kitchen")

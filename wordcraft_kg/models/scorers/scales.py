@@ -31,9 +31,9 @@ def scaled_table(
         relation: id of the relation.
         scale: ``standardise`` the scores of all pairs; ``ranks`` standardises their ranks among all pairs, and
             ``log-softmax`` their log-softmax over the heads of each tail; ``none`` leaves scores as they are.
-        self_edges: what happens to an entity's score with itself: ``keep`` it; ``observed`` keeps those among
-            ``observed``; ``drop`` keeps none. A dropped score becomes the mean of all pairs of different entities.
-        observed: triples that the scorer was trained on, shape (T, 3).
+        self_edges: ``keep`` an entity's score with itself; ``observed`` keeps those among ``observed``; ``drop`` keeps
+            none. A dropped score becomes the mean of all pairs of different entities.
+        observed: triples of the scorer's training, shape (T, 3).
 
     Raises:
         ConfigError: for an unknown scale or kind of self edges, or for ``observed`` without triples.
@@ -135,13 +135,7 @@ def scaled_scorer(
     self_edges: SelfEdges = "keep",
     observed: Ids | None = None,
 ) -> TableScorer:
-    """Return a scorer's tables on a common scale, each relation separately, as a scorer; see :func:`scaled_table`.
-
-    Self edges are those of combinesWith.
-
-    Raises:
-        ConfigError: for an unknown scale or kind of self edges, or for ``observed`` without triples.
-    """
+    """Return a scorer's scaled tables as a scorer, see :func:`scaled_table`; self edges are those of combinesWith."""
     tables = [
         scaled_table(scorer, COMBINES_WITH, scale, self_edges=self_edges, observed=observed),
         scaled_table(scorer, COMPONENT_OF, scale),

@@ -1,4 +1,4 @@
-"""The base of scorers: whatever scores triples, be it a trained link predictor, a set of facts or plain counting.
+"""The base of scorers.
 
 All follow :class:`~wordcraft_kg.models.scorers.protocol.TripleScorer`. A new scorer is a subclass of :class:`Scorer`
 with one method, ``_score``.
@@ -61,12 +61,7 @@ class Scorer(ABC):
         """Score broadcastable int64 ids that are in range; return float32 of the broadcast shape."""
 
     def score(self, heads: EntityIds, relations: RelationIds, tails: EntityIds) -> torch.Tensor:
-        """Score triples given by ids or labels.
-
-        Args:
-            heads: one entity, a sequence, or a tensor of ids of any shape.
-            relations: one relation, or a tensor of ids.
-            tails: like ``heads``; the three broadcast against each other.
+        """Score triples given by ids or labels: one, a sequence, or a tensor of ids of any shape, which broadcast.
 
         Returns:
             float32, of the broadcast shape.

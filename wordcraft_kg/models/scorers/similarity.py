@@ -19,15 +19,11 @@ TEXT = 0.2
 
 
 def profiles(recipes: Ids, num_entities: int) -> Any:
-    """Return what recipes do with each entity, as unit rows of a sparse matrix: shape (E, M).
+    """Return the use of each entity in recipes, shape (n, 3), as unit rows of a sparse matrix: shape (E, M).
 
     With C the symmetric combinesWith links, P the componentOf links (ingredient, result) and R the contexts (partner,
     result) in which an entity is an ingredient, the rows are those of ``[C | P | Pᵀ | 2 R]``, damped and normalised. An
     entity of no recipe has a row of zeros.
-
-    Args:
-        recipes: shape (n, 3).
-        num_entities: E.
     """
     from scipy import sparse
 
@@ -57,14 +53,9 @@ def cosines(vectors: Tensor) -> Tensor:
 
 
 def similarity(recipes: Ids, text: Tensor) -> Tensor:
-    """Return ``k(x, y) = cos(profiles) + 0.2 max(0, cos(words))²``, shape (E, E).
+    """Return ``k(x, y) = cos(profiles) + 0.2 max(0, cos(words))²``, shape (E, E); ``text`` are the cosines of words.
 
-    Without words it is positive semi-definite. Squares of positive cosines need not be: vectors of few dimensions can
-    give it negative eigenvalues, which :func:`~wordcraft_kg.models.scorers.kernel.kernel_regression` takes as 0.
-
-    Args:
-        recipes: shape (n, 3), those that may be looked at.
-        text: cosines of the words' vectors, shape (E, E).
+    Without words it is positive semi-definite; with vectors of few dimensions it may have negative eigenvalues.
     """
     rows = profiles(recipes, len(text))
     structure = torch.from_numpy((rows @ rows.T).toarray().astype(np.float32))

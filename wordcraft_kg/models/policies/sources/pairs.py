@@ -21,18 +21,13 @@ from wordcraft_kg.models.scorers.scales import scaled_factors, scaled_table
 class PairSource(FoldedSource):
     """Scores each slot's entity with a key, the goal or the entity held: by a table of all pairs, or by factors.
 
-    Of a cross-fitted scorer there are K + 2 tables, or factors: the first axis of each buffer says which model they
-    are of, see :func:`~wordcraft_kg.models.scorers.cross_fitting.seen_by_models`; those of no model are 0. The task
-    decides which one is asked; without a task it is that of all train recipes.
+    Of a cross-fitted scorer there are K + 2 tables, or factors, along the first axis of each buffer; those of no model,
+    the last, are 0. The task decides which one is asked; without a task it is that of all train recipes.
 
     Attributes:
         scores: buffer of a table, shape (E + 1, E + 1): by key, by the slot's entity; 0 for nothing.
-        left: buffer of factors, like those below, see :class:`~wordcraft_kg.models.scorers.scales.ScaledFactors`;
-            shape (E + 1, m), by the slot's entity; 0 for nothing.
-        right: shape (E + 1, m), by the key; 0 for nothing.
-        shift: shape (), what is taken off each product.
-        dropped: shape (E + 1,), bool.
-        itself: shape ().
+        left, right, shift, dropped, itself: buffers of factors, see
+            :class:`~wordcraft_kg.models.scorers.scales.ScaledFactors`, with a row of 0 for nothing.
     """
 
     scores: Tensor

@@ -19,8 +19,7 @@ from wordcraft_kg.models.scorers.recipes import RecipeScorer
 class BestRecipe(FoldedSource):
     """``w_i = S(e_i, e_s -> e_g)``; while nothing is held, ``w_i = max_j S(e_i, e_j -> e_g)`` over the table.
 
-    S is the score of a recipe, in nats, so w needs no common scale. A triple says who goes with whom or what goes into
-    what; only a recipe says that it is these two that make the goal. Of a list of recipes with weights it is a
+    S is the score of a recipe, in nats, so w needs no common scale. Of a list of recipes with weights it is a
     :class:`~wordcraft_kg.models.policies.sources.weighted.BestWeighted`.
 
     Attributes:

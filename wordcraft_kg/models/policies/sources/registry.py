@@ -57,7 +57,7 @@ def pairs_need_factors(names: Iterable[str], scorer: TripleScorer, scale: Scale)
     """Return whether tables of all pairs would be too large, so that sources have to score by factors.
 
     Raises:
-        ConfigError: if they have to and cannot, saying what they would need and what works.
+        ConfigError: if they have to and cannot.
     """
     size = len(scorer.entities)
     needed = sum(source_class(name).num_bytes(scorer) for name in names)
@@ -83,14 +83,10 @@ def pairs_need_factors(names: Iterable[str], scorer: TripleScorer, scale: Scale)
 def make_sources(
     names: Iterable[str], scorer: TripleScorer, view: ScoreView = AS_IS, *, tasks: TaskSet | None = None
 ) -> list[Source]:
-    """Return sources of a scorer by name.
+    """Return sources of a scorer by name, reading it as ``view`` says.
 
-    Args:
-        names: names of the sources.
-        scorer: the scorer.
-        view: how they read it.
-        tasks: tasks that they will score, such as ``world.tasks``, of which a cross-fitted scorer has to know the
-            recipes. Without them, sources of a cross-fitted scorer answer for test tasks only.
+    ``tasks`` are those that will be scored, such as ``world.tasks``; without them, sources of a cross-fitted scorer
+    answer for test tasks only.
 
     Raises:
         ConfigError: if the scorer cannot serve one, or only by a table that would be too large (before it is computed).

@@ -43,10 +43,7 @@ AS_IS = ScoreView()
 
 
 class Source(nn.Module, ABC):
-    """Scores of slots that receive no gradient.
-
-    Everything that a source has computed from a scorer is in its buffers, which are saved with a policy and are all
-    that is needed to use the source again.
+    """Scores of slots that receive no gradient, from buffers that are saved with a policy.
 
     Attributes:
         label: its name and symbol.
@@ -114,25 +111,15 @@ class Source(nn.Module, ABC):
     def evidence(
         self, goal: Tensor, selection: Tensor, table: Tensor, task: Tensor | None = None, *, limit: int = 3
     ) -> "tuple[Evidence | None, ...]":
-        """Return what speaks for each slot of one state; None for a slot of which the source cannot tell.
+        """Return the evidence for each slot of one state, at most ``limit`` recipes each; None where the source has none.
 
-        Args:
-            goal: shape (1,), as in :meth:`forward`.
-            selection: shape (1,).
-            table: shape (1, A).
-            task: shape (1,), or None.
-            limit: the most recipes for a slot.
+        Arguments are those of :meth:`forward` with B = 1.
         """
         return (None,) * table.shape[1]
 
 
 class Evidence(NamedTuple):
-    """What speaks for picking a slot.
-
-    Attributes:
-        partner: the entity that the slot is thought to go with.
-        speaking: recipes, those that say most first; none if no recipe says anything.
-    """
+    """The evidence for a slot: its supposed partner, and supporting recipes, largest share first."""
 
     partner: int
     speaking: tuple[Speaking, ...]
@@ -144,10 +131,8 @@ class FoldedSource(Source):
     Models are numbered as in :func:`~wordcraft_kg.models.scorers.cross_fitting.seen_by_models`.
 
     Attributes:
-        fold_of_recipe: buffer of a cross-fitted scorer only, shape (num_recipes,), int64; empty if the source was made
-            without tasks, and so without the models of the folds.
-        model_of_task: which model answers each task that is bound, and then that of all train recipes, shape (N + 1,).
-            Not saved: it belongs to the tasks.
+        fold_of_recipe: buffer of a cross-fitted scorer only, shape (num_recipes,), int64; empty without tasks.
+        model_of_task: model of each bound task, and then that of all train recipes, shape (N + 1,). Not saved.
     """
 
     fold_of_recipe: Tensor

@@ -228,7 +228,7 @@ def test_embeddings_rank_like_their_table(opened_kitchen: OpenedGraph):
     assert kind == "complex"
     embeddings = ComplExScorer(tensors, graph.entities, graph.hash)
     queries = opened_kitchen.split.held_out("test")
-    ranks = [rank_triples(scorer, queries, graph.triples) for scorer in (embeddings, embeddings.to_table())]
+    ranks = [rank_triples(scorer, queries, graph.triples) for scorer in (embeddings, TableScorer.of(embeddings))]
     pd.testing.assert_series_equal(ranks[0]["rank"], ranks[1]["rank"])
 
 

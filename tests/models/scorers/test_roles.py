@@ -67,7 +67,7 @@ def test_in_a_role_entities_are_alike_by_the_cosine_of_their_centred_scores(scor
 
 def test_factors_and_their_table_say_the_same():
     scorer = complex_scorer()
-    of_factors, of_table = EntityRoles.of(scorer), EntityRoles.of(scorer.to_table())
+    of_factors, of_table = EntityRoles.of(scorer), EntityRoles.of(TableScorer.of(scorer))
     np.testing.assert_allclose(of_factors.lengths, of_table.lengths, rtol=1e-4)
     for entity in range(SIZE):
         assert [other for other, _ in of_factors.nearest(entity)] == [other for other, _ in of_table.nearest(entity)]
@@ -75,10 +75,10 @@ def test_factors_and_their_table_say_the_same():
 
 def test_a_large_table_keeps_the_directions_that_matter(monkeypatch: pytest.MonkeyPatch):
     scorer = complex_scorer(dim=2, size=40)
-    whole = EntityRoles.of(scorer.to_table())
+    whole = EntityRoles.of(TableScorer.of(scorer))
     monkeypatch.setattr(roles, "EXACT", 39)
     monkeypatch.setattr(roles, "RANK", 6)
-    reduced = EntityRoles.of(scorer.to_table())
+    reduced = EntityRoles.of(TableScorer.of(scorer))
     assert reduced.units[0][0].shape == (40, 6)
     for relation, side in ROLES:
         np.testing.assert_allclose(reduced.alike(7, relation, side), whole.alike(7, relation, side), atol=1e-4)

@@ -57,7 +57,7 @@ def embeddings(seed: int = 0) -> dict[str, torch.Tensor]:
 COMPLEX = ComplExScorer(embeddings(), GRAPH.entities, GRAPH.hash)
 SCORERS: dict[str, Scorer] = {
     "complex": COMPLEX,
-    "table": COMPLEX.to_table(),
+    "table": TableScorer.of(COMPLEX),
     "factors": FactorsScorer([COMPLEX.factors(0), COMPLEX.factors(1)], GRAPH.entities, GRAPH.hash),
     "symbolic": SymbolicScorer(GRAPH, GRAPH.triples),
     "frequency": FrequencyScorer(GRAPH, GRAPH.triples[::2]),
@@ -249,7 +249,7 @@ def test_complex_scores_are_those_of_equation_1():
 
 
 def test_the_table_of_embeddings_scores_like_the_embeddings():
-    table = COMPLEX.to_table()
+    table = TableScorer.of(COMPLEX)
     assert isinstance(table, TableScorer)
     assert (table.entities, table.graph_hash, table.name) == (COMPLEX.entities, COMPLEX.graph_hash, COMPLEX.name)
     everything = torch.arange(SIZE)

@@ -1,24 +1,34 @@
 """Scores that are computed on demand, for graphs whose table of scores would be too large."""
 
+from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
 import torch
+from torch import Tensor
 
 from wordcraft_kg.graphs.triples import RELATIONS
 from wordcraft_kg.models.scorers.scorer import StoredScorer, check_shapes
-from wordcraft_kg.models.scorers.tables import TableScorer
 
 PAIRS = 2**14
 """Pairs whose factors are looked up at once."""
 
 
-def factor_names() -> list[tuple[str, str]]:
-    """Return what the two tensors of each relation are called in a model folder."""
-    return [(f"{relation}_left", f"{relation}_right") for relation in RELATIONS]
+NAMES = [(f"{relation}_left", f"{relation}_right") for relation in RELATIONS]
+"""Names of the two tensors of each relation in a model folder."""
 
 
-class FactorsScorer(StoredScorer):
+class _Bilinear(StoredScorer):
+    @abstractmethod
+    def factors(self, relation: int | str) -> tuple[Tensor, Tensor]:
+        """Return ``left`` and ``right``, shape (E, m): the score of a pair is ``left[head] · right[tail]``."""
+
+    def table(self, relation: int | str) -> Tensor:
+        left, right = self.factors(relation)
+        return left @ right.T
+
+
+class FactorsScorer(_Bilinear):
     """Computes the score of a pair in relation r as ``left_r[head] · right_r[tail]`` on demand.
 
     Any bilinear scorer can be written so (RESCAL, DistMult, ComplEx, a kernel of low rank).
@@ -28,7 +38,7 @@ class FactorsScorer(StoredScorer):
 
     def __init__(
         self,
-        factors: Sequence[tuple[torch.Tensor, torch.Tensor]],
+        factors: Sequence[tuple[Tensor, Tensor]],
         entities: Sequence[str],
         graph_hash: str,
         **kwargs: Any,
@@ -39,40 +49,27 @@ class FactorsScorer(StoredScorer):
             (left.to(self.device, torch.float32), right.to(self.device, torch.float32)) for left, right in factors
         ]
 
-    def tensors(self) -> dict[str, torch.Tensor]:  # noqa: D102 - inherited
-        pairs = zip(factor_names(), self._factors, strict=True)
+    def tensors(self) -> dict[str, Tensor]:  # noqa: D102 - inherited
+        pairs = zip(NAMES, self._factors, strict=True)
         return {name: part for names, parts in pairs for name, part in zip(names, parts, strict=True)}
 
     @staticmethod
-    def check(tensors: Mapping[str, torch.Tensor], size: int) -> None:  # noqa: D102 - inherited
-        names = factor_names()
-        check_shapes(
-            tensors, {name: (size, tensors[left].shape[-1]) for left, right in names for name in (left, right)}
-        )
+    def check(tensors: Mapping[str, Tensor], size: int) -> None:  # noqa: D102 - inherited
+        check_shapes(tensors, {name: (size, tensors[pair[0]].shape[-1]) for pair in NAMES for name in pair})
 
     @classmethod
     def restored(  # noqa: D102 - inherited
-        cls, tensors: Mapping[str, torch.Tensor], entities: Sequence[str], graph_hash: str, **settings: Any
+        cls, tensors: Mapping[str, Tensor], entities: Sequence[str], graph_hash: str, **settings: Any
     ) -> "FactorsScorer":
-        return cls(
-            [(tensors[left], tensors[right]) for left, right in factor_names()], entities, graph_hash, **settings
-        )
+        return cls([(tensors[left], tensors[right]) for left, right in NAMES], entities, graph_hash, **settings)
 
-    def factors(self, relation: int | str) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return ``left`` and ``right``, shape (E, m): the score of a pair is ``left[head] · right[tail]``."""
+    def factors(self, relation: int | str) -> tuple[Tensor, Tensor]:  # noqa: D102 - inherited
         return self._factors[int(self.relation_ids(relation))]
 
-    def table(self, relation: int | str) -> torch.Tensor:  # noqa: D102 - inherited
-        left, right = self.factors(relation)
-        return left @ right.T
-
-    def _score(self, heads: torch.Tensor, relations: torch.Tensor, tails: torch.Tensor) -> torch.Tensor:
+    def _score(self, heads: Tensor, relations: Tensor, tails: Tensor) -> Tensor:
         scores = torch.empty(torch.broadcast_shapes(heads.shape, relations.shape, tails.shape), device=self.device)
-        # All tails of some heads, or all heads of some tails, take one matrix product for each relation.
-        by_row = relations.ndim == 0 or (relations.ndim == 2 and relations.shape[1] == 1)
-        is_grid = by_row and heads.ndim == tails.ndim == 2 and {heads.shape[1], tails.shape[0]} == {1}
-        is_turned = by_row and heads.ndim == tails.ndim == 2 and {heads.shape[0], tails.shape[1]} == {1}
-        if is_grid or is_turned:
+        is_grid, is_turned = _grids(heads, relations, tails)
+        if is_grid or is_turned:  # one matrix product for each relation
             of_row = relations.reshape(-1).expand(len(scores))
             for relation in of_row.unique().tolist():
                 left, right = self.factors(relation)
@@ -91,7 +88,7 @@ class FactorsScorer(StoredScorer):
         return scores
 
 
-class ComplExScorer(StoredScorer):
+class ComplExScorer(_Bilinear):
     """Computes ComplEx scores from the embeddings on demand.
 
     Source: Trouillon et al. 2016; Jiang et al. 2020, Eq. 1.
@@ -99,49 +96,47 @@ class ComplExScorer(StoredScorer):
 
     kind: ClassVar[str] = "complex"
 
-    def __init__(self, embeddings: Mapping[str, torch.Tensor], entities: Sequence[str], graph_hash: str, **kwargs: Any):
+    def __init__(self, embeddings: Mapping[str, Tensor], entities: Sequence[str], graph_hash: str, **kwargs: Any):
         """Keep embeddings ``entity_real``, ``entity_imag`` (E, d), ``relation_real``, ``relation_imag`` (R, d)."""
         super().__init__(entities, graph_hash, **kwargs)
         tensors = {name: tensor.to(self.device, torch.float32) for name, tensor in embeddings.items()}
         self.entity = torch.complex(tensors["entity_real"], tensors["entity_imag"])
         self.relation = torch.complex(tensors["relation_real"], tensors["relation_imag"])
 
-    def _score(self, heads: torch.Tensor, relations: torch.Tensor, tails: torch.Tensor) -> torch.Tensor:
-        # All tails of some heads, or all heads of some tails, take one matrix product.
-        by_row = relations.ndim == 0 or (relations.ndim == 2 and relations.shape[1] == 1)
-        if by_row and tails.ndim == 2 and tails.shape[0] == 1 and heads.ndim == 2 and heads.shape[1] == 1:
+    def _score(self, heads: Tensor, relations: Tensor, tails: Tensor) -> Tensor:
+        is_grid, is_turned = _grids(heads, relations, tails)
+        if is_grid:
             return real_dot(self.entity[heads[:, 0]] * self.relation[relations.reshape(-1)], self.entity[tails[0]])
-        if by_row and heads.ndim == 2 and heads.shape[0] == 1 and tails.ndim == 2 and tails.shape[1] == 1:
+        if is_turned:
             known = self.relation[relations.reshape(-1)].conj() * self.entity[tails[:, 0]]
             return real_dot(known, self.entity[heads[0]])
         product = self.entity[heads] * self.relation[relations] * self.entity[tails].conj()
         return product.real.sum(dim=-1)
 
-    def table(self, relation: int | str) -> torch.Tensor:  # noqa: D102 - inherited
-        left, right = self.factors(relation)
-        return left @ right.T
-
-    def factors(self, relation: int | str) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return ``left`` and ``right``, shape (E, 2 d): the score of a pair is ``left[head] · right[tail]``."""
+    def factors(self, relation: int | str) -> tuple[Tensor, Tensor]:  # noqa: D102 - inherited
         left = torch.view_as_real(self.entity * self.relation[self.relation_ids(relation)]).flatten(1)
         return left, torch.view_as_real(self.entity).flatten(1)
 
     @staticmethod
-    def check(tensors: Mapping[str, torch.Tensor], size: int) -> None:  # noqa: D102 - inherited
+    def check(tensors: Mapping[str, Tensor], size: int) -> None:  # noqa: D102 - inherited
         dim, rows = tensors["entity_real"].shape[-1], {"entity": size, "relation": len(RELATIONS)}
         check_shapes(tensors, {f"{what}_{part}": (rows[what], dim) for what in rows for part in ("real", "imag")})
 
-    def tensors(self) -> dict[str, torch.Tensor]:
+    def tensors(self) -> dict[str, Tensor]:
         """Return the real and imaginary parts of the embeddings."""
         parts = {"entity": self.entity, "relation": self.relation}
         return {f"{name}_{part}": getattr(parts[name], part) for name in parts for part in ("real", "imag")}
 
-    def to_table(self) -> TableScorer:
-        """Score everything once."""
-        return TableScorer.of(self)
+
+def _grids(heads: Tensor, relations: Tensor, tails: Tensor) -> tuple[bool, bool]:
+    """Return whether ids ask for all tails of some heads, or for all heads of some tails."""
+    by_row = relations.ndim == 0 or (relations.ndim == 2 and relations.shape[1] == 1)
+    if not by_row or not heads.ndim == tails.ndim == 2:
+        return False, False
+    return {heads.shape[1], tails.shape[0]} == {1}, {heads.shape[0], tails.shape[1]} == {1}
 
 
-def real_dot(queries: torch.Tensor, candidates: torch.Tensor) -> torch.Tensor:
+def real_dot(queries: Tensor, candidates: Tensor) -> Tensor:
     """Return ``Re<query, conj(candidate)>`` of (B, d) and (N, d) complex rows, shape (B, N), by one real product."""
     return (
         torch.view_as_real(queries.resolve_conj()).flatten(1)

@@ -5,6 +5,7 @@ from typing import get_args
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.settings import one_of
@@ -23,7 +24,7 @@ def scaled_table(
     *,
     self_edges: SelfEdges = "keep",
     observed: Ids | None = None,
-) -> torch.Tensor:
+) -> Tensor:
     """Return a scorer's scores of all pairs in one relation, on a common scale: shape (E, E), row = head.
 
     Args:
@@ -72,11 +73,11 @@ class ScaledFactors:
         itself: shape ().
     """
 
-    left: torch.Tensor
-    right: torch.Tensor
-    shift: torch.Tensor
-    dropped: torch.Tensor
-    itself: torch.Tensor
+    left: Tensor
+    right: Tensor
+    shift: Tensor
+    dropped: Tensor
+    itself: Tensor
 
 
 def scaled_factors(

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from wordcraft_kg.base.errors import UnknownEntityError
 from wordcraft_kg.base.settings import nearest
@@ -19,8 +20,8 @@ from wordcraft_kg.graphs.triples import RELATIONS
 if TYPE_CHECKING:
     from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
 
-EntityIds = int | str | Sequence[int] | Sequence[str] | np.ndarray | torch.Tensor
-RelationIds = int | str | torch.Tensor
+EntityIds = int | str | Sequence[int] | Sequence[str] | np.ndarray | Tensor
+RelationIds = int | str | Tensor
 
 
 class Scorer(ABC):
@@ -57,10 +58,10 @@ class Scorer(ABC):
         return None
 
     @abstractmethod
-    def _score(self, heads: torch.Tensor, relations: torch.Tensor, tails: torch.Tensor) -> torch.Tensor:
+    def _score(self, heads: Tensor, relations: Tensor, tails: Tensor) -> Tensor:
         """Score broadcastable int64 ids that are in range; return float32 of the broadcast shape."""
 
-    def score(self, heads: EntityIds, relations: RelationIds, tails: EntityIds) -> torch.Tensor:
+    def score(self, heads: EntityIds, relations: RelationIds, tails: EntityIds) -> Tensor:
         """Score triples given by ids or labels: one, a sequence, or a tensor of ids of any shape, which broadcast.
 
         Returns:
@@ -71,12 +72,12 @@ class Scorer(ABC):
         """
         return self._score(self.entity_ids(heads), self.relation_ids(relations), self.entity_ids(tails))
 
-    def table(self, relation: int | str) -> torch.Tensor:
+    def table(self, relation: int | str) -> Tensor:
         """Return the scores of all pairs, shape (E, E), row = head, column = tail; 1.5 GiB for 20,000 entities."""
         everything = torch.arange(len(self.entities), device=self.device)
         return self._score(everything[:, None], self.relation_ids(relation), everything[None, :])
 
-    def entity_ids(self, entities: EntityIds) -> torch.Tensor:
+    def entity_ids(self, entities: EntityIds) -> Tensor:
         """Return entities as a tensor of ids on the scorer's device.
 
         Raises:
@@ -97,7 +98,7 @@ class Scorer(ABC):
         _check_range(ids, len(self.entities), "entity")
         return ids
 
-    def relation_ids(self, relations: RelationIds) -> torch.Tensor:
+    def relation_ids(self, relations: RelationIds) -> Tensor:
         """Return relations as a tensor of ids on the scorer's device.
 
         Raises:
@@ -134,12 +135,12 @@ class StoredScorer(Scorer):
     kind: ClassVar[str]
 
     @abstractmethod
-    def tensors(self) -> dict[str, torch.Tensor]:
+    def tensors(self) -> dict[str, Tensor]:
         """Return the tensors that it can be made from again."""
 
     @staticmethod
     @abstractmethod
-    def check(tensors: Mapping[str, torch.Tensor], size: int) -> None:
+    def check(tensors: Mapping[str, Tensor], size: int) -> None:
         """Refuse tensors that are not those of one scorer of E entities.
 
         Raises:
@@ -149,13 +150,13 @@ class StoredScorer(Scorer):
 
     @classmethod
     def restored(
-        cls, tensors: Mapping[str, torch.Tensor], entities: Sequence[str], graph_hash: str, **settings: Any
+        cls, tensors: Mapping[str, Tensor], entities: Sequence[str], graph_hash: str, **settings: Any
     ) -> Scorer:
         """Return the scorer of some tensors; ``settings`` are ``device`` and ``name``."""
         return cls(tensors, entities, graph_hash, **settings)  # type: ignore[arg-type]
 
 
-def check_shapes(tensors: Mapping[str, torch.Tensor], expected: Mapping[str, tuple[int, ...]]) -> None:
+def check_shapes(tensors: Mapping[str, Tensor], expected: Mapping[str, tuple[int, ...]]) -> None:
     """Refuse tensors that are not float32 or have another shape than expected, with KeyError or ValueError."""
     for name, shape in expected.items():
         if tensors[name].dtype != torch.float32:
@@ -164,6 +165,6 @@ def check_shapes(tensors: Mapping[str, torch.Tensor], expected: Mapping[str, tup
             raise ValueError(f"{name} has shape {tuple(tensors[name].shape)}, its vocabulary needs {shape}")
 
 
-def _check_range(ids: torch.Tensor, size: int, what: str) -> None:
+def _check_range(ids: Tensor, size: int, what: str) -> None:
     if ids.numel() and not 0 <= int(ids.min()) <= int(ids.max()) < size:
         raise UnknownEntityError(f"{what} ids must be 0 .. {size - 1}; found {int(ids.min())} .. {int(ids.max())}.")

@@ -111,10 +111,7 @@ class Source(nn.Module, ABC):
     def evidence(
         self, goal: Tensor, selection: Tensor, table: Tensor, task: Tensor | None = None, *, limit: int = 3
     ) -> "tuple[Evidence | None, ...]":
-        """Return the evidence for each slot of one state, at most ``limit`` recipes each; None where the source has none.
-
-        Arguments are those of :meth:`forward` with B = 1.
-        """
+        """Return the evidence for each slot of one state (B = 1), at most ``limit`` recipes each; None without any."""
         return (None,) * table.shape[1]
 
 

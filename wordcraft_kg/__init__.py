@@ -133,7 +133,7 @@ def __dir__() -> list[str]:
 
 
 def _register_environments(_: object) -> None:
-    from wordcraft_kg.envs.registration import register
+    from wordcraft_kg.envs import register
 
     register()
 

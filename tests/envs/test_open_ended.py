@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from wordcraft_kg.base.errors import ActionError, ConfigError, EpisodeError
+from wordcraft_kg.envs import register
 from wordcraft_kg.envs.open_ended import OpenEndedEnv
-from wordcraft_kg.envs.registration import register
 from wordcraft_kg.graphs import RecipeGraph
 
 RECIPES = [

@@ -3,11 +3,10 @@
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
-from typing import Any, Literal, get_args
+from typing import Any, Literal, get_args, get_origin
 
 from wordcraft_kg.base.errors import UnknownSettingError
 from wordcraft_kg.base.settings import MAX_SIZE, nearest, number_in, one_of, require, whole
-from wordcraft_kg.graphs.splits import PARTS
 from wordcraft_kg.graphs.task_search import DRAWN_TASKS, MAX_DEPTH
 from wordcraft_kg.graphs.tasks import TaskPart, TaskWeighting
 
@@ -56,8 +55,8 @@ class WordCraftConfig:
         distractor_policy: ``any``, or ``no_shortcut``: no distractor opens another way to the goal.
         task_weighting: ``task`` draws all tasks alike, ``goal`` draws a goal, then one of its tasks.
         ambiguity: ``all`` results of a pair, or only the ``last`` by label (the paper's released code keeps one).
-        illegal_action: what picking an empty slot does: ``waste`` the attempt, or ``raise`` an error.
-        num_tasks: how many tasks to draw at depth 3 and above, and at depth 2 in graphs with too many to list.
+        illegal_action: effect of picking an empty slot: ``waste`` the attempt, or ``raise`` an error.
+        num_tasks: number of tasks to draw at depth 3 and above, and at depth 2 in graphs with too many to list.
         task_seed: seed of that draw.
 
     Example:
@@ -89,12 +88,9 @@ class WordCraftConfig:
             require(self, "max_attempts", enough, f"{self.depth} or more, which a task of depth {self.depth} takes")
         self._whole("num_tasks", 1, MAX_SIZE)
         self._whole("task_seed", 0, None)
-        one_of("part", self.part, ("all", *PARTS))
-        one_of("distractor_weighting", self.distractor_weighting, get_args(DistractorWeighting))
-        one_of("distractor_policy", self.distractor_policy, get_args(DistractorPolicy))
-        one_of("task_weighting", self.task_weighting, get_args(TaskWeighting))
-        one_of("ambiguity", self.ambiguity, get_args(Ambiguity))
-        one_of("illegal_action", self.illegal_action, get_args(IllegalAction))
+        for entry in fields(self):
+            if choices := get_args(entry.type) if get_origin(entry.type) is Literal else ():
+                one_of(entry.name, getattr(self, entry.name), choices)
         rewards = self.reward
         if not isinstance(rewards, RewardConfig):
             one_of("reward", rewards, tuple(REWARDS))

@@ -1,7 +1,7 @@
 """Drawing the start of many episodes at once: tasks, distractors, and their places on the table.
 
-Random numbers are not a stream but a hash of (seed, environment, episode, draw). So an environment sees the same
-episodes in any process, with NumPy or torch, however many others run beside it, and episodes can be drawn ahead.
+Random numbers are hashes of (seed, environment, episode, draw). So an environment sees the same episodes in any
+process, with NumPy or torch, beside any number of others, and episodes can be drawn ahead.
 """
 
 import numpy as np
@@ -36,10 +36,10 @@ def mixed(x: Array) -> Array:
 class Draws:
     """Draws the episodes of a world. A *key* is the hash of (seed, environment, episode); R keys draw R tables.
 
-    Ids have 32 bits here, which halves the memory that is moved, and tables are columns.
+    Ids have 32 bits here, which halves the memory to move, and tables are columns.
 
     Attributes:
-        width: most entities on a table at the start: starting ingredients and distractors.
+        width: most entities on a table at the start.
     """
 
     def __init__(self, world: World, arrays: Arrays):
@@ -55,7 +55,7 @@ class Draws:
         self._guards = Guards(world, arrays)
 
     def env_keys(self, seed: int, first: int, count: int) -> Array:
-        """Return what the keys of environments ``first``, ``first + 1``, ... are made from, shape (count,).
+        """Return the parts of keys for environments ``first``, ``first + 1``, ..., shape (count,).
 
         Raises:
             ConfigError: for a negative seed.
@@ -180,17 +180,14 @@ class Draws:
 
 
 class Ahead:
-    """The next episodes of N environments, several drawn at a time; a cache, whose answers depend on no earlier call.
+    """A cache of the next episodes of N environments, ``size`` of them drawn at a time.
 
-    On the CPU episodes are drawn when an environment asks for one that is not there. On a device control flow may not
-    depend on that: ``size`` episodes are drawn at once, and a caller asks for no others.
-
-    Attributes:
-        size: episodes drawn at a time for each environment.
+    On the CPU episodes are drawn when one is asked for that is not there. On a device control flow may not depend on
+    that: they are drawn at once, and a caller asks for no others.
     """
 
     def __init__(self, draws: Draws, keys: Array, episodes: Array):
-        """Begin with the episodes of the given numbers, one for each environment, shape (N,)."""
+        """Begin with the episodes of the given numbers, shape (N,)."""
         arrays, count = draws.arrays, len(keys)
         self.draws, self.keys, self.size = draws, keys, AHEAD if count <= MANY else AHEAD_OF_MANY
         self._tables = arrays.full((count, self.size, draws.width), 0, "int32")

@@ -1,4 +1,4 @@
-"""The tables on which everybody is judged: agents, scripted players, and players that use words."""
+"""The tables of evaluations, the same for agents, scripted players and players that use words."""
 
 import numpy as np
 
@@ -8,9 +8,9 @@ from wordcraft_kg.envs.draws import Draws
 from wordcraft_kg.envs.world import World
 
 MOST_TASKS = 50_000
-"""Most tasks of a part that are played by default; of more, an evenly spaced sample. Figures say how many."""
+"""Most tasks of a part that are played by default; of more, an evenly spaced sample."""
 EVALUATION_SEED = 0
-"""Seed of the distractors: the same for all agents, whatever their own seed."""
+"""Seed of the distractors, whatever an agent's own."""
 
 
 def distance_of(amount: int, limit: int | None) -> int:
@@ -19,9 +19,9 @@ def distance_of(amount: int, limit: int | None) -> int:
 
 
 def environment_of(task: int, amount: int) -> int:
-    """Return the number of the environment in which an evaluation plays a task, on which its tables depend.
+    """Return the number of the environment that plays a task, on which its tables depend.
 
-    Of very many tasks a sample is played; one that is not in it has tables of its own.
+    A task outside the sample of very many has tables of its own.
     """
     place, rest = divmod(task, distance_of(amount, MOST_TASKS))
     return place if not rest else task
@@ -29,9 +29,6 @@ def environment_of(task: int, amount: int) -> int:
 
 class EvaluationTables:
     """The tables of an evaluation, one at a time, in any order.
-
-    Attributes:
-        world: graph, tasks and settings.
 
     Example:
         >>> tables = EvaluationTables(World("kitchen", WordCraftConfig(part="test", num_distractors=2)))

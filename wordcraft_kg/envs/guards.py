@@ -1,10 +1,10 @@
 """Recipes that no distractor may complete, checked for many tables at once."""
 
-from typing import cast
+from typing import Any
 
 import numpy as np
 
-from wordcraft_kg.envs.arrays import Array, Arrays, Functions
+from wordcraft_kg.envs.arrays import Array, Arrays
 from wordcraft_kg.envs.world import World
 
 BITS = 31
@@ -18,11 +18,10 @@ ROOM = 32
 class Guards:
     """The guarded recipes of a world's goals, as marks of their ingredients.
 
-    The guarded recipes of a goal are numbered. The *marks* of an entity are an integer: bit k is set if the entity is
-    the first ingredient of the goal's recipe k, bit k + 31 if it is the second. The marks of several entities are
-    combined with a bitwise or. So one look-up per entity checks up to 31 recipes of a goal at once; goals with more of
-    them have further tables of marks. Only ingredients of guarded recipes have marks, found by binary search, so memory
-    grows with the recipes.
+    The *marks* of an entity are an integer: bit k is set if the entity is the first ingredient of the goal's guarded
+    recipe k, bit k + 31 if it is the second; several entities are combined with a bitwise or. So one look-up per entity
+    checks up to 31 recipes at once; goals with more of them have further tables of marks. Only ingredients of guarded
+    recipes have marks, found by binary search, so memory grows with the recipes.
 
     Most tables are far from completing anything. A *filter* finds those that may, in a table of marks so small that it
     stays in the processor's cache: ingredients share its places, recipes its 15 bits, so it never misses one.
@@ -64,7 +63,7 @@ class Guards:
             near = np.concatenate([world.tasks.starts, world.makeable], axis=1)
             near_keys = (rows[:, None] + near).T  # nothing is no ingredient, but may share a place in the filter
             self._near_folded = arrays.array(np.bitwise_or.reduce(folded[near_keys & self._mask]))
-            found = _find(cast(Functions, np), keys, near_keys)
+            found = _find(np, keys, near_keys)
             self._near = [arrays.array(np.bitwise_or.reduce(table[found])) for table in marks]
 
     def __bool__(self) -> bool:
@@ -102,7 +101,7 @@ class Guards:
         return allowed
 
 
-def _find(xp: Functions, keys: Array, wanted: Array) -> Array:
+def _find(xp: Any, keys: Array, wanted: Array) -> Array:
     """Return where keys are among sorted ones; the index of the last, a sentinel, for those that are not."""
     found = xp.searchsorted(keys, wanted)
     return xp.where(keys[found] == wanted, found, len(keys) - 1)

@@ -22,13 +22,11 @@ SHOWN = 48
 
 
 class Discovery:
-    """What is known in a run of open-ended play, and the rule by which more becomes known.
-
-    Combining two known entities gives all results of the pair; nothing is used up.
+    """The known entities of an open-ended game; combining two gives all results of the pair, and nothing is used up.
 
     Attributes:
         base: ids known at the start, ascending.
-        reachable: how many entities can ever be known.
+        reachable: number of entities that can ever be known.
         known: ids known now, in the order of their discovery; the keys of a dictionary without values.
         tried: pairs ``(a, b)`` with ``a <= b`` that were combined before.
     """
@@ -177,12 +175,9 @@ class OpenEndedEnv(gym.Env[Observation, Any]):
         one, other = self._checked_action(action)
         names = self.graph.entities
         unknown = [entity for entity in (one, other) if entity not in self.discovery.known]
-        new: tuple[int, ...] = ()
-        repeated = False
         if unknown and self.illegal_action == "raise":
             raise ActionError(f"action {[one, other]}: '{names[unknown[0]]}' is not known yet.")
-        if not unknown:
-            new, repeated = self.discovery.combine(one, other)
+        new, repeated = ((), False) if unknown else self.discovery.combine(one, other)
         self._attempts_left -= 1
         self._last = f"{names[one]} + {names[other]} -> {', '.join(self.graph.labels(new)) or 'nothing new'}"
         if self.discovery.is_complete:
@@ -232,11 +227,8 @@ class OpenEndedEnv(gym.Env[Observation, Any]):
         return mask
 
     def _scene(self) -> Scene:
-        known, latest = self.graph.labels(self.discovery.known), set(self._new)
-        of_latest = [entity in latest for entity in self.discovery.known][-SHOWN:]
-        tiles = [
-            Tile(label, "new" if is_new else "plain") for label, is_new in zip(known[-SHOWN:], of_latest, strict=True)
-        ]
+        known, names = list(self.discovery.known), self.graph.entities
+        tiles = [Tile(names[entity], "new" if entity in self._new else "plain") for entity in known[-SHOWN:]]
         facts = (
             ("known", f"{len(known)} of {self.discovery.reachable}"),
             ("attempts left", str(self._attempts_left)),
@@ -248,9 +240,6 @@ class OpenEndedEnv(gym.Env[Observation, Any]):
         self._new = new
         if self.render_mode == "human":
             self.render()
-        return self._observation(new)
-
-    def _observation(self, new: tuple[int, ...]) -> Observation:
         return {
             "known": self._mask(self.discovery.known),
             "last_results": self._mask(new),

@@ -1,7 +1,7 @@
 """Pictures of the crafting environments, for ``render_mode`` ``rgb_array`` and ``human``, drawn with pygame.
 
-An environment describes what is to be seen as a :class:`Scene`, and :class:`Renderer` draws it. pygame is what
-gymnasium's own environments use; it comes with the extra ``render`` and is imported when the first picture is drawn.
+An environment describes a state as a :class:`Scene`, and :class:`Renderer` draws it. pygame comes with the extra
+``render`` and is imported when the first picture is drawn.
 """
 
 import os
@@ -23,7 +23,7 @@ TILE = (148, 52)
 GAP = 10
 MARGIN = 22
 HEAD = 92
-"""Height in pixels of what stands above the table."""
+"""Height in pixels above the table."""
 SHARPNESS = 2
 """Pictures are drawn larger by this factor and then scaled down, which smooths all edges."""
 
@@ -47,11 +47,9 @@ class Tile(NamedTuple):
 
 
 class Scene(NamedTuple):
-    """What is to be seen: facts in a row, each a heading with a tile or a text, and the table below.
+    """Facts in a row, each a heading with a tile or a text, and below them the table, in rows of :data:`COLUMNS`.
 
-    Attributes:
-        facts: headings with what they are about.
-        tiles: the table, in rows of :data:`COLUMNS`; as many as in every other scene of the environment.
+    All scenes of an environment have equally many tiles.
     """
 
     facts: Sequence[tuple[str, Tile | str]]
@@ -62,7 +60,7 @@ class Renderer:
     """Renders an environment in one mode."""
 
     def __init__(self, mode: str | None, fps: int):
-        """Take a mode, None for none, and how many pictures a window shows in a second.
+        """Take a mode, None for none, and the pictures that a window shows in a second.
 
         Raises:
             ConfigError: if there is no such mode.

@@ -23,17 +23,10 @@ class WordCraftVectorEnv(VectorEnv[Arrays, Any, Any]):
     the observation is the first of the next episode. Reward, flags and infos belong to the step that ended.
 
     Infos are arrays of length N: ``outcome`` (names), ``by_plan``, ``illegal_action``, ``task``. There is no
-    ``final_obs``: episodes end by termination only, so no value is bootstrapped from where they ended.
+    ``final_obs``, since episodes only terminate and nothing is bootstrapped.
     """
 
-    def __init__(
-        self,
-        num_envs: int,
-        graph: GraphLike | World,
-        *,
-        render_mode: str | None = None,
-        **settings: Any,
-    ):
+    def __init__(self, num_envs: int, graph: GraphLike | World, *, render_mode: str | None = None, **settings: Any):
         """Prepare N environments; the arguments are those of the single environment.
 
         Raises:

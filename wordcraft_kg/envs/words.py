@@ -1,8 +1,7 @@
-"""The crafting worlds in words: what a player is told, and what its answers mean.
+"""The crafting worlds in words, for people, programs and language models alike.
 
-One numbering and one reader, for people, programs and language models alike: things are numbered from 1 in the order of
-the table, and :mod:`wordcraft_kg.base.labels` reads what is written. What is told is made from :data:`TEXTS`, whose
-hash goes into each result, because a player that is told something else is another experiment.
+Entities are numbered from 1 in the order of the table; :mod:`wordcraft_kg.base.labels` reads answers. The hash of
+:data:`TEXTS` goes into each result, because other prompts are another experiment.
 """
 
 import hashlib
@@ -48,11 +47,11 @@ TEXTS = {
     "nothing_found": "Of {entity} nothing is known.",
     "no_look_ups": "No look-up is left; combine two things.",
 }
-"""Everything that a player is told, in the order in which it may meet it."""
+"""All texts for players, in the order in which they may occur."""
 
 
 def texts_hash() -> str:
-    """Return the hash of all that a player is told besides the things themselves: the version of the prompts."""
+    """Return the hash of the texts: the version of the prompts."""
     return hashlib.sha256(json.dumps(TEXTS, sort_keys=True).encode()).hexdigest()
 
 
@@ -83,7 +82,7 @@ def combined(picks: Sequence[str], made: Sequence[str], otherwise: str = NOTHING
 
 
 def table_labels(env: WordCraftEnv, observation: Observation) -> tuple[str, ...]:
-    """Return what is on the table, slot by slot."""
+    """Return the labels on the table, slot by slot."""
     return env.world.graph.labels(observation["table"][observation["action_mask"] == 1])
 
 
@@ -94,5 +93,5 @@ def results_of(env: WordCraftEnv, one: Entity, other: Entity) -> tuple[str, ...]
 
 
 def characters(graph: RecipeGraph) -> frozenset[str]:
-    """Return the characters that may occur in what is told about a graph."""
+    """Return the characters that texts about a graph may contain."""
     return frozenset("0123456789").union(*TEXTS.values(), *graph.entities)

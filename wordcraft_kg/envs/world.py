@@ -1,4 +1,4 @@
-"""What the readable and the batched environment share: tasks, outcomes of pairs, distractors, sizes."""
+"""Tasks, outcomes of pairs, distractors and sizes, which the readable and the batched environment share."""
 
 from collections.abc import Callable, Hashable, Mapping
 from itertools import combinations_with_replacement
@@ -55,10 +55,9 @@ _TASKS = ("part", "depth", "task_weighting", "num_tasks", "task_seed")
 
 
 class World:
-    """A graph, its split and the settings of an environment, and what follows from them; immutable.
+    """A graph, its split and the settings of an environment, with the tasks and look-up tables that follow; immutable.
 
-    Engines, environments, evaluators and reports take a world instead of building one, so all of them share its tasks
-    and look-up tables; variants of a world share what their settings do not change.
+    Variants of a world share everything that their settings do not change.
 
     Attributes:
         graph: the recipe graph; all its recipes apply, whatever the part.
@@ -79,26 +78,22 @@ class World:
         """Open the graph and make its tasks.
 
         Args:
-            graph: the graph, or another world, with which this one shares what their settings do not change.
+            graph: the graph, or another world to share with.
             config: the settings.
 
         Raises:
             ConfigError: if the graph has too few entities for so many distractors.
             TaskError: if it has no such task.
         """
-        self.graph: RecipeGraph
-        self.split: Split
-        self._derived: dict[Hashable, Any]
-        if isinstance(graph, World):
-            self.graph, self.split, self._derived = graph.graph, graph.split, graph._derived
-        else:
-            opened = open_world_graph(graph)
-            self.graph, self.split, self._derived = opened.graph, opened.split, {}
+        opened = graph if isinstance(graph, World) else open_world_graph(graph)
+        self.graph: RecipeGraph = opened.graph
+        self.split: Split = opened.split
+        self._derived: dict[Hashable, Any] = graph._derived if isinstance(graph, World) else {}
         self.config = config
         self.nothing = self.graph.num_entities
         self.max_results = 1 if config.ambiguity == "last" else int(np.diff(self.graph.pair_starts).max(initial=1))
         self.num_slots = config.depth + 1 + config.num_distractors + self.max_results * config.attempts
-        # What no distractor may be: the goal, the starting ingredients and what the task's plans make of them.
+        # Never distractors: the goal, the starting ingredients and the intermediates of the plans.
         needed = np.concatenate([self.tasks.starts, self.tasks.intermediates], axis=1) != self.nothing
         reserved = 1 + int(needed.sum(axis=1).max())
         self.max_distractors = self.nothing - reserved

@@ -18,7 +18,17 @@ from wordcraft_kg.envs.world import World
 ID_KEYS = ("goal", "selection", "table")
 
 
-class FeatureObservation(gym.ObservationWrapper[dict[str, Any], Any, dict[str, Any]]):
+class _Masked(gym.Wrapper[Any, Any, Any, Any]):
+    def action_masks(self) -> NDArray[np.bool_]:
+        """Return which slots hold an entity, for libraries that ask the outermost wrapper."""
+        return np.asarray(self.env.get_wrapper_attr("action_masks")(), dtype=bool)
+
+
+class _Ids(_Masked, gym.ObservationWrapper[dict[str, Any], Any, dict[str, Any]]):
+    """Changes the observations of a single environment of crafting tasks."""
+
+
+class FeatureObservation(_Ids):
     """Replaces ids by entity vectors, for libraries that need boxes of floats; nothing is a vector of zeros.
 
     ``goal`` and ``selection`` have shape (D,), ``table`` (num_slots, D), ``attempts_left`` is a float of shape (1,);
@@ -52,10 +62,6 @@ class FeatureObservation(gym.ObservationWrapper[dict[str, Any], Any, dict[str, A
         found = {key: self.vectors[observation[key]] for key in ID_KEYS}
         left = np.array([observation["attempts_left"]], dtype=np.float32)
         return {**observation, **found, "attempts_left": left}
-
-    def action_masks(self) -> NDArray[np.bool_]:
-        """Return which slots hold an entity, for libraries that ask the outermost wrapper."""
-        return np.asarray(self.env.get_wrapper_attr("action_masks")(), dtype=bool)
 
 
 class SlotSource(Protocol):
@@ -107,7 +113,7 @@ class _Scores:
         return {source.name: spaces.Box(-np.inf, np.inf, shape, np.float32) for source in self.sources}
 
 
-class KGScoreObservation(gym.ObservationWrapper[dict[str, Any], Any, dict[str, Any]]):
+class KGScoreObservation(_Ids):
     """Adds the scores of sources by their names, each of shape (num_slots,): the values that a policy mixes.
 
     ``u_i = L(e_i, combinesWith, e_held)`` scores a slot with the entity in hand, and is 0 while the hand is empty;
@@ -134,10 +140,6 @@ class KGScoreObservation(gym.ObservationWrapper[dict[str, Any], Any, dict[str, A
     def observation(self, observation: dict[str, Any]) -> dict[str, Any]:
         """Add the scores."""
         return {**observation, **self._scores.of(observation, self.env.get_wrapper_attr("state").task)}
-
-    def action_masks(self) -> NDArray[np.bool_]:
-        """Return which slots hold an entity, for libraries that ask the outermost wrapper."""
-        return np.asarray(self.env.get_wrapper_attr("action_masks")(), dtype=bool)
 
 
 class VectorKGScoreObservation(VectorWrapper):
@@ -170,7 +172,7 @@ class VectorKGScoreObservation(VectorWrapper):
         return {**observations, **self._scores.of(observations, task)}
 
 
-class TaskObservation(gym.ObservationWrapper[dict[str, Any], Any, dict[str, Any]]):
+class TaskObservation(_Ids):
     """Adds ``task``, the number of the task, by which a policy with a cross-fitted scorer knows what not to remember.
 
     It is a number of ``world.tasks`` if these need train recipes, or their number for any other task. On the test part
@@ -190,12 +192,8 @@ class TaskObservation(gym.ObservationWrapper[dict[str, Any], Any, dict[str, Any]
         number = self.env.get_wrapper_attr("state").task if self._is_known else self._other
         return {**observation, "task": np.int64(number)}
 
-    def action_masks(self) -> NDArray[np.bool_]:
-        """Return which slots hold an entity, for libraries that ask the outermost wrapper."""
-        return np.asarray(self.env.get_wrapper_attr("action_masks")(), dtype=bool)
 
-
-class TextObservation(gym.Wrapper[Any, Any, Any, Any]):
+class TextObservation(_Masked):
     """Describes the state in words and takes words as actions, for language models and people.
 
     In the crafting tasks an action is a pick, such as ``"water"``, the beginning of a word, or its number from 1 in the
@@ -234,10 +232,6 @@ class TextObservation(gym.Wrapper[Any, Any, Any, Any]):
         if self._is_open:
             return [self._ids[place] for place in read_pair(written, labels)]
         return read_label(written, labels)
-
-    def action_masks(self) -> NDArray[np.bool_]:
-        """Return which slots hold an entity."""
-        return np.asarray(self.env.get_wrapper_attr("action_masks")(), dtype=bool)
 
     def _text(self, observation: Mapping[str, Any]) -> str:
         left, nothing = int(observation["attempts_left"]), self._graph.num_entities

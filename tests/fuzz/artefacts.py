@@ -46,14 +46,14 @@ AGENT = (
 )
 SERVED = ("--port", "0", "--no-browser")
 SESSION = (
-    ("human-summary", "{}/human.jsonl"),
+    ("people", "summary", "{}/human.jsonl"),
     ("play", "in/graph", "--protocol", "paper", "--distractors", "2", "--out", "{}/human.jsonl"),
 )
 STUDY = (
-    ("human-summary", "{}"),
-    ("human-summary", "{}", "--run", "in/agent"),
-    ("study", "export", "{}", "--out", "out"),
-    (*("study", "serve", "in/graph", "--tasks", "3", "--forms", "2", "--distractors", "1,2", "--out", "{}"), *SERVED),
+    ("people", "summary", "{}"),
+    ("people", "summary", "{}", "--run", "in/agent"),
+    ("people", "summary", "{}", "--export", "out"),
+    (*("people", "serve", "in/graph", "--tasks", "3", "--forms", "2", "--distractors", "1,2", "--out", "{}"), *SERVED),
 )
 READERS = {
     "graph": GRAPH,
@@ -76,7 +76,7 @@ def trial(number: int, home: Path, sandbox: Path) -> Trial:
         linked(home, kind, sandbox / IN / kind)
     kind = rng.choice(list(READERS))
     chosen = rng.sample(READERS[kind], 2)
-    goes_on = any(command[0] in ("resume", "play") or command[:2] == ("study", "serve") for command in chosen)
+    goes_on = any(command[0] in ("resume", "play") or command[:2] == ("people", "serve") for command in chosen)
     place = CONTINUED if goes_on else f"{IN}/spoilt"
     folder = copied(home, kind, sandbox / place)
     is_mended = rng.random() < 0.67

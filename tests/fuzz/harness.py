@@ -28,7 +28,7 @@ INTERRUPT_AFTER, TIME_LIMIT = (4, 7), 10
 """Seconds of computing: Ctrl-C is then pressed, and pressed again; a command at work has to end before the limit."""
 WAIT_LIMIT = 30
 """Seconds after which a command that does not compute meanwhile is taken to wait for ever."""
-SERVERS, SERVED = (("explore",), ("study", "serve"), ("mcp",)), 1
+SERVERS, SERVED = (("explore",), ("people", "serve"), ("mcp",)), 1
 """Commands that wait for requests, and after how many seconds of waiting Ctrl-C is pressed for them."""
 MEMORY_LIMIT = 2 * 2**30
 """Bytes that a command may take beside those of the process before it."""

@@ -48,8 +48,7 @@ def make_home(home: Path) -> Path:
 def _make_study(home: Path) -> None:
     """Make a study that two people have begun."""
     from wordcraft_kg.apps.people.config import StudyConfig
-    from wordcraft_kg.apps.people.keeping import kept_answers
-    from wordcraft_kg.apps.people.study import Study
+    from wordcraft_kg.apps.people.study import Study, kept_answers
 
     study = Study(home / "graph", StudyConfig(tasks=3, distractors=(1, 2), forms=2))
     with kept_answers(home / "study", study) as answers:

@@ -57,7 +57,7 @@ GIVEN = {
     "steps": "64",
     # A list, and a file that is not there: a study would train for minutes.
     "study": "list",
-    "study export folder folder": "in/study",
+    "people summary sessions folder": "in/study",
     "study folder": "in/study.toml",
     "tail": "?",
     "top": "3",

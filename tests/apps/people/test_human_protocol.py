@@ -3,11 +3,11 @@
 import json
 import math
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from statistics import NormalDist
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 from hypothesis import given
@@ -71,7 +71,8 @@ def test_fewer_tasks_are_the_first_of_more_and_a_world_may_be_shared(protocol: H
     few = HumanProtocol(protocol.world, tasks=3)
     assert few.turns == tuple((part, number) for part in ("train", "test") for number in (1, 2, 3))
     assert [few.task(*turn) for turn in few.turns] == [protocol.task(*turn) for turn in few.turns]
-    assert few.header == protocol.header | {"settings": protocol.header["settings"] | {"tasks_per_part": 3}}
+    settings = protocol.header.settings | {"tasks_per_part": 3}
+    assert few.header == msgspec.structs.replace(protocol.header, settings=settings)
 
 
 @pytest.mark.parametrize("tasks", [0, -1, 1_001, True, 1.5])
@@ -258,7 +259,7 @@ def test_a_task_that_is_not_posed_there_is_refused(protocol: HumanProtocol, tmp_
     path = tmp_path / "human.jsonl"
     session = play(path, protocol, 2)
     third = answer_to(protocol, "train", 3)
-    append_answer(path, session, replace(third, table=third.table[::-1]))
+    append_answer(path, session, msgspec.structs.replace(third, table=third.table[::-1]))
     with pytest.raises(ArtefactError, match="line 4: this version poses another task"):
         open_session(path, protocol)
 
@@ -272,7 +273,7 @@ def test_a_header_whose_settings_are_none_is_refused(protocol: HumanProtocol, tm
     changed = json.loads(header)
     changed["settings"][name] = value
     path.write_text("\n".join([json.dumps(changed), *lines]) + "\n")
-    with pytest.raises(ArtefactError, match=f"line 1 is damaged: '{name}'"):
+    with pytest.raises(ArtefactError, match="line 1 is damaged"):
         read_session(path)
 
 

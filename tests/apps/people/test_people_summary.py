@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -50,7 +51,7 @@ def test_each_part_is_summed_up_over_all_sessions(protocol: HumanProtocol):
     view = view_people(by_file(*people))
     checked_values(view)
     assert (view.graph, view.sessions, view.finished) == ("kitchen", 3, 1)
-    assert view.settings == {k: v for k, v in protocol.header["settings"].items() if k != "num_distractors"}
+    assert view.settings == {k: v for k, v in protocol.header.settings.items() if k != "num_distractors"}
     (condition,) = view.conditions
     assert (condition.distractors, condition.sessions, condition.finished) == (8, 3, 1)
     train, test = condition.parts["train"], condition.parts["test"]
@@ -203,6 +204,6 @@ def test_an_agent_of_another_graph_or_split_is_refused(agent: OpenedAgent, kitch
 
 def test_answers_at_a_table_that_is_not_posed_today_are_refused(agent: OpenedAgent):
     one = session(HumanProtocol(agent.opened, 5, tasks=3), "1")
-    turned = replace(one, answers=(replace(one.answers[0], table=one.answers[0].table[::-1]),))
+    turned = replace(one, answers=(msgspec.structs.replace(one.answers[0], table=one.answers[0].table[::-1]),))
     with pytest.raises(ArtefactError, match="poses another task"):
         successes_beside(agent, [turned])

@@ -16,9 +16,9 @@ import pytest
 
 from wordcraft_kg.apps.people.protocol import HumanProtocol, episode_seed
 from wordcraft_kg.apps.people.terminal import Terminal
+from wordcraft_kg.base.records import as_values
 from wordcraft_kg.envs.open_ended import OpenEndedEnv
 from wordcraft_kg.envs.wordcraft import WordCraftEnv
-from wordcraft_kg.envs.words import results_of, table_labels
 from wordcraft_kg.graphs.folder import open_graph
 
 Run = Callable[..., Any]
@@ -405,20 +405,11 @@ def test_the_lines_are_the_tasks_and_what_was_picked(typed: Run, tmp_path: Path)
     outcome = typed("1\n2\n" * 80, *PROTOCOL, "--distractors", "1", "--seed", "5", "--out", path, "--json")
     protocol = HumanProtocol("kitchen", 1, seed=5)
     header, *rows = without_seconds(path)
-    assert header == protocol.header
+    assert header == as_values(protocol.header)
     for row in rows:
-        env, observation = protocol.pose(row["part"], row["number"])
-        table = table_labels(env, observation)
-        made = results_of(env, *table[:2])
-        assert row == {
-            "part": row["part"],
-            "number": row["number"],
-            "goal": env.task.goal,
-            "table": list(table),
-            "picks": list(table[:2]),
-            "made": list(made),
-            "success": env.task.goal in made,
-        }
+        expected = as_values(protocol.answer(protocol.task(row["part"], row["number"]), (0, 1), 0.0))
+        assert row | {"seconds": 0.0} == expected
+        assert row["picks"] == row["table"][:2]
     values = json.loads(outcome.out)
     assert (values["answered"], values["finished"], values["out"]) == (80, True, str(path))
 
@@ -558,20 +549,20 @@ def test_human_summary_shows_rates_with_intervals(typed: Run, run: Run, tmp_path
     for seed in ("0", "1"):
         typed("1\n2\n" * 80, *PROTOCOL, "--seed", seed, "--out", tmp_path / f"{seed}.jsonl")
     files = (tmp_path / "0.jsonl", tmp_path / "1.jsonl")
-    outcome = run("human-summary", *files, "--json")
+    outcome = run("people", "summary", *files, "--json")
     values = json.loads(outcome.out)
     assert outcome.out.count("\n") == 1
     successes = [row["success"] for file in files for row in without_seconds(file)[1:] if row["part"] == "test"]
     test = values["conditions"][0]["parts"]["test"]
     assert (test["answered"], test["successes"]) == (80, sum(successes))
-    text = run("human-summary", *files).out
+    text = run("people", "summary", *files).out
     assert "kitchen; sessions: 2, finished: 2" in text
     assert f"{sum(successes)} of 80 right, rate {test['rate']:.3f} [{test['interval'][0]:.3f}, " in text
 
 
 def test_human_summary_of_no_answers_says_so(typed: Run, run: Run, tmp_path: Path):
     typed("", *PROTOCOL, "--out", tmp_path / "human.jsonl")
-    assert run("human-summary", tmp_path / "human.jsonl").out.count("no answers") == 2
+    assert run("people", "summary", tmp_path / "human.jsonl").out.count("no answers") == 2
 
 
 def test_human_summary_refuses_what_it_cannot_sum_up(typed: Run, run: Run, tmp_path: Path):
@@ -579,10 +570,10 @@ def test_human_summary_refuses_what_it_cannot_sum_up(typed: Run, run: Run, tmp_p
     typed("1\n" * 4, *PROTOCOL, "--out", one)
     typed("1\n" * 4, "play", "everyday", *PROTOCOL[2:], "--out", two)
     torn.write_bytes(one.read_bytes()[:-3])
-    assert "graph_hash" in refused(run("human-summary", one, two), "GraphMismatchError")
+    assert "graph_hash" in refused(run("people", "summary", one, two), "GraphMismatchError")
     (tmp_path / "copy.jsonl").write_bytes(one.read_bytes())
-    assert "same answers" in refused(run("human-summary", one, tmp_path / "copy.jsonl"), "ArtefactError")
-    assert "given twice" in refused(run("human-summary", one, one), "ConfigError")
-    assert "torn line" in refused(run("human-summary", torn), "ArtefactError")
-    assert "nowhere" in refused(run("human-summary", tmp_path / "nowhere"), "ArtefactError")
-    assert "at least one" in refused(run("human-summary"), "ConfigError")
+    assert "same answers" in refused(run("people", "summary", one, tmp_path / "copy.jsonl"), "ArtefactError")
+    assert "given twice" in refused(run("people", "summary", one, one), "ConfigError")
+    assert "torn line" in refused(run("people", "summary", torn), "ArtefactError")
+    assert "nowhere" in refused(run("people", "summary", tmp_path / "nowhere"), "ArtefactError")
+    assert "at least one" in refused(run("people", "summary"), "ConfigError")

@@ -14,8 +14,8 @@ from typing import Any
 
 import pytest
 
+from tests.apps.people.stored import lines_of
 from wordcraft_kg.apps.people.answers_database import AnswersDatabase, Participant, read_answers
-from wordcraft_kg.apps.people.codes import ALPHABET, code_hash, new_code, read_code
 from wordcraft_kg.apps.people.config import MOST_CONDITIONS, MOST_FORMS, MOST_TASKS, StudyConfig
 from wordcraft_kg.apps.people.protocol import HumanProtocol
 from wordcraft_kg.apps.people.session_file import read_session
@@ -24,10 +24,11 @@ from wordcraft_kg.apps.people.study import (
     Cell,
     Study,
     check_study_folder,
+    read_study,
     read_study_record,
     write_study_record,
 )
-from wordcraft_kg.apps.people.study_folder import read_study
+from wordcraft_kg.apps.people.web_app import ALPHABET, code_hash, new_code, read_code
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError, OutputExistsError
 from wordcraft_kg.graphs import OpenedGraph, RecipeGraph, SplitConfig, make_split
 
@@ -120,7 +121,7 @@ def test_the_tasks_of_a_form_and_condition_are_those_of_the_protocol_with_its_se
     for cell in study.cells:
         protocol = HumanProtocol(kitchen, cell.distractors, 5 + cell.form, tasks=3)
         assert study.tasks(cell) == tuple(protocol.task(*turn) for turn in protocol.turns)
-        assert study.protocol(cell).header == protocol.header == study.record.header(cell.form, cell.distractors)
+        assert study.protocol(cell).header == protocol.header == study.record.header(cell)
 
 
 def test_several_threads_get_the_same_tasks(kitchen: RecipeGraph):
@@ -213,7 +214,7 @@ def test_the_first_answer_to_a_task_stays(study: Study, folder: Path, answers: A
     assert answers.shown(person, task.part, task.number) is None
     assert not answers.add(person, second)
     assert answers.answers_of(person) == [first]
-    assert [line.picks for line in read_study(folder).lines()] == [first.picks]
+    assert [line.picks for line in lines_of(folder)] == [first.picks]
 
 
 def test_the_first_showing_of_a_task_is_kept_and_each_is_counted(study: Study, folder: Path, answers: AnswersDatabase):
@@ -224,7 +225,7 @@ def test_the_first_showing_of_a_task_is_kept_and_each_is_counted(study: Study, f
         answers.show(person, task.part, task.number, now)
         assert answers.shown(person, task.part, task.number) == 10.0
     answers.add(person, study.protocol(person.cell).answer(task, (0, 1), 1.0))
-    assert [line.loads for line in read_study(folder).lines()] == [3]
+    assert [line.loads for line in lines_of(folder)] == [3]
 
 
 def test_no_time_of_day_stays_with_an_answer(study: Study, folder: Path, answers: AnswersDatabase):
@@ -255,8 +256,8 @@ def test_what_is_read_is_what_was_given_while_it_is_served_and_afterwards(
         for person, session in zip(people, found.sessions(), strict=True):
             assert list(session.answers) == given[person.number]
             assert session.header == study.protocol(person.cell).header
-        assert [line.session for line in found.lines()] == [1] * 6 + [2] * 4
-        assert [line.part for line in found.lines()] == ["train"] * 3 + ["test"] * 3 + ["train"] * 3 + ["test"]
+        assert [line.session for line in lines_of(folder)] == [1] * 6 + [2] * 4
+        assert [line.part for line in lines_of(folder)] == ["train"] * 3 + ["test"] * 3 + ["train"] * 3 + ["test"]
 
 
 def test_a_session_of_a_study_is_one_that_play_could_have_written(
@@ -352,7 +353,7 @@ def test_what_is_no_study_is_refused_and_an_empty_folder_is_not(study: Study, tm
     with pytest.raises(OutputExistsError):
         check_study_folder(tmp_path, study.record)
     for path in (tmp_path, tmp_path / "notes", tmp_path / "nowhere"):
-        with pytest.raises(ArtefactError, match="expected the folder that `study serve` writes"):
+        with pytest.raises(ArtefactError, match="expected the folder that `people serve` writes"):
             read_study(path)
 
 

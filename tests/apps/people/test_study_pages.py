@@ -4,18 +4,17 @@ import re
 from collections.abc import Iterator
 from html import unescape
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from starlette.testclient import TestClient
 
 from tests.apps.explorer.shown import HOSTILE
+from tests.apps.people.stored import lines_of
 from wordcraft_kg.apps.people.answers_database import AnswersDatabase
-from wordcraft_kg.apps.people.codes import code_hash
 from wordcraft_kg.apps.people.config import StudyConfig
-from wordcraft_kg.apps.people.keeping import kept_answers
-from wordcraft_kg.apps.people.study import Study
-from wordcraft_kg.apps.people.study_folder import AnswerLine, read_study
-from wordcraft_kg.apps.people.web_app import make_study_app
+from wordcraft_kg.apps.people.study import Study, kept_answers
+from wordcraft_kg.apps.people.web_app import code_hash, make_study_app
 from wordcraft_kg.apps.web.guard import HEADERS
 from wordcraft_kg.graphs import RecipeGraph
 
@@ -65,8 +64,8 @@ class Browser:
         assert person is not None
         return len(self.answers.answers_of(person))
 
-    def lines(self) -> list[AnswerLine]:
-        return list(read_study(self.folder).lines())
+    def lines(self) -> list[SimpleNamespace]:
+        return lines_of(self.folder)
 
 
 def found(pattern: str, page: str) -> str:

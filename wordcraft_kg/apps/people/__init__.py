@@ -1,1 +1,1 @@
-"""People at the task: how their picks are read, the paper's protocol, the file of one person, the folder of a study."""
+"""People at the task: play in a terminal, the paper's protocol and its files, and studies in the browser."""

@@ -15,10 +15,11 @@ from pathlib import Path
 from typing import Any
 
 from wordcraft_kg.apps.people.protocol import Answer
-from wordcraft_kg.apps.people.study import Cell
 from wordcraft_kg.base.artefacts import check_file
 from wordcraft_kg.base.errors import ArtefactError
+from wordcraft_kg.base.records import as_record
 
+ANSWERS_FILE = "answers.sqlite"
 APPLICATION = 0x57434B47
 """Marks the file as ours: "WCKG"."""
 VERSION = 1
@@ -26,7 +27,7 @@ TABLES = (
     "CREATE TABLE study (record TEXT PRIMARY KEY) STRICT",
     "CREATE TABLE sessions (number INTEGER PRIMARY KEY, code TEXT NOT NULL UNIQUE, form INTEGER NOT NULL, "
     "distractors INTEGER NOT NULL) STRICT",
-    # Of the task that somebody has before them only: when it was answered is nobody's business.
+    # Of the task before a person only: the time of an answer is private.
     "CREATE TABLE showings (session INTEGER NOT NULL REFERENCES sessions, part TEXT NOT NULL, number INTEGER NOT NULL, "
     "shown REAL NOT NULL, loads INTEGER NOT NULL, PRIMARY KEY (session, part, number)) STRICT",
     "CREATE TABLE answers (session INTEGER NOT NULL REFERENCES sessions, part TEXT NOT NULL, number INTEGER NOT NULL, "
@@ -39,17 +40,25 @@ FROM sessions AS s LEFT JOIN (SELECT session, COUNT(*) AS answered FROM answers 
 ON a.session = s.number WHERE s.code NOT LIKE 'withdrawn %' GROUP BY s.form, s.distractors
 """
 BUSY = 10
-"""Seconds to wait for who reads a copy meanwhile."""
+"""Seconds to wait for a reader of a copy."""
+
+
+@dataclass(frozen=True, order=True)
+class Cell:
+    """The assignment of a person.
+
+    Attributes:
+        form: number of the draw of tasks, from 0.
+        distractors: the condition.
+    """
+
+    form: int
+    distractors: int
 
 
 @dataclass(frozen=True)
 class Participant:
-    """A person of a study.
-
-    Attributes:
-        number: from 1, in the order in which they began.
-        cell: form and condition.
-    """
+    """A person of a study; the number is from 1, in the order in which people began."""
 
     number: int
     cell: Cell
@@ -57,7 +66,7 @@ class Participant:
 
 @dataclass(frozen=True)
 class StoredAnswer:
-    """An answer with the person who gave it, and how often its page was loaded."""
+    """An answer with the number of its person and of the loads of its page."""
 
     session: int
     answer: Answer
@@ -66,7 +75,7 @@ class StoredAnswer:
 
 @dataclass(frozen=True)
 class Stored:
-    """How many people have begun and finished, and how many answers there are."""
+    """The numbers of people who have begun, of those who have finished, and of answers."""
 
     people: int
     finished: int
@@ -102,7 +111,7 @@ class AnswersDatabase:
             connection.execute("PRAGMA journal_mode = WAL")
             connection.execute("PRAGMA synchronous = FULL")
             connection.execute("PRAGMA foreign_keys = ON")
-            connection.execute("PRAGMA secure_delete = ON")  # what somebody withdraws is overwritten
+            connection.execute("PRAGMA secure_delete = ON")  # withdrawn answers are overwritten
         except sqlite3.Error as error:
             connection.close()
             raise _damaged(path, error) from None
@@ -132,7 +141,7 @@ class AnswersDatabase:
 
         Args:
             code: hash of the person's code.
-            cells: forms and conditions, in the order in which they are preferred.
+            cells: forms and conditions, in the order of preference.
         """
         with self._writing() as connection:
             if (known := _find(connection, code)) is not None:
@@ -160,7 +169,7 @@ class AnswersDatabase:
             return [_answer(row).answer for row in rows]
 
     def show(self, person: Participant, part: str, number: int, now: float) -> None:
-        """Note that a task without an answer is shown: the first time counts, and each is counted."""
+        """Record the loading of a task without an answer: the time of the first, and the number of all."""
         key = (person.number, part, number)
         with self._writing() as connection:
             if connection.execute(f"SELECT 1 FROM answers WHERE {_KEY}", key).fetchone() is None:
@@ -170,14 +179,14 @@ class AnswersDatabase:
                 )
 
     def shown(self, person: Participant, part: str, number: int) -> float | None:
-        """Return when a task was first shown, None if it was not, or has been answered."""
+        """Return the time when a task was first shown; None if it was not, or has been answered."""
         with self._reading() as connection:
             key = (person.number, part, number)
             row = connection.execute(f"SELECT shown FROM showings WHERE {_KEY}", key).fetchone()
             return None if row is None else float(row[0])
 
     def add(self, person: Participant, answer: Answer) -> bool:
-        """Store an answer to a task that was shown; return False if there is one already, which stays."""
+        """Store an answer to a task that was shown; return False without a change if there is one already."""
         key = (person.number, answer.part, answer.number)
         lists = (json.dumps(value, ensure_ascii=False) for value in (answer.table, answer.picks, answer.made))
         with self._writing() as connection:
@@ -192,14 +201,14 @@ class AnswersDatabase:
             return True
 
     def withdraw(self, person: Participant) -> None:
-        """Remove all that a person has answered, and the way to their session; its number is given to nobody else."""
+        """Remove a person's answers and the way to their session; its number is not given away again."""
         with self._writing() as connection:
             for table in ("answers", "showings"):
                 connection.execute(f"DELETE FROM {table} WHERE session = ?", (person.number,))
             connection.execute("UPDATE sessions SET code = 'withdrawn ' || number WHERE number = ?", (person.number,))
 
     def stored(self) -> Stored:
-        """Return how much there is."""
+        """Return the numbers of people and answers."""
         with self._reading() as connection:
             counts = connection.execute(COUNTS, (self._turns,)).fetchall()
             (answers,) = connection.execute("SELECT COUNT(*) FROM answers").fetchone()
@@ -227,7 +236,7 @@ def read_answers(path: Path, study: str) -> tuple[list[Participant], list[Stored
         people = [Participant(number, Cell(form, distractors)) for number, form, distractors in rows]
         found = connection.execute(f"{_ANSWERS} ORDER BY session, part DESC, number").fetchall()
         try:
-            return people, [_answer(row) for row in found]
+            return people, [_answer(row, path) for row in found]
         except (ValueError, TypeError, RecursionError) as error:
             raise _damaged(path, error) from None
 
@@ -245,7 +254,7 @@ def reading(path: Path, study: str) -> Iterator[sqlite3.Connection]:
             kind = [connection.execute(f"PRAGMA {name}").fetchone()[0] for name in ("application_id", "user_version")]
             if kind != [APPLICATION, VERSION]:
                 raise ArtefactError(f"{path} is not a database of answers of this version. Nothing was changed.")
-            # What a stranger's file holds besides, such as views and triggers, would run as soon as it is asked.
+            # Other contents of a foreign file, such as views and triggers, would run as soon as it is queried.
             found = connection.execute("SELECT sql FROM sqlite_schema WHERE sql IS NOT NULL").fetchall()
             if sorted(found) != sorted((table,) for table in TABLES):
                 raise _damaged(path, "its tables are not those of a study")
@@ -263,7 +272,7 @@ def reading(path: Path, study: str) -> Iterator[sqlite3.Connection]:
 
 @contextmanager
 def _opened(path: Path) -> Iterator[sqlite3.Connection]:
-    # With a log beside it, what is in the log counts; without one nobody writes, and not even a lock is needed.
+    # A log beside it counts; without one nobody writes, and not even a lock is needed.
     has_log = path.with_name(f"{path.name}-wal").exists()
     connection = sqlite3.connect(
         f"{path.resolve().as_uri()}?{'mode=ro' if has_log else 'immutable=1'}", uri=True, timeout=BUSY
@@ -307,10 +316,11 @@ def _find(connection: sqlite3.Connection, code: str) -> Participant | None:
     return None if row is None else Participant(row[0], Cell(row[1], row[2]))
 
 
-def _answer(row: Sequence[Any]) -> StoredAnswer:
+def _answer(row: Sequence[Any], path: Path | str = ANSWERS_FILE) -> StoredAnswer:
     session, part, number, goal, *lists, success, seconds, loads = row
-    table, picks, made = (tuple(json.loads(text)) for text in lists)
-    return StoredAnswer(session, Answer(part, number, goal, table, picks, made, bool(success), float(seconds)), loads)
+    values = (part, number, goal, *map(json.loads, lists), bool(success), seconds)
+    found = as_record(dict(zip(Answer.__struct_fields__, values, strict=True)), Answer, path)
+    return StoredAnswer(session, found, loads)
 
 
 def _damaged(path: Path, error: object) -> ArtefactError:

@@ -1,4 +1,4 @@
-"""What an agent picks at the very tables that people had."""
+"""An agent's picks at the very tables that people had."""
 
 from collections.abc import Iterable, Sequence
 
@@ -32,7 +32,7 @@ def successes_beside(agent: OpenedAgent, sessions: Iterable[Session]) -> dict[Ta
     world: World | None = None
     for session in sessions:
         _check_graph(agent, session)
-        distractors, seed = session.distractors, session.seed
+        distractors, seed = session.distractors, session.header.seed
         if (distractors, seed) not in protocols:
             protocols[distractors, seed] = HumanProtocol(world or agent.opened, distractors, seed, tasks=session.tasks)
             world = protocols[distractors, seed].world
@@ -40,7 +40,7 @@ def successes_beside(agent: OpenedAgent, sessions: Iterable[Session]) -> dict[Ta
             key = session.table_of(answer)
             if key not in posed:
                 posed[key] = protocols[distractors, seed].task(answer.part, answer.number)
-            if (posed[key].goal, posed[key].table) != (answer.goal, answer.table):
+            if not posed[key].is_of(answer):
                 raise ArtefactError(
                     f"{answer.part} task {answer.number} of seed {seed}, {distractors} distractors: "
                     "this version poses another task there than the one answered."
@@ -60,7 +60,7 @@ def successes_beside(agent: OpenedAgent, sessions: Iterable[Session]) -> dict[Ta
 def _check_graph(agent: OpenedAgent, session: Session) -> None:
     there = {"graph": agent.opened.graph.hash, "split": agent.opened.split.hash}
     for what, own in there.items():
-        asked = session.header[f"{what}_hash"]
+        asked = getattr(session.header, f"{what}_hash")
         if asked != own:
             raise GraphMismatchError(
                 f"the tasks that people answered are of a {what} with hash {asked[:12]}, but '{agent.name}' was "

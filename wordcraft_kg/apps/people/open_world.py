@@ -1,28 +1,72 @@
-"""``wordcraft-kg play --open-ended``: the open-ended world by hand."""
+"""``wordcraft-kg play --open-ended``: the open-ended world by hand, with a file from which a game goes on."""
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Literal
 
-from wordcraft_kg.apps.people.open_game import (
-    GameHeader,
-    GameMove,
-    append_move,
-    open_game,
-    productive_pair,
-)
-from wordcraft_kg.apps.people.play_view import WorldPlayed
-from wordcraft_kg.apps.people.terminal import Quit, Terminal, cells
-from wordcraft_kg.base.errors import ArtefactError
+from wordcraft_kg.apps.people.session_file import append_record, drop_torn_line
+from wordcraft_kg.apps.people.terminal import Terminal, cells
+from wordcraft_kg.base.artefacts import read_small_file, write_atomically
+from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError
+from wordcraft_kg.base.records import Count, Hash, Record, as_lines, parse_lines, parse_record
 from wordcraft_kg.base.settings import whole
 from wordcraft_kg.cli.console import Output
-from wordcraft_kg.envs.open_ended import OpenEndedEnv
+from wordcraft_kg.envs.open_ended import Discovery, OpenEndedEnv
 from wordcraft_kg.envs.words import combined
+from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 
 ATTEMPTS = 100
 HELP = """Combine two things that you know, or one with itself; what they make is known
 for good, and nothing is used up. Type the number of a thing, its word, or the
 word's beginning. u puts the first pick back, l lists what is known, h gives a
 hint, ? shows this, q quits."""
+
+
+class GameHeader(Record):
+    """The first line of a game's file; nothing about the person or the machine."""
+
+    format: Literal["wordcraft-kg open-ended game 1"]
+    graph: str
+    graph_hash: Hash
+    base: tuple[str, ...]
+    attempts: Count
+
+
+class GameMove(Record):
+    """A further line: two entities that were combined or, in a hint, named."""
+
+    picks: tuple[str, str]
+    is_hint: bool = False
+
+
+class WorldPlayed(Record, omit_defaults=True):
+    """A game in the open-ended world.
+
+    Attributes:
+        base: entities known at the start.
+        reachable: number of entities that can be known, the base included.
+        known: number of entities known at the end.
+        attempts: attempts of a whole game.
+        attempted: attempts made.
+        fruitless: attempts without a new entity, repeated ones included.
+        repeated: attempts with a pair that had been tried before.
+        hints: hints asked for.
+        discovered: entities made, in their order.
+        out: file of the game, if it was saved.
+    """
+
+    graph: str
+    hash: Hash
+    base: tuple[str, ...]
+    reachable: Count
+    known: Count
+    attempts: Count
+    attempted: Count
+    fruitless: Count
+    repeated: Count
+    hints: Count
+    discovered: tuple[str, ...]
+    out: str | None = None
 
 
 def play_open_world(
@@ -33,25 +77,60 @@ def play_open_world(
     Raises:
         KeyboardInterrupt: with the tally, for Ctrl-C.
     """
-    whole("attempts", ATTEMPTS if attempts is None else attempts, 1)
-    env = OpenEndedEnv(graph, base=base, max_attempts=ATTEMPTS if attempts is None else attempts)
+    attempts = whole("attempts", ATTEMPTS if attempts is None else attempts, 1)
+    env = OpenEndedEnv(graph, base=base, max_attempts=attempts)
     game = _Game(terminal, env, out)
     if out is not None:
         names = env.graph.labels(env.discovery.base)
-        header = GameHeader("wordcraft-kg open-ended game 1", env.graph.name, env.graph.hash, names, env.max_attempts)
+        header = GameHeader("wordcraft-kg open-ended game 1", env.graph.name, env.graph.hash, names, attempts)
         game.go_back_to(open_game(out, header), out)
-    try:
+    with terminal.until_quit(lambda: "; ".join(game.tally())):
         game.play()
-    except Quit:
-        terminal.say("")
-    except KeyboardInterrupt:
-        terminal.say("")
-        raise KeyboardInterrupt(f"interrupted; {'; '.join(game.tally())}") from None
     output.result(game.view(), game.tally())
 
 
+def open_game(path: Path, header: GameHeader) -> list[GameMove]:
+    """Begin a game's file, or read the existing one to go on with it; a torn last line is dropped.
+
+    Raises:
+        ArtefactError: if the file is not of this kind or damaged.
+        GraphMismatchError: if it was played on another graph.
+        ConfigError: if it began with another base or number of attempts. The file is unchanged in all these cases.
+    """
+    if not path.exists():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_atomically(path, as_lines([header]))
+        return []
+    data = read_small_file(path)
+    sound = data[: data.rfind(b"\n") + 1]
+    first, _, rest = sound.partition(b"\n")
+    found = parse_record(first, GameHeader, f"{path}, line 1,")
+    if found.graph_hash != header.graph_hash:
+        raise GraphMismatchError(
+            f"'{path}' was played on graph {found.graph_hash[:12]}, and this is {header.graph_hash[:12]}."
+        )
+    for name in ("base", "attempts"):
+        began, wanted = getattr(found, name), getattr(header, name)
+        if began != wanted:
+            raise ConfigError(f"'{path}' began with `{name}` {began}, and this command has {wanted}.")
+    moves = parse_lines(rest, GameMove, f"{path} (after line 1)")
+    drop_torn_line(path, len(data) - len(sound))
+    return moves
+
+
+def productive_pair(graph: RecipeGraph, discovery: Discovery) -> tuple[int, int] | None:
+    """Return the first possible pair of known entities that makes something new."""
+    place = {entity: number for number, entity in enumerate(discovery.known)}
+    pairs = (
+        (a, b)
+        for (a, b), results in graph.outcomes.items()
+        if a in place and b in place and any(result not in place for result in results)
+    )
+    return min(pairs, key=lambda pair: sorted((place[pair[0]], place[pair[1]]), reverse=True), default=None)
+
+
 class _Game:
-    """A game: the environment, and what is counted for the tally."""
+    """A game: the environment, and the counts of the tally."""
 
     def __init__(self, terminal: Terminal, env: OpenEndedEnv, out: Path | None):
         env.reset()
@@ -62,12 +141,12 @@ class _Game:
 
     @property
     def known(self) -> tuple[str, ...]:
-        """What is known, in the order of discovery."""
+        """The known entities, in the order of discovery."""
         return self.env.graph.labels(self.env.discovery.known)
 
-    def combine(self, one: int, other: int) -> tuple[tuple[str, ...], bool]:
-        """Make an attempt; return what it made known, and whether the pair had been tried before."""
-        _, _, self.is_over, _, info = self.env.step([one, other])
+    def combine(self, one: str, other: str) -> tuple[tuple[str, ...], bool]:
+        """Make an attempt; return the new entities, and whether the pair had been tried before."""
+        _, _, self.is_over, _, info = self.env.step([*map(self.env.graph.id_of, (one, other))])
         self.attempted += 1
         self.fruitless += not info["new_entities"]
         self.repeated += info["repeated"]
@@ -82,8 +161,7 @@ class _Game:
             if move.is_hint:
                 self.hints += 1
             else:
-                one, other = map(self.env.graph.id_of, move.picks)
-                self.combine(one, other)
+                self.combine(*move.picks)
         if self.is_over:
             self.terminal.say(f"{path} is finished; nothing was changed.")
         elif moves:
@@ -99,9 +177,8 @@ class _Game:
             known = self.known
             left = self.env.max_attempts - self.attempted
             prompt = f"known: {len(known)}   attempts left: {left}   hand: {{}} > "
-            places = self.terminal.pick_two(prompt, known, answers)
-            one, other = (known[place] for place in places)
-            new, repeated = self.combine(*map(self.env.graph.id_of, (one, other)))
+            one, other = (known[place] for place in self.terminal.pick_two(prompt, known, answers))
+            new, repeated = self.combine(one, other)
             self._save(GameMove((one, other)))
             line = combined((one, other), new, "nothing new")
             self.terminal.say(self.terminal.styled(line, "good") if new else line + " (tried before)" * repeated)
@@ -119,7 +196,7 @@ class _Game:
 
     def _save(self, move: GameMove) -> None:
         if self.out is not None:
-            append_move(self.out, move)
+            append_record(self.out, move)
 
     def view(self) -> WorldPlayed:
         """Return the tally."""

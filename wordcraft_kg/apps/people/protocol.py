@@ -1,12 +1,14 @@
-"""The paper's protocol for people: the tasks that are posed, in their order, and what an answer is."""
+"""The paper's protocol for people: its tasks in their order, and the records of answers."""
 
 import copy
 from dataclasses import dataclass
-from typing import Any
+from typing import Literal
 
+import msgspec
 import numpy as np
 
 from wordcraft_kg.apps.people.config import MOST_TASKS, TASKS_PER_PART
+from wordcraft_kg.base.records import Hash, Record
 from wordcraft_kg.base.settings import whole
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.wordcraft import Observation, WordCraftEnv
@@ -14,7 +16,7 @@ from wordcraft_kg.envs.words import results_of, table_labels
 from wordcraft_kg.envs.world import GraphLike, World
 from wordcraft_kg.graphs.recipes import Recipe
 
-HUMAN_FORMAT = "wordcraft-kg human protocol 1"
+HUMAN_FORMAT: Literal["wordcraft-kg human protocol 1"] = "wordcraft-kg human protocol 1"
 HUMAN_PARTS = ("train", "test")
 """Parts in their order. The answer is shown after each train task, and after no test task."""
 Turn = tuple[str, int]
@@ -28,7 +30,7 @@ def schedule(tasks: int = TASKS_PER_PART) -> tuple[Turn, ...]:
 
 
 def episode_seed(seed: int, part: str, number: int) -> int:
-    """Return the seed of an episode, independent of those played before it.
+    """Return the seed of an episode, independent of the episodes before it.
 
     Raises:
         ConfigError: if the seed is negative.
@@ -37,9 +39,19 @@ def episode_seed(seed: int, part: str, number: int) -> int:
     return int(np.random.SeedSequence(seed, spawn_key=(_SEED_KEYS.index(part), number)).generate_state(1)[0])
 
 
-@dataclass(frozen=True)
-class Answer:
-    """A line of a session's file; it holds nothing about the person or the machine.
+class Header(Record):
+    """The first line of a session's file: the properties that comparable sessions share."""
+
+    format: Literal["wordcraft-kg human protocol 1"]
+    graph: str
+    graph_hash: Hash
+    split_hash: Hash
+    settings: dict[str, int | str]
+    seed: int
+
+
+class Answer(Record):
+    """A further line of a session's file; it holds nothing about the person or the machine.
 
     Attributes:
         part: ``train`` or ``test``.
@@ -56,21 +68,23 @@ class Answer:
     number: int
     goal: str
     table: tuple[str, ...]
-    picks: tuple[str, ...]
+    picks: tuple[str, str]
     made: tuple[str, ...]
     success: bool
     seconds: float
 
+    @property
+    def is_sound(self) -> bool:
+        """Whether its fields agree with each other."""
+        is_right = self.success == (self.goal in self.made)
+        return set(self.picks) <= set(self.table) and is_right and 0 <= self.seconds < float("inf")
+
 
 @dataclass(frozen=True)
 class PosedTask:
-    """A task as a person gets it.
+    """A task of a person, with ``part`` to ``table`` as in :class:`Answer`.
 
     Attributes:
-        part: ``train`` or ``test``.
-        number: number of the task in its part, from 1.
-        goal: entity to make.
-        table: entities on the table, slot by slot.
         plans: the recipes, each of which makes the goal.
         index: number of the task among those of its part, as agents know it.
     """
@@ -82,17 +96,21 @@ class PosedTask:
     plans: tuple[Recipe, ...]
     index: int
 
+    def is_of(self, answer: Answer) -> bool:
+        """Return whether an answer has this goal and table."""
+        return (self.goal, self.table) == (answer.goal, answer.table)
+
 
 class HumanProtocol:
     """The paper's protocol: 40 train tasks with their answers, then 40 test tasks; depth 1, one attempt each.
 
-    The tasks and tables are drawn as for agents, and depend on graph, split, number of distractors and seed only: with
-    fewer tasks a part, they are the first of those with more.
+    Tasks and tables are drawn as for agents, and depend on graph, split, number of distractors and seed only: those of
+    fewer tasks a part are the first of those of more.
 
     Attributes:
         seed: seed of tasks and tables.
         turns: part and number of each task, in their order.
-        header: what comparable sessions share; the first line of a session's file.
+        header: the first line of a session's file.
 
     Source: Jiang et al. 2020, human evaluation (one person with 1 distractor, another with 8).
     """
@@ -103,7 +121,7 @@ class HumanProtocol:
         """Prepare the environments of both parts.
 
         Args:
-            graph: the graph, or a world, with which this protocol shares what does not depend on the settings.
+            graph: the graph, or a world to share everything with that does not depend on the settings.
             num_distractors: entities on each table that the goal does not need.
             seed: seed of tasks and tables.
             tasks: tasks of each part, 1 to 1,000.
@@ -117,19 +135,14 @@ class HumanProtocol:
         self.turns = schedule(whole("tasks", tasks, 1, MOST_TASKS))
         self.world = World(graph, WordCraftConfig(num_distractors=num_distractors))
         self._envs = {part: WordCraftEnv(self.world.variant(part=part)) for part in HUMAN_PARTS}
-        self.header: dict[str, Any] = {
-            "format": HUMAN_FORMAT,
-            "graph": self.world.graph.name,
-            "graph_hash": self.world.graph.hash,
-            "split_hash": self.world.split.hash,
-            "settings": _settings(self.world.config, tasks),
-            "seed": seed,
-        }
+        settings = _settings(self.world.config, tasks)
+        graph_hash, split_hash = self.world.graph.hash, self.world.split.hash
+        self.header = Header(HUMAN_FORMAT, self.world.graph.name, graph_hash, split_hash, settings, seed)
 
     def with_seed(self, seed: int) -> "HumanProtocol":
         """Return the protocol with another seed; it shares the environments, so the two must not be used at once."""
         other = copy.copy(self)
-        other.seed, other.header = seed, self.header | {"seed": seed}
+        other.seed, other.header = seed, msgspec.structs.replace(self.header, seed=seed)
         return other
 
     def pose(self, part: str, number: int) -> tuple[WordCraftEnv, Observation]:
@@ -145,12 +158,12 @@ class HumanProtocol:
         return PosedTask(part, number, env.task.goal, table_labels(env, observation), plans, env.state.task)
 
     def answer(self, task: PosedTask, slots: tuple[int, int], seconds: float) -> Answer:
-        """Return the answer of somebody who picks two slots of a task, in so many seconds; rounded to hundredths."""
+        """Return the answer for two slots of a task and a time in seconds, which is rounded to hundredths."""
         picks = (task.table[slots[0]], task.table[slots[1]])
         made = results_of(self._envs[task.part], *picks)
         return Answer(task.part, task.number, task.goal, task.table, picks, made, task.goal in made, round(seconds, 2))
 
 
-def _settings(config: WordCraftConfig, tasks: int) -> dict[str, Any]:
+def _settings(config: WordCraftConfig, tasks: int) -> dict[str, int | str]:
     kept = ("depth", "num_distractors", "attempts", "distractor_weighting", "distractor_policy", "task_weighting")
     return {"tasks_per_part": tasks} | {name: getattr(config, name) for name in (*kept, "ambiguity")}

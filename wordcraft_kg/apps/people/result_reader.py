@@ -5,8 +5,7 @@ from pathlib import Path
 
 from wordcraft_kg.apps.people.protocol import HUMAN_FORMAT
 from wordcraft_kg.apps.people.session_file import read_session
-from wordcraft_kg.apps.people.study import STUDY_FILE
-from wordcraft_kg.apps.people.study_folder import read_study
+from wordcraft_kg.apps.people.study import STUDY_FILE, read_study
 from wordcraft_kg.apps.people.summary import view_people
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.evaluation.reference import Estimate, ReferenceRow, TaskPlay, figures_of
@@ -27,8 +26,8 @@ def _row(path: Path, opened: OpenedGraph, play: TaskPlay, columns: Sequence[int]
     sessions = read_study(path).sessions() if (path / STUDY_FILE).is_file() else (read_session(path),)
     view = view_people({path: sessions})
     header = sessions[0].header
-    check_hash(path, "graph", header["graph_hash"], opened.graph.hash)
-    check_hash(path, "split", header["split_hash"], opened.split.hash)
+    check_hash(path, "graph", header.graph_hash, opened.graph.hash)
+    check_hash(path, "split", header.split_hash, opened.split.hash)
     settings = view.settings
     check_tasks(path, TaskPlay(play.part, int(settings.get("depth", 1)), int(settings.get("attempts", 1))), play)
     found: dict[int, Estimate] = {}
@@ -60,4 +59,4 @@ def _row(path: Path, opened: OpenedGraph, play: TaskPlay, columns: Sequence[int]
     )
 
 
-READER = ResultReader("a folder of 'study serve', a file of 'play --protocol paper'", _knows, _rows)
+READER = ResultReader("a folder of 'people serve', a file of 'play --protocol paper'", _knows, _rows)

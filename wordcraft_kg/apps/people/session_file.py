@@ -1,51 +1,44 @@
 """The file of one person's answers: a header and a line for each answer, each on disk before the next task."""
 
-import json
 import logging
-import math
 import os
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from wordcraft_kg.apps.people.config import MOST_TASKS
-from wordcraft_kg.apps.people.protocol import HUMAN_FORMAT, Answer, HumanProtocol, schedule
+from wordcraft_kg.apps.people.protocol import HUMAN_FORMAT, Answer, Header, HumanProtocol, schedule
 from wordcraft_kg.base.artefacts import read_small_file, write_atomically
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError
+from wordcraft_kg.base.records import Record, as_lines, as_values, parse_record
 from wordcraft_kg.base.settings import MAX_SIZE
 
 TableKey = tuple[int, int, str, int]
-"""What a table follows from, beside graph and split: number of distractors, seed, part, number of the task."""
+"""The origin of a table in a graph and split: number of distractors, seed, part, number of the task."""
 
 
 @dataclass(frozen=True)
 class Session:
-    """What one person answered.
+    """The answers of one person.
 
     Attributes:
-        header: see :class:`HumanProtocol`.
+        header: the first line.
         answers: the answers so far, in the order of the protocol.
         torn: number of bytes after the last whole line, which a crash left.
     """
 
-    header: dict[str, Any]
+    header: Header
     answers: tuple[Answer, ...]
     torn: int = 0
 
     @property
-    def seed(self) -> int:
-        """Seed of tasks and tables."""
-        return int(self.header["seed"])
-
-    @property
     def tasks(self) -> int:
         """Number of tasks of each part."""
-        return int(self.header["settings"]["tasks_per_part"])
+        return int(self.header.settings["tasks_per_part"])
 
     @property
     def distractors(self) -> int:
         """Number of distractors on each table."""
-        return int(self.header["settings"]["num_distractors"])
+        return int(self.header.settings["num_distractors"])
 
     @property
     def is_finished(self) -> bool:
@@ -53,8 +46,8 @@ class Session:
         return len(self.answers) == len(schedule(self.tasks))
 
     def table_of(self, answer: Answer) -> TableKey:
-        """Return at which table an answer was given."""
-        return self.distractors, self.seed, answer.part, answer.number
+        """Return the origin of an answer's table."""
+        return self.distractors, self.header.seed, answer.part, answer.number
 
 
 def open_session(path: Path, protocol: HumanProtocol) -> Session:
@@ -67,27 +60,36 @@ def open_session(path: Path, protocol: HumanProtocol) -> Session:
     """
     if not path.exists():
         path.parent.mkdir(parents=True, exist_ok=True)
-        write_atomically(path, _line(protocol.header))
+        write_atomically(path, as_lines([protocol.header])[0])
         return Session(protocol.header, ())
     session = read_session(path)
     check_alike(path, session.header, "this command", protocol.header)
     for line, answer in enumerate(session.answers, start=2):
-        task = protocol.task(answer.part, answer.number)
-        if (answer.goal, answer.table) != (task.goal, task.table):
+        if not protocol.task(answer.part, answer.number).is_of(answer):
             raise ArtefactError(f"{path}, line {line}: this version poses another task there. Nothing was changed.")
-    if session.torn:
-        logging.getLogger(__name__).warning("%s ended in a torn line, which was dropped; its task is asked again", path)
-        os.truncate(path, path.stat().st_size - session.torn)
+    drop_torn_line(path, session.torn)
     return replace(session, torn=0)
 
 
 def append_answer(path: Path, session: Session, answer: Answer) -> Session:
     """Add an answer to a session and its file; it is on disk when this returns."""
+    append_record(path, answer)
+    return replace(session, answers=(*session.answers, answer))
+
+
+def append_record(path: Path, record: Record) -> None:
+    """Add a line to a file; it is on disk when this returns."""
     with path.open("ab") as file:
-        file.write(_line(asdict(answer)).encode())
+        file.write(as_lines([record])[0].encode())
         file.flush()
         os.fsync(file.fileno())
-    return replace(session, answers=(*session.answers, answer))
+
+
+def drop_torn_line(path: Path, torn: int) -> None:
+    """Cut so many bytes of a torn last line from a file, with a warning."""
+    if torn:
+        logging.getLogger(__name__).warning("%s ended in a torn line, which was dropped.", path)
+        os.truncate(path, path.stat().st_size - torn)
 
 
 def read_session(path: Path) -> Session:
@@ -98,76 +100,42 @@ def read_session(path: Path) -> Session:
     """
     if not path.is_file():
         raise ArtefactError(f"'{path}' is not a file; expected one that `wordcraft-kg play --protocol paper` wrote.")
-    *lines, rest = read_small_file(path).split(b"\n")
-    header = _json(lines[0]) if lines else None
-    if not isinstance(header, dict) or header.get("format") != HUMAN_FORMAT:
+    first, *lines = read_small_file(path).split(b"\n")
+    if HUMAN_FORMAT.encode() not in first or not lines:
         raise ArtefactError(
             f"'{path}' is not a file of the human protocol of this version ({HUMAN_FORMAT}). Nothing was changed."
         )
-    kinds = {"graph": str, "graph_hash": str, "split_hash": str, "settings": dict, "seed": int}
-    wrong = [name for name, kind in kinds.items() if not isinstance(header.get(name), kind)]
-    if wrong:
-        raise ArtefactError(f"{path}, line 1 is damaged: '{wrong[0]}' is missing or has another type.")
-    for name, least, most in (("tasks_per_part", 1, MOST_TASKS), ("num_distractors", 0, MAX_SIZE)):
-        value = header["settings"].get(name)
-        if type(value) is not int or not least <= value <= most:
-            raise ArtefactError(f"{path}, line 1 is damaged: '{name}' is not a whole number, {least} to {most:,}.")
-    turns = schedule(header["settings"]["tasks_per_part"])
-    if len(lines) - 1 > len(turns):
-        raise ArtefactError(f"{path} is damaged: it has {len(lines) - 1} answers, but a session has {len(turns)}.")
+    header = parse_record(first, Header, f"{path}, line 1")
+    check_number(header.settings, "tasks_per_part", 1, MOST_TASKS, f"{path}, line 1")
+    check_number(header.settings, "num_distractors", 0, MAX_SIZE, f"{path}, line 1")
+    turns = schedule(int(header.settings["tasks_per_part"]))
+    *lines, rest = lines
+    if len(lines) > len(turns):
+        raise ArtefactError(f"{path} is damaged: it has {len(lines)} answers, but a session has {len(turns)}.")
     answers = []
-    for line, (text, turn) in enumerate(zip(lines[1:], turns, strict=False), start=2):
-        answer = _answer(_json(text))
-        if answer is None or (answer.part, answer.number) != turn:
-            raise ArtefactError(f"{path}, line {line} is damaged: it is not an answer to {turn[0]} task {turn[1]}.")
+    for line, (text, (part, number)) in enumerate(zip(lines, turns, strict=False), start=2):
+        answer = parse_record(text, Answer, f"{path}, line {line}")
+        if not answer.is_sound or (answer.part, answer.number) != (part, number):
+            raise ArtefactError(f"{path}, line {line} is damaged: it is not an answer to {part} task {number}.")
         answers.append(answer)
     return Session(header, tuple(answers), len(rest))
 
 
-def _line(value: dict[str, Any]) -> str:
-    return json.dumps(value, ensure_ascii=False, allow_nan=False) + "\n"
+def check_number(settings: dict[str, int | str], name: str, least: int, most: int, where: str) -> None:
+    """Refuse recorded settings without a whole number of this name in its range."""
+    value = settings.get(name)
+    if not isinstance(value, int) or not least <= value <= most:
+        raise ArtefactError(f"{where} is damaged: '{name}' is not a whole number, {least} to {most:,}.")
 
 
-def _json(line: bytes) -> Any:
-    try:
-        return json.loads(line)
-    except (ValueError, RecursionError):
-        return None
-
-
-_KINDS = dict(
-    zip((entry.name for entry in fields(Answer)), (str, int, str, list, list, list, bool, float), strict=True)
-)
-
-
-def _answer(value: Any) -> Answer | None:
-    """Return the answer that a line holds, or None if it is not one."""
-    if not isinstance(value, dict) or {name: type(entry) for name, entry in value.items()} != _KINDS:
-        return None
-    lists = {name: tuple(entry) for name, entry in value.items() if isinstance(entry, list)}
-    answer = Answer(**(value | lists))
-    return answer if is_sound(answer) else None
-
-
-def is_sound(answer: Answer) -> bool:
-    """Return whether an answer's fields, which have the right types, agree with each other."""
-    return (
-        all(isinstance(label, str) for labels in (answer.table, answer.picks, answer.made) for label in labels)
-        and len(answer.picks) == 2
-        and set(answer.picks) <= set(answer.table)
-        and answer.success == (answer.goal in answer.made)
-        and 0 <= answer.seconds < math.inf
-    )
-
-
-def check_alike(path: Path, header: dict[str, Any], other: str, reference: dict[str, Any]) -> None:
+def check_alike(path: Path, header: Header, other: str, reference: Header) -> None:
     """Check that a header differs from the reference in nothing but the graph's name.
 
     Raises:
         GraphMismatchError: if the graph or split is another.
         ConfigError: naming the setting that is another.
     """
-    have, want = ({**entry, **entry["settings"]} for entry in (header, reference))
+    have, want = ({**entry, **entry["settings"]} for entry in map(as_values, (header, reference)))
     for name in want | have:
         if name in ("graph", "settings") or have.get(name) == want.get(name):
             continue

@@ -1,8 +1,9 @@
-"""How often people made the goal in the paper's protocol, and what agents do at the same tables."""
+"""People's rates of right answers in the paper's protocol, and those of agents at the same tables."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,13 +15,13 @@ from wordcraft_kg.base.statistics import bootstrap, interval, wilson_interval
 
 
 class BesideRate(Record):
-    """An agent at the tables that people had, once for each answer that somebody gave there.
+    """An agent at the tables of people, once for each answer.
 
     Attributes:
         successes: answers at whose table the agent makes the goal.
         rate: their share.
         tables: number of different tables.
-        interval: 95 % interval of the rate, by bootstrap over tables, or, if all came out alike, Wilson's; None for a
+        interval: 95 % interval of the rate by bootstrap over tables; Wilson's if all have the same result; None for a
             single table.
     """
 
@@ -35,13 +36,13 @@ class AnswerRate(Record):
 
     Attributes:
         answered: number of answers.
-        successes: how many of them are right.
+        successes: number of right answers.
         rate: their share; None without answers.
-        interval: its 95 % Wilson interval, which takes all answers for independent: right for these people only.
+        interval: its 95 % Wilson interval with independent answers: for these people only.
         people: number of people who gave them.
-        people_interval: its 95 % interval by bootstrap over people, who differ, or, if all answers are alike, Wilson's
-            with people for answers; None for a single person.
-        agents: at the same tables, by name.
+        people_interval: its 95 % interval by bootstrap over people; Wilson's with people for answers if all are alike;
+            None for a single person.
+        agents: agents at the same tables, by name.
     """
 
     answered: Count
@@ -66,7 +67,7 @@ class HumanSummary(Record):
     """Sessions of one graph, split and settings, by number of distractors.
 
     Attributes:
-        settings: what they have in common.
+        settings: the common settings.
     """
 
     graph: str
@@ -81,7 +82,7 @@ class ExportedAnswers(Record):
     """A file of answers, one a line.
 
     Attributes:
-        people: how many have begun.
+        people: number of people who have begun.
         answers: number of lines.
     """
 
@@ -96,15 +97,15 @@ def view_people(
     """Return the rates of right answers over sessions with equal graph, split and settings.
 
     Args:
-        sources: sessions by the file or folder that they are from.
-        beside: by name of an agent, whether it makes the goal at each table.
+        sources: sessions by their file or folder.
+        beside: whether an agent makes the goal at each table, by its name.
 
     Raises:
         ArtefactError: if a file ends in a torn line, or two have the same answers.
         GraphMismatchError: if the graphs or splits differ.
         ConfigError: if other settings than the number of distractors differ, or there is no session.
     """
-    check_sources(sources)
+    _check_sources(sources)
     sessions = [session for found in sources.values() for session in found]
     header = sessions[0].header
     amounts = sorted({session.distractors for session in sessions})
@@ -113,16 +114,16 @@ def view_people(
         for amount in amounts
     )
     return HumanSummary(
-        graph=header["graph"],
-        graph_hash=header["graph_hash"],
-        settings={name: value for name, value in header["settings"].items() if name != "num_distractors"},
+        graph=header.graph,
+        graph_hash=header.graph_hash,
+        settings={name: value for name, value in header.settings.items() if name != "num_distractors"},
         sessions=len(sessions),
         finished=sum(session.is_finished for session in sessions),
         conditions=conditions,
     )
 
 
-def check_sources(sources: Mapping[Path, Sequence[Session]]) -> None:
+def _check_sources(sources: Mapping[Path, Sequence[Session]]) -> None:
     """Check that sessions can be summed up; see :func:`view_people`."""
     reference: tuple[Path, Session] | None = None
     seen: dict[tuple[tuple[Answer, ...], ...], Path] = {}
@@ -131,9 +132,8 @@ def check_sources(sources: Mapping[Path, Sequence[Session]]) -> None:
             if session.torn:
                 raise ArtefactError(f"{path} ends in a torn line; continue its session, which asks that task again.")
             reference = reference or (path, session)
-            like = reference[1].header
-            own = {"num_distractors": session.distractors}
-            like = like | {"seed": session.header["seed"], "settings": like["settings"] | own}
+            settings = reference[1].header.settings | {"num_distractors": session.distractors}
+            like = msgspec.structs.replace(reference[1].header, seed=session.header.seed, settings=settings)
             check_alike(path, session.header, f"'{reference[0]}'", like)
         answers = tuple(session.answers for session in sessions)
         if answers in seen:
@@ -182,7 +182,7 @@ def _beside(made: Sequence[bool], keys: Sequence[TableKey]) -> BesideRate:
 def _over(right: NDArray[np.float64], clusters: NDArray[np.int64]) -> tuple[float, float] | None:
     """Return the interval of a mean over people or tables, None if there is only one of them.
 
-    Where all are right or all wrong, each resample is the same, and its interval would be a point; Wilson's is not.
+    If all are right or all wrong, each resample is the same and the bootstrap's interval is a point; Wilson's is not.
     """
     amount = len(set(clusters.tolist()))
     if amount < 2:

@@ -1,9 +1,10 @@
-"""A game in a terminal: what is shown, what is typed, and colours where they are wanted."""
+"""A game in a terminal: lines of text, typed picks, and colours."""
 
 import io
 import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Literal, TextIO
 
@@ -13,7 +14,7 @@ from wordcraft_kg.base.labels import read_label
 WIDTH = 80  # columns
 UNDO = ("u", "undo")
 Answers = Mapping[str, Callable[[], Iterable[str]]]
-"""Lines to show by what is typed for them."""
+"""Lines to show, by the typed command."""
 STYLES = {"bold": "1", "good": "32", "bad": "31"}
 """ANSI's codes."""
 
@@ -24,7 +25,7 @@ class Quit(Exception):
 
 @dataclass(frozen=True)
 class Terminal:
-    """Shows the game, and reads what is typed on stdin."""
+    """Shows the game on a stream, and reads stdin."""
 
     stream: TextIO
 
@@ -38,12 +39,23 @@ class Terminal:
             print(line, file=self.stream, flush=True)
 
     def styled(self, text: str, style: Literal["bold", "good", "bad"]) -> str:
-        """Return a text in a style on a terminal, and as it is elsewhere or where NO_COLOR is set."""
+        """Return a text in a style on a terminal, and unchanged elsewhere or if NO_COLOR is set."""
         plain = not self.stream.isatty() or os.environ.get("NO_COLOR") or os.environ.get("TERM") == "dumb"
         return text if plain else f"\x1b[{STYLES[style]}m{text}\x1b[0m"
 
+    @contextmanager
+    def until_quit(self, tally: Callable[[], str]) -> Iterator[None]:
+        """Let a game end by :class:`Quit`; Ctrl-C adds the tally to the interruption."""
+        try:
+            yield
+        except Quit:
+            self.say("")
+        except KeyboardInterrupt:
+            self.say("")
+            raise KeyboardInterrupt(f"interrupted; {tally()}") from None
+
     def ask(self, prompt: str) -> str:
-        """Return a line that was typed.
+        """Return a typed line.
 
         Raises:
             Quit: for ``q`` and at the end of the input.
@@ -57,7 +69,7 @@ class Terminal:
         return line.strip()
 
     def pick(self, prompt: str, table: Sequence[str], answers: Answers) -> int | None:
-        """Return the place in ``table`` that the player picks, asking until it is one; None to put a pick back."""
+        """Return the picked place in ``table``, asking until it is one; None to put a pick back."""
         while True:
             typed = self.ask(prompt)
             if typed.casefold() in UNDO:
@@ -74,8 +86,8 @@ class Terminal:
         """Return the places in ``table`` of an attempt's two picks; the first can be put back.
 
         Args:
-            prompt: text with ``{}`` for what is in the hand.
-            table: what can be picked.
+            prompt: text with ``{}`` for the held entity.
+            table: the labels to pick from.
             answers: further commands.
         """
         while True:

@@ -1,9 +1,12 @@
-"""A study as a web application: consent, tasks, answers. Where a person is follows from their answers alone.
+"""A study as a web application: consent, tasks, answers. A person's place follows from their answers alone.
 
-Whatever is sent twice, late or again after a lost connection leads to the page that is next, and never to a second
-answer. Nothing of a request but the code and the picks is looked at, and no cookie is set.
+A form that is sent twice, late or again after a lost connection leads to the next page, and never to a second answer.
+Only the code and the picks of a request are used, and no cookie is set.
 """
 
+import hashlib
+import re
+import secrets
 import time
 from collections.abc import Awaitable, Callable, Collection, Mapping
 from importlib.resources import files
@@ -17,7 +20,6 @@ from starlette.routing import Route, Router
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from wordcraft_kg.apps.people.answers_database import AnswersDatabase, Participant
-from wordcraft_kg.apps.people.codes import code_hash, new_code, read_code
 from wordcraft_kg.apps.people.protocol import Answer, PosedTask
 from wordcraft_kg.apps.people.study import Study
 from wordcraft_kg.apps.web.guard import guarded
@@ -26,7 +28,11 @@ from wordcraft_kg.reports.pages import make_environment
 
 FILES = {"study.css": "text/css", "study.js": "text/javascript"}
 PRIVATE = {"Cache-Control": "no-store"}
-"""For every page: no browser keeps what the next person at the same machine could come back to."""
+"""For every page: the next person at the same machine must not come back to it."""
+ALPHABET = "23456789abcdefghjkmnpqrstuvwxyz"
+"""Of codes: without 0 and o, 1, l and i, which look alike."""
+LENGTH, GROUP = 12, 4
+"""Characters of a code, of about 59 bits, and of its groups."""
 Reply = Callable[[Request], Awaitable[Response]]
 
 
@@ -64,6 +70,33 @@ def make_study_app(
     ]
     router = Router(routes, redirect_slashes=False, default=server.not_found)
     return guarded(router, host, more_hosts, server.error, methods=("GET", "HEAD", "POST"))
+
+
+# --- codes with which people come back: random, easy to type, and never stored --------------------------------------
+
+
+def new_code() -> str:
+    """Return a random code, such as ``k7qm-2xwd-9hrt``."""
+    return _grouped("".join(secrets.choice(ALPHABET) for _ in range(LENGTH)))
+
+
+def read_code(typed: str) -> str | None:
+    """Return a typed code, with any capitals, blanks and dashes; None if it is none."""
+    letters = re.sub(r"[\s\-–—._]", "", typed[:100]).lower()
+    is_code = len(letters) == LENGTH and set(letters) <= set(ALPHABET)
+    return _grouped(letters) if is_code else None
+
+
+def code_hash(code: str) -> str:
+    """Return the hash that is stored instead of a code."""
+    return hashlib.sha256(code.encode()).hexdigest()
+
+
+def _grouped(letters: str) -> str:
+    return "-".join(letters[start : start + GROUP] for start in range(0, LENGTH, GROUP))
+
+
+# --- the pages -------------------------------------------------------------------------------------------------------
 
 
 class _Server:

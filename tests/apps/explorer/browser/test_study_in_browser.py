@@ -3,15 +3,15 @@
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from tests.apps.explorer.browser.conftest import served
+from tests.apps.people.stored import lines_of
 from wordcraft_kg.apps.people.config import StudyConfig
-from wordcraft_kg.apps.people.keeping import kept_answers
-from wordcraft_kg.apps.people.study import Study
-from wordcraft_kg.apps.people.study_folder import AnswerLine, read_study
+from wordcraft_kg.apps.people.study import Study, kept_answers
 from wordcraft_kg.apps.people.web_app import make_study_app
 from wordcraft_kg.graphs import RecipeGraph
 
@@ -25,8 +25,8 @@ class Served:
     address: str
     folder: Path
 
-    def lines(self) -> list[AnswerLine]:
-        return list(read_study(self.folder).lines())
+    def lines(self) -> list[SimpleNamespace]:
+        return lines_of(self.folder)
 
 
 @pytest.fixture

@@ -3,23 +3,21 @@
 import secrets
 import sys
 import time
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 
-from wordcraft_kg.apps.people.terminal import Answers, Quit, Terminal, cells
+from wordcraft_kg.apps.people.terminal import Answers, Terminal, cells
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.settings import MAX_SIZE, whole
 from wordcraft_kg.cli.console import Flag, Output, split_labels
 from wordcraft_kg.cli.options import Book
-from wordcraft_kg.envs.config import WordCraftConfig
+from wordcraft_kg.envs.config import MAX_ATTEMPTS, WordCraftConfig
 from wordcraft_kg.graphs.tasks import TaskPart
 
 if TYPE_CHECKING:
-    from wordcraft_kg.apps.people.play_view import TasksPlayed
     from wordcraft_kg.apps.people.session_file import Session
     from wordcraft_kg.envs.wordcraft import Observation, WordCraftEnv
     from wordcraft_kg.graphs.recipes import Recipe
@@ -80,52 +78,32 @@ def play(
 
         if protocol is not None or not is_untouched:
             raise ConfigError("--open-ended has no tasks; of the options, it takes attempts, base and out.")
-        labels = split_labels(base) if base else None
-        play_open_world(terminal, graph, labels, attempts, out, output)
-        return
-    if base:
+        play_open_world(terminal, graph, split_labels(base) if base else None, attempts, out, output)
+    elif base:
         raise ConfigError(f"--base {','.join(base)}: tasks have no base; add --open-ended.")
-    if protocol is None:
+    elif protocol is None:
         if out is not None:
             raise ConfigError(f"--out {out}: only a protocol or an open-ended game is saved; add --protocol paper.")
-        _play_tasks(terminal, graph, depth, distractors, part, attempts, seed, episodes, output)
-        return
-    if out is None:
+        settings = {"part": part, "depth": depth, "num_distractors": distractors, "max_attempts": attempts}
+        _play_tasks(terminal, graph, settings, seed, episodes, output)
+    elif out is None:
         raise ConfigError("--protocol paper: name a file for the answers, such as --out human.jsonl.")
-    if (depth, part, attempts in (None, 1), episodes) != (1, "all", True, 0):
+    elif (depth, part, attempts in (None, 1), episodes) != (1, "all", True, 0):
         raise ConfigError("--protocol paper fixes depth, part, attempts and episodes; leave these options out.")
-    session = _play_protocol(terminal, graph, distractors, seed, out)
-    output.result(*_protocol_result(session, out))
+    else:
+        session = _play_protocol(terminal, graph, distractors, seed, out)
+        output.result(*_protocol_result(session, out))
 
 
-@dataclass(frozen=True)
-class Attempt:
-    """Two picks and their results."""
-
-    table: tuple[str, ...]
-    picks: tuple[str, str]
-    made: tuple[str, ...]
-    seconds: float
-    observation: "Observation"
-    outcome: str
-
-
-def _attempt(terminal: Terminal, env: "WordCraftEnv", observation: "Observation") -> Attempt:
-    """Show the table, ask for two picks and carry them out."""
-    from wordcraft_kg.envs.words import results_of, table_labels
-
-    table = table_labels(env, observation)
+def _pick(terminal: Terminal, table: Sequence[str], left: int) -> tuple[tuple[int, int], float]:
+    """Show a table and ask for two picks; return their slots and the time in seconds."""
     terminal.say(*cells(table))
     began = time.monotonic()
-    one, other = terminal.pick_two(f"hand: {{}}   attempts left: {observation['attempts_left']} > ", table, ANSWERS)
-    seconds = time.monotonic() - began
-    env.step(one)
-    observation, _, _, _, info = env.step(other)
-    picks = (table[one], table[other])
-    return Attempt(table, picks, results_of(env, *picks), seconds, observation, info["outcome"])
+    slots = terminal.pick_two(f"hand: {{}}   attempts left: {left} > ", table, ANSWERS)
+    return slots, time.monotonic() - began
 
 
-def _recipes(recipes: Iterable["Recipe"]) -> str:
+def _recipes(recipes: "Iterable[Recipe]") -> str:
     return "; ".join(f"{a} + {b} -> {result}" for a, b, result in recipes)
 
 
@@ -133,63 +111,56 @@ def _recipes(recipes: Iterable["Recipe"]) -> str:
 
 
 def _play_tasks(
-    terminal: Terminal,
-    graph: str,
-    depth: int,
-    distractors: int,
-    part: TaskPart,
-    attempts: int | None,
-    seed: int | None,
-    episodes: int,
-    output: Output,
+    terminal: Terminal, graph: str, settings: dict[str, Any], seed: int | None, episodes: int, output: Output
 ) -> None:
-    from wordcraft_kg.apps.people.play_view import TasksPlayed
     from wordcraft_kg.apps.people.protocol import episode_seed
-    from wordcraft_kg.envs.config import MAX_ATTEMPTS
     from wordcraft_kg.envs.wordcraft import WordCraftEnv
 
     whole("episodes", episodes, 0, MAX_SIZE)
-    if attempts is not None:
-        whole("attempts", attempts, depth, MAX_ATTEMPTS)
-    if seed is None:
-        seed = secrets.randbelow(1_000_000)
-    env = WordCraftEnv(graph, part=part, depth=depth, num_distractors=distractors, max_attempts=attempts)
+    if settings["max_attempts"] is not None:
+        whole("attempts", settings["max_attempts"], settings["depth"], MAX_ATTEMPTS)
+    seed = secrets.randbelow(1_000_000) if seed is None else seed
+    env = WordCraftEnv(graph, **settings)
     played = successes = 0
 
-    def view() -> TasksPlayed:
-        name = env.world.graph.name
-        return TasksPlayed(name, depth, distractors, part, env.config.attempts, seed, played, successes)
+    def tally() -> str:
+        return f"goals made: {successes} of {played}   the same tasks again: --seed {seed}"
 
-    try:
+    with terminal.until_quit(tally):
         while not episodes or played < episodes:
-            observation, _ = env.reset(seed=episode_seed(seed, part, played + 1))
+            observation, _ = env.reset(seed=episode_seed(seed, env.config.part, played + 1))
             number = f"{played + 1} of {episodes}" if episodes else f"{played + 1}"
             so_far = f"   (made {successes} of {played})" if played else ""
             goal = terminal.styled(env.task.goal, "bold")
             terminal.say("" if played else f"{HELP}\n", f"{number}. Make: {goal}{so_far}")
             successes += _play_task(terminal, env, observation)
             played += 1
-    except Quit:
-        terminal.say("")
-    except KeyboardInterrupt:
-        terminal.say("")
-        raise KeyboardInterrupt(f"interrupted; {_tally(view())}") from None
-    output.result(view(), [_tally(view())])
-
-
-def _tally(view: "TasksPlayed") -> str:
-    return f"goals made: {view.successes} of {view.episodes}   the same tasks again: --seed {view.seed}"
+    config = env.config
+    values = {
+        "graph": env.world.graph.name,
+        "depth": config.depth,
+        "distractors": config.num_distractors,
+        "part": config.part,
+        "attempts": config.attempts,
+        "seed": seed,
+        "episodes": played,
+        "successes": successes,
+    }
+    output.result(values, [tally()])
 
 
 def _play_task(terminal: Terminal, env: "WordCraftEnv", observation: "Observation") -> bool:
     """Play an episode to its end, show the outcome, and return whether the goal was made."""
-    from wordcraft_kg.envs.words import combined
+    from wordcraft_kg.envs.words import combined, results_of, table_labels
 
     outcome = "in_progress"
     while outcome == "in_progress":
-        attempt = _attempt(terminal, env, observation)
-        observation, outcome = attempt.observation, attempt.outcome
-        terminal.say(combined(attempt.picks, attempt.made))
+        table = table_labels(env, observation)
+        (one, other), _ = _pick(terminal, table, int(observation["attempts_left"]))
+        env.step(one)
+        observation, _, _, _, info = env.step(other)
+        outcome, picks = info["outcome"], (table[one], table[other])
+        terminal.say(combined(picks, results_of(env, *picks)))
     goal, plans = env.task.goal, env.task.plans
     made = outcome == "goal"
     verdict = f"You made {goal}." if made else f"No attempt is left; {goal} was not made."
@@ -204,13 +175,12 @@ def _play_task(terminal: Terminal, env: "WordCraftEnv", observation: "Observatio
 
 
 def _play_protocol(terminal: Terminal, graph: str, distractors: int, seed: int | None, out: Path) -> "Session":
-    from wordcraft_kg.apps.people.config import TASKS_PER_PART
-    from wordcraft_kg.apps.people.protocol import Answer, HumanProtocol
+    from wordcraft_kg.apps.people.protocol import HumanProtocol
     from wordcraft_kg.apps.people.session_file import append_answer, open_session, read_session
     from wordcraft_kg.envs.words import combined
 
     if seed is None:
-        seed = read_session(out).seed if out.exists() else 0
+        seed = read_session(out).header.seed if out.exists() else 0
     protocol = HumanProtocol(graph, distractors, seed)
     session = open_session(out, protocol)
     if session.is_finished:
@@ -219,37 +189,28 @@ def _play_protocol(terminal: Terminal, graph: str, distractors: int, seed: int |
     terminal.say(INTRODUCTION, HELP)
     if session.answers:
         terminal.say(f"Continuing after {len(session.answers)} answers.")
-    try:
+    with terminal.until_quit(lambda: f"{len(session.answers)} answers are in {out}, the same command continues"):
         for part, number in protocol.turns[len(session.answers) :]:
-            env, observation = protocol.pose(part, number)
-            goal, plans = env.task.goal, env.task.plans
+            task = protocol.task(part, number)
             if (part, number) == ("test", 1):
                 terminal.say("", "The test begins; no answers are shown from here on.")
-            terminal.say("", f"{part} {number} of {TASKS_PER_PART}. Make: {terminal.styled(goal, 'bold')}")
-            done = _attempt(terminal, env, observation)
-            is_made = done.outcome == "goal"
-            answer = Answer(part, number, goal, done.table, done.picks, done.made, is_made, round(done.seconds, 2))
+            terminal.say("", f"{part} {number} of {session.tasks}. Make: {terminal.styled(task.goal, 'bold')}")
+            answer = protocol.answer(task, *_pick(terminal, task.table, 1))
             session = append_answer(out, session, answer)
             if part == "train":
-                verdict = terminal.styled("right", "good") if is_made else terminal.styled("wrong", "bad")
-                terminal.say(f"{verdict}: {combined(done.picks, done.made)}", f"answer: {_recipes(plans[0])}")
-    except Quit:
-        terminal.say("")
-    except KeyboardInterrupt:
-        terminal.say("")
-        kept = f"interrupted; {len(session.answers)} answers are in {out}, the same command continues"
-        raise KeyboardInterrupt(kept) from None
+                verdict = terminal.styled("right", "good") if answer.success else terminal.styled("wrong", "bad")
+                line = f"{verdict}: {combined(answer.picks, answer.made)}"
+                terminal.say(line, f"answer: {_recipes(task.plans[:1])}")
     return session
 
 
 def _protocol_result(session: "Session", out: Path) -> tuple[dict[str, Any], list[str]]:
-    from wordcraft_kg.apps.people.config import TASKS_PER_PART
     from wordcraft_kg.apps.people.protocol import HUMAN_PARTS
 
-    answered, finished, tasks = len(session.answers), session.is_finished, len(HUMAN_PARTS) * TASKS_PER_PART
+    answered, finished, tasks = len(session.answers), session.is_finished, len(HUMAN_PARTS) * session.tasks
     values = {"out": str(out), "answered": answered, "tasks": tasks, "finished": finished}
     if not finished:  # the number of right test answers is shown at the end only
         return values, [f"answered {answered} of {tasks}; the same command continues {out}"]
     right = {part: sum(answer.success for answer in session.answers if answer.part == part) for part in HUMAN_PARTS}
-    shown = ", ".join(f"{part} {count} of {TASKS_PER_PART}" for part, count in right.items())
-    return values | {"successes": right}, [f"right: {shown}   next: wordcraft-kg human-summary {out}"]
+    shown = ", ".join(f"{part} {count} of {session.tasks}" for part, count in right.items())
+    return values | {"successes": right}, [f"right: {shown}   next: wordcraft-kg people summary {out}"]

@@ -1,4 +1,4 @@
-"""``wordcraft-kg study serve``."""
+"""``wordcraft-kg people serve``."""
 
 import sys
 from pathlib import Path
@@ -15,14 +15,14 @@ if TYPE_CHECKING:
     from wordcraft_kg.apps.people.answers_database import Stored
 
 GROUP = "Tasks and play"
-SUBJECT = "Let people take the paper's test in the browser, and export their answers: serve, export."
+SUBJECT = "Let people take the paper's test in the browser, and compare them with agents: serve, summary."
 EXAMPLES = (
-    "wordcraft-kg study serve everyday --tasks 20 --out study",
-    "wordcraft-kg study serve kitchen --distractors 1,8 --forms 10 --out study",
+    "wordcraft-kg people serve everyday --tasks 20 --out study",
+    "wordcraft-kg people serve kitchen --distractors 1,8 --forms 10 --out study",
 )
 
 
-def study_serve(
+def people_serve(
     graph: Book,
     *,
     out: Path,
@@ -57,11 +57,10 @@ def study_serve(
             proxy; several by several options.
         no_browser: do not open the browser.
     """
-    from wordcraft_kg.apps.people.study import Study
+    from wordcraft_kg.apps.people.study import Study, kept_answers
     from wordcraft_kg.base.extras import check_extra
 
     check_extra("explore")
-    from wordcraft_kg.apps.people.keeping import kept_answers
     from wordcraft_kg.apps.people.web_app import make_study_app
     from wordcraft_kg.apps.web.serving import Serving, listen, open_browser, serve
 

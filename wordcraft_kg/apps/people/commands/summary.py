@@ -1,4 +1,4 @@
-"""``wordcraft-kg human-summary``."""
+"""``wordcraft-kg people summary``."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -7,17 +7,18 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.cli.console import Output, aligned
+from wordcraft_kg.cli.console import Flag, Output, aligned
 
 if TYPE_CHECKING:
     from wordcraft_kg.apps.people.session_file import Session, TableKey
-    from wordcraft_kg.apps.people.summary import AnswerRate, HumanSummary
+    from wordcraft_kg.apps.people.summary import AnswerRate, ExportedAnswers, HumanSummary
 
 GROUP = "Tasks and play"
 EXAMPLES = (
-    "wordcraft-kg human-summary human.jsonl",
-    "wordcraft-kg human-summary one.jsonl two.jsonl --json",
-    "wordcraft-kg human-summary study --run runs/recipes",
+    "wordcraft-kg people summary human.jsonl",
+    "wordcraft-kg people summary one.jsonl two.jsonl --json",
+    "wordcraft-kg people summary study --run runs/recipes",
+    "wordcraft-kg people summary study --export answers.jsonl",
 )
 NOTE = (
     "Intervals of 95 %: of the rates by Wilson, as if all answers were independent;",
@@ -25,26 +26,51 @@ NOTE = (
 )
 
 
-def human_summary(
+def people_summary(
     *sessions: Path,
     run: Annotated[list[Path] | None, Parameter(negative=(), consume_multiple=False)] = None,
+    export: Path | None = None,
+    force: Flag = False,
     output: Output = Output(),
 ) -> None:
     """Show how often people made the goal in the paper's protocol, with 95% intervals, and agents beside them.
 
     Args:
-        sessions: folders of `study serve`, and files of `play --protocol paper`, with the same graph and split.
+        sessions: folders of `people serve`, and files of `play --protocol paper`, with the same graph and split.
         run: run folder of an agent, which is asked at exactly the tables that people had. May be given several times.
+        export: instead, write the answers of one folder into this file as JSON lines; it may be served meanwhile.
+        force: replace that file if it exists.
     """
     from wordcraft_kg.apps.people.session_file import read_session
-    from wordcraft_kg.apps.people.study_folder import read_study
+    from wordcraft_kg.apps.people.study import read_study
     from wordcraft_kg.apps.people.summary import view_people
 
+    if export is not None:
+        if run or len(sessions) != 1:
+            raise ConfigError("--export takes one folder of `people serve`, and no --run.")
+        output.result(*_exported(sessions[0], export, force))
+        return
+    if force:
+        raise ConfigError("--force replaces what --export wrote; name a file with --export.")
     found = {path: read_study(path).sessions() if path.is_dir() else (read_session(path),) for path in sessions}
     if len(found) < len(sessions):
         raise ConfigError("a file is given twice; give each once.")
     view = view_people(found, _beside(run or [], [session for group in found.values() for session in group]))
     output.result(view, _text(view))
+
+
+def _exported(folder: Path, out: Path, force: bool) -> tuple["ExportedAnswers", list[str]]:
+    from wordcraft_kg.apps.people.study import read_study
+    from wordcraft_kg.apps.people.summary import ExportedAnswers
+    from wordcraft_kg.base.artefacts import staged_file
+    from wordcraft_kg.base.records import as_lines
+
+    study = read_study(folder)
+    lines = as_lines(study.lines())
+    with staged_file(out, force=force) as path:
+        path.write_text("".join(lines), encoding="utf-8")
+    view = ExportedAnswers(str(out), len(study.people), len(lines))
+    return view, [f"wrote {out}: answers: {view.answers:,}, people: {view.people:,}"]
 
 
 def _beside(runs: list[Path], sessions: "list[Session]") -> "dict[str, dict[TableKey, bool]]":

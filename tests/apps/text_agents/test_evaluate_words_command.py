@@ -17,27 +17,32 @@ def read_result(folder: Path) -> TextResult:
     return read_record(folder / RESULT_FILE, TextResult)
 
 
+@pytest.fixture
+def play(run, tmp_path):
+    """Let the player play on the kitchen, into the folder `out` of the test."""
+    return lambda *options: run("evaluate-words", "kitchen", "--player", PLAYER, "--out", tmp_path / "out", *options)
+
+
 def games_of(folder: Path) -> list[str]:
     return (folder / GAMES_FILE).read_text(encoding="utf-8").splitlines()
 
 
-def test_a_program_plays_all_tasks_and_the_result_is_the_view(run, tmp_path):
-    folder = tmp_path / "words"
-    arguments = ("evaluate-words", "kitchen", "--player", PLAYER, "--distractors", "2", "--out", folder)
-    outcome = run(*arguments)
+def test_a_program_plays_all_tasks_and_the_result_is_the_view(play, tmp_path):
+    folder = tmp_path / "out"
+    outcome = play("--distractors", "2")
     assert outcome.code == 0, outcome.err
-    result = read_result(folder)
-    found = result.success
+    found = read_result(folder).success
     lines = outcome.out.splitlines()
     assert f"{found.mean:.3f} [{found.ci_low:.3f}, {found.ci_high:.3f}]" in lines[1]
     assert "63 test tasks of depth 1, 2 distractors, 1 draw each" in lines[2]
     tasks = "--part test --depth 1 --distractors 2"
     assert lines[-1].endswith(f"next: wordcraft-kg reference kitchen {tasks} --beside {folder}")
-    assert len(games_of(folder)) == 64
-    assert sum(json.loads(line)["success"] for line in games_of(folder)[1:]) == round(found.mean * 63)
-    again = run(*arguments, "--json")  # everything is there: nothing is played again
+    games = games_of(folder)
+    assert len(games) == 64
+    assert sum(json.loads(line)["success"] for line in games[1:]) == round(found.mean * 63)
+    again = play("--distractors", "2", "--json")  # everything is there: nothing is played again
     assert json.loads(again.out)["result"] == json.loads((folder / RESULT_FILE).read_text(encoding="utf-8"))
-    assert len(games_of(folder)) == 64
+    assert games_of(folder) == games
 
 
 def test_an_evaluation_that_stopped_goes_on_and_ends_as_if_it_had_not(run, tmp_path, caplog):
@@ -62,10 +67,8 @@ def test_an_evaluation_that_stopped_goes_on_and_ends_as_if_it_had_not(run, tmp_p
     assert games_of(first) == games_of(other)
 
 
-def test_the_open_ended_world_is_played_as_often_as_asked(run, tmp_path):
-    folder = tmp_path / "words"
-    arguments = ("--open-ended", "--attempts", "5", "--draws", "2", "--out", folder, "--json")
-    result = json.loads(run("evaluate-words", "kitchen", "--player", PLAYER, *arguments).out)["result"]
+def test_the_open_ended_world_is_played_as_often_as_asked(play):
+    result = json.loads(play("--open-ended", "--attempts", "5", "--draws", "2", "--json").out)["result"]
     assert (result["games"], result["success"], result["settings"]["part"]) == (2, None, None)
     assert [*result["known"]] == ["1", "5"]
     assert result["known"]["5"] >= len(result["settings"]["base"])
@@ -89,34 +92,28 @@ def test_the_open_ended_world_is_played_as_often_as_asked(run, tmp_path):
     ],
 )
 def test_bad_input_is_refused_and_nothing_is_written(run, tmp_path, arguments, says):
-    given = ["--player", PLAYER, *arguments[1:]] if "--player" not in arguments else arguments[1:]
-    outcome = run("evaluate-words", arguments[0], *given, "--out", tmp_path / "words")
-    assert (outcome.code, outcome.out) == (1, "")
-    assert says in outcome.err
-    assert "Traceback" not in outcome.err
-    assert "sk-123" not in outcome.err
+    player = [] if "--player" in arguments else ["--player", PLAYER]
+    outcome = run("evaluate-words", *arguments, *player, "--out", tmp_path / "words")
+    assert (outcome.code, outcome.out, says in outcome.err) == (1, "", True)
+    assert not [word for word in ("Traceback", "sk-123") if word in outcome.err]
     assert not (tmp_path / "words").exists()
 
 
-def test_games_of_another_player_or_other_settings_are_not_mixed(run, tmp_path):
-    folder = tmp_path / "words"
-    common = ("evaluate-words", "kitchen", "--player", PLAYER, "--tasks", "3", "--out", folder)
-    assert run(*common).code == 0
-    before = games_of(folder)
-    for more, says in (
-        (("--name", "other"), "holds games of"),
-        (("--distractors", "2"), "holds games with --distractors 8, and this command has 2"),
+def test_games_of_another_player_or_other_settings_are_not_mixed(play, tmp_path):
+    assert play("--tasks", "3").code == 0
+    before = games_of(tmp_path / "out")
+    for options, says in (
+        (("--tasks", "3", "--name", "other"), "holds games of"),
+        (("--tasks", "3", "--distractors", "2"), "holds games with --distractors 8, and this command has 2"),
         (("--tasks", "4"), "holds games with --tasks 3, and this command has 4"),
-        (("--open-ended",), "holds games of crafting tasks, and this command plays the open-ended world"),
-        (("--depth", "1"), "holds games with --tasks 3, and this command has none"),
+        (("--open-ended",), "holds games with --part test, and this command has none"),
+        ((), "holds games with --tasks 3, and this command has none"),
     ):
-        arguments = common if more[0] in ("--name", "--distractors") else (*common[:4], "--out", folder)
-        outcome = run(*arguments, *more)
-        assert (outcome.code, outcome.out) == (1, "")
-        assert says in outcome.err
-        assert games_of(folder) == before
-    assert run(*common, "--distractors", "2", "--force").code == 0
-    assert games_of(folder) != before
+        outcome = play(*options)
+        assert (outcome.code, outcome.out, says in outcome.err) == (1, "", True)
+        assert games_of(tmp_path / "out") == before
+    assert play("--tasks", "3", "--distractors", "2", "--force").code == 0
+    assert games_of(tmp_path / "out") != before
 
 
 @pytest.mark.parametrize(
@@ -128,47 +125,43 @@ def test_games_of_another_player_or_other_settings_are_not_mixed(run, tmp_path):
         (lambda lines: [lines[0], lines[1].replace('"success": false', '"success": true')], "was made and not made"),
     ],
 )
-def test_games_that_contradict_the_tasks_are_refused_and_kept(run, tmp_path, edit, says):
-    arguments = ["evaluate-words", "kitchen", "--player", PLAYER, "--tasks", "2", "--out", tmp_path / "out"]
-    run(*arguments)
+def test_games_that_contradict_the_tasks_are_refused_and_kept(play, tmp_path, edit, says):
+    play("--tasks", "2")
     path = tmp_path / "out" / GAMES_FILE
-    lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
-    edited = "".join(edit(lines))
+    edited = "".join(edit(path.read_text(encoding="utf-8").splitlines(keepends=True)))
     path.write_text(edited, encoding="utf-8")
-    outcome = run(*arguments)
-    assert outcome.code == 1
-    assert says in outcome.err
+    outcome = play("--tasks", "2")
+    assert (outcome.code, says in outcome.err) == (1, True)
     assert path.read_text(encoding="utf-8") == edited
 
 
-def test_games_in_another_order_have_the_same_result_and_worlds_are_not_counted_twice(run, tmp_path):
-    arguments = ["evaluate-words", "kitchen", "--player", PLAYER, "--tasks", "9", "--out", tmp_path / "out"]
-    run(*arguments)
-    path = tmp_path / "out" / GAMES_FILE
-    before = read_result(tmp_path / "out")
+def test_games_in_another_order_have_the_same_result(play, tmp_path):
+    play("--tasks", "9")
+    path, before = tmp_path / "out" / GAMES_FILE, read_result(tmp_path / "out")
     header, *games = path.read_text(encoding="utf-8").splitlines(keepends=True)
     path.write_text("".join([header, *reversed(games)]), encoding="utf-8")
-    assert run(*arguments).code == 0
+    assert play("--tasks", "9").code == 0
     assert read_result(tmp_path / "out") == before
-    world = ["evaluate-words", "kitchen", "--player", PLAYER, "--open-ended", "--attempts", "2"]
-    world += ["--draws", "2", "--out", tmp_path / "world"]
-    run(*world)
-    path = tmp_path / "world" / GAMES_FILE
+
+
+def test_games_in_the_open_ended_world_are_not_counted_twice(play, tmp_path):
+    options = ("--open-ended", "--attempts", "2", "--draws", "2")
+    play(*options)
+    path = tmp_path / "out" / GAMES_FILE
     lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
     path.write_text("".join([*lines, lines[1]]), encoding="utf-8")
-    outcome = run(*world)
+    outcome = play(*options)
     assert (outcome.code, "line 4, is damaged: game 0 is there twice" in outcome.err) == (1, True)
 
 
-def test_a_folder_in_which_another_process_plays_is_left_alone(run, tmp_path):
-    arguments = ["evaluate-words", "kitchen", "--player", PLAYER, "--tasks", "2", "--out", tmp_path / "out"]
-    run(*arguments)
-    before = (tmp_path / "out" / GAMES_FILE).read_bytes()
+def test_a_folder_in_which_another_process_plays_is_left_alone(play, tmp_path):
+    play("--tasks", "2")
+    before = games_of(tmp_path / "out")
     with locked(tmp_path / "out"):
         for more in ([], ["--force"]):
-            outcome = run(*arguments, *more)
+            outcome = play("--tasks", "2", *more)
             assert (outcome.code, "is being written by another process" in outcome.err) == (1, True)
-    assert (tmp_path / "out" / GAMES_FILE).read_bytes() == before
+    assert games_of(tmp_path / "out") == before
 
 
 @pytest.mark.parametrize(

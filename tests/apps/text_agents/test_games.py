@@ -53,7 +53,7 @@ def test_a_text_player_that_plays_like_a_scripted_one_has_its_evaluation_to_the_
         mine = iter(slots[task, draw])
         return lambda told: f"{next(mine) + 1} + {next(mine) + 1}"
 
-    assert_same(evaluation_of(world, play_all(TaskGames(world), 2, speaker)), expected)
+    assert_same(evaluation_of(play_all(TaskGames(world), 2, speaker)), expected)
     assert 0 < expected.success.mean() < 1 or name == "oracle"
 
 

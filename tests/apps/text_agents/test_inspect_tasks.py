@@ -114,12 +114,8 @@ def metrics_of(log: EvalLog) -> dict[str, float]:
 def test_a_model_that_plays_like_a_scripted_player_has_its_evaluation_to_the_last_digit(
     kitchen: OpenedGraph, play: Callable[..., EvalLog], name: str, settings: dict[str, int], log_format: str
 ):
-    config = WordCraftConfig(
-        part="test",
-        depth=settings.get("depth", 1),
-        num_distractors=settings["distractors"],
-        max_attempts=settings.get("attempts"),
-    )
+    amounts = {"depth": settings.get("depth", 1), "max_attempts": settings.get("attempts")}
+    config = WordCraftConfig(part="test", num_distractors=settings["distractors"], **amounts)
     world, draws, tasks = World(kitchen, config), settings["draws"], settings.get("tasks")
     player = PLAYERS[name](kitchen)
     # Of an evaluation of all tasks those that are played: a task's table does not depend on the others.

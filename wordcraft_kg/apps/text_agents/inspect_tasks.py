@@ -79,9 +79,8 @@ def _with_parameters(*names: str, **own: Any) -> Callable[[F], F]:
 def crafting(graph: str = "everyday", **settings: Any) -> Task:
     """Make the goal from what is on the table: the tasks on which agents are evaluated, at the same tables.
 
-    Args:
-        graph: a graph folder, a recipe book's file, or the name of a known book.
-        settings: see :class:`~wordcraft_kg.apps.text_agents.settings.EvaluationSettings`.
+    ``graph`` is a graph folder, a book's file or a known book; the other parameters are those of
+    :class:`~wordcraft_kg.apps.text_agents.settings.EvaluationSettings`.
 
     Raises:
         InspectTaskError: for a wrong parameter, or a graph or scorer that cannot be read.
@@ -111,16 +110,12 @@ def crafting(graph: str = "everyday", **settings: Any) -> Task:
 @task
 @_with_parameters(*_RULES, attempts=ATTEMPTS, base=None, games=1)
 def discovery(graph: str = "everyday", *, games: int = 1, base: Any = None, **settings: Any) -> Task:
-    """Discover as much as possible in the open-ended world, from a few things at the start.
+    """Discover as much as possible in the open-ended world, from one or several entities as a ``base``.
 
-    Args:
-        graph: a graph folder, a recipe book's file, or the name of a known book.
-        games: number of games; Inspect's ``--epochs`` replaces it.
-        base: one entity known at the start, or several; the base entities of the graph if left out.
-        settings: see :class:`~wordcraft_kg.apps.text_agents.settings.EvaluationSettings`.
+    Other parameters are those of :func:`crafting`; ``games`` is their number, which Inspect's ``--epochs`` replaces.
 
     Raises:
-        InspectTaskError: for a wrong parameter, or a graph or scorer that cannot be read.
+        InspectTaskError: as :func:`crafting`.
     """
     from wordcraft_kg.agents.discovery import HUMAN_CURVE, HUMAN_SOURCE
 
@@ -223,16 +218,21 @@ def crafting_figures() -> Metric:
         if not scores:
             return {}
         played = distinct_draws([_played(one, PlayedTask) for one in scores])
-        games, tasks, draws = len(played), {one.task for one in played}, {one.draw for one in played}
+        tasks, draws = {one.task for one in played}, {one.draw for one in played}
         # With some samples of a task missing there is no interval over tasks.
-        success = evaluation_of(None, played).figures() if games == len(tasks) * len(draws) else None
+        is_complete = len(played) == len(tasks) * len(draws)
+        success = evaluation_of(played).figures() if is_complete else None
+
+        def mean(name: str) -> float:
+            return sum(getattr(one, name) for one in played) / len(played)
+
         return {
-            "success": success.mean if success else sum(one.success for one in played) / games,
+            "success": mean("success"),
             "stderr": float(stderr(cluster="task")(scores)),  # type: ignore[arg-type]
             "ci_low": success.ci_low if success else None,
             "ci_high": success.ci_high if success else None,
-            "by_plan": success.by_plan if success else sum(one.by_plan for one in played) / games,
-            "picks": success.picks if success else sum(one.picks for one in played) / games,
+            "by_plan": mean("by_plan"),
+            "picks": mean("picks"),
             **_counts(scores),
         }
 

@@ -21,7 +21,6 @@ from wordcraft_kg import __version__
 from wordcraft_kg.apps.text_agents.conversation import Play, facts_in_words
 from wordcraft_kg.apps.text_agents.games import TaskGame, TaskGames
 from wordcraft_kg.apps.text_agents.hosted_games import HostedGame, HostedGames
-from wordcraft_kg.apps.text_agents.records import PlayedSettings
 from wordcraft_kg.apps.web.guard import LONGEST_BODY, LOOPBACK
 from wordcraft_kg.base.errors import ActionError, WordCraftKGError
 from wordcraft_kg.base.records import as_values
@@ -166,7 +165,9 @@ def _in_words(error: BaseException | None) -> str | None:
 def make_server(hosted: HostedGames) -> MCPServer[Any]:
     """Return a server of games for any transport, or for clients in this process."""
     games, settings = hosted.play.games, hosted.play.settings
-    rules = _rules(settings)
+    rules, about_look_ups = games.begin().rules, TOOLS["look_up"].format(look_ups=settings.look_ups)
+    if settings.look_ups:
+        rules = f"{rules}\n{about_look_ups}"
     server = _Server(
         "wordcraft-kg",
         title="Crafting worlds of wordcraft-kg",
@@ -200,7 +201,7 @@ def make_server(hosted: HostedGames) -> MCPServer[Any]:
 
     if settings.look_ups:
 
-        @server.tool(title="Look a thing up", description=_about_look_ups(settings), annotations=_PLAYS)
+        @server.tool(title="Look a thing up", description=about_look_ups, annotations=_PLAYS)
         async def look_up(game: GameName, thing: Word) -> Annotated[CallToolResult, Facts]:
             found = hosted.game(game)
             label, facts = found.look_up(thing)
@@ -215,15 +216,6 @@ def make_server(hosted: HostedGames) -> MCPServer[Any]:
 
     _add_resources(server, hosted.play, rules)
     return server
-
-
-def _about_look_ups(settings: PlayedSettings) -> str:
-    return TOOLS["look_up"].format(look_ups=settings.look_ups)
-
-
-def _rules(settings: PlayedSettings) -> str:
-    rules = told("rules") + " " + told("discover" if settings.is_open_ended else "goal")
-    return f"{rules}\n{_about_look_ups(settings)}" if settings.look_ups else rules
 
 
 def _add_world(server: MCPServer[Any], hosted: HostedGames) -> None:

@@ -25,6 +25,7 @@ from wordcraft_kg.base.progress import steps
 from wordcraft_kg.base.records import as_lines, as_values
 from wordcraft_kg.runs.folder import locked
 
+HASHES = {"graph_hash": "the graph's hash", "split_hash": "the split's hash"}
 Speaker = Callable[[Conversation], Callable[[str], str]]
 """A player: returns the function that answers the prompts of a conversation."""
 
@@ -44,8 +45,7 @@ def play_all(player: str, speak: Speaker, play: Play, folder: Path) -> TextResul
         GraphMismatchError: if they are of another graph or split.
     """
     path, settings = folder / GAMES_FILE, play.settings
-    world = play.games.world if isinstance(play.games, TaskGames) else None
-    tasks = [0] if world is None else chosen_tasks(world, settings.tasks).tolist()
+    tasks = chosen_tasks(play.games.world, settings.tasks).tolist() if isinstance(play.games, TaskGames) else [0]
     missing = dict.fromkeys((task, draw) for draw in range(settings.draws) for task in tasks)
     folder.mkdir(parents=True, exist_ok=True)
     with locked(folder, "written"):
@@ -56,7 +56,7 @@ def play_all(player: str, speak: Speaker, play: Play, folder: Path) -> TextResul
             talk = play.begin(task, draw)
             played.append(record_of(talk, converse(talk, speak(talk)), draw))
             append_game(path, played[-1])
-        result = result_of(player, settings, played, world)
+        result = result_of(player, settings, played)
         write_atomically(folder / RESULT_FILE, dump_json(as_values(result)))
     return result
 
@@ -135,29 +135,17 @@ def _write(path: Path, mode: str, record: GamesHeader | PlayedTask | PlayedWorld
 
 
 def _check_header(path: Path, found: GamesHeader, wanted: GamesHeader) -> None:
-    for name in ("graph_hash", "split_hash"):
-        began, asked = getattr(found.settings, name), getattr(wanted.settings, name)
-        if began != asked:
-            raise GraphMismatchError(
-                f"'{path}' holds games on a {name.removesuffix('_hash')} with hash {began[:12]}, and this is "
-                f"{asked[:12]}. Choose another `out`."
-            )
     if found.player != wanted.player:
         raise ConfigError(f"'{path}' holds games of '{found.player}', not of '{wanted.player}'. Choose another `out`.")
-    if found.settings.is_open_ended != wanted.settings.is_open_ended:
-        what, asked = _world(found), _world(wanted)
-        raise ConfigError(f"'{path}' holds games of {what}, and this command plays {asked}. Choose another `out`.")
-    for field in msgspec.structs.fields(found.settings):
-        began, asked = getattr(found.settings, field.name), getattr(wanted.settings, field.name)
+    names = [field.name for field in msgspec.structs.fields(found.settings)]
+    for name in sorted(names, key=HASHES.__contains__, reverse=True):
+        began, asked = (_given(getattr(header.settings, name)) for header in (found, wanted))
         if began != asked:
-            raise ConfigError(
-                f"'{path}' holds games with `{field.name}` {_given(began)}, and this command has {_given(asked)}. "
+            kind = GraphMismatchError if name in HASHES else ConfigError
+            raise kind(
+                f"'{path}' holds games with {HASHES.get(name, f'`{name}`')} {began}, and this command has {asked}. "
                 "Choose another `out`, or give the same settings."
             )
-
-
-def _world(header: GamesHeader) -> str:
-    return "the open-ended world" if header.settings.is_open_ended else "crafting tasks"
 
 
 def _given(value: object) -> str:

@@ -81,10 +81,8 @@ def _ending_of(game: TaskGame) -> Ending:
     return "no_right_part" if (min(one, other), max(one, other)) in game.graph.outcomes else "no_recipe"
 
 
-def evaluation_of(world: World | None, played: Sequence[PlayedTask]) -> "Evaluation":
-    """Return games as an evaluation of agents: N tasks with D draws each.
-
-    Without a world, the last pairs have no ids: they are -1. Figures and shares do not depend on them.
+def evaluation_of(played: Sequence[PlayedTask]) -> "Evaluation":
+    """Return games as an evaluation of agents: N tasks with D draws each, without ids of the last pairs.
 
     Raises:
         ValueError: if a task lacks a draw that another one has.
@@ -97,18 +95,13 @@ def evaluation_of(world: World | None, played: Sequence[PlayedTask]) -> "Evaluat
     if len(played) != shape[0] * shape[1]:
         raise ValueError(f"{len(played)} games of {shape[0]} tasks with {shape[1]} draws: expected all of them")
     games = sorted(played, key=lambda one: (one.task, one.draw))
-    last = np.full((*shape, 2), -1 if world is None else world.nothing)
-    if world is not None:
-        for one, place in zip(games, np.ndindex(shape), strict=True):
-            if one.last is not None:
-                last[place] = [world.graph.id_of(label) for label in one.last]
     return Evaluation(
         tasks,
         np.array([one.success for one in games], dtype=bool).reshape(shape),
         np.array([one.by_plan for one in games], dtype=bool).reshape(shape),
         np.array([one.picks for one in games], dtype=np.int64).reshape(shape),
         np.array([ENDINGS.index(one.ending) for one in games], dtype=np.int8).reshape(shape),
-        last,
+        np.full((*shape, 2), -1),
     )
 
 
@@ -122,17 +115,12 @@ def mean_known(played: Sequence[PlayedWorld], attempts: int, base: int) -> dict[
     return {mark: float(np.mean(known)) for mark, known in after.items()}
 
 
-def result_of(
-    player: str,
-    settings: PlayedSettings,
-    played: Sequence[PlayedTask | PlayedWorld],
-    world: World | None = None,
-) -> TextResult:
-    """Return the result of all games of a player; the figures do not depend on ``world``."""
+def result_of(player: str, settings: PlayedSettings, played: Sequence[PlayedTask | PlayedWorld]) -> TextResult:
+    """Return the result of all games of a player."""
     counts = {name: sum(getattr(one, name) for one in played) for name in COUNTS}
     worlds = [one for one in played if isinstance(one, PlayedWorld)]
     tasks = [one for one in played if isinstance(one, PlayedTask)]
-    found = None if settings.is_open_ended else evaluation_of(world, tasks)
+    found = None if settings.is_open_ended else evaluation_of(tasks)
     return TextResult(
         player=player,
         settings=settings,
@@ -199,4 +187,4 @@ def read_games_result(path: Path, opened: OpenedGraph) -> TextResult:
             f"'{path}' holds {len(needed & set(first)):,} of the {len(needed):,} games of its {settings.part} tasks: "
             "expected each task with each draw. A player that chooses its tasks has no figure."
         )
-    return result_of(header.player, msgspec.structs.replace(settings, draws=draws), [*first.values()], world)
+    return result_of(header.player, msgspec.structs.replace(settings, draws=draws), [*first.values()])

@@ -42,6 +42,7 @@ from wordcraft_kg.studies.result_readers import rows_beside
 pytestmark = pytest.mark.filterwarnings("ignore:The 'initial' parameter is deprecated:DeprecationWarning")
 
 Answer = Callable[[Sequence[ChatMessage]], str]
+Play = Callable[..., EvalLog]
 
 
 @pytest.fixture(autouse=True)
@@ -57,7 +58,7 @@ def untouched(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]
 
 
 @pytest.fixture
-def play(tmp_path: Path) -> Callable[..., EvalLog]:
+def play(tmp_path: Path) -> Play:
     """Let a model, which is a function of the messages, play a task; nothing is shown."""
 
     def play(task: Task, answer: Answer, **options: Any) -> EvalLog:
@@ -84,7 +85,6 @@ def scripted(task: Task, picks: dict[tuple[int, int], list[int]]) -> Answer:
     """Return a model that picks the slots of a scripted player; it knows a game by what it is told first."""
     games = {}
     for sample in task.dataset:
-        assert sample.metadata is not None
         games[sample.input[1].text] = picks[sample.metadata["task"], sample.metadata["draw"]]
     assert len(games) == len(task.dataset)
 
@@ -97,7 +97,6 @@ def scripted(task: Task, picks: dict[tuple[int, int], list[int]]) -> Answer:
 
 def metrics_of(log: EvalLog) -> dict[str, float]:
     assert log.status == "success", log.error
-    assert log.results is not None
     return {name: one.value for name, one in log.results.scores[0].metrics.items()}
 
 
@@ -112,7 +111,7 @@ def metrics_of(log: EvalLog) -> dict[str, float]:
     ids=["depth 1", "depth 2", "oracle", "many"],
 )
 def test_a_model_that_plays_like_a_scripted_player_has_its_evaluation_to_the_last_digit(
-    kitchen: OpenedGraph, play: Callable[..., EvalLog], name: str, settings: dict[str, int], log_format: str
+    kitchen: OpenedGraph, play: Play, name: str, settings: dict[str, int], log_format: str
 ):
     amounts = {"depth": settings.get("depth", 1), "max_attempts": settings.get("attempts")}
     config = WordCraftConfig(part="test", num_distractors=settings["distractors"], **amounts)
@@ -150,7 +149,7 @@ def test_what_a_model_is_told_is_the_opening_of_the_conversation_and_the_goal_is
     assert sample.metadata["graph_hash"] == kitchen.graph.hash
 
 
-def test_nonsense_silence_and_limits_are_not_made_and_none_is_missing(play: Callable[..., EvalLog]):
+def test_nonsense_silence_and_limits_are_not_made_and_none_is_missing(play: Play):
     task = crafting("kitchen", tasks=4, depth=2, refusals=1)
     (silent, foolish, last, fine) = (sample.input[1].text for sample in task.dataset)
 
@@ -161,7 +160,6 @@ def test_nonsense_silence_and_limits_are_not_made_and_none_is_missing(play: Call
         return {silent: "", foolish: "unicorn + [dragon]"}.get(started, "1 + 2\nthat is all")
 
     log = play(task, answer, message_limit=7)
-    assert log.samples is not None
     scores = {sample.input[1].text: sample.scores["goal_made"] for sample in log.samples if sample.scores}
     # Two attempts, each lost with the second refusal: 8 messages without the rules, of which the limit leaves 6.
     for name in (silent, foolish, last):
@@ -176,12 +174,11 @@ def test_nonsense_silence_and_limits_are_not_made_and_none_is_missing(play: Call
     assert told[1].startswith("Not understood: nothing written")
 
 
-def test_a_model_may_look_up_what_the_partial_graph_knows_and_only_if_it_is_asked_for(play: Callable[..., EvalLog]):
+def test_a_model_may_look_up_what_the_partial_graph_knows_and_only_if_it_is_asked_for(play: Play):
     def answer(messages: Sequence[ChatMessage]) -> str:
         return "look up bread" if said(messages) < 2 else "1 + 2"
 
     log = play(crafting("kitchen", tasks=2, knowledge="partial", look_ups=1), answer)
-    assert log.samples is not None
     messages = [message.text for message in log.samples[0].messages]
     assert "you may do it 1 times" in messages[0]
     assert messages[3].startswith("Of bread is known:\n")
@@ -199,13 +196,10 @@ def test_a_scorer_that_remembers_the_tasks_is_refused_before_the_first_game(tmp_
     with pytest.raises(InspectTaskError, match="has no folds"):
         crafting("kitchen", part="train", knowledge="scorer", scorer=str(tmp_path / "model"))
     task = crafting("kitchen", tasks=1, knowledge="scorer", scorer=str(tmp_path / "model"))
-    assert task.metadata is not None
     assert len(task.metadata["wordcraft_kg"]["settings"]["scorer"]) == 64
 
 
-def test_the_open_ended_world_counts_what_is_known_after_each_attempt(
-    kitchen: OpenedGraph, play: Callable[..., EvalLog]
-):
+def test_the_open_ended_world_counts_what_is_known_after_each_attempt(kitchen: OpenedGraph, play: Play):
     def pair(turn: int) -> str:
         return f"{1 + turn % 8} + {1 + turn // 3 % 8}"
 
@@ -224,19 +218,15 @@ def test_the_open_ended_world_counts_what_is_known_after_each_attempt(
     assert log.eval.metadata["wordcraft_kg"]["people"]["known"] == {str(after): n for after, n in HUMAN_CURVE.items()}
 
 
-def test_tables_that_are_played_again_count_like_further_draws(play: Callable[..., EvalLog]):
+def test_tables_that_are_played_again_count_like_further_draws(play: Play):
     log = play(crafting("kitchen", tasks=3), lambda messages: "1 + 1", epochs=2)
     result = read_inspect_log(log.location)
-    assert result.success is not None
     assert (result.games, result.success.tasks, result.success.draws) == (6, 3, 2)
 
 
-def test_a_log_stands_beside_the_reference_figures_as_a_language_model(
-    play: Callable[..., EvalLog], kitchen: OpenedGraph
-):
+def test_a_log_stands_beside_the_reference_figures_as_a_language_model(play: Play, kitchen: OpenedGraph):
     log = play(crafting("kitchen", tasks=3, distractors=2), lambda messages: "1 + 2")
     success = read_inspect_log(log.location).success
-    assert success is not None
     (row,) = rows_beside(kitchen, TaskPlay("test", 1, 1), [1, 2], [Path(log.location)])
     assert (row.player, row.kind, row.tasks) == ("mockllm/model", "language model", 3)
     assert (row.figures["2"].value, row.figures["2"].low) == (success.mean, success.ci_low)
@@ -244,7 +234,7 @@ def test_a_log_stands_beside_the_reference_figures_as_a_language_model(
         rows_beside(kitchen, OpenPlay(kitchen.graph.base), (), [Path(log.location)])
 
 
-def test_a_log_without_some_of_the_games_gives_no_result(play: Callable[..., EvalLog], tmp_path: Path):
+def test_a_log_without_some_of_the_games_gives_no_result(play: Play, tmp_path: Path):
     task = crafting("kitchen", tasks=3, draws=2)
     failing = task.dataset[4].input[1].text
 
@@ -277,7 +267,7 @@ def test_a_log_without_some_of_the_games_gives_no_result(play: Callable[..., Eva
         read_inspect_log(spoilt)
 
 
-def test_what_is_no_log_of_ours_is_refused(play: Callable[..., EvalLog], tmp_path: Path):
+def test_what_is_no_log_of_ours_is_refused(play: Play, tmp_path: Path):
     other = play(Task(dataset=[Sample(input="Say hello.", target="hello")], name="greeting"), lambda messages: "hello")
     with pytest.raises(ArtefactError, match="is a log of 'greeting'; expected one of wordcraft_kg/crafting"):
         read_inspect_log(other.location)

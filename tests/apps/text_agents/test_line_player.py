@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from wordcraft_kg.apps.text_agents.conversation import Conversation, converse
-from wordcraft_kg.apps.text_agents.games import DiscoveryGames, TaskGames
+from wordcraft_kg.apps.text_agents.games import DiscoveryGames, Game, TaskGames
 from wordcraft_kg.apps.text_agents.line_player import MOST_CHARACTERS, LinePlayer, name_of
 from wordcraft_kg.base.errors import ConfigError, PlayerError
 from wordcraft_kg.envs.config import WordCraftConfig
@@ -37,23 +37,25 @@ def games() -> TaskGames:
     return TaskGames(World("kitchen", WordCraftConfig(part="test", num_distractors=3)))
 
 
+def let_play(player: LinePlayer, game: Game, **rules: int) -> Conversation:
+    talk = Conversation(game, **rules)
+    converse(talk, player.speaker(talk))
+    return talk
+
+
 def test_a_program_plays_game_after_game_in_one_process(games: TaskGames):
     with LinePlayer(program(ORACLE)) as player:
         for task in range(10):
-            talk = Conversation(games.begin(task))
-            converse(talk, player.speaker(talk))
-            assert talk.game.is_made
-            assert talk.refused == 0
+            talk = let_play(player, games.begin(task))
+            assert (talk.game.is_made, talk.refused) == (True, 0)
 
 
 def test_a_line_holds_all_that_a_program_needs(games: TaskGames, tmp_path: Path):
     heard = tmp_path / "heard"
     echo = f"import sys\nfor line in sys.stdin: open({str(heard)!r}, 'a').write(line); print('1 1', flush=True)"
     with LinePlayer(program(echo)) as player:
-        talks = [Conversation(games.begin(task), refusals=0) for task in (0, 1)]
-        talks.append(Conversation(DiscoveryGames("kitchen", attempts=2).begin()))
-        for talk in talks:
-            converse(talk, player.speaker(talk))
+        for game in (games.begin(0), games.begin(1), DiscoveryGames("kitchen", attempts=2).begin()):
+            let_play(player, game, refusals=0)
     first, second, third, fourth = map(json.loads, heard.read_text(encoding="utf-8").splitlines())
     assert first == {
         "game": 1,
@@ -85,8 +87,7 @@ def test_a_line_holds_all_that_a_program_needs(games: TaskGames, tmp_path: Path)
 def test_a_program_that_does_not_keep_to_the_protocol_is_told_what_is_expected(games: TaskGames, code: str, said: str):
     def play() -> None:
         for task in range(3):
-            talk = Conversation(games.begin(task))
-            converse(talk, player.speaker(talk))
+            let_play(player, games.begin(task))
             time.sleep(0.2)  # what was written too much may take a moment
 
     with pytest.raises(PlayerError, match=said) as error, LinePlayer(program(code), timeout=0.5) as player:
@@ -104,9 +105,8 @@ def test_a_program_that_never_reads_is_told_after_the_time_however_long_a_line_i
 
 def test_bytes_that_are_no_text_are_an_answer_that_is_not_understood(games: TaskGames):
     code = "import os\nwhile True: input(); os.write(1, bytes([255, 254, 10]))"
-    talk = Conversation(games.begin(0))
     with LinePlayer(program(code)) as player:
-        converse(talk, player.speaker(talk))
+        talk = let_play(player, games.begin(0))
     assert (talk.lost, talk.game.is_made) == (1, False)
 
 
@@ -136,6 +136,5 @@ def test_the_examples_play(games: TaskGames, script: str, chat_server: str):
     with LinePlayer(shlex.join([sys.executable, str(path), *arguments])) as player:
         assert player.name == script
         for task in range(3):
-            talk = Conversation(games.begin(task))
-            converse(talk, player.speaker(talk))
+            talk = let_play(player, games.begin(task))
             assert (talk.refused, talk.game.attempts_left) == (0, 0)

@@ -1,0 +1,200 @@
+"""The texts of thirty important errors, in full: value found, value expected, remedy."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+import wordcraft_kg as wk
+from wordcraft_kg.base.errors import WordCraftKGError
+from wordcraft_kg.base.extras import missing_extra
+from wordcraft_kg.cli.failures import with_options
+from wordcraft_kg.envs.wordcraft import WordCraftEnv
+from wordcraft_kg.graphs.export import export_graph
+from wordcraft_kg.graphs.folder import write_graph_folder
+from wordcraft_kg.graphs.task_search import make_tasks
+from wordcraft_kg.models.scorers.baselines import FrequencyScorer
+from wordcraft_kg.models.scorers.queries import parse_query
+from wordcraft_kg.studies.study import parse_study
+
+HEADER = "ingredient_a,ingredient_b,result\n"
+STUDY = 'title = "Mine"\n[settings]\nbook = "kitchen"\n'
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory, kitchen: wk.RecipeGraph) -> Path:
+    """A folder with books, graph folders and an untrained model."""
+    home = tmp_path_factory.mktemp("home")
+    book = wk.open_book("kitchen")
+    for name in ("graph", "damaged"):
+        write_graph_folder(home / name, book, wk.make_split(kitchen, wk.SplitConfig()))
+    (home / "damaged/graph.json").write_text("{")
+    (home / "half.csv").write_text(HEADER + "flour,,dough\n")
+    (home / "wrong.csv").write_text("a,b,c\nflour,water,dough\n")
+    (home / "empty.csv").write_text(HEADER)
+    opened = wk.open_graph(home / "graph")
+    wk.save_scorer(home / "model", FrequencyScorer(opened.graph, opened.split.partial), opened, kg="partial")
+    return home
+
+
+def kitchen() -> wk.RecipeGraph:
+    return wk.open_graph("kitchen").graph
+
+
+REFUSED: dict[str, tuple[Callable[[], object], str]] = {
+    "no book of this name": (
+        lambda: wk.open_book("kichen"),
+        "RecipeFileError: 'kichen' is neither a file nor a known book. Did you mean 'kitchen'? `wordcraft-kg "
+        "books` lists the known ones.",
+    ),
+    "a recipe of one ingredient": (
+        lambda: wk.open_book("half.csv"),
+        "RecipeFileError: half.csv, line 2: 'flour' is the only ingredient; a recipe needs two. Write it "
+        "twice, or build the graph with `single_ingredient` self, which reads flour + flour, or the name of "
+        "what it is combined with.",
+    ),
+    "a book without recipes": (
+        lambda: wk.open_book("empty.csv"),
+        "RecipeFileError: empty.csv has no recipe to keep (0 self results dropped).",
+    ),
+    "a book without its columns": (
+        lambda: wk.open_book("wrong.csv"),
+        "RecipeFileError: wrong.csv, line 1: the header is 'a,b,c'; expected 'ingredient_a,ingredient_b,result'.",
+    ),
+    "an unknown entity": (
+        lambda: kitchen().id_of("bred"),
+        "UnknownEntityError: no entity 'bred' in kitchen. Did you mean 'bread'?",
+    ),
+    "an unknown kind of split": (
+        lambda: wk.SplitConfig("by-goals"),
+        "ConfigError: `kind` 'by-goals': expected one of by-recipe, by-recipe-plain, by-slot, by-goal, "
+        "by-goal-terminals, none. Did you mean 'by-goal', 'by-goal-terminals'?",
+    ),
+    "a ratio outside its range": (
+        lambda: wk.SplitConfig(train_ratio=2),
+        "ConfigError: `train_ratio` 2: expected more than 0 and less than 1, such as 0.8.",
+    ),
+    "a graph too small to split": (
+        lambda: wk.make_split(wk.RecipeGraph.from_recipes([("a", "b", "c")]), wk.SplitConfig()),
+        "SplitError: the test part of a by-recipe split of 1 recipes is empty; choose another `train_ratio`, "
+        "or `kind` none for the full graph only.",
+    ),
+    "a damaged graph folder": (
+        lambda: wk.open_graph("damaged"),
+        "ArtefactError: damaged/graph.json, line 1, column 2: not JSON (Expecting property name enclosed in "
+        "double quotes). The graph folder is damaged; build it again.",
+    ),
+    "a graph folder that exists": (
+        lambda: write_graph_folder(Path("graph"), wk.open_book("kitchen"), wk.open_graph("kitchen").split),
+        "OutputExistsError: 'graph' exists. Choose another `out`, or replace it with `force`.",
+    ),
+    "an unknown format": (
+        lambda: export_graph(wk.open_graph("kitchen"), "owl", Path("graph.owl")),
+        "ConfigError: `format` 'owl': expected one of tsv, libkge, graphml, gexf, nt, ttl, parquet, csv, json.",
+    ),
+    "no task of a depth": (
+        lambda: make_tasks(wk.RecipeGraph.from_recipes([("a", "b", "c")]), 3),
+        "TaskError: graph has no task of depth 3.",
+    ),
+    "too many distractors": (
+        lambda: wk.World(wk.open_graph("kitchen"), wk.WordCraftConfig(num_distractors=100)),
+        "ConfigError: `num_distractors` 100: kitchen has 80 entities, of which a task needs up to 3; expected"
+        " at most 77.",
+    ),
+    "a setting below its range": (
+        lambda: wk.WordCraftConfig(depth=0),
+        "ConfigError: `depth` 0: expected a whole number, 1 to 5.",
+    ),
+    "an unknown keyword": (
+        lambda: WordCraftEnv("kitchen", distractors=2),
+        "UnknownSettingError: unexpected keyword argument 'distractors'; expected one of part, depth, "
+        "num_distractors, max_attempts, reward, distractor_weighting, distractor_policy, task_weighting, "
+        "ambiguity, illegal_action, num_tasks, task_seed. Did you mean 'num_distractors', "
+        "'distractor_policy', 'distractor_weighting'?",
+    ),
+    "a step before the reset": (lambda: WordCraftEnv("kitchen").step(0), "EpisodeError: call reset() before step()."),
+    "a number that is not whole": (
+        lambda: wk.ComplExConfig(dim=1.5),
+        "ConfigError: `dim` 1.5: expected a whole number, 1 or more.",
+    ),  # type: ignore[arg-type]
+    "a number that is none": (
+        lambda: wk.ComplExConfig(n3=float("nan")),
+        "ConfigError: `n3` nan: expected a number, 0 or more.",
+    ),
+    "a choice with a nearest one": (
+        lambda: wk.PolicyConfig(mixing="fre"),
+        "ConfigError: `mixing` 'fre': expected one of softmax, free. Did you mean 'free'?",
+    ),  # type: ignore[arg-type]
+    "patience without validation": (
+        lambda: wk.ComplExConfig(patience=3),
+        "ConfigError: `patience` counts rankings of the validation triples; give `eval_every` too, such as 5.",
+    ),
+    "settings of a scorer without one": (
+        lambda: wk.AgentConfig("kitchen", policy=wk.PolicyConfig(use="u,v,w")),
+        "ConfigError: `use` says how to use a scorer; give a `scorer` too.",
+    ),
+    "no model of this name": (
+        lambda: wk.open_model("models/none"),
+        "ArtefactError: 'models/none' does not exist; expected a model of train-complex, train-links, "
+        "train-recipes or ask-opinions.",
+    ),
+    "a graph where a model is expected": (
+        lambda: wk.open_model("graph"),
+        "ArtefactError: 'graph' is a graph folder; expected a model of train-complex, train-links, "
+        "train-recipes or ask-opinions.",
+    ),
+    "a model of another graph": (
+        lambda: wk.load_scorer("model", graph=wk.open_graph("paper-examples").graph),
+        "GraphMismatchError: model was trained on graph 43fe37e2e912 (80 entities) but 'paper-examples' is "
+        "8e9614822341 (93). Train it on this graph, or use the graph that it was trained on.",
+    ),
+    "a model folder that exists": (
+        lambda: wk.train_links(wk.LinksConfig("kitchen", wk.ComplExConfig(epochs=1)), "model"),
+        "OutputExistsError: 'model' exists. Choose another `out`, or replace it with `force`.",
+    ),
+    "a scorer that cannot be used so": (
+        lambda: wk.make_sources(
+            ["w"], wk.load_scorer("model"), tasks=wk.World(wk.open_graph("kitchen"), wk.WordCraftConfig()).tasks
+        ),
+        "ConfigError: `use` w needs scores of recipes, and this scorer has scores of links only. Train one "
+        "with `wordcraft-kg train-recipes`, ask for opinions with `wordcraft-kg ask-opinions`, or leave out "
+        "w.",
+    ),
+    "a query that cannot be parsed": (
+        lambda: parse_query(["flour", "and", "water"], kitchen().entities),
+        "UnknownEntityError: no relation 'and'; expected one of combinesWith, componentOf.",
+    ),
+    "an unknown setting of a study": (
+        lambda: parse_study(STUDY.replace("book", "bok") + "[variants.none]\n", "study.toml"),
+        "ConfigError: study.toml: unknown setting 'settings.bok'. Did you mean 'book'?",
+    ),
+    "a study without variants": (
+        lambda: parse_study(STUDY, "study.toml"),
+        "ConfigError: study.toml: Object missing required field 'variants'.",
+    ),
+    "a rate that is negative": (
+        lambda: wk.ImpalaConfig(learning_rate=-1),
+        "ConfigError: `learning_rate` -1: expected a number above 0, at most 1e+09.",
+    ),
+    "an extra that is not installed": (
+        lambda: (_ for _ in ()).throw(missing_extra("ray", ["ray"])),
+        "MissingExtraError: ray is not installed: pip install 'wordcraft-kg[ray]'",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_an_error_says_what_was_found_what_was_expected_and_what_to_do(
+    name: str, folder: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.chdir(folder)
+    call, text = REFUSED[name]
+    with pytest.raises(WordCraftKGError) as raised:
+        call()
+    assert f"{raised.value.kind}: {raised.value}" == text
+
+
+def test_the_command_line_names_options_in_the_place_of_settings():
+    text = "`num_distractors` 3, `graph` 'x', `learning_rate` 0: expected `wordcraft-kg books`"
+    shown = "--distractors 3, GRAPH 'x', --learning-rate 0: expected `wordcraft-kg books`"
+    assert with_options(text, ["graph"]) == shown

@@ -300,10 +300,7 @@ def view_agents(
             _entry(name, members, world, found[name], {} if found[name] is reference else reference)
             for name, members in groups.items()
         ),
-        baselines=tuple(
-            BaselineSuccess(name, {str(amount): float(evaluators[amount](player).success.mean()) for amount in played})
-            for name, player in _BASELINES.items()
-        ),
+        baselines=_baselines(evaluators),
         episodes=tuple(
             AgentEpisodes(name, members[0].name, _episodes(members[0], world, episodes))
             for name, members in groups.items()
@@ -316,6 +313,13 @@ def summarise_agents(view: AgentsView, report: str) -> AgentsSummary:
     """Return the headline of a view, and where its report is."""
     agents = {agent.name: AgentSummary(agent.runs, agent.seeds, agent.success) for agent in view.agents}
     return AgentsSummary(report, view.part, view.depth, agents, view.baselines)
+
+
+def _baselines(evaluators: dict[int, Evaluator]) -> tuple[BaselineSuccess, ...]:
+    return tuple(
+        BaselineSuccess(name, {str(amount): float(play(player).success.mean()) for amount, play in evaluators.items()})
+        for name, player in _BASELINES.items()
+    )
 
 
 def _references(agent: OpenedAgent, part: TaskPart, played: Sequence[int]) -> tuple[ReferenceRow, ...]:

@@ -1,6 +1,6 @@
 """Link predictors compared on the same queries."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -120,21 +120,10 @@ def compare(contenders: Sequence[Contender], *, resamples: int = 2_000, seed: in
         return bootstrap(values, clusters, resamples=resamples, seed=seed)
 
     ranked = [_ranked(contender, queries) for contender in contenders]
-    reciprocal = [values for _, values in ranked]
-    models = [msgspec.structs.replace(model, mrr_ci=interval(resampled(values))) for model, values in ranked]
-    for i in range(1, len(models)):
-        gain = reciprocal[i] - reciprocal[0]
-        means = resampled(gain)
-        models[i] = msgspec.structs.replace(
-            models[i],
-            difference=float(gain.mean()),
-            difference_ci=interval(means, confidence),
-            probability_better=float(np.mean(means > 0) + np.mean(means == 0) / 2),
-        )
-    fair = [i for i, model in enumerate(models) if not model.has_seen_the_test_recipes]
-    best = max(fair, key=lambda i: float(reciprocal[i].mean()), default=None)
-    rivals = [] if best is None else [i for i in fair if i != best]
-    leads = {models[i].name: resampled(reciprocal[best or 0] - reciprocal[i]) for i in rivals}
+    models = _with_intervals(ranked, resampled, confidence)
+    fair = [(model.name, values) for model, values in ranked if not model.has_seen_the_test_recipes]
+    best = max(fair, key=lambda pair: float(pair[1].mean()), default=None)
+    leads = [(pair[0], resampled(best[1] - pair[1])) for pair in fair if best and pair is not best]
     return LinkComparison(
         graph=graph.name,
         hash=graph.hash,
@@ -145,9 +134,28 @@ def compare(contenders: Sequence[Contender], *, resamples: int = 2_000, seed: in
         pairs=pairs,
         sampled_from=len(everything) if len(everything) > len(queries) else None,
         models=tuple(models),
-        best=None if best is None else models[best].name,
-        not_told_apart=tuple(name for name, means in leads.items() if interval(means, confidence)[0] <= 0),
+        best=best and best[0],
+        not_told_apart=tuple(name for name, means in leads if interval(means, confidence)[0] <= 0),
     )
+
+
+def _with_intervals(
+    ranked: Sequence[tuple[ComparedModel, NDArray[np.float64]]],
+    resampled: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+    confidence: float,
+) -> list[ComparedModel]:
+    """Return models with the intervals of their MRR and of their differences to the first."""
+    models = [msgspec.structs.replace(model, mrr_ci=interval(resampled(values))) for model, values in ranked]
+    for i in range(1, len(models)):
+        gain = ranked[i][1] - ranked[0][1]
+        means = resampled(gain)
+        models[i] = msgspec.structs.replace(
+            models[i],
+            difference=float(gain.mean()),
+            difference_ci=interval(means, confidence),
+            probability_better=float(np.mean(means > 0) + np.mean(means == 0) / 2),
+        )
+    return models
 
 
 def written_to(view: LinkComparison, out: Path) -> LinkComparison:

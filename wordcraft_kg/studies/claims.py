@@ -171,27 +171,28 @@ def _measure(results: StudyResults, claim: Claim, point: Values) -> Measured:
     names = f"'{claim.left}' and '{claim.right}'"
     left = _runs(results, claim.left, point)
     right = _runs(results, claim.right, {**point, **claim.right_at}) if claim.right else left
-    seeds = sorted(left.keys() & right.keys())
-    if not seeds:
+    pairs = [(left[seed], right[seed]) for seed in sorted(left.keys() & right.keys())]
+    if not pairs:
         raise ConfigError(f"no seed of {names} together, {_point(point)}")
-    pairs = [(left[seed], right[seed]) for seed in seeds]
     runs = [run for pair in pairs for run in pair]
+    is_success = claim.measure == "success"
     if claim.measure in ("early", "steps") and not all(run.curve for run in runs):
         raise ConfigError(f"no learning curves of {names}")
-    is_success = claim.measure == "success"
-    played = {(graph.hash, graph.split, len(run.won)) for run in runs for graph in [results.graphs[run.graph]]}
-    if is_success and len(played) > 1:
+    if is_success and len({_tasks(results, run) for run in runs}) > 1:
         raise ConfigError(f"{names} were tested on different tasks, {_point(point)}")
     a = np.array([_figures(claim.measure, run, other) for run, other in pairs])
     b = np.array([_figures(claim.measure, other, other) for _, other in pairs])
     if not claim.right:
         b = np.full_like(a, claim.than)
-    # Over tasks alone the interval would speak of these two trainings, and the claim is about agents.
-    interval = None if len(seeds) == 1 else crossed_bootstrap(a - b) if is_success else _student((a - b)[:, 0])
-    low, high = interval or (None, None)
+    low, high = _interval(a - b, is_success)
     difference = float(a.mean() - b.mean())
     tasks = a.shape[1] if is_success else 0
-    return Measured(point, float(a.mean()), float(b.mean()), difference, low, high, len(seeds), tasks)
+    return Measured(point, float(a.mean()), float(b.mean()), difference, low, high, len(pairs), tasks)
+
+
+def _tasks(results: StudyResults, run: RunResult) -> tuple[str, str, int]:
+    graph = results.graphs[run.graph]
+    return graph.hash, graph.split, len(run.won)
 
 
 def _runs(results: StudyResults, variant: str, point: Values) -> dict[int, RunResult]:
@@ -217,6 +218,13 @@ def _figures(measure: Measure, run: RunResult, other: RunResult) -> Sequence[flo
         return [min(run.curve, key=lambda point: abs(point[0] - _EARLY * run.steps))[1]]
     level = _REACHED * other.curve[-1][1]
     return [min((step for step, success in run.curve if success >= level), default=run.steps) / run.steps]
+
+
+def _interval(differences: NDArray[np.float64], is_success: bool) -> tuple[float, float] | tuple[None, None]:
+    # Over tasks alone the interval would speak of these two trainings, and the claim is about agents.
+    if len(differences) == 1:
+        return None, None
+    return crossed_bootstrap(differences) if is_success else _student(differences[:, 0])
 
 
 def _student(differences: NDArray[np.float64]) -> tuple[float, float]:

@@ -54,7 +54,7 @@ def collect_runs(root: Path, by: Sequence[str]) -> StudyResults:
             given |= dict.fromkeys(said)
             described.setdefault(run, (_with_defaults(said, by), cell, scorer))
     every = [values for values, *_ in described.values()]
-    _check_known(by, list(given), {name for values in every for name in values}, root)
+    _check_known(by, list(given), set().union(*every), root)
     # Only what some study says can differ; the rest is at its default, as it is where another study does not say it.
     varied = [name for name in given if name not in by and _varies(name, by, every)]
     rows, variants = [], {}

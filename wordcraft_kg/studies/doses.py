@@ -66,12 +66,7 @@ def doses_of(results: StudyResults, points: Sequence[PointFigures], reference: s
                 groups.setdefault(key, []).append((point, entry))
     for found in groups.values():
         rows = [_dose_point(point, entry) for point, entry in found]
-        bare = [
-            entry.mean
-            for point, _ in found
-            for entry in point.variants
-            if entry.variant == reference and entry.mrr is None
-        ]
+        bare = [mean for point, _ in found for mean in _without(point, reference)]
         mrr, success = [at.mrr for at in rows], [at.success for at in rows]
         latest = 1 + max(at.reached or 0 for at in rows)
         reached = [latest if at.reached is None else at.reached for at in rows]
@@ -84,6 +79,11 @@ def doses_of(results: StudyResults, points: Sequence[PointFigures], reference: s
             steps_spearman=_correlation(mrr, reached, "spearman"),
             without=mean_of(bare) if bare else None,
         )
+
+
+def _without(point: PointFigures, reference: str) -> list[float]:
+    """Return the success of the reference at a point, if it has no scorer."""
+    return [entry.mean for entry in point.variants if entry.variant == reference and entry.mrr is None]
 
 
 def _others(point: PointFigures) -> Values:

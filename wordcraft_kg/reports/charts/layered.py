@@ -53,8 +53,9 @@ def layered(things: Sequence[Made], given: Collection[str], description: str) ->
         given: what need not be made; it is in bold.
         description: text for readers who cannot see it.
     """
-    first = min((thing.layer for thing in things), default=1)
-    columns: list[list[_Place]] = [[] for _ in range(first, max((thing.layer for thing in things), default=first) + 1)]
+    layers = [thing.layer for thing in things] or [1]
+    first = min(layers)
+    columns: list[list[_Place]] = [[] for _ in range(first, max(layers) + 1)]
     place_of = {thing.label: _Place(thing.layer - first, [], []) for thing in things}
     for place in place_of.values():
         columns[place.column].append(place)
@@ -66,8 +67,9 @@ def layered(things: Sequence[Made], given: Collection[str], description: str) ->
         widths[thing.layer - first] = max(widths[thing.layer - first], round(letters) + 8)
     lefts = [MARGIN + sum(widths[:i]) + BETWEEN * i for i in range(len(widths))]
     places = [place for column in columns for place in column]
-    top = min((place.y for place in places), default=0.0) - BOX / 2 - MARGIN
-    bottom = max((place.y for place in places), default=0.0) - top + GAP - BOX / 2 + 6
+    heights = [place.y for place in places] or [0.0]
+    top = min(heights) - BOX / 2 - MARGIN
+    bottom = max(heights) - top + GAP - BOX / 2 + 6
     for place in places:
         place.y = round(place.y - top)
     width, height = lefts[-1] + widths[-1] + MARGIN, round(bottom) + 18
@@ -77,8 +79,7 @@ def layered(things: Sequence[Made], given: Collection[str], description: str) ->
     ]
     for number, (left, wide) in enumerate(zip(lefts, widths, strict=True), start=first):
         parts.append(f'<text x="{left + wide / 2:g}" y="{height - 6}" class="small middle">layer {number}</text>')
-    for title, route in arrows:
-        parts.append(f'<path d="{_curve(route, lefts, widths)}" class="arrow"><title>{escape(title)}</title></path>')
+    parts += [f'<path d="{_curve(route, lefts, widths)}" class="arrow">{title}</path>' for title, route in arrows]
     for thing in things:
         place = place_of[thing.label]
         parts += _box(thing, given, lefts[place.column], widths[place.column], int(place.y))
@@ -103,7 +104,7 @@ def _arrows(
                 route.append(passing[part, column])
             route[-1].after.append(to)
             to.before.append(route[-1])
-            arrows.append((f"{part} → {thing.label}", [*route, to]))
+            arrows.append((f"<title>{escape(part)} → {escape(thing.label)}</title>", [*route, to]))
     return arrows
 
 

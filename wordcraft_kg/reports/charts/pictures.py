@@ -194,20 +194,23 @@ def world(
     room = Labels(LINE)
     order = sorted(range(len(dots)), key=lambda number: number not in near)
     shown = {number for number in order if room.take(*_place_of_label(dots[number]))}
-    circles = []
-    for number, dot in enumerate(dots):
-        role = "chosen" if number == chosen else "near" if number in near else ""
-        circles.append(_circle(dot, " ".join(filter(None, [role, "" if number in shown else "far"]))))
-    others: dict[str, list[list[int]]] = {kind: [[] for _ in dots] for kind in links}
-    for kind, pairs in links.items():
-        for one, other in pairs:
-            others[kind][one].append(other)
+    roles = dict.fromkeys(near, " near") | ({chosen: " chosen"} if chosen is not None else {})
+    circles = [_circle(dot, roles.get(number, "") + " far" * (number not in shown)) for number, dot in enumerate(dots)]
+    others = {kind: _others(pairs, len(dots)) for kind, pairs in links.items()}
     return Markup(
         f'<svg viewBox="{-SIDE} {-EDGE} {width} {height}" class="world{" has-chosen" if near else ""}" role="group" '
         f'aria-label="{escape(description)}"><g class="view"><g class="regions">{"".join(names)}</g>'
         f'<g class="links">{"".join(lines)}</g><g class="dots">{"".join(circles)}</g></g></svg>'
         f'<script type="application/json" class="world-links">{json.dumps(others, separators=(",", ":"))}</script>'
     )
+
+
+def _others(pairs: Sequence[tuple[int, int]], size: int) -> list[list[int]]:
+    """Return the dots that each dot is linked to."""
+    others: list[list[int]] = [[] for _ in range(size)]
+    for one, other in pairs:
+        others[one].append(other)
+    return others
 
 
 def _lines(dots: Sequence[Dot], chosen: int, kind: str, ends: Collection[int]) -> str:
@@ -220,7 +223,7 @@ def _lines(dots: Sequence[Dot], chosen: int, kind: str, ends: Collection[int]) -
 def _circle(dot: Dot, classes: str) -> str:
     start, end = (f'a href="{escape(dot.href)}"', "a") if dot.href else ("g", "g")
     return (
-        f'<{start} class="{dot.style} r{dot.size}{" " * bool(classes)}{classes}"><title>{escape(dot.title)}</title>'
+        f'<{start} class="{dot.style} r{dot.size}{classes}"><title>{escape(dot.title)}</title>'
         f'<circle cx="{dot.x}" cy="{dot.y}"/>'
         f'<text x="{dot.x}" y="{dot.y}" dx=".8em">{escape(shortened(dot.label, LONGEST))}</text></{end}>'
     )

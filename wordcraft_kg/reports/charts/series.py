@@ -1,7 +1,7 @@
 """Charts of series: each is a plot with marks for bars, curves, or estimates with their intervals."""
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any
 
 from markupsafe import Markup
@@ -161,37 +161,45 @@ def scatter(
         description: text for readers who cannot see it.
         level: name and share of a dashed horizontal line.
     """
-    everything = [point for points in series.values() for point in points]
-    xs = [value for _, x, _ in everything for value in x if value is not None]
-    ys = [value for *_, y in everything for value in y if value is not None] + list((level or ())[1:])
-    ticks, y_ticks = round_ticks(min(xs, default=0), max(xs, default=1)), round_ticks(0, max(ys, default=1))
-    names = [name for name, points in series.items() if points] + list((level or ())[:1])
-    plot = Plot((ticks[0], ticks[-1]), (0, y_ticks[-1]), description, right=room_for(names))
+    drawn = {name: sorted(points, key=lambda point: point[1][0]) for name, points in series.items() if points}
+    everything = [point for points in drawn.values() for point in points]
+    xs, ys = _values(x for _, x, _ in everything), _values(y for *_, y in everything)
+    lines = [level] if level else []
+    ticks = round_ticks(min(xs, default=0), max(xs, default=1))
+    y_ticks = round_ticks(0, max([*ys, *(share for _, share in lines)], default=1))
+    room = room_for([*drawn, *(name for name, _ in lines)])
+    plot = Plot((ticks[0], ticks[-1]), (0, y_ticks[-1]), description, right=room)
     plot.y_axis(y_ticks, _shares(y_ticks))
     plot.x_axis(ticks, [f"{value:.3g}" for value in ticks])
-    ends = []
-    if level:
-        name, share = level
+    for name, share in lines:
         plot.polyline([(ticks[0], share), (ticks[-1], share)], "diagonal", f"{name}: {share:.1%}")
-        ends.append((ticks[-1], share, name, ""))
-    labels, named = Labels(10.05), set[str]()
-    for number, (name, unordered) in enumerate(series.items()):
-        points = sorted(unordered, key=lambda point: point[1][0])
-        for _, x, y in points:
+    taken, named = Labels(10.05), set[str]()
+    for number, name in enumerate(series):
+        for _, x, y in drawn.get(name, ()):
             plot.whiskers(x, y, number)
-        for label, x, y in points:
-            left, half = plot.x(x[0]), SMALL_LETTER * len(label) / 2
-            plot.marker(left, plot.y(y[0]), number, f"{name}, {label}: {estimate(y, True)} at {estimate(x, False)}")
-            # Outside of the whiskers, alternately above and below, where the points of the other series rarely are.
-            ends_of_y = [plot.y(value) for value in y if value is not None]
-            line = max(ends_of_y) + 12 if number % 2 else min(ends_of_y) - 5
-            if label not in named and labels.take(left - half, left + half, line):
-                named.add(label)
-                plot.text(left, line, label, "small", "middle")
-        ends += [(x[0], y[0], name, style_of(number)) for _, x, y in points[-1:]]
+        for label, x, y in drawn.get(name, ()):
+            title = f"{name}, {label}: {estimate(y, True)} at {estimate(x, False)}"
+            plot.marker(plot.x(x[0]), plot.y(y[0]), number, title)
+            _label_point(plot, taken, named, label, x[0], y, below=number % 2 == 1)
+    ends = [(ticks[-1], share, name, "") for name, share in lines]
+    for number, name in enumerate(series):
+        ends += [(x[0], y[0], name, style_of(number)) for _, x, y in drawn.get(name, ())[-1:]]
     plot.end_labels(ends)
     plot.titles(x_title, y_title)
     return plot.done()
+
+
+def _values(estimates: Iterable[Estimate]) -> list[float]:
+    return [value for estimate in estimates for value in estimate if value is not None]
+
+
+def _label_point(plot: Plot, taken: Labels, named: set[str], label: str, x: float, y: Estimate, *, below: bool) -> None:
+    """Write a label outside of a point's whiskers if it fits, and was not written before."""
+    ends = [plot.y(value) for value in _values([y])]
+    left, half, line = plot.x(x), SMALL_LETTER * len(label) / 2, max(ends) + 12 if below else min(ends) - 5
+    if label not in named and taken.take(left - half, left + half, line):
+        named.add(label)
+        plot.text(left, line, label, "small", "middle")
 
 
 def intervals(

@@ -50,7 +50,7 @@ from wordcraft_kg.evaluation.reference import (
     read_pack,
 )
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
-from wordcraft_kg.runs.seeds import run_folders
+from wordcraft_kg.runs.record import run_folders
 from wordcraft_kg.studies.references import (
     DISTRACTORS,
     in_order,

@@ -7,12 +7,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from going_on import go_on
 
 from wordcraft_kg.agents import following
 from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
 from wordcraft_kg.agents.following import FollowedRun
 from wordcraft_kg.agents.impala import Impala
-from wordcraft_kg.agents.training import resume_agent, train_agent
+from wordcraft_kg.agents.training import train_agent
 from wordcraft_kg.base.errors import ArtefactError, GraphMismatchError
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs import open_graph
@@ -72,7 +73,7 @@ def test_what_a_training_writes_is_seen(interrupted: Path, opened: OpenedGraph) 
     assert run.agent() is agent  # its weights are the same
     data = (interrupted / "metrics.jsonl").read_bytes()
     (interrupted / "metrics.jsonl").write_bytes(data[: data.index(b'{"step": 5000')])
-    resume_agent(interrupted)
+    go_on(interrupted)
     assert run.records().run.status == "done"
     assert run.agent().checkpoint == "final"
     assert run.explainer(world) is not explainer

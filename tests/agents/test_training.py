@@ -15,17 +15,17 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from going_on import go_on
 
 from wordcraft_kg.agents import training
 from wordcraft_kg.agents.agent_folder import AGENTS, open_agent
 from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
 from wordcraft_kg.agents.impala import Impala
-from wordcraft_kg.agents.training import _warn_of_self_pairs, resume_agent, train_agent
+from wordcraft_kg.agents.training import _warn_of_self_pairs, train_agent
 from wordcraft_kg.base.artefacts import sha256_of
 from wordcraft_kg.base.errors import (
     ArtefactError,
     ConfigError,
-    GraphMismatchError,
     MissingExtraError,
     OutputExistsError,
     TrainingError,
@@ -152,7 +152,7 @@ def test_a_run_stopped_by_ctrl_c_and_resumed_ends_with_the_same_bits(
     assert part.interrupted
     assert part.step == update * 24
     assert json.loads((part.folder / "run.json").read_text())["status"] == "interrupted"
-    resumed = resume_agent(part.folder)
+    resumed = go_on(part.folder)
     assert not resumed.interrupted
     assert sha256_of(resumed.folder / "policy.safetensors") == sha256_of(whole.folder / "policy.safetensors")
     assert metrics_of(resumed.folder) == metrics_of(whole.folder)
@@ -166,7 +166,7 @@ def test_an_interrupted_run_can_be_judged_at_its_checkpoint(
     part = train_agent(config_of(), tmp_path / "run")
     agent = open_agent(part.folder)
     assert agent.checkpoint == "step 480"
-    with pytest.raises(ArtefactError, match=r"interrupted, not done.*resume"):
+    with pytest.raises(ArtefactError, match=r"interrupted, not done.*Repeat"):
         load_policy(part.folder)
 
 
@@ -181,7 +181,7 @@ def test_metrics_after_the_checkpoint_are_cut_off_when_a_run_goes_on(
             train_agent(config_of(), tmp_path / "part")
     with (tmp_path / "part" / "metrics.jsonl").open("ab") as file:
         file.write(b'{"step": 88')
-    resume_agent(tmp_path / "part")
+    go_on(tmp_path / "part")
     assert metrics_of(tmp_path / "part") == metrics_of(whole.folder)
     assert sha256_of(tmp_path / "part/policy.safetensors") == sha256_of(whole.folder / "policy.safetensors")
 
@@ -205,7 +205,7 @@ def test_a_damaged_checkpoint_falls_back_to_the_one_before_and_says_so(
         last.write_text("{")
     else:
         tensors.unlink()
-    resume_agent(part.folder)
+    go_on(part.folder)
     assert "step-640" in caplog.text
     assert sha256_of(part.folder / "policy.safetensors") == sha256_of(whole.folder / "policy.safetensors")
     assert metrics_of(part.folder) == metrics_of(whole.folder)
@@ -219,7 +219,7 @@ def test_a_run_without_a_whole_checkpoint_is_an_error(
     for path in (part.folder / "checkpoints").glob("*.safetensors"):
         path.write_bytes(b"nothing")
     with pytest.raises(ArtefactError, match=r"all checkpoints .* are damaged"):
-        resume_agent(part.folder)
+        go_on(part.folder)
 
 
 def test_a_loss_that_is_not_finite_stops_the_run_and_keeps_the_last_good_checkpoint(
@@ -255,9 +255,9 @@ def test_a_full_disk_loses_nothing_that_was_safe(
 
     with monkeypatch.context() as patch:
         patch.setattr(Checkpoints, "save", full)
-        with pytest.raises(ArtefactError, match=r"No space left.*step 640 is safe.*resume"):
+        with pytest.raises(ArtefactError, match=r"No space left.*step 640 is safe.*same command"):
             train_agent(config_of(), tmp_path / "run")
-    resume_agent(tmp_path / "run")
+    go_on(tmp_path / "run")
     assert sha256_of(tmp_path / "run/policy.safetensors") == sha256_of(whole.folder / "policy.safetensors")
 
 
@@ -276,9 +276,7 @@ def test_a_disk_that_is_full_from_the_start_leaves_no_folder(
 def test_a_finished_run_is_neither_resumed_nor_replaced_unasked(opened: OpenedGraph, tmp_path: Path) -> None:
     train_agent(config_of(), tmp_path / "run")
     before = sha256_of(tmp_path / "run/policy.safetensors")
-    with pytest.raises(ArtefactError, match=r"is finished; there is nothing to resume"):
-        resume_agent(tmp_path / "run")
-    with pytest.raises(OutputExistsError):
+    with pytest.raises(OutputExistsError, match="`force`"):
         train_agent(config_of(), tmp_path / "run")
     assert sha256_of(tmp_path / "run/policy.safetensors") == before
     train_agent(config_of(replace(SMALL, seed=1)), tmp_path / "run", force=True)
@@ -291,8 +289,8 @@ def test_an_unfinished_run_is_not_replaced_unasked(
     with monkeypatch.context() as patch:
         interrupt_at(patch, 50)
         train_agent(config_of(), tmp_path / "run")
-    with pytest.raises(OutputExistsError):
-        train_agent(config_of(), tmp_path / "run")
+    with pytest.raises(ConfigError, match="`seed` 0, and this command has 1"):
+        train_agent(config_of(replace(SMALL, seed=1)), tmp_path / "run")
 
 
 def test_a_folder_of_somebody_else_is_never_replaced(opened: OpenedGraph, tmp_path: Path) -> None:
@@ -308,8 +306,8 @@ def test_a_run_on_another_graph_is_refused(
 ) -> None:
     interrupt_at(monkeypatch, 50)
     train_agent(config_of(), tmp_path / "run")
-    with pytest.raises(GraphMismatchError):
-        resume_agent(tmp_path / "run", graph="paper-examples")
+    with pytest.raises(ConfigError, match="another graph"):
+        go_on(tmp_path / "run", graph="paper-examples")
 
 
 def test_the_same_seed_gives_the_same_bytes_and_another_seed_others(opened: OpenedGraph, tmp_path: Path) -> None:
@@ -353,7 +351,7 @@ def test_settings_that_were_changed_after_the_start_are_refused(
     train_agent(config_of(), tmp_path / "run")
     path = tmp_path / "run" / name
     path.write_text(path.read_text().replace("free", "softmax"))
-    for use in (open_agent, resume_agent):
+    for use in (open_agent, lambda folder: train_agent(config_of(), folder)):
         with pytest.raises(ArtefactError, match=f"{name} is damaged or was changed"):
             use(tmp_path / "run")
 
@@ -379,7 +377,7 @@ def test_tensorboard_gets_the_figures_of_the_metrics_and_goes_on_with_a_resumed_
     with monkeypatch.context() as patch:
         interrupt_at(patch, 50)
         train_agent(config_of(), tmp_path / "run", trackers=["tensorboard"])
-    resume_agent(tmp_path / "run")
+    go_on(tmp_path / "run")
     assert begun == [None, -1, 800, -1]
     for row in metrics_of(tmp_path / "run"):
         for name, value in row.items():
@@ -421,7 +419,7 @@ def test_a_run_is_trained_by_one_process_at_a_time(
         step(self)
         if self.update_number == 30:
             with pytest.raises(ArtefactError, match="being trained by another process"):
-                resume_agent(tmp_path / "run")
+                go_on(tmp_path / "run")
             found.append(True)
 
     monkeypatch.setattr(Impala, "update", update)
@@ -436,7 +434,7 @@ def test_metrics_that_are_shorter_than_the_checkpoint_says_are_an_error(
     train_agent(config_of(), tmp_path / "run")
     (tmp_path / "run/metrics.jsonl").write_bytes(b"")
     with pytest.raises(ArtefactError, match=r"metrics\.jsonl is shorter"):
-        resume_agent(tmp_path / "run")
+        go_on(tmp_path / "run")
 
 
 def test_features_without_half_of_the_words_are_refused_before_anything_is_written(

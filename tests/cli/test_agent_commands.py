@@ -135,11 +135,14 @@ def test_compare_agents_counts_runs_that_differ_in_the_seed_as_one_agent(run: Ru
     assert (refused.code, "--force" in refused.err) == (1, True)
 
 
-def test_a_report_that_was_not_written_any_more_is_written_by_resume(run: Run, world: Path, tmp_path: Path) -> None:
+def test_a_report_that_was_not_written_any_more_is_written_by_the_same_command(
+    run: Run, world: Path, tmp_path: Path
+) -> None:
     import shutil
 
     shutil.copytree(world / "plain-0", tmp_path / "run", ignore=shutil.ignore_patterns("report"))
-    assert run("resume", tmp_path / "run", "--graph", world / "graph").code == 0
+    done = run("train-agent", world / "graph", *SMALL, "--distractors", 2, "--out", tmp_path / "run")
+    assert done.code == 0, done.err
     assert (tmp_path / "run/report/index.html").is_file()
 
 
@@ -149,7 +152,9 @@ def test_more_episodes_than_tasks_are_as_many_as_there_are(run: Run, world: Path
     assert len(found) == tasks
 
 
-def test_resume_goes_on_with_an_agent(run: Run, world: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_same_command_goes_on_with_an_agent(
+    run: Run, world: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     step = Impala.update
 
     def interrupted(self: Impala) -> None:
@@ -157,18 +162,18 @@ def test_resume_goes_on_with_an_agent(run: Run, world: Path, tmp_path: Path, mon
         if self.update_number == 30:
             raise KeyboardInterrupt
 
+    command = ("train-agent", world / "graph", *SMALL, "--out", tmp_path / "run")
     with monkeypatch.context() as patch:
         patch.setattr(Impala, "update", interrupted)
-        stopped = run("train-agent", world / "graph", *SMALL, "--out", tmp_path / "run")
+        stopped = run(*command)
     assert stopped.code == 130
-    assert f"resume {tmp_path / 'run'}" in stopped.err
+    assert f"is saved in '{tmp_path / 'run'}'. The same command goes on" in stopped.err
     assert run("evaluate-agent", tmp_path / "run").out.startswith("run, step 800")
-    assert run("resume", tmp_path / "run", "--epochs", 3).code == 1
-    done = run("resume", tmp_path / "run", "--json", "--quiet")
+    assert "--unroll" in run(*command, "--unroll", 5).err
+    done = run(*command, "--json")
     assert json.loads(done.out)["steps"] == 1_600
-    again = run("resume", tmp_path / "run")
-    assert again.code == 1
-    assert "is finished; there is nothing to resume" in again.err
+    again = run(*command)
+    assert (again.code, again.kind) == (1, "OutputExistsError")
 
 
 def test_settings_come_from_a_toml_file_and_the_command_line_goes_first(run: Run, world: Path, tmp_path: Path) -> None:

@@ -258,7 +258,6 @@ RUN, MODEL = (
         ("train-agent kitchen --scorer {}", "model", MODEL),
         ("evaluate-agent kitchen --scorer {}", "model", MODEL),
         ("discover kitchen --scorer {}", "model", MODEL),
-        ("resume {}", "", "expected a run of a training command"),
     ],
     ids=lambda value: value.split()[0] if value else "any",
 )
@@ -346,7 +345,6 @@ def test_there_is_a_completion_script_for_other_shells(shell):
         (["explain", ""], ["agent"]),
         (["compare", "agent", ""], ["agent", "model"]),
         (["evaluate-agent", ""], ["everyday", "kitchen", "paper-examples", "own.csv", "graph", "agent"]),
-        (["resume", ""], ["agent", "model"]),
     ],
     ids=" ".join,
 )

@@ -86,7 +86,6 @@ def test_an_agent_can_be_guided_by_it_explained_and_compared(run: Run, models: P
     assert (tmp_path / "report" / "index.html").is_file()
 
 
-def test_it_cannot_be_resumed(run: Run, models: Path) -> None:
-    done = run("resume", models / "mine")
-    assert (done.code, done.out) == (1, "")
-    assert "was written by save-scorer" in done.err
+def test_no_training_goes_on_with_it(run: Run, models: Path) -> None:
+    done = run("train-complex", "kitchen", "--out", models / "mine")
+    assert (done.code, done.out, done.kind) == (1, "", "OutputExistsError")

@@ -299,18 +299,18 @@ def ctrl_c_in_epoch_2(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
     return monkeypatch
 
 
-def test_ctrl_c_in_a_training_ends_with_130_and_says_how_to_resume(
+def test_ctrl_c_in_a_training_ends_with_130_and_the_same_command_goes_on(
     run: Run, workshop: Path, ctrl_c_in_epoch_2: pytest.MonkeyPatch
 ):
     settings = (workshop / "graph", "--dim", "8", "--epochs", "6", "--seed", "3")
-    outcome = run("train-complex", *settings, "--out", workshop / "model")
+    command = ("train-complex", *settings, "--out", workshop / "model")
+    outcome = run(*command)
     assert (outcome.code, outcome.out) == (130, "")
-    assert f"wordcraft-kg resume {workshop / 'model'}" in outcome.err
-    assert "epoch 3" in outcome.err
-    assert "resume" in refused(run("score", workshop / "model", "flour", "combinesWith", "water"), "ArtefactError")
-    refused(run("train-complex", *settings, "--out", workshop / "model"), "OutputExistsError")
+    assert f"epoch 3 is saved in '{workshop / 'model'}'. The same command goes on" in outcome.err
+    assert "not done" in refused(run("score", workshop / "model", "flour", "combinesWith", "water"), "ArtefactError")
+    assert "--n3" in refused(run(*command, "--n3", "0.5"), "ConfigError")
     ctrl_c_in_epoch_2.undo()
-    values = one_object(run("resume", workshop / "model", "--json", "--quiet"))
+    values = one_object(run(*command, "--json", "--quiet"))
     assert (values["out"], values["epochs"]) == (str(workshop / "model"), 6)
     run("train-complex", *settings, "--out", workshop / "undisturbed")
     weights = [(workshop / name / "model.safetensors").read_bytes() for name in ("model", "undisturbed")]
@@ -327,7 +327,7 @@ def test_a_second_ctrl_c_says_truly_what_is_left(run: Run, tmp_path: Path, monke
     outcome = run("train-complex", "kitchen", *QUICK, "--checkpoint-every", "1", "--out", tmp_path / "model")
     assert (outcome.code, outcome.out) == (130, "")
     assert [path.name for path in tmp_path.iterdir()] == ["model"]
-    assert "wordcraft-kg resume" in outcome.err
+    assert "The same command goes on" in outcome.err
     assert "nothing was written" not in outcome.err
 
 
@@ -356,11 +356,6 @@ def test_ctrl_c_elsewhere_ends_with_130_and_one_line(run: Run, workshop: Path, m
     assert (outcome.code, outcome.out) == (130, "")
     assert outcome.err.splitlines()[-1].startswith("interrupted")
     assert not (workshop / "one" / "report").exists()
-
-
-def test_resuming_what_is_finished_or_missing_is_a_clear_error(run: Run, trained: Path, tmp_path: Path):
-    assert "finished" in refused(run("resume", trained / "one"), "ArtefactError")
-    assert "does not exist" in refused(run("resume", tmp_path / "nowhere"), "ArtefactError")
 
 
 # --- evaluation ------------------------------------------------------------------------------------------------------

@@ -5,6 +5,7 @@ import os
 import random
 import shutil
 from collections.abc import Callable
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -25,12 +26,18 @@ GRAPH = (
     ("evaluate-agent", "in/agent", "--graph", "{}", "--draws", "1"),
     ("evaluate-links", "in/model", "--graph", "{}", "--out", "out"),
 )
+LINKS = ("train-complex", "in/graph", "--dim", "4", "--epochs", "3", "--checkpoint-every", "1", "--out", "{}")
+EVERY = ("--log-every", "64", "--eval-every", "160", "--checkpoint-every", "64")
+TRAINED = (
+    *("train-agent", "in/graph", "--scorer", "in/model", "--distractors", "1", "--steps", "320", "--batch-size", "16"),
+    *(*EVERY, "--out", "{}"),
+)
 MODEL = (
     ("score", "{}", "flour", "combinesWith", "water"),
     ("score", "{}", "?", "componentOf", "bread", "--json"),
     ("evaluate-links", "{}", "--out", "out"),
     ("compare", "{}", "in/model", "--resamples", "2"),
-    ("resume", "{}"),
+    LINKS,
     ("evaluate-agent", "in/graph", "--draws", "1", "--distractors", "1", "--scorer", "{}"),
     ("discover", "in/graph", "--runs", "1", "--attempts", "3", "--scorer", "{}", "--players", "empowerment-scorer"),
     ("train-agent", "in/graph", "--scorer", "{}", "--steps", "64", "--batch-size", "16", "--out", "out"),
@@ -42,7 +49,7 @@ AGENT = (
     ("explain", "{}", "--episodes", "1"),
     ("compare", "{}", "--draws", "1", "--distractors", "1", "--episodes", "1", "--out", "out"),
     ("compare", "{}", "in/agent", "--draws", "1", "--distractors", "1", "--episodes", "0", "--out", "out"),
-    ("resume", "{}"),
+    TRAINED,
 )
 SERVED = ("--port", "0", "--no-browser")
 SESSION = (
@@ -76,7 +83,7 @@ def trial(number: int, home: Path, sandbox: Path) -> Trial:
         linked(home, kind, sandbox / IN / kind)
     kind = rng.choice(list(READERS))
     chosen = rng.sample(READERS[kind], 2)
-    goes_on = any(command[0] in ("resume", "play") or command[:2] == ("people", "serve") for command in chosen)
+    goes_on = any(one == "--out" and "{}" in other for command in chosen for one, other in pairwise(command))
     place = CONTINUED if goes_on else f"{IN}/spoilt"
     folder = copied(home, kind, sandbox / place)
     is_mended = rng.random() < 0.67

@@ -13,8 +13,8 @@ from typing import Any, get_args
 
 from wordcraft_kg.cli import ALL, make_app
 
-from .harness import CONTINUED, IN, SERVERS, Trial
-from .home import copied, linked
+from .harness import IN, SERVERS, Trial
+from .home import linked
 from .spoiling import toml_of
 
 GIVEN = {
@@ -144,8 +144,6 @@ class Option:
         """A sound value for it, None if it is best left out."""
         if self.is_output and self.command != "play":
             return f"out{'.toml' if self.command == 'tune-links' else ''}"
-        if self.command == "resume" and self.parameter in ("run", "epochs"):
-            return CONTINUED if self.parameter == "run" else None
         parameter = f"{self.parameter} folder" if self.is_path else self.parameter
         return GIVEN.get(f"{self.command} {parameter}", GIVEN.get(parameter))
 
@@ -195,8 +193,6 @@ def trial(number: int, home: Path, sandbox: Path) -> Trial:
     folder.mkdir()
     for kind in ("graph", "model", "model-table", "agent", "session", "study"):
         linked(home, kind, folder / kind)
-    if option.command == "resume":
-        copied(home, "model-interrupted", sandbox / CONTINUED)
     _odd_paths(sandbox / "odd")
     command = [*option.command.split(), "--quiet"]
     if tuple(command[:-1]) in SERVERS and option.command != "mcp":

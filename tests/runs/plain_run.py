@@ -5,25 +5,22 @@ import signal
 import sys
 from pathlib import Path
 
+from wordcraft_kg.runs.config_file import RunConfig
 from wordcraft_kg.runs.folder import RunKind, new_run
 
-PLAIN = RunKind(("train-agent",), unit="step", progress=dict[str, int], judged_by="evaluate-agent")
+PLAIN = RunKind(("train-agent",), "agent", unit="step", progress=dict[str, int])
 
 
-class Settings:
-    """What is needed of a run's and a trainer's configuration."""
+class Settings(RunConfig):
+    """The least settings."""
 
-    command = "train-agent"
-    seed, device, threads = 0, "cpu", 1
-
-    def write(self, folder: Path) -> None:
-        (folder / "config.toml").write_text("")
+    commands = ("train-agent",)
 
 
 def train(out: Path, result: str, *, force: bool = False) -> None:
     """A training whose result is a word; it fails without one, before its first checkpoint."""
     with new_run(out, PLAIN, force=force) as run:
-        run.begin(Settings(), Settings(), inputs={})
+        run.begin(Settings("kitchen"), inputs={})
         if not result:
             raise RuntimeError("no more")
         (run.path / "result").write_text(result)
@@ -32,5 +29,5 @@ def train(out: Path, result: str, *, force: bool = False) -> None:
 
 if __name__ == "__main__":
     with new_run(Path(sys.argv[1]), PLAIN, force=True) as run:
-        run.begin(Settings(), Settings(), inputs={})
+        run.begin(Settings("kitchen"), inputs={})
         os.kill(os.getpid(), signal.SIGKILL)

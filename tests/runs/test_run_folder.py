@@ -17,11 +17,11 @@ import pytest
 
 from wordcraft_kg.agents.agent_folder import AGENTS
 from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
-from wordcraft_kg.agents.training import resume_agent, train_agent
+from wordcraft_kg.agents.training import train_agent
 from wordcraft_kg.base.artefacts import sha256_of
-from wordcraft_kg.base.errors import ArtefactError, OutputExistsError
+from wordcraft_kg.base.errors import ArtefactError, ConfigError, OutputExistsError
 from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
-from wordcraft_kg.models.links.training import LINKS, resume_links, train_links
+from wordcraft_kg.models.links.training import LinksTraining, train_links
 from wordcraft_kg.runs.checkpoints import Checkpoints
 from wordcraft_kg.runs.folder import RunKind, new_run, resumed_run
 from wordcraft_kg.runs.record import read_run
@@ -32,16 +32,13 @@ Progress = Callable[[int, int, dict[str, float]], None]
 class Links:
     """A small training of a link predictor: 6 epochs, a checkpoint after each."""
 
-    kind: RunKind[Any] = LINKS
+    kind: RunKind[Any] = LinksTraining.kind
     weights = "model.safetensors"
     numbers = (1, 2, 3, 4, 5, 6)
 
     def train(self, out: Path, *, seed: int = 0, force: bool = False, progress: Progress | None = None) -> Any:
         settings = ComplExConfig(dim=4, epochs=6, n3=0.1, folds=0, checkpoint_every=1, seed=seed)
         return train_links(LinksConfig("kitchen", settings), out, force=force, progress=progress)
-
-    def resume(self, folder: Path, progress: Progress | None = None) -> Any:
-        return resume_links(folder, progress=progress)
 
 
 class Agent:
@@ -56,9 +53,6 @@ class Agent:
         trainer = ImpalaConfig(steps=384, batch_size=16, unroll=2, seed=seed, **every)
         config = AgentConfig("kitchen", tasks=TaskConfig(distractors=1), trainer=trainer)
         return train_agent(config, out, force=force, progress=progress)
-
-    def resume(self, folder: Path, progress: Progress | None = None) -> Any:
-        return resume_agent(folder, progress=progress)
 
 
 Trainer = Links | Agent
@@ -108,8 +102,8 @@ def test_a_finished_run_has_results_instead_of_checkpoints(trainer: Trainer, tmp
     assert not (folder / "checkpoints").exists()
     assert run.inputs["config.toml"] == sha256_of(folder / "config.toml")
     assert all(sha256_of(folder / name) == value for name, value in run.outputs.items())
-    with pytest.raises(ArtefactError, match="is finished; there is nothing to resume"):
-        trainer.resume(folder)
+    with pytest.raises(ArtefactError, match="is finished"), resumed_run(folder, trainer.kind):
+        pass
 
 
 def test_a_run_is_on_record_in_its_own_folder_from_the_start(trainer: Trainer, tmp_path: Path) -> None:
@@ -125,23 +119,23 @@ def test_ctrl_c_keeps_two_checkpoints_and_resume_ends_with_the_bits_of_an_undist
     folder = interrupted(trainer, tmp_path / "run")
     assert read_run(folder).status == "interrupted"
     assert len(trainer.kind.checkpoints(folder).records()) == 2
-    resumed = trainer.resume(folder)
+    resumed = trainer.train(folder)
     assert sha256_of(resumed.folder / trainer.weights) == whole
     assert len(read_run(folder).resumed) == 1
 
 
 def test_a_second_ctrl_c_says_what_is_saved(trainer: Trainer, tmp_path: Path, whole: str) -> None:
-    with pytest.raises(KeyboardInterrupt, match=rf"{trainer.kind.unit} \d+ is saved.*wordcraft-kg resume"):
+    with pytest.raises(KeyboardInterrupt, match=rf"{trainer.kind.unit} \d+ is saved.*same command goes on"):
         trainer.train(tmp_path / "run", progress=after(trainer.numbers[3], lambda: ctrl_c(2)))
     assert read_run(tmp_path / "run").status == "interrupted"
-    assert sha256_of(trainer.resume(tmp_path / "run").folder / trainer.weights) == whole
+    assert sha256_of(trainer.train(tmp_path / "run").folder / trainer.weights) == whole
 
 
 def test_nobody_else_trains_in_a_folder_in_use(trainer: Trainer, tmp_path: Path, whole: str) -> None:
     tried = []
 
     def meddle() -> None:
-        for attempt in (trainer.resume, lambda folder: trainer.train(folder, force=True)):
+        for attempt in (trainer.train, lambda folder: trainer.train(folder, force=True)):
             with pytest.raises(ArtefactError, match="being trained by another process"):
                 attempt(tmp_path / "run")
             tried.append(attempt)
@@ -155,7 +149,7 @@ def test_an_error_is_on_record_and_the_run_can_go_on(trainer: Trainer, tmp_path:
     with pytest.raises(RuntimeError, match="no more"):
         trainer.train(tmp_path / "run", progress=after(trainer.numbers[3], fail))
     assert read_run(tmp_path / "run").status == "failed"
-    assert sha256_of(trainer.resume(tmp_path / "run").folder / trainer.weights) == whole
+    assert sha256_of(trainer.train(tmp_path / "run").folder / trainer.weights) == whole
 
 
 def test_an_existing_run_is_replaced_on_demand_only(trainer: Trainer, tmp_path: Path, whole: str) -> None:
@@ -168,10 +162,11 @@ def test_an_existing_run_is_replaced_on_demand_only(trainer: Trainer, tmp_path: 
     assert [path.name for path in tmp_path.iterdir()] == ["run"]
 
 
-def test_an_unfinished_run_is_not_replaced_unasked(trainer: Trainer, tmp_path: Path) -> None:
+def test_an_unfinished_run_is_kept_from_another_seed(trainer: Trainer, tmp_path: Path) -> None:
     folder = interrupted(trainer, tmp_path / "run")
-    with pytest.raises(OutputExistsError):
-        trainer.train(folder)
+    with pytest.raises(ConfigError, match="`seed` 0, and this command has 1"):
+        trainer.train(folder, seed=1)
+    assert read_run(folder).status == "interrupted"
 
 
 def disk_full(monkeypatch: pytest.MonkeyPatch, number: int) -> None:
@@ -203,9 +198,9 @@ def test_a_full_disk_loses_nothing_that_was_safe(
     last, full = trainer.numbers[2:4]
     with monkeypatch.context() as patch:
         disk_full(patch, full)
-        with pytest.raises(ArtefactError, match=rf"No space left.*{trainer.kind.unit} {last} is safe.*resume"):
+        with pytest.raises(ArtefactError, match=rf"No space left.*{trainer.kind.unit} {last} is safe.*same command"):
             trainer.train(tmp_path / "run")
-    assert sha256_of(trainer.resume(tmp_path / "run").folder / trainer.weights) == whole
+    assert sha256_of(trainer.train(tmp_path / "run").folder / trainer.weights) == whole
 
 
 @pytest.mark.parametrize("what", ["tensors", "record", "missing", "another kind"])
@@ -223,7 +218,7 @@ def test_a_damaged_checkpoint_falls_back_to_the_one_before_and_says_so(
         tensors.unlink()
     else:
         last.write_text("{" if what == "record" else '{"sha256": "0", "progress": 5}')
-    resumed = trainer.resume(folder)
+    resumed = trainer.train(folder)
     assert before.stem in caplog.text
     assert sha256_of(resumed.folder / trainer.weights) == whole
 
@@ -233,7 +228,7 @@ def test_a_run_without_a_whole_checkpoint_is_an_error_that_changes_nothing(train
     for path in (folder / "checkpoints").glob("*.safetensors"):
         path.write_bytes(b"nothing")
     with pytest.raises(ArtefactError, match=r"all checkpoints .* are damaged"):
-        trainer.resume(folder)
+        trainer.train(folder)
     assert read_run(folder).status == "interrupted"
 
 
@@ -243,7 +238,7 @@ def test_a_run_that_goes_on_with_another_torch_says_so(
     folder = interrupted(trainer, tmp_path / "run")
     run = json.loads((folder / "run.json").read_text())
     (folder / "run.json").write_text(json.dumps({**run, "versions": {**run["versions"], "torch": "0.1"}}))
-    trainer.resume(folder)
+    trainer.train(folder)
     assert "began with torch 0.1" in caplog.text
 
 
@@ -252,14 +247,14 @@ def test_settings_that_were_changed_by_hand_are_refused(trainer: Trainer, tmp_pa
     path = folder / "config.toml"
     path.write_text(path.read_text().replace("learning_rate = 0", "learning_rate = 1"))
     with pytest.raises(ArtefactError, match=r"config\.toml is damaged or was changed"):
-        trainer.resume(folder)
+        trainer.train(folder)
 
 
-def test_a_run_of_one_kind_is_not_resumed_as_the_other(tmp_path: Path) -> None:
-    with pytest.raises(ArtefactError, match="was written by train-agent; expected a run of train-complex"):
-        resume_links(interrupted(Agent(), tmp_path / "agent"))
-    with pytest.raises(ArtefactError, match="was written by train-complex; expected a run of train-agent"):
-        resume_agent(interrupted(Links(), tmp_path / "links"))
+def test_a_run_of_one_kind_does_not_go_on_as_the_other(tmp_path: Path) -> None:
+    for one, other in ((Agent(), Links()), (Links(), Agent())):
+        folder = interrupted(one, tmp_path / one.kind.name)
+        with pytest.raises(OutputExistsError, match="`force`"):
+            other.train(folder)
 
 
 # --- killed before the first checkpoint ------------------------------------------------------------------------------
@@ -338,7 +333,7 @@ def test_a_model_whose_training_was_killed_at_10_random_moments_has_the_bits_of_
         process.kill()
         process.wait()
         kills += 1
-        process = start("resume", folder)
+        process = start("train-complex", "everyday", *options, "--out", folder)
     assert process.wait() == 0
     assert kills >= 3
     assert sha256_of(folder / "model.safetensors") == sha256_of(tmp_path / "whole" / "model.safetensors")

@@ -9,7 +9,8 @@ import pytest
 
 from wordcraft_kg.base.artefacts import sha256_of
 from wordcraft_kg.base.errors import ArtefactError
-from wordcraft_kg.runs.record import RunRecord, end_run, read_finished_run, read_run, start_run, verified_bytes
+from wordcraft_kg.runs.files import RunFiles
+from wordcraft_kg.runs.record import RunRecord, end_run, read_finished_run, read_run, start_run
 
 
 @pytest.fixture
@@ -65,7 +66,7 @@ def test_no_host_or_user_name_goes_into_a_record(folder: Path, monkeypatch: pyte
 @pytest.mark.parametrize("status", ["interrupted", "failed"])
 def test_a_run_that_is_not_done_is_refused_with_its_status(folder: Path, status: str):
     end_run(folder, start_run(folder, "train-complex"), status)
-    with pytest.raises(ArtefactError, match=rf"{status}, not done.*wordcraft-kg resume"):
+    with pytest.raises(ArtefactError, match=rf"{status}, not done.*Repeat the command"):
         read_finished_run(folder, "a model", "model.bin")
 
 
@@ -94,8 +95,8 @@ def test_a_run_record_that_is_not_utf8_is_refused(folder: Path):
         read_run(folder)
 
 
-def test_verified_bytes_are_those_that_were_written(folder: Path):
-    assert verified_bytes(folder, finished(folder), "weights") == b"abc"
+def test_bytes_of_a_run_are_those_that_were_written(folder: Path):
+    assert RunFiles(folder, finished(folder)).bytes("weights") == b"abc"
 
 
 @pytest.mark.parametrize("data", [b"", b"ab", b"abd", b"abcd"])
@@ -103,11 +104,11 @@ def test_bytes_that_differ_are_refused(folder: Path, data: bytes):
     run = finished(folder)
     (folder / "weights").write_bytes(data)
     with pytest.raises(ArtefactError, match="weights is damaged"):
-        verified_bytes(folder, run, "weights")
+        RunFiles(folder, run).bytes("weights")
 
 
 def test_bytes_that_the_record_does_not_know_are_refused(folder: Path):
     run = finished(folder)
     (folder / "other").write_bytes(b"abc")
     with pytest.raises(ArtefactError, match="other is damaged"):
-        verified_bytes(folder, run, "other")
+        RunFiles(folder, run).bytes("other")

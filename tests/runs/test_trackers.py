@@ -8,13 +8,14 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from going_on import go_on
 from refusals import refuses
 
 from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig
-from wordcraft_kg.agents.training import resume_agent, train_agent
+from wordcraft_kg.agents.training import train_agent
 from wordcraft_kg.base.errors import MissingExtraError
 from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
-from wordcraft_kg.models.links.training import resume_links, train_links
+from wordcraft_kg.models.links.training import train_links
 from wordcraft_kg.runs.record import read_run
 from wordcraft_kg.runs.trackers import TRACKERS, checked_trackers
 
@@ -92,11 +93,11 @@ def test_a_resumed_run_goes_on_where_the_interrupted_one_ended(kind: str, tmp_pa
     one, other, whole = Notes(), Notes(), Notes()
     if kind == "links":
         assert train_links(LINKS, tmp_path / "run", trackers=[one], progress=stop_at(1)).interrupted
-        resume_links(tmp_path / "run", trackers=[other])
+        go_on(tmp_path / "run", trackers=[other])
         train_links(LINKS, tmp_path / "whole", trackers=[whole])
     else:
         assert train_agent(AGENT, tmp_path / "run", trackers=[one], progress=stop_at(800)).interrupted
-        resume_agent(tmp_path / "run", trackers=[other])
+        go_on(tmp_path / "run", trackers=[other])
         train_agent(AGENT, tmp_path / "whole", trackers=[whole])
     assert (one.ended, other.ended) == (["interrupted"], ["done"])
     timed = ("seconds", "steps_per_second")
@@ -117,7 +118,7 @@ def test_a_tracker_learns_that_a_run_has_failed(tmp_path: Path):
         train_links(LINKS, tmp_path / "model", trackers=[before, broken])
     assert (before.ended, broken.ended, len(before.rows)) == (["failed"], ["failed"], 1)
     assert read_run(tmp_path / "model").status == "failed"
-    assert not resume_links(tmp_path / "model").interrupted  # the epoch is safe
+    assert not go_on(tmp_path / "model").interrupted  # the epoch is safe
 
 
 def test_trackers_do_not_change_what_is_trained(tmp_path: Path):
@@ -208,7 +209,7 @@ def test_mlflow_gets_settings_and_figures_in_a_store_beside_the_run(tmp_path: Pa
     notes = Notes()
     trained = train_links(LINKS, tmp_path / "model", trackers=["mlflow", notes], progress=stop_at(1))
     assert trained.interrupted
-    resume_links(tmp_path / "model", trackers=[again := Notes()])
+    go_on(tmp_path / "model", trackers=[again := Notes()])
     assert said[:2] == [("open", f"sqlite:///{tmp_path / 'mlflow.db'}"), ("run", "1", "model")]
     assert {(name, value) for kind, name, *rest in said if kind == "param" for value in rest} >= {("dim", 4)}
     assert [row[1:] for row in said if row[0] == "metric"] == [

@@ -199,7 +199,7 @@ def test_a_full_disk_is_recognised_behind_the_error_that_names_the_run(done, tmp
     def full(*_, **__):
         raise ArtefactError("cannot be written") from OSError(ENOSPC, "No space left on device")
 
-    monkeypatch.setattr("wordcraft_kg.agents.training.train_agent", full)
+    monkeypatch.setattr("wordcraft_kg.runs.training.train", full)
     outcome = perform(plan.tasks[plan.runs[0]], tmp_path)
     assert outcome.disk_full
     assert outcome.error == "cannot be written"

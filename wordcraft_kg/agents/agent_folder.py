@@ -6,17 +6,18 @@ from pathlib import Path
 from wordcraft_kg.agents.config import AgentConfig
 from wordcraft_kg.agents.records import AgentProgress, AgentSummary, MetricsRow, read_metrics, read_summary
 from wordcraft_kg.base.artefacts import read_small_file
-from wordcraft_kg.base.tensors import read_tensors, with_prefix
+from wordcraft_kg.base.tensors import with_prefix
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.models.policies.folder import read_policy
 from wordcraft_kg.models.policies.policy import Policy
 from wordcraft_kg.runs.checkpoints import Checkpoint
+from wordcraft_kg.runs.config_file import CONFIG_FILE
+from wordcraft_kg.runs.files import RunFiles
 from wordcraft_kg.runs.folder import RunKind
-from wordcraft_kg.runs.inputs import check_run_graph, open_run_graph
-from wordcraft_kg.runs.record import RunRecord, verified_bytes
-from wordcraft_kg.runs.seeds import run_name
+from wordcraft_kg.runs.record import RunRecord, run_name
 
-AGENTS = RunKind(AgentConfig.commands, unit="step", progress=AgentProgress, judged_by="evaluate-agent")
+AGENTS = RunKind(AgentConfig.commands, "agent", unit="step", progress=AgentProgress)
+METRICS = "metrics.jsonl"
 INPUTS = ("policy.json", "constants.safetensors")
 """Files that exist from the start and never change; their hashes are in ``run.json``."""
 
@@ -26,7 +27,7 @@ class AgentRun:
     """The run of an agent as its records have it, done or not; neither its graph nor its weights are read.
 
     Attributes:
-        name: name of its folder, see :func:`~wordcraft_kg.runs.seeds.run_name`.
+        name: name of its folder, see :func:`~wordcraft_kg.runs.record.run_name`.
         checkpoint: ``final``, ``step N`` for a run that is not done, or empty if that has none yet.
         config: its settings.
         run: its ``run.json``.
@@ -76,14 +77,14 @@ def read_agent_run(folder: str | Path) -> AgentRun:
         ArtefactError: if there is no such run, or a file is damaged.
     """
     folder = Path(folder)
-    run = AGENTS.read_record(folder)
-    config, path = read_run_config(folder, run), folder / "metrics.jsonl"
-    if run.status == "done":
-        metrics = read_metrics(verified_bytes(folder, run, path.name), path)
-        return AgentRun(run_name(folder), "final", config, run, metrics, read_summary(folder, run))
+    files = RunFiles(folder, AGENTS.read_record(folder))
+    config, name = _read_config(files), run_name(folder)
+    if files.run.status == "done":
+        metrics = read_metrics(files.bytes(METRICS), folder / METRICS)
+        return AgentRun(name, "final", config, files.run, metrics, read_summary(files))
     last = next(iter(AGENTS.checkpoints(folder).records()), None)
     checkpoint = "" if last is None else _step(last)
-    return AgentRun(run_name(folder), checkpoint, config, run, _lines_so_far(path), None)
+    return AgentRun(name, checkpoint, config, files.run, _lines_so_far(folder / METRICS), None)
 
 
 def _lines_so_far(path: Path) -> list[MetricsRow]:
@@ -113,37 +114,29 @@ def open_agent(folder: str | Path, graph: str | OpenedGraph | None = None) -> Op
     """
     folder = Path(folder)
     found = read_agent_run(folder)
-    run, checkpoint = found.run, found.checkpoint
-    if isinstance(graph, OpenedGraph):
-        check_run_graph(folder, run, opened := graph)
-    else:
-        opened = open_run_graph(folder, run, graph or found.config.graph)
-    if run.status == "done":
-        weights = "policy.safetensors"
-        parameters = read_tensors(folder / weights, verified_bytes(folder, run, weights))
-        policy = read_policy(folder, verified_bytes(folder, run, "constants.safetensors"), parameters)
+    files, checkpoint = RunFiles(folder, found.run), found.checkpoint
+    opened = files.graph(graph or found.config.graph)
+    if found.run.status == "done":
+        policy = read_policy(folder, files.bytes("constants.safetensors"), files.tensors("policy.safetensors"))
     else:
         last = AGENTS.checkpoints(folder).load()
-        policy, checkpoint = policy_at(folder, run, last), _step(last.number)
-    return OpenedAgent(run_name(folder), checkpoint, found.config, run, found.metrics, found.evaluation, policy, opened)
+        policy, checkpoint = policy_at(files, last), _step(last.number)
+    return OpenedAgent(found.name, checkpoint, found.config, found.run, found.metrics, found.evaluation, policy, opened)
 
 
-def policy_at(folder: Path, run: RunRecord, checkpoint: Checkpoint[AgentProgress]) -> Policy:
+def policy_at(files: RunFiles, checkpoint: Checkpoint[AgentProgress]) -> Policy:
     """Return the policy of a checkpoint.
 
     Raises:
         ArtefactError: if the folder's files do not fit each other.
     """
-    constants = verified_bytes(folder, run, "constants.safetensors")
-    return read_policy(folder, constants, with_prefix(checkpoint.tensors, "policy."))
+    files.bytes("policy.json")
+    parameters = with_prefix(checkpoint.tensors, "policy.")
+    return read_policy(files.folder, files.bytes("constants.safetensors"), parameters)
 
 
-def read_run_config(folder: Path, run: RunRecord) -> AgentConfig:
-    """Read the settings of a run, after checking that they are those that it began with.
-
-    Raises:
-        ArtefactError: if ``config.toml`` or ``policy.json`` is missing or was changed.
-    """
-    for name in ("config.toml", "policy.json"):
-        verified_bytes(folder, run, name)
-    return AgentConfig.read(folder)
+def _read_config(files: RunFiles) -> AgentConfig:
+    """Read the settings of a run, after checking that they are those that it began with."""
+    for name in (CONFIG_FILE, "policy.json"):
+        files.bytes(name)
+    return AgentConfig.read(files.folder)

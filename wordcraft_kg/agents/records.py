@@ -7,9 +7,9 @@ import msgspec
 from wordcraft_kg.agents.outcomes import Ending, Success
 from wordcraft_kg.base.artefacts import read_large_file
 from wordcraft_kg.base.errors import ArtefactError
-from wordcraft_kg.base.records import Count, Record, Share, parse_lines, parse_record
+from wordcraft_kg.base.records import Count, Record, Share, parse_lines
 from wordcraft_kg.graphs.tasks import TaskPart
-from wordcraft_kg.runs.record import RunRecord, verified_bytes
+from wordcraft_kg.runs.files import RunFiles
 
 EPISODES_FILE = "episodes.jsonl"
 
@@ -112,14 +112,15 @@ def read_episodes(folder: Path) -> list[PlayedTask]:
     return parse_lines(read_large_file(path), PlayedTask, path)
 
 
-def read_summary(folder: Path, run: RunRecord) -> AgentSummary:
+def read_summary(files: RunFiles) -> AgentSummary:
     """Read ``evaluation.json`` of a finished run.
 
     Raises:
         ArtefactError: if it is missing or damaged.
     """
-    path = folder / "evaluation.json"
-    summary = parse_record(verified_bytes(folder, run, path.name), AgentSummary, path)
+    summary = files.record("evaluation.json", AgentSummary)
     if not summary.success:
-        raise ArtefactError(f"{path} is damaged: no tasks were played. Train the agent again.")
+        raise ArtefactError(
+            f"{files.folder / 'evaluation.json'} is damaged: no tasks were played. Train the agent again."
+        )
     return summary

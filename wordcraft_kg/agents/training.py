@@ -1,42 +1,43 @@
-"""Training an agent into a run folder, and resuming after an interruption.
+"""Training an agent into a run folder.
 
-A checkpoint holds the whole state of the trainer, so on a CPU a resumed run ends with the same bits as one without
-interruption.
+A checkpoint holds the whole state of the trainer, so on a CPU an interrupted run that goes on ends with the same bits
+as one without interruption.
 """
 
 import logging
 import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, ClassVar
 
 import torch
 
-from wordcraft_kg.agents.agent_folder import AGENTS, INPUTS, policy_at, read_run_config
+from wordcraft_kg.agents.agent_folder import AGENTS, INPUTS, policy_at
 from wordcraft_kg.agents.config import AgentConfig
 from wordcraft_kg.agents.curves import MetricsFile, evaluators
 from wordcraft_kg.agents.evaluation import PolicyPlayer
 from wordcraft_kg.agents.impala import Impala, check_compiler
-from wordcraft_kg.agents.records import AgentProgress, AgentSummary
+from wordcraft_kg.agents.records import AgentProgress, AgentSummary, read_summary
 from wordcraft_kg.agents.results import OUTPUTS, model_card, write_results
 from wordcraft_kg.base.settings import check_memory
 from wordcraft_kg.base.tensors import check_device
 from wordcraft_kg.envs.batch import BatchEngine, State
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
+from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.models.folder import open_model
 from wordcraft_kg.models.policies.folder import make_policy, write_constants
 from wordcraft_kg.models.policies.policy import Policy
 from wordcraft_kg.models.policies.sources.registry import pairs_need_factors
-from wordcraft_kg.models.scorers.cross_fitting import whole_of
-from wordcraft_kg.models.scorers.folder import FOLDS_TENSORS
+from wordcraft_kg.models.scorers.folder import FOLDS_TENSORS, MODEL, WEIGHTS
 from wordcraft_kg.runs.checkpoints import Checkpoint
-from wordcraft_kg.runs.folder import Progress, RunFolder, check_run_output, new_run, resumed_run
-from wordcraft_kg.runs.inputs import open_run_graph
-from wordcraft_kg.runs.progress import shown
-from wordcraft_kg.runs.trackers import Log, Tracker, checked_trackers, names_of, tracking
+from wordcraft_kg.runs.files import RunFiles
+from wordcraft_kg.runs.folder import Progress, RunFolder, RunKind
+from wordcraft_kg.runs.record import read_finished_run
+from wordcraft_kg.runs.trackers import Log, Tracker
+from wordcraft_kg.runs.training import Training, train
 
 MANY_SELF_PAIRS = 0.25
 """Share of pairs of a thing with itself from which a warning about self edges is given."""
@@ -49,7 +50,7 @@ class TrainedAgent:
     Attributes:
         folder: folder of the run.
         step: environment steps done.
-        summary: content of ``evaluation.json``; None for an interrupted run, which :func:`resume_agent` continues.
+        summary: content of ``evaluation.json``; None for an interrupted run, with which the same call goes on.
     """
 
     folder: Path
@@ -70,22 +71,18 @@ def train_agent(
     trackers: Iterable[Tracker | str] = (),
     progress: Progress | bool | None = None,
 ) -> TrainedAgent:
-    """Train an agent and write its run folder.
+    """Train an agent and write its run folder; go on with an interrupted run of the same settings there.
 
     Args:
         config: all settings.
         out: the folder to write. Default: ``runs/<graph's name>-<scorer's folder or no-kg>``.
-        force: replace an existing folder.
+        force: train anew and replace the folder if it exists.
         trackers: where the lines of metrics go too: tensorboard, wandb, mlflow, or a
             :class:`~wordcraft_kg.runs.trackers.Tracker` of your own.
         progress: called after each line of metrics; True shows a bar.
 
     Raises:
-        OutputExistsError: if ``out`` exists and ``force`` is False.
-        ConfigError: if the settings do not fit the graph or the machine.
-        MissingExtraError: if a tracker's library is not installed.
-        GraphMismatchError: if the scorer belongs to another graph or split.
-        TrainingError: if the loss is no longer finite.
+        WordCraftKGError: as :func:`~wordcraft_kg.runs.training.train` does.
 
     Example:
         >>> config = AgentConfig("kitchen", "models/kitchen", trainer=ImpalaConfig(steps=512, eval_every=0))
@@ -93,56 +90,91 @@ def train_agent(
         >>> trained.step
         512
     """
-    opened = open_graph(config.graph)
-    folder = config.default_folder(opened.graph.name) if out is None else Path(out)
-    check_run_output(folder, force=force)
-    trackers = checked_trackers(trackers)
-    trainer = config.trainer
-    check_device(trainer.device)
-    if trainer.compile:
-        check_compiler(torch.device(trainer.device))
-    scorer, observed, kg, cross_fitted = None, None, None, 0
-    inputs = {"graph": opened.graph.hash, "split": opened.split.hash}
-    if config.scorer is not None:
-        model = open_model(Path(config.scorer), opened.source)
-        scorer, kg = model.scorer, model.kg
-        # Refused now, if it has to be: the tasks of a large graph take a while.
-        asked = whole_of(scorer) if config.policy.in_sample else scorer
-        pairs_need_factors(config.policy.sources, asked, config.policy.scale)
-        observed = model.observed
-        inputs["scorer"] = model.run.outputs["model.safetensors"]
-        if scorer.folds is not None and not config.policy.in_sample:
-            inputs["scorer_folds"] = model.run.outputs[FOLDS_TENSORS]
-            cross_fitted = scorer.folds.count
-        elif kg == "partial":
-            _warn_of_memory(config)
-        _warn_of_self_pairs(opened.graph, config)
-    envs = _environments(opened, config)
-    policy, features = make_policy(
-        config.policy,
-        opened.graph,
-        envs.engine.num_slots,
-        scorer=scorer,
-        observed=observed,
-        tasks=envs.world.tasks,
-        seed=trainer.seed,
-    )
-    if features is not None:
-        inputs["features"] = features.sha256
-    with shown(progress, "agent", AGENTS.unit) as report, new_run(folder, AGENTS, force=force) as run:
-        write_constants(run.path, policy)
-        run.begin(
-            config,
-            trainer,
-            inputs=inputs,
-            files=INPUTS,
-            kg=kg,
-            cross_fitted=cross_fitted,
-            trackers=names_of(trackers),
-            missing_words=features.missing_words if features is not None else (),
+    return train(AgentTraining, config, out, force=force, trackers=trackers, progress=progress)
+
+
+class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
+    """The training of an agent."""
+
+    kind: ClassVar[RunKind[Any]] = AGENTS
+    config_type = AgentConfig
+
+    def __init__(self, config: AgentConfig, opened: OpenedGraph):
+        """Make the environments.
+
+        Raises:
+            ConfigError: if the settings do not fit the graph or the machine.
+        """
+        super().__init__(config, opened)
+        check_device(config.trainer.device)
+        if config.trainer.compile:
+            check_compiler(torch.device(config.trainer.device))
+        self.envs = _environments(opened, config)
+
+    @classmethod
+    def given(cls, config: AgentConfig) -> dict[str, str | None]:  # noqa: D102 - inherited
+        if config.scorer is None:
+            return {"scorer": None, "scorer_folds": None}
+        outputs = read_finished_run(Path(config.scorer), MODEL, WEIGHTS).outputs
+        return {
+            "scorer": outputs[WEIGHTS],
+            "scorer_folds": None if config.policy.in_sample else outputs.get(FOLDS_TENSORS),
+        }
+
+    def prepare(self) -> None:
+        """Make the policy."""
+        config, opened, scorer = self.config, self.opened, None
+        observed, self.facts = None, dict[str, Any]()
+        if config.scorer is not None:
+            model = open_model(Path(config.scorer), opened.source)
+            scorer, observed = model.scorer, model.observed
+            # Refused now, if it has to be: the tasks of a large graph take a while.
+            asked = scorer.whole if config.policy.in_sample else scorer
+            pairs_need_factors(config.policy.sources, asked, config.policy.scale)
+            self.facts["kg"] = model.kg
+            if scorer.folds is not None and not config.policy.in_sample:
+                self.facts["cross_fitted"] = scorer.folds.count
+            elif model.kg == "partial":
+                _warn_of_memory(config)
+            _warn_of_self_pairs(opened.graph, config)
+        self.policy, features = make_policy(
+            config.policy,
+            opened.graph,
+            self.envs.engine.num_slots,
+            scorer=scorer,
+            observed=observed,
+            tasks=self.envs.world.tasks,
+            seed=config.trainer.seed,
         )
-        with tracking(run, trackers, config.values()) as log:
-            return _Training(run, opened, config, policy, envs, log, report).go()
+        inputs = {name: value for name, value in self.given(config).items() if value is not None}
+        if features is not None:
+            inputs["features"] = features.sha256
+            self.facts["missing_words"] = tuple(features.missing_words)
+        self.facts["inputs"] = inputs
+
+    def begin(self, run: RunFolder[AgentProgress], report: Progress | None) -> dict[str, Any]:  # noqa: D102 - inherited
+        write_constants(run.path, self.policy)
+        return {"files": INPUTS, **self.facts}
+
+    def go(  # noqa: D102 - inherited
+        self,
+        run: RunFolder[AgentProgress],
+        report: Progress | None,
+        log: Log,
+        checkpoint: Checkpoint[AgentProgress] | None,
+    ) -> TrainedAgent:
+        policy = self.policy if checkpoint is None else policy_at(RunFiles(run.path, run.record), checkpoint)
+        learning = _Learning(run, self.opened, self.config, policy, self.envs, log, report)
+        if checkpoint is not None:
+            with run.restoring():
+                learning.restore(checkpoint)
+            run.go_on(self.config)
+        return learning.go()
+
+    @classmethod
+    def outcome(cls, files: RunFiles) -> TrainedAgent:  # noqa: D102 - inherited
+        summary = read_summary(files)
+        return TrainedAgent(files.folder, summary.steps, summary)
 
 
 def _warn_of_memory(config: AgentConfig) -> None:
@@ -169,42 +201,6 @@ def _warn_of_self_pairs(graph: RecipeGraph, config: AgentConfig) -> None:
         )
 
 
-def resume_agent(
-    folder: str | Path,
-    *,
-    graph: str | None = None,
-    trackers: Iterable[Tracker] = (),
-    progress: Progress | bool | None = None,
-) -> TrainedAgent:
-    """Resume an interrupted run from its last checkpoint.
-
-    Args:
-        folder: folder of the run.
-        graph: where the graph is now, if it has moved.
-        trackers: trackers of your own, besides those that the run was begun with by name.
-        progress: called after each line of metrics; True shows a bar.
-
-    Raises:
-        ArtefactError: if the run is done, damaged, or running in another process.
-        GraphMismatchError: if the graph or its split is not the one that the run began with.
-    """
-    with shown(progress, "agent", AGENTS.unit) as report, resumed_run(Path(folder), AGENTS) as run:
-        config = read_run_config(run.path, run.record)
-        config = replace(config, graph=graph or config.graph)
-        opened = open_run_graph(run.path, run.record, config.graph)
-        check_device(config.trainer.device)
-        envs = _environments(opened, config)
-        checkpoint = run.checkpoints.load()
-        policy = policy_at(run.path, run.record, checkpoint)
-        all_trackers = checked_trackers([*run.record.trackers, *trackers])
-        with tracking(run, all_trackers, config.values(), checkpoint.number) as log:
-            training = _Training(run, opened, config, policy, envs, log, report)
-            with run.restoring():
-                training.restore(checkpoint)
-            run.go_on(config)
-            return training.go()
-
-
 def _environments(opened: OpenedGraph, config: AgentConfig) -> State:
     trainer = config.trainer
     # Tables, and what the learner keeps of each step for its gradients.
@@ -216,7 +212,7 @@ def _environments(opened: OpenedGraph, config: AgentConfig) -> State:
     return BatchEngine(world, trainer.batch_size, device=trainer.device).reset(trainer.seed)
 
 
-class _Training:
+class _Learning:
     """A running training: updates, and logging and checkpoints between them."""
 
     def __init__(

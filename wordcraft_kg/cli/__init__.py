@@ -35,7 +35,7 @@ from wordcraft_kg.cli.flowing_help import FlowingHelp
 CORE = {
     "Graphs": ["build-graph", "describe", "check-book", "books", "export"],
     "Link prediction": ["train-recipes", "train-complex", "train-links", "tune-links", "evaluate-links", "score"],
-    "Agents": ["train-agent", "resume", "evaluate-agent", "explain"],
+    "Agents": ["train-agent", "evaluate-agent", "explain"],
     "Comparisons": ["compare", "reference", "reproduce"],
     "Tasks and play": ["tasks", "discover"],
 }

@@ -74,8 +74,7 @@ def compare(
         links: options for link predictors.
         out: folder of the agents' report (default: reports/<the agents' names>), or HTML page of link predictors.
     """
-    from wordcraft_kg.runs.record import read_run
-    from wordcraft_kg.runs.seeds import run_folders
+    from wordcraft_kg.runs.record import read_run, run_folders
 
     if not runs:
         raise ConfigError("compare needs run folders of agents, or folders of link predictors.")
@@ -157,7 +156,7 @@ def _compare_links(
     check_page(out, force=force)
     from wordcraft_kg.evaluation.link_comparison import Contender, compare, written_to
     from wordcraft_kg.models.folder import open_model
-    from wordcraft_kg.runs.seeds import run_name
+    from wordcraft_kg.runs.record import run_name
 
     if len(runs) < 2:
         raise ConfigError(f"only '{runs[0][0]}' to compare; give two link predictors or more.")

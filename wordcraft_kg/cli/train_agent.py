@@ -5,9 +5,10 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from wordcraft_kg.agents.config import ImpalaConfig, TaskConfig
+from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
 from wordcraft_kg.cli.console import Flag, Output, split_labels
 from wordcraft_kg.cli.options import Book, Scorer, Words
+from wordcraft_kg.cli.training import ToldAgents, train
 from wordcraft_kg.models.policies.config import PolicyConfig
 
 EXAMPLES = (
@@ -45,15 +46,5 @@ def train_agent(
         track: where the metrics go too, comma-separated: tensorboard, wandb (offline), mlflow (a local file); each
             needs the extra of its name.
     """
-    from wordcraft_kg.agents.config import AgentConfig
-    from wordcraft_kg.runs.folder import check_run_output
-
-    if out is not None and seeds is None:
-        check_run_output(out, force=force)  # before torch takes seconds to import
-    from wordcraft_kg.cli.training import train_agent_seeds, train_one_agent
-
     config = AgentConfig(graph, None if scorer is None else str(scorer), tasks, policy, trainer)
-    trackers = split_labels(track or ())
-    if seeds is not None:
-        return train_agent_seeds(config, seeds, out, force, trackers, output)
-    return train_one_agent(config, out, force, trackers, output)
+    return train(ToldAgents(), config, out, force, output, seeds=seeds, trackers=split_labels(track or ()))

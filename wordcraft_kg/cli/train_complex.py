@@ -7,7 +7,7 @@ from cyclopts import Parameter
 
 from wordcraft_kg.cli.console import Flag, Output, split_labels
 from wordcraft_kg.cli.options import Book, Words
-from wordcraft_kg.cli.training import train
+from wordcraft_kg.cli.training import ToldLinks, train
 from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
 
 EXAMPLES = (
@@ -39,4 +39,5 @@ def train_complex(
         track: where the figures of each epoch go too, comma-separated: tensorboard, wandb (offline), mlflow (a local
             file); each needs the extra of its name.
     """
-    return train(LinksConfig(graph, settings), seeds, out, force, split_labels(track or ()), output)
+    config, trackers = LinksConfig(graph, settings), split_labels(track or ())
+    return train(ToldLinks(), config, out, force, output, seeds=seeds, trackers=trackers)

@@ -9,7 +9,7 @@ from cyclopts import Parameter
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.cli.console import Flag, Output, aligned, refuse_given, split_labels
 from wordcraft_kg.cli.options import Force, OptionalBook, Words
-from wordcraft_kg.cli.training import train
+from wordcraft_kg.cli.training import ToldLinks, train
 from wordcraft_kg.models.links.config import LinkModelConfig, LinksConfig
 
 EXAMPLES = (
@@ -69,7 +69,8 @@ def train_links(
         refuse_given(settings, "models that are trained, not imported")
         return _import(trained, graph, out, force, output)
     refuse_given(trained, "models that are imported: add --from-pykeen, or")
-    return train(LinksConfig(graph, settings), seeds, out, force, split_labels(track or ()), output)
+    config, trackers = LinksConfig(graph, settings), split_labels(track or ())
+    return train(ToldLinks(), config, out, force, output, seeds=seeds, trackers=trackers)
 
 
 def _list(output: Output) -> int:

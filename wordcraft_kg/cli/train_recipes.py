@@ -7,8 +7,8 @@ from cyclopts import Parameter
 
 from wordcraft_kg.cli.console import Flag, Output
 from wordcraft_kg.cli.options import Book
+from wordcraft_kg.cli.training import ToldRecipes, train
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
-from wordcraft_kg.runs.folder import check_run_output
 
 EXAMPLES = (
     "wordcraft-kg train-recipes everyday --out models/everyday-recipes",
@@ -35,11 +35,4 @@ def train_recipes(
         out: model folder to write. Default: models/<graph's name>-recipes.
         force: replace the folder if it exists.
     """
-    if out is not None:
-        check_run_output(out, force=force)  # before torch takes seconds to import
-    from wordcraft_kg.cli.training import report_recipes
-    from wordcraft_kg.models.recipes.training import train_recipes as train
-
-    config = RecipesConfig(graph, settings)
-    progress = output.progress(f"{settings.kg} graph", unit="fit")
-    return report_recipes(train(config, out, force=force, progress=progress), output)
+    return train(ToldRecipes(), RecipesConfig(graph, settings), out, force, output)

@@ -16,7 +16,6 @@ from wordcraft_kg.models.saving import SavedConfig, saved_history
 from wordcraft_kg.models.scorers.folder import MODEL, WEIGHTS, load_scorer
 from wordcraft_kg.runs.config_file import CONFIG_FILE
 from wordcraft_kg.runs.files import RunFiles
-from wordcraft_kg.runs.inputs import open_run_graph
 from wordcraft_kg.runs.record import read_finished_run
 
 MODELS: Registry[Callable[[RunFiles], History]] = Registry(
@@ -49,7 +48,7 @@ def open_model(folder: str | Path, graph: str | None = None) -> Model:
     folder = Path(folder)
     files = RunFiles(folder, read_finished_run(folder, MODEL, WEIGHTS))
     scorer, history = load_scorer(folder), _history(files)
-    opened = open_run_graph(folder, files.run, graph or history.config.graph)
+    opened = files.graph(graph or history.config.graph)
     if scorer.folds is not None and history.is_trained:
         scorer.folds.check_split(opened.split)
     return Model(scorer, opened, files.run, history)

@@ -4,19 +4,8 @@ The folder exists from the start, and its ``run.json`` gives the status of the r
 done. Only one process at a time works in it. The last two checkpoints are kept: if the last one is damaged, the one
 before it is used. A finished run has results instead of checkpoints, and ``run.json`` records their hashes.
 
-Read ``folder`` first (begin, resume, checkpoint, finish, fail, replace), then ``record`` (``run.json``),
-``config_file`` (``config.toml``), ``checkpoints``, ``inputs`` (the graph that a run was trained on), ``interruption``
-(Ctrl-C) and ``seeds`` (a folder of runs that differ in the seed). In essence, training a model then reads::
-
-    LINKS = RunKind(("train-complex", "train-links"), unit="epoch", progress=LinkProgress, judged_by="evaluate-links")
-
-    with new_run(Path("models/mine"), LINKS) as run:
-        run.begin(config, config.settings, inputs={"graph": graph.hash})
-        for epoch in range(1, epochs + 1):
-            ...
-            run.checkpoints.save(epoch, tensors, LinkProgress(seconds=seconds))
-            if run.interrupted.is_set():
-                return run.interrupt()
-        write_results(run.path)
-        run.finish(("model.safetensors",), card="# My model")
+Read ``training`` first: :func:`~wordcraft_kg.runs.training.train` begins a run or goes on with an interrupted one of
+the same settings, and a trainer is a subclass of :class:`~wordcraft_kg.runs.training.Training`. Then read
+``config_file`` (settings and ``config.toml``), ``folder`` (begin, go on, finish, fail, replace), ``record``
+(``run.json``), ``files`` (reading the files of a run) and ``checkpoints``.
 """

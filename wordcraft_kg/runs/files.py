@@ -1,4 +1,4 @@
-"""Reading the files of a run, each checked against the hash that ``run.json`` records."""
+"""Reading the files of a run and opening its graph, each checked against the hash that ``run.json`` records."""
 
 import hashlib
 from dataclasses import dataclass
@@ -6,8 +6,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 from wordcraft_kg.base.artefacts import read_large_file
-from wordcraft_kg.base.errors import ArtefactError
+from wordcraft_kg.base.errors import ArtefactError, GraphMismatchError
 from wordcraft_kg.base.records import parse_lines, parse_record
+from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
 from wordcraft_kg.runs.record import RunRecord
 
 if TYPE_CHECKING:
@@ -52,3 +53,30 @@ class RunFiles:
         from wordcraft_kg.base.tensors import read_tensors
 
         return read_tensors(self.folder / name, self.bytes(name))
+
+    def graph(self, source: str | OpenedGraph) -> OpenedGraph:
+        """Return the graph and split that the run was trained on.
+
+        Args:
+            source: the opened graph, or where it is.
+
+        Raises:
+            ArtefactError: if it cannot be found.
+            GraphMismatchError: if the graph or its split is another one.
+        """
+        try:
+            opened = open_graph(source) if isinstance(source, str) else source
+        except ArtefactError:
+            raise
+        except ValueError as error:
+            raise ArtefactError(
+                f"the graph that '{self.folder}' was trained on was not found ({error}) Give its path as `graph`."
+            ) from None
+        for what, found in (("graph", opened.graph.hash), ("split", opened.split.hash)):
+            expected = self.run.inputs.get(what, "")
+            if found != expected:
+                raise GraphMismatchError(
+                    f"'{self.folder}' was trained on {what} {expected[:12]} but '{opened.source}' has {found[:12]}. "
+                    "Give the right one as `graph`, or train again."
+                )
+        return opened

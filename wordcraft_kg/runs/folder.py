@@ -9,41 +9,18 @@ from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import Generic, Protocol, TypeVar
+from typing import Generic, TypeVar, Unpack
 
 from wordcraft_kg.base.artefacts import check_output, sha256_of, what_is, with_a_name, write_atomically
-from wordcraft_kg.base.errors import ArtefactError, OutputExistsError, TrainingError, reason
-from wordcraft_kg.graphs.folder import Taught
+from wordcraft_kg.base.errors import ArtefactError, TrainingError, reason
 from wordcraft_kg.runs.checkpoints import Checkpoints
-from wordcraft_kg.runs.config_file import CONFIG_FILE
+from wordcraft_kg.runs.config_file import CONFIG_FILE, RunConfig
 from wordcraft_kg.runs.interruption import first_interrupt, interruption_message
-from wordcraft_kg.runs.record import RunRecord, Status, end_run, read_run, resume_run, start_run
+from wordcraft_kg.runs.record import RunFacts, RunRecord, Status, end_run, read_run, resume_run, start_run
 
 P = TypeVar("P")
 Progress = Callable[[int, int, dict[str, float]], None]
 """Called regularly with the number of epochs or steps done, their total, and the latest figures."""
-
-
-class RunConfig(Protocol):
-    """All settings of a run."""
-
-    @property
-    def command(self) -> str:
-        """The command that trains with these settings."""
-
-    def write(self, folder: Path) -> None:
-        """Write ``config.toml``."""
-
-
-class TrainerConfig(Protocol):
-    """Settings that every trainer has."""
-
-    @property
-    def seed(self) -> int: ...  # noqa: D102
-    @property
-    def device(self) -> str: ...  # noqa: D102
-    @property
-    def threads(self) -> int: ...  # noqa: D102
 
 
 @dataclass(frozen=True)
@@ -52,15 +29,15 @@ class RunKind(Generic[P]):
 
     Attributes:
         commands: the commands that start such a run; the ``kind`` of its record is one of them.
+        name: name of what is trained, for a progress bar.
         unit: unit of progress: epoch or step.
         progress: type of the progress that a checkpoint records beside its tensors.
-        judged_by: the command that evaluates a finished run.
     """
 
     commands: tuple[str, ...]
+    name: str
     unit: str
     progress: type[P]
-    judged_by: str
 
     def read_record(self, folder: Path) -> RunRecord:
         """Read ``run.json`` of such a run.
@@ -103,42 +80,25 @@ class RunFolder(Generic[P]):
         return self._record
 
     def begin(
-        self,
-        config: RunConfig,
-        trainer: TrainerConfig,
-        *,
-        inputs: Mapping[str, str],
-        files: Sequence[str] = (),
-        kg: Taught | None = None,
-        cross_fitted: int = 0,
-        trackers: Sequence[str] = (),
-        missing_words: Sequence[str] = (),
+        self, config: RunConfig, *, inputs: Mapping[str, str], files: Sequence[str] = (), **facts: Unpack[RunFacts]
     ) -> None:
         """Write ``config.toml`` and record the run as running.
 
         Args:
-            config: all settings.
-            trainer: seed, device and threads, which are among them.
+            config: all settings; ``seed``, ``device`` and ``threads`` are recorded.
             inputs: hashes of the training data, by name.
             files: files already in the folder that training never changes.
-            kg: see :class:`~wordcraft_kg.runs.record.RunRecord`, also for the next three.
-            cross_fitted: number of folds of the scorer.
-            trackers: names of the trackers to which figures go too.
-            missing_words: words without a vector.
+            facts: see :class:`~wordcraft_kg.runs.record.RunFacts`.
         """
         config.write(self.path)
         hashes = {name: sha256_of(self.path / name) for name in (CONFIG_FILE, *files)}
+        settings = config.values()
         self._record = start_run(
             self.path,
             config.command,
-            seed=trainer.seed,
-            device=trainer.device,
-            threads=trainer.threads,
+            **{name: settings[name] for name in ("seed", "device", "threads") if name in settings},
             inputs={**inputs, **hashes},
-            kg=kg,
-            cross_fitted=cross_fitted,
-            trackers=trackers,
-            missing_words=missing_words,
+            **facts,
         )
         self.is_live = True
 
@@ -196,8 +156,8 @@ class RunFolder(Generic[P]):
             return TrainingError(f"{error} {kept}, in '{self.path}'.")
         if isinstance(error, OSError):
             return ArtefactError(
-                f"'{self.path}' cannot be written ({error.strerror or error}). {kept}; free some space, then resume: "
-                f"wordcraft-kg resume {self.path}"
+                f"'{self.path}' cannot be written ({error.strerror or error}). {kept}; free some space, then repeat "
+                "the same command: it goes on from there."
             )
         return error
 
@@ -217,7 +177,7 @@ def new_run(out: Path, kind: RunKind[P], *, force: bool = False) -> Iterator[Run
         ArtefactError: if another process is training there.
     """
     out = with_a_name(out)
-    check_run_output(out, force=force)
+    check_output(out, force=force)
     with locked(out) if out.exists() else nullcontext():
         _put_aside(out)
         try:
@@ -248,10 +208,7 @@ def resumed_run(folder: Path, kind: RunKind[P]) -> Iterator[RunFolder[P]]:
     with locked(folder):
         record = kind.read_record(folder)  # nobody else writes it now
         if record.status == "done":
-            raise ArtefactError(
-                f"'{folder}' is finished; there is nothing to resume. "
-                f"Evaluate it: wordcraft-kg {kind.judged_by} {folder}"
-            )
+            raise ArtefactError(f"'{folder}' is finished; there is nothing to go on with.")
         try:
             with first_interrupt() as interrupted, _failing(RunFolder(folder, kind, interrupted, record)) as run:
                 yield run
@@ -260,17 +217,14 @@ def resumed_run(folder: Path, kind: RunKind[P]) -> Iterator[RunFolder[P]]:
 
 
 def check_run_output(out: Path, *, force: bool) -> None:
-    """Refuse an output that exists; for an unfinished run, say how to resume it.
+    """Refuse an output that exists, unless it holds an unfinished run, with which the same command goes on.
 
     Raises:
         OutputExistsError: if it exists and ``force`` is False.
     """
     with suppress(ArtefactError):  # no run is there, or the run.json of something else
-        if not force and read_run(out).status != "done":
-            raise OutputExistsError(
-                f"'{out}' holds an unfinished run. Resume it with: wordcraft-kg resume {out}, "
-                "or start again with `force`."
-            )
+        if read_run(out).status != "done":
+            return
     check_output(out, force=force)
 
 

@@ -46,5 +46,5 @@ def sigterm_as_interrupt() -> Iterator[None]:
 
 
 def interruption_message(folder: Path, unit: str, number: int) -> str:
-    """Say what an interrupted run has saved and how to resume it."""
-    return f"interrupted; {unit} {number:,} is saved. Resume with: wordcraft-kg resume {folder}"
+    """Return what an interrupted run has saved and how to go on with it."""
+    return f"interrupted; {unit} {number:,} is saved in '{folder}'. The same command goes on from there."

@@ -1,24 +1,25 @@
 """Run records: what was run, on what, with which versions and which results (``run.json`` in every run's folder)."""
 
-import hashlib
 import os
 import platform
+import re
 import subprocess
 import sys
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Literal
+from typing import Literal, TypedDict, Unpack
 
 from msgspec.structs import replace
 
-from wordcraft_kg.base.artefacts import dump_json, read_large_file, sha256_of, what_is, write_atomically
+from wordcraft_kg.base.artefacts import dump_json, sha256_of, what_is, write_atomically
 from wordcraft_kg.base.errors import ArtefactError
 from wordcraft_kg.base.records import Record, as_values, read_record
 from wordcraft_kg.graphs.folder import Taught
 
 RUN_FILE = "run.json"
+_SEED = re.compile(r"seed-(\d+)")
 _PACKAGES = ("torch", "pykeen", "numpy", "pandas", "networkx", "safetensors")
 Status = Literal["running", "interrupted", "failed", "done"]
 
@@ -78,6 +79,15 @@ class RunRecord(Record, frozen=True, kw_only=True, omit_defaults=True):
     resumed: tuple[Resumption, ...] = ()
 
 
+class RunFacts(TypedDict, total=False):
+    """What a record may say of a run beside its inputs; see :class:`RunRecord`."""
+
+    kg: Taught | None
+    cross_fitted: int
+    trackers: tuple[str, ...]
+    missing_words: tuple[str, ...]
+
+
 def start_run(
     folder: Path,
     kind: str,
@@ -86,10 +96,7 @@ def start_run(
     device: str = "cpu",
     threads: int = 1,
     inputs: Mapping[str, str] | None = None,
-    kg: Taught | None = None,
-    cross_fitted: int = 0,
-    trackers: Sequence[str] = (),
-    missing_words: Sequence[str] = (),
+    **facts: Unpack[RunFacts],
 ) -> RunRecord:
     """Write ``run.json`` with the status ``running``.
 
@@ -108,11 +115,8 @@ def start_run(
         seed=seed,
         device=device,
         threads=threads,
-        kg=kg,
-        cross_fitted=cross_fitted,
-        trackers=tuple(trackers),
-        missing_words=tuple(missing_words),
         outputs={},
+        **facts,
     )
     return _write(folder, run)
 
@@ -160,26 +164,24 @@ def read_finished_run(folder: Path, expected: str, result: str) -> RunRecord:
     """
     run = read_run(folder, expected)
     if run.status != "done":
-        raise ArtefactError(f"'{folder}' is {run.status}, not done. Resume it with: wordcraft-kg resume {folder}")
+        raise ArtefactError(f"'{folder}' is {run.status}, not done. Repeat the command that began it: it goes on.")
     if result not in run.outputs:
         raise ArtefactError(f"'{folder}' {what_is(folder)}; expected {expected}.")
     return run
 
 
-def verified_bytes(folder: Path, run: RunRecord, name: str) -> bytes:
-    """Return the bytes of a run's input or output file after checking them against the recorded hash.
+def run_folders(path: Path) -> list[Path]:
+    """Return the runs of a folder of seeds by ascending seed; any other path is returned alone, as a run would be."""
+    if (path / RUN_FILE).exists() or not path.is_dir():
+        return [path]
+    seeds = {int(match[1]): run for run in path.iterdir() if (match := _SEED.fullmatch(run.name))}
+    return [seeds[seed] for seed in sorted(seeds)] or [path]
 
-    Raises:
-        ArtefactError: if the file is missing or has changed.
-    """
-    path = folder / name
-    data = read_large_file(path)
-    if hashlib.sha256(data).hexdigest() != run.outputs.get(name, run.inputs.get(name)):
-        raise ArtefactError(
-            f"{path} is damaged or was changed: its SHA-256 is not the one that run.json records. "
-            "Train again, or restore a copy."
-        )
-    return data
+
+def run_name(folder: Path) -> str:
+    """Return what reports call a run: its folder's name, for a seed after the name of the folder of seeds."""
+    folder = folder.resolve()
+    return f"{folder.parent.name}-{folder.name}" if _SEED.fullmatch(folder.name) else folder.name
 
 
 def _write(folder: Path, run: RunRecord) -> RunRecord:

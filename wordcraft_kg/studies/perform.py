@@ -6,16 +6,18 @@ import traceback
 from errno import EDQUOT, ENOSPC
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
-from wordcraft_kg.base.errors import ArtefactError, WordCraftKGError, reason
+from wordcraft_kg.base.errors import ArtefactError, OutputExistsError, WordCraftKGError, reason
 from wordcraft_kg.evaluation.reference import PlayedGraph
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph, write_graph_folder
 from wordcraft_kg.graphs.library import open_book
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.splits import SplitConfig, make_split
 from wordcraft_kg.graphs.tasks import TaskPart
-from wordcraft_kg.runs.record import RUN_FILE, read_run, verified_bytes
+from wordcraft_kg.runs.config_file import RunConfig
+from wordcraft_kg.runs.files import RunFiles
+from wordcraft_kg.runs.record import read_run
 from wordcraft_kg.studies.plan import CONFIG_OF, agent_config
 from wordcraft_kg.studies.results import (
     FIGURES_FILE,
@@ -27,6 +29,10 @@ from wordcraft_kg.studies.results import (
 )
 from wordcraft_kg.studies.tasks import Kind, Outcome, Task
 
+if TYPE_CHECKING:
+    from wordcraft_kg.runs.training import Training
+
+T = TypeVar("T")
 FIGURES: dict[Kind, type[Figures]] = {"graphs": Figures, "scorers": ScorerFigures, "runs": RunFigures}
 LARGE = ("constants.safetensors", "policy.safetensors", "episodes.jsonl")
 """Files of a run that its figures do not need: tens of megabytes each."""
@@ -54,9 +60,9 @@ def check_whole(task: Task, root: Path) -> None:
     if task.kind == "graphs":
         open_graph(str(folder))
         return
-    run = read_run(folder)
-    for name in run.outputs:
-        verified_bytes(folder, run, name)
+    files = RunFiles(folder, read_run(folder))
+    for name in files.run.outputs:
+        files.bytes(name)
 
 
 def make_graph(task: Task, root: Path, book: str) -> None:
@@ -108,35 +114,26 @@ def _is_disk_full(error: BaseException | None) -> bool:
     return False
 
 
-def _status(folder: Path) -> str:
-    """Return how far a training has come: nothing, begun, or done."""
-    if not (folder / RUN_FILE).exists():
-        return "nothing"
+def _trained(trainer: "type[Training[Any, Any, T]]", config: RunConfig, folder: Path) -> T:
+    """Train, go on with what has begun, or return what is done; begin again if its files are damaged."""
+    from wordcraft_kg.runs.training import train
+
     try:
-        status = read_run(folder).status
-    except ArtefactError:
-        return "nothing"
-    if status == "done":
-        return "done"
-    return "begun" if any((folder / "checkpoints").glob("*.json")) else "nothing"
+        return train(trainer, config, folder, keep=True)
+    except (ArtefactError, OutputExistsError) as error:
+        if not folder.exists() or _is_disk_full(error):
+            raise
+        shutil.rmtree(folder, ignore_errors=True)
+        return train(trainer, config, folder)
 
 
 def _run(task: Task, root: Path, keep_all: bool) -> bool:
-    from wordcraft_kg.agents.training import resume_agent, train_agent
+    from wordcraft_kg.agents.training import AgentTraining
 
     folder = task.folder(root)
     graph, *scorer = (str(root / address) for address in task.needs)
     config = agent_config(task.settings["settings"], graph, scorer[0] if scorer else None)
-    status = _status(folder)
-    if status == "begun":
-        try:
-            trained = resume_agent(folder, graph=graph)
-        except ArtefactError:  # its checkpoints are damaged
-            status = "nothing"
-    if status == "nothing":
-        shutil.rmtree(folder, ignore_errors=True)
-        trained = train_agent(config, folder)
-    if status != "done" and trained.interrupted:
+    if _trained(AgentTraining, config, folder).interrupted:
         return False
     write_figures(folder, _run_figures(folder, open_graph(graph)))
     if not keep_all:
@@ -150,16 +147,16 @@ def _run_figures(folder: Path, opened: OpenedGraph) -> RunFigures:
     from wordcraft_kg.agents.agent_folder import AGENTS
     from wordcraft_kg.agents.records import read_episodes, read_metrics, read_summary
 
-    run = AGENTS.read_record(folder)
-    summary = read_summary(folder, run)
+    files = RunFiles(folder, AGENTS.read_record(folder))
+    summary = read_summary(files)
     part: TaskPart = "test" if "test" in summary.success else "train"
-    lines = read_metrics(verified_bytes(folder, run, "metrics.jsonl"), folder / "metrics.jsonl")
+    lines = read_metrics(files.bytes("metrics.jsonl"), folder / "metrics.jsonl")
     name = f"{part}_success"
     curve = tuple((row.step, round(row.figures[name], 5)) for row in lines if name in row.figures)
     draws = summary.success[part].draws
     return RunFigures(
         seconds=summary.seconds,
-        versions=run.versions,
+        versions=files.run.versions,
         graph=PlayedGraph.of(opened),
         success={name: found.mean for name, found in summary.success.items()},
         by_plan={name: found.by_plan for name, found in summary.success.items()},
@@ -173,41 +170,25 @@ def _run_figures(folder: Path, opened: OpenedGraph) -> RunFigures:
 
 
 def _scorer(task: Task, root: Path) -> bool:
+    from wordcraft_kg.models.links.config import LinksConfig
+    from wordcraft_kg.models.links.training import LinksTraining
+    from wordcraft_kg.models.recipes.config import RecipesConfig
+    from wordcraft_kg.models.recipes.training import RecipesTraining
+
     folder, graph = task.folder(root), str(root / task.needs[0])
     command, settings = task.settings["command"], task.settings["settings"]
-    began, status = time.perf_counter(), _status(folder)
-    if status == "begun":
-        try:
-            if not _train_scorer(folder, graph, command, None):
-                return False
-        except ArtefactError:  # its checkpoints are damaged
-            status = "nothing"
-    if status == "nothing":
-        shutil.rmtree(folder, ignore_errors=True)
-        if command not in CONFIG_OF:
-            _save_plain(folder, graph, command, settings)
-        elif not _train_scorer(folder, graph, command, settings):
+    began = time.perf_counter()
+    if command in RecipesConfig.commands:
+        _trained(RecipesTraining, RecipesConfig(graph, CONFIG_OF[command](**settings)), folder)  # type: ignore[arg-type]
+    elif command in LinksConfig.commands:
+        config = LinksConfig(graph, CONFIG_OF[command](**settings))  # type: ignore[arg-type]
+        if _trained(LinksTraining, config, folder).interrupted:
             return False
+    else:
+        shutil.rmtree(folder, ignore_errors=True)
+        _save_plain(folder, graph, command, settings)
     write_figures(folder, _scorer_figures(folder, time.perf_counter() - began))
     return True
-
-
-def _train_scorer(folder: Path, graph: str, command: str, settings: dict[str, Any] | None) -> bool:
-    """Train a scorer, or go on with its training (no settings); return whether it came to its end."""
-    from wordcraft_kg.models.links.config import LinksConfig
-    from wordcraft_kg.models.links.training import resume_links, train_links
-    from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
-    from wordcraft_kg.models.recipes.training import resume_recipes, train_recipes
-
-    if command == RecipeScorerConfig.command:
-        if settings is None:
-            resume_recipes(folder, graph=graph)
-        else:
-            train_recipes(RecipesConfig(graph, RecipeScorerConfig(**settings)), folder)
-        return True
-    if settings is None:
-        return not resume_links(folder, graph=graph).interrupted
-    return not train_links(LinksConfig(graph, CONFIG_OF[command](**settings)), folder).interrupted  # type: ignore[arg-type]
 
 
 def _save_plain(folder: Path, graph: str, name: str, settings: dict[str, str]) -> None:

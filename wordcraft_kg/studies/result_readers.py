@@ -29,8 +29,7 @@ from wordcraft_kg.evaluation.reference import (
     play_of,
 )
 from wordcraft_kg.graphs.folder import OpenedGraph
-from wordcraft_kg.runs.record import RUN_FILE
-from wordcraft_kg.runs.seeds import run_folders
+from wordcraft_kg.runs.record import RUN_FILE, run_folders
 
 GROUP = "wordcraft_kg.result_readers"
 """Group of the entry points."""

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import safetensors.torch
 import torch
+from going_on import go_on
 from link_helpers import contents, interrupt_after, train
 from refusals import refuses
 
@@ -30,7 +31,6 @@ from wordcraft_kg.models.links.builders import scorer_tensors
 from wordcraft_kg.models.links.config import ComplExConfig, LinkModelConfig
 from wordcraft_kg.models.links.fitting import fit
 from wordcraft_kg.models.links.pykeen_bridge import triples_factory
-from wordcraft_kg.models.links.training import resume_links
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
 from wordcraft_kg.models.scorers.folder import load_scorer, make_scorer
 from wordcraft_kg.models.scorers.protocol import FactoredScorer
@@ -237,7 +237,7 @@ def test_an_interrupted_run_goes_on_with_the_folds_that_are_missing(
     assert len(kept) == (epoch - 5) // 4
     again = []
     monkeypatch.setattr(cross_fitting, "fit", lambda *arguments: again.append(arguments) or fit(*arguments))
-    assert not resume_links(trained.folder).interrupted
+    assert not go_on(trained.folder).interrupted
     assert len(again) == 3 - len(kept)
     assert same_files(trained.folder, folded)
     assert not (trained.folder / "checkpoints").exists()
@@ -250,14 +250,14 @@ def test_a_damaged_fold_of_an_interrupted_run_is_trained_again(
     path = folder / "checkpoints" / "fold-1.safetensors"
     path.write_bytes(path.read_bytes()[:-1] + b"x")
     with caplog.at_level(logging.WARNING):
-        resume_links(folder)
+        go_on(folder)
     assert "Training fold 1 again" in caplog.text
     assert same_files(folder, folded)
 
 
 def test_folds_of_fewer_epochs_are_not_kept_when_a_run_goes_on_for_more(opened_kitchen: OpenedGraph, tmp_path: Path):
     folder = train(opened_kitchen, SHORT, tmp_path / "model", progress=interrupt_after(14)).folder
-    resume_links(folder, epochs=6)
+    go_on(folder, epochs=6)
     longer = train(opened_kitchen, replace(SHORT, epochs=6), tmp_path / "longer").folder
     assert same_files(folder, longer)
 
@@ -272,7 +272,7 @@ def test_an_error_in_a_fold_leaves_a_run_to_go_on_with(
     with pytest.raises(TrainingError, match=r"no longer a finite number\. The checkpoint of epoch 4 is safe"):
         train(opened_kitchen, SHORT, tmp_path / "model")
     monkeypatch.undo()
-    assert not resume_links(tmp_path / "model").interrupted
+    assert not go_on(tmp_path / "model").interrupted
 
 
 # --- side by side ----------------------------------------------------------------------------------------------------

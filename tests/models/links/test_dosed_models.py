@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import safetensors.torch
 import torch
+from going_on import go_on
 from link_helpers import contents, interrupt_after, train
 from refusals import refuses
 
@@ -28,7 +29,6 @@ from wordcraft_kg.models.links.config import ComplExConfig, LinkModelConfig
 from wordcraft_kg.models.links.fitting import fit
 from wordcraft_kg.models.links.pykeen_bridge import triples_factory
 from wordcraft_kg.models.links.regularisation import choose
-from wordcraft_kg.models.links.training import resume_links
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.recipes.training import train_recipes
 from wordcraft_kg.models.saving import save_scorer
@@ -242,7 +242,7 @@ def test_weights_are_chosen_on_the_dose(opened_kitchen: OpenedGraph, tmp_path: P
 def test_an_interrupted_run_goes_on_with_the_same_dose(dosed: Path, opened_kitchen: OpenedGraph, tmp_path: Path):
     run = train(opened_kitchen, SHORT, tmp_path / "run", progress=interrupt_after(2))
     assert run.interrupted
-    resumed = resume_links(run.folder)
+    resumed = go_on(run.folder)
     names = ["model.safetensors", "folds.safetensors", "folds.json"]
     assert [contents(resumed.folder)[name] for name in names] == [contents(dosed)[name] for name in names]
 

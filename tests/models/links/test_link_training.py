@@ -14,10 +14,11 @@ from pathlib import Path
 import pytest
 import safetensors.torch
 import torch
+from going_on import go_on
 from link_helpers import contents, flip_bit, global_states, interrupt_after, train
 from refusals import refuses
 
-from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError, OutputExistsError, TrainingError
+from wordcraft_kg.base.errors import ArtefactError, ConfigError, OutputExistsError, TrainingError
 from wordcraft_kg.base.records import as_values
 from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_book
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph, write_graph_folder
@@ -25,7 +26,7 @@ from wordcraft_kg.models.folder import open_model
 from wordcraft_kg.models.links import training as link_training
 from wordcraft_kg.models.links.config import ComplExConfig, LinkModelConfig, LinksConfig, LinkSettings
 from wordcraft_kg.models.links.epochs import Epochs
-from wordcraft_kg.models.links.training import TrainedLinks, resume_links
+from wordcraft_kg.models.links.training import TrainedLinks
 from wordcraft_kg.models.scorers.folder import load_scorer
 from wordcraft_kg.models.scorers.ranking import rank_triples, ranking_metrics
 
@@ -280,7 +281,7 @@ def test_a_resumed_run_equals_an_undisturbed_one_bit_for_bit(
     stopped = train(validated_kitchen, config, tmp_path / "halves", progress=interrupt_after(2))
     assert (stopped.interrupted, stopped.epoch, stopped.metrics) == (True, 3, None)
     assert status(stopped.folder) == "interrupted"
-    resumed = resume_links(stopped.folder)
+    resumed = go_on(stopped.folder)
     assert weights(resumed) == weights(whole)
     assert (trace(resumed), figures(resumed)) == (trace(whole), figures(whole))
     assert sorted(contents(resumed.folder)) == sorted(contents(whole.folder))
@@ -290,9 +291,9 @@ def test_a_run_may_be_interrupted_more_than_once(opened_kitchen: OpenedGraph, tm
     config = replace(SHORT, epochs=8)
     whole = train(opened_kitchen, config, tmp_path / "whole")
     folder = train(opened_kitchen, config, tmp_path / "parts", progress=interrupt_after(1)).folder
-    second = resume_links(folder, progress=interrupt_after(4))
+    second = go_on(folder, progress=interrupt_after(4))
     assert (second.interrupted, second.epoch) == (True, 5)
-    resumed = resume_links(folder)
+    resumed = go_on(folder)
     assert weights(resumed) == weights(whole)
     assert trace(resumed) == trace(whole)
 
@@ -304,7 +305,7 @@ def test_a_resumed_run_has_the_optimisers_state_of_an_undisturbed_one(
     config = replace(config, epochs=9, patience=0)
     straight = train(validated_kitchen, config, tmp_path / "straight", progress=interrupt_after(5))
     begun = train(validated_kitchen, config, tmp_path / "halves", progress=interrupt_after(1))
-    resumed = resume_links(begun.folder, progress=interrupt_after(5))
+    resumed = go_on(begun.folder, progress=interrupt_after(5))
     expected, found = (
         safetensors.torch.load_file(run.folder / "checkpoints" / "epoch-6.safetensors") for run in (straight, resumed)
     )
@@ -314,21 +315,14 @@ def test_a_resumed_run_has_the_optimisers_state_of_an_undisturbed_one(
     assert [name for name in expected if not torch.equal(found[name], expected[name])] == []
 
 
-def test_a_resumed_run_may_train_longer(opened_kitchen: OpenedGraph, tmp_path: Path):
-    whole = train(opened_kitchen, replace(SHORT, epochs=7), tmp_path / "whole")
-    stopped = train(opened_kitchen, SHORT, tmp_path / "longer", progress=interrupt_after(2))
-    resumed = resume_links(stopped.folder, epochs=7)
-    assert weights(resumed) == weights(whole)
-    assert LinksConfig.read(resumed.folder) == LinksConfig.read(whole.folder)
-
-
-def test_a_resumed_run_never_claims_fewer_epochs_than_it_was_trained_for(opened_kitchen: OpenedGraph, tmp_path: Path):
-    stopped = train(opened_kitchen, SHORT, tmp_path / "model", progress=interrupt_after(3))
-    done = attempt(lambda: resume_links(stopped.folder, epochs=2))
-    if isinstance(done, str):
-        assert "`epochs`" in done
-    else:
-        assert LinksConfig.read(done.folder).settings.epochs == done.metrics.epochs
+@pytest.mark.parametrize(("name", "value"), [("epochs", 7), ("epochs", 2), ("seed", 1), ("dim", 9)])
+def test_an_unfinished_run_of_other_settings_is_refused_by_their_name_and_stays(
+    unfinished: Path, opened_kitchen: OpenedGraph, name: str, value: int
+):
+    before = contents(unfinished)
+    with pytest.raises(ConfigError, match=f"`{name}` .* and this command has {value}"):
+        train(opened_kitchen, replace(SHORT, **{name: value}), unfinished)
+    assert contents(unfinished) == before
 
 
 def test_a_run_whose_graph_has_moved_is_resumed_with_the_new_place(tmp_path: Path, kitchen_folder: Path):
@@ -337,7 +331,7 @@ def test_a_run_whose_graph_has_moved_is_resumed_with_the_new_place(tmp_path: Pat
     whole = train(opened, SHORT, tmp_path / "whole")
     stopped = train(opened, SHORT, tmp_path / "model", progress=interrupt_after(1))
     (tmp_path / "graph").rename(tmp_path / "moved")
-    resumed = resume_links(stopped.folder, graph=str(tmp_path / "moved"))
+    resumed = go_on(stopped.folder, graph=str(tmp_path / "moved"))
     assert weights(resumed) == weights(whole)
 
 
@@ -345,7 +339,7 @@ def test_a_model_resumed_from_a_moved_graph_is_opened_without_being_told_again(t
     shutil.copytree(kitchen_folder, tmp_path / "graph")
     stopped = train(open_graph(tmp_path / "graph"), SHORT, tmp_path / "model", progress=interrupt_after(1))
     (tmp_path / "graph").rename(tmp_path / "moved")
-    resumed = resume_links(stopped.folder, graph=str(tmp_path / "moved"))
+    resumed = go_on(stopped.folder, graph=str(tmp_path / "moved"))
     assert Path(open_model(resumed.folder).opened.source).resolve() == (tmp_path / "moved").resolve()
 
 
@@ -361,15 +355,7 @@ def test_a_second_ctrl_c_acts_at_once_and_loses_no_checkpoint(opened_kitchen: Op
     with pytest.raises(KeyboardInterrupt):
         train(opened_kitchen, config, tmp_path / "model", progress=interrupt_after(3, times=2))
     assert signal.getsignal(signal.SIGINT) is handler
-    assert weights(resume_links(tmp_path / "model")) == weights(whole)
-
-
-def test_an_unfinished_run_is_not_overwritten_unless_forced(opened_kitchen: OpenedGraph, tmp_path: Path):
-    folder = train(opened_kitchen, SHORT, tmp_path / "model", progress=interrupt_after(1)).folder
-    before = contents(folder)
-    with pytest.raises(OutputExistsError):
-        train(opened_kitchen, SHORT, tmp_path / "model")
-    assert contents(folder) == before
+    assert weights(go_on(tmp_path / "model")) == weights(whole)
 
 
 def test_forced_training_starts_anew_over_an_unfinished_run(opened_kitchen: OpenedGraph, tmp_path: Path):
@@ -395,25 +381,15 @@ def test_a_forced_run_that_was_interrupted_replaces_the_earlier_model_when_resum
     train(opened_kitchen, SHORT, tmp_path / "model")
     config = replace(SHORT, seed=1)
     stopped = train(opened_kitchen, config, tmp_path / "model", force=True, progress=interrupt_after(1))
-    resume_links(stopped.folder)
+    go_on(stopped.folder)
     assert LinksConfig.read(tmp_path / "model").settings.seed == 1
     assert [path.name for path in tmp_path.iterdir()] == ["model"]
 
 
-def test_resuming_what_does_not_exist_is_an_error(tmp_path: Path):
-    with pytest.raises(ArtefactError, match="does not exist"):
-        resume_links(tmp_path / "nowhere")
-
-
-def test_resuming_a_finished_model_is_an_error(complex_folder: Path):
-    with pytest.raises(ArtefactError, match="is finished"):
-        resume_links(complex_folder)
-
-
 def test_resuming_on_another_split_is_an_error(tmp_path: Path, opened_kitchen: OpenedGraph, kitchen_folder: Path):
     stopped = train(opened_kitchen, SHORT, tmp_path / "model", progress=interrupt_after(1))
-    with pytest.raises(GraphMismatchError):
-        resume_links(stopped.folder, graph=str(kitchen_folder))
+    with pytest.raises(ConfigError, match="another split"):
+        go_on(stopped.folder, graph=str(kitchen_folder))
 
 
 @pytest.fixture
@@ -425,7 +401,7 @@ def unfinished(opened_kitchen: OpenedGraph, tmp_path: Path) -> Path:
 def test_resuming_without_one_of_its_files_is_an_artefact_error_that_says_where(unfinished: Path, name: str):
     (unfinished / name).unlink()
     with pytest.raises(ArtefactError) as caught:
-        resume_links(unfinished)
+        go_on(unfinished)
     assert str((unfinished / name).parent) in str(caught.value)
 
 
@@ -436,21 +412,21 @@ def test_resuming_from_a_truncated_file_is_an_artefact_error(unfinished: Path, n
     data = (unfinished / name).read_bytes()
     (unfinished / name).write_bytes(data[: len(data) // 2])
     with pytest.raises(ArtefactError):
-        resume_links(unfinished)
+        go_on(unfinished)
 
 
 @pytest.mark.parametrize("text", ["{}", "[]", '{"epoch": 2}'])
 def test_resuming_from_a_checkpoint_record_of_another_kind_is_an_artefact_error(unfinished: Path, text: str):
     (unfinished / "checkpoints" / "epoch-2.json").write_text(text)
     with pytest.raises(ArtefactError):
-        resume_links(unfinished)
+        go_on(unfinished)
 
 
 def test_resuming_from_a_checkpoint_with_a_flipped_bit_is_an_artefact_error(unfinished: Path):
     path = unfinished / "checkpoints" / "epoch-2.safetensors"
     flip_bit(path, path.stat().st_size - 1, bit=2)
     with pytest.raises(ArtefactError):
-        resume_links(unfinished)
+        go_on(unfinished)
 
 
 # --- early stopping --------------------------------------------------------------------------------------------------
@@ -494,7 +470,7 @@ def test_a_resumed_run_stops_early_at_the_same_epoch(validated_kitchen: OpenedGr
     whole = train(validated_kitchen, PATIENT, tmp_path / "whole")
     stopped = train(validated_kitchen, PATIENT, tmp_path / "halves", progress=interrupt_after(epoch))
     assert (stopped.interrupted, stopped.epoch) == (True, epoch + 1)
-    resumed = resume_links(stopped.folder)
+    resumed = go_on(stopped.folder)
     assert (figures(resumed), trace(resumed)) == (figures(whole), trace(whole))
     assert weights(resumed) == weights(whole)
 
@@ -525,7 +501,7 @@ def test_a_run_that_fails_after_a_checkpoint_is_marked_and_can_be_resumed(opened
         train(opened_kitchen, config, tmp_path / "model", progress=fail_in_the_third_epoch)
     assert status(tmp_path / "model") == "failed"
     whole = train(opened_kitchen, config, tmp_path / "whole")
-    assert weights(resume_links(tmp_path / "model")) == weights(whole)
+    assert weights(go_on(tmp_path / "model")) == weights(whole)
 
 
 def test_a_run_that_fails_at_the_end_is_marked_failed_and_can_go_on(
@@ -537,7 +513,7 @@ def test_a_run_that_fails_at_the_end_is_marked_failed_and_can_go_on(
         with pytest.raises(RuntimeError, match="no more"):
             train(opened_kitchen, SHORT, tmp_path / "model")
     assert status(tmp_path / "model") == "failed"
-    assert weights(resume_links(tmp_path / "model")) == weights(whole)
+    assert weights(go_on(tmp_path / "model")) == weights(whole)
 
 
 def test_a_run_that_fails_before_its_first_checkpoint_leaves_nothing_behind(

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from going_on import go_on
 from link_helpers import interrupt_after, random_graph, train
 
 from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split
@@ -21,7 +22,6 @@ from wordcraft_kg.models.links.folds import split_of_train
 from wordcraft_kg.models.links.pykeen_bridge import triples_factory
 from wordcraft_kg.models.links.records import Choice
 from wordcraft_kg.models.links.regularisation import HELD_OUT, N3, POPULARITY, choose
-from wordcraft_kg.models.links.training import resume_links
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer
 from wordcraft_kg.models.scorers.folder import make_scorer
 from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples
@@ -167,7 +167,7 @@ def test_a_resumed_run_does_not_choose_again(
     undisturbed = train(opened_kitchen, settings, tmp_path / "undisturbed")
     assert train(opened_kitchen, settings, tmp_path / "model", progress=interrupt_after(4)).interrupted
     monkeypatch.setattr(link_training, "choose", lambda *arguments: pytest.fail("chosen again"))
-    resumed = resume_links(tmp_path / "model")
+    resumed = go_on(tmp_path / "model")
     assert resumed.metrics.choice == undisturbed.metrics.choice is not None
     weights = [(folder / "model.safetensors").read_bytes() for folder in (resumed.folder, undisturbed.folder)]
     assert weights[0] == weights[1]

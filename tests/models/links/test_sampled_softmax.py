@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from going_on import go_on
 from link_helpers import contents, interrupt_after, random_graph, train
 from link_oracles import equation_2, n3
 from refusals import refuses
@@ -20,7 +21,6 @@ from wordcraft_kg.models.links.config import FULL_SOFTMAX, NEGATIVES, ComplExCon
 from wordcraft_kg.models.links.pykeen_bridge import pykeen_guard, triples_factory
 from wordcraft_kg.models.links.sampled_softmax import SampledSymmetricLCWATrainingLoop, sampled_cross_entropy
 from wordcraft_kg.models.links.symmetric_lcwa import IndexedSymmetricLCWATrainingLoop
-from wordcraft_kg.models.links.training import resume_links
 
 SIZE, QUERIES = 9, 5
 
@@ -184,5 +184,5 @@ def test_a_resumed_training_ends_bit_for_bit_like_one_without_interruption(opene
     whole = train(opened_kitchen, config, tmp_path / "whole")
     cut = train(opened_kitchen, config, tmp_path / "cut", progress=interrupt_after(2))
     assert cut.interrupted
-    resumed = resume_links(cut.folder)
+    resumed = go_on(cut.folder)
     assert contents(resumed.folder)["model.safetensors"] == contents(whole.folder)["model.safetensors"]

@@ -10,6 +10,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 import torch
+from going_on import go_on
 from refusals import refuses
 
 import wordcraft_kg  # noqa: F401 - registers the environments
@@ -20,7 +21,7 @@ from wordcraft_kg.agents.explanation import explain_episodes
 from wordcraft_kg.agents.impala import Impala
 from wordcraft_kg.agents.players import knowledge_player
 from wordcraft_kg.agents.states import states_of
-from wordcraft_kg.agents.training import resume_agent, train_agent
+from wordcraft_kg.agents.training import train_agent
 from wordcraft_kg.base.errors import ConfigError, GraphMismatchError, LeakError
 from wordcraft_kg.envs.batch import BatchEngine
 from wordcraft_kg.envs.config import WordCraftConfig
@@ -287,7 +288,7 @@ def test_a_run_says_that_its_scorer_is_cross_fitted_and_comes_back_the_same(fold
     whole = train_agent(frequent, tmp_path / "again").folder
     interrupted = train_agent(frequent, tmp_path / "resumed", progress=press)
     assert interrupted.interrupted
-    resumed = resume_agent(interrupted.folder).folder
+    resumed = go_on(interrupted.folder).folder
     assert (resumed / "policy.safetensors").read_bytes() == (whole / "policy.safetensors").read_bytes()
 
 

@@ -360,7 +360,7 @@ def test_a_missing_file_is_an_artefact_error_that_names_it(folder: Path, name: s
 @pytest.mark.parametrize("status", ["running", "interrupted", "failed"])
 def test_an_unfinished_run_has_no_policy_yet(folder: Path, status: str):
     end_run(folder, read_run(folder), status)
-    with pytest.raises(ArtefactError, match=rf"{status}, not done.*wordcraft-kg resume"):
+    with pytest.raises(ArtefactError, match=rf"{status}, not done.*Repeat the command"):
         load_policy(folder)
 
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import safetensors.torch
 import torch
+from going_on import go_on
 from link_helpers import contents, interrupt_after, random_graph
 
 from wordcraft_kg.base.artefacts import sha256_of
@@ -24,7 +25,7 @@ from wordcraft_kg.models.policies.sources.registry import make_sources
 from wordcraft_kg.models.recipes import training
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.recipes.fitting import LinkRankers, fit_recipe_scorer
-from wordcraft_kg.models.recipes.training import resume_recipes, train_recipes
+from wordcraft_kg.models.recipes.training import train_recipes
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
 from wordcraft_kg.models.scorers.folder import load_scorer
 from wordcraft_kg.models.scorers.pair_features import RecipeKnowledge
@@ -119,7 +120,7 @@ def test_an_interrupted_run_goes_on_with_the_fits_that_are_missing(
         "fit_recipe_scorer",
         lambda *args, **options: fitted.append(options["left_out"]) or fit(*args, **options),
     )
-    resume_recipes(folder)
+    go_on(folder)
     assert 0 < len(fitted) < 4
     assert () not in fitted
     assert same_files(folder, small)

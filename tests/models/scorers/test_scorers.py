@@ -417,7 +417,7 @@ def test_loading_a_folder_of_another_kind_is_refused(kitchen_folder: Path):
 def test_loading_an_unfinished_model_says_how_to_go_on(opened_kitchen: OpenedGraph, tmp_path: Path):
     config = ComplExConfig(dim=4, epochs=4, n3=0.1, folds=0)
     train(opened_kitchen, config, tmp_path / "model", progress=interrupt_after(1))
-    with pytest.raises(ArtefactError, match=r"interrupted, not done.*wordcraft-kg resume .*model"):
+    with pytest.raises(ArtefactError, match=r"interrupted, not done.*Repeat the command"):
         load_scorer(tmp_path / "model")
 
 

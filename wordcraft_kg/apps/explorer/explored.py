@@ -12,8 +12,8 @@ from wordcraft_kg.base.settings import nearest
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
 from wordcraft_kg.graphs.planner import Planner
 from wordcraft_kg.models.folder import open_model
-from wordcraft_kg.runs.inputs import check_run_graph
-from wordcraft_kg.runs.seeds import run_folders, run_name
+from wordcraft_kg.runs.files import RunFiles
+from wordcraft_kg.runs.record import run_folders, run_name
 
 T = TypeVar("T")
 
@@ -59,7 +59,7 @@ class Explored:
         opened_models = {name: LinkPredictor(name, folder, open_model(folder, str(graph))) for name, folder in named}
         folders = _named(folder for path in runs for folder in run_folders(Path(path)))
         for folder in folders.values():
-            check_run_graph(folder, AGENTS.read_record(folder), opened)
+            RunFiles(folder, AGENTS.read_record(folder)).graph(opened)
         return cls(opened, opened_models, folders)
 
     def predictor(self, name: str = "") -> LinkPredictor:

@@ -25,7 +25,8 @@ from wordcraft_kg.models.scorers.cross_fitting import whole_of
 from wordcraft_kg.models.scorers.features import EntityFeatures, make_features
 from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
 from wordcraft_kg.runs.cards import front_matter
-from wordcraft_kg.runs.record import end_run, read_finished_run, start_run, verified_bytes
+from wordcraft_kg.runs.files import RunFiles
+from wordcraft_kg.runs.record import end_run, read_finished_run, start_run
 
 POLICY_FORMAT = "wordcraft-kg policy 1"
 POLICY_FILES = ("policy.json", "constants.safetensors", "policy.safetensors")
@@ -214,7 +215,6 @@ def load_policy(folder: str | Path) -> Policy:
         True
     """
     folder = Path(folder)
-    run = read_finished_run(folder, "a run of train-agent", "policy.safetensors")
-    parameters = read_tensors(folder / "policy.safetensors", verified_bytes(folder, run, "policy.safetensors"))
-    verified_bytes(folder, run, "policy.json")
-    return read_policy(folder, verified_bytes(folder, run, "constants.safetensors"), parameters)
+    files = RunFiles(folder, read_finished_run(folder, "a run of train-agent", "policy.safetensors"))
+    files.bytes("policy.json")
+    return read_policy(folder, files.bytes("constants.safetensors"), files.tensors("policy.safetensors"))

@@ -26,7 +26,9 @@ from wordcraft_kg.models.scorers.pair_features import RANKER
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
 from wordcraft_kg.models.scorers.scorer import Scorer
 from wordcraft_kg.models.scorers.similarity import cosines
-from wordcraft_kg.runs.record import read_finished_run, verified_bytes
+from wordcraft_kg.runs.config_file import CONFIG_FILE
+from wordcraft_kg.runs.files import RunFiles
+from wordcraft_kg.runs.record import read_finished_run
 
 
 def extended(scorer: Scorer, labels: Sequence[str], text: Tensor) -> RecipeScorer:
@@ -102,7 +104,7 @@ def with_words(
             "This model knows the entities of its graph only; one of `wordcraft-kg train-recipes` scores others by "
             "their words.",
         )
-    verified_bytes(folder, run, "config.toml")
+    RunFiles(folder, run).bytes(CONFIG_FILE)
     settings = RecipesConfig.read(folder).settings
     spec = FeatureSpec.parse(settings.features)
     if spec.prefix or spec.source in ("one-hot", "random"):

@@ -6,10 +6,11 @@ interrupted run goes on with those that are missing.
 
 import logging
 import time
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any, ClassVar
 
 import torch
 from threadpoolctl import threadpool_limits
@@ -19,7 +20,7 @@ from wordcraft_kg.base.artefacts import dump_json, write_atomically
 from wordcraft_kg.base.errors import ArtefactError, ConfigError
 from wordcraft_kg.base.records import as_values
 from wordcraft_kg.graphs.doses import is_dosed, make_dose
-from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
+from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.folds import Folds, make_folds
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.splits import SplitConfig, make_split
@@ -34,14 +35,13 @@ from wordcraft_kg.models.scorers.folder import FOLD_OUTPUTS
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
 from wordcraft_kg.models.scorers.similarity import cosines
 from wordcraft_kg.models.scorers.writing import write_folds, write_scorer
-from wordcraft_kg.runs.checkpoints import Checkpoints
-from wordcraft_kg.runs.folder import Progress, RunFolder, RunKind, check_run_output, new_run, resumed_run
-from wordcraft_kg.runs.inputs import open_run_graph
-from wordcraft_kg.runs.progress import shown
-from wordcraft_kg.runs.record import verified_bytes
+from wordcraft_kg.runs.checkpoints import Checkpoint, Checkpoints
+from wordcraft_kg.runs.files import RunFiles
+from wordcraft_kg.runs.folder import Progress, RunFolder, RunKind
 from wordcraft_kg.runs.side_by_side import cores, side_by_side
+from wordcraft_kg.runs.trackers import Log
+from wordcraft_kg.runs.training import Training, train
 
-RECIPES = RunKind((RecipeScorerConfig.command,), unit="fit", progress=FitDone, judged_by="evaluate-links")
 OUTPUTS = ("model.safetensors", "vocabulary.json", "config.toml", "metrics.json")
 ALONE = 1_000
 """Recipes up to which one process fits all: starting another one takes as long as a fit."""
@@ -67,7 +67,7 @@ def train_recipes(
     force: bool = False,
     progress: Progress | bool | None = None,
 ) -> TrainedRecipes:
-    """Fit a recipe scorer and write its model folder.
+    """Fit a recipe scorer and write its model folder; go on with an interrupted run of the same settings there.
 
     Args:
         config: graph and settings.
@@ -76,8 +76,7 @@ def train_recipes(
         progress: called after each step of a fit; True shows a bar.
 
     Raises:
-        OutputExistsError: if ``out`` exists and ``force`` is False.
-        ConfigError: if the settings do not fit the graph.
+        WordCraftKGError: as :func:`~wordcraft_kg.runs.training.train` does.
         KeyboardInterrupt: after Ctrl-C, saying how to go on.
 
     Example:
@@ -85,46 +84,7 @@ def train_recipes(
         >>> load_scorer(trained.folder).whole.score_recipes("flour", "water", "dough").shape
         torch.Size([])
     """
-    opened = open_graph(config.graph)
-    folder = config.default_folder(opened.graph.name) if out is None else Path(out)
-    check_run_output(folder, force=force)
-    folds = _folds(opened, config.settings)
-    text, features = _text(opened.graph, config.settings)
-    with shown(progress, "recipes", RECIPES.unit) as report, new_run(folder, RECIPES, force=force) as run:
-        inputs = {"graph": opened.graph.hash, "split": opened.split.hash, "features": features}
-        if config.settings.kg == "partial":
-            inputs["folds"] = folds.hash
-        if is_dosed(config.settings.share, config.settings.noise):
-            inputs["dose"] = folds.dose.hash
-        run.begin(config, config.settings, inputs=inputs)
-        return _fit(run, opened, config, folds, text, report)
-
-
-def resume_recipes(
-    folder: str | Path, *, graph: str | None = None, progress: Progress | bool | None = None
-) -> TrainedRecipes:
-    """Go on with a run that was interrupted: fits that are done are kept.
-
-    Args:
-        folder: folder of the model.
-        graph: where the graph is now, if it has moved.
-        progress: called after each step of a fit; True shows a bar.
-
-    Raises:
-        ArtefactError: if there is nothing to resume, it is damaged, or another process is training it.
-        GraphMismatchError: if the graph or its split is not the one that the run began with.
-    """
-    with shown(progress, "recipes", RECIPES.unit) as report, resumed_run(Path(folder), RECIPES) as run:
-        verified_bytes(run.path, run.record, "config.toml")
-        config = RecipesConfig.read(run.path)
-        config = replace(config, graph=graph or config.graph)
-        opened = open_run_graph(run.path, run.record, config.graph)
-        folds = _folds(opened, config.settings)
-        text, features = _text(opened.graph, config.settings)
-        if features != run.record.inputs["features"]:
-            raise ArtefactError(f"`features` {config.settings.features} have changed since '{folder}' was begun.")
-        run.go_on(config)
-        return _fit(run, opened, config, folds, text, report)
+    return train(RecipesTraining, config, out, force=force, progress=progress)
 
 
 def _folds(opened: OpenedGraph, settings: RecipeScorerConfig) -> Folds:
@@ -196,7 +156,7 @@ class _Job:
 
 
 def _kept(folder: Path) -> Checkpoints[FitDone]:
-    return Checkpoints(folder, RECIPES.unit, FitDone, kept=None)
+    return Checkpoints(folder, "fit", FitDone, kept=None)
 
 
 def _is_done(kept: Checkpoints[FitDone], job: _Job) -> bool:
@@ -210,74 +170,96 @@ def _is_done(kept: Checkpoints[FitDone], job: _Job) -> bool:
         return False
 
 
-def _fit(
-    run: RunFolder[FitDone],
-    opened: OpenedGraph,
-    config: RecipesConfig,
-    folds: Folds,
-    text: Tensor,
-    progress: Progress | None,
-) -> TrainedRecipes:
-    settings, began = config.settings, time.perf_counter()
-    is_partial = settings.kg == "partial"
-    jobs = [_Job(run.path, number, folds, text, settings) for number in range(1 + folds.count * is_partial)]
-    kept = _kept(run.path)
-    waiting = [job for job in jobs if not _is_done(kept, job)]
-    total = len(jobs) * (settings.folds + 3)
-    so_far = dict.fromkeys((job.fold for job in jobs if job not in waiting), settings.folds + 3)
+class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
+    """The fit of a recipe scorer."""
 
-    def note(fold: int | None = None, steps: int = 0) -> None:
-        if run.interrupted.is_set():
-            raise KeyboardInterrupt
-        if fold is not None:
-            so_far[fold] = steps
-            if progress:
-                progress(sum(so_far.values()), total, {})
+    kind: ClassVar[RunKind[Any]] = RunKind(RecipesConfig.commands, "recipes", unit="fit", progress=FitDone)
+    config_type = RecipesConfig
 
-    workers = min(len(waiting), max(cores() // settings.threads, 1))
-    if workers > 1 and len(folds.recipes()) > ALONE:
-        side_by_side(waiting, workers, note)
-    else:
-        for job in waiting:
-            job.train(partial(note, job.fold))
-    if progress:
-        progress(total, total, {})
-    return _finish(run, opened, config, folds, kept, time.perf_counter() - began)
+    def __init__(self, config: RecipesConfig, opened: OpenedGraph):
+        """Cut the folds and look the words up.
 
+        Raises:
+            ConfigError: if the settings do not fit the graph.
+        """
+        super().__init__(config, opened)
+        self.folds = _folds(opened, config.settings)
+        self.text, self.features = _text(opened.graph, config.settings)
 
-def _finish(
-    run: RunFolder[FitDone],
-    opened: OpenedGraph,
-    config: RecipesConfig,
-    folds: Folds,
-    kept: Checkpoints[FitDone],
-    seconds: float,
-) -> TrainedRecipes:
-    """Write the results of fits that are all done."""
-    graph, settings = opened.graph, config.settings
-    tensors = kept.read(0).tensors
-    write_scorer(run.path, RecipeScorer.kind, tensors, graph)
-    outputs: tuple[str, ...] = OUTPUTS
-    record = None
-    if settings.kg == "partial":
+    def begin(self, run: RunFolder[FitDone], report: Progress | None) -> Mapping[str, Any]:  # noqa: D102 - inherited
+        settings, inputs = self.config.settings, {"features": self.features}
+        if settings.kg == "partial":
+            inputs["folds"] = self.folds.hash
+        if is_dosed(settings.share, settings.noise):
+            inputs["dose"] = self.folds.dose.hash
+        return {"inputs": inputs}
 
-        def part(fold: int) -> tuple[str, dict[str, Tensor]]:
-            found = kept.read(fold + 1)
-            return found.progress.trained_on, found.tensors
+    def restored(self, run: RunFolder[FitDone]) -> None:
+        """Return no checkpoint: fits that are done are kept."""
 
-        whole = RecipeScorer(tensors, graph.entities, graph.hash)
-        record = write_folds(run.path, folds, whole, RecipeScorer.kind, part)
-        outputs += FOLD_OUTPUTS
-    metrics = RecipeMetrics(
-        kg=settings.kg,
-        share=settings.share,
-        noise=settings.noise,
-        recipes=len(tensors["recipes"]),
-        seconds=round(seconds, 3),
-        folds=record.count if record else 0,
-        fold_mrr=record.mrr if record else None,
-        fold_in_sample_mrr=record.in_sample_mrr if record else None,
-    )
-    write_atomically(run.path / "metrics.json", dump_json(as_values(metrics)))
-    run.finish(outputs, model_card(opened, config, metrics))
-    return TrainedRecipes(run.path, metrics)
+    def go(  # noqa: D102 - inherited
+        self, run: RunFolder[FitDone], report: Progress | None, log: Log, checkpoint: Checkpoint[FitDone] | None
+    ) -> TrainedRecipes:
+        settings, folds = self.config.settings, self.folds
+        if not run.is_live:
+            if self.features != run.record.inputs["features"]:
+                raise ArtefactError(f"`features` {settings.features} have changed since '{run.path}' was begun.")
+            run.go_on(self.config)
+        began, is_partial = time.perf_counter(), settings.kg == "partial"
+        jobs = [_Job(run.path, number, folds, self.text, settings) for number in range(1 + folds.count * is_partial)]
+        kept = _kept(run.path)
+        waiting = [job for job in jobs if not _is_done(kept, job)]
+        total = len(jobs) * (settings.folds + 3)
+        so_far = dict.fromkeys((job.fold for job in jobs if job not in waiting), settings.folds + 3)
+
+        def note(fold: int | None = None, steps: int = 0) -> None:
+            if run.interrupted.is_set():
+                raise KeyboardInterrupt
+            if fold is not None:
+                so_far[fold] = steps
+                if report:
+                    report(sum(so_far.values()), total, {})
+
+        workers = min(len(waiting), max(cores() // settings.threads, 1))
+        if workers > 1 and len(folds.recipes()) > ALONE:
+            side_by_side(waiting, workers, note)
+        else:
+            for job in waiting:
+                job.train(partial(note, job.fold))
+        if report:
+            report(total, total, {})
+        return self._finish(run, kept, time.perf_counter() - began)
+
+    def _finish(self, run: RunFolder[FitDone], kept: Checkpoints[FitDone], seconds: float) -> TrainedRecipes:
+        """Write the results of fits that are all done."""
+        graph, settings = self.opened.graph, self.config.settings
+        tensors = kept.read(0).tensors
+        write_scorer(run.path, RecipeScorer.kind, tensors, graph)
+        outputs: tuple[str, ...] = OUTPUTS
+        record = None
+        if settings.kg == "partial":
+
+            def part(fold: int) -> tuple[str, dict[str, Tensor]]:
+                found = kept.read(fold + 1)
+                return found.progress.trained_on, found.tensors
+
+            whole = RecipeScorer(tensors, graph.entities, graph.hash)
+            record = write_folds(run.path, self.folds, whole, RecipeScorer.kind, part)
+            outputs += FOLD_OUTPUTS
+        metrics = RecipeMetrics(
+            kg=settings.kg,
+            share=settings.share,
+            noise=settings.noise,
+            recipes=len(tensors["recipes"]),
+            seconds=round(seconds, 3),
+            folds=record.count if record else 0,
+            fold_mrr=record.mrr if record else None,
+            fold_in_sample_mrr=record.in_sample_mrr if record else None,
+        )
+        write_atomically(run.path / "metrics.json", dump_json(as_values(metrics)))
+        run.finish(outputs, model_card(self.opened, self.config, metrics))
+        return TrainedRecipes(run.path, metrics)
+
+    @classmethod
+    def outcome(cls, files: RunFiles) -> TrainedRecipes:  # noqa: D102 - inherited
+        return TrainedRecipes(files.folder, files.record("metrics.json", RecipeMetrics))

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 from wordcraft_kg.apps.elicitation.config import AskingConfig, OpinionsConfig
+from wordcraft_kg.base.artefacts import check_output
 from wordcraft_kg.base.extras import check_extra
 from wordcraft_kg.base.settings import number_in
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.cli.console import Flag, Output, aligned
 from wordcraft_kg.cli.options import Book
-from wordcraft_kg.runs.folder import check_run_output
 
 if TYPE_CHECKING:
     from wordcraft_kg.apps.elicitation.records import OpinionMetrics
@@ -74,7 +74,7 @@ def ask_opinions(
     if estimate.to_ask and not yes:
         output.result(OpinionsView(estimate), [*_estimate(estimate), "nothing was asked; add --yes to ask"])
         return
-    check_run_output(out, force=force)
+    check_output(out, force=force)
     check_extra("opinions")
     said = ask_all(plan, lambda: Endpoint(config), kept, output.progress("asking", unit="prompt"))
     from wordcraft_kg.apps.elicitation.folder import write_opinions

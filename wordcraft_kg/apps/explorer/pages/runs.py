@@ -241,9 +241,8 @@ def _waits_for(found: AgentRun) -> str:
         return "It ended without a checkpoint, so it cannot be asked. Train it again."
     if status == "running":
         return f"It answers with the weights of {found.checkpoint}, renewed every {every} steps."
-    return (
-        f"It answers with the weights of {found.checkpoint}. Resume it for the evaluation: wordcraft-kg resume FOLDER"
-    )
+    again = "Repeat the command that trains it: it goes on and ends with the evaluation."
+    return f"It answers with the weights of {found.checkpoint}. {again}"
 
 
 def _any_is_live(explored: Explored, _: Runs) -> bool:

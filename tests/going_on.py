@@ -1,0 +1,22 @@
+"""Going on with a run as a program does: by training into its folder again, with its own settings."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+
+def go_on(folder: Path, *, graph: str | None = None, **options: Any) -> Any:
+    """Train the run of a folder again; ``graph`` says where its graph is now, if it has moved."""
+    from wordcraft_kg.agents.config import AgentConfig
+    from wordcraft_kg.agents.training import train_agent
+    from wordcraft_kg.models.links.config import LinksConfig
+    from wordcraft_kg.models.links.training import train_links
+    from wordcraft_kg.models.recipes.config import RecipesConfig
+    from wordcraft_kg.models.recipes.training import train_recipes
+    from wordcraft_kg.runs.record import read_run
+
+    trainers = {AgentConfig: train_agent, LinksConfig: train_links, RecipesConfig: train_recipes}
+    kind = read_run(folder).kind
+    config_type, train = next((config, train) for config, train in trainers.items() if kind in config.commands)
+    config = config_type.read(folder)
+    return train(replace(config, graph=graph or config.graph), folder, **options)

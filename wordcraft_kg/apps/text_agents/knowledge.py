@@ -1,12 +1,13 @@
 """Knowledge to look up: the recipes of the partial graph, or the best links of a trained scorer."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from wordcraft_kg.apps.text_agents.games import Game
-from wordcraft_kg.apps.text_agents.settings import GameSettings, KnowledgeKind
+from wordcraft_kg.apps.text_agents.settings import GameSettings
 from wordcraft_kg.base.errors import GraphMismatchError, LeakError
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folder import OpenedGraph, Taught
@@ -22,34 +23,28 @@ MOST_BELIEVED = 10
 """Most entities for each relation that a scorer scores."""
 
 
-class Knowledge(Protocol):
+class Knowledge(ABC):
     """Facts that can be looked up.
 
     Attributes:
-        kind: the kind, as settings name it.
         scorer: hash of the scorer's weights; None without one.
         kg: triples that the scorer was trained on; a scorer of the full graph remembers the answers.
     """
 
-    kind: KnowledgeKind
-    scorer: str | None
-    kg: Taught | None
+    scorer: str | None = None
+    kg: Taught | None = None
 
+    @abstractmethod
     def facts(self, entity: int, game: Game) -> list[str]:
         """Return the facts about an entity, a line each, those that concern the game most first."""
-        ...
 
 
-class PartialGraphKnowledge:
+class PartialGraphKnowledge(Knowledge):
     """The train recipes without those of the task's plans.
 
     All results of a pair of the task's plans are hidden. Facts are listed in this order: recipes that make the entity,
     recipes that use it with an entity at hand, its other uses.
     """
-
-    kind: KnowledgeKind = "partial"
-    scorer: str | None = None
-    kg: Taught | None = None
 
     def __init__(self, split: Split):
         """Take the train recipes of a split."""
@@ -76,14 +71,12 @@ class PartialGraphKnowledge:
         return facts + ([f"and {len(known) - MOST_FACTS} more"] if len(known) > MOST_FACTS else [])
 
 
-class ScorerKnowledge:
+class ScorerKnowledge(Knowledge):
     """The best links of a scorer: entities to combine with, likely results and likely components.
 
     On a train task a cross-fitted scorer answers with the model that has not seen the task's recipes. Self-combinations
     are left out, because link predictors believe almost all of them.
     """
-
-    kind: KnowledgeKind = "scorer"
 
     def __init__(self, scorer: "TripleScorer", split: Split, weights: str | None = None, kg: Taught | None = None):
         """Take a scorer of the split's graph, the hash of its weights and its training triples.

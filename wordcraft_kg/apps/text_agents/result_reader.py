@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from itertools import count
 from pathlib import Path
-from typing import get_args
+from typing import Any, get_args
 
 import msgspec
 
@@ -46,8 +46,7 @@ def _open_rows(paths: Sequence[Path], opened: OpenedGraph, play: OpenPlay) -> Se
             its = f"begins with {', '.join(settings.base)}" if settings.is_open_ended else "is of crafting tasks"
             raise ConfigError(f"--beside: '{path}' {its}, and the table is about play from {', '.join(play.base)}.")
         known: dict[int, Estimate] = {attempts: (value, None, None) for attempts, value in result.known.items()}
-        row = _row(path, result, play, figures_of(known))
-        rows.append(msgspec.structs.replace(row, measure="entities known", runs=result.games))
+        rows.append(_row(path, result, play, figures_of(known), measure="entities known", runs=result.games))
     return rows
 
 
@@ -70,8 +69,7 @@ def _task_rows(
                 f"add them to --distractors {','.join(map(str, columns))}."
             )
         figures = figures_of({amount: (success.mean, success.ci_low, success.ci_high)})
-        row = _row(path, result, play, figures)
-        row = msgspec.structs.replace(row, interval=OVER_TASKS, tasks=success.tasks, draws=success.draws)
+        row = _row(path, result, play, figures, interval=OVER_TASKS, tasks=success.tasks, draws=success.draws)
         # A player that has played the same twice, such as one that draws at random, has a row for each time.
         same = result.player, msgspec.structs.replace(settings, distractors=None)
         times = ((*same, time) for time in count())
@@ -84,26 +82,26 @@ def _task_rows(
     return list(rows.values())
 
 
-def _row(path: Path, result: TextResult, play: TaskPlay | OpenPlay, figures: dict[str, Figure]) -> ReferenceRow:
-    settings = result.settings
-    said = {"knowledge": settings.knowledge, "look-ups a game": str(settings.look_ups)}
-    lost = f"{counted(result.lost, 'attempt')} lost by messages that were not understood"
-    sample = f"an even sample of {counted(result.success.tasks, 'task')}" if result.success else ""
+def _row(
+    path: Path, result: TextResult, play: TaskPlay | OpenPlay, figures: dict[str, Figure], **more: Any
+) -> ReferenceRow:
+    settings, success = result.settings, result.success
     notes = (
-        sample if settings.tasks is not None else "",
-        lost if result.lost else "",
+        f"an even sample of {counted(success.tasks, 'task')}" if success and settings.tasks is not None else "",
+        f"{counted(result.lost, 'attempt')} lost by messages that were not understood" if result.lost else "",
         f"its scorer {SEEN}" if settings.kg == "full" else "",
     )
+    look_ups = {"knowledge": settings.knowledge, "look-ups a game": str(settings.look_ups)}
     return ReferenceRow(
         player=result.player,
         kind="language model" if _is_log(path) else "other",
-        measure="success",
         figures=figures,
         origin="beside",
         source=str(path),
         play=play,
-        settings={} if settings.knowledge == "none" else said,
+        settings={} if settings.knowledge == "none" else look_ups,
         notes=", ".join(note for note in notes if note),
+        **{"measure": "success", **more},
     )
 
 

@@ -39,8 +39,8 @@ class GameSettings:
         attempts: attempts in a game. Default: depth; 100 in the open-ended world.
         open_ended: no tasks: discover as many entities as possible from the base.
         base: comma-separated entities known at the start of the open-ended world. Default: the graph's base.
-        knowledge: what may be looked up: none, partial (the train recipes, but none that solves the task) or scorer
-            (the best links of --scorer).
+        knowledge: what may be looked up: none, partial (the train recipes without those of the task's plans) or
+            scorer (the best links of --scorer).
         scorer: model folder, for --knowledge scorer.
         look_ups: look-ups in a game.
 

@@ -72,7 +72,10 @@ def mcp(
             if sys.stdin is not None and sys.stdin.isatty():
                 print("An MCP client talks to this server on stdin and stdout; Ctrl-C ends it.", file=sys.stderr)
             signal.signal(signal.SIGINT, signal.SIG_DFL)  # the SDK reads stdin in a thread that cannot be interrupted
-            server.run("stdio")
+            try:
+                server.run("stdio")
+            except* BrokenPipeError:
+                pass  # the client has left without closing stdin
             return
 
         def started(address: str) -> None:

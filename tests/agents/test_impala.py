@@ -11,7 +11,7 @@ from refusals import refuses
 from test_vtrace import slow_v_trace
 
 from wordcraft_kg.agents.config import ImpalaConfig
-from wordcraft_kg.agents.impala import LOSSES, Figures, Impala, check_compiler
+from wordcraft_kg.agents.impala import FIGURES, LOSSES, Impala, check_compiler
 from wordcraft_kg.agents.vtrace import v_trace
 from wordcraft_kg.base.errors import ConfigError, TrainingError
 from wordcraft_kg.envs.batch import GOAL, BatchEngine
@@ -606,7 +606,7 @@ def test_a_parameter_that_is_no_number_stops_the_training(trainer, value):
 def test_who_reads_the_figures_learns_of_a_loss_that_was_not_finite(trainer):
     impala = trainer()
     train(impala, 1)
-    impala._sums[Figures._fields.index("grad_norm")] = math.nan  # what a device leaves, where no update asks
+    impala._sums[FIGURES.index("grad_norm")] = math.nan  # what a device leaves, where no update asks
     with pytest.raises(TrainingError, match="no longer a finite number"):
         impala.take_figures()
 

@@ -1,8 +1,7 @@
 """IMPALA over the batched environment: actor and learner in one process, on one device, in a fixed order.
 
 An update acts for ``unroll`` steps in all environments and learns from them. With ``policy_lag`` k the actor uses the
-weights of k updates ago, as the actors of a distributed IMPALA do, and V-trace corrects for it; with 0 they use the
-same weights.
+weights of k updates ago, as the actors of a distributed IMPALA do, and V-trace corrects for it.
 """
 
 import math
@@ -23,39 +22,20 @@ from wordcraft_kg.base.tensors import as_tensor, copied
 from wordcraft_kg.envs.batch import GOAL, State
 from wordcraft_kg.models.policies.policy import Policy, Weights, log_policy
 
-
-class Figures(NamedTuple):
-    """Figures of an update, as scalars; they are summed until they are read.
-
-    Attributes:
-        loss, pg_loss, baseline_loss, entropy: the learner's, summed over the batch.
-        grad_norm: norm of the gradient before clipping.
-        rewards: sum of the rewards.
-        episodes, successes: number of episodes that ended, and that ended with the goal.
-        updates: 1.
-    """
-
-    loss: Tensor
-    pg_loss: Tensor
-    baseline_loss: Tensor
-    entropy: Tensor
-    grad_norm: Tensor
-    rewards: Tensor
-    episodes: Tensor
-    successes: Tensor
-    updates: Tensor
-
-
 LOSSES = ("loss", "pg_loss", "baseline_loss", "entropy", "grad_norm")
+"""Figures of the learner in an update: sums over the batch, and the norm of the gradient before clipping."""
+FIGURES = (*LOSSES, "rewards", "episodes", "successes", "updates")
+"""All figures of an update, which are summed until they are read: also the sum of rewards, and the numbers of episodes
+that ended, of goals made, and of updates, 1."""
 
 
-class Unroll(NamedTuple):
+class _Unroll(NamedTuple):
     """The actor's experience: T steps of B environments, and the states after them.
 
     Attributes:
         goal, selection: shape (T + 1, B), int64.
         table: shape (T + 1, B, A), int64.
-        opinions: shape (T + 1, B, S, A): what the sources say, which the learner need not ask again; None without any.
+        opinions: shape (T + 1, B, S, A): scores of the sources, which the learner need not ask again; None without any.
         actions: shape (T, B), int64.
         log_probs: shape (T, B): log-probabilities of the actions under the acting policy.
         rewards, discounts: shape (T, B).
@@ -72,15 +52,6 @@ class Unroll(NamedTuple):
     discounts: Tensor
     over: Tensor
     won: Tensor
-
-
-class Losses(NamedTuple):
-    """The loss and its terms, as scalars; the first fields of :class:`Figures`, in the same order."""
-
-    loss: Tensor
-    pg_loss: Tensor
-    baseline_loss: Tensor
-    entropy: Tensor
 
 
 class Impala:
@@ -118,7 +89,7 @@ class Impala:
         self._generator = torch.Generator(self.device).manual_seed(config.seed)
         self._snapshots: deque[Weights] = deque(maxlen=config.policy_lag + 1)
         time, batch, slots = config.unroll, config.batch_size, envs.engine.num_slots
-        self._unroll = Unroll(
+        self._unroll = _Unroll(
             goal=self._empty(time + 1, batch, dtype=torch.int64),
             selection=self._empty(time + 1, batch, dtype=torch.int64),
             table=self._empty(time + 1, batch, slots, dtype=torch.int64),
@@ -131,7 +102,7 @@ class Impala:
             over=self._empty(time, batch, dtype=torch.bool),
             won=self._empty(time, batch, dtype=torch.bool),
         )
-        self._sums = self._empty(len(Figures._fields), dtype=torch.float64).zero_()
+        self._sums = self._empty(len(FIGURES), dtype=torch.float64).zero_()
         self._last: tuple[Tensor, ...] = ()
         self._act, self._learn = self._choose, self._losses
         if config.compile:
@@ -158,7 +129,7 @@ class Impala:
         assert self._flat.grad is not None
         self._flat.grad.zero_()
         losses, last = self._learn(weights, self._unroll, is_cut)
-        losses.loss.backward()
+        losses[0].backward()
         norm = self._flat.grad.norm()
         # Not checked on a device, because it would synchronise; take_figures and state check it there.
         if self.device.type == "cpu" and not math.isfinite(norm.item()):
@@ -168,7 +139,9 @@ class Impala:
             group["lr"] = self.config.learning_rate * max(0, 1 - self.update_number / self.config.updates)
         self.optimizer.step()
         self.update_number += 1
-        self._sums += torch.stack([*(loss.detach() for loss in losses), norm, *self._counts()])
+        unroll = self._unroll
+        counts = unroll.rewards.sum(), unroll.over.sum(), unroll.won.sum(), torch.ones((), device=self.device)
+        self._sums += torch.stack([*(loss.detach() for loss in losses), norm, *counts])
         self._last = tuple(tensor.clone() for tensor in last)  # a compiled learner writes over what it returned
 
     def take_figures(self) -> dict[str, float | None]:
@@ -176,13 +149,12 @@ class Impala:
 
         Losses are means over updates (of sums over the batch), ``entropy`` is a mean over steps, ``return`` and
         ``success`` are means over the episodes that ended, or None if none did. ``lambda_<source>_<pick>`` and the
-        importance ratios ``ratio_mean``, ``ratio_max`` and ``ratio_clipped`` (the share above 1) are those of the last
-        update.
+        ratios ``ratio_mean``, ``ratio_max`` and ``ratio_clipped`` (share above 1) are those of the last update.
 
         Raises:
             TrainingError: if the loss was not finite.
         """
-        sums = dict(zip(Figures._fields, self._sums.tolist(), strict=True))
+        sums = dict(zip(FIGURES, self._sums.tolist(), strict=True))
         self._sums.zero_()
         if not math.isfinite(sums["grad_norm"]):
             raise TrainingError(self._not_finite())
@@ -212,7 +184,9 @@ class Impala:
         if not self._flat.isfinite().all():
             raise TrainingError(self._not_finite())
         tensors: dict[str, Tensor] = {f"policy.{name}": parameter for name, parameter in self.policy.named_parameters()}
-        tensors |= {f"optimizer.{name}": torch.as_tensor(value) for name, value in self._optimizer_state().items()}
+        tensors |= {
+            f"optimizer.{name}": torch.as_tensor(value) for name, value in self.optimizer.state[self._flat].items()
+        }
         tensors |= {f"engine.{name}": torch.from_numpy(array) for name, array in self.envs.saved().items()}
         for i, snapshot in enumerate(self._snapshots):
             tensors |= {f"snapshot.{i}.{name}": tensor for name, tensor in snapshot.items()}
@@ -284,13 +258,12 @@ class Impala:
 
     # --- learning ----------------------------------------------------------------------------------------------------
 
-    def _losses(self, weights: Weights, unroll: Unroll, is_cut: bool) -> tuple[Losses, tuple[Tensor, Tensor]]:
-        """Return the loss with its terms, and log-ratios and λ for the figures.
+    def _losses(
+        self, weights: Weights, unroll: _Unroll, is_cut: bool
+    ) -> tuple[tuple[Tensor, ...], tuple[Tensor, Tensor]]:
+        """Return the loss with its terms, in the order of :data:`LOSSES`, and log-ratios and λ for the figures.
 
-        Args:
-            weights: weights of the learning policy.
-            unroll: the actor's experience.
-            is_cut: whether any episode continues after it, so that the values of the last states are needed.
+        ``is_cut`` tells that an episode continues after the unroll, so that the values of the last states are needed.
         """
         config, time = self.config, self.config.unroll
         num_states = time + 1 if is_cut else time
@@ -311,12 +284,7 @@ class Impala:
         spread = entropy(log_policies)
         loss = of_policy + config.baseline_cost * of_baseline - config.entropy_cost * spread
         lambdas = loss.new_zeros(acted, 0) if output.lambdas is None else output.lambdas[:acted].detach()
-        return Losses(loss, of_policy, of_baseline, spread), (log_rhos, lambdas)
-
-    def _counts(self) -> tuple[Tensor, ...]:
-        """Return the sum of rewards, the number of episodes that ended, of goals made, and of updates, 1."""
-        unroll = self._unroll
-        return unroll.rewards.sum(), unroll.over.sum(), unroll.won.sum(), torch.ones((), device=self.device)
+        return (loss, of_policy, of_baseline, spread), (log_rhos, lambdas)
 
     # --- parameters --------------------------------------------------------------------------------------------------
 
@@ -340,9 +308,6 @@ class Impala:
             if state[name].shape != expected[key] or not state[name].is_floating_point():
                 raise RuntimeError(f"{name} is of shape {tuple(state[name].shape)} and type {state[name].dtype}")
         return {key: state[name].to("cpu" if key == "step" else self.device, copy=True) for key, name in found.items()}
-
-    def _optimizer_state(self) -> dict[str, Any]:
-        return dict(self.optimizer.state[self._flat])
 
     def _not_finite(self) -> str:
         return (

@@ -1,4 +1,4 @@
-"""The arrays that the batched engine computes with: NumPy's on the CPU, torch's on a device.
+"""Arrays of the batched engine: NumPy's on the CPU, torch's on a device.
 
 The engine is written once, with the operators, indexing and functions that both libraries share; this module holds the
 others. On the CPU the engine uses NumPy, because a step is some thirty calls on short arrays, each twice as fast as in
@@ -20,9 +20,9 @@ class Arrays:
     """NumPy's arrays.
 
     Attributes:
-        xp: the functions that both libraries have.
-        on_device: whether the arrays are on a device. Reading a value there waits for all pending work, so no control
-            flow may depend on one: all rows are computed, and masks select those that count.
+        xp: the functions that both libraries share.
+        on_device: whether the arrays are on a device. Reading a value there waits for all pending work, so all rows are
+            computed, and masks select those that count.
     """
 
     xp: Any = np
@@ -108,9 +108,5 @@ class TorchArrays(Arrays):
 
 
 def arrays_of(device: str) -> Arrays:
-    """Return the arrays for ``cpu`` (NumPy), a device of torch such as ``cuda``, or ``torch:cpu`` (torch on the CPU).
-
-    Raises:
-        ConfigError: if the device is not there.
-    """
+    """Return the arrays of ``cpu`` (NumPy), a torch device such as ``cuda``, or ``torch:cpu`` (torch on the CPU)."""
     return Arrays() if device == "cpu" else TorchArrays(device.removeprefix("torch:"))

@@ -31,7 +31,7 @@ class Step(NamedTuple):
     Attributes:
         reward: float32.
         over: whether the episode ended with this step.
-        outcome: int8, of the episode that the step belongs to; names in :data:`OUTCOMES`.
+        outcome: int8; names in :data:`OUTCOMES`.
         by_plan: whether the last pair of a plan made the goal.
         illegal: whether an empty slot was picked.
         task: index of the task that the step belongs to.
@@ -57,8 +57,7 @@ class State(NamedTuple):
         task: index into the world's tasks.
         selection: id of the entity in hand.
         attempts_left: 0 where the episode is over and no other has begun.
-        wide: shape (N, num_slots + 1), ids: the table, and a spare column that is written to when nothing new is made
-            and the table is full.
+        wide: shape (N, num_slots + 1), ids: the table, and a spare column to write nothing to.
         count: entities on the table.
         episode: number of the next episode.
     """
@@ -132,7 +131,7 @@ class PairNumbers:
     """The number of the pair of any two entities, from a square table if the graph is small enough, else by search."""
 
     def __init__(self, graph: RecipeGraph, arrays: Arrays):
-        """Number the pairs as the graph does; pairs that make nothing, or contain nothing, get ``num_pairs``."""
+        """Number the pairs as the graph does; any other pair gets ``num_pairs``."""
         self.xp, self.size, self.no_pair = arrays.xp, graph.num_entities + 1, graph.num_pairs
         a, b, _ = graph.recipes[graph.pair_starts[:-1]].T
         self.is_dense = graph.num_entities <= DENSE_LIMIT
@@ -178,8 +177,8 @@ class BatchEngine:
             world: graph, tasks and settings.
             num_envs: N, 1 or more.
             device: ``cpu``, or a device of torch such as ``cuda``; ``torch:cpu`` runs on the CPU the code for devices.
-            first_env: number of the first environment. The draws of an environment depend on its number: two engines
-                for numbers 0 to 63 and 64 to 127 draw the same as one engine for all 128.
+            first_env: number of the first environment, on which its draws depend: two engines for numbers 0 to 63 and
+                64 to 127 draw the same as one for all 128.
 
         Raises:
             ConfigError: for no environments, a negative number, or a device that is not available.
@@ -213,14 +212,9 @@ class BatchEngine:
         return self._begin(state.keys, state.episode)
 
     def pose(self, tasks: Array, episode: int = 0, *, seed: int = 0) -> State:
-        """Begin a given task in each environment, for evaluation; :meth:`step` then continues with drawn tasks.
+        """Begin given tasks (N,), for evaluation; :meth:`step` then continues with drawn tasks.
 
-        The distractors depend on the seed, the environment's number, ``episode`` and the task only.
-
-        Args:
-            tasks: shape (N,), indices into the world's tasks.
-            episode: number of the draw.
-            seed: seed of the draw.
+        The distractors depend on seed, environment, ``episode`` and task only.
         """
         keys, number = self._keys(seed), self.arrays.full((self.num_envs,), episode)
         tasks = self.arrays.array(np.asarray(tasks, dtype=np.int64)) if isinstance(tasks, list | np.ndarray) else tasks
@@ -285,20 +279,20 @@ class BatchEngine:
         """Pick a slot in every environment; when an episode ends, the next one begins in the same step.
 
         Args:
-            state: where the environments are; it stays as it is.
-            actions: shape (N,), integers. On the CPU they are checked against the action space.
+            state: the state before; it stays as it is.
+            actions: shape (N,), integers; checked on the CPU only.
 
         Returns:
-            the state afterwards, and the outcome of the step.
+            the state after the step, and its outcome.
 
         Raises:
-            ActionError: if an action is outside the action space, or illegal where ``illegal_action`` is ``raise``.
+            ActionError: for an action outside the action space, or illegal where ``illegal_action`` is ``raise``.
         """
         now, done = self._step(state, actions)
         return self._begin_where(done.over, state, now), done
 
     def step_once(self, state: State, actions: Array) -> tuple[State, Step]:
-        """Like :meth:`step`, but an environment whose episode has ended stays there; further steps do nothing in it."""
+        """Like :meth:`step`, but an environment whose episode has ended stays as it is."""
         if not self.arrays.on_device and not (state.attempts_left > 0).any():
             raise EpisodeError("all episodes are over; call pose() or reset().")
         now, done = self._step(state, actions)
@@ -330,11 +324,7 @@ class BatchEngine:
         return now, Step(cast(reward, "float32"), over, outcome, by_plan, illegal, state.task)
 
     def _land(self, state: State, pair: Array, running: Array) -> tuple[Array, Array, Array, Array, Array | None]:
-        """Put results on the tables.
-
-        Returns:
-            the tables and their sizes, where the goal was made, where by a plan, and the shaped reward if there is one.
-        """
+        """Return tables with the results and their sizes, where the goal was made, where by a plan, shaped rewards."""
         arrays, rewards = self.arrays, self.config.rewards
         makes = (pair != self.pairs.no_pair) & running
         made_goal, by_plan = (arrays.full((self.num_envs,), 0, "bool") for _ in range(2))

@@ -22,9 +22,9 @@ class RewardConfig:
     """Rewards besides the +1 for making the goal; all are 0 or more, penalties too.
 
     Attributes:
-        wrong_pair_penalty: subtracted for an attempt that makes nothing.
-        irrelevant_penalty: subtracted for an attempt that makes something, but neither the goal nor an intermediate.
-        intermediate_reward: added when an intermediate of the task's plans is first made.
+        wrong_pair_penalty: subtracted if an attempt makes nothing.
+        irrelevant_penalty: subtracted if an attempt makes neither the goal nor an intermediate.
+        intermediate_reward: added when an intermediate of the plans is first made.
     """
 
     wrong_pair_penalty: float = 0.0
@@ -104,11 +104,10 @@ class WordCraftConfig:
 
     @classmethod
     def of(cls, settings: Mapping[str, Any]) -> "WordCraftConfig":
-        """Return the configuration that keyword arguments give.
+        """Return the configuration of keyword arguments.
 
         Raises:
             UnknownSettingError: for an unknown name, with the nearest known ones.
-            ConfigError: for a value out of range.
         """
         known = [entry.name for entry in fields(cls) if entry.init]
         for name in settings:
@@ -119,11 +118,7 @@ class WordCraftConfig:
         return cls(**settings)
 
     def variant(self, **changes: Any) -> "WordCraftConfig":
-        """Return these settings with some changed.
-
-        Raises:
-            ConfigError: as :meth:`of` does.
-        """
+        """Return these settings with some changed."""
         mine = {entry.name: getattr(self, entry.name) for entry in fields(self) if entry.init}
         return self.of(mine | changes)
 

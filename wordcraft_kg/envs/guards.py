@@ -81,12 +81,9 @@ class Guards:
         return _completed(theirs, self._near_folded[tasks], FILTER_BITS) != 0
 
     def refuse(self, candidates: Array, allowed: Array, tasks: Array) -> Array:
-        """Refuse candidates, in their order, that complete a recipe with what is there or can be made from the start.
+        """Refuse candidates, in their order, that complete a recipe with the start or anything made from it.
 
-        Args:
-            candidates: ids.
-            allowed: shape (K, R), bool: which of them are taken unless refused here; changed in place.
-            tasks: the tables' tasks.
+        ``allowed`` (K, R), bool, tells which are taken unless refused here; it is changed in place and returned.
         """
         keys = self._rows[tasks] + candidates
         found = _find(self.arrays.xp, self._keys, keys)

@@ -35,7 +35,7 @@ class Discovery:
         """Prepare a graph; ``base`` (ids or labels) replaces the graph's own base entities.
 
         Raises:
-            ConfigError: if an entity of the base is unknown, or nothing can be made from the base.
+            ConfigError: if one is unknown, or nothing can be made from them.
         """
         try:
             if isinstance(base, str):  # one label, not its letters
@@ -130,11 +130,7 @@ class OpenEndedEnv(gym.Env[Observation, Any]):
         illegal_action: IllegalAction = "waste",
         render_mode: str | None = None,
     ):
-        """Open the graph.
-
-        Raises:
-            ConfigError: for a value out of range, or a base from which nothing can be made.
-        """
+        """Open the graph."""
         self._renderer = Renderer(render_mode, self.metadata["render_fps"])
         one_of("illegal_action", illegal_action, get_args(IllegalAction))
         self.render_mode = render_mode

@@ -27,12 +27,7 @@ class WordCraftVectorEnv(VectorEnv[Arrays, Any, Any]):
     """
 
     def __init__(self, num_envs: int, graph: GraphLike | World, *, render_mode: str | None = None, **settings: Any):
-        """Prepare N environments; the arguments are those of the single environment.
-
-        Raises:
-            ConfigError: for an unknown setting, or a value out of range.
-            TaskError: if the graph has no such task.
-        """
+        """Prepare N environments; the arguments are those of the single environment."""
         if render_mode is not None:
             raise ConfigError(f"`render_mode` {render_mode!r}: expected None; many environments are not rendered.")
         self.render_mode = None
@@ -50,11 +45,7 @@ class WordCraftVectorEnv(VectorEnv[Arrays, Any, Any]):
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Arrays, dict[str, Any]]:
-        """Begin all environments anew; one seed gives each a stream of its own, None continues the streams.
-
-        Raises:
-            ConfigError: for a list of seeds, or options.
-        """
+        """Begin all environments anew; one seed gives each a stream of its own, None continues the streams."""
         if isinstance(seed, list | tuple | np.ndarray):
             raise ConfigError("`seed`: expected one integer, from which each environment gets a stream of its own.")
         if options:

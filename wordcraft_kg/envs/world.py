@@ -75,11 +75,7 @@ class World:
     """
 
     def __init__(self, graph: "GraphLike | World", config: WordCraftConfig):
-        """Open the graph and make its tasks.
-
-        Args:
-            graph: the graph, or another world to share with.
-            config: the settings.
+        """Open the graph, or share that of another world, and make its tasks.
 
         Raises:
             ConfigError: if the graph has too few entities for so many distractors.
@@ -108,7 +104,7 @@ class World:
         """Return the world of an environment's arguments: the one given, or a new one.
 
         Raises:
-            ConfigError: for settings next to a world, which has its own; or as :class:`World` and its settings do.
+            ConfigError: for settings next to a world, which has its own.
         """
         if not isinstance(graph, World):
             return cls(graph, WordCraftConfig.of(settings))
@@ -118,12 +114,7 @@ class World:
         return graph
 
     def variant(self, **changes: Any) -> "World":
-        """Return this world with other settings, sharing graph, split and all that does not depend on them.
-
-        Raises:
-            ConfigError: for an unknown setting, or as :class:`World` does.
-            TaskError: if there is no such task.
-        """
+        """Return this world with some settings changed."""
         return World(self, self.config.variant(**changes))
 
     def __deepcopy__(self, memo: dict[int, Any]) -> "World":
@@ -171,8 +162,8 @@ class World:
     def guarded_recipes(self) -> NDArray[np.bool_]:
         """Shape (num_recipes,): recipes that no distractor may complete if they make the goal.
 
-        In the train part these are the held-out ones, so that training never shows a test pair with its goal; with
-        ``no_shortcut`` all of them.
+        In the train part the held-out ones, so that training never shows a test pair with its goal; with
+        ``no_shortcut`` all.
         """
         if self.config.distractor_policy == "no_shortcut":
             return np.ones(self.graph.num_recipes, dtype=bool)
@@ -182,9 +173,9 @@ class World:
 
     @_derived_from(*_TASKS, "attempts", "ambiguity", "distractor_policy")
     def makeable(self) -> Ids:
-        """What can be made from each task's start in all attempts but the last, shape (N, W), padded.
+        """Entities that can be made from each task's start in all attempts but the last, shape (N, W), padded.
 
-        Computed only where recipes are guarded; a distractor must not complete one with any of these entities.
+        A distractor must not complete a guarded recipe with one of them; computed only where recipes are guarded.
         """
         rows: list[list[int]] = []
         outcomes = self.outcomes
@@ -207,11 +198,7 @@ class World:
         return search.ways(goal, start.union(distractors), attempts) != search.ways(goal, start, attempts)
 
     def check_tries(self, tries: int, task: int) -> None:
-        """Give up drawing a table without shortcuts after many tries.
-
-        Raises:
-            ConfigError: naming the task.
-        """
+        """Raise a :class:`ConfigError` after too many tries to draw a table without shortcuts."""
         if tries > SHORTCUT_TRIES:
             raise ConfigError(
                 f"`num_distractors` {self.config.num_distractors}: found no distractors without a shortcut to "

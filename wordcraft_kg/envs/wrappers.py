@@ -94,7 +94,7 @@ class _Scores:
         self._bind()
 
     def _bind(self) -> None:
-        """Tell sources that depend on the task what the tasks are; they may have been asked about others in between."""
+        """Give the tasks to sources that depend on them; they may have been asked about others in between."""
         for source in self.sources if self.has_train_recipes else ():
             if getattr(source, "reads_task", False) and hasattr(source, "bind"):
                 source.bind(self.world.tasks)
@@ -128,9 +128,8 @@ class KGScoreObservation(_Ids):
         The world is ``env.unwrapped.world``; only a cross-fitted scorer needs its tasks.
 
         Raises:
-            GraphMismatchError: if one belongs to another graph, or to the tasks of another split.
-            LeakError: if one would score train tasks by a model that has been trained on their recipes, although there
-                is another.
+            GraphMismatchError: if a source belongs to another graph or split.
+            LeakError: if a source would score train tasks by a model that has been trained on their recipes.
         """
         super().__init__(env)
         world = _world(env)
@@ -196,9 +195,9 @@ class TaskObservation(_Ids):
 class TextObservation(_Masked):
     """Describes the state in words and takes words as actions, for language models and people.
 
-    In the crafting tasks an action is a pick, such as ``"water"``, the beginning of a word, or its number from 1 in the
-    order of the table; in the open-ended world it is a pair, such as ``"water + earth"``. Other actions than text are
-    passed on as they are. What is understood: :mod:`wordcraft_kg.base.labels`.
+    In the crafting tasks an action is a pick: a word, its beginning, or its number from 1 in the order of the table; in
+    the open-ended world it is a pair, such as ``"water + earth"``, see :mod:`wordcraft_kg.base.labels`. Actions other
+    than text are passed on.
     """
 
     MAX_LENGTH = 100_000
@@ -223,10 +222,10 @@ class TextObservation(_Masked):
         return self._text(observation), reward, terminated, truncated, info
 
     def parse(self, written: str) -> Any:
-        """Return the action that is meant: a slot or, in the open-ended world, two ids.
+        """Return the action of a text: a slot or, in the open-ended world, two ids.
 
         Raises:
-            ActionError: if none is meant, or several, with what would be understood.
+            ActionError: if it names none, or several.
         """
         labels = self._graph.labels(self._ids)
         if self._is_open:

@@ -1,4 +1,4 @@
-"""What to know about a graph and its split before trusting a number: ambiguity, reachability, coverage, leakage."""
+"""Audit of a graph and its split: ambiguity, reachability, coverage, leakage."""
 
 import msgspec
 import numpy as np
@@ -14,7 +14,7 @@ from wordcraft_kg.graphs.splits import Split
 from wordcraft_kg.graphs.triples import COMPONENT_OF, RELATIONS, Relation, is_in
 
 SHOWN = 20
-"""How many entities or pairs a list names; counts are always complete."""
+"""Most entities or pairs in a list; counts are always complete."""
 
 
 class TripleCounts(Record):
@@ -41,7 +41,7 @@ class Ambiguity(Record):
 
 
 class Reachability(Record):
-    """What can be made from the base, and in how many rounds."""
+    """Entities that can be made from the base, and the rounds that it takes."""
 
     reachable: Count
     rounds: Count
@@ -63,12 +63,10 @@ class Degrees(Record):
 
     Attributes:
         craftable: entities with a recipe.
-        recipes_per_craftable: number of recipes of those.
         terminal: craftable entities that no recipe uses.
         idle: entities in no recipe.
         self_pairs: pairs of an entity with itself.
-        most_used: entities that the most recipes use, with their number.
-        most_recipes: entities that the most recipes make, with their number.
+        most_used, most_recipes: entities that the most recipes use, or make, with their number.
     """
 
     craftable: Count
@@ -97,11 +95,10 @@ class SplitSummary(Record):
         uncovered: entities that are in none.
         moved_for_coverage: recipes moved to train for that.
         pairs_on_both_sides: pairs with results in more than one part.
-        test_goals: goals that test recipes make.
+        test_goals: goals of test recipes.
         test_goals_in_train: those of them that train recipes make, too.
-        one_ingredient_away: test recipes that share an ingredient and the result with a train recipe, which counting
-            who else makes the result can find. This and the line above tell what kind of generalisation a split asks
-            for: most by recipe, none by slot, and by goal not even a known goal.
+        one_ingredient_away: test recipes that share an ingredient and the result with a train recipe: most by recipe,
+            none by slot, and by goal not even a known goal.
     """
 
     kind: str
@@ -132,10 +129,10 @@ class Leakage(Record):
     Attributes:
         train: training triples.
         from_test_recipes: triples of the test recipes.
-        already_in_train: those of them that train or validation recipes give too, and that are left out.
+        already_in_train: those of them that train or validation recipes give too, which are left out.
         evaluated: the rest.
-        mirror_in_train: evaluated triples whose mirror (tail, relation, head) is in train: for combinesWith it must be
-            0, or the answer would be given away.
+        mirror_in_train: evaluated triples whose mirror (tail, relation, head) is in train; 0 for combinesWith, or the
+            answer would be given away.
     """
 
     train: Count
@@ -146,12 +143,7 @@ class Leakage(Record):
 
 
 class Audit(Record, omit_defaults=True, kw_only=True):
-    """A graph and its split in numbers; lists of names are cut at :data:`SHOWN`, the counts beside them are complete.
-
-    Attributes:
-        dropped_self_results: rows of the book whose result is one of their own ingredients; None if no book was given.
-        merged_duplicates: repeated rows of the book; None if no book was given.
-    """
+    """A graph and its split in numbers; the first two fields are None if no book was given."""
 
     dropped_self_results: Count | None = None
     merged_duplicates: Count | None = None

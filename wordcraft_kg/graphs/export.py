@@ -80,12 +80,7 @@ def export_graph(
 ) -> None:
     """Write a graph in one of the formats of :data:`EXPORTERS`; the output appears complete or not at all.
 
-    Args:
-        opened: the graph and its split.
-        format: name of the format.
-        out: file or folder to write.
-        part: recipes and triples to write; entities and base are always complete.
-        force: replace ``out`` if it exists.
+    Entities and base are always complete, whatever the ``part`` of recipes and triples.
 
     Raises:
         ConfigError: for an unknown format, a part of a format that holds all parts, or more memory than

@@ -52,18 +52,11 @@ def write_graph_folder(out: Path, book: RecipeBook, split: Split, *, force: bool
 
     The folder holds ``graph.json``, ``split.json``, ``recipes.csv``, ``entities.tsv``, ``triples/full.tsv``,
     ``partial.tsv`` and ``unseen.tsv``, and ``audit.json``. Its bytes depend only on the book's content, its name
-    and the settings of the split. It appears complete or not at all.
-
-    Raises:
-        OutputExistsError: if ``out`` exists and ``force`` is False.
+    and the settings of the split. It appears complete or not at all; an ``out`` that exists needs ``force``.
     """
     graph = split.graph
     with staged_folder(out, force=force) as folder:
-        source = {
-            "sha256": book.sha256,
-            "dropped_self_results": book.dropped_self_results,
-            "merged_duplicates": book.merged_duplicates,
-        }
+        source = {name: getattr(book, name) for name in ("sha256", "dropped_self_results", "merged_duplicates")}
         of_graph = RecipeBook(graph.name, tuple(graph.recipe_labels()), graph.base, book.idle)
         write_atomically(folder / "graph.json", book_json(of_graph, hash=graph.hash, source=source))
         write_atomically(folder / "split.json", split.to_json())
@@ -84,8 +77,7 @@ def open_graph(source: str | Path, config: SplitConfig | None = None) -> OpenedG
 
     Args:
         source: a graph folder, a recipe book's file, or the name of a known book.
-        config: how to split a book that has no split yet; ignored for a graph folder. Default: ``SplitConfig()``, or
-            no split if the book is too small for it.
+        config: how to split a book; ignored for a graph folder. Default: see :func:`default_split`.
 
     Raises:
         ArtefactError: if a graph folder is incomplete, damaged, or its parts belong to different graphs.
@@ -108,17 +100,13 @@ def open_graph(source: str | Path, config: SplitConfig | None = None) -> OpenedG
             raise ArtefactError(f"{error} The graph folder is damaged; build it again.") from None
         recorded = read_json(folder / "graph.json")
         name = recorded.get("name", book.name)
+        damaged = f"{folder / 'graph.json'} is damaged or was edited"
+        again = "Build the graph again with `wordcraft-kg build-graph`."
         if not isinstance(name, str):
-            raise ArtefactError(
-                f"{folder / 'graph.json'}: its name is {name!r}; expected a text. The graph folder is damaged; "
-                "build it again."
-            )
+            raise ArtefactError(f"{damaged}: its name is {name!r}; expected a text. {again}")
         graph = RecipeGraph.from_book(replace(book, name=name))
         if recorded.get("hash") != graph.hash:
-            raise ArtefactError(
-                f"{folder / 'graph.json'} is damaged or was edited: its content does not match its hash. "
-                "Build the graph again with `wordcraft-kg build-graph`."
-            )
+            raise ArtefactError(f"{damaged}: its content does not match its hash. {again}")
         split = read_split(read_json(folder / "split.json"), graph, str(folder / "split.json"))
     else:
         graph = RecipeGraph.from_book(open_book(source))

@@ -1,7 +1,7 @@
 """Folds of the train recipes, so that a model of the others can answer for those of a fold (cross-fitting).
 
-What is kept together is what the split holds out together: the recipes of a pair, or those of a goal. So the recipes
-of a fold are to a model of the other folds what the test recipes are to a model of all train recipes.
+Recipes that the split holds out together stay together. So the recipes of a fold are to a model of the other folds what
+the test recipes are to a model of all train recipes.
 """
 
 import hashlib
@@ -33,11 +33,11 @@ class Folds:
         count: K.
         seed: seed of the draw.
         of_recipe: shape (num_recipes,), int64: fold of each recipe, :data:`OUTSIDE` for those outside train.
-        dose: what is learned from. Folds are those of all train recipes whatever the dose.
+        dose: recipes that are learned from; folds are those of all train recipes whatever the dose.
     """
 
     def __init__(self, split: Split, count: int, seed: int, of_recipe: Ids, dose: Dose | None = None):
-        """Bind a draw to its split; most callers want :func:`make_folds`. Without a dose all of train is learned."""
+        """Bind a draw to its split, see :func:`make_folds`. Without a dose all of train is learned."""
         self.split, self.count, self.seed = split, count, seed
         self.of_recipe = frozen(of_recipe)
         self.dose = Dose.of(split.graph, split.is_in("train")) if dose is None else dose
@@ -78,14 +78,10 @@ class Folds:
 
 
 def fold_of_tasks(of_recipe: Ids, tasks: TaskSet) -> Ids:
-    """Return the fold in which all train recipes of a task's plans lie, shape (N,).
+    """Return the fold in which all train recipes of each task's plans lie, shape (N,).
 
-    Args:
-        of_recipe: fold of each recipe, shape (num_recipes,); :data:`OUTSIDE` for those that are not in train.
-        tasks: the tasks.
-
-    Returns:
-        shape (N,): the fold; :data:`SEVERAL` if there is more than one, :data:`OUTSIDE` without a train recipe.
+    It is :data:`SEVERAL` if there is more than one, :data:`OUTSIDE` without a train recipe. ``of_recipe`` is the fold
+    of each recipe, shape (num_recipes,), :data:`OUTSIDE` for those that are not in train.
 
     Raises:
         GraphMismatchError: if a plan of a train task uses a recipe in no fold: the folds are of another split.

@@ -57,7 +57,7 @@ FETCHABLE = {
 
 @dataclass(frozen=True)
 class KnownBook:
-    """A book's name, where it comes from (built in, cache, data folder, to fetch) and its file, if there is one."""
+    """A book's name, its origin (built in, cache, data folder, to fetch) and its file, if there is one."""
 
     name: str
     origin: str
@@ -129,9 +129,6 @@ def open_book(
 ) -> RecipeBook:
     """Read a recipe book given by path or by name, see :func:`locate_book` and :func:`read_book`.
 
-    Raises:
-        RecipeFileError: if there is no such book, if it is not the published file, or if it cannot be read.
-
     Example:
         >>> len(open_book("kitchen").recipes)
         326
@@ -148,8 +145,7 @@ def fetch_book(name: str) -> Path:
     """Download a published book into the cache, once, and return its path.
 
     Raises:
-        FetchError: if the name is unknown, the download fails (the message says how to place the file by hand), or
-            what was downloaded is not the pinned file. Nothing is kept then.
+        FetchError: if the name is unknown, or the download fails or is not the pinned file, which is not kept.
     """
     book = FETCHABLE.get(name)
     if book is None:

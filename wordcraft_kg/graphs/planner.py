@@ -38,7 +38,7 @@ def layers(graph: RecipeGraph, start: Iterable[Entity] | None = None) -> Ids:
 
 
 def rounds(layer: Ids) -> list[int]:
-    """Return how many entities are known after 0, 1, 2, ... rounds, from the result of :func:`layers`."""
+    """Return the number of entities known after 0, 1, 2, ... rounds, from the result of :func:`layers`."""
     reached = layer[layer >= 0]
     return np.cumsum(np.bincount(reached)).tolist() if len(reached) else []
 

@@ -34,16 +34,16 @@ class Recipe(NamedTuple):
 
 @dataclass(frozen=True)
 class RecipeBook:
-    """A validated recipe book: recipes without duplicates, and the counts of what was left out.
+    """A validated recipe book.
 
     Attributes:
-        name: what reports call it; not part of its content.
+        name: name in reports; not part of its content.
         recipes: sorted, without duplicates.
-        base: the base entities the book declares, sorted, or None where it declares none.
-        idle: entities that the book lists but no kept recipe mentions, sorted.
+        base: declared base entities, sorted; None without a declaration.
+        idle: listed entities that no kept recipe mentions, sorted.
         dropped_self_results: rows left out because their result is one of their own ingredients.
         merged_duplicates: rows left out because they repeat a recipe.
-        sha256: hash of the file's bytes, or None for a book that was not read from a file.
+        sha256: hash of the file's bytes; None without a file.
     """
 
     name: str
@@ -90,11 +90,7 @@ class RecipeBook:
 
 
 def label_fault(label: Any) -> str | None:
-    """Return the reason why a value cannot name an entity; None if it can.
-
-    A label is text that is not blank or too long. It holds no tab, line break or other control character, no half of a
-    character, and no code point that Unicode reserves as no character.
-    """
+    """Return the reason why a value cannot name an entity; None if it can."""
     if not isinstance(label, str):
         return f"{shown(label)} is not a label; a label is text."
     if not label or label.isspace():

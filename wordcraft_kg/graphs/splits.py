@@ -9,6 +9,7 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 from functools import cached_property
+from operator import attrgetter
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -38,9 +39,6 @@ class SplitConfig:
             between 0 and 1; 0.8 in the paper.
         valid_ratio: share kept for validation, from 0; the rest, which must not be empty, is the test part.
         seed: seed of the random draw.
-
-    Raises:
-        ConfigError: for a setting outside its range.
 
     Example:
         >>> SplitConfig("by-goal", train_ratio=0.7, seed=1).valid_ratio
@@ -73,10 +71,7 @@ class Draw:
 class SplitKind:
     """A kind of split.
 
-    Attributes:
-        draw: assigns recipes to parts.
-        units: returns the number of each recipe's unit, shape (num_recipes,): recipes that stay together.
-        about: its meaning, for the help.
+    ``units`` returns the number of each recipe's unit, shape (num_recipes,): recipes of a unit stay together.
     """
 
     draw: Callable[[RecipeGraph, "SplitConfig", np.random.Generator], Draw]
@@ -226,7 +221,7 @@ def read_split(content: Any, graph: RecipeGraph, where: str = "split.json") -> S
     """Rebuild a split from the content of ``split.json``.
 
     Raises:
-        GraphMismatchError: if it belongs to another graph.
+        GraphMismatchError: for another graph.
         ArtefactError: if it is damaged.
     """
     try:
@@ -266,13 +261,9 @@ def part_of_units(num_units: int, config: SplitConfig, rng: np.random.Generator)
     return parts
 
 
-def _pairs(graph: RecipeGraph) -> Ids:
-    return graph.pair_of_recipe
-
-
 def _by_recipe_plain(graph: RecipeGraph, config: SplitConfig, rng: np.random.Generator) -> Draw:
     """Hold out whole pairs: all results of a pair stay on one side."""
-    return Draw(part_of_units(graph.num_pairs, config, rng)[_pairs(graph)])
+    return Draw(part_of_units(graph.num_pairs, config, rng)[graph.pair_of_recipe])
 
 
 def _by_recipe(graph: RecipeGraph, config: SplitConfig, rng: np.random.Generator) -> Draw:
@@ -309,10 +300,7 @@ def _by_goal(graph: RecipeGraph, config: SplitConfig, rng: np.random.Generator) 
 
 
 def _by_goal_terminals(graph: RecipeGraph, config: SplitConfig, rng: np.random.Generator) -> Draw:
-    """Hold out goals that are ingredients of something; terminal entities stay in train.
-
-    The ratios count all goals, so the held-out parts are as large as those of by-goal.
-    """
+    """Hold out goals that are ingredients, as many as by-goal does; terminal entities stay in train."""
     made = np.unique(_goals(graph))
     inner = made[graph.use_counts[made] > 0]
     num_held_out = len(made) - round(config.train_ratio * len(made))
@@ -350,10 +338,9 @@ def _by_slot(graph: RecipeGraph, config: SplitConfig, rng: np.random.Generator) 
     of the other one goes a long way. Here it does not.
 
     Most goals are one group, so this split is nearly one by goal: on the built-in everyday book 34 % of the test goals
-    have another group in train, on Little Alchemy 2 15 %. Holding out groups of goals with several of them first raises
-    that to 100 and 65 %, but was not taken: such goals are few, so different seeds share half of their test part; they
-    are odd ones, on which word vectors find less than on whole new goals; and train keeps next to none of them, so that
-    no part of it could be held out in the same way, as choosing settings and cross-fitting do.
+    have another group in train, on Little Alchemy 2 15 %. Holding out goals of several groups first (100 and 65 %) was
+    not taken: they are few and odd, so that seeds share half of their test part, and train keeps next to none of them
+    for choosing settings and cross-fitting.
     """
     group = _slots(graph)
     return Draw(part_of_units(group.max(initial=-1) + 1, config, rng)[group])
@@ -364,12 +351,13 @@ def _none(graph: RecipeGraph, config: SplitConfig, rng: np.random.Generator) -> 
     return Draw(np.full(graph.num_recipes, TRAIN, dtype=np.int8))
 
 
+_PAIRS: Callable[[RecipeGraph], Ids] = attrgetter("pair_of_recipe")
 SPLITS = {
-    "by-recipe": SplitKind(_by_recipe, _pairs, "pairs are held out, every entity stays in train"),
-    "by-recipe-plain": SplitKind(_by_recipe_plain, _pairs, "pairs are held out, train may lack entities"),
+    "by-recipe": SplitKind(_by_recipe, _PAIRS, "pairs are held out, every entity stays in train"),
+    "by-recipe-plain": SplitKind(_by_recipe_plain, _PAIRS, "pairs are held out, train may lack entities"),
     "by-slot": SplitKind(_by_slot, _slots, "what each result is made of is held out"),
     "by-goal": SplitKind(_by_goal, _goals, "goals are held out"),
     "by-goal-terminals": SplitKind(_by_goal_terminals, _goals, "goals that nothing needs stay in train"),
-    "none": SplitKind(_none, _pairs, "full graph only"),
+    "none": SplitKind(_none, _PAIRS, "full graph only"),
 }
 """Kinds of splits by name."""

@@ -121,7 +121,7 @@ class TaskSet:
 
 
 def replay(graph: RecipeGraph, start: Iterable[Entity], plan: Iterable[Recipe]) -> frozenset[str]:
-    """Carry out a plan and return what is at hand afterwards.
+    """Carry out a plan and return the entities at hand afterwards.
 
     Raises:
         TaskError: if a recipe needs an entity that is not at hand, or is not in the graph.

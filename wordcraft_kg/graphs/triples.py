@@ -19,15 +19,9 @@ RELATIONS: tuple[Relation, Relation] = ("combinesWith", "componentOf")
 
 
 def recipe_triples(recipes: Ids) -> Ids:
-    """Return the triples of recipes: four per recipe, with duplicates merged.
+    """Return the triples of recipes (N, 3): (T, 3), unique, sorted by relation, head, tail.
 
     ``{a, b} -> c`` gives (a, combinesWith, b), (b, combinesWith, a), (a, componentOf, c) and (b, componentOf, c).
-
-    Args:
-        recipes: shape (N, 3), rows ``(a, b, result)`` of entity ids.
-
-    Returns:
-        shape (T, 3), int64, rows ``(head, relation, tail)``, sorted by relation, head, tail.
 
     Source: Jiang et al. 2020, section "Link Prediction Model", whose fourth triple is misprinted as
     (b, componentOf, b).

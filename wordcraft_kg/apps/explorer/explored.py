@@ -19,13 +19,7 @@ T = TypeVar("T")
 
 
 class Explored:
-    """A graph with models and runs.
-
-    Attributes:
-        opened: the graph and its split.
-        models: models of this graph by name, in the order given.
-        runs: run folders of agents on this graph by name; they may be unfinished or in training.
-    """
+    """A graph with models and runs by name; runs may be unfinished or in training."""
 
     def __init__(
         self,

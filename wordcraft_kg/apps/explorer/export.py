@@ -3,6 +3,9 @@
 import json
 import os
 import re
+from collections.abc import Callable
+from functools import partial
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +25,7 @@ from wordcraft_kg.runs.record import RUN_FILE
 
 SITE_FILE = "site.json"
 LONGEST_NAME = 60
-"""Letters of a file's name that come from a label."""
+"""Letters of a file's name from a label."""
 
 
 class ExportedSite(Record):
@@ -61,7 +64,7 @@ def export_site(explored: Explored, out: Path, *, force: bool = False) -> Export
         for name, text in {"explorer.css": style_sheet(), **scripts(), "search.js": files.search()}.items():
             write_atomically(folder / name, text)
         for (page, state), name in steps("writing pages", list(files.names.items())):
-            site = Site(explored, files.from_file(name), _own_file(name), is_static=True)
+            site = Site(explored, files.from_file(name), partial(_relative, to=name), is_static=True)
             try:
                 text = site.page(PAGES[page], state)
             except WordCraftKGError as error:
@@ -87,28 +90,26 @@ def export_site(explored: Explored, out: Path, *, force: bool = False) -> Export
 
 
 class _Files:
-    """The names of a site's files.
-
-    Attributes:
-        names: path of the file of each page's state.
-    """
+    """The paths of a site's files by page and state."""
 
     def __init__(self, explored: Explored):
         self.explored = explored
         self.names: dict[tuple[str, State], str] = {(HOME.name, HOME.state()): "index.html"}
-        taken: set[str] = {"index.html"}
+        taken = {"index.html"}
         for page in PAGES.values():
             for state in page.states(explored):
-                key = (page.name, state)
-                if key not in self.names:
-                    self.names[key] = _unused(f"{page.name}/{_stem(page, state)}", taken)
+                if (page.name, state) not in self.names:
+                    stem = f"{page.name}/{_stem(page, state)}"
+                    names = (f"{stem}{'' if number == 1 else f'-{number}'}.html" for number in count(1))
+                    self.names[page.name, state] = name = next(name for name in names if name not in taken)
+                    taken.add(name)
 
-    def from_file(self, name: str) -> Any:
+    def from_file(self, name: str) -> Callable[[Page[Any], State], str]:
         """Return the function that returns the address of a page from that of a file; empty if there is none."""
 
         def address(page: Page[Any], state: State) -> str:
             found = self.names.get((page.name, state))
-            return "" if found is None else os.path.relpath(found, os.path.dirname(name) or ".")
+            return "" if found is None else _relative(found, name)
 
         return address
 
@@ -122,7 +123,7 @@ class _Files:
 
 
 def _without_places(text: str, explored: Explored) -> str:
-    """Return a text in which folders are called by their names: where they are on this machine is nobody's business."""
+    """Return a text with names for folders: their places on this machine are private."""
     folders = {name: one.folder for name, one in explored.models.items()} | explored.runs
     for name, folder in folders.items():
         if folder.is_absolute():
@@ -138,14 +139,5 @@ def _stem(page: Page[Any], state: State) -> str:
     return re.sub(r"[^a-z0-9]+", "-", chosen.lower()).strip("-")[:LONGEST_NAME].strip("-") or page.name
 
 
-def _unused(name: str, taken: set[str]) -> str:
-    number, found = 1, f"{name}.html"
-    while found in taken:
-        number += 1
-        found = f"{name}-{number}.html"
-    taken.add(found)
-    return found
-
-
-def _own_file(name: str) -> Any:
-    return lambda file: os.path.relpath(file, os.path.dirname(name) or ".")
+def _relative(file: str, to: str) -> str:
+    return os.path.relpath(file, os.path.dirname(to) or ".")

@@ -5,15 +5,7 @@ from wordcraft_kg.base.records import Count, Record
 
 
 class Paging(Record):
-    """The rows of a page.
-
-    Attributes:
-        first: number of the first row, from 1; 0 if there are none.
-        last: number of the last row.
-        total: number of all rows.
-        page: number of the page, from 1.
-        pages: number of pages, at least 1.
-    """
+    """The rows of a page: the numbers of the first (0 if there are none) and last row and of the page, and totals."""
 
     first: Count
     last: Count

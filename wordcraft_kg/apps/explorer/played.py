@@ -1,4 +1,4 @@
-"""The agents that are looked at, and the worlds in which they are asked."""
+"""The runs of agents, and the worlds in which agents are asked."""
 
 from dataclasses import replace
 from typing import Literal
@@ -19,12 +19,7 @@ AskedDepth = Literal[0, 1, 2, 3, 4, 5]
 
 
 def followed(explored: Explored, name: str = "") -> tuple[str, FollowedRun]:
-    """Return a run with its name; without a name the first.
-
-    Raises:
-        ConfigError: if there is none.
-        UnknownEntityError: if none has this name.
-    """
+    """Return a run with its name; without a name the first; errors as of :meth:`Explored.run`."""
     found, folder = explored.run(name)
     return found, explored.once(("followed run", found), lambda: FollowedRun(folder, explored.opened))
 
@@ -38,7 +33,7 @@ def is_done(run: FollowedRun) -> bool:
 
 
 def tasks_of(run: FollowedRun | None) -> TaskConfig:
-    """Return the settings of the tasks that a run was trained on; the usual ones without a run that can be read."""
+    """Return the settings of a run's tasks; the defaults without a run that can be read."""
     if run is None:
         return TaskConfig()
     try:
@@ -50,7 +45,7 @@ def tasks_of(run: FollowedRun | None) -> TaskConfig:
 def settings_of(
     explored: Explored, tasks: TaskConfig, part: AskedPart = "", depth: AskedDepth = 0, distractors: int | None = None
 ) -> WordCraftConfig:
-    """Return the settings of a world: those of an agent's tasks, but for what else is asked for.
+    """Return the settings of a world: those of an agent's tasks, with changes.
 
     Raises:
         ConfigError: for a number out of range.
@@ -62,7 +57,7 @@ def settings_of(
 
 
 def plain_world(explored: Explored, config: WordCraftConfig) -> World:
-    """Return a world with the tasks of some settings, and with tables that any graph has room for; it is made once.
+    """Return a world with the tasks of some settings and without distractors, made once.
 
     Raises:
         TaskError: if there is no such task.
@@ -79,7 +74,7 @@ def plain_world(explored: Explored, config: WordCraftConfig) -> World:
 
 
 def world_of(explored: Explored, config: WordCraftConfig) -> World:
-    """Return the world of some settings; it is made once, and shares its tasks with all that have the same.
+    """Return the world of some settings, made once; it shares its tasks with all that have the same.
 
     Raises:
         TaskError: if there is no such task.
@@ -89,5 +84,5 @@ def world_of(explored: Explored, config: WordCraftConfig) -> World:
 
 
 def usual_part(explored: Explored) -> TaskPart:
-    """Return the part whose tasks are shown unless another one is asked for."""
+    """Return the default part of tasks."""
     return "test" if (explored.opened.split.parts == TEST).any() else "train"

@@ -47,8 +47,8 @@ class PredictedEntity(Record):
     """An entity in an open slot.
 
     Attributes:
-        place: place by score among the listed kinds of links; 0 for a link of a kind that is not listed.
-        rank: filtered rank with realistic ties: other true entities do not compete.
+        place: place by score among the listed links; 0 for one that is not listed.
+        rank: filtered rank with realistic ties.
         known: the part whose recipes give the link.
         probability: of a link outside the training data; None for others, and without a calibration.
         reason: the evidence for it.
@@ -65,14 +65,11 @@ class PredictedEntity(Record):
 
 
 class PredictedSlot(Record):
-    """The best entities in an open slot, beside the true ones.
+    """The best entities in an open slot, whose label is None, beside the true ones.
 
     Attributes:
-        head: the head; None if it is asked for.
-        tail: the tail; None if it is asked for.
-        with_learned: whether links of the training data are listed.
-        best: the best entities, best first.
-        truth: some entities that make the link true without being learned, best rank first.
+        with_learned: whether ``best`` has links of the training data.
+        truth: the best ranked entities that make the link true without being learned.
         true_unlearned: number of all such entities.
         true_learned: number of true links of the slot in the training data.
     """
@@ -146,13 +143,7 @@ class Slot:
 
 @dataclass(frozen=True)
 class LinkPredictor:
-    """A model of a graph, opened for questions about links.
-
-    Attributes:
-        name: its name on pages.
-        folder: its folder.
-        model: the opened folder.
-    """
+    """A model of a graph, opened for questions about links; ``name`` is its name on pages."""
 
     name: str
     folder: Path

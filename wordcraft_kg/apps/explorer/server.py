@@ -30,23 +30,16 @@ from wordcraft_kg.base.records import as_values
 
 T = TypeVar("T")
 KEPT = 2**24
-"""Bytes of rendered pages that are kept: nothing that they show changes."""
+"""Bytes of rendered pages that are kept."""
 THREADS = 8
-"""Pages made at a time: more would only wait for each other; fewer might all wait for what is made once."""
+"""Pages made at a time: more threads only wait for each other, fewer may all wait for one value."""
 QUIET = 1.0
 """Seconds after the start that belong to the first page alone."""
 SCRIPTS = ("explorer.js", "map.js")
-HTML = "text/html"
 
 
 def make_app(explored: Explored, host: str = "127.0.0.1", more_hosts: Collection[str] = ()) -> ASGIApp:
-    """Return the application that shows what is explored.
-
-    Args:
-        explored: what it shows.
-        host: the host that it listens on.
-        more_hosts: other names by which it may be asked.
-    """
+    """Return the application for a subject, to listen on a host and answer for further names, too."""
     server = _Server(explored)
     routes = [
         Route("/", server.home),
@@ -65,7 +58,7 @@ class _Server:
         self.files = {"explorer.css": (style_sheet(), "text/css")} | {
             name: (text, "text/javascript") for name, text in scripts().items()
         }
-        # More threads of torch's own for each of these would only wait for each other: a table has ten rows.
+        # More of torch's own threads for each of these would only wait for each other: a table has ten rows.
         self._threads = ThreadPoolExecutor(THREADS, "pages", torch.set_num_threads, (1,))
         self._kept: OrderedDict[str, bytes] = OrderedDict()
         self._size = 0
@@ -94,12 +87,11 @@ class _Server:
         if page is None or (subject and not page.subject):
             return self._error(404, f"There is no page '{name[:60]}'.")
         try:
-            # Starlette reads bytes that are no text as others, and any number of fields.
+            # Starlette's own parser accepts bytes that are no text, and any number of fields.
             query = parse_qsl(request.url.query, keep_blank_values=True, errors="strict", max_num_fields=200)
         except (ValueError, UnicodeError):
-            return self._error(
-                400, "The address is not well-formed: its query cannot be read as UTF-8 names and values."
-            )
+            message = "The address is not well-formed: its query cannot be read as UTF-8 names and values."
+            return self._error(400, message)
         return await self._in_thread(self._page, page, subject, query)
 
     async def _in_thread(self, work: Callable[..., T], *arguments: Any) -> T:
@@ -111,22 +103,20 @@ class _Server:
             state = page.read(subject, [entry for entry in query if entry != ("format", "json")])
             if as_json:
                 return _json(as_values(page.view(self.explored, state)))
-            address, is_live = page.address(state), page.is_live(self.explored, state)
-            kept = None if is_live else self._recall(address)
-            if kept is None:
-                kept = self.site.page(page, state).encode()
-                if not is_live:
-                    self._keep(address, kept)
-            return Response(kept, media_type=HTML, headers={"Cache-Control": "no-store" if is_live else "no-cache"})
+            if page.is_live(self.explored, state):
+                kept, caching = self.site.page(page, state).encode(), "no-store"
+            else:
+                kept, caching = self._kept_page(page.address(state), lambda: self.site.page(page, state)), "no-cache"
+            return Response(kept, media_type="text/html", headers={"Cache-Control": caching})
         except UnknownEntityError as error:
-            # Labels that do not fit a path are in the query; and what is not there may be a run or a model.
+            # Labels that do not fit a path are in the query; an unknown name may also be of a run or a model.
             wanted = (subject if page.subject == "entity" else "") or dict(query).get("entity", "")
             is_other = wanted in self.explored.opened.graph
             return self._error(404, str(error), {} if is_other else self._suggestions(wanted[:200]))
         except ConfigError as error:
             return self._error(400, str(error))
         except WordCraftKGError as error:
-            # What has been opened has changed on the disk since, or does not allow what was asked.
+            # An opened folder has changed on the disk, or does not allow the question.
             return self._error(409, str(error))
 
     def _suggestions(self, wanted: str) -> dict[str, str]:
@@ -135,22 +125,22 @@ class _Server:
         return {label: entity.address(entity.state(entity=label)) for label in labels}
 
     def _error(self, status: int, message: str, suggestions: dict[str, str] | None = None) -> Response:
-        return Response(self.site.error(status, message, suggestions), status, media_type=HTML)
+        return Response(self.site.error(status, message, suggestions), status, media_type="text/html")
 
-    def _recall(self, address: str) -> bytes | None:
+    def _kept_page(self, address: str, make: Callable[[], str]) -> bytes:
+        """Return a page, made if it is not kept; the pages used longest ago are dropped."""
         with self._lock:
             if address in self._kept:
                 self._kept.move_to_end(address)
-            return self._kept.get(address)
-
-    def _keep(self, address: str, page: bytes) -> None:
+                return self._kept[address]
+        page = make().encode()
         with self._lock:
-            if address in self._kept:
-                return
-            self._kept[address] = page
-            self._size += len(page)
+            if address not in self._kept:
+                self._kept[address] = page
+                self._size += len(page)
             while self._size > KEPT:
                 self._size -= len(self._kept.popitem(last=False)[1])
+        return page
 
 
 def warm(explored: Explored) -> threading.Thread:
@@ -160,8 +150,7 @@ def warm(explored: Explored) -> threading.Thread:
         time.sleep(QUIET)
         for page in PAGES.values():
             if page.title and page.is_there(explored):
-                # What is wrong with it is said to who opens it.
-                with suppress(WordCraftKGError):
+                with suppress(WordCraftKGError):  # errors are reported when the page is opened
                     page.view(explored, page.state())
 
     thread = threading.Thread(target=make, daemon=True)

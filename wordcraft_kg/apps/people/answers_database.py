@@ -9,7 +9,7 @@ import os
 import sqlite3
 import threading
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -45,12 +45,7 @@ BUSY = 10
 
 @dataclass(frozen=True, order=True)
 class Cell:
-    """The assignment of a person.
-
-    Attributes:
-        form: number of the draw of tasks, from 0.
-        distractors: the condition.
-    """
+    """The assignment of a person: the number of the draw of tasks, from 0, and the condition."""
 
     form: int
     distractors: int
@@ -129,13 +124,8 @@ class AnswersDatabase:
                     self._connection.execute("ROLLBACK")
                 raise
 
-    @contextmanager
-    def _reading(self) -> Iterator[sqlite3.Connection]:
-        with self._lock:
-            yield self._connection
-
     def begin(self, code: str, cells: Sequence[Cell]) -> Participant:
-        """Begin the session of a new person, in the cell that fewest have begun, then finished, then the first one.
+        """Begin a session, in the cell with the fewest begun, then finished sessions, then the first one.
 
         A code that has begun already keeps its session, so that a form that is sent twice begins one.
 
@@ -159,14 +149,14 @@ class AnswersDatabase:
 
     def find(self, code: str) -> Participant | None:
         """Return the person with this hash of a code, None if there is none."""
-        with self._reading() as connection:
-            return _find(connection, code)
+        with self._lock:
+            return _find(self._connection, code)
 
     def answers_of(self, person: Participant) -> list[Answer]:
         """Return a person's answers in their order."""
-        with self._reading() as connection:
-            rows = connection.execute(f"{_ANSWERS} WHERE session = ? ORDER BY part DESC, number", (person.number,))
-            return [_answer(row).answer for row in rows]
+        with self._lock:
+            query = f"{_ANSWERS} WHERE session = ? ORDER BY part DESC, number"
+            return [_answer(row).answer for row in self._connection.execute(query, (person.number,))]
 
     def show(self, person: Participant, part: str, number: int, now: float) -> None:
         """Record the loading of a task without an answer: the time of the first, and the number of all."""
@@ -180,10 +170,10 @@ class AnswersDatabase:
 
     def shown(self, person: Participant, part: str, number: int) -> float | None:
         """Return the time when a task was first shown; None if it was not, or has been answered."""
-        with self._reading() as connection:
-            key = (person.number, part, number)
-            row = connection.execute(f"SELECT shown FROM showings WHERE {_KEY}", key).fetchone()
-            return None if row is None else float(row[0])
+        key = (person.number, part, number)
+        with self._lock:
+            row = self._connection.execute(f"SELECT shown FROM showings WHERE {_KEY}", key).fetchone()
+        return None if row is None else float(row[0])
 
     def add(self, person: Participant, answer: Answer) -> bool:
         """Store an answer to a task that was shown; return False without a change if there is one already."""
@@ -209,9 +199,9 @@ class AnswersDatabase:
 
     def stored(self) -> Stored:
         """Return the numbers of people and answers."""
-        with self._reading() as connection:
-            counts = connection.execute(COUNTS, (self._turns,)).fetchall()
-            (answers,) = connection.execute("SELECT COUNT(*) FROM answers").fetchone()
+        with self._lock:
+            counts = self._connection.execute(COUNTS, (self._turns,)).fetchall()
+            (answers,) = self._connection.execute("SELECT COUNT(*) FROM answers").fetchone()
         return Stored(sum(row[2] for row in counts), sum(row[3] for row in counts), answers)
 
     def close(self) -> None:
@@ -249,8 +239,11 @@ def reading(path: Path, study: str) -> Iterator[sqlite3.Connection]:
         ArtefactError: if it is damaged, something else, or of another study.
     """
     check_file(path)
+    # A log beside it counts; without one nobody writes, and not even a lock is needed.
+    mode = "mode=ro" if path.with_name(f"{path.name}-wal").exists() else "immutable=1"
     try:
-        with _opened(path) as connection:
+        with closing(sqlite3.connect(f"{path.resolve().as_uri()}?{mode}", uri=True, timeout=BUSY)) as connection:
+            connection.execute("BEGIN")
             kind = [connection.execute(f"PRAGMA {name}").fetchone()[0] for name in ("application_id", "user_version")]
             if kind != [APPLICATION, VERSION]:
                 raise ArtefactError(f"{path} is not a database of answers of this version. Nothing was changed.")
@@ -270,27 +263,12 @@ def reading(path: Path, study: str) -> Iterator[sqlite3.Connection]:
         raise _damaged(path, error) from None
 
 
-@contextmanager
-def _opened(path: Path) -> Iterator[sqlite3.Connection]:
-    # A log beside it counts; without one nobody writes, and not even a lock is needed.
-    has_log = path.with_name(f"{path.name}-wal").exists()
-    connection = sqlite3.connect(
-        f"{path.resolve().as_uri()}?{'mode=ro' if has_log else 'immutable=1'}", uri=True, timeout=BUSY
-    )
-    try:
-        connection.execute("BEGIN")
-        yield connection
-    finally:
-        connection.close()
-
-
 def _make(path: Path, study: str) -> None:
     """Make the database under another name first, so that it is whole or not there."""
     new = path.with_name(f".{path.name}.new")
     new.unlink(missing_ok=True)
     try:
-        connection = sqlite3.connect(new, isolation_level=None)
-        try:
+        with closing(sqlite3.connect(new, isolation_level=None)) as connection:
             connection.execute("BEGIN IMMEDIATE")
             for table in TABLES:
                 connection.execute(table)
@@ -298,8 +276,6 @@ def _make(path: Path, study: str) -> None:
             connection.execute(f"PRAGMA application_id = {APPLICATION}")
             connection.execute(f"PRAGMA user_version = {VERSION}")
             connection.execute("COMMIT")
-        finally:
-            connection.close()
         os.replace(new, path)
     finally:
         new.unlink(missing_ok=True)

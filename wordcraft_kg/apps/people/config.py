@@ -37,7 +37,7 @@ class StudyConfig:
         distractors: conditions: the numbers of distractors on a table.
         forms: draws of tasks; people are spread evenly over forms and conditions.
         seed: seed of the first form; the others have those that follow.
-        consent: what people are asked to agree to; paragraphs are separated by blank lines.
+        consent: the text to agree to; paragraphs are separated by blank lines.
     """
 
     tasks: int = TASKS_PER_PART

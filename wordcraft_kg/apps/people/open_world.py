@@ -45,12 +45,10 @@ class WorldPlayed(Record, omit_defaults=True):
     Attributes:
         base: entities known at the start.
         reachable: number of entities that can be known, the base included.
-        known: number of entities known at the end.
         attempts: attempts of a whole game.
         attempted: attempts made.
         fruitless: attempts without a new entity, repeated ones included.
         repeated: attempts with a pair that had been tried before.
-        hints: hints asked for.
         discovered: entities made, in their order.
         out: file of the game, if it was saved.
     """

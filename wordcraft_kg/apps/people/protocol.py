@@ -56,10 +56,8 @@ class Answer(Record):
     Attributes:
         part: ``train`` or ``test``.
         number: number of the task in its part, from 1.
-        goal: entity to make.
         table: entities on the table, slot by slot.
-        picks: the two entities picked.
-        made: their results.
+        made: results of the picks.
         success: whether the goal is among them.
         seconds: time from showing the task to the second pick.
     """
@@ -82,12 +80,7 @@ class Answer(Record):
 
 @dataclass(frozen=True)
 class PosedTask:
-    """A task of a person, with ``part`` to ``table`` as in :class:`Answer`.
-
-    Attributes:
-        plans: the recipes, each of which makes the goal.
-        index: number of the task among those of its part, as agents know it.
-    """
+    """A task of a person, see :class:`Answer`; each plan is a recipe of the goal, ``index`` its number for agents."""
 
     part: str
     number: int
@@ -108,7 +101,6 @@ class HumanProtocol:
     fewer tasks a part are the first of those of more.
 
     Attributes:
-        seed: seed of tasks and tables.
         turns: part and number of each task, in their order.
         header: the first line of a session's file.
 
@@ -118,13 +110,7 @@ class HumanProtocol:
     def __init__(
         self, graph: GraphLike | World, num_distractors: int = 8, seed: int = 0, *, tasks: int = TASKS_PER_PART
     ):
-        """Prepare the environments of both parts.
-
-        Args:
-            graph: the graph, or a world to share everything with that does not depend on the settings.
-            num_distractors: entities on each table that the goal does not need.
-            seed: seed of tasks and tables.
-            tasks: tasks of each part, 1 to 1,000.
+        """Prepare the environments of both parts; a world is shared as far as the settings allow.
 
         Raises:
             ConfigError: for a setting out of range.

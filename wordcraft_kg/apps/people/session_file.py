@@ -18,13 +18,7 @@ TableKey = tuple[int, int, str, int]
 
 @dataclass(frozen=True)
 class Session:
-    """The answers of one person.
-
-    Attributes:
-        header: the first line.
-        answers: the answers so far, in the order of the protocol.
-        torn: number of bytes after the last whole line, which a crash left.
-    """
+    """The answers of one person, in their order, and the number of bytes of a last line that a crash tore."""
 
     header: Header
     answers: tuple[Answer, ...]

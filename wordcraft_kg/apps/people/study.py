@@ -31,13 +31,7 @@ STUDY_FILE = "study.json"
 
 
 class StudyRecord(Record):
-    """``study.json``: the identity of a study.
-
-    Attributes:
-        graph: name of the graph.
-        settings: those of the tasks, apart from the number of distractors.
-        created: time of its begin, in UTC.
-    """
+    """``study.json``: the identity of a study; its settings leave out the number of distractors."""
 
     format: Literal["wordcraft-kg study 1"]
     graph: str
@@ -62,12 +56,7 @@ class StudyRecord(Record):
 
 
 class Study:
-    """The tasks of a study, posed when they are first needed.
-
-    Attributes:
-        record: its identity.
-        cells: forms and conditions, in the order in which they are assigned to people.
-    """
+    """The tasks of a study, posed when they are first needed; its cells are in the order of assignment."""
 
     def __init__(self, graph: GraphLike, config: StudyConfig):
         """Prepare the tasks.
@@ -215,13 +204,7 @@ def read_study_record(folder: Path) -> tuple[StudyRecord, str]:
 
 @dataclass(frozen=True)
 class ReadStudy:
-    """A study as it is on the disk.
-
-    Attributes:
-        record: its identity.
-        people: the participants, in the order in which they began.
-        answers: their answers by the number of the person.
-    """
+    """A study as it is on the disk: the people in the order in which they began, and their answers by their numbers."""
 
     record: StudyRecord
     people: tuple[Participant, ...]

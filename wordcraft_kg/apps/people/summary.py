@@ -19,7 +19,6 @@ class BesideRate(Record):
 
     Attributes:
         successes: answers at whose table the agent makes the goal.
-        rate: their share.
         tables: number of different tables.
         interval: 95 % interval of the rate by bootstrap over tables; Wilson's if all have the same result; None for a
             single table.
@@ -32,16 +31,13 @@ class BesideRate(Record):
 
 
 class AnswerRate(Record):
-    """Number and share of right answers.
+    """Number and share of right answers; None without answers.
 
     Attributes:
-        answered: number of answers.
-        successes: number of right answers.
-        rate: their share; None without answers.
-        interval: its 95 % Wilson interval with independent answers: for these people only.
-        people: number of people who gave them.
-        people_interval: its 95 % interval by bootstrap over people; Wilson's with people for answers if all are alike;
-            None for a single person.
+        interval: 95 % Wilson interval with independent answers: for these people only.
+        people: number of people who answered.
+        people_interval: 95 % interval by bootstrap over people; Wilson's with people for answers if all are alike; None
+            for a single person.
         agents: agents at the same tables, by name.
     """
 
@@ -64,11 +60,7 @@ class PeopleCondition(Record):
 
 
 class HumanSummary(Record):
-    """Sessions of one graph, split and settings, by number of distractors.
-
-    Attributes:
-        settings: the common settings.
-    """
+    """Sessions of one graph, split and settings, by number of distractors."""
 
     graph: str
     graph_hash: str
@@ -79,12 +71,7 @@ class HumanSummary(Record):
 
 
 class ExportedAnswers(Record):
-    """A file of answers, one a line.
-
-    Attributes:
-        people: number of people who have begun.
-        answers: number of lines.
-    """
+    """A file of answers, one a line, of so many people who have begun."""
 
     out: str
     people: Count

@@ -33,7 +33,9 @@ ALPHABET = "23456789abcdefghjkmnpqrstuvwxyz"
 """Of codes: without 0 and o, 1, l and i, which look alike."""
 LENGTH, GROUP = 12, 4
 """Characters of a code, of about 59 bits, and of its groups."""
-Reply = Callable[[Request], Awaitable[Response]]
+Form = Mapping[str, str]
+Endpoint = Callable[[Request], Awaitable[Response]]
+Reply = Callable[[Request, Form, str, Participant], Response]
 
 
 def make_study_app(
@@ -60,12 +62,12 @@ def make_study_app(
         Route("/return", server.come_back, methods=["POST"]),
         Route("/declined", server.declined),
         Route("/files/{name}", server.file),
-        Route("/s/{code}", server.introduction),
-        Route("/s/{code}/task", server.task),
-        Route("/s/{code}/answer", server.answer, methods=["POST"]),
-        Route("/s/{code}/feedback/{number:int}", server.feedback),
-        Route("/s/{code}/end", server.end),
-        Route("/s/{code}/withdraw", server.withdraw, methods=["POST"]),
+        Route("/s/{code}", server.of_person(server.introduction)),
+        Route("/s/{code}/task", server.of_person(server.task)),
+        Route("/s/{code}/answer", server.of_person(server.answer), methods=["POST"]),
+        Route("/s/{code}/feedback/{number:int}", server.of_person(server.feedback)),
+        Route("/s/{code}/end", server.of_person(server.end)),
+        Route("/s/{code}/withdraw", server.of_person(server.withdraw), methods=["POST"]),
         Route("/withdrawn", server.withdrawn),
     ]
     router = Router(routes, redirect_slashes=False, default=server.not_found)
@@ -150,44 +152,30 @@ class _Server:
 
     # --- pages of a session ------------------------------------------------------------------------------------------
 
-    async def introduction(self, request: Request) -> Response:
-        return await self._of_person(request, self._introduction)
+    def of_person(self, reply: Reply) -> Endpoint:
+        """Return an endpoint that replies to the person whose code is in the path, with the fields of a form."""
 
-    async def task(self, request: Request) -> Response:
-        return await self._of_person(request, self._task)
+        async def endpoint(request: Request) -> Response:
+            form = await _form(request) if request.method == "POST" else {}
 
-    async def feedback(self, request: Request) -> Response:
-        return await self._of_person(request, self._feedback)
+            def replied() -> Response:
+                code = read_code(request.path_params["code"])
+                person = None if code is None else self.answers.find(code_hash(code))
+                if code is None or person is None:
+                    return self._missing("No session has this code. Check it, and type it on the first page.")
+                return reply(request, form, code, person)
 
-    async def end(self, request: Request) -> Response:
-        return await self._of_person(request, self._end)
+            return await run_in_threadpool(replied)  # it waits for the database
 
-    async def withdraw(self, request: Request) -> Response:
-        return await self._of_person(request, self._withdraw)
+        return endpoint
 
-    async def answer(self, request: Request) -> Response:
-        form = await _form(request)
-        return await self._of_person(request, lambda _, code, person: self._answer(form, code, person))
-
-    async def _of_person(self, request: Request, reply: Callable[..., Response]) -> Response:
-        """Reply to the person whose code is in the path; the database is asked in another thread."""
-
-        def replied() -> Response:
-            code = read_code(request.path_params["code"])
-            person = None if code is None else self.answers.find(code_hash(code))
-            if code is None or person is None:
-                return self._missing("No session has this code. Check it, and type it on the first page.")
-            return reply(request, code, person)
-
-        return await run_in_threadpool(replied)
-
-    def _introduction(self, _: Request, code: str, person: Participant) -> Response:
+    def introduction(self, _: Request, __: Form, code: str, person: Participant) -> Response:
         given, tasks = self.answers.answers_of(person), self.study.tasks(person.cell)
         if len(given) == len(tasks):
             return _to(f"/s/{code}/end")
         return self._page("introduction", code=code, given=len(given), tasks=tasks)
 
-    def _task(self, request: Request, code: str, person: Participant) -> Response:
+    def task(self, request: Request, _: Form, code: str, person: Participant) -> Response:
         tasks, place = self.study.tasks(person.cell), len(self.answers.answers_of(person))
         if place == len(tasks):
             return _to(f"/s/{code}/end")
@@ -203,7 +191,7 @@ class _Server:
             self.answers.show(person, task.part, task.number, self.clock())
         return self._page("task", code=code, task=task, held=held, place=place, all=len(tasks))
 
-    def _answer(self, form: Mapping[str, str], code: str, person: Participant) -> Response:
+    def answer(self, _: Request, form: Form, code: str, person: Participant) -> Response:
         now = self.clock()
         tasks, place = self.study.tasks(person.cell), len(self.answers.answers_of(person))
         number = int(form["task"]) if form.get("task", "").isdecimal() and len(form["task"]) < 6 else -1
@@ -226,7 +214,7 @@ class _Server:
             return _to(f"/s/{code}/feedback/{task.number}")
         return _to(f"/s/{code}/{'task' if place + 1 < len(tasks) else 'end'}")
 
-    def _feedback(self, request: Request, code: str, person: Participant) -> Response:
+    def feedback(self, request: Request, _: Form, code: str, person: Participant) -> Response:
         tasks, given = self.study.tasks(person.cell), self.answers.answers_of(person)
         place = request.path_params["number"] - 1
         if not 0 <= place < min(len(given), self.study.record.tasks):
@@ -234,11 +222,11 @@ class _Server:
         task, answer = tasks[place], given[place]
         return self._page("feedback", code=code, task=task, answer=answer, place=place + 1, all=len(tasks))
 
-    def _withdraw(self, _: Request, __: str, person: Participant) -> Response:
+    def withdraw(self, _: Request, __: Form, ___: str, person: Participant) -> Response:
         self.answers.withdraw(person)
         return _to("/withdrawn")
 
-    def _end(self, _: Request, code: str, person: Participant) -> Response:
+    def end(self, _: Request, __: Form, code: str, person: Participant) -> Response:
         given = self.answers.answers_of(person)
         if len(given) < len(self.study.tasks(person.cell)):
             return _to(f"/s/{code}/task")

@@ -30,13 +30,7 @@ Better = Literal["either", "one", "other"]
 
 
 class Compare(Queries):
-    """Two models and some queries.
-
-    Attributes:
-        one: a model; the first if it is empty.
-        other: another one; the second if it is empty.
-        better: queries that one of them ranks better, or all.
-    """
+    """Queries to two models, by default the first two; all, or those that one of them ranks better."""
 
     one: str = ""
     other: str = ""
@@ -63,16 +57,12 @@ class ComparedRanks(Record):
     """The ranks of the same queries by two models.
 
     Attributes:
-        one: name of a model.
-        other: name of the other one.
-        chosen: the filter.
-        better: queries that one of them ranks better, or all.
         metrics_one: figures of one for all chosen queries, whatever ``better`` is.
         metrics_other: those of the other.
         learned: number of these queries for triples of the training data of either model.
         better_one: number of these queries that the one ranks better.
         better_other: number of these queries that the other ranks better.
-        queries: the listed ones, the largest difference of the reciprocal rank first.
+        queries: those of a page, the largest difference of the reciprocal rank first.
     """
 
     one: str
@@ -90,34 +80,11 @@ class ComparedRanks(Record):
 
 
 class ModelsCompared(Record):
-    """Two models.
-
-    Attributes:
-        headline: the comparison of ``compare``; None if there is too little data.
-        without_headline: the reason for None.
-        ranks: the queries.
-    """
+    """Two models: the comparison of ``compare``, or the reason why there is too little data for it; and their ranks."""
 
     headline: link_comparison.LinkComparison | None
     without_headline: str
     ranks: ComparedRanks
-
-
-def check_comparable(one: LinkPredictor, other: LinkPredictor) -> None:
-    """Refuse two models whose ranks are of other triples.
-
-    Raises:
-        GraphMismatchError: naming both.
-    """
-    for what, left, right in (
-        ("graphs", one.graph.hash, other.graph.hash),
-        ("splits", one.split.hash, other.split.hash),
-    ):
-        if left != right:
-            raise GraphMismatchError(
-                f"'{one.name}' and '{other.name}' were trained on different {what} ({left[:12]}, {right[:12]}); their "
-                "ranks cannot be compared. Take two models of one graph folder."
-            )
 
 
 def view_compared_ranks(
@@ -125,15 +92,8 @@ def view_compared_ranks(
 ) -> ComparedRanks:
     """List queries by how differently two models rank them.
 
-    Args:
-        one: ranks of a model.
-        other: those of the other one, of the same triples.
-        chosen: the filter.
-        better: the queries that one of the two ranks better, or all.
-        page: number of the page.
-
     Raises:
-        GraphMismatchError: if they are of other triples.
+        GraphMismatchError: if the ranks are of other triples.
         UnknownEntityError: if the graph does not have the entity of the filter.
         ConfigError: if there is no such page.
     """
@@ -174,19 +134,18 @@ def view_compared_ranks(
     )
 
 
-def has_two_models(explored: Explored) -> bool:
-    """Return whether there is a pair of models to compare."""
+def _has_two_models(explored: Explored) -> bool:
     return len(explored.models) > 1
 
 
 def _view(explored: Explored, state: Compare) -> ModelsCompared:
-    if not has_two_models(explored):
+    if not _has_two_models(explored):
         raise ConfigError("Two models are compared; start with two of `wordcraft-kg explore GRAPH --model FOLDER`.")
     names = list(explored.models)
     first = state.one or next(name for name in names if name != state.other)
     second = state.other or next(name for name in names if name != first)
     one, other = explored.predictor(first), explored.predictor(second)
-    check_comparable(one, other)
+
     headline, why = explored.once(("compared", one.name, other.name), lambda: _headline(one, other))
     one_ranks, other_ranks = ranked_by(explored, one.name), ranked_by(explored, other.name)
     ranks = view_compared_ranks(one_ranks, other_ranks, state.chosen, state.better, state.page)
@@ -205,4 +164,4 @@ def _exported(_: Explored) -> Iterator[Compare]:
     yield from (Compare(better=better) for better in ("either", "one", "other"))
 
 
-PAGE = Page("compare", Compare, _view, title="Compare", exported=_exported, is_there=has_two_models)
+PAGE = Page("compare", Compare, _view, title="Compare", exported=_exported, is_there=_has_two_models)

@@ -20,13 +20,7 @@ ENTITIES_A_PAGE = 200
 
 
 class Entities(State):
-    """Some of the entities.
-
-    Attributes:
-        q: text in their labels.
-        sort: alphabetically, by layer from the base, or from the most recipes or uses.
-        page: number of the page.
-    """
+    """Entities with a text in their labels, by label, layer, or from the most recipes or uses."""
 
     q: str = ""
     sort: EntityOrder = "label"

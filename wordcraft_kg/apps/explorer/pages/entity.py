@@ -34,13 +34,7 @@ Use = Literal["makes", "uses"]
 
 
 class Entity(State):
-    """An entity.
-
-    Attributes:
-        entity: its label; the most used one if it is empty.
-        model: the model to ask; the first if it is empty.
-        learned: whether predictions of the model's training data are listed.
-    """
+    """An entity, by default the most used one, and a model, by default the first; ``learned`` lists its data, too."""
 
     entity: str = ""
     model: str = ""
@@ -48,14 +42,7 @@ class Entity(State):
 
 
 class Recipes(State):
-    """Recipes of an entity.
-
-    Attributes:
-        entity: its label.
-        use: whether they make it or use it.
-        part: their part; all if it is empty.
-        page: number of the page.
-    """
+    """Recipes that make or use an entity, of one part or all."""
 
     entity: str = ""
     use: Use = "uses"
@@ -64,11 +51,9 @@ class Recipes(State):
 
 
 class EntityRecipes(Record):
-    """Recipes of an entity.
+    """Recipes of an entity; see :class:`Recipes`.
 
     Attributes:
-        entity: its label.
-        use: whether they make the entity or use it.
         parts: number of recipes by part, for parts that have any.
         paging: the rows that are listed.
         recipes: the listed recipes.
@@ -97,15 +82,13 @@ class EntityProfile(Record):
     """An entity.
 
     Attributes:
-        entity: its label.
         base: whether it is a base entity.
         layer: first round in which it can be made; None if it cannot.
         crafts: number of steps of its cheapest derivation; None if it cannot be made.
         made_by: recipes that make it.
         used_in: recipes that use it.
         model: name of the model; empty without one.
-        has_seen_the_test_recipes: whether the model was trained on all recipes.
-        slots: predictions for the open slots of the entity.
+        slots: predictions for its partners, ingredients and products.
         nearest: the entities most similar to it for the model.
         by_words: the entities most similar to it by their words; None if its words have no vector.
     """

@@ -35,9 +35,9 @@ class Episode(State):
         task: number of the task among those of its depth and part.
         draw: draw of distractors.
         distractors: number of distractors; below 0 for as many as in training.
-        goal: another goal, by label; empty for the task's.
-        table: another table, by labels; empty texts are ignored, and without any it is the task's.
-        held: held entity, by label; empty for none.
+        goal: another goal, by label.
+        table: another table, by labels; empty texts are ignored.
+        held: held entity, by label.
     """
 
     run: str = ""
@@ -63,14 +63,12 @@ class Episode(State):
 
 
 class AgentAtTable(Record):
-    """An agent's picks at a table.
+    """An agent's picks at a table, or the problem why it cannot be asked.
 
     Attributes:
-        run: its name.
         checkpoint: the weights that answer; empty if it cannot be asked.
         folds: number of folds of its scorer; 0 without folds.
         found: its picks; None if it cannot be asked.
-        problem: why it cannot be asked.
     """
 
     run: str
@@ -84,17 +82,13 @@ class EpisodeView(Record):
     """Agents at a table.
 
     Attributes:
-        task: number of the task.
         tasks: number of tasks of its depth and part.
-        draw: the draw of distractors.
         endings: endings of the first agent's episodes of the task in its evaluation, by draw; none if it has not played
             it, or not with so many distractors.
         start: starting ingredients of the task.
         plans: plans of the task.
         is_edited: whether goal, table or hand differ from the task's.
-        goal: the goal.
-        table: the entities on the table.
-        held: the entity that is held at first; None for none.
+        held: the entity that is held at first.
         agents: the agents; the others are compared with the first.
     """
 
@@ -122,15 +116,7 @@ class EpisodeView(Record):
 
 
 class ShownEpisode(Record):
-    """An episode with the page's choices.
-
-    Attributes:
-        runs: names of all agents.
-        draws: number of offered draws.
-        trained_with: distractors in the agent's training.
-        most_slots: the most slots that are shown of each pick.
-        episode: the episode.
-    """
+    """An episode with the choices of its page: all agents, draws, distractors in training, slots of a pick."""
 
     runs: tuple[str, ...]
     draws: Count

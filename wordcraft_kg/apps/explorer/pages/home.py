@@ -41,7 +41,7 @@ class Overview(Record):
     """A graph with its models and runs.
 
     Attributes:
-        reachable: entities that can be made from the base, which is included.
+        reachable: number of entities that can be made from the base, which is included.
         layers: number of rounds in which they are made.
         most_used: entities in most recipes.
         furthest: reachable entities that need most rounds.

@@ -22,14 +22,7 @@ RECIPES = 10
 
 
 class Link(State):
-    """A link by a model.
-
-    Attributes:
-        head: label of its head; without head and tail an example is shown.
-        relation: its relation.
-        tail: label of its tail.
-        model: the model; the first if it is empty.
-    """
+    """A link by a model, by default the first; without head and tail an example."""
 
     head: str = ""
     relation: Relation = "combinesWith"
@@ -38,14 +31,9 @@ class Link(State):
 
 
 class LinkProfile(Record):
-    """A link by a model.
+    """A link by a model; see :class:`~wordcraft_kg.apps.explorer.predictor.JudgedLink`.
 
     Attributes:
-        model: name of the model.
-        has_seen_the_test_recipes: whether it was trained on all recipes.
-        score: higher is more plausible, on a scale of the model's own.
-        known: the part whose recipes give it.
-        probability: of a link outside the training data; None for others, and without a calibration.
         as_tail: rank of the tail among all entities.
         as_head: rank of the head.
         reason: the evidence for it.

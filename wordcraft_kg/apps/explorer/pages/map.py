@@ -44,25 +44,14 @@ SHADES = 4
 
 
 class Map(State):
-    """The map.
-
-    Attributes:
-        entity: the entity whose links are shown; may be none.
-        colour: the meaning of the dots' colours.
-    """
+    """The map with the links of an entity, or of none, and the meaning of the dots' colours."""
 
     entity: str = ""
     colour: Literal["group", "layer"] = "group"
 
 
 class Spot(Record):
-    """The place of an entity.
-
-    Attributes:
-        uses: number of recipes that use it.
-        group: number of its group; -1 for a guest, which has none.
-        layer: crafting layer; -1 if it cannot be made.
-    """
+    """The place of an entity; guests have the group -1, what cannot be made has the layer -1."""
 
     entity: str
     x: Count
@@ -82,13 +71,7 @@ class Group(Record):
 
 
 class Partners(Record):
-    """The neighbours of an entity by one kind of link.
-
-    Attributes:
-        total: number of neighbours.
-        listed: the most used of them.
-        placed: neighbours on the map, by their numbers among the spots; the most used, at most :data:`DRAWN`.
-    """
+    """The neighbours of an entity by one kind of link: the number, the most used, and the spots of those on the map."""
 
     total: Count
     listed: tuple[str, ...]
@@ -96,14 +79,7 @@ class Partners(Record):
 
 
 class Links(Record):
-    """The links of an entity.
-
-    Attributes:
-        entity: number of its spot.
-        combines: its partners.
-        makes: its products.
-        made_of: its ingredients.
-    """
+    """The partners, products and ingredients of an entity, which is given by the number of its spot."""
 
     entity: Count
     combines: Partners
@@ -116,7 +92,7 @@ class MapView(Record):
 
     Attributes:
         entities: number of entities of the graph.
-        spots: the most used entities with their places, the most used first; then guests.
+        spots: the most used entities, the most used first; then guests.
         groups: the largest first.
         layers: number of crafting layers.
         combines: pairs of spots that combine, by their numbers, the smaller first; sorted. Without guests and loops;
@@ -140,7 +116,6 @@ class EntityMap:
     """The places of the most used entities of a graph, see :func:`map_of`.
 
     Attributes:
-        graph: the graph.
         ids: shape (P,), the placed entities, the most used first.
         places: shape (P, 2), whole numbers.
         view: the map with nothing chosen.

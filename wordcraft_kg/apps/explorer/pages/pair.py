@@ -13,13 +13,7 @@ RESULTS = 10
 
 
 class Pair(State):
-    """A pair.
-
-    Attributes:
-        a: label of an ingredient; without both an example is shown.
-        b: label of the other one, which may be the same.
-        model: the model to ask; the first if it is empty.
-    """
+    """Two ingredients, which may be the same, and a model, by default the first; without ingredients an example."""
 
     a: str = ""
     b: str = ""
@@ -32,7 +26,6 @@ class PairProfile(Record):
     Attributes:
         makes: its recipes in the book.
         model: name of the model; empty without one.
-        has_seen_the_test_recipes: whether the model was trained on all recipes.
         link: the model's judgement of ``a combinesWith b``; None without a model.
         results: the model's predicted results, best first; None if it scores links only, and without a model.
     """

@@ -27,12 +27,7 @@ LISTED = 20
 
 
 class Path(State):
-    """The path to an entity.
-
-    Attributes:
-        entity: the goal; without one, an entity that is the furthest from the base.
-        page: page of the list of crafts.
-    """
+    """The path to an entity, by default one that is the furthest from the base; and a page of its crafts."""
 
     entity: str = ""
     page: int = 1
@@ -43,7 +38,6 @@ class PathStep(Record):
 
     Attributes:
         number: its place in the order of execution, from 1.
-        recipe: its recipe.
         part: the part of the recipe.
         layer: after the layers of its ingredients, and as late as its uses allow; the goal is last.
     """
@@ -65,20 +59,16 @@ class PathView(Record):
     """The way from the base to an entity.
 
     Attributes:
-        entity: the goal.
-        base: the base entities.
         outcome: ``base`` if there is nothing to make, ``impossible`` if it cannot be made.
         steps: number of crafts.
         layers: number of layers of crafts.
         cost: number of crafts if nothing is made only once, in words, since it may have thousands of digits.
         parts: number of crafts by the part of their recipe, for parts that have any.
-        paging: the steps that are listed.
-        listed: these steps.
+        listed: the steps of a page.
         drawn: the last steps, at most :data:`DRAWN`, in the order of execution.
         recipes: number of recipes that make the goal.
         blocked: some recipes of a goal that cannot be made.
-        sources: some entities that such a goal depends on, that no recipe makes and that are not in the base. If there
-            are none, the recipes need each other's results.
+        sources: some of its missing entities that no recipe makes; none if recipes need each other's results.
         num_sources: number of all of them.
     """
 

@@ -29,7 +29,7 @@ Knowledge = Literal["unseen", "learned", "all"]
 
 
 class RankFilter(State):
-    """Some of the queries that models are ranked on; an empty text filters nothing.
+    """Queries that models are ranked on; an empty text filters nothing.
 
     Attributes:
         relation: relation of the triple.
@@ -58,12 +58,7 @@ class Queries(RankFilter):
 
 
 class Predictions(Queries):
-    """Some of a model's ranks.
-
-    Attributes:
-        model: the model; the first if it is empty.
-        sort: from the worst or the best rank, the highest score, or alphabetically.
-    """
+    """Some of a model's ranks, by default the first model's, in an order: by rank, score or label."""
 
     model: str = ""
     sort: RankOrder = "best"
@@ -110,15 +105,10 @@ class LinkRanks(Record):
     """Some of a model's ranks.
 
     Attributes:
-        model: its name.
-        has_seen_the_test_recipes: whether it was trained on all recipes.
-        chosen: the filter.
-        order: see :class:`Predictions`.
         metrics: figures of all chosen queries, not only of the listed ones.
         learned: number of chosen queries for triples of the training data.
         sample: the ranked triples.
-        paging: the queries that are listed.
-        queries: the listed ones.
+        queries: the queries of a page.
     """
 
     model: str
@@ -137,9 +127,6 @@ class RankedTriples:
     """The ranks of the triples of a graph by a model.
 
     Attributes:
-        name: name of the model.
-        split: graph and split.
-        has_seen_the_test_recipes: whether the model was trained on all recipes.
         ranks: a row for each query, see :func:`~wordcraft_kg.models.scorers.ranking.rank_triples`, with the columns
             ``part`` (its number) and ``learned`` besides.
         sample: the ranked triples.
@@ -157,11 +144,7 @@ class RankedTriples:
         return self.split.graph
 
     def mask(self, chosen: RankFilter) -> NDArray[np.bool_]:
-        """Return the queries that a filter chooses, shape (Q,), bool.
-
-        Raises:
-            UnknownEntityError: if the graph does not have its entity.
-        """
+        """Return the queries that a filter chooses, shape (Q,), bool; an unknown entity is an UnknownEntityError."""
         ranks = self.ranks
         mask = np.ones(len(ranks), dtype=bool)
         if chosen.relation:

@@ -42,12 +42,7 @@ class Run(State):
 
 
 class PartSuccess(Record):
-    """Success on the tasks of a part.
-
-    Attributes:
-        mean: success rate: of the evaluation, or the last point of the learning curve.
-        ci: 95 % interval over tasks; None for a point of the curve.
-    """
+    """Success rate: of the evaluation with a 95 % interval over tasks, or of the last point of the curve."""
 
     mean: Share
     ci: tuple[float, float] | None
@@ -59,7 +54,6 @@ class RunRow(Record):
     Attributes:
         status: its status; None if it has not begun or cannot be read.
         problem: why it cannot be read.
-        policy: kind of its policy.
         scorer: name of its scorer's folder; empty without one.
         kg: the scorer's training data.
         use: the scores that it mixes in.
@@ -88,12 +82,7 @@ class RunRow(Record):
 
 
 class RunList(Record):
-    """All runs.
-
-    Attributes:
-        parts: parts on which any of them has results.
-        sources: names of all mixing weights that any of them has.
-    """
+    """All runs, the parts on which any of them has results, and the names of their mixing weights."""
 
     runs: tuple[RunRow, ...]
     parts: tuple[TaskPart, ...]
@@ -109,11 +98,8 @@ class RunView(Record):
     """A run.
 
     Attributes:
-        row: its row in the list of runs.
         checkpoint: its last weights; empty if there are none yet.
         waits_for: condition before it can be asked or has all figures; empty if it is complete.
-        depth: depth of its tasks.
-        distractors: distractors on its tables.
         seconds: duration so far; None before the first line.
         steps_per_second: speed between the last two lines, or of the whole training once it is done; None if unknown.
         outcomes: share of each ending, by part; empty before the evaluation.

@@ -34,16 +34,7 @@ Won = Literal["any", "always", "sometimes", "never"]
 
 
 class Tasks(State):
-    """Some tasks.
-
-    Attributes:
-        part: part of the tasks.
-        depth: fewest attempts that solve them; 0 for the agent's training depth.
-        goal: only tasks with this goal.
-        run: the agent; by default the first one.
-        success: only tasks that the agent solved so often.
-        page: number of the page.
-    """
+    """Tasks of a part and depth (0 for the agent's own), with a goal and a result of an agent, by default the first."""
 
     part: AskedPart = ""
     depth: AskedDepth = 0
@@ -54,13 +45,7 @@ class Tasks(State):
 
 
 class ListedTask(Record):
-    """A task, its plans, and an agent's results.
-
-    Attributes:
-        number: its number among the tasks of its depth and part.
-        won: draws of distractors with which the agent made the goal; None if it has not played the task.
-        draws: draws that it played; None if it has not.
-    """
+    """A task with its number, plans, and the draws that an agent won and played; None if it has not played the task."""
 
     number: Count
     goal: str
@@ -77,10 +62,8 @@ class TaskTable(Record):
         tasks: number of all tasks.
         is_complete: whether these are all that there are; otherwise they are a random sample.
         mixed: number of tasks that belong to no part.
-        goal: the goal of the listed tasks; empty for any.
-        won: the results of the listed tasks.
         counts: number of the goal's tasks by result; empty if the agent has played none.
-        paging: the rows that are shown.
+        rows: the tasks of a page.
     """
 
     part: TaskPart
@@ -100,10 +83,8 @@ class ShownTasks(Record):
 
     Attributes:
         run: name of the agent; empty without one.
-        runs: names of all agents.
         missing: why there are no results of the agent; empty if there are, or without an agent.
         usual: the default part.
-        table: the tasks.
     """
 
     run: str
@@ -115,12 +96,7 @@ class ShownTasks(Record):
 
 @dataclass(frozen=True)
 class TaskResults:
-    """An agent's results on each of N tasks.
-
-    Attributes:
-        won: shape (N,), int64: draws with which it made the goal.
-        draws: shape (N,), int64: draws that it played; 0 for a task that it has not played.
-    """
+    """An agent's results on each of N tasks: numbers of draws that it won and played, both of shape (N,), int64."""
 
     won: Ids
     draws: Ids
@@ -163,14 +139,7 @@ class TaskResults:
 def view_task_table(
     tasks: TaskSet, results: TaskResults | None = None, *, goal: str = "", won: Won = "any", page: int = 1
 ) -> TaskTable:
-    """List tasks page by page.
-
-    Args:
-        tasks: all tasks of a depth and part.
-        results: an agent's results on them.
-        goal: only tasks with this goal; empty for any.
-        won: only tasks that the agent solved so often.
-        page: number of the page.
+    """List tasks page by page; only those with a goal or with a result of an agent, if these are given.
 
     Raises:
         UnknownEntityError: if there is no such goal.

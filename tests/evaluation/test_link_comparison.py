@@ -46,21 +46,21 @@ def second(*models: Model, **settings: int) -> ComparedModel:
 
 
 @pytest.fixture(scope="module")
-def opened_kitchen() -> OpenedGraph:
+def opened_kitchen():
     return open_graph("kitchen")
 
 
 @pytest.fixture
-def frequency(opened_kitchen: OpenedGraph) -> Model:
+def frequency(opened_kitchen):
     return model(FrequencyScorer(opened_kitchen.graph, opened_kitchen.split.partial), opened_kitchen)
 
 
 @pytest.fixture
-def facts(opened_kitchen: OpenedGraph) -> Model:
+def facts(opened_kitchen):
     return model(SymbolicScorer(opened_kitchen.graph, opened_kitchen.graph.triples), opened_kitchen)
 
 
-def test_a_model_does_not_differ_from_itself(frequency: Model):
+def test_a_model_does_not_differ_from_itself(frequency):
     values = compared(frequency, frequency)
     one, other = values.models
     assert (other.difference, other.difference_ci, other.probability_better) == (0, (0, 0), 0.5)
@@ -69,7 +69,7 @@ def test_a_model_does_not_differ_from_itself(frequency: Model):
     assert values.not_told_apart == (other.name,)
 
 
-def test_a_model_that_knows_the_answers_is_surely_better(facts: Model, frequency: Model):
+def test_a_model_that_knows_the_answers_is_surely_better(facts, frequency):
     values = compared(frequency, facts)
     assert values.models[1].probability_better == 1
     assert values.models[1].difference_ci[0] > 0
@@ -77,9 +77,7 @@ def test_a_model_that_knows_the_answers_is_surely_better(facts: Model, frequency
     assert (values.best, values.not_told_apart) == (facts.scorer.name, ())
 
 
-def test_the_difference_is_that_of_the_mean_reciprocal_ranks(
-    facts: Model, frequency: Model, opened_kitchen: OpenedGraph
-):
+def test_the_difference_is_that_of_the_mean_reciprocal_ranks(facts, frequency, opened_kitchen):
     queries = opened_kitchen.split.held_out("test")
     metrics = [
         ranking_metrics(rank_triples(opened.scorer, queries, opened_kitchen.graph.triples))
@@ -95,9 +93,7 @@ def test_the_difference_is_that_of_the_mean_reciprocal_ranks(
     assert other.difference_ci[0] <= other.difference <= other.difference_ci[1]
 
 
-def test_of_very_many_queries_a_sample_is_ranked_and_said_to_be_one(
-    frequency: Model, opened_kitchen: OpenedGraph, monkeypatch: pytest.MonkeyPatch
-):
+def test_of_very_many_queries_a_sample_is_ranked_and_said_to_be_one(frequency, opened_kitchen, monkeypatch):
     everything = len(opened_kitchen.split.held_out("test"))
     assert compared(frequency, frequency).sampled_from is None
     monkeypatch.setattr(link_comparison, "MAX_QUERIES", 80)
@@ -105,7 +101,7 @@ def test_of_very_many_queries_a_sample_is_ranked_and_said_to_be_one(
     assert (found.triples, found.queries, found.sampled_from) == (40, 80, everything)
 
 
-def test_swapping_the_models_turns_the_signs(opened_kitchen: OpenedGraph):
+def test_swapping_the_models_turns_the_signs(opened_kitchen):
     one, two = (model(noise(opened_kitchen, seed), opened_kitchen) for seed in (1, 2))
     there, back = second(one, two), second(two, one)
     assert there.difference == pytest.approx(-back.difference)
@@ -114,7 +110,7 @@ def test_swapping_the_models_turns_the_signs(opened_kitchen: OpenedGraph):
     assert there.probability_better == pytest.approx(1 - back.probability_better)
 
 
-def test_a_paired_interval_is_narrower_than_the_separate_ones(opened_kitchen: OpenedGraph):
+def test_a_paired_interval_is_narrower_than_the_separate_ones(opened_kitchen):
     table = noise(opened_kitchen, 1).table("combinesWith")
     nudged = torch.stack([table, table]) + 1e-3 * torch.stack([noise(opened_kitchen, 2).table(r) for r in (0, 1)])
     graph = opened_kitchen.graph
@@ -123,7 +119,7 @@ def test_a_paired_interval_is_narrower_than_the_separate_ones(opened_kitchen: Op
     assert other.difference_ci[1] - other.difference_ci[0] < (other.mrr_ci[1] - other.mrr_ci[0]) / 2
 
 
-def test_the_interval_of_a_model_is_that_of_its_report(frequency: Model, opened_kitchen: OpenedGraph):
+def test_the_interval_of_a_model_is_that_of_its_report(frequency, opened_kitchen):
     graph, split = opened_kitchen.graph, opened_kitchen.split
     queries = split.held_out("test")
     clusters = np.tile(recipe_clusters(graph, split.is_in("test"), queries), 2)
@@ -132,13 +128,13 @@ def test_the_interval_of_a_model_is_that_of_its_report(frequency: Model, opened_
     assert compared(frequency, frequency, resamples=300, seed=1).models[0].mrr_ci == expected
 
 
-def test_the_comparison_is_determined_by_its_seed(opened_kitchen: OpenedGraph):
+def test_the_comparison_is_determined_by_its_seed(opened_kitchen):
     one, two = (model(noise(opened_kitchen, seed), opened_kitchen) for seed in (1, 2))
     assert compared(one, two, seed=3) == compared(one, two, seed=3)
     assert second(one, two, seed=3).difference_ci != second(one, two, seed=4).difference_ci
 
 
-def test_more_models_widen_the_intervals_of_differences_but_not_those_of_models(opened_kitchen: OpenedGraph):
+def test_more_models_widen_the_intervals_of_differences_but_not_those_of_models(opened_kitchen):
     several = [model(noise(opened_kitchen, seed), opened_kitchen) for seed in range(4)]
     two, four = compared(*several[:2]), compared(*several)
     assert (two.pairs, four.pairs) == (1, 6)
@@ -148,9 +144,7 @@ def test_more_models_widen_the_intervals_of_differences_but_not_those_of_models(
     assert other.difference_ci[0] < one.difference_ci[0] < one.difference_ci[1] < other.difference_ci[1]
 
 
-def test_the_best_is_the_one_with_the_highest_mrr_and_says_who_is_as_good(
-    facts: Model, frequency: Model, opened_kitchen: OpenedGraph
-):
+def test_the_best_is_the_one_with_the_highest_mrr_and_says_who_is_as_good(facts, frequency, opened_kitchen):
     one, two = (model(noise(opened_kitchen, seed), opened_kitchen) for seed in (1, 2))
     values = compared(one, facts, two, facts)
     assert values.best == facts.scorer.name
@@ -161,9 +155,7 @@ def test_the_best_is_the_one_with_the_highest_mrr_and_says_who_is_as_good(
     assert values.not_told_apart == (min(mrr, key=mrr.__getitem__),)
 
 
-def test_a_model_of_the_full_graph_is_marked_and_is_never_the_best(
-    frequency: Model, facts: Model, opened_kitchen: OpenedGraph
-):
+def test_a_model_of_the_full_graph_is_marked_and_is_never_the_best(frequency, facts, opened_kitchen):
     full = model(facts.scorer, opened_kitchen, kg="full")
     values = compared(full, frequency)
     assert [found.has_seen_the_test_recipes for found in values.models] == [True, False]
@@ -172,7 +164,7 @@ def test_a_model_of_the_full_graph_is_marked_and_is_never_the_best(
     assert compared(full, full).best is None
 
 
-def test_seeds_are_averaged_query_by_query(frequency: Model, opened_kitchen: OpenedGraph):
+def test_seeds_are_averaged_query_by_query(frequency, opened_kitchen):
     runs = [model(noise(opened_kitchen, seed), opened_kitchen, seed=seed) for seed in (5, 6)]
     singles = [second(frequency, run) for run in runs]
     other = compare([Contender("frequency", [frequency]), Contender("noise", runs)]).models[1]
@@ -184,26 +176,26 @@ def test_seeds_are_averaged_query_by_query(frequency: Model, opened_kitchen: Ope
     assert other.mrr_ci[1] - other.mrr_ci[0] < max(widths)
 
 
-def test_seeds_with_other_settings_are_refused(frequency: Model, opened_kitchen: OpenedGraph):
+def test_seeds_with_other_settings_are_refused(frequency, opened_kitchen):
     runs = [model(noise(opened_kitchen, 1), opened_kitchen, dim=dim) for dim in (8, 9)]
     with pytest.raises(ConfigError, match="the seeds of 'noise' were trained with different settings"):
         compare([Contender("frequency", [frequency]), Contender("noise", runs)])
 
 
-def test_models_of_different_splits_are_refused(frequency: Model, opened_kitchen: OpenedGraph):
+def test_models_of_different_splits_are_refused(frequency, opened_kitchen):
     graph = opened_kitchen.graph
     other = OpenedGraph(graph, make_split(graph, SplitConfig(seed=1)), "other")
     with pytest.raises(GraphMismatchError):
         compared(frequency, model(FrequencyScorer(graph, other.split.partial), other))
 
 
-def test_models_of_different_graphs_are_refused(frequency: Model):
+def test_models_of_different_graphs_are_refused(frequency):
     other = open_graph("paper-examples")
     with pytest.raises(GraphMismatchError):
         compared(frequency, model(FrequencyScorer(other.graph, other.graph.triples), other))
 
 
-def test_a_split_without_unseen_triples_is_refused(opened_kitchen: OpenedGraph):
+def test_a_split_without_unseen_triples_is_refused(opened_kitchen):
     graph = opened_kitchen.graph
     data = OpenedGraph(graph, make_split(graph, SplitConfig(kind="none")), "unsplit")
     opened = model(FrequencyScorer(graph, graph.triples), data)
@@ -212,14 +204,12 @@ def test_a_split_without_unseen_triples_is_refused(opened_kitchen: OpenedGraph):
 
 
 @pytest.mark.parametrize("resamples", [0, -5])
-def test_no_resamples_are_refused(frequency: Model, resamples: int):
+def test_no_resamples_are_refused(frequency, resamples):
     with refuses("resamples"):
         compared(frequency, frequency, resamples=resamples)
 
 
-def test_the_page_holds_every_model_and_needs_no_other_file(
-    frequency: Model, facts: Model, opened_kitchen: OpenedGraph
-):
+def test_the_page_holds_every_model_and_needs_no_other_file(frequency, facts, opened_kitchen):
     from wordcraft_kg.reports.link_report import comparison_page
 
     odd = noise(opened_kitchen, 1)

@@ -1,20 +1,16 @@
 """A trained model of the kitchen and its report, made once a session."""
 
-from pathlib import Path
-
 import pytest
 
-from wordcraft_kg.evaluation.links import LinkView
 from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.models.folder import open_model
-from wordcraft_kg.models.model import Model
 from wordcraft_kg.reports.link_report import make_link_report
-from wordcraft_kg.reports.pages import Report, write_report
+from wordcraft_kg.reports.pages import write_report
 
 
 @pytest.fixture(scope="session")
-def kitchen_model(tmp_path_factory: pytest.TempPathFactory) -> Model:
+def kitchen_model(tmp_path_factory):
     from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
     from wordcraft_kg.models.links.training import train_links
 
@@ -23,7 +19,7 @@ def kitchen_model(tmp_path_factory: pytest.TempPathFactory) -> Model:
 
 
 @pytest.fixture(scope="session")
-def kitchen_report(kitchen_model: Model) -> Report[LinkView]:
+def kitchen_report(kitchen_model):
     """Shared by the tests."""
     return make_link_report(
         kitchen_model.scorer,
@@ -35,14 +31,14 @@ def kitchen_report(kitchen_model: Model) -> Report[LinkView]:
 
 
 @pytest.fixture(scope="session")
-def report_folder(kitchen_report: Report[LinkView], tmp_path_factory: pytest.TempPathFactory) -> Path:
+def report_folder(kitchen_report, tmp_path_factory):
     folder = tmp_path_factory.mktemp("reports") / "kitchen"
     write_report(kitchen_report, folder)
     return folder
 
 
 @pytest.fixture(scope="session")
-def full_report(kitchen_model: Model) -> Report[LinkView]:
+def full_report(kitchen_model):
     return make_link_report(kitchen_model.scorer, kitchen_model.opened, kg="full", name="kitchen-full")
 
 
@@ -50,7 +46,7 @@ AWKWARD = "<i>&\"'</i>,"
 
 
 @pytest.fixture(scope="session")
-def awkward_graph() -> OpenedGraph:
+def awkward_graph():
     """A graph whose labels would break a page, an attribute or a table that does not escape them."""
     import numpy as np
 

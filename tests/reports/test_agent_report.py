@@ -3,7 +3,6 @@
 import re
 from dataclasses import replace
 from html.parser import HTMLParser
-from pathlib import Path
 
 import jsonschema
 import msgspec
@@ -11,7 +10,7 @@ import numpy as np
 import pytest
 import torch
 
-from wordcraft_kg.agents.agent_folder import OpenedAgent, open_agent
+from wordcraft_kg.agents.agent_folder import open_agent
 from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
 from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer
 from wordcraft_kg.agents.explanation import ExplainedSlot, ExplainedStep
@@ -41,7 +40,7 @@ TASKS = TaskConfig(distractors=2)
 
 
 @pytest.fixture(scope="module")
-def agents(tmp_path_factory: pytest.TempPathFactory) -> list[OpenedAgent]:
+def agents(tmp_path_factory):
     """Two seeds of an attention agent and one run of an mlp."""
     home = tmp_path_factory.mktemp("runs")
     runs = (
@@ -55,11 +54,11 @@ def agents(tmp_path_factory: pytest.TempPathFactory) -> list[OpenedAgent]:
 
 
 @pytest.fixture(scope="module")
-def report(agents: list[OpenedAgent]) -> AgentReport:
+def report(agents):
     return make_agent_report(group_agents(agents), draws=2)
 
 
-def test_runs_that_differ_in_the_seed_are_one_agent(agents: list[OpenedAgent]) -> None:
+def test_runs_that_differ_in_the_seed_are_one_agent(agents):
     groups = group_agents(agents)
     assert {name: [agent.name for agent in members] for name, members in groups.items()} == {
         "plain": ["plain-0", "plain-1"],
@@ -67,12 +66,12 @@ def test_runs_that_differ_in_the_seed_are_one_agent(agents: list[OpenedAgent]) -
     }
 
 
-def test_a_run_given_twice_is_an_error(agents: list[OpenedAgent]) -> None:
+def test_a_run_given_twice_is_an_error(agents):
     with pytest.raises(ConfigError, match="the same agent with the same seed"):
         group_agents([agents[0], agents[0]])
 
 
-def test_the_numbers_are_those_of_the_evaluation(agents: list[OpenedAgent], report: AgentReport) -> None:
+def test_the_numbers_are_those_of_the_evaluation(agents, report):
     for amount in (1, 2, 8):
         evaluator = Evaluator(World(agents[0].opened, TASKS.environment("test", amount)), draws=2)
         found = [evaluator(PolicyPlayer(agent.policy)) for agent in agents[:2]]
@@ -86,18 +85,18 @@ def test_the_numbers_are_those_of_the_evaluation(agents: list[OpenedAgent], repo
         assert sum(outcomes.values()) == pytest.approx(1)
 
 
-def test_an_mlp_is_judged_with_its_own_number_of_distractors_only(report: AgentReport) -> None:
+def test_an_mlp_is_judged_with_its_own_number_of_distractors_only(report):
     assert report.view.agents[1].success.keys() == {"2"}
 
 
-def test_the_probability_of_improvement_counts_pairs_of_runs(report: AgentReport) -> None:
+def test_the_probability_of_improvement_counts_pairs_of_runs(report):
     plain, mlp = (entry.success["2"] for entry in report.view.agents)
     wins = np.mean([0.5 + 0.5 * np.sign(mlp.seeds[0] - seed) for seed in plain.seeds])
     assert mlp.p_better == pytest.approx(wins)
     assert plain.p_better is None
 
 
-def test_slices_hold_every_task_once_and_average_to_the_whole(report: AgentReport) -> None:
+def test_slices_hold_every_task_once_and_average_to_the_whole(report):
     entry = report.view.agents[0]
     for name in ("train_recipes", "layer"):
         rows = entry.slices[name]
@@ -106,7 +105,7 @@ def test_slices_hold_every_task_once_and_average_to_the_whole(report: AgentRepor
         assert mean == pytest.approx(entry.success["2"].mean)
 
 
-def test_tasks_are_sliced_by_the_train_recipes_of_their_goal(agents: list[OpenedAgent], report: AgentReport) -> None:
+def test_tasks_are_sliced_by_the_train_recipes_of_their_goal(agents, report):
     graph, split = agents[0].opened.graph, agents[0].opened.split
     evaluator = Evaluator(World(agents[0].opened, TASKS.environment("test")), draws=1)
     results = graph.recipes[split.is_in("train"), 2].tolist()
@@ -115,16 +114,14 @@ def test_tasks_are_sliced_by_the_train_recipes_of_their_goal(agents: list[Opened
     assert (row.tasks if row else 0) == alone
 
 
-def test_curves_are_means_over_seeds(agents: list[OpenedAgent], report: AgentReport) -> None:
+def test_curves_are_means_over_seeds(agents, report):
     for step, mean, low, high in as_values(report.view)["agents"][0]["curves"]["test"]:
         seeds = [row.figures["test_success"] for agent in agents[:2] for row in agent.metrics if row.step == step]
         assert mean == pytest.approx(np.mean(seeds))
         assert low <= mean <= high
 
 
-def test_each_training_has_a_curve_of_each_figure_that_it_logged(
-    agents: list[OpenedAgent], report: AgentReport
-) -> None:
+def test_each_training_has_a_curve_of_each_figure_that_it_logged(agents, report):
     for figure in ("loss", "entropy", "return", "grad_norm", "baseline_loss", "test_success"):
         curves = report.view.agents[0].training[figure]
         assert [curve.seed for curve in curves] == [0, 1]
@@ -135,7 +132,7 @@ def test_each_training_has_a_curve_of_each_figure_that_it_logged(
     assert "plain, seed 1" in page
 
 
-def test_figures_of_a_few_updates_only_are_left_out_of_the_curves(agents: list[OpenedAgent]) -> None:
+def test_figures_of_a_few_updates_only_are_left_out_of_the_curves(agents):
     rows = [MetricsRow(step=step, seconds=1, figures={"loss": step, "test_success": 0.5}) for step in (100, 200, 210)]
     agent = replace(agents[0], metrics=rows)
     training = make_agent_report({"one": [agent]}, draws=1, episodes=0).view.agents[0].training
@@ -143,7 +140,7 @@ def test_figures_of_a_few_updates_only_are_left_out_of_the_curves(agents: list[O
     assert [step for step, _ in training["test_success"][0].points] == [100, 200, 210]
 
 
-def test_confusions_name_what_was_needed_and_what_was_picked(agents: list[OpenedAgent], report: AgentReport) -> None:
+def test_confusions_name_what_was_needed_and_what_was_picked(agents, report):
     world = World(agents[0].opened, TASKS.environment("test"))
     graph, entry = world.graph, report.view.agents[0]
     counts: dict[tuple[str, str], int] = {}
@@ -163,7 +160,7 @@ def test_confusions_name_what_was_needed_and_what_was_picked(agents: list[Opened
     assert [row.episodes for row in entry.confusions] == sorted(counts.values(), reverse=True)[: len(entry.confusions)]
 
 
-def test_the_last_pair_of_an_episode_that_made_the_goal_makes_it(agents: list[OpenedAgent]) -> None:
+def test_the_last_pair_of_an_episode_that_made_the_goal_makes_it(agents):
     world = World(agents[0].opened, TASKS.environment("test"))
     found = Evaluator(world, draws=2)(recipe_oracle)
     for task in range(len(world.tasks)):
@@ -171,9 +168,7 @@ def test_the_last_pair_of_an_episode_that_made_the_goal_makes_it(agents: list[Op
         assert world.tasks.goals[task] in world.graph.results(*pair)
 
 
-def test_the_provenance_of_each_run_has_its_command_versions_and_hashes(
-    agents: list[OpenedAgent], report: AgentReport
-) -> None:
+def test_the_provenance_of_each_run_has_its_command_versions_and_hashes(agents, report):
     facts = report.view.agents[0].provenance["plain-1"]
     run = agents[1].run
     assert facts["trained by"] == " ".join(run.argv)
@@ -184,9 +179,7 @@ def test_the_provenance_of_each_run_has_its_command_versions_and_hashes(
     assert all(value in page for value in (run.outputs["policy.safetensors"], run.versions["torch"]))
 
 
-def test_the_first_line_compares_agents_and_does_not_compare_a_single_one(
-    agents: list[OpenedAgent], report: AgentReport
-) -> None:
+def test_the_first_line_compares_agents_and_does_not_compare_a_single_one(agents, report):
     def first_line(page: str) -> str:
         text = re.sub(r"<[^>]+>", "", page[page.index("<b>In short") : page.index("</div>", page.index("<b>In short"))])
         return re.sub(r"\s+", " ", text)
@@ -201,7 +194,7 @@ def test_the_first_line_compares_agents_and_does_not_compare_a_single_one(
     assert "One seed: another seed may give another figure." in alone
 
 
-def test_bars_of_contributions_fill_the_width_at_the_largest_sum() -> None:
+def test_bars_of_contributions_fill_the_width_at_the_largest_sum():
     def slot(**contributions: float) -> ExplainedSlot:
         return ExplainedSlot("egg", False, contributions, contributions, sum(contributions.values()), 0.5)
 
@@ -211,7 +204,7 @@ def test_bars_of_contributions_fill_the_width_at_the_largest_sum() -> None:
     assert widths[1][0] + widths[1][2] == pytest.approx(70 * 2.5 / 3, abs=0.2)
 
 
-def test_it_follows_its_schema_and_is_the_same_each_time(agents: list[OpenedAgent], report: AgentReport) -> None:
+def test_it_follows_its_schema_and_is_the_same_each_time(agents, report):
     jsonschema.Draft202012Validator.check_schema(report_schema())
     jsonschema.validate(as_values(report.view), report_schema())
     again = make_agent_report(group_agents(agents), draws=2)
@@ -237,7 +230,7 @@ class Balance(HTMLParser):
             assert self.open.pop() == tag
 
 
-def test_the_page_is_whole_needs_no_network_and_escapes_names(agents: list[OpenedAgent]) -> None:
+def test_the_page_is_whole_needs_no_network_and_escapes_names(agents):
     odd = replace(agents[0], name="<b>odd & name</b>")
     page = render(make_agent_report({odd.name: [odd]}, draws=1, episodes=1))
     parser = Balance()
@@ -249,7 +242,7 @@ def test_the_page_is_whole_needs_no_network_and_escapes_names(agents: list[Opene
     assert "&lt;b&gt;odd &amp; name" in page
 
 
-def test_it_is_written_whole_or_not_at_all(report: AgentReport, tmp_path: Path) -> None:
+def test_it_is_written_whole_or_not_at_all(report, tmp_path):
     write_report(report, tmp_path / "report")
     assert {path.name for path in (tmp_path / "report").iterdir()} == {"index.html", "report.json"}
     broken = replace(report, view=msgspec.structs.replace(report.view, part="exam"))
@@ -258,19 +251,19 @@ def test_it_is_written_whole_or_not_at_all(report: AgentReport, tmp_path: Path) 
     assert not (tmp_path / "broken").exists()
 
 
-def test_agents_of_another_split_cannot_be_compared(agents: list[OpenedAgent]) -> None:
+def test_agents_of_another_split_cannot_be_compared(agents):
     other = replace(agents[1], opened=open_graph("kitchen", SplitConfig(seed=5)))
     with pytest.raises(GraphMismatchError):
         make_agent_report({"a": [agents[0]], "b": [other]})
 
 
-def test_agents_of_another_depth_cannot_be_compared(agents: list[OpenedAgent]) -> None:
+def test_agents_of_another_depth_cannot_be_compared(agents):
     other = replace(agents[1], config=replace(agents[1].config, tasks=TaskConfig(depth=2, distractors=2)))
     with pytest.raises(ConfigError, match="plays with depth 2"):
         make_agent_report({"a": [agents[0]], "b": [other]})
 
 
-def test_train_tasks_are_ranked_by_the_scores_that_the_agent_saw_and_the_page_says_how(tmp_path) -> None:
+def test_train_tasks_are_ranked_by_the_scores_that_the_agent_saw_and_the_page_says_how(tmp_path):
     links = ComplExConfig(dim=8, epochs=6, n3=0.1, folds=3)
     model = train_links(LinksConfig("kitchen", links), tmp_path / "model").folder
     agents = []

@@ -108,7 +108,7 @@ def test_bars_stay_inside_the_picture():
 
 
 @pytest.mark.parametrize("values", [[0.0, 0.0], [1.0, 1.0], [1e-9, 0.0]])
-def test_bars_of_extreme_shares_are_drawn(values: list[float]):
+def test_bars_of_extreme_shares_are_drawn(values):
     root = parse(charts.grouped_bars(["a", "b"], {"one": values}, "", ""))
     assert all(float(bar.get("height")) >= 0 for bar in root.iter("rect"))
 
@@ -209,7 +209,7 @@ def test_the_axis_of_shares_goes_from_0_to_100_percent_and_the_other_one_with_th
         (2e9, ["0", "0.5B", "1B", "1.5B", "2B"]),
     ],
 )
-def test_steps_are_written_in_readable_units(last: float, expected: list[str]):
+def test_steps_are_written_in_readable_units(last, expected):
     root = parse(charts.curves({"one": straight(0.6, last)}, "", "", "", percent=True))
     assert [text.text for text in root.iter("text") if text.get("text-anchor") == "middle"][:-1] == expected
 
@@ -242,7 +242,7 @@ def test_a_band_is_only_where_there_are_bounds_and_a_lone_interval_is_a_whisker(
         [0.3, 0.36, 0.42, 0.48, 0.54, 0.5],
     ],
 )
-def test_names_of_curves_do_not_overlap_and_keep_the_order_of_the_ends(ends: list[float]):
+def test_names_of_curves_do_not_overlap_and_keep_the_order_of_the_ends(ends):
     names = [f"curve {i}" for i in range(len(ends))]
     root = parse(charts.curves(dict(zip(names, map(straight, ends), strict=True)), "", "", "", percent=True))
     labels = end_labels(root)
@@ -319,7 +319,7 @@ def test_a_curve_without_points_is_left_out_and_keeps_its_colour():
         {"one": [(-4, 0.1, None, None), (-2, 0.3, None, None)]},
     ],
 )
-def test_curves_of_few_or_equal_points_are_drawn(series: dict, percent: bool):
+def test_curves_of_few_or_equal_points_are_drawn(series, percent):
     root = parse(charts.curves(series, "x", "y", "d", percent=percent))
     assert "nan" not in ET.tostring(root, encoding="unicode")
     assert len(of_class(root, "grid")) >= 2
@@ -407,7 +407,7 @@ def test_a_share_may_be_missing_or_have_no_interval():
 
 
 @pytest.mark.parametrize(("labels", "series"), [([], {}), ([], {"a": []}), (["x"], {}), (["x"], {"a": estimates(0.0)})])
-def test_dots_of_few_or_no_categories_are_drawn(labels: list[str], series: dict):
+def test_dots_of_few_or_no_categories_are_drawn(labels, series):
     root = parse(charts.dots(labels, series, "", "", "d"))
     assert "nan" not in ET.tostring(root, encoding="unicode")
     assert len(of_class(root, "dot")) == len(series) + len(labels) * len(series)
@@ -436,7 +436,7 @@ def test_labels_of_categories_are_cut_where_they_would_overlap():
 
 @pytest.mark.parametrize("count", [1, 2, 5, 9])
 @pytest.mark.parametrize("seed", range(5))
-def test_places_are_spread_as_little_as_can_be(count: int, seed: int):
+def test_places_are_spread_as_little_as_can_be(count, seed):
     optimize = pytest.importorskip("scipy.optimize")
     rng = np.random.default_rng(seed)
     wanted, gap, low, high = rng.uniform(0, 60, count), 8, 0, 70
@@ -472,7 +472,7 @@ def test_places_that_are_too_many_share_the_room():
         (0, 0, [0, 0.2]),
     ],
 )
-def test_ticks_are_round_numbers_around_the_data(low: float, high: float, expected: list[float]):
+def test_ticks_are_round_numbers_around_the_data(low, high, expected):
     assert round_ticks(low, high) == pytest.approx(expected)
 
 
@@ -549,7 +549,7 @@ def test_a_matrix_is_an_image_with_the_marked_cells_red_and_the_rest_by_rank():
 
 
 @pytest.mark.parametrize("entities", [1, 7, 350, 351, 700, 701])
-def test_a_large_matrix_is_averaged_into_blocks(entities: int):
+def test_a_large_matrix_is_averaged_into_blocks(entities):
     values = np.arange(entities**2, dtype=float).reshape(entities, entities)
     marked = np.zeros_like(values, dtype=bool)
     marked[-1, -1] = True
@@ -618,7 +618,7 @@ def test_intervals_of_shares_are_written_in_percent():
 
 
 @pytest.mark.parametrize("rows", [[], [("a", (0.0, 0.0, 0.0))], [("a", (-0.1, -0.3, 0.2)), ("a", (0.0, None, None))]])
-def test_intervals_of_few_equal_or_negative_values_are_drawn(rows: list):
+def test_intervals_of_few_equal_or_negative_values_are_drawn(rows):
     root = parse(charts.intervals(rows, "x", "d", reference=0.0))
     assert "nan" not in ET.tostring(root, encoding="unicode")
     assert len(of_class(root, "dot")) == len(rows)
@@ -638,7 +638,7 @@ def test_a_series_without_any_share_keeps_its_colour_and_is_not_in_the_legend():
     assert colours(of_class(root, "whisker")) == ["series-1"]
 
 
-def test_a_figure_has_its_panels_side_by_side() -> None:
+def test_a_figure_has_its_panels_side_by_side():
     chart = charts.reliability([(0.1, 0.2, 5)], "")
     root = parse(charts.figure("Title", [(name, chart) for name in "abc"], "svg text { fill: red; }"))
     panels = [child for child in root if child.tag.endswith("svg")]
@@ -651,13 +651,13 @@ def test_a_figure_has_its_panels_side_by_side() -> None:
         assert y + float(panel.get("height", "")) <= height
 
 
-def test_a_figure_is_well_formed_and_escapes_its_texts() -> None:
+def test_a_figure_is_well_formed_and_escapes_its_texts():
     root = parse(charts.figure(LABEL, [(LABEL, charts.reliability([(0.1, 0.2, 5)], LABEL))], ""))
     assert root.get("aria-label") == LABEL
     assert [child.text for child in root if child.tag.endswith("text")] == [LABEL, LABEL]
 
 
-def test_a_figure_holds_its_own_style_without_what_only_browsers_know() -> None:
+def test_a_figure_holds_its_own_style_without_what_only_browsers_know():
     svg = charts.figure("Title", [("", charts.reliability([(0.1, 0.2, 5)], ""))], chart_style())
     assert ".line.series-0" in svg
     assert "#0072b2" in svg
@@ -666,23 +666,23 @@ def test_a_figure_holds_its_own_style_without_what_only_browsers_know() -> None:
     assert "{{" not in svg
 
 
-def test_mixed_colours_are_those_of_a_browser() -> None:
+def test_mixed_colours_are_those_of_a_browser():
     assert resolved("fill: color-mix(in srgb, var(--s0) 50%, #000000);") == "fill: #003959;"
 
 
-def test_a_figure_has_no_points_that_only_show_on_hovering() -> None:
+def test_a_figure_has_no_points_that_only_show_on_hovering():
     chart = charts.curves({"a": [(0, 0.5, None, None), (1, 0.6, None, None)]}, "", "", "")
     assert 'class="hit"' in chart
     assert 'class="hit"' not in charts.figure("", [("", chart)], "")
 
 
-def test_curves_beyond_the_colours_have_other_dashes() -> None:
+def test_curves_beyond_the_colours_have_other_dashes():
     series = {f"curve {i}": [(0, 0.0, None, None), (1, i / 16, None, None)] for i in range(16)}
     lines = [line.get("class") for line in parse(charts.curves(series, "", "", "")).iter() if line.tag == "polyline"]
     assert len(lines) == len(set(lines)) == 16
 
 
-def test_a_scatter_has_a_whisker_for_each_interval_and_labels_that_do_not_overlap() -> None:
+def test_a_scatter_has_a_whisker_for_each_interval_and_labels_that_do_not_overlap():
     points = [(f"share {i}", (i / 10, i / 10 - 0.01, i / 10 + 0.01), (0.5, 0.4, 0.6)) for i in range(1, 6)]
     root = parse(charts.scatter({"a": points, "b": [("x", (0.3, None, None), (0.5, None, None))]}, "", "", ""))
     assert sum("whisker" in child.get("class", "") for child in root) == 2 * 5
@@ -692,7 +692,7 @@ def test_a_scatter_has_a_whisker_for_each_interval_and_labels_that_do_not_overla
     assert all(left + width / 2 <= right - other / 2 for (left, width), (right, other) in itertools.pairwise(ends))
 
 
-def test_profiles_name_the_best_first() -> None:
+def test_profiles_name_the_best_first():
     low, high = ([(0.0, share, None, None), (1.0, 0.0, None, None)] for share in (0.5, 1.0))
     root = parse(charts.profiles({"low": low, "high": high}, "", "", ""))
     named = {"".join(child.itertext()): float(child.get("y", "")) for child in root if child.tag == "text"}
@@ -700,14 +700,14 @@ def test_profiles_name_the_best_first() -> None:
 
 
 @pytest.mark.parametrize("kind", ["png", "pdf"])
-def test_figures_are_rendered_as_pictures_and_pages(kind: str) -> None:
+def test_figures_are_rendered_as_pictures_and_pages(kind):
     pytest.importorskip("typst", reason="needs the extra figures")
     svg = charts.figure("A title", [("", charts.reliability([(0.1, 0.2, 5)], ""))], chart_style())
     content = {"png": as_png, "pdf": as_pdf}[kind](svg)
     assert content.startswith({"png": b"\x89PNG", "pdf": b"%PDF"}[kind])
 
 
-def test_a_picture_has_the_colours_of_the_style() -> None:
+def test_a_picture_has_the_colours_of_the_style():
     """Classes are resolved by the renderer: a curve is blue, not black."""
     pytest.importorskip("typst", reason="needs the extra figures")
     image = pytest.importorskip("PIL.Image")
@@ -718,7 +718,7 @@ def test_a_picture_has_the_colours_of_the_style() -> None:
     assert (255, 255, 255) in colours
 
 
-def test_without_the_extra_the_error_names_it(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_the_extra_the_error_names_it(monkeypatch):
     monkeypatch.setitem(sys.modules, "typst", None)
     with pytest.raises(MissingExtraError, match=r"wordcraft-kg\[figures\]"):
         as_png("<svg/>")

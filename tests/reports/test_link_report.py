@@ -9,7 +9,6 @@ import subprocess
 import sys
 from dataclasses import replace
 from html.parser import HTMLParser
-from pathlib import Path
 from typing import Any
 
 import jsonschema
@@ -67,25 +66,25 @@ def with_view(report: LinkReport, **changes: Any) -> LinkReport:
 
 
 @pytest.fixture
-def values(kitchen_report: LinkReport) -> Values:
+def values(kitchen_report):
     """The report's numbers, for a test to break."""
     return values_of(kitchen_report)
 
 
 @pytest.fixture(autouse=True)
-def no_map(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+def no_map(request, monkeypatch):
     """Leave out the map, which takes half of the time; shared reports and those of tests with ``real_map`` have it."""
     if "real_map" not in request.fixturenames:
         monkeypatch.setattr("wordcraft_kg.reports.link_report._map", lambda *_: "")
 
 
 @pytest.fixture
-def real_map() -> None:
+def real_map():
     pass
 
 
 @pytest.fixture(scope="module")
-def whole_report(kitchen_model: Model) -> LinkReport:
+def whole_report(kitchen_model):
     """Of the model of all train recipes, without its folds."""
     return make_link_report(kitchen_model.scorer.whole, kitchen_model.opened)
 
@@ -105,20 +104,20 @@ ALL_PASS = {"leak": True, "mirror": True, "graph": True, "coverage": True}
 # --- the schema ------------------------------------------------------------------------------------------------------
 
 
-def test_the_reports_values_are_valid(values: Values, full_report: LinkReport):
+def test_the_reports_values_are_valid(values, full_report):
     SCHEMA.check_schema(report_schema())
     SCHEMA.validate(values)
     SCHEMA.validate(values_of(full_report))
 
 
-def test_the_schema_requires_every_key_of_the_report(values: Values):
+def test_the_schema_requires_every_key_of_the_report(values):
     for key in list(values):
         broken = {name: value for name, value in values.items() if name != key}
         with pytest.raises(jsonschema.ValidationError, match=key):
             SCHEMA.validate(broken)
 
 
-def test_the_schema_knows_no_other_keys(values: Values):
+def test_the_schema_knows_no_other_keys(values):
     for place in (values, values["model"], values["graph"], values["metrics"]["all"], values["best"][0]):
         place["surprise"] = 1
         with pytest.raises(jsonschema.ValidationError, match="surprise"):
@@ -142,7 +141,7 @@ def test_the_schema_knows_no_other_keys(values: Values):
         (("format",), "something else"),
     ],
 )
-def test_a_value_out_of_range_is_not_valid(values: Values, path: tuple, value: Any):
+def test_a_value_out_of_range_is_not_valid(values, path, value):
     place = values
     for key in path[:-1]:
         place = place[key]
@@ -152,9 +151,7 @@ def test_a_value_out_of_range_is_not_valid(values: Values, path: tuple, value: A
 
 
 @pytest.mark.parametrize("number", [float("nan"), float("inf"), 1.5, np.float64(0.5), "0.5", None])
-def test_a_report_with_a_value_that_its_type_does_not_have_is_not_written(
-    kitchen_report: LinkReport, tmp_path: Path, number: Any
-):
+def test_a_report_with_a_value_that_its_type_does_not_have_is_not_written(kitchen_report, tmp_path, number):
     broken = with_view(
         kitchen_report, ties=msgspec.structs.replace(kitchen_report.view.ties, optimistic=RankingMetrics(number))
     )
@@ -163,7 +160,7 @@ def test_a_report_with_a_value_that_its_type_does_not_have_is_not_written(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_share_above_one_is_refused_by_name(kitchen_report: LinkReport, tmp_path: Path):
+def test_a_share_above_one_is_refused_by_name(kitchen_report, tmp_path):
     with pytest.raises(ValueError, match="mrr"):
         write_report(with_view(kitchen_report, with_leaked=RankingMetrics(3, mrr=1.5)), tmp_path / "report")
 
@@ -171,7 +168,7 @@ def test_a_share_above_one_is_refused_by_name(kitchen_report: LinkReport, tmp_pa
 # --- the numbers -----------------------------------------------------------------------------------------------------
 
 
-def test_the_headline_is_the_filtered_ranking_of_unseen_triples(values: Values, kitchen_model: Model):
+def test_the_headline_is_the_filtered_ranking_of_unseen_triples(values, kitchen_model):
     split, graph = kitchen_model.opened.split, kitchen_model.opened.graph
     queries = split.held_out("test")
     assert not is_in(queries, split.partial, graph.num_entities).any()
@@ -182,7 +179,7 @@ def test_the_headline_is_the_filtered_ranking_of_unseen_triples(values: Values, 
     assert found["mrr_ci"][0] <= found["mrr"] <= found["mrr_ci"][1]
 
 
-def test_slices_add_up_to_the_headline(values: Values):
+def test_slices_add_up_to_the_headline(values):
     metrics = values["metrics"]
     for parts in (RELATIONS, [f"{name}, predict {side}" for name in RELATIONS for side in ("head", "tail")]):
         assert sum(metrics[name]["queries"] for name in parts) == values["queries"]
@@ -190,7 +187,7 @@ def test_slices_add_up_to_the_headline(values: Values):
         assert total / values["queries"] == pytest.approx(metrics["all"]["mrr"])
 
 
-def test_with_leaked_is_the_ranking_of_all_triples_of_the_test_recipes(values: Values, kitchen_model: Model):
+def test_with_leaked_is_the_ranking_of_all_triples_of_the_test_recipes(values, kitchen_model):
     split, graph = kitchen_model.opened.split, kitchen_model.opened.graph
     candidates = split.triples_of("test")
     expected = as_values(ranking_metrics(rank_triples(kitchen_model.scorer, candidates, graph.triples)))
@@ -198,9 +195,7 @@ def test_with_leaked_is_the_ranking_of_all_triples_of_the_test_recipes(values: V
     assert values["leaked_left_out"] == len(candidates) - values["triples"] > 0
 
 
-def test_the_baselines_are_frequency_votes_and_neighbours_in_train_and_expected_chance(
-    values: Values, kitchen_model: Model
-):
+def test_the_baselines_are_frequency_votes_and_neighbours_in_train_and_expected_chance(values, kitchen_model):
     split, graph = kitchen_model.opened.split, kitchen_model.opened.graph
     baselines = {
         "frequency": FrequencyScorer(graph, split.partial),
@@ -217,13 +212,13 @@ def test_the_baselines_are_frequency_votes_and_neighbours_in_train_and_expected_
     assert set(values["baselines"]["frequency"]) == set(values["baselines"]["random"]) == set(values["metrics"])
 
 
-def test_every_slice_of_the_drill_down_has_an_interval(values: Values):
+def test_every_slice_of_the_drill_down_has_an_interval(values):
     for rows in values["drill_down"].values():
         assert rows
         assert all(row["mrr_ci"][0] <= row["mrr"] <= row["mrr_ci"][1] for row in rows)
 
 
-def test_the_model_is_compared_with_each_baseline_query_by_query(values: Values, kitchen_model: Model):
+def test_the_model_is_compared_with_each_baseline_query_by_query(values, kitchen_model):
     comparisons = values["comparisons"]
     found = {name: values["baselines"][name]["all"]["mrr"] for name in ("neighbours", "votes", "frequency", "random")}
     assert [row["baseline"] for row in comparisons] == sorted(found, key=found.get, reverse=True)
@@ -252,9 +247,7 @@ def test_the_model_is_compared_with_each_baseline_query_by_query(values: Values,
         (lambda graph, split: SymbolicScorer(graph, split.partial), "below", None),
     ],
 )
-def test_the_first_line_says_where_the_model_stands_against_the_best_baseline(
-    kitchen_model: Model, make: Any, verdict: str, baseline: str | None
-):
+def test_the_first_line_says_where_the_model_stands_against_the_best_baseline(kitchen_model, make, verdict, baseline):
     opened = kitchen_model.opened
     report = make_link_report(make(opened.graph, opened.split), opened)
     best = report.view.comparisons[0]
@@ -266,13 +259,13 @@ def test_the_first_line_says_where_the_model_stands_against_the_best_baseline(
     assert f"{best.difference:+.3f} [{best.ci[0]:.3f}, {best.ci[1]:.3f}]" in text
 
 
-def test_ties_and_unfiltered_ranks_surround_the_headline(values: Values):
+def test_ties_and_unfiltered_ranks_surround_the_headline(values):
     ties, mrr = values["ties"], values["metrics"]["all"]["mrr"]
     assert ties["pessimistic"]["mrr"] <= mrr <= ties["optimistic"]["mrr"]
     assert ties["raw_rank"]["mrr"] < mrr
 
 
-def test_drill_downs_part_the_queries(values: Values):
+def test_drill_downs_part_the_queries(values):
     drill_down = values["drill_down"]
     for name in ("seen_in_train", "layer", "near_synonyms"):
         assert sum(row["queries"] for row in drill_down[name]) == values["queries"]
@@ -280,7 +273,7 @@ def test_drill_downs_part_the_queries(values: Values):
     assert sum(row["queries"] for row in drill_down["self_combination"]) == symmetric
 
 
-def test_the_slices_by_near_synonyms_are_ranked_apart(values: Values, kitchen_report: LinkReport, kitchen_model: Model):
+def test_the_slices_by_near_synonyms_are_ranked_apart(values, kitchen_report, kitchen_model):
     graph, split = kitchen_model.opened.graph, kitchen_model.opened.split
     recipes = near_synonym_recipes(split, glove_features(graph.entities))
     repeated = {tuple(row) for row in recipe_triples(graph.recipes[recipes]).tolist()}
@@ -297,7 +290,7 @@ def test_the_slices_by_near_synonyms_are_ranked_apart(values: Values, kitchen_re
     assert summary_of(kitchen_report)["mrr_without_near_synonyms"] == without["mrr"]
 
 
-def test_without_any_near_synonym_there_is_no_slice_that_looks_like_a_clean_bill(kitchen_model: Model):
+def test_without_any_near_synonym_there_is_no_slice_that_looks_like_a_clean_bill(kitchen_model):
     by_goal = make_split(kitchen_model.opened.graph, SplitConfig("by-goal"))
     opened = OpenedGraph(by_goal.graph, by_goal, "kitchen")
     report = make_link_report(FrequencyScorer(by_goal.graph, by_goal.partial), opened)
@@ -305,7 +298,7 @@ def test_without_any_near_synonym_there_is_no_slice_that_looks_like_a_clean_bill
     assert summary_of(report)["mrr_without_near_synonyms"] is None
 
 
-def test_the_histogram_parts_the_queries_of_each_relation(values: Values):
+def test_the_histogram_parts_the_queries_of_each_relation(values):
     histogram = values["histogram"]
     for relation in RELATIONS:
         assert len(histogram["shares"][relation]) == len(histogram["bins"])
@@ -313,14 +306,14 @@ def test_the_histogram_parts_the_queries_of_each_relation(values: Values):
         assert histogram["shares"][relation][0] == pytest.approx(values["metrics"][relation]["hits@1"])
 
 
-def test_best_and_worst_are_the_ends_of_the_ranking(values: Values, kitchen_report: LinkReport):
+def test_best_and_worst_are_the_ends_of_the_ranking(values, kitchen_report):
     ranks = sorted(kitchen_report.tables["ranks.csv"]["rank"])
     assert [row["rank"] for row in values["best"]] == ranks[: len(values["best"])]
     assert [row["rank"] for row in values["worst"]] == ranks[::-1][: len(values["worst"])]
     assert len(values["best"]) == len(values["worst"]) > 0
 
 
-def test_perhaps_missing_lists_the_best_triples_that_the_graph_lacks(values: Values, kitchen_model: Model):
+def test_perhaps_missing_lists_the_best_triples_that_the_graph_lacks(values, kitchen_model):
     graph, scorer = kitchen_model.opened.graph, kitchen_model.scorer
     known = {tuple(triple) for triple in graph.triples.tolist()}
     table = scorer.table(COMPONENT_OF).numpy()
@@ -345,7 +338,7 @@ def test_perhaps_missing_lists_the_best_triples_that_the_graph_lacks(values: Val
     assert len(set(symmetric)) == len(symmetric) > 0
 
 
-def test_an_entity_is_never_listed_as_missing_from_itself(kitchen_model: Model):
+def test_an_entity_is_never_listed_as_missing_from_itself(kitchen_model):
     graph = kitchen_model.opened.graph
     scores = torch.eye(graph.num_entities).repeat(2, 1, 1)
     listed = values_of(make_link_report(TableScorer(scores, graph.entities, graph.hash), kitchen_model.opened))
@@ -353,7 +346,7 @@ def test_an_entity_is_never_listed_as_missing_from_itself(kitchen_model: Model):
     assert all(row["head"] != row["tail"] for row in listed["perhaps_missing"])
 
 
-def test_self_edges_count_the_entities_that_are_their_own_best_answer(kitchen_model: Model):
+def test_self_edges_count_the_entities_that_are_their_own_best_answer(kitchen_model):
     graph = kitchen_model.opened.graph
     scores = torch.zeros(2, graph.num_entities, graph.num_entities)
     scores[COMBINES_WITH].fill_diagonal_(1.0)
@@ -365,7 +358,7 @@ def test_self_edges_count_the_entities_that_are_their_own_best_answer(kitchen_mo
     assert found["really_combines_with_itself"] == pytest.approx(sum(a == b for a, b in pairs) / graph.num_entities)
 
 
-def test_neighbours_are_other_entities(values: Values, kitchen_model: Model):
+def test_neighbours_are_other_entities(values, kitchen_model):
     assert len(values["neighbours"]) == 10
     for row in values["neighbours"]:
         assert row["entity"] not in row["neighbours"]
@@ -374,7 +367,7 @@ def test_neighbours_are_other_entities(values: Values, kitchen_model: Model):
 
 
 @pytest.fixture(scope="module")
-def constant_reports(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def constant_reports(tmp_path_factory):
     """Reports of constant scorers, by score; in another process, which equal points in a map might end."""
     code = """
 import sys
@@ -398,14 +391,14 @@ for score in (0.5, 0.1):
 
 
 @pytest.mark.parametrize("score", ["0.5", "0.1"])
-def test_a_constant_scorer_is_reported_as_no_better_than_chance(constant_reports: Path, score: str):
+def test_a_constant_scorer_is_reported_as_no_better_than_chance(constant_reports, score):
     values = json.loads((constant_reports / score / "report.json").read_text())
     SCHEMA.validate(values)
     assert values["metrics"]["all"]["hits@1"] == 0
     assert values["metrics"]["all"]["amri"] == pytest.approx(0, abs=1e-9)
 
 
-def test_the_summary_holds_the_headline_by_relation(values: Values, kitchen_report: LinkReport):
+def test_the_summary_holds_the_headline_by_relation(values, kitchen_report):
     summary = summary_of(kitchen_report)
     for metric in ("mrr", "hits@1", "hits@3", "hits@10"):
         assert summary[metric] == {name: values["metrics"][name][metric] for name in ("all", *RELATIONS)}
@@ -419,11 +412,11 @@ def test_the_summary_holds_the_headline_by_relation(values: Values, kitchen_repo
 # --- the checks ------------------------------------------------------------------------------------------------------
 
 
-def test_every_check_passes_on_an_honest_split(values: Values):
+def test_every_check_passes_on_an_honest_split(values):
     assert checks(values) == ALL_PASS
 
 
-def test_a_leaked_test_triple_fails_the_leak_check(kitchen_model: Model, monkeypatch: pytest.MonkeyPatch):
+def test_a_leaked_test_triple_fails_the_leak_check(kitchen_model, monkeypatch):
     split = kitchen_model.opened.split
     honest = split.held_out("test")
     leaked = next(t for t in split.partial.tolist() if t[1] == COMPONENT_OF)
@@ -437,7 +430,7 @@ def test_a_leaked_test_triple_fails_the_leak_check(kitchen_model: Model, monkeyp
     assert not summary_of(report)["checks_passed"]
 
 
-def test_ranking_all_test_candidates_fails_the_leak_check(kitchen_model: Model, monkeypatch: pytest.MonkeyPatch):
+def test_ranking_all_test_candidates_fails_the_leak_check(kitchen_model, monkeypatch):
     monkeypatch.setattr(Split, "held_out", lambda self, part: self.triples_of(part))
     values = values_of(made(kitchen_model))
     leaked = is_in(
@@ -449,7 +442,7 @@ def test_ranking_all_test_candidates_fails_the_leak_check(kitchen_model: Model, 
     assert detail(values, "leak") == f"{leaked.sum()} found"
 
 
-def test_a_mirror_in_train_fails_the_mirror_check(kitchen_model: Model, monkeypatch: pytest.MonkeyPatch):
+def test_a_mirror_in_train_fails_the_mirror_check(kitchen_model, monkeypatch):
     split = kitchen_model.opened.split
     given_away = next(t for t in split.held_out("test").tolist() if t[1] == COMBINES_WITH and t[0] != t[2])
     # The mirror is put into train, and the triple itself remains the only one of the two that is evaluated.
@@ -461,14 +454,14 @@ def test_a_mirror_in_train_fails_the_mirror_check(kitchen_model: Model, monkeypa
     assert checks(values) == ALL_PASS | {"mirror": False}
 
 
-def test_a_scorer_of_another_graph_fails_the_graph_check(kitchen_model: Model):
+def test_a_scorer_of_another_graph_fails_the_graph_check(kitchen_model):
     graph = kitchen_model.opened.graph
     scores = torch.stack([kitchen_model.scorer.table(relation) for relation in RELATIONS])
     foreign = TableScorer(scores, graph.entities, "0" * 64)
     assert not checks(values_of(make_link_report(foreign, kitchen_model.opened)))["graph"]
 
 
-def test_entities_that_training_lacks_fail_the_coverage_check(kitchen_model: Model):
+def test_entities_that_training_lacks_fail_the_coverage_check(kitchen_model):
     graph = kitchen_model.opened.graph
     split = make_split(graph, SplitConfig(kind="by-recipe-plain", train_ratio=0.3))
     assert len(split.uncovered)
@@ -478,7 +471,7 @@ def test_entities_that_training_lacks_fail_the_coverage_check(kitchen_model: Mod
 
 
 @pytest.mark.parametrize("kind", ["by-recipe", "by-recipe-plain", "by-slot", "by-goal", "by-goal-terminals"])
-def test_a_report_of_every_split_is_valid_and_free_of_leaks(kitchen_model: Model, kind: str):
+def test_a_report_of_every_split_is_valid_and_free_of_leaks(kitchen_model, kind):
     graph = kitchen_model.opened.graph
     split = make_split(graph, SplitConfig(kind=kind, train_ratio=0.5, valid_ratio=0.1))
     report = make_link_report(FrequencyScorer(graph, split.partial), OpenedGraph(graph, split, kind))
@@ -487,7 +480,7 @@ def test_a_report_of_every_split_is_valid_and_free_of_leaks(kitchen_model: Model
     assert Page(render(report)).faults == []
 
 
-def test_fewer_than_thirty_unseen_triples_are_an_error_that_suggests_another_ratio(kitchen_model: Model):
+def test_fewer_than_thirty_unseen_triples_are_an_error_that_suggests_another_ratio(kitchen_model):
     graph = kitchen_model.opened.graph
     split = make_split(graph, SplitConfig(train_ratio=0.99))
     assert 0 < len(split.held_out("test")) < 30
@@ -495,7 +488,7 @@ def test_fewer_than_thirty_unseen_triples_are_an_error_that_suggests_another_rat
         make_link_report(FrequencyScorer(graph, split.partial), OpenedGraph(graph, split, "few"))
 
 
-def test_a_graph_without_a_split_has_nothing_to_report_but_memory(kitchen_model: Model):
+def test_a_graph_without_a_split_has_nothing_to_report_but_memory(kitchen_model):
     graph = kitchen_model.opened.graph
     opened = OpenedGraph(graph, make_split(graph, SplitConfig(kind="none")), "unsplit")
     with pytest.raises(SplitError, match="only 0 unseen"):
@@ -508,26 +501,24 @@ def test_a_graph_without_a_split_has_nothing_to_report_but_memory(kitchen_model:
 # --- the full graph --------------------------------------------------------------------------------------------------
 
 
-def test_a_report_of_the_full_graph_is_marked_as_having_seen_the_data(
-    full_report: LinkReport, kitchen_report: LinkReport
-):
+def test_a_report_of_the_full_graph_is_marked_as_having_seen_the_data(full_report, kitchen_report):
     assert values_of(full_report)["model"]["has_seen_the_test_recipes"]
     assert not values_of(kitchen_report)["model"]["has_seen_the_test_recipes"]
     assert summary_of(full_report)["has_seen_the_test_recipes"]
 
 
-def test_a_report_of_the_full_graph_asks_for_all_its_triples(full_report: LinkReport, kitchen_model: Model):
+def test_a_report_of_the_full_graph_asks_for_all_its_triples(full_report, kitchen_model):
     values, graph = values_of(full_report), kitchen_model.opened.graph
     assert values["triples"] == len(graph.triples)
     assert values["leaked_left_out"] == 0
     assert values["with_leaked"]["mrr"] == values["metrics"]["all"]["mrr"]
 
 
-def test_a_model_of_the_full_graph_is_not_asked_about_leaks(full_report: LinkReport):
+def test_a_model_of_the_full_graph_is_not_asked_about_leaks(full_report):
     assert checks(values_of(full_report)) == {"graph": True, "coverage": True}
 
 
-def test_the_page_of_the_full_graph_says_that_it_measures_memory(full_report: LinkReport, kitchen_report: LinkReport):
+def test_the_page_of_the_full_graph_says_that_it_measures_memory(full_report, kitchen_report):
     full, partial = text_of(render(full_report)), text_of(render(kitchen_report))
     assert "Memory, not prediction" in full
     assert "what it remembers" in full
@@ -577,11 +568,11 @@ def text_of(html: str) -> str:
 
 
 @pytest.fixture(scope="module", params=["partial", "full"])
-def html(request: pytest.FixtureRequest) -> str:
+def html(request):
     return render(request.getfixturevalue({"partial": "kitchen_report", "full": "full_report"}[request.param]))
 
 
-def test_the_page_is_balanced_html(html: str):
+def test_the_page_is_balanced_html(html):
     page = Page(html)
     assert (page.faults, page.open) == ([], [])
     assert {"html", "head", "title", "body", "table", "svg"} <= set(page.tags)
@@ -592,7 +583,7 @@ def test_a_page_with_a_fault_is_noticed():
     assert Page("<div>").open
 
 
-def test_the_page_needs_nothing_from_elsewhere(html: str):
+def test_the_page_needs_nothing_from_elsewhere(html):
     page = Page(html)
     beside = {"report.json", "ranks.csv"}
     links = [
@@ -606,7 +597,7 @@ def test_the_page_needs_nothing_from_elsewhere(html: str):
     assert not {"link", "iframe", "object", "embed", "base"} & set(page.tags)
 
 
-def test_the_page_is_complete_without_its_one_script_and_no_other_may_run(html: str):
+def test_the_page_is_complete_without_its_one_script_and_no_other_may_run(html):
     policy = re.search(r'content="(default-src [^"]+)"', html)[1]
     assert "default-src 'none'" in policy
     scripts = re.findall(r"<script>(.*?)</script>", html, re.DOTALL)
@@ -621,7 +612,7 @@ def test_the_page_is_complete_without_its_one_script_and_no_other_may_run(html: 
     assert kinds == ["application/json"] * (page.tags.count("script") - 1)
 
 
-def test_each_section_has_an_anchor_that_the_contents_lead_to(html: str):
+def test_each_section_has_an_anchor_that_the_contents_lead_to(html):
     page = Page(html)
     ids = [value for _, name, value in page.attributes if name == "id"]
     assert len(ids) == len(set(ids))
@@ -631,7 +622,7 @@ def test_each_section_has_an_anchor_that_the_contents_lead_to(html: str):
     assert page.tags.count("main") == 1
 
 
-def test_a_table_that_may_be_too_wide_can_be_scrolled_by_keyboard_and_has_a_name_of_its_own(html: str):
+def test_a_table_that_may_be_too_wide_can_be_scrolled_by_keyboard_and_has_a_name_of_its_own(html):
     regions = re.findall(r'<div class="scroll"([^>]*)>', html)
     assert html.count("<table") == html.count("<table", html.index("<main"))
     assert len(regions) >= html.count("<table")
@@ -640,14 +631,14 @@ def test_a_table_that_may_be_too_wide_can_be_scrolled_by_keyboard_and_has_a_name
     assert len(names) == len(set(names))
 
 
-def test_words_with_a_tooltip_are_explained_at_the_end(html: str):
+def test_words_with_a_tooltip_are_explained_at_the_end(html):
     meanings = set(re.findall(r'<abbr title="([^"]+)"', html))
     words = html[html.index('<h2 id="words"') :]
     assert len(meanings) > 8
     assert all(f"<dd>{meaning}</dd>" in words for meaning in meanings)
 
 
-def test_all_ranks_can_be_searched_in_the_page(kitchen_report: LinkReport, monkeypatch: pytest.MonkeyPatch):
+def test_all_ranks_can_be_searched_in_the_page(kitchen_report, monkeypatch):
     html = render(kitchen_report)
     data = json.loads(re.search(r'id="ranks-data">(.*?)</script>', html, re.DOTALL)[1])
     table = kitchen_report.tables["ranks.csv"]
@@ -660,16 +651,14 @@ def test_all_ranks_can_be_searched_in_the_page(kitchen_report: LinkReport, monke
     assert [row[-1] for row in found] == sorted(row[-1] for row in found)
 
 
-def test_more_ranks_than_a_page_should_hold_are_in_the_table_only(
-    kitchen_model: Model, monkeypatch: pytest.MonkeyPatch
-):
+def test_more_ranks_than_a_page_should_hold_are_in_the_table_only(kitchen_model, monkeypatch):
     monkeypatch.setattr("wordcraft_kg.reports.link_report.SEARCHABLE", 10)
     html = render(made(kitchen_model))
     assert "ranks-data" not in re.sub(r"<script>.*?</script>", "", html, flags=re.DOTALL)
     assert 'href="ranks.csv"' in html
 
 
-def test_the_groups_of_the_map_are_named_after_their_most_used_entity(kitchen_report: LinkReport):
+def test_the_groups_of_the_map_are_named_after_their_most_used_entity(kitchen_report):
     html = render(kitchen_report)
     legend = re.search(r'<ul class="legend".*?</ul>', html, re.DOTALL)[0]
     sizes = [int(size) for size in re.findall(r'<span class="ci">(\d+)</span>', legend)]
@@ -682,7 +671,7 @@ def test_the_groups_of_the_map_are_named_after_their_most_used_entity(kitchen_re
         assert communities.group_of[graph.id_of(name)] == number
 
 
-def test_every_picture_has_a_description(html: str):
+def test_every_picture_has_a_description(html):
     page = Page(html)
     described = [
         name for tag, name, value in page.attributes if (tag, name) in (("svg", "aria-label"), ("img", "alt")) and value
@@ -691,7 +680,7 @@ def test_every_picture_has_a_description(html: str):
     assert len(described) == page.tags.count("svg") + page.tags.count("img") - keys > 3
 
 
-def test_the_page_shows_the_headline_the_baseline_and_the_leak_check(kitchen_report: LinkReport):
+def test_the_page_shows_the_headline_the_baseline_and_the_leak_check(kitchen_report):
     text, values = text_of(render(kitchen_report)), values_of(kitchen_report)
     for number in (
         values["metrics"]["all"]["mrr"],
@@ -705,14 +694,14 @@ def test_the_page_shows_the_headline_the_baseline_and_the_leak_check(kitchen_rep
     assert "FAIL" not in text
 
 
-def test_a_failed_check_is_shown_as_failed(kitchen_report: LinkReport):
+def test_a_failed_check_is_shown_as_failed(kitchen_report):
     passed = kitchen_report.view.checks
     for check in passed:
         failed = [msgspec.structs.replace(other, passed=other is not check) for other in passed]
         assert f"FAIL {check.name}" in text_of(render(with_view(kitchen_report, checks=tuple(failed))))
 
 
-def test_the_page_shows_the_curves_of_the_training(kitchen_model: Model):
+def test_the_page_shows_the_curves_of_the_training(kitchen_model):
     trace = [
         TraceRow(epoch=1, loss=3.0, seconds=0.1),
         TraceRow(epoch=2, loss=2.0, valid_mrr=0.25, seconds=0.1),
@@ -726,21 +715,21 @@ def test_the_page_shows_the_curves_of_the_training(kitchen_model: Model):
 
 
 @pytest.fixture(scope="module")
-def large_report(kitchen_model: Model) -> LinkReport:
+def large_report(kitchen_model):
     """Of a graph that has too many entities for the scores of all pairs."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("wordcraft_kg.evaluation.ranked_links.MAP_LIMIT", kitchen_model.opened.graph.num_entities - 1)
         return made(kitchen_model)
 
 
-def test_a_large_graph_has_a_report_without_the_map(large_report: LinkReport):
+def test_a_large_graph_has_a_report_without_the_map(large_report):
     assert set(large_report.pictures) == {"baselines", "ranks", "calibration"}
     assert set(large_report.view.baselines) == {"frequency", "random"}
     SCHEMA.validate(values_of(large_report))
     assert Page(render(large_report)).faults == []
 
 
-def test_a_large_graph_has_a_report_that_says_what_it_leaves_out(kitchen_report: LinkReport, large_report: LinkReport):
+def test_a_large_graph_has_a_report_that_says_what_it_leaves_out(kitchen_report, large_report):
     assert "this report has no neighbour and vote baselines" not in " ".join(render(kitchen_report).split())
     assert large_report.view.without_pairs
     assert "this report has no neighbour and vote baselines" in " ".join(render(large_report).split())
@@ -749,7 +738,7 @@ def test_a_large_graph_has_a_report_that_says_what_it_leaves_out(kitchen_report:
 # --- a sample of the queries -----------------------------------------------------------------------------------------
 
 
-def test_of_more_queries_than_asked_for_a_uniform_sample_is_ranked_and_said_so(kitchen_model: Model):
+def test_of_more_queries_than_asked_for_a_uniform_sample_is_ranked_and_said_so(kitchen_model):
     held_out = kitchen_model.opened.split.held_out("test")
     report = made(kitchen_model, max_queries=80)
     assert (report.view.queries, report.view.triples, report.view.sampled_from) == (80, 40, len(held_out))
@@ -764,7 +753,7 @@ def test_of_more_queries_than_asked_for_a_uniform_sample_is_ranked_and_said_so(k
     pd.testing.assert_frame_equal(again.tables["ranks.csv"], report.tables["ranks.csv"])
 
 
-def test_samples_get_on_average_what_all_queries_get(kitchen_model: Model, values: Values):
+def test_samples_get_on_average_what_all_queries_get(kitchen_model, values):
     samples = [
         ranking_metrics(rank_links(kitchen_model.scorer, kitchen_model.opened, max_queries=80, seed=seed).ranks).mrr
         for seed in range(100)
@@ -775,12 +764,12 @@ def test_samples_get_on_average_what_all_queries_get(kitchen_model: Model, value
 
 
 @pytest.mark.parametrize("max_queries", [-1, 59])
-def test_a_sample_too_small_for_a_figure_is_refused(kitchen_model: Model, max_queries: int):
+def test_a_sample_too_small_for_a_figure_is_refused(kitchen_model, max_queries):
     with refuses("max_queries"):
         made(kitchen_model, max_queries=max_queries)
 
 
-def test_labels_are_escaped_wherever_they_are_shown(awkward_graph: OpenedGraph, tmp_path: Path):
+def test_labels_are_escaped_wherever_they_are_shown(awkward_graph, tmp_path):
     graph, split = awkward_graph.graph, awkward_graph.split
     scorer = FrequencyScorer(graph, split.partial)
     name = '</title><script>alert("1")</script>'
@@ -801,14 +790,14 @@ def test_labels_are_escaped_wherever_they_are_shown(awkward_graph: OpenedGraph, 
 # --- the files -------------------------------------------------------------------------------------------------------
 
 
-def test_a_report_is_three_files(report_folder: Path, kitchen_report: LinkReport):
+def test_a_report_is_three_files(report_folder, kitchen_report):
     assert sorted(path.name for path in report_folder.iterdir()) == ["index.html", "ranks.csv", "report.json"]
     written = json.loads((report_folder / "report.json").read_text(encoding="utf-8"))
     SCHEMA.validate(written)
     assert written == values_of(kitchen_report)
 
 
-def test_the_table_of_ranks_has_a_row_a_query_and_gives_the_headline(report_folder: Path, values: Values):
+def test_the_table_of_ranks_has_a_row_a_query_and_gives_the_headline(report_folder, values):
     ranks = pd.read_csv(report_folder / "ranks.csv", keep_default_na=False)
     assert len(ranks) == values["queries"]
     assert (1 / ranks["rank"]).mean() == pytest.approx(values["metrics"]["all"]["mrr"], rel=1e-6)
@@ -817,7 +806,7 @@ def test_the_table_of_ranks_has_a_row_a_query_and_gives_the_headline(report_fold
         assert (1 / part["rank"]).mean() == pytest.approx(values["metrics"][relation]["mrr"], rel=1e-6)
 
 
-def test_the_table_of_ranks_names_triples_of_the_graph(report_folder: Path, kitchen_model: Model):
+def test_the_table_of_ranks_names_triples_of_the_graph(report_folder, kitchen_model):
     ranks = pd.read_csv(report_folder / "ranks.csv", keep_default_na=False)
     graph, split = kitchen_model.opened.graph, kitchen_model.opened.split
     named = {
@@ -828,7 +817,7 @@ def test_the_table_of_ranks_names_triples_of_the_graph(report_folder: Path, kitc
     assert set(ranks["side"]) == {"head", "tail"}
 
 
-def test_awkward_labels_come_back_from_the_table_of_ranks(awkward_graph: OpenedGraph, tmp_path: Path):
+def test_awkward_labels_come_back_from_the_table_of_ranks(awkward_graph, tmp_path):
     graph, split = awkward_graph.graph, awkward_graph.split
     write_report(make_link_report(FrequencyScorer(graph, split.partial), awkward_graph), tmp_path / "report")
     ranks = pd.read_csv(tmp_path / "report" / "ranks.csv", keep_default_na=False)
@@ -837,14 +826,14 @@ def test_awkward_labels_come_back_from_the_table_of_ranks(awkward_graph: OpenedG
 
 
 @pytest.mark.usefixtures("real_map")
-def test_the_same_inputs_give_the_same_bytes(kitchen_model: Model, report_folder: Path, tmp_path: Path):
+def test_the_same_inputs_give_the_same_bytes(kitchen_model, report_folder, tmp_path):
     again = made(kitchen_model, name="kitchen", provenance=kitchen_model.provenance, trace=kitchen_model.trace)
     write_report(again, tmp_path / "report")
     for name in ("report.json", "ranks.csv", "index.html"):
         assert (tmp_path / "report" / name).read_bytes() == (report_folder / name).read_bytes(), name
 
 
-def test_the_seed_moves_the_interval_but_not_the_headline(kitchen_model: Model, values: Values):
+def test_the_seed_moves_the_interval_but_not_the_headline(kitchen_model, values):
     other = values_of(made(kitchen_model, seed=1))
     assert other["metrics"]["all"]["mrr"] == values["metrics"]["all"]["mrr"]
     assert other["metrics"]["all"]["mrr_ci"] != values["metrics"]["all"]["mrr_ci"]
@@ -852,7 +841,7 @@ def test_the_seed_moves_the_interval_but_not_the_headline(kitchen_model: Model, 
 
 
 @pytest.mark.usefixtures("real_map")
-def test_making_a_report_leaves_the_global_generators_as_they_were(kitchen_model: Model):
+def test_making_a_report_leaves_the_global_generators_as_they_were(kitchen_model):
     import random
 
     before = random.getstate(), np.random.get_state()[1].tobytes(), torch.get_rng_state().tolist()  # noqa: NPY002
@@ -861,7 +850,7 @@ def test_making_a_report_leaves_the_global_generators_as_they_were(kitchen_model
     assert after == before
 
 
-def test_a_report_is_not_overwritten_unless_forced(kitchen_report: LinkReport, full_report: LinkReport, tmp_path: Path):
+def test_a_report_is_not_overwritten_unless_forced(kitchen_report, full_report, tmp_path):
     write_report(kitchen_report, tmp_path / "report")
     with pytest.raises(OutputExistsError):
         write_report(full_report, tmp_path / "report")
@@ -870,9 +859,7 @@ def test_a_report_is_not_overwritten_unless_forced(kitchen_report: LinkReport, f
     assert json.loads((tmp_path / "report" / "report.json").read_text())["model"]["name"] == "kitchen-full"
 
 
-def test_an_earlier_report_stays_when_writing_fails(
-    kitchen_report: LinkReport, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_an_earlier_report_stays_when_writing_fails(kitchen_report, tmp_path, monkeypatch):
     write_report(kitchen_report, tmp_path / "report")
     before = (tmp_path / "report" / "report.json").read_bytes()
 
@@ -886,7 +873,7 @@ def test_an_earlier_report_stays_when_writing_fails(
     assert [path.name for path in tmp_path.iterdir()] == ["report"]
 
 
-def test_numbers_in_the_report_are_plain(values: Values):
+def test_numbers_in_the_report_are_plain(values):
     def leaves(value: Any) -> list[Any]:
         if isinstance(value, dict):
             return [leaf for part in value.values() for leaf in leaves(part)]
@@ -901,7 +888,9 @@ def test_numbers_in_the_report_are_plain(values: Values):
 
 
 def test_a_cross_fitted_model_shows_what_it_remembers_beside_what_it_can_tell(
-    kitchen_model: Model, kitchen_report: LinkReport, values: Values, whole_report: LinkReport, full_report: LinkReport
+    kitchen_model, kitchen_report, values, whole_report, full_report
+):
+    kitchen_model, kitchen_report, values, whole_report, full_report
 ):
     memory, record = values["memory"], kitchen_model.scorer.record
     assert memory == {
@@ -923,7 +912,7 @@ def test_a_cross_fitted_model_shows_what_it_remembers_beside_what_it_can_tell(
 # --- probabilities ---------------------------------------------------------------------------------------------------
 
 
-def test_predicted_probabilities_are_compared_with_the_recipes_outside_train(kitchen_model: Model, values: Values):
+def test_predicted_probabilities_are_compared_with_the_recipes_outside_train(kitchen_model, values):
     opened, scorer = kitchen_model.opened, kitchen_model.scorer
     known = {tuple(row) for row in opened.split.partial.tolist()}
     given = {tuple(row) for row in opened.graph.triples.tolist()}
@@ -957,9 +946,7 @@ def test_predicted_probabilities_are_compared_with_the_recipes_outside_train(kit
     assert rows[0]["log_loss"] < rows[0]["base_log_loss"]
 
 
-def test_probabilities_are_shown_with_what_has_its_base_rate_only(
-    kitchen_report: LinkReport, whole_report: LinkReport, full_report: LinkReport
-):
+def test_probabilities_are_shown_with_what_has_its_base_rate_only(kitchen_report, whole_report, full_report):
     html = render(kitchen_report)
     assert ">Probabilities<" in html
     assert "of an entity with itself has its base rate" in " ".join(html.split())

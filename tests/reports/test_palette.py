@@ -53,13 +53,13 @@ def test_the_simulation_keeps_grey_and_mixes_red_with_green():
 
 @pytest.mark.parametrize("vision", VISION)
 @pytest.mark.parametrize("palette", [LIGHT, DARK], ids=["light", "dark"])
-def test_all_pairs_of_series_are_told_apart(palette: tuple[str, ...], vision: str):
+def test_all_pairs_of_series_are_told_apart(palette, vision):
     assert len(palette) == COLOURS
     for one, other in itertools.combinations(palette, 2):
         assert distance(vision, one, other) > DISTANCE, (one, other)
 
 
 @pytest.mark.parametrize(("palette", "page"), [(LIGHT, "#ffffff"), (DARK, "#0d1117")], ids=["light", "dark"])
-def test_all_series_stand_out_from_the_page_and_the_first_four_clearly(palette: tuple[str, ...], page: str):
+def test_all_series_stand_out_from_the_page_and_the_first_four_clearly(palette, page):
     assert all(contrast(colour, page) > 2.2 for colour in palette)
     assert all(contrast(colour, page) > 3 for colour in OKABE_ITO[:4])

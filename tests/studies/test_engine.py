@@ -33,7 +33,7 @@ def times_made(root: Path) -> list[int]:
 
 
 @pytest.fixture(scope="module")
-def done(tmp_path_factory) -> Path:
+def done(tmp_path_factory):
     """A results folder with a study that is done."""
     root = tmp_path_factory.mktemp("study") / "results"
     run_small(root)

@@ -81,7 +81,7 @@ def second(cluster):
 
 
 @pytest.fixture
-def root(tmp_path, monkeypatch) -> Path:
+def root(tmp_path, monkeypatch):
     """A results folder, given as most users do."""
     monkeypatch.chdir(tmp_path)
     Path("results").mkdir()

@@ -59,12 +59,12 @@ def is_alike(was: StudyResults) -> bool:
 
 
 @pytest.fixture(scope="module")
-def was() -> StudyResults:
+def was():
     return read_record(FILE, StudyResults)
 
 
 @pytest.fixture(scope="module")
-def now(was, tmp_path_factory) -> StudyResults:
+def now(was, tmp_path_factory):
     return remade(was.study, tmp_path_factory.mktemp("results"))
 
 

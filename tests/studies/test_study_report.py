@@ -7,7 +7,6 @@ import re
 import sys
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
-from pathlib import Path
 
 import jsonschema
 import msgspec
@@ -29,7 +28,7 @@ ODD = r"a_b & 50% | <i>#{x}^~\ *y*"
 
 
 @pytest.fixture(scope="module")
-def view(fabricate: Fabricate) -> StudyView:
+def view(fabricate):
     cells = {"no graph": NO_GRAPH, "guided": GUIDED, ODD: NO_GRAPH[::-1]}
     results = fabricate(
         [({"distractors": 8}, cells), ({"distractors": 1}, cells)], mrr={"guided": 0.2}, title="Graphs & <agents>"
@@ -47,7 +46,7 @@ def dose_view(fabricate: Fabricate) -> StudyView:
     return view_study(fabricate(points, mrr=mrr, drawing="dose", settings={"memory": {"in_sample": True}}))
 
 
-def test_csv_has_a_row_for_each_variant_of_each_point(view: StudyView) -> None:
+def test_csv_has_a_row_for_each_variant_of_each_point(view):
     rows = list(csv.DictReader(io.StringIO(as_csv(view))))
     assert [(row["distractors"], row["variant"]) for row in rows] == [
         (amount, name) for amount in ("8", "1") for name in ("no graph", "guided", ODD)
@@ -61,7 +60,7 @@ def test_csv_has_a_row_for_each_variant_of_each_point(view: StudyView) -> None:
     assert [float(found[f"success_{end}"]) for end in ("low", "high")] == pytest.approx(entry.interval, rel=1e-5)
 
 
-def test_markdown_shows_names_as_they_are(view: StudyView) -> None:
+def test_markdown_shows_names_as_they_are(view):
     text = as_markdown(view)
     (row,) = {line for line in text.splitlines() if line.startswith(r"| a\_b")}
     assert r"\| \<i\>\#{x}^\~\\ \*y\*" in row
@@ -71,7 +70,7 @@ def test_markdown_shows_names_as_they_are(view: StudyView) -> None:
     assert "+0.600 [" in text
 
 
-def test_latex_has_as_many_columns_as_it_says_and_escapes_names(view: StudyView) -> None:
+def test_latex_has_as_many_columns_as_it_says_and_escapes_names(view):
     text = as_latex(view)
     (columns,) = set(re.findall(r"\\begin\{tabular\}\{(l r*|lr*)\}", text))
     rows = [line for line in text.splitlines() if line.endswith(r" \\")]
@@ -81,7 +80,7 @@ def test_latex_has_as_many_columns_as_it_says_and_escapes_names(view: StudyView)
     assert text.count(r"\toprule") == text.count(r"\bottomrule") == 2
 
 
-def test_latex_escapes_each_letter_once() -> None:
+def test_latex_escapes_each_letter_once():
     assert latex("\\{}") == r"\textbackslash{}\{\}"
     assert latex("two\nlines") == "two lines"
 
@@ -89,17 +88,17 @@ def test_latex_escapes_each_letter_once() -> None:
 @pytest.mark.parametrize(
     ("value", "form", "text"), [(-0.5, "+.2f", "−0.50"), (-0.0001, "+.2f", "+0.00"), (-0.001, ".2f", "0.00")]
 )
-def test_numbers_have_a_true_minus_and_none_for_zero(value: float, form: str, text: str) -> None:
+def test_numbers_have_a_true_minus_and_none_for_zero(value, form, text):
     assert signed(value, form) == text
 
 
-def test_columns_without_any_figure_are_left_out(view: StudyView, fabricate: Fabricate) -> None:
+def test_columns_without_any_figure_are_left_out(view, fabricate):
     assert "MRR" in tables_of(view)[0].headings
     alone = tables_of(view_study(fabricate({"no graph": NO_GRAPH[:1]})))[0].headings
     assert alone == ("variant", "seeds", "success [seeds, tasks]", "train", "reached after")
 
 
-def test_a_report_is_written_whole(view: StudyView, tmp_path: Path) -> None:
+def test_a_report_is_written_whole(view, tmp_path):
     pytest.importorskip("typst", reason="needs the extra figures")
     files = write_study_report(view, tmp_path / "report")
     assert [file.name for file in files] == [
@@ -119,23 +118,21 @@ def test_a_report_is_written_whole(view: StudyView, tmp_path: Path) -> None:
         write_study_report(view, tmp_path / "report")
 
 
-def test_without_the_extra_there_are_svg_files(
-    view: StudyView, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_without_the_extra_there_are_svg_files(view, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "typst", None)
     names = {file.name for file in write_study_report(view, tmp_path / "report")}
     assert "figure.svg" in names
     assert not {name for name in names if name.endswith(("png", "pdf"))}
 
 
-def test_equal_results_have_equal_files(view: StudyView, tmp_path: Path) -> None:
+def test_equal_results_have_equal_files(view, tmp_path):
     again = msgspec.json.decode(msgspec.json.encode(view), type=StudyView)
     one, other = make_study_report(view).files, make_study_report(again).files
     for name in ("table.csv", "table.md", "table.tex", "figure.svg", "profiles.svg"):
         assert one[name] == other[name]
 
 
-def test_a_figure_has_a_panel_for_each_point(view: StudyView) -> None:
+def test_a_figure_has_a_panel_for_each_point(view):
     root = ET.fromstring(study_figure(view))
     texts = ["".join(text.itertext()) for text in root.iter() if text.tag.endswith("text")]
     assert "Graphs & <agents>" in texts
@@ -143,14 +140,14 @@ def test_a_figure_has_a_panel_for_each_point(view: StudyView) -> None:
     assert texts.count("guided") == 2
 
 
-def test_a_variant_keeps_its_colour_where_others_are_missing(fabricate: Fabricate) -> None:
+def test_a_variant_keeps_its_colour_where_others_are_missing(fabricate):
     points = [({"distractors": 8}, {"a": NO_GRAPH, "b": GUIDED}), ({"distractors": 1}, {"b": GUIDED})]
     (_, both), (_, one) = panels_of(view_study(fabricate(points)))
     for chart in (both, one):
         assert re.search(r'class="series-1">b<', chart)
 
 
-def test_a_study_of_doses_is_drawn_by_mrr(fabricate: Fabricate) -> None:
+def test_a_study_of_doses_is_drawn_by_mrr(fabricate):
     view = dose_view(fabricate)
     ((title, chart),) = panels_of(view)
     assert title == ""
@@ -161,13 +158,13 @@ def test_a_study_of_doses_is_drawn_by_mrr(fabricate: Fabricate) -> None:
     assert "train tasks scored in-sample</th><td>3</td>" in " ".join(render(make_study_report(view)).split())
 
 
-def test_bars_are_drawn_where_there_are_no_curves(fabricate: Fabricate) -> None:
+def test_bars_are_drawn_where_there_are_no_curves(fabricate):
     curves = {"no graph": [[(2000, 0.1)]] * 5}
     ((_, chart),) = panels_of(view_study(fabricate({"no graph": NO_GRAPH}, curves=curves)))
     assert "over seeds and tasks" in chart
 
 
-def test_the_page_says_of_each_claim_whether_it_holds(fabricate: Fabricate) -> None:
+def test_the_page_says_of_each_claim_whether_it_holds(fabricate):
     claims = [
         Claim(text="Guided agents <b>are</b> better.", left="guided", right="no graph"),
         Claim(text="They are worse.", left="guided", right="no graph", expected="less"),

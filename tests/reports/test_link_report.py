@@ -890,8 +890,6 @@ def test_numbers_in_the_report_are_plain(values):
 def test_a_cross_fitted_model_shows_what_it_remembers_beside_what_it_can_tell(
     kitchen_model, kitchen_report, values, whole_report, full_report
 ):
-    kitchen_model, kitchen_report, values, whole_report, full_report
-):
     memory, record = values["memory"], kitchen_model.scorer.record
     assert memory == {
         "folds": 5,

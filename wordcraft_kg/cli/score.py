@@ -168,10 +168,7 @@ def _score_file(
     text += [*scores.note_of_words(model), *_notes(model.kg, found)]
     if out is not None:
         text.append(f"wrote {out}: {len(found):,} scores of {len(queries):,} queries")
-    if scoring is None:
-        output.result(scores.view_file(model, triples, found, out), text)
-    else:
-        output.result(recipe_scores.view_recipe_file(scoring, recipes, found, out), text)
+    output.result(scores.view_file(model, queries, found, out), text)
 
 
 def _lines(found: Sequence[Any], things: Sequence[str] | None = None) -> Iterator[str]:

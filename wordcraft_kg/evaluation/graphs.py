@@ -53,20 +53,9 @@ class EntityView(Record):
 
 def view_build(found: Audit, folder: Path) -> BuiltGraph:
     """Return the main figures of a built graph from its audit."""
-    return BuiltGraph(
-        entities=found.entities,
-        recipes=found.recipes,
-        pairs=found.pairs,
-        base=found.base,
-        reachable=found.reachability.reachable,
-        rounds=found.reachability.rounds,
-        dropped_self_results=found.dropped_self_results,
-        merged_duplicates=found.merged_duplicates,
-        triples=found.triples,
-        split=found.split,
-        hash=found.hash,
-        out=str(folder),
-    )
+    same = {name: getattr(found, name) for name in BuiltGraph.__struct_fields__ if hasattr(found, name)}
+    reachable, rounds = found.reachability.reachable, found.reachability.rounds
+    return BuiltGraph(**same, reachable=reachable, rounds=rounds, out=str(folder))
 
 
 def view_entity(graph: RecipeGraph, label: str) -> EntityView:

@@ -1,7 +1,7 @@
 """The figures of a link predictor: metrics, baselines, slices and checks, as the report shows them."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import msgspec
 import numpy as np
@@ -239,13 +239,13 @@ def summarise_links(view: LinkView, report: str) -> LinkSummary:
     """Return the headline of a view, and where its report is."""
     slices = ("all", *RELATIONS)
     metrics = {name: view.metrics[name] for name in slices}
+    by_slice: dict[str, Any] = {
+        figure: {name: getattr(row, figure) for name, row in metrics.items()}
+        for figure in ("mrr", "hits_at_1", "hits_at_3", "hits_at_10", "mrr_ci")
+    }
     others = [row.mrr for row in view.drill_down.near_synonyms if row.slice == NO_NEAR_SYNONYM]
     return LinkSummary(
-        mrr={name: row.mrr for name, row in metrics.items()},
-        hits_at_1={name: row.hits_at_1 for name, row in metrics.items()},
-        hits_at_3={name: row.hits_at_3 for name, row in metrics.items()},
-        hits_at_10={name: row.hits_at_10 for name, row in metrics.items()},
-        mrr_ci={name: row.mrr_ci for name, row in metrics.items()},
+        **by_slice,
         queries=view.queries,
         triples=view.triples,
         sampled_from=view.sampled_from,

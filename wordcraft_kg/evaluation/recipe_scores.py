@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import get_args
 
 import msgspec
@@ -80,16 +79,6 @@ class ScoredRecipeRow(Record):
     rank: int | None
     known: Known | None
     memory: bool
-
-
-class ScoredRecipeFile(Record, omit_defaults=True):
-    """The scores of a file of recipes; ``rows`` is left out if they were written to the file ``out``."""
-
-    queries: Count
-    found: Count
-    trained_on: Taught | None
-    rows: tuple[ScoredRecipeRow, ...] = ()
-    out: str | None = None
 
 
 @dataclass(frozen=True)
@@ -219,14 +208,6 @@ def score_recipe_queries(
         ):
             if not new_only or known == "new":
                 yield ScoredRecipeRow(query.line or 0, *scoring.labels(row), score, rank, known, memory)
-
-
-def view_recipe_file(
-    scoring: RecipeScoring, queries: Sequence[RecipeQuery], rows: Sequence[ScoredRecipeRow], out: Path | None = None
-) -> ScoredRecipeFile:
-    """Return the scores of a file of recipes, or where they are."""
-    view = ScoredRecipeFile(len(queries), len(rows), scoring.model.kg, tuple(rows))
-    return view if out is None else msgspec.structs.replace(view, rows=(), out=str(out))
 
 
 def told(witnesses: Sequence[Witness]) -> Sequence[Witness]:

@@ -87,13 +87,13 @@ class ScoredRow(Record):
 
 
 class ScoredFile(Record, omit_defaults=True):
-    """The scores of a file of queries; ``rows`` is left out if they were written to the file ``out``."""
+    """The scores of a file of queries, of links or of recipes; ``rows`` is left out if they were written to ``out``."""
 
     queries: Count
     found: Count
     trained_on: Taught | None
     by_words: tuple[str, ...] = ()
-    rows: tuple[ScoredRow, ...] = ()
+    rows: tuple[Record, ...] = ()
     out: str | None = None
 
 
@@ -228,10 +228,12 @@ def _scores(
 
 
 def view_file(
-    model: ScoringModel, queries: Sequence[Query], rows: Sequence[ScoredRow], out: Path | None = None
+    model: ScoringModel, queries: Sequence[Query | RecipeQuery], rows: Sequence[Record], out: Path | None = None
 ) -> ScoredFile:
     """Return the scores of a file of queries, or where they are."""
-    view = ScoredFile(len(queries), len(rows), model.kg, model.by_words, tuple(rows))
+    # Scores of recipes are from words anyway.
+    by_words = model.by_words if any(isinstance(query, Query) for query in queries) else ()
+    view = ScoredFile(len(queries), len(rows), model.kg, by_words, tuple(rows))
     return view if out is None else msgspec.structs.replace(view, rows=(), out=str(out))
 
 

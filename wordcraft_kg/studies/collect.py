@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from wordcraft_kg.agents.config import OF_SCORER
 from wordcraft_kg.base.errors import ArtefactError, ConfigError
@@ -20,6 +21,8 @@ from wordcraft_kg.studies.results import (
 from wordcraft_kg.studies.store import PlannedStudy, failure_of, read_plan, studies_of
 from wordcraft_kg.studies.study import NO_SETTINGS, SCORER, Cell, Study, Value, Values
 
+_KEPT = ("won", "draws", "curve", "steps", "seconds", "steps_per_second")
+"""Figures of a run that its result has as they are."""
 _NONE = "none"
 """Value of a setting that a run does not have, such as the scorer of an agent without one."""
 
@@ -141,16 +144,8 @@ def _results(
                 seed=cell.seed,
                 run=address,
                 graph=graphs.setdefault(figures.graph, len(graphs)),
-                success=_rounded(figures.success),
-                by_plan=_rounded(figures.by_plan),
-                endings=_rounded(figures.endings),
-                won=figures.won,
-                draws=figures.draws,
-                curve=figures.curve,
                 mrr=scorers[scorer].mrr if scorer is not None else None,
-                steps=figures.steps,
-                seconds=figures.seconds,
-                steps_per_second=figures.steps_per_second,
+                **_of_run(figures),
             )
         )
         if scorer is not None:
@@ -166,6 +161,11 @@ def _results(
         missing=tuple(missing),
         hours=round(sum(seconds.values()) / 3600, 4),
     )
+
+
+def _of_run(figures: RunFigures) -> dict[str, Any]:
+    rounded = {name: _rounded(getattr(figures, name)) for name in ("success", "by_plan", "endings")}
+    return rounded | {name: getattr(figures, name) for name in _KEPT}
 
 
 def _run_figures(root: Path, address: str) -> RunFigures:

@@ -55,7 +55,6 @@ from wordcraft_kg.studies.references import (
     DISTRACTORS,
     in_order,
     open_play,
-    open_rows,
     scripted_rows,
 )
 from wordcraft_kg.studies.result_readers import OVER_SEEDS, SEEN, agent_rows
@@ -103,7 +102,7 @@ def scripted_players(opened: OpenedGraph) -> Iterator[ReferenceRow]:
         except TaskError as error:
             print(error, file=sys.stderr)
     for play in dict.fromkeys(open_play(opened, base) for base in BASES):
-        yield from open_rows(opened, play)
+        yield from scripted_rows(opened, play, ())
 
 
 def trained(opened: OpenedGraph, named: Sequence[str]) -> Iterator[ReferenceRow]:

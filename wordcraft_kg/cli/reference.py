@@ -59,12 +59,13 @@ def reference(
     from wordcraft_kg.envs.config import WordCraftConfig
     from wordcraft_kg.evaluation.reference import TaskPlay
     from wordcraft_kg.graphs.folder import open_graph
-    from wordcraft_kg.studies.references import DISTRACTORS, view_open_references, view_references
+    from wordcraft_kg.studies.references import DISTRACTORS, open_play, view_references
 
     if open_ended:
         if distractors or (part, depth, attempts) != ("test", 1, None):
             raise ConfigError("--open-ended has no tasks; leave --distractors, --part, --depth and --attempts out.")
-        view = view_open_references(open_graph(graph), split_labels(base) if base else None, beside or ())
+        opened = open_graph(graph)
+        view = view_references(opened, open_play(opened, split_labels(base) if base else None), beside=beside or ())
     else:
         if base:
             raise ConfigError("--base is about open-ended play; add --open-ended.")

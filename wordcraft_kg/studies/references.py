@@ -1,6 +1,6 @@
 """Figures to compare with: what the reference pack has for a graph, what is measured now, and the user's own beside."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import msgspec
@@ -62,14 +62,14 @@ class ReferenceTable(Record, frozen=True):
 
 
 def view_references(
-    opened: OpenedGraph, play: TaskPlay, columns: Sequence[int] = DISTRACTORS, beside: Sequence[Path] = ()
+    opened: OpenedGraph, play: TaskPlay | OpenPlay, columns: Sequence[int] = DISTRACTORS, beside: Sequence[Path] = ()
 ) -> ReferenceTable:
-    """Return success on crafting tasks: the pack's, scripted players' where it has none, and the user's own.
+    """Return the figures of the pack, of scripted players where it has none, and the user's own.
 
     Args:
-        opened: graph and split.
-        play: the tasks.
-        columns: numbers of distractors.
+        opened: graph and split, which does not matter for open-ended play.
+        play: crafting tasks, or open-ended play.
+        columns: numbers of distractors; open-ended play has the attempts of ``discover``.
         beside: folders and files of the user, see :func:`~wordcraft_kg.studies.result_readers.rows_beside`.
 
     Raises:
@@ -77,49 +77,25 @@ def view_references(
         GraphMismatchError: as ``rows_beside``.
         TaskError: if there are no such tasks.
     """
-    pack = pack_of(opened.graph.hash, opened.split.hash)
-    found = pack.rows_of(play, columns) if pack else ()
+    is_open = isinstance(play, OpenPlay)
+    columns = MARKS if is_open else columns
+    pack = pack_of(opened.graph.hash, None if is_open else opened.split.hash)
+    found = pack.rows_of(play, None if is_open else columns) if pack else ()
     own = rows_beside(opened, play, columns, beside)
-    missing = [column for column in columns if not any(str(column) in row.figures for row in found)]
+    if is_open:
+        missing = [] if found else list(MARKS)
+    else:
+        missing = [column for column in columns if not any(str(column) in row.figures for row in found)]
     now = scripted_rows(opened, play, missing) if missing else ()
     return ReferenceTable(
         graph=PlayedGraph.of(opened),
         play=play,
-        measure="success",
+        measure="entities known" if is_open else "success",
         columns=tuple(columns),
         pack=pack.title if pack else None,
         measured=tuple(missing),
-        rows=in_order([*_merged(found, now, columns), *own]),
-        literature=literature(["success"]),
-    )
-
-
-def view_open_references(
-    opened: OpenedGraph, base: Sequence[str] | None = None, beside: Sequence[Path] = ()
-) -> ReferenceTable:
-    """Return entities known after n attempts of open-ended play: the pack's, or scripted players', and the user's own.
-
-    Args:
-        opened: graph and split, which does not matter here.
-        base: entities known at the start; None takes the graph's.
-        beside: folders and files of the user.
-
-    Raises:
-        ConfigError: for an unknown entity of the base, or one from which nothing can be made; else as ``rows_beside``.
-    """
-    play = open_play(opened, base)
-    own = rows_beside(opened, play, (), beside)
-    pack = pack_of(opened.graph.hash, None)
-    found = pack.rows_of(play) if pack else ()
-    return ReferenceTable(
-        graph=PlayedGraph.of(opened),
-        play=play,
-        measure="entities known",
-        columns=MARKS,
-        pack=pack.title if pack else None,
-        measured=() if found else MARKS,
-        rows=in_order([*(found or open_rows(opened, play)), *own]),
-        literature=literature(["entities known", "new combinations"]),
+        rows=in_order([*(found or now if is_open else _merged(found, now, columns)), *own]),
+        literature=literature(["entities known", "new combinations"] if is_open else ["success"]),
     )
 
 
@@ -132,17 +108,21 @@ def open_play(opened: OpenedGraph, base: Sequence[str] | None = None) -> OpenPla
     return OpenPlay(opened.graph.labels(Discovery(opened.graph, base).base))
 
 
-def scripted_rows(opened: OpenedGraph, play: TaskPlay, columns: Sequence[int]) -> tuple[ReferenceRow, ...]:
-    """Let the players of ``evaluate-agent`` play, and return a row for each."""
+def scripted_rows(opened: OpenedGraph, play: TaskPlay | OpenPlay, columns: Sequence[int]) -> tuple[ReferenceRow, ...]:
+    """Let the scripted players of ``evaluate-agent``, or those of ``discover``, play, and return a row for each."""
+    rows = _task_rows(opened, play, columns) if isinstance(play, TaskPlay) else _open_rows(opened, play)
+    return tuple(rows)
+
+
+def _task_rows(opened: OpenedGraph, play: TaskPlay, columns: Sequence[int]) -> Iterator[ReferenceRow]:
     config = WordCraftConfig(
         part=play.part, depth=play.depth, max_attempts=play.attempts, num_distractors=max(columns, default=0)
     )
     view = view_baselines(opened, opened.graph.name, config, columns, draws=DRAWS, seed=SEED)
     options = f"--part {play.part} --depth {play.depth} --distractors {','.join(map(str, columns))}"
-    players = dict.fromkeys(row.player for row in view.rows)
     of = {(row.player, row.distractors): (row.success, row.low, row.high) for row in view.rows}
-    return tuple(
-        ReferenceRow(
+    for player in dict.fromkeys(row.player for row in view.rows):
+        yield ReferenceRow(
             player=player,
             kind=_kind(player),
             measure="success",
@@ -155,19 +135,16 @@ def scripted_rows(opened: OpenedGraph, play: TaskPlay, columns: Sequence[int]) -
             draws=view.draws,
             notes=SEEN if player.startswith("full KG") else "",
         )
-        for player in players
-    )
 
 
-def open_rows(opened: OpenedGraph, play: OpenPlay) -> tuple[ReferenceRow, ...]:
-    """Let the players of ``discover`` play, and return a row for each."""
+def _open_rows(opened: OpenedGraph, play: OpenPlay) -> Iterator[ReferenceRow]:
     view, _ = view_discovery(opened.graph, _OPEN_PLAYERS, attempts=MARKS[-1], runs=RUNS, seed=SEED, base=play.base)
-    return tuple(
-        ReferenceRow(
+    for player, known in view.players.items():
+        yield ReferenceRow(
             player=player,
             kind=_kind(player),
             measure="entities known",
-            figures=figures_of({mark: (found.mean, found.low, found.high) for mark, found in known.items()}),
+            figures=figures_of({int(mark): (found.mean, found.low, found.high) for mark, found in known.items()}),
             origin="ours",
             source=f"wordcraft-kg discover {opened.graph.name} --base '{','.join(play.base)}'",
             play=play,
@@ -175,9 +152,6 @@ def open_rows(opened: OpenedGraph, play: OpenPlay) -> tuple[ReferenceRow, ...]:
             runs=RUNS,
             notes="knows the graph" if player in _ORACLES else "",
         )
-        for player, by_mark in view.players.items()
-        for known in [{int(mark): found for mark, found in by_mark.items()}]
-    )
 
 
 def in_order(rows: Sequence[ReferenceRow]) -> tuple[ReferenceRow, ...]:

@@ -4,48 +4,23 @@ Colours (``series-0``, ``series-1``, ..., ``series-other``) and dashes (``dash-0
 classes that the page's style sheet defines from :mod:`~wordcraft_kg.reports.charts.plot`.
 """
 
-from wordcraft_kg.reports.charts.layered import Made, layered
-from wordcraft_kg.reports.charts.pictures import (
-    Dot,
-    Region,
-    colour_of,
-    contribution_bar,
-    labelled_points,
-    matrix_image,
-    world,
-)
-from wordcraft_kg.reports.charts.plot import COLOURS, CurvePoint
-from wordcraft_kg.reports.charts.series import (
-    curves,
-    dots,
-    grouped_bars,
-    intervals,
-    log_reliability,
-    profiles,
-    reliability,
-    scatter,
-)
-from wordcraft_kg.reports.charts.standalone import figure
-
-__all__ = [
-    "COLOURS",
-    "CurvePoint",
-    "Dot",
-    "Made",
-    "Region",
-    "colour_of",
-    "contribution_bar",
-    "curves",
-    "dots",
-    "figure",
-    "grouped_bars",
-    "intervals",
-    "labelled_points",
-    "layered",
-    "log_reliability",
-    "matrix_image",
-    "profiles",
-    "reliability",
-    "scatter",
-    "world",
-]
+from wordcraft_kg.reports.charts.layered import Made as Made
+from wordcraft_kg.reports.charts.layered import layered as layered
+from wordcraft_kg.reports.charts.pictures import Dot as Dot
+from wordcraft_kg.reports.charts.pictures import Region as Region
+from wordcraft_kg.reports.charts.pictures import colour_of as colour_of
+from wordcraft_kg.reports.charts.pictures import contribution_bar as contribution_bar
+from wordcraft_kg.reports.charts.pictures import labelled_points as labelled_points
+from wordcraft_kg.reports.charts.pictures import matrix_image as matrix_image
+from wordcraft_kg.reports.charts.pictures import world as world
+from wordcraft_kg.reports.charts.plot import COLOURS as COLOURS
+from wordcraft_kg.reports.charts.plot import CurvePoint as CurvePoint
+from wordcraft_kg.reports.charts.series import curves as curves
+from wordcraft_kg.reports.charts.series import dots as dots
+from wordcraft_kg.reports.charts.series import grouped_bars as grouped_bars
+from wordcraft_kg.reports.charts.series import intervals as intervals
+from wordcraft_kg.reports.charts.series import log_reliability as log_reliability
+from wordcraft_kg.reports.charts.series import profiles as profiles
+from wordcraft_kg.reports.charts.series import reliability as reliability
+from wordcraft_kg.reports.charts.series import scatter as scatter
+from wordcraft_kg.reports.charts.standalone import figure as figure

@@ -13,11 +13,10 @@ MAX_COUNTED = 8 * 2**20
 
 
 class ListedBook(Record):
-    """A book's name, its origin, its file if it has one, and a note.
+    """A book's name, origin, file if it has one, and note.
 
     Attributes:
         entities: number of its entities; None if it is not on this machine, cannot be read, or is very large.
-        recipes: number of its recipes, likewise.
     """
 
     name: str
@@ -85,7 +84,7 @@ def _size(book: KnownBook) -> tuple[int, int] | None:
 def view_check(
     book: str, base: list[str] | None, against: str | None, *, single_ingredient: str | None = None
 ) -> CheckedBook:
-    """Check a book; includes what needs word vectors, and what it shares with another book.
+    """Check a book, also for words without vectors, and for recipes that it shares with another book.
 
     Args:
         book: file, folder or known name.

@@ -25,12 +25,10 @@ if TYPE_CHECKING:
 
 
 class Known(Record):
-    """How many entities a player knows after some attempts.
+    """Mean number of entities that a player knows after some attempts.
 
     Attributes:
-        mean: mean over the runs.
         low: lower end of its 95 % interval; None for a single run.
-        high: upper end.
         repeated: share of the attempts so far that repeated a pair.
     """
 

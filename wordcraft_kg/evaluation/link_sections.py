@@ -38,9 +38,8 @@ class Comparison(Record):
     """The model against a baseline on the same queries.
 
     Attributes:
-        baseline: its name.
         difference: MRR of the model minus that of the baseline.
-        ci: its 95 % interval, by bootstrap over recipes; both answer the same resampled queries.
+        ci: its 95 % interval, by bootstrap over recipes.
         verdict: ``level with`` if the interval holds 0.
     """
 
@@ -57,7 +56,7 @@ class SliceMetrics(RankingMetrics, kw_only=True):
 
 
 class DrillDown(Record):
-    """Where the model works and where it does not; slices without queries are left out.
+    """Metrics of slices of the queries; slices without queries are left out.
 
     Attributes:
         seen_in_train: by the number of training triples of the entity asked for.

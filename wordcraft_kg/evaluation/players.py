@@ -81,7 +81,7 @@ def view_evaluation(
 def view_explanation(
     run: Path, agent: OpenedAgent, part: TaskPart, distractors: int | None, goal: str | None, episodes: int
 ) -> Explanation:
-    """Let an agent explain some episodes, see :func:`~wordcraft_kg.agents.explanation.explain_episodes`."""
+    """Explain episodes of an agent, see :func:`~wordcraft_kg.agents.explanation.explain_episodes`."""
     world = World(agent.opened, agent.config.tasks.environment(part, distractors))
     found = explain_episodes(agent.policy, world, goal=goal, episodes=episodes)
     return Explanation(str(run), agent.checkpoint, part, found)

@@ -85,7 +85,7 @@ class RankedLinks:
     def profiles(self) -> NDArray[np.float64]:
         """Unit vectors of each entity's scores as head and as tail of both relations, shape (E, 4 E).
 
-        Each part is centred by row and by column; otherwise it would mainly show which entities score high overall.
+        Parts are centred by row and by column; otherwise they would mainly show the level of an entity's scores.
         """
         parts = []
         for scores in self.table.astype(np.float64):

@@ -48,13 +48,7 @@ class PlayedGraph(Record, frozen=True):
 
 
 class TaskPlay(Record, frozen=True, tag="tasks"):
-    """Crafting tasks; everything else is as in a :class:`~wordcraft_kg.envs.config.WordCraftConfig` by default.
-
-    Attributes:
-        part: part of the tasks.
-        depth: fewest attempts that solve a task.
-        attempts: attempts in an episode.
-    """
+    """Crafting tasks; other settings are the defaults of :class:`~wordcraft_kg.envs.config.WordCraftConfig`."""
 
     part: TaskPart
     depth: Annotated[int, msgspec.Meta(ge=1)]
@@ -169,10 +163,8 @@ class ReferencePack(Record, frozen=True, omit_defaults=True):
     """A file of the pack: rows of one graph and split, measured by this package, or rows of the literature.
 
     Attributes:
-        title: what a reader calls it.
         graph: graph and split that were played on; None for the literature.
         versions: of packages, with which the figures were measured.
-        rows: the figures.
     """
 
     format: Literal["wordcraft-kg references 1"]

@@ -71,8 +71,7 @@ def lambda_curves(members: Sequence[AgentRun]) -> list[LambdaCurve]:
 def training_figures(members: Sequence[AgentRun]) -> dict[Figure, tuple[SeedCurve, ...]]:
     """Figures of each training that has them, in about :data:`CURVE_POINTS` points.
 
-    The trainer's figures are means since the line before. Where a point of the learning curve shortly follows a line,
-    they are of a few updates only and mostly noise; these are left out.
+    A trainer's figures are means since the line before; lines shortly after another are mostly noise and left out.
     """
     found: dict[Figure, tuple[SeedCurve, ...]] = {}
     for figure in FIGURES:

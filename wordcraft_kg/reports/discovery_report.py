@@ -14,12 +14,7 @@ _PEOPLE = "people (another game)"
 
 
 def discovery_page(view: DiscoveryView, curves: "pd.DataFrame") -> str:
-    """Return the page.
-
-    Args:
-        view: the discoveries.
-        curves: from :func:`wordcraft_kg.agents.discovery.discovery_curves`.
-    """
+    """Return the page of a view with its curves, see :func:`wordcraft_kg.agents.discovery.discovery_curves`."""
     table = summarise_curves(curves, range(view.attempts + 1))
     # The same colours in both pictures.
     colours = {name: number for number, name in enumerate((*view.players, _PEOPLE))}

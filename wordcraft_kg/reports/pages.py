@@ -25,12 +25,7 @@ if TYPE_CHECKING:
 
 
 class Outline:
-    """What a page collects while it is rendered.
-
-    Attributes:
-        headings: titles of its sections by anchor, in order.
-        terms: terms that it uses, by key.
-    """
+    """Headings (titles by anchor, in order) and glossary terms that a page collects while it is rendered."""
 
     def __init__(self) -> None:
         """Begin with nothing."""

@@ -109,12 +109,7 @@ class ClaimsView(Record, frozen=True):
 
 
 def view_claims(results: StudyResults, claims: Iterable[Claim] | None = None) -> ClaimsView:
-    """Hold claims against results.
-
-    Args:
-        results: what came out of the study.
-        claims: default: those of the study as it was run.
-    """
+    """Compare claims, by default those of the study as it was run, with results."""
     asked = results.study.claims if claims is None else claims
     return ClaimsView(results.name, tuple(judged for claim in asked for judged in judge(results, claim)))
 

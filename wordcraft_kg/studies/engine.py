@@ -187,12 +187,7 @@ _START = 3.0
 
 
 def estimated_hours(plan: Plan, root: Path) -> float:
-    """Return the hours of one core that a study still needs; rough, since books and machines differ.
-
-    Args:
-        plan: the study.
-        root: results folder; what is done there costs nothing, and says how fast this machine is.
-    """
+    """Return the hours of one core that a study still needs, by the durations of its finished tasks in ``root``."""
     done: dict[str, Figures] = {}
     for address, task in plan.tasks.items():
         try:

@@ -44,7 +44,7 @@ class LocalWorkers:
             root: results folder.
             jobs: number of processes.
             perform: performs a task, see :func:`~wordcraft_kg.studies.perform.perform`.
-            threads: CPU threads that a task computes with at most, and cores that each process is bound to.
+            threads: most CPU threads of a task, and cores that each process is bound to.
         """
         self.root, self._perform = root, perform
         self._threads = threads

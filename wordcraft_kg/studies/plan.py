@@ -242,7 +242,7 @@ class _Planner:
 
 
 def agent_config(settings: Mapping[str, Any], graph: str, scorer: str | None) -> AgentConfig:
-    """Return the settings of an agent from those that are given.
+    """Return the settings of an agent.
 
     Raises:
         ConfigError: for a value out of range.

@@ -42,7 +42,7 @@ class PlannedStudy(Record, frozen=True):
 
 @contextmanager
 def own_results(root: Path) -> Iterator[None]:
-    """Keep other engines out of a results folder, which is made if it is not there.
+    """Keep other engines out of a results folder, which is made if it does not exist.
 
     Raises:
         ArtefactError: if another engine works there, or the path is a file.

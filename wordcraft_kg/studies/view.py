@@ -72,8 +72,7 @@ def view_study(results: StudyResults) -> StudyView:
     """Compute all figures of a study.
 
     Raises:
-        ConfigError: if there are no runs, or runs of one cell were played on different graphs, splits or tasks: their
-            mean would be a figure of nothing.
+        ConfigError: if there are no runs, or runs of one cell were played on different graphs, splits or tasks.
     """
     study = results.study
     reference = study.reference or next(iter(study.variants))

@@ -45,12 +45,11 @@ class _Place:
 
 
 def layered(things: Sequence[Made], given: Collection[str], description: str) -> Markup:
-    """Draw things as boxes, an arrow from each to all that is made of it, and under each what it is made of.
+    """Draw things as boxes, an arrow from each to all that is made of it, and under each its ingredients.
 
     Args:
-        things: in an order in which they can be made. What they are made of need not be among them; it has no box and
-            no arrow then.
-        given: what need not be made; it is in bold.
+        things: in an order in which they can be made; ingredients that are not among them have no box and no arrow.
+        given: labels in bold, of base entities.
         description: text for readers who cannot see it.
     """
     layers = [thing.layer for thing in things] or [1]

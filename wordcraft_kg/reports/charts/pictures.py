@@ -19,10 +19,7 @@ from wordcraft_kg.reports.charts.scales import Labels, shortened
 def labelled_points(
     points: np.ndarray, labels: Sequence[str], groups: Sequence[int], order: Sequence[int], description: str
 ) -> Markup:
-    """Draw a map of points coloured by group; all have tooltips; labels are placed in ``order`` where they fit.
-
-    Groups beyond the colours there are, are grey (``series-other``).
-    """
+    """Draw a map of points coloured by group, all with tooltips; labels take their places in ``order``."""
     width, height = 940, 640
     low, high = points.min(axis=0), points.max(axis=0)
     scaled = (points - low) / np.where(high > low, high - low, 1) * [width - 110, height - 30] + [10, 15]

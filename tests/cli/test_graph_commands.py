@@ -73,128 +73,80 @@ def kitchen_folder(tmp_path_factory, kitchen):
 
 
 BAD_TABLES = {
-    "empty file": ("book.csv", "", ["book.csv is empty; a recipe book needs at least one recipe"]),
-    "blanks only": ("book.csv", " \n\n", ["book.csv is empty"]),
-    "header only": ("book.csv", TABLE, ["book.csv has no recipe to keep"]),
-    "self results only": ("book.csv", TABLE + "a,b,a\n", ["has no recipe to keep (1 self results dropped)"]),
-    "not UTF-8": (
-        "book.csv",
-        TABLE.encode() + b"a,b,c\nd,\xe9,f\n",
-        ["book.csv, line 3: not UTF-8 (byte 0xe9). Save it as UTF-8"],
-    ),
-    "UTF-16": ("book.csv", (TABLE + "a,b,c\n").encode("utf-16"), ["book.csv, line 1: not UTF-8"]),
-    "header missing": (
-        "book.csv",
-        "a,b,c\nd,e,f\n",
-        ["book.csv, line 1: the header is 'a,b,c'; expected 'ingredient_a,ingredient_b,result'"],
-    ),
-    "column missing": ("book.csv", "ingredient_a,result\na,c\n", ["line 1: the header is 'ingredient_a,result'"]),
-    "header after comments": ("book.csv", "# one\n# two\na,b,c\n", ["book.csv, line 3: the header is 'a,b,c'"]),
-    "commas in a tsv": ("book.tsv", TABLE, ["book.tsv, line 1: the header is", "separated by tabs"]),
-    "one ingredient": (
-        "book.csv",
-        TABLE + "a,b,c\ngrass,dew\n",
-        ["book.csv, line 3: 'grass,dew' has 1 ingredient and a result; a recipe needs two"],
-    ),
-    "no ingredient": ("book.csv", TABLE + "dew\n", ["line 2: 'dew' has 0 ingredients and a result missing"]),
-    "three ingredients": (
-        "book.csv",
-        TABLE + "a,b,c\n\na,b,c,d\n",
-        ["book.csv, line 4: 'a,b,c,d' has 3 ingredients and a result; a recipe needs two"],
-    ),
-    "empty label": (
-        "book.csv",
-        TABLE + "a,b,\n",
-        ["book.csv, line 2: the label '' is blank; every entity needs a name"],
-    ),
-    "blank label": ("book.csv", TABLE + 'a,b,c\na,"  ",c\n', ["book.csv, line 3: the label '  ' is blank"]),
-    "tab in a label": (
-        "book.csv",
-        TABLE + "a,b\tb,c\n",
-        [r"line 2: the label 'b\tb' holds a tab, line break or control"],
-    ),
-    "newline in a label": (
-        "book.csv",
-        TABLE + 'a,"b\nb",c\n',
-        ["line 2: unexpected end of data; a quoted cell ends in its line"],
-    ),
-    "NUL in a label": ("book.csv", TABLE + "a,b\0b,c\n", ["book.csv, line 2: "]),
-    "blank label in the base": (
-        "book.csv",
-        "# base: a,,b\n" + TABLE + "a,b,c\n",
-        ["book.csv, line 1: the label '' is"],
-    ),
-    "long label": (
-        "book.csv",
-        TABLE + f"a,{'b' * 1001},c\n",
-        ["line 2: a label of 1,001 characters; the limit is 1,000"],
-    ),
-    "unclosed quote": ("book.csv", TABLE + 'a,b,c\na,"b,c\n', ["book.csv, line 3: unexpected end of data"]),
-    "quote amid a label": ("book.csv", TABLE + 'a,"b"b,c\n', ["book.csv, line 2: ',' expected after '\"'"]),
-    "wrong ending": ("book.xml", TABLE + "a,b,c\n", ["unknown ending '.xml'; a recipe book is .csv, .tsv or .json"]),
-    "no ending": ("book", TABLE + "a,b,c\n", ["unknown ending ''; a recipe book is"]),
+    "empty file": ("csv", "", "book.csv is empty; a recipe book needs at least one recipe"),
+    "blanks only": ("csv", " \n\n", "book.csv is empty"),
+    "header only": ("csv", TABLE, "book.csv has no recipe to keep"),
+    "self results only": ("csv", TABLE + "a,b,a\n", "has no recipe to keep (1 self results dropped)"),
+    "not UTF-8": ("csv", TABLE.encode() + b"a,b,c\nd,\xe9,f\n", "book.csv, line 3: not UTF-8 (byte 0xe9)"),
+    "UTF-16": ("csv", (TABLE + "a,b,c\n").encode("utf-16"), "book.csv, line 1: not UTF-8"),
+    "header missing": ("csv", "a,b,c\nd,e,f\n", "line 1: the header is 'a,b,c'; expected 'ingredient_a,ingredient_b,"),
+    "column missing": ("csv", "ingredient_a,result\na,c\n", "line 1: the header is 'ingredient_a,result'"),
+    "header after comments": ("csv", "# one\n# two\na,b,c\n", "book.csv, line 3: the header is 'a,b,c'"),
+    "commas in a tsv": ("tsv", TABLE, "separated by tabs"),
+    "one ingredient": ("csv", TABLE + "a,b,c\ngrass,dew\n", "line 3: 'grass,dew' has 1 ingredient and a result"),
+    "no ingredient": ("csv", TABLE + "dew\n", "line 2: 'dew' has 0 ingredients and a result missing"),
+    "three ingredients": ("csv", TABLE + "a,b,c\n\na,b,c,d\n", "line 4: 'a,b,c,d' has 3 ingredients and a result"),
+    "empty label": ("csv", TABLE + "a,b,\n", "line 2: the label '' is blank; every entity needs a name"),
+    "blank label": ("csv", TABLE + 'a,b,c\na,"  ",c\n', "book.csv, line 3: the label '  ' is blank"),
+    "tab in a label": ("csv", TABLE + "a,b\tb,c\n", r"line 2: the label 'b\tb' holds a tab, line break or control"),
+    "newline in a label": ("csv", TABLE + 'a,"b\nb",c\n', "line 2: unexpected end of data; a quoted cell ends in its"),
+    "NUL in a label": ("csv", TABLE + "a,b\0b,c\n", "book.csv, line 2: "),
+    "blank label in the base": ("csv", "# base: a,,b\n" + TABLE + "a,b,c\n", "book.csv, line 1: the label '' is"),
+    "long label": ("csv", TABLE + f"a,{'b' * 1001},c\n", "line 2: a label of 1,001 characters; the limit is 1,000"),
+    "unclosed quote": ("csv", TABLE + 'a,b,c\na,"b,c\n', "book.csv, line 3: unexpected end of data"),
+    "quote amid a label": ("csv", TABLE + 'a,"b"b,c\n', "book.csv, line 2: ',' expected after '\"'"),
+    "wrong ending": ("xml", TABLE + "a,b,c\n", "unknown ending '.xml'; a recipe book is .csv, .tsv or .json"),
+    "no ending": ("", TABLE + "a,b,c\n", "unknown ending ''; a recipe book is"),
 }
 
 BAD_JSON = {
-    "truncated": ('{"entities": [\n"a",', ["book.json, line 2, column 5: not JSON (Expecting value)"]),
-    "text": ("a,b,c", ["book.json, line 1, column 1: not JSON"]),
-    "not UTF-8": (b'{"entities":\n["\xff"]}', ["book.json, line 2: not UTF-8 (byte 0xff)"]),
-    "empty file": ("", ["book.json is empty"]),
-    "list": ("[1, 2]", ["neither of the known layouts. Expected an object with the lists 'entities' and 'recipes'"]),
-    "null": ("null", ["book.json: neither of the known layouts"]),
-    "no recipes": ('{"entities": ["a"]}', ["book.json: neither of the known layouts"]),
-    "nested too deeply": ("[" * 200_000, ["book.json: nested too deeply for a recipe book"]),
-    "huge number": ('{"entities": ' + "1" * 5000 + "}", ["book.json"]),
-    "duplicate key": (
-        '{"entities": {"a": {"recipes": []}, "b": {"recipes": [["a", "a"]]}, "a": {"recipes": []}}}',
-        ["book.json: the key 'a' occurs twice"],
-    ),
-    "unlisted entity": (
-        '{"entities": ["a", "b"], "recipes": [["a", "a", "b"], ["a", "b", "gold"]]}',
-        ["book.json: recipes[1]: 'gold' is not among the file's entities"],
-    ),
-    "one ingredient": (
-        '{"entities": ["a", "b"], "recipes": [["a", "b"]]}',
-        ["book.json: recipes[0] is ['a', 'b']: 'a' is the only ingredient; a recipe needs two"],
-    ),
-    "three ingredients": ('{"entities": ["a"], "recipes": [["a", "a", "a", "a"]]}', ["book.json: recipes[0] is ['a',"]),
-    "number for a label": ('{"entities": ["a", 7], "recipes": []}', ["entities[1]: 7 is not a label; a label is text"]),
-    "null for a label": ('{"entities": ["a"], "recipes": [["a", "a", null]]}', ["recipes[0]: None is not a label"]),
-    "blank label": ('{"entities": [" "], "recipes": []}', ["book.json: entities[0]: the label ' ' is blank"]),
-    "tab in a label": ('{"entities": ["a\\tb"], "recipes": []}', [r"entities[0]: the label 'a\tb' holds a tab"]),
-    "newline in a label": ('{"entities": ["a\\nb"], "recipes": []}', [r"entities[0]: the label 'a\nb' holds a tab"]),
+    "truncated": ('{"entities": [\n"a",', "book.json, line 2, column 5: not JSON (Expecting value)"),
+    "text": ("a,b,c", "book.json, line 1, column 1: not JSON"),
+    "not UTF-8": (b'{"entities":\n["\xff"]}', "book.json, line 2: not UTF-8 (byte 0xff)"),
+    "empty file": ("", "book.json is empty"),
+    "list": ("[1, 2]", "Expected an object with the lists 'entities' and 'recipes'"),
+    "null": ("null", "book.json: neither of the known layouts"),
+    "no recipes": ('{"entities": ["a"]}', "book.json: neither of the known layouts"),
+    "nested too deeply": ("[" * 200_000, "book.json: nested too deeply for a recipe book"),
+    "huge number": ('{"entities": ' + "1" * 5000 + "}", "book.json"),
+    "duplicate key": ('{"entities": {"a": {"recipes": []}, "a": {"recipes": []}}}', "the key 'a' occurs twice"),
+    "unlisted entity": ('{"entities": ["a"], "recipes": [["a", "a", "gold"]]}', "recipes[0]: 'gold' is not among the"),
+    "one ingredient": ('{"entities": ["a", "b"], "recipes": [["a", "b"]]}', "'a' is the only ingredient; a recipe"),
+    "three ingredients": ('{"entities": ["a"], "recipes": [["a", "a", "a", "a"]]}', "book.json: recipes[0] is ['a',"),
+    "number for a label": ('{"entities": ["a", 7], "recipes": []}', "entities[1]: 7 is not a label; a label is text"),
+    "null for a label": ('{"entities": ["a"], "recipes": [["a", "a", null]]}', "recipes[0]: None is not a label"),
+    "blank label": ('{"entities": [" "], "recipes": []}', "book.json: entities[0]: the label ' ' is blank"),
+    "tab in a label": ('{"entities": ["a\\tb"], "recipes": []}', r"entities[0]: the label 'a\tb' holds a tab"),
+    "newline in a label": ('{"entities": ["a\\nb"], "recipes": []}', r"entities[0]: the label 'a\nb' holds a tab"),
     "half of a character": (
-        '{"entities": ["a", "b", "c\\ud800"], "recipes": [["a", "b", "c\\ud800"], ["a", "a", "b"], ["b", "b", "a"]]}',
-        ["book.json: entities[2]"],
+        '{"entities": ["a", "\\ud800"], "recipes": [["a", "a", "\\ud800"]]}',
+        "book.json: entities[1]",
     ),
-    "base is text": (
-        '{"entities": ["a"], "base": "a", "recipes": []}',
-        ["'base' is str; expected a list of labels or"],
-    ),
+    "base is text": ('{"entities": ["a"], "base": "a", "recipes": []}', "'base' is str; expected a list of labels or"),
     "official, one ingredient": (
         '{"entities": {"a": {"recipes": []}, "dew": {"recipes": [["a", "a"], ["a"]]}}}',
-        ["book.json: entities['dew'].recipes[1] is ['a']: 'a' is the only ingredient; a recipe needs two"],
+        "book.json: entities['dew'].recipes[1] is ['a']: 'a' is the only ingredient; a recipe needs two",
     ),
     "official, three ingredients": (
         '{"entities": {"a": {"recipes": []}, "dew": {"recipes": [["a", "a", "a"]]}}}',
-        ["book.json: entities['dew'].recipes[0] is ['a', 'a', 'a']; a recipe needs two ingredients"],
+        "book.json: entities['dew'].recipes[0] is ['a', 'a', 'a']; a recipe needs two ingredients",
     ),
     "official, unlisted entity": (
         '{"entities": {"dew": {"recipes": [["gold", "dew"]]}}}',
-        ["book.json: entities['dew'].recipes[0]: 'gold' is not among the file's entities"],
+        "book.json: entities['dew'].recipes[0]: 'gold' is not among the file's entities",
     ),
-    "official, no recipes": ('{"entities": {"dew": {}}}', ["book.json: entities['dew'] has no list 'recipes'"]),
+    "official, no recipes": ('{"entities": {"dew": {}}}', "book.json: entities['dew'] has no list 'recipes'"),
 }
 
 
-@pytest.mark.parametrize(("name", "content", "says"), BAD_TABLES.values(), ids=BAD_TABLES)
-def test_a_bad_table_is_refused_naming_the_line(refused, book, name, content, says):
-    refused(book(name, content), "--split", "none", says=["error: ", *says])
+@pytest.mark.parametrize(("ending", "content", "says"), BAD_TABLES.values(), ids=BAD_TABLES)
+def test_a_bad_table_is_refused_naming_the_line(refused, book, ending, content, says):
+    refused(book(f"book.{ending}".rstrip("."), content), "--split", "none", says=["error: ", says])
 
 
 @pytest.mark.parametrize(("content", "says"), BAD_JSON.values(), ids=BAD_JSON)
 def test_a_bad_json_book_is_refused_naming_the_key(refused, book, content, says):
-    refused(book("book.json", content), "--split", "none", says=["error: ", *says])
+    refused(book("book.json", content), "--split", "none", says=["error: ", says])
 
 
 @pytest.mark.parametrize(
@@ -229,41 +181,33 @@ def test_a_blank_label_of_a_megabyte_is_refused_in_a_short_message(run, book, ou
     assert len(outcome.err) < 2000
 
 
-def test_a_directory_is_refused(refused, home):
-    (home / "books").mkdir()
-    refused(home / "books", says=["books' is an empty folder; expected a recipe book (.csv, .tsv, .json)"])
-
-
-def test_a_file_that_does_not_exist_is_refused(refused, home):
-    refused(home / "nowhere.csv", says=["nowhere.csv' is neither a file nor a known book", "`wordcraft-kg books`"])
-
-
-def test_an_unknown_book_is_refused_with_the_nearest_one(refused):
-    refused("kitchn", says=["'kitchn' is neither a file nor a known book. Did you mean 'kitchen'?"])
-
-
-def test_an_unknown_base_entity_is_refused_with_the_nearest_ones(refused):
-    refused("kitchen", "--base", "watr,fire", says=["base entity 'watr' is not in kitchen. Did you mean 'water'"])
-
-
-@pytest.mark.parametrize("base", ["", ",", " , "])
-def test_an_empty_base_is_refused(refused, base):
-    refused("kitchen", "--base", base, says=["error: --base: the list is empty"])
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["{home}/out"], "out' has none of graph.json"),
+        (["{home}/nowhere.csv"], "nowhere.csv' is neither a file nor a known book"),
+        (["kitchn"], "'kitchn' is neither a file nor a known book. Did you mean 'kitchen'?"),
+        (["kitchen", "--base", "watr,fire"], "base entity 'watr' is not in kitchen. Did you mean 'water'"),
+        (["kitchen", "--base", ""], "error: --base: the list is empty"),
+        (["kitchen", "--base", ","], "error: --base: the list is empty"),
+        (["kitchen", "--base", " , "], "error: --base: the list is empty"),
+        *(
+            (["kitchen", f"--train-ratio={bad}"], f"error: --train-ratio {bad}: ")
+            for bad in (0.0, 1.0, "nan", -0.5, "inf")
+        ),
+        (["kitchen", "--seed=-1"], "error: --seed -1: expected a whole number, 0 or more."),
+        (["kitchen", "--config", "{home}/nowhere.toml"], "nowhere.toml: no such file"),
+        (["little-alchemy-2"], "Fetch it: wordcraft-kg books --fetch little-alchemy-2"),
+    ],
+)
+def test_bad_input_is_refused_by_name(refused, home, arguments, says):
+    refused(*(argument.format(home=home) for argument in arguments), says=[says])
 
 
 def test_a_bad_base_file_is_refused(refused, home, book):
     refused("kitchen", "--base-file", book("base.txt", b"\xe9\n"), says=["base.txt is not UTF-8 text"])
     refused("kitchen", "--base-file", book("none.txt", "\n"), says=["--base: the list is empty"])
     refused("kitchen", "--base-file", home / "nowhere.txt", says=["nowhere.txt", "No such file"])
-
-
-@pytest.mark.parametrize("ratio", ["0", "1", "nan", "-0.5", "inf"])
-def test_a_train_ratio_outside_its_range_is_refused(refused, ratio):
-    refused(
-        "kitchen",
-        f"--train-ratio={ratio}",
-        says=[f"error: --train-ratio {float(ratio)}: expected more than 0 and less than 1"],
-    )
 
 
 @pytest.mark.parametrize(
@@ -284,10 +228,6 @@ def test_an_unknown_command_is_refused_with_the_nearest_one(run):
     outcome = run("build-grap")
     assert outcome.code == 2
     assert 'Did you mean "build-graph"?' in outcome.err
-
-
-def test_a_negative_seed_is_refused(refused):
-    refused("kitchen", "--seed=-1", says=["error: --seed -1: expected a whole number, 0 or more."])
 
 
 def test_a_book_too_small_to_split_is_refused_and_says_how_to_go_on(refused, run, book, home):
@@ -316,22 +256,19 @@ def test_an_output_that_exists_is_kept_until_it_is_forced(run, out):
     assert [path.name for path in out.iterdir()] == ["earlier"]
 
 
-@pytest.mark.parametrize("options", [[], ["--force"]])
-def test_an_output_that_is_a_file_is_never_replaced(run, out, options):
+@pytest.mark.parametrize(
+    ("path", "options", "says"),
+    [
+        ("file", [], "file' is a file, but the output is a folder. Choose another --out."),
+        ("file", ["--force"], "file' is a file, but the output is a folder. Choose another --out."),
+        ("file/below/kitchen", [], "below': Not a directory. Nothing was changed."),
+    ],
+)
+def test_an_output_that_is_a_file_or_below_one_is_refused(run, out, path, options, says):
     (out / "file").write_text(KEPT, encoding="utf-8")
     before = contents(out)
-    outcome = run("build-graph", "kitchen", "--out", out / "file", *options)
-    assert outcome.code == 1
-    assert "file' is a file, but the output is a folder. Choose another --out." in outcome.err
-    assert contents(out) == before
-
-
-def test_an_output_below_a_file_is_refused(run, out):
-    (out / "file").write_text(KEPT, encoding="utf-8")
-    before = contents(out)
-    outcome = run("build-graph", "kitchen", "--out", out / "file" / "below" / "kitchen")
-    assert outcome.code == 1
-    assert f"error: '{out / 'file' / 'below'}': Not a directory. Nothing was changed." in outcome.err
+    outcome = run("build-graph", "kitchen", "--out", out / path, *options)
+    assert (outcome.code, says in outcome.err) == (1, True)
     assert contents(out) == before
 
 
@@ -356,19 +293,17 @@ def test_a_full_disk_leaves_nothing_half_written(refused, monkeypatch):
     refused("kitchen", says=["error: 'disk': No space left on device. Nothing was changed."])
 
 
+def interrupt(*arguments):
+    raise KeyboardInterrupt
+
+
 @pytest.mark.parametrize("where", ["audit", "triple_lines", "write_atomically"])
 def test_an_interrupted_build_leaves_nothing_half_written(refused, monkeypatch, where):
-    def interrupt(*arguments):
-        raise KeyboardInterrupt
-
     monkeypatch.setattr(f"wordcraft_kg.graphs.folder.{where}", interrupt)
     refused("kitchen", says=["interrupted; nothing was written"], codes=(130,))
 
 
 def test_an_interrupted_build_leaves_no_new_parent_folders(run, out, monkeypatch):
-    def interrupt(*arguments):
-        raise KeyboardInterrupt
-
     monkeypatch.setattr("wordcraft_kg.graphs.folder.audit", interrupt)
     before = contents(out)
     assert run("build-graph", "kitchen", "--out", out / "a" / "b" / "kitchen").code == 130
@@ -497,10 +432,6 @@ def test_a_bad_toml_file_is_refused_by_name(refused, book, content, says):
     refused("kitchen", "--config", book("options.toml", content), says=says, codes=(1, 2))
 
 
-def test_a_toml_file_that_does_not_exist_is_refused(refused, home):
-    refused("kitchen", "--config", home / "nowhere.toml", says=["nowhere.toml: no such file"])
-
-
 def test_describe_shows_the_audit_of_a_folder_with_its_own_split(run, kitchen, kitchen_folder):
     found = json.loads(run("describe", kitchen_folder, "--json").out)
     recorded = json.loads((kitchen_folder / "audit.json").read_text(encoding="utf-8"))
@@ -604,24 +535,24 @@ def test_books_lists_names_origins_and_what_can_be_fetched(run, home):
     assert f"{DATA_VARIABLE} names (not set)" in text
 
 
-def test_fetch_without_a_network_says_how_to_place_the_file_by_hand(run, home, monkeypatch):
-    def offline(url, **options):
-        raise urllib.error.URLError("Name or service not known")
-
-    monkeypatch.setattr(urllib.request, "urlopen", offline)
-    outcome = run("books", "--fetch", "little-alchemy-2")
-    assert (outcome.code, outcome.out) == (1, "")
-    assert "could not download 'little-alchemy-2' (Name or service not known)" in outcome.err
-    assert f"save {FETCHABLE['little-alchemy-2'].url} as {home / 'cache'}" in outcome.err
-    assert DATA_VARIABLE in outcome.err
-    assert not (home / "cache").exists()
+def _offline(url, **options):
+    raise urllib.error.URLError("Name or service not known")
 
 
-def test_fetch_keeps_no_other_file_than_the_pinned_one(run, home, monkeypatch):
-    monkeypatch.setattr(urllib.request, "urlopen", lambda url, **options: io.BytesIO(b"{}"))
-    outcome = run("books", "--fetch", "little-alchemy-2")
-    assert (outcome.code, outcome.out) == (1, "")
-    assert "not kept" in outcome.err
+@pytest.mark.parametrize(
+    ("name", "answer", "says"),
+    [
+        ("little-alchemy-2", _offline, "could not download 'little-alchemy-2' (Name or service not known)"),
+        ("little-alchemy-2", _offline, f"save {FETCHABLE['little-alchemy-2'].url} as "),
+        ("little-alchemy-2", lambda url, **options: io.BytesIO(b"{}"), "not kept"),
+        ("little-alchemy-3", _offline, "Did you mean 'little-alchemy-2'?"),
+    ],
+    ids=["offline", "by hand", "another file", "unknown"],
+)
+def test_a_book_that_cannot_be_fetched_leaves_no_file_and_says_why(run, home, monkeypatch, name, answer, says):
+    monkeypatch.setattr(urllib.request, "urlopen", answer)
+    outcome = run("books", "--fetch", name)
+    assert (outcome.code, outcome.out, says in outcome.err) == (1, "", True)
     assert not (home / "cache").exists()
 
 
@@ -634,42 +565,17 @@ def test_fetch_reports_the_real_book_that_the_cache_holds(run, home, alchemy_pat
     assert run("build-graph", "little-alchemy-2", "--out", home / "la2").code == 0
 
 
-def test_fetch_refuses_an_unknown_book_with_the_nearest_one(run, home):
-    outcome = run("books", "--fetch", "little-alchemy-3")
-    assert (outcome.code, outcome.out) == (1, "")
-    assert "no book 'little-alchemy-3' to fetch" in outcome.err
-    assert "Did you mean 'little-alchemy-2'?" in outcome.err
-
-
 def test_another_file_in_place_of_the_published_book_is_refused_by_name(refused, home, book, monkeypatch):
     book("alchemy2.json", '{"entities": {"a": {"recipes": []}, "b": {"recipes": [["a", "a"]]}}}')
     monkeypatch.setenv(DATA_VARIABLE, str(home))
     refused("little-alchemy-2", says=["alchemy2.json is not the published 'little-alchemy-2' (its SHA-256 differs)"])
 
 
-def test_a_book_that_was_not_fetched_says_how_to_fetch_it(refused):
-    refused("little-alchemy-2", says=["Fetch it: wordcraft-kg books --fetch little-alchemy-2"])
-
-
-@pytest.mark.parametrize("command", ["build-graph", "describe", "books", "tasks", "export"])
-def test_help_gives_examples_that_start_with_the_command(run, command):
-    outcome = run(command, "--help")
-    assert (outcome.code, outcome.err) == (0, "")
-    assert f"\n  wordcraft-kg {command}" in outcome.out
-
-
 def test_a_reader_that_goes_away_is_no_error(tmp_path):
     reader, writer = os.pipe()
     os.close(reader)
-    done = subprocess.run(
-        [sys.executable, "-m", "wordcraft_kg", "describe", "kitchen"],
-        stdout=writer,
-        stderr=subprocess.PIPE,
-        cwd=tmp_path,
-        text=True,
-        timeout=60,
-        check=False,
-    )
+    command = [sys.executable, "-m", "wordcraft_kg", "describe", "kitchen"]
+    done = subprocess.run(command, stdout=writer, stderr=subprocess.PIPE, cwd=tmp_path, text=True, check=False)
     os.close(writer)
     assert (done.returncode, done.stderr) == (0, "")
 
@@ -768,10 +674,7 @@ def test_a_graph_is_called_as_its_folder_unless_it_is_given_a_name(run, book, ou
     assert run("build-graph", path, "--split", "none", "--out", out / "other", "--name", "My world").code == 0
     assert open_graph(out / "other").graph.name == "My world"
     refused = run("build-graph", path, "--split", "none", "--out", out / "third", "--name", " ")
-    assert (refused.code, refused.err) == (
-        1,
-        "error: --name: the label ' ' is blank; every entity needs a name.\n",
-    )
+    assert (refused.code, refused.setting) == (1, "name")
     assert not (out / "third").exists()
 
 

@@ -141,8 +141,7 @@ def _success(found: "AgentSuccess | None") -> Iterator[str]:
     if found.difference is not None and found.difference_ci is not None:
         down, up = found.difference_ci
         yield f"{found.difference:+.3f} [{down:+.3f}, {up:+.3f}] over tasks"
-    if found.p_better is not None:
-        yield f"P(better) {found.p_better:.2f}"
+        yield "" if found.p_better is None else f"P(better) {found.p_better:.2f}"
 
 
 def _compare_links(
@@ -194,8 +193,8 @@ def _mrr(model: "ComparedModel") -> Iterator[str]:
     low, high = model.mrr_ci or (0.0, 0.0)
     yield f"MRR {model.mrr:.3f} [{low:.3f}, {high:.3f}]"
     yield f"hits@10 {model.hits_at_10:.3f}"
-    if len(model.seeds) > 1:
-        yield f"{len(model.seeds)} seeds {min(model.mrr_of_seeds):.3f} to {max(model.mrr_of_seeds):.3f}"
+    spread = f"{len(model.seeds)} seeds {min(model.mrr_of_seeds):.3f} to {max(model.mrr_of_seeds):.3f}"
+    yield spread if len(model.seeds) > 1 else ""
     if model.difference is not None and model.difference_ci is not None:
         down, up = model.difference_ci
         verdict = "excludes 0" if down > 0 or up < 0 else "includes 0: no difference is shown"

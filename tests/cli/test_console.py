@@ -147,11 +147,11 @@ def garden(run, tmp_path, monkeypatch):
 
     plain = Output()
 
-    def sow(bed: str, *, rows: int = 1, output: Output = plain) -> None:
+    def sow(bed, *, rows=1, output=plain):
         """Sow a bed."""
         output.result({"bed": bed, "rows": rows}, [f"{bed}: {rows}"])
 
-    def reap(*, output: Output = plain) -> None:
+    def reap(*, output=plain):
         """Reap what was sown."""
         raise ConfigError("`num_distractors` 0: nothing was sown.")
 
@@ -371,7 +371,7 @@ def test_completion_can_be_installed(run, tmp_path, monkeypatch):
 # --- the cache -------------------------------------------------------------------------------------------------------
 
 
-def test_the_cache_is_listed_with_sizes_and_cleared_but_for_what_is_not_ours(run, home, monkeypatch):
+def test_the_cache_is_listed_with_sizes_and_cleared_but_for_what_is_not_ours(printed, run, home, monkeypatch):
     monkeypatch.setenv("PYSTOW_HOME", str(home / "pystow"))
     cached = home / "cache" / "wordcraft-kg"
     ours = ((cached / "books/a.json", 1000), (cached / "vectors/b", 20), (cached / "opinions/c.json", 4))
@@ -381,10 +381,7 @@ def test_the_cache_is_listed_with_sizes_and_cleared_but_for_what_is_not_ours(run
     (cached / "notes.txt").touch()
 
     def sizes(*options):
-        return [
-            (found["files"], found["bytes"])
-            for found in json.loads(run("books", "--cache", *options, "--json").out)["folders"]
-        ]
+        return [(found["files"], found["bytes"]) for found in printed("books", "--cache", *options)["folders"]]
 
     assert sizes() == [(1, 1000), (1, 20), (1, 4), (1, 3)]
     assert f"fetched recipe books          1 file, 1.0 kB    {cached / 'books'}\n" in run("books", "--cache").out
@@ -409,7 +406,7 @@ def test_the_examples_of_the_help_work_by_copy_and_paste(run, home, tmp_path, mo
     monkeypatch.chdir(tmp_path)
     (tmp_path / "recipes.csv").write_text("ingredient_a,ingredient_b,result\nflour,water,dough\n")
     for name in IN_ORDER:
-        for example in manual_of(name).examples:
+        for example in manual_of(name).module.EXAMPLES:
             arguments = shlex.split(f"{example} {SHORTER.get(name, '')}")[1:]
             outcome = run(*arguments)
             assert outcome.code == 0, (example, outcome.err)

@@ -8,9 +8,7 @@ import signal
 import subprocess
 import sys
 import tomllib
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import msgspec
 import numpy as np
@@ -27,20 +25,19 @@ from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
 from wordcraft_kg.models.scorers.folder import load_scorer
 from wordcraft_kg.models.scorers.ranking import RankingMetrics
 
-Run = Callable[..., Any]
 TINY = ("--dim", "8", "--epochs", "4", "--folds", "0")
 QUICK = (*TINY, "--n3", "0.1")
 NAMES = ALL
 SLICES = {"all", *RELATIONS}
 
 
-def build(folder: Path, **settings: Any) -> None:
+def build(folder, **settings):
     book = open_book("kitchen")
     write_graph_folder(folder, book, make_split(RecipeGraph.from_book(book), SplitConfig(**settings)), force=True)
 
 
 @pytest.fixture(scope="session")
-def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def trained(tmp_path_factory):
     """A folder with a graph, two models of its partial graph and one of its full graph; read only."""
     root = tmp_path_factory.mktemp("trained")
     build(root / "graph")
@@ -51,28 +48,10 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def workshop(trained: Path, tmp_path: Path) -> Path:
+def workshop(trained, tmp_path):
     """A copy of the graph and the models, for a test to change."""
     shutil.copytree(trained, tmp_path / "workshop")
     return tmp_path / "workshop"
-
-
-def one_object(outcome: Any) -> dict[str, Any]:
-    """The one JSON object on stdout of a command that went well."""
-    assert outcome.code == 0, outcome.err
-    value = json.loads(outcome.out)
-    assert isinstance(value, dict)
-    assert outcome.out.count("\n") == 1
-    return value
-
-
-def refused(outcome: Any, kind: str) -> str:
-    """The message of a command that was refused: one line, of this kind of error, and no result."""
-    assert (outcome.code, outcome.out) == (1, "")
-    assert outcome.kind == kind
-    assert outcome.err.startswith("error: ")
-    assert "Traceback" not in outcome.err
-    return outcome.err
 
 
 # --- progress ---------------------------------------------------------------------------------------------------------
@@ -89,9 +68,7 @@ def refused(outcome: Any, kind: str) -> str:
     ],
     ids=lambda value: value[0],
 )
-def test_judging_models_names_its_stages(
-    run: Run, trained: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: list[str], stages: list[str]
-):
+def test_judging_models_names_its_stages(run, trained, tmp_path, monkeypatch, command, stages):
     monkeypatch.setattr(Progress, "INTERVAL", 0.0)
     monkeypatch.setattr(Stages, "INTERVAL", 0.0)
     outcome = run(*(part.format(trained, tmp_path) for part in command))
@@ -104,20 +81,19 @@ def test_judging_models_names_its_stages(
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_every_command_prints_help_with_two_examples(run: Run, name: str):
+def test_every_command_prints_help_with_two_examples(run, name):
     outcome = run(*name.split(), "--help")
     assert (outcome.code, outcome.err) == (0, "")
-    examples = manual_of(name).examples
+    examples = manual_of(name).module.EXAMPLES
     assert len(examples) >= 2
-    for example in examples:
-        assert example in outcome.out
+    assert all(example in outcome.out for example in examples)
     assert "--json" in outcome.out
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_every_example_is_one_of_our_commands_and_parses(name: str):
+def test_every_example_is_one_of_our_commands_and_parses(name):
     app = make_app()
-    examples = manual_of(name).examples
+    examples = manual_of(name).module.EXAMPLES
     for example in examples:
         program, *tokens = shlex.split(example)
         assert program == "wordcraft-kg"
@@ -129,12 +105,10 @@ def test_every_example_is_one_of_our_commands_and_parses(name: str):
     assert any(example.startswith(f"wordcraft-kg {name}") for example in examples)
 
 
-def test_an_option_that_does_not_exist_does_not_parse(run: Run):
+def test_an_option_that_does_not_exist_does_not_parse(refused):
     with pytest.raises(Exception, match="epoch"):
         make_app().parse_args(["train-complex", "kitchen", "--epoch", "3"], exit_on_error=False, print_error=False)
-    outcome = run("train-complex", "kitchen", "--epoch", "3")
-    assert (outcome.code, outcome.out) == (2, "")
-    assert "--epoch" in outcome.err
+    refused("train-complex", "kitchen", "--epoch", "3", says="--epoch", code=2)
 
 
 @pytest.mark.parametrize(
@@ -148,7 +122,7 @@ def test_an_option_that_does_not_exist_does_not_parse(run: Run):
         ("no-such-command",),
     ],
 )
-def test_wrong_usage_has_exit_code_2_and_an_explanation(run: Run, arguments: tuple[str, ...]):
+def test_wrong_usage_has_exit_code_2_and_an_explanation(run, arguments):
     outcome = run(*arguments)
     assert (outcome.code, outcome.out) == (2, "")
     assert outcome.err.strip()
@@ -164,7 +138,7 @@ def test_the_start_page_lists_every_command_and_imports_no_torch():
 
 
 @pytest.mark.parametrize("name", ["train-complex", "train-links", "tune-links", "score"])
-def test_help_of_a_command_imports_no_torch(name: str):
+def test_help_of_a_command_imports_no_torch(name):
     code = f"import sys\nfrom wordcraft_kg.cli import main\nmain([{name!r}, '--help'])\nprint('torch' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
     assert done.stdout.splitlines()[-1] == "False"
@@ -173,8 +147,8 @@ def test_help_of_a_command_imports_no_torch(name: str):
 # --- training --------------------------------------------------------------------------------------------------------
 
 
-def test_train_complex_prints_one_object_with_what_was_trained(run: Run, tmp_path: Path):
-    values = one_object(run("train-complex", "kitchen", *QUICK, "--out", tmp_path / "model", "--json", "--quiet"))
+def test_train_complex_prints_one_object_with_what_was_trained(printed, tmp_path):
+    values = printed("train-complex", "kitchen", *QUICK, "--out", tmp_path / "model", "--quiet")
     assert {"out", "kg", "epochs", "seconds", "parameters", "train_mrr"} <= set(values)
     assert (values["out"], values["kg"], values["epochs"]) == (str(tmp_path / "model"), "partial", 4)
     assert values["parameters"] == 2 * 8 * (80 + 2)
@@ -182,62 +156,59 @@ def test_train_complex_prints_one_object_with_what_was_trained(run: Run, tmp_pat
     assert values["seconds"] > 0
 
 
-def test_train_links_prints_the_same_keys(run: Run, tmp_path: Path):
+def test_train_links_prints_the_same_keys(printed, tmp_path):
     options = ("--model", "distmult", "--dim", "4", "--epochs", "1", "--negatives", "2")
-    values = one_object(run("train-links", "kitchen", *options, "--out", tmp_path / "model", "--json", "--quiet"))
+    values = printed("train-links", "kitchen", *options, "--out", tmp_path / "model", "--quiet")
     assert {"out", "kg", "epochs", "seconds", "parameters", "train_mrr"} <= set(values)
     assert (tmp_path / "model" / "model.safetensors").is_file()
 
 
-def test_a_quiet_training_says_nothing_on_stderr(run: Run, tmp_path: Path):
+def test_a_quiet_training_says_nothing_on_stderr(run, tmp_path):
     for command, extra in (("train-complex", QUICK), ("train-links", ("--model", "distmult", *TINY))):
         outcome = run(command, "kitchen", *extra, "--out", tmp_path / command, "--quiet")
         assert (outcome.code, outcome.err) == (0, "")
 
 
-def test_progress_goes_to_stderr_and_the_result_to_stdout(run: Run, tmp_path: Path):
+def test_progress_goes_to_stderr_and_the_result_to_stdout(run, tmp_path):
     outcome = run("train-complex", "kitchen", "--epochs", 4, "--n3", 0.1, "--folds", 2, "--out", tmp_path / "model")
     assert "epoch 12 of 12" in outcome.err
     assert "epoch 12 of 24" not in outcome.out
     assert f"next: wordcraft-kg evaluate-links {tmp_path / 'model'}" in outcome.out
 
 
-def test_models_go_to_a_folder_of_their_own_by_default(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_models_go_to_a_folder_of_their_own_by_default(run, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     run("train-complex", "kitchen", *QUICK, "--kg", "full")
     run("train-links", "kitchen", *TINY, "--model", "DistMult", "--loop", "symmetric")
     assert sorted(path.name for path in (tmp_path / "models").iterdir()) == ["kitchen-distmult-partial", "kitchen-full"]
 
 
-@pytest.mark.parametrize(
-    ("option", "value"),
-    [
-        ("--epochs", "0"),
-        ("--learning-rate", "nan"),
-        ("--learning-rate", "-1"),
-        ("--n3", "-1"),
-        ("--patience", "3"),
-        ("--eval-every", "2"),
-        ("--device", "nonsense"),
-    ],
+BAD_SETTINGS = (
+    *(("train-complex", "--epochs", "0", "--epochs"), ("train-complex", "--patience", "3", "--patience")),
+    *(("train-complex", "--learning-rate", bad, "--learning-rate") for bad in ("nan", "-1")),
+    *(("train-complex", option, bad, option) for option, bad in (("--n3", "-1"), ("--eval-every", "2"))),
+    ("train-complex", "--device", "nonsense", "--device"),
+    ("train-links", "--model", "rotat", "'rotate'"),
+    *(("train-links", "--model", name, "wordcraft-kg train-complex") for name in ("complex", "ComplEx")),
+    *(("tune-links", "--valid-ratio", bad, bad) for bad in ("0", "nan")),
+    *(
+        ("tune-links", option, bad, bad)
+        for option, bad in (("--trials", "0"), ("--timeout", "0"), ("--model", "rotat"))
+    ),
 )
-def test_a_bad_setting_is_one_line_that_names_the_option(run: Run, tmp_path: Path, option: str, value: str):
-    outcome = run("train-complex", "kitchen", option, value, "--out", tmp_path / "model")
-    assert option in refused(outcome, "ConfigError")
-    assert outcome.err.count("\n") == 1
+
+
+@pytest.mark.parametrize(("command", "option", "value", "says"), BAD_SETTINGS)
+def test_a_bad_setting_is_one_line_that_names_the_option(refused, tmp_path, command, option, value, says):
+    error = refused(command, "kitchen", option, value, "--out", tmp_path / "model", says=says, kind="ConfigError")
+    assert error.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
 
 
-def test_an_unknown_model_is_one_line_with_a_suggestion(run: Run, tmp_path: Path):
-    outcome = run("train-links", "kitchen", "--model", "rotat", "--out", tmp_path / "model")
-    assert "'rotate'" in refused(outcome, "ConfigError")
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_a_model_folder_that_exists_is_refused_before_anything_is_trained(run: Run, workshop: Path):
+def test_a_model_folder_that_exists_is_refused_before_anything_is_trained(refused, run, workshop):
     weights = (workshop / "one" / "model.safetensors").read_bytes()
-    outcome = run("train-complex", workshop / "graph", *QUICK, "--seed", "5", "--out", workshop / "one")
-    assert "--force" in refused(outcome, "OutputExistsError")
+    command = ("train-complex", workshop / "graph", *QUICK, "--seed", "5", "--out", workshop / "one")
+    refused(*command, says="--force", kind="OutputExistsError")
     assert (workshop / "one" / "model.safetensors").read_bytes() == weights
     assert (
         run("train-complex", workshop / "graph", *QUICK, "--seed", "5", "--out", workshop / "one", "--force").code == 0
@@ -245,31 +216,30 @@ def test_a_model_folder_that_exists_is_refused_before_anything_is_trained(run: R
     assert (workshop / "one" / "model.safetensors").read_bytes() != weights
 
 
-def test_a_file_is_never_replaced_by_a_model(run: Run, tmp_path: Path):
+def test_a_file_is_never_replaced_by_a_model(refused, tmp_path):
     (tmp_path / "model").write_text("mine")
-    outcome = run("train-complex", "kitchen", *QUICK, "--out", tmp_path / "model", "--force")
-    refused(outcome, "OutputExistsError")
+    refused("train-complex", "kitchen", *QUICK, "--out", tmp_path / "model", "--force", kind="OutputExistsError")
     assert (tmp_path / "model").read_text() == "mine"
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
-def test_a_read_only_folder_is_a_clear_error(run: Run, tmp_path: Path):
+def test_a_read_only_folder_is_a_clear_error(refused, tmp_path):
     (tmp_path / "locked").mkdir(mode=0o500)
-    outcome = run("train-complex", "kitchen", *QUICK, "--out", tmp_path / "locked" / "model")
-    assert str(tmp_path / "locked") in refused(outcome, "PermissionError")
+    command = ("train-complex", "kitchen", *QUICK, "--out", tmp_path / "locked" / "model")
+    refused(*command, says=str(tmp_path / "locked"), kind="PermissionError")
 
 
-def test_settings_may_stand_in_a_toml_file_and_the_command_line_goes_first(run: Run, tmp_path: Path):
+def test_settings_may_stand_in_a_toml_file_and_the_command_line_goes_first(printed, tmp_path):
     (tmp_path / "mine.toml").write_text("[train-complex]\ndim = 4\nepochs = 3\nlearning_rate = 0.05\n")
     out = tmp_path / "model"
-    options = ("--config", tmp_path / "mine.toml", "--epochs", "2", "--out", out, "--json", "--quiet")
-    assert one_object(run("train-complex", "kitchen", *options))["epochs"] == 2
+    options = ("--config", tmp_path / "mine.toml", "--epochs", "2", "--out", out, "--quiet")
+    assert printed("train-complex", "kitchen", *options)["epochs"] == 2
     written = tomllib.loads((out / "config.toml").read_text())["train-complex"]
     assert (written["dim"], written["epochs"], written["learning_rate"]) == (4, 2, 0.05)
 
 
 @pytest.mark.parametrize("line", ["epoch = 3", "epochs = 'ten'", "surprise = true"])
-def test_a_toml_file_with_a_wrong_setting_is_refused(run: Run, tmp_path: Path, line: str):
+def test_a_toml_file_with_a_wrong_setting_is_refused(run, tmp_path, line):
     (tmp_path / "mine.toml").write_text(f"[train-complex]\n{line}\n")
     outcome = run("train-complex", "kitchen", "--config", tmp_path / "mine.toml", "--out", tmp_path / "model")
     assert outcome.code in (1, 2)
@@ -278,7 +248,7 @@ def test_a_toml_file_with_a_wrong_setting_is_refused(run: Run, tmp_path: Path, l
     assert not (tmp_path / "model").exists()
 
 
-def test_a_models_own_config_file_trains_the_same_model_again(run: Run, workshop: Path):
+def test_a_models_own_config_file_trains_the_same_model_again(run, workshop):
     options = ("--config", workshop / "one" / "config.toml", "--out", workshop / "again", "--quiet")
     outcome = run("train-complex", workshop / "graph", *options)
     assert outcome.code == 0, outcome.err
@@ -290,8 +260,8 @@ def test_a_models_own_config_file_trains_the_same_model_again(run: Run, workshop
 
 
 @pytest.fixture
-def ctrl_c_in_epoch_2(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
-    def press(self: Progress, done: int, total: int, figures: dict[str, float]) -> None:
+def ctrl_c_in_epoch_2(monkeypatch):
+    def press(self, done, total, figures):
         if done == 2:
             signal.raise_signal(signal.SIGINT)
 
@@ -300,25 +270,25 @@ def ctrl_c_in_epoch_2(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
 
 
 def test_ctrl_c_in_a_training_ends_with_130_and_the_same_command_goes_on(
-    run: Run, workshop: Path, ctrl_c_in_epoch_2: pytest.MonkeyPatch
+    printed, refused, run, workshop, ctrl_c_in_epoch_2
 ):
     settings = (workshop / "graph", "--dim", "8", "--epochs", "6", "--seed", "3")
     command = ("train-complex", *settings, "--out", workshop / "model")
     outcome = run(*command)
     assert (outcome.code, outcome.out) == (130, "")
     assert f"epoch 3 is saved in '{workshop / 'model'}'. The same command goes on" in outcome.err
-    assert "not done" in refused(run("score", workshop / "model", "flour", "combinesWith", "water"), "ArtefactError")
-    assert "--n3" in refused(run(*command, "--n3", "0.5"), "ConfigError")
+    refused("score", workshop / "model", "flour", "combinesWith", "water", says="not done", kind="ArtefactError")
+    refused(*command, "--n3", "0.5", says="--n3", kind="ConfigError")
     ctrl_c_in_epoch_2.undo()
-    values = one_object(run(*command, "--json", "--quiet"))
+    values = printed(*command, "--quiet")
     assert (values["out"], values["epochs"]) == (str(workshop / "model"), 6)
     run("train-complex", *settings, "--out", workshop / "undisturbed")
     weights = [(workshop / name / "model.safetensors").read_bytes() for name in ("model", "undisturbed")]
     assert weights[0] == weights[1]
 
 
-def test_a_second_ctrl_c_says_truly_what_is_left(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    def press_twice(self: Progress, done: int, total: int, figures: dict[str, float]) -> None:
+def test_a_second_ctrl_c_says_truly_what_is_left(run, tmp_path, monkeypatch):
+    def press_twice(self, done, total, figures):
         if done == 3:
             signal.raise_signal(signal.SIGINT)
             signal.raise_signal(signal.SIGINT)
@@ -331,10 +301,8 @@ def test_a_second_ctrl_c_says_truly_what_is_left(run: Run, tmp_path: Path, monke
     assert "nothing was written" not in outcome.err
 
 
-def test_ctrl_c_at_once_in_a_forced_training_leaves_the_earlier_model(
-    run: Run, workshop: Path, monkeypatch: pytest.MonkeyPatch
-):
-    def press_twice(self: Progress, done: int, total: int, figures: dict[str, float]) -> None:
+def test_ctrl_c_at_once_in_a_forced_training_leaves_the_earlier_model(run, workshop, monkeypatch):
+    def press_twice(self, done, total, figures):
         signal.raise_signal(signal.SIGINT)
         signal.raise_signal(signal.SIGINT)
 
@@ -347,8 +315,8 @@ def test_ctrl_c_at_once_in_a_forced_training_leaves_the_earlier_model(
     assert run("score", workshop / "one", "flour", "combinesWith", "water").code == 0
 
 
-def test_ctrl_c_elsewhere_ends_with_130_and_one_line(run: Run, workshop: Path, monkeypatch: pytest.MonkeyPatch):
-    def interrupted(*arguments: Any, **settings: Any) -> None:
+def test_ctrl_c_elsewhere_ends_with_130_and_one_line(run, workshop, monkeypatch):
+    def interrupted(*arguments, **settings):
         raise KeyboardInterrupt
 
     monkeypatch.setattr("wordcraft_kg.reports.pages.render", interrupted)
@@ -361,8 +329,8 @@ def test_ctrl_c_elsewhere_ends_with_130_and_one_line(run: Run, workshop: Path, m
 # --- evaluation ------------------------------------------------------------------------------------------------------
 
 
-def test_evaluate_links_prints_one_object_with_the_headline_and_its_baselines(run: Run, workshop: Path):
-    values = one_object(run("evaluate-links", workshop / "one", "--json"))
+def test_evaluate_links_prints_one_object_with_the_headline_and_its_baselines(printed, workshop):
+    values = printed("evaluate-links", workshop / "one")
     for metric in ("mrr", "hits@1", "hits@3", "hits@10"):
         assert set(values[metric]) == SLICES
         assert all(0 <= value <= 1 for value in values[metric].values())
@@ -374,8 +342,8 @@ def test_evaluate_links_prints_one_object_with_the_headline_and_its_baselines(ru
     assert values["leaked_left_out"] == len(split.triples_of("test")) - len(split.held_out("test"))
 
 
-def test_evaluate_links_writes_the_report_that_it_names(run: Run, workshop: Path):
-    values = one_object(run("evaluate-links", workshop / "one", "--json"))
+def test_evaluate_links_writes_the_report_that_it_names(printed, workshop):
+    values = printed("evaluate-links", workshop / "one")
     report = Path(values["report"])
     assert report == workshop / "one" / "report" / "index.html"
     assert f"{values['mrr']['all']:.3f}" in report.read_text(encoding="utf-8")
@@ -385,19 +353,19 @@ def test_evaluate_links_writes_the_report_that_it_names(run: Run, workshop: Path
     assert (report.parent / "ranks.csv").is_file()
 
 
-def test_the_text_of_evaluate_links_names_the_leaks_the_baselines_and_the_report(run: Run, workshop: Path):
+def test_the_text_of_evaluate_links_names_the_leaks_the_baselines_and_the_report(run, workshop):
     outcome = run("evaluate-links", workshop / "one")
     assert outcome.code == 0
     for expected in ("leaked ones left out", "frequency", "random", "inflated", str(workshop / "one" / "report")):
         assert expected in outcome.out
 
 
-def line_of(outcome: Any, name: str) -> str:
+def line_of(outcome, name):
     """The line of a command's text that begins with a name, "" if there is none."""
     return next((line for line in outcome.out.splitlines() if line.startswith(name)), "")
 
 
-def with_figures(monkeypatch: pytest.MonkeyPatch, **changes: Any) -> None:
+def with_figures(monkeypatch, **changes):
     """Let `evaluate-links` see figures other than its own."""
     from wordcraft_kg.evaluation import links
 
@@ -408,26 +376,24 @@ def with_figures(monkeypatch: pytest.MonkeyPatch, **changes: Any) -> None:
     )
 
 
-def test_leaked_triples_that_lower_the_figure_are_not_called_inflation(
-    run: Run, workshop: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_leaked_triples_that_lower_the_figure_are_not_called_inflation(run, workshop, monkeypatch):
     with_figures(monkeypatch, with_leaked=RankingMetrics(60, mrr=0.0, hits_at_1=0.0, hits_at_3=0.0, hits_at_10=0.0))
     line = line_of(run("evaluate-links", workshop / "one"), "with leaked")
     assert "MRR 0.000, no better" in line
     assert "inflated" not in line
 
 
-def test_without_leaked_triples_nothing_is_said_about_them(run: Run, workshop: Path, monkeypatch: pytest.MonkeyPatch):
+def test_without_leaked_triples_nothing_is_said_about_them(run, workshop, monkeypatch):
     with_figures(monkeypatch, leaked_left_out=0)
     outcome = run("evaluate-links", workshop / "one")
     assert "0 leaked ones left out" in outcome.out
     assert not line_of(outcome, "with leaked")
 
 
-def test_a_full_graph_that_is_too_small_is_not_told_to_hold_out_more(run: Run, tmp_path: Path):
+def test_a_full_graph_that_is_too_small_is_not_told_to_hold_out_more(refused, run, tmp_path):
     (tmp_path / "tiny.csv").write_text("ingredient_a,ingredient_b,result\nwater,earth,mud\nmud,fire,brick\n")
     assert run("train-complex", tmp_path / "tiny.csv", "--kg", "full", *QUICK, "--out", tmp_path / "full").code == 0
-    message = refused(run("evaluate-links", tmp_path / "full"), "SplitError")
+    message = refused("evaluate-links", tmp_path / "full", kind="SplitError")
     assert "only 8 triples in the whole graph" in message
     assert "--train-ratio" not in message
 
@@ -440,9 +406,7 @@ def test_a_full_graph_that_is_too_small_is_not_told_to_hold_out_more(run: Run, t
         (("train-links", "--model", "distmult", "--loop", "symmetric"), "--epochs", "--loop"),
     ],
 )
-def test_a_model_that_hardly_fits_is_told_options_that_its_command_has(
-    run: Run, tmp_path: Path, caplog: pytest.LogCaptureFixture, command: tuple[str, ...], said: str, unsaid: str
-):
+def test_a_model_that_hardly_fits_is_told_options_that_its_command_has(run, tmp_path, caplog, command, said, unsaid):
     name, *options = command
     least = ("--dim", "1", "--epochs", "1", "--learning-rate", "1e-6", "--quiet")
     assert run(name, "kitchen", *options, *least, "--out", tmp_path / "model").code == 0
@@ -451,43 +415,43 @@ def test_a_model_that_hardly_fits_is_told_options_that_its_command_has(
     assert unsaid not in warning
 
 
-def test_a_model_of_the_full_graph_is_evaluated_as_memory(run: Run, workshop: Path):
-    values = one_object(run("evaluate-links", workshop / "full", "--json"))
+def test_a_model_of_the_full_graph_is_evaluated_as_memory(printed, run, workshop):
+    values = printed("evaluate-links", workshop / "full")
     assert values["has_seen_the_test_recipes"]
     assert values["queries"] == 2 * len(open_graph(workshop / "graph").graph.triples)
     assert "memory, not prediction" in run("evaluate-links", workshop / "full", "--force").out
 
 
-def test_a_report_that_exists_is_refused_without_force(run: Run, workshop: Path):
+def test_a_report_that_exists_is_refused_without_force(refused, run, workshop):
     assert run("evaluate-links", workshop / "one").code == 0
     report = workshop / "one" / "report" / "report.json"
     report.write_text("mine")
-    assert "--force" in refused(run("evaluate-links", workshop / "one"), "OutputExistsError")
+    assert "--force" in refused("evaluate-links", workshop / "one", kind="OutputExistsError")
     assert report.read_text() == "mine"
     assert run("evaluate-links", workshop / "one", "--force").code == 0
     assert json.loads(report.read_text())["queries"] > 0
 
 
-def test_a_report_goes_where_it_is_asked_to(run: Run, workshop: Path):
-    values = one_object(run("evaluate-links", workshop / "one", "--out", workshop / "reports" / "one", "--json"))
+def test_a_report_goes_where_it_is_asked_to(printed, workshop):
+    values = printed("evaluate-links", workshop / "one", "--out", workshop / "reports" / "one")
     assert values["report"] == str(workshop / "reports" / "one" / "index.html")
     assert not (workshop / "one" / "report").exists()
 
 
-def test_a_graph_that_has_moved_is_found_with_graph(run: Run, workshop: Path):
+def test_a_graph_that_has_moved_is_found_with_graph(refused, run, workshop):
     (workshop / "graph").rename(workshop / "moved")
-    assert "--graph" in refused(run("evaluate-links", workshop / "one"), "ArtefactError")
+    assert "--graph" in refused("evaluate-links", workshop / "one", kind="ArtefactError")
     assert run("evaluate-links", workshop / "one", "--graph", workshop / "moved").code == 0
 
 
-def test_a_graph_built_again_with_another_split_is_refused(run: Run, workshop: Path):
+def test_a_graph_built_again_with_another_split_is_refused(refused, workshop):
     build(workshop / "graph", seed=1)
     for command in (["evaluate-links", workshop / "one"], ["compare", workshop / "one", workshop / "two"]):
-        assert "split" in refused(run(*command), "GraphMismatchError")
+        assert "split" in refused(*command, kind="GraphMismatchError")
     assert not (workshop / "one" / "report").exists()
 
 
-def test_a_leak_is_an_exit_code_of_1_and_said_on_stderr(run: Run, workshop: Path, monkeypatch: pytest.MonkeyPatch):
+def test_a_leak_is_an_exit_code_of_1_and_said_on_stderr(run, workshop, monkeypatch):
     monkeypatch.setattr(Split, "held_out", lambda self, part: self.triples_of(part))
     outcome = run("evaluate-links", workshop / "one", "--json")
     assert outcome.code == 1
@@ -495,14 +459,14 @@ def test_a_leak_is_an_exit_code_of_1_and_said_on_stderr(run: Run, workshop: Path
     assert not json.loads(outcome.out)["checks_passed"]
 
 
-def test_too_few_unseen_triples_are_an_error_that_suggests_another_ratio(run: Run, tmp_path: Path):
+def test_too_few_unseen_triples_are_an_error_that_suggests_another_ratio(refused, run, tmp_path):
     build(tmp_path / "graph", train_ratio=0.99)
     assert run("train-complex", tmp_path / "graph", *QUICK, "--out", tmp_path / "model").code == 0
-    assert "--train-ratio" in refused(run("evaluate-links", tmp_path / "model"), "SplitError")
+    assert "--train-ratio" in refused("evaluate-links", tmp_path / "model", kind="SplitError")
     assert not (tmp_path / "model" / "report").exists()
 
 
-def test_a_missing_or_foreign_folder_is_a_clear_error_everywhere(run: Run, trained: Path, tmp_path: Path):
+def test_a_missing_or_foreign_folder_is_a_clear_error_everywhere(refused, trained, tmp_path):
     for command in (
         ["evaluate-links", "{}"],
         ["score", "{}", "flour", "combinesWith", "water"],
@@ -510,25 +474,25 @@ def test_a_missing_or_foreign_folder_is_a_clear_error_everywhere(run: Run, train
         ["compare", str(trained / "one"), "{}"],
     ):
         for folder, expected in ((tmp_path / "nowhere", "does not exist"), (trained / "graph", "is a graph folder")):
-            assert expected in refused(run(*(part.format(folder) for part in command)), "ArtefactError")
+            assert expected in refused(*(part.format(folder) for part in command), kind="ArtefactError")
 
 
 @pytest.mark.parametrize("name", ["model.safetensors", "vocabulary.json", "config.toml", "metrics.json", "trace.jsonl"])
-def test_a_damaged_model_is_a_clear_error(run: Run, workshop: Path, name: str):
+def test_a_damaged_model_is_a_clear_error(refused, workshop, name):
     path = workshop / "one" / name
     data = bytearray(path.read_bytes())
     data[len(data) // 2] ^= 4
     path.write_bytes(data)
-    assert name in refused(run("evaluate-links", workshop / "one"), "ArtefactError")
+    assert name in refused("evaluate-links", workshop / "one", kind="ArtefactError")
 
 
 # --- scores ----------------------------------------------------------------------------------------------------------
 
 
-def test_score_prints_one_object_with_the_score_of_a_triple(run: Run, trained: Path):
+def test_score_prints_one_object_with_the_score_of_a_triple(printed, trained):
     from wordcraft_kg.models.scorers.folder import load_scorer
 
-    values = one_object(run("score", trained / "one", "flour", "combinesWith", "water", "--json"))
+    values = printed("score", trained / "one", "flour", "combinesWith", "water")
     scorer = load_scorer(trained / "one")
     assert {"head", "relation", "tail", "score"} <= set(values)
     assert (values["head"], values["relation"], values["tail"]) == ("flour", "combinesWith", "water")
@@ -547,10 +511,10 @@ def test_score_prints_one_object_with_the_score_of_a_triple(run: Run, trained: P
         ("flour", "componentOf"),
     ],
 )
-def test_score_lists_the_best_entities_of_an_open_slot(run: Run, trained: Path, arguments: tuple[str, ...]):
+def test_score_lists_the_best_entities_of_an_open_slot(printed, run, trained, arguments):
     from wordcraft_kg.models.scorers.folder import load_scorer
 
-    values = one_object(run("score", trained / "one", *arguments, "--top", "3", "--json"))
+    values = printed("score", trained / "one", *arguments, "--top", "3")
     head, relation, tail = ("" if slot in ("_", "?") else slot for slot in (*arguments, "")[:3])
     expected = load_scorer(trained / "one").top(head or None, relation, tail or None, limit=3)
     assert (values["head"], values["tail"]) == (head or None, tail or None)
@@ -560,7 +524,7 @@ def test_score_lists_the_best_entities_of_an_open_slot(run: Run, trained: Path, 
         assert f"{head or name} componentOf {tail or name}" in line
 
 
-def parts_of(trained: Path) -> dict[tuple[str, str, str], str]:
+def parts_of(trained):
     """The triples of the graph by label, each with the part whose recipes give it, train before test."""
     opened = open_graph(trained / "graph")
     found = {}
@@ -570,9 +534,9 @@ def parts_of(trained: Path) -> dict[tuple[str, str, str], str]:
     return found
 
 
-def test_score_says_which_recipes_give_each_triple(run: Run, trained: Path):
+def test_score_says_which_recipes_give_each_triple(printed, run, trained):
     known = parts_of(trained)
-    found = one_object(run("score", trained / "one", "_", "componentOf", "bread", "--top", "80", "--json"))
+    found = printed("score", trained / "one", "_", "componentOf", "bread", "--top", "80")
     parts = [row["known"] for row in found["top"]]
     assert parts == [known.get((row["entity"], "componentOf", "bread"), "new") for row in found["top"]]
     assert set(parts) == {"train", "test", "new"}
@@ -580,15 +544,15 @@ def test_score_says_which_recipes_give_each_triple(run: Run, trained: Path):
     lines = run("score", trained / "one", "_", "componentOf", "bread", "--top", "80").out.splitlines()
     assert [line.split()[1] for line in lines] == parts
     for triple, part in list(known.items())[::97]:
-        assert one_object(run("score", trained / "one", *triple, "--json"))["known"] == part
+        assert printed("score", trained / "one", *triple)["known"] == part
 
 
-def test_score_says_how_probable_triples_outside_training_are(run: Run, tmp_path: Path):
+def test_score_says_how_probable_triples_outside_training_are(printed, run, tmp_path):
     build(tmp_path / "graph")
     run("train-complex", tmp_path / "graph", "--dim", "8", "--epochs", "4", "--folds", "3", "--out", tmp_path / "model")
     model, scorer = tmp_path / "model", load_scorer(tmp_path / "model")
     assert isinstance(scorer, CrossFitted)
-    found = one_object(run("score", model, "_", "componentOf", "bread", "--top", "80", "--json"))["top"]
+    found = printed("score", model, "_", "componentOf", "bread", "--top", "80")["top"]
     for row in found:
         known = row["known"] == "train"
         expected = None if known else float(scorer.probability(row["entity"], "componentOf", "bread"))
@@ -600,7 +564,7 @@ def test_score_says_how_probable_triples_outside_training_are(run: Run, tmp_path
     assert f"probability {100 * new['probability']:.2g} %" in single
     queries = tmp_path / "queries.csv"
     queries.write_text(f"head,relation,tail\n{new['entity']},componentOf,bread\n_,componentOf,bread\n")
-    rows = one_object(run("score", model, "--in", queries, "--top", "80", "--json"))["rows"]
+    rows = printed("score", model, "--in", queries, "--top", "80")["rows"]
     assert rows[0]["probability"] == pytest.approx(new["probability"])
     assert [row["probability"] for row in rows[1:]] == [row["probability"] for row in found]
     run("score", model, "--in", queries, "--out", tmp_path / "scores.csv")
@@ -609,25 +573,23 @@ def test_score_says_how_probable_triples_outside_training_are(run: Run, tmp_path
     assert float(first.rsplit(",", 1)[1]) == pytest.approx(new["probability"], rel=1e-4)
 
 
-def test_validation_triples_are_known_as_such(run: Run, tmp_path: Path):
+def test_validation_triples_are_known_as_such(printed, run, tmp_path):
     build(tmp_path / "graph", train_ratio=0.8, valid_ratio=0.1)
     run("train-complex", tmp_path / "graph", *QUICK, "--out", tmp_path / "model")
     opened = open_graph(tmp_path / "graph")
     head, relation, tail = opened.split.held_out("valid")[0]
     triple = (opened.graph.entities[head], RELATIONS[relation], opened.graph.entities[tail])
-    assert one_object(run("score", tmp_path / "model", *triple, "--json"))["known"] == "valid"
+    assert printed("score", tmp_path / "model", *triple)["known"] == "valid"
 
 
-def test_new_only_lists_the_best_that_the_book_does_not_have(run: Run, trained: Path):
+def test_new_only_lists_the_best_that_the_book_does_not_have(printed, refused, trained):
     query = ("score", trained / "one", "_", "componentOf", "bread")
-    everything = one_object(run(*query, "--top", "80", "--json"))["top"]
-    new = one_object(run(*query, "--top", "7", "--new-only", "--json"))["top"]
+    everything = printed(*query, "--top", "80")["top"]
+    new = printed(*query, "--top", "7", "--new-only")["top"]
     assert new == [row for row in everything if row["known"] == "new"][:7]
-    message = refused(run("score", trained / "one", "flour", "combinesWith", "water", "--new-only"), "ConfigError")
-    assert "--new-only" in message
 
 
-def test_score_says_that_a_model_of_the_full_graph_has_seen_the_test_triples(run: Run, trained: Path):
+def test_score_says_that_a_model_of_the_full_graph_has_seen_the_test_triples(run, trained):
     note = "trained on the full graph: it has seen test triples too"
     triple = next(triple for triple, part in parts_of(trained).items() if part == "test")
     assert note in run("score", trained / "full", *triple).out
@@ -636,32 +598,30 @@ def test_score_says_that_a_model_of_the_full_graph_has_seen_the_test_triples(run
     assert note not in run("score", trained / "full", "_", "componentOf", "bread", "--top", "80", "--new-only").out
 
 
-def test_without_its_graph_a_model_still_scores_but_not_new_only(
-    run: Run, workshop: Path, caplog: pytest.LogCaptureFixture
-):
+def test_without_its_graph_a_model_still_scores_but_not_new_only(printed, refused, run, workshop, caplog):
     (workshop / "graph").rename(workshop / "moved")
     query = ("score", workshop / "one", "_", "componentOf", "bread")
-    with_graph = one_object(run(*query, "--graph", workshop / "moved", "--json"))["top"]
+    with_graph = printed(*query, "--graph", workshop / "moved")["top"]
     assert not caplog.records
-    without = one_object(run(*query, "--json"))
+    without = printed(*query)
     assert [row["entity"] for row in without["top"]] == [row["entity"] for row in with_graph]
     assert {row["known"] for row in without["top"]} == {None}
     assert without["trained_on"] is None
     assert "not shown which triples are known" in caplog.text
     assert "--graph" in caplog.text
-    assert "--graph" in refused(run(*query, "--new-only"), "ArtefactError")
+    assert "--graph" in refused(*query, "--new-only", kind="ArtefactError")
     assert run(*query, "--graph", "everyday").kind == "GraphMismatchError"
 
 
-def test_an_entity_called_like_an_open_slot_goes_before_it(run: Run, tmp_path: Path):
+def test_an_entity_called_like_an_open_slot_goes_before_it(printed, run, tmp_path):
     book = tmp_path / "book.csv"
     rows = [f"{a},{b},{c}" for a, b, c in open_book("kitchen").recipes]
     book.write_text("ingredient_a,ingredient_b,result\n_,water,bread\n" + "\n".join(rows))
     run("train-complex", book, *QUICK, "--out", tmp_path / "model")
-    values = one_object(run("score", tmp_path / "model", "_", "combinesWith", "water", "--json"))
+    values = printed("score", tmp_path / "model", "_", "combinesWith", "water")
     assert (values["head"], values["known"]) == ("_", "train")
-    assert one_object(run("score", tmp_path / "model", "?", "combinesWith", "water", "--json"))["head"] is None
-    assert one_object(run("score", tmp_path / "model", "water", "combinesWith", "--json"))["tail"] is None
+    assert printed("score", tmp_path / "model", "?", "combinesWith", "water")["head"] is None
+    assert printed("score", tmp_path / "model", "water", "combinesWith")["tail"] is None
 
 
 # --- files of queries ------------------------------------------------------------------------------------------------
@@ -669,19 +629,19 @@ def test_an_entity_called_like_an_open_slot_goes_before_it(run: Run, tmp_path: P
 QUERIES = "head,relation,tail\nflour,combinesWith,water\n\n_,componentOf,bread\nflour,componentOf,\n"
 
 
-def test_a_file_of_queries_gives_what_single_ones_give(run: Run, trained: Path, tmp_path: Path):
+def test_a_file_of_queries_gives_what_single_ones_give(printed, trained, tmp_path):
     (tmp_path / "pairs.csv").write_text(QUERIES)
-    found = one_object(run("score", trained / "one", "--in", tmp_path / "pairs.csv", "--top", "3", "--json"))
+    found = printed("score", trained / "one", "--in", tmp_path / "pairs.csv", "--top", "3")
     assert (found["queries"], found["found"], len(found["rows"])) == (3, 7, 7)
     triple, *listed = found["rows"]
-    single = one_object(run("score", trained / "one", "flour", "combinesWith", "water", "--json"))
+    single = printed("score", trained / "one", "flour", "combinesWith", "water")
     assert (triple["line"], triple["rank"], triple["known"]) == (2, None, single["known"])
     assert triple["score"] == pytest.approx(single["score"])
     for line, query, rows in (
         (4, ("_", "componentOf", "bread"), listed[:3]),
         (5, ("flour", "componentOf"), listed[3:]),
     ):
-        best = one_object(run("score", trained / "one", *query, "--top", "3", "--json"))["top"]
+        best = printed("score", trained / "one", *query, "--top", "3")["top"]
         assert [(row["line"], row["rank"]) for row in rows] == [(line, 1), (line, 2), (line, 3)]
         open_slot = "head" if query[0] == "_" else "tail"
         assert [(row[open_slot], row["score"], row["known"]) for row in rows] == [
@@ -690,27 +650,27 @@ def test_a_file_of_queries_gives_what_single_ones_give(run: Run, trained: Path, 
 
 
 @pytest.mark.parametrize("ending", ["csv", "tsv"])
-def test_the_scores_of_a_file_go_to_a_file(run: Run, trained: Path, tmp_path: Path, ending: str):
+def test_the_scores_of_a_file_go_to_a_file(printed, refused, run, trained, tmp_path, ending):
     (tmp_path / "pairs.csv").write_text(QUERIES)
     out = tmp_path / "new" / f"scores.{ending}"
     command = ("score", trained / "one", "--in", tmp_path / "pairs.csv", "--top", "3", "--out", out)
-    assert one_object(run(*command, "--json"))["out"] == str(out)
-    rows = one_object(run(*command[:6], "--json"))["rows"]
+    assert printed(*command)["out"] == str(out)
+    rows = printed(*command[:6])["rows"]
     header, *lines = [line.split("," if ending == "csv" else "\t") for line in out.read_text().splitlines()]
     assert header == ["line", "head", "relation", "tail", "score", "rank", "known", "probability"]
     assert [line[1:4] for line in lines] == [[row["head"], row["relation"], row["tail"]] for row in rows]
     assert [np.float32(line[4]) for line in lines] == [np.float32(row["score"]) for row in rows]
     assert [line[5] for line in lines] == ["" if row["rank"] is None else str(row["rank"]) for row in rows]
     before = out.read_bytes()
-    assert "--force" in refused(run(*command), "OutputExistsError")
+    assert "--force" in refused(*command, kind="OutputExistsError")
     assert out.read_bytes() == before
     assert run(*command, "--force").code == 0
 
 
-def test_new_only_leaves_known_triples_out_of_a_file_too(run: Run, trained: Path, tmp_path: Path):
+def test_new_only_leaves_known_triples_out_of_a_file_too(printed, trained, tmp_path):
     triples = trained / "graph" / "triples" / "full.tsv"
-    assert one_object(run("score", trained / "one", "--in", triples, "--new-only", "--json")).get("rows", []) == []
-    rows = one_object(run("score", trained / "one", "--in", triples, "--json"))["rows"]
+    assert printed("score", trained / "one", "--in", triples, "--new-only").get("rows", []) == []
+    rows = printed("score", trained / "one", "--in", triples)["rows"]
     assert [row["known"] for row in rows] == [
         parts_of(trained)[row["head"], row["relation"], row["tail"]] for row in rows
     ]
@@ -730,60 +690,49 @@ def test_new_only_leaves_known_triples_out_of_a_file_too(run: Run, trained: Path
     ],
 )
 def test_a_wrong_file_of_queries_is_refused_with_the_line_and_writes_nothing(
-    run: Run, trained: Path, tmp_path: Path, content: str, message: str
+    refused, trained, tmp_path, content, message
 ):
     (tmp_path / "pairs.csv").write_text(content, encoding="latin-1")
     command = ("score", trained / "one", "--in", tmp_path / "pairs.csv", "--out", tmp_path / "scores.csv")
-    assert message in refused(run(*command), "QueryFileError")
+    assert message in refused(*command, kind="QueryFileError")
     assert [path.name for path in tmp_path.iterdir()] == ["pairs.csv"]
 
 
-@pytest.mark.parametrize(
-    "arguments", [(), ("flour",), ("flour", "combinesWith", "--in", "x.csv"), ("flour", "combinesWith", "--out", "x")]
+def test_a_folder_is_no_file_of_queries(refused, trained):
+    refused("score", trained / "one", "--in", trained, says="is not a file", kind="QueryFileError")
+
+
+def test_score_lists_ten_entities_unless_told_otherwise(printed, trained):
+    assert len(printed("score", trained / "one", "?", "componentOf", "bread")["top"]) == 10
+    assert len(printed("score", trained / "one", "?", "componentOf", "bread", "--top", "500")["top"]) == 80
+
+
+BAD_QUESTIONS = (
+    ("bred componentOf flour", "'bread'", "UnknownEntityError"),
+    ("flour componentOf bred", "'bread'", "UnknownEntityError"),
+    ("flour combineWith water", "'combinesWith'", "UnknownEntityError"),
+    ("? componentOf ?", "both slots are open", "ConfigError"),
+    ("? componentOf", "both slots are open", "ConfigError"),
+    ("? componentOf bread --top 0", "--top 0", "ConfigError"),
+    ("? componentOf bread --top -1", "--top -1", "ConfigError"),
+    ("flour combinesWith water --new-only", "--new-only", "ConfigError"),
+    ("", "--in", "ConfigError"),
+    ("flour", "--in", "ConfigError"),
+    ("flour combinesWith --in x.csv", "--in", "ConfigError"),
+    ("flour combinesWith --out x", "--in", "ConfigError"),
 )
-def test_score_wants_a_query_or_a_file_of_them(run: Run, trained: Path, arguments: tuple[str, ...]):
-    assert "--in" in refused(run("score", trained / "one", *arguments), "ConfigError")
-    assert "is not a file" in refused(run("score", trained / "one", "--in", trained), "QueryFileError")
 
 
-def test_score_lists_ten_entities_unless_told_otherwise(run: Run, trained: Path):
-    assert len(one_object(run("score", trained / "one", "?", "componentOf", "bread", "--json"))["top"]) == 10
-    assert (
-        len(one_object(run("score", trained / "one", "?", "componentOf", "bread", "--top", "500", "--json"))["top"])
-        == 80
-    )
-
-
-@pytest.mark.parametrize("slot", [0, 2])
-def test_score_suggests_entities_for_an_unknown_one(run: Run, trained: Path, slot: int):
-    triple = ["flour", "componentOf", "flour"]
-    triple[slot] = "bred"
-    message = refused(run("score", trained / "one", *triple), "UnknownEntityError")
-    assert "'bred'" in message
-    assert "'bread'" in message
-
-
-def test_score_suggests_a_relation_for_an_unknown_one(run: Run, trained: Path):
-    message = refused(run("score", trained / "one", "flour", "combineWith", "water"), "UnknownEntityError")
-    assert "'combinesWith'" in message
-
-
-@pytest.mark.parametrize("arguments", [("?", "componentOf", "?"), ("?", "componentOf")])
-def test_score_wants_one_slot_filled(run: Run, trained: Path, arguments: tuple[str, ...]):
-    assert "both slots are open" in refused(run("score", trained / "one", *arguments), "ConfigError")
-
-
-@pytest.mark.parametrize("top", ["0", "-1"])
-def test_score_wants_to_list_at_least_one(run: Run, trained: Path, top: str):
-    outcome = run("score", trained / "one", "?", "componentOf", "bread", "--top", top)
-    assert f"--top {top}" in refused(outcome, "ConfigError")
+@pytest.mark.parametrize(("question", "says", "kind"), BAD_QUESTIONS)
+def test_a_question_that_cannot_be_answered_is_refused(refused, trained, question, says, kind):
+    refused("score", trained / "one", *question.split(), says=says, kind=kind)
 
 
 # --- comparison ------------------------------------------------------------------------------------------------------
 
 
-def test_compare_links_prints_one_object_with_the_paired_difference(run: Run, trained: Path):
-    values = one_object(run("compare", trained / "one", trained / "two", "--json"))
+def test_compare_links_prints_one_object_with_the_paired_difference(printed, trained):
+    values = printed("compare", trained / "one", trained / "two")
     assert {"graph", "split", "queries", "triples", "models", "best"} <= set(values)
     one, two = values["models"]
     assert (one["name"], two["name"]) == ("one", "two")
@@ -792,29 +741,29 @@ def test_compare_links_prints_one_object_with_the_paired_difference(run: Run, tr
     assert "difference" not in one
 
 
-def test_compare_links_agrees_with_the_reports_of_all(run: Run, workshop: Path):
+def test_compare_links_agrees_with_the_reports_of_all(printed, workshop):
     names = ("one", "two")
-    values = one_object(run("compare", *(workshop / name for name in names), "--json"))
+    values = printed("compare", *(workshop / name for name in names))
     for name, found in zip(names, values["models"], strict=True):
-        report = one_object(run("evaluate-links", workshop / name, "--json"))
+        report = printed("evaluate-links", workshop / name)
         for metric in ("mrr", "hits@1", "hits@3", "hits@10"):
             assert found[metric] == report[metric]["all"]
 
 
-def test_a_model_does_not_differ_from_itself(run: Run, trained: Path):
-    values = one_object(run("compare", trained / "one", trained / "one", "--json"))["models"][1]
+def test_a_model_does_not_differ_from_itself(printed, run, trained):
+    values = printed("compare", trained / "one", trained / "one")["models"][1]
     assert (values["difference"], values["difference_ci"], values["probability_better"]) == (0, [0, 0], 0.5)
     assert "no difference is shown" in run("compare", trained / "one", trained / "one").out
 
 
-def test_models_of_one_name_are_told_apart_by_their_paths(run: Run, workshop: Path):
+def test_models_of_one_name_are_told_apart_by_their_paths(printed, workshop):
     shutil.copytree(workshop / "two", workshop / "copies" / "one")
     paths = [workshop / "one", workshop / "copies" / "one"]
-    values = one_object(run("compare", *paths, "--graph", workshop / "graph", "--json"))
+    values = printed("compare", *paths, "--graph", workshop / "graph")
     assert [found["name"] for found in values["models"]] == [str(path) for path in paths]
 
 
-def test_several_models_are_compared_with_the_first_on_a_page(run: Run, trained: Path, tmp_path: Path):
+def test_several_models_are_compared_with_the_first_on_a_page(printed, refused, run, trained, tmp_path):
     page = tmp_path / "new" / "comparison.html"
     command = ("compare", *(trained / name for name in ("one", "two", "full")), "--out", page)
     text = run(*command).out.splitlines()
@@ -823,69 +772,59 @@ def test_several_models_are_compared_with_the_first_on_a_page(run: Run, trained:
     assert text[-1] == f"wrote {page}"
     assert "3 link predictors on the same queries" in page.read_text()
     before = page.read_bytes()
-    assert "--force" in refused(run(*command), "OutputExistsError")
+    assert "--force" in refused(*command, kind="OutputExistsError")
     assert page.read_bytes() == before
-    assert one_object(run(*command, "--force", "--json"))["out"] == str(page)
+    assert printed(*command, "--force")["out"] == str(page)
     assert page.read_bytes() == before
 
 
-def test_a_folder_of_seeds_is_compared_as_one_model(run: Run, workshop: Path):
+def test_a_folder_of_seeds_is_compared_as_one_model(printed, run, workshop):
     seeds = ("--seeds", "4,5", "--out", workshop / "seeds")
     run("train-complex", workshop / "graph", *QUICK, "--quiet", *seeds)
     command = ("compare", workshop / "one", workshop / "seeds")
-    found = one_object(run(*command, "--json"))["models"][1]
+    found = printed(*command)["models"][1]
     assert (found["name"], found["seeds"]) == ("seeds", [4, 5])
     assert found["mrr"] == pytest.approx(np.mean(found["mrr_of_seeds"]))
     assert "2 seeds" in run(*command).out
 
 
-def test_models_of_different_splits_are_not_compared(run: Run, workshop: Path):
+def test_models_of_different_splits_are_not_compared(refused, run, workshop):
     build(workshop / "other", seed=1)
     assert run("train-complex", workshop / "other", *QUICK, "--out", workshop / "three").code == 0
-    outcome = run("compare", workshop / "one", workshop / "three")
-    assert "different splits" in refused(outcome, "GraphMismatchError")
+    refused("compare", workshop / "one", workshop / "three", says="different splits", kind="GraphMismatchError")
 
 
-def test_comparing_with_a_model_of_the_full_graph_says_that_it_has_seen_the_triples(run: Run, trained: Path):
+def test_comparing_with_a_model_of_the_full_graph_says_that_it_has_seen_the_triples(run, trained):
     assert "has seen these triples" in run("compare", trained / "one", trained / "full").out
     assert "has seen these triples" not in run("compare", trained / "one", trained / "two").out
 
 
 @pytest.mark.parametrize("resamples", ["0", "-5"])
-def test_comparing_without_resamples_is_refused(run: Run, trained: Path, resamples: str):
-    outcome = run("compare", trained / "one", trained / "two", "--resamples", resamples)
-    assert f"--resamples {resamples}" in refused(outcome, "ConfigError")
+def test_comparing_without_resamples_is_refused(refused, trained, resamples):
+    command = ("compare", trained / "one", trained / "two", "--resamples", resamples)
+    refused(*command, says=f"--resamples {resamples}", kind="ConfigError")
 
 
 # --- other models ----------------------------------------------------------------------------------------------------
 
 
-def test_the_models_that_can_be_trained_are_listed_with_their_commands(run: Run):
-    listed = {
-        model["name"]: model["command"] for model in one_object(run("train-links", "--list-models", "--json"))["models"]
-    }
+def test_the_models_that_can_be_trained_are_listed_with_their_commands(printed, run):
+    listed = {model["name"]: model["command"] for model in printed("train-links", "--list-models")["models"]}
     assert listed["ComplEx"] == "train-complex"
     assert listed["RotatE"] == "train-links --model RotatE"
     assert not {"CompGCN", "DistMultLiteral", "NodePiece", "FixedModel"} & set(listed)
     assert "wordcraft-kg train-links --model TuckER" in run("train-links", "--list-models").out
 
 
-def test_a_listed_model_trains_under_its_listed_name(run: Run, tmp_path: Path):
+def test_a_listed_model_trains_under_its_listed_name(run, tmp_path):
     assert run("train-links", "kitchen", "--model", "SimplE", *TINY, "--out", tmp_path / "model").code == 0
-
-
-@pytest.mark.parametrize("name", ["complex", "ComplEx"])
-def test_complex_means_the_papers_and_has_its_own_command(run: Run, tmp_path: Path, name: str):
-    outcome = run("train-links", "kitchen", "--model", name, "--out", tmp_path / "model")
-    assert "wordcraft-kg train-complex" in refused(outcome, "ConfigError")
-    assert list(tmp_path.iterdir()) == []
 
 
 # --- tuning ----------------------------------------------------------------------------------------------------------
 
 
 @pytest.fixture
-def fast_search(monkeypatch: pytest.MonkeyPatch) -> None:
+def fast_search(monkeypatch):
     """Search among few epochs, so that a trial takes a moment."""
     from optuna.distributions import IntDistribution
 
@@ -894,24 +833,22 @@ def fast_search(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("fast_search")
 @pytest.mark.parametrize(("model", "command"), [("complex", "train-complex"), ("distmult", "train-links")])
-def test_tuned_settings_are_a_file_that_training_takes(run: Run, tmp_path: Path, model: str, command: str):
+def test_tuned_settings_are_a_file_that_training_takes(printed, tmp_path, model, command):
     out = tmp_path / "tuned" / "kitchen"
-    values = one_object(
-        run("tune-links", "kitchen", "--model", model, "--trials", "2", "--out", out, "--json", "--quiet")
-    )
+    values = printed("tune-links", "kitchen", "--model", model, "--trials", "2", "--out", out, "--quiet")
     assert (values["trials"], values["out"], values["command"]) == (2, str(out), command)
     assert 0 < values["valid_mrr"] < 1
     assert values["valid_mrr"] == max(trial["valid_mrr"] for trial in values["table"])
     settings = tomllib.loads(Path(values["config"]).read_text())[command]
     assert settings == values["settings"]
-    outcome = run(command, "kitchen", "--config", values["config"], "--out", tmp_path / "model", "--json", "--quiet")
-    assert one_object(outcome)["epochs"] == settings["epochs"]
+    again = printed(command, "kitchen", "--config", values["config"], "--out", tmp_path / "model", "--quiet")
+    assert again["epochs"] == settings["epochs"]
     trained = tomllib.loads((tmp_path / "model" / "config.toml").read_text())[command]
     assert trained.items() >= settings.items()
 
 
 @pytest.mark.usefixtures("fast_search")
-def test_a_search_prints_its_trials_and_its_own_progress_only(run: Run, tmp_path: Path):
+def test_a_search_prints_its_trials_and_its_own_progress_only(run, tmp_path):
     outcome = run("tune-links", "kitchen", "--trials", "2", "--out", tmp_path / "search")
     assert outcome.code == 0
     head, *rows = outcome.out.splitlines()[:3]
@@ -921,56 +858,46 @@ def test_a_search_prints_its_trials_and_its_own_progress_only(run: Run, tmp_path
     assert all(line.startswith("tuning complex: ") for line in outcome.err.splitlines())
 
 
-def test_a_folder_that_is_not_a_search_is_refused(run: Run, tmp_path: Path):
+def test_a_folder_that_is_not_a_search_is_refused(refused, tmp_path):
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "notes.txt").write_text("mine")
     for force in ((), ("--force",)):
-        outcome = run("tune-links", "kitchen", *force, "--out", tmp_path / "mine")
-        assert "Choose another --out" in refused(outcome, "OutputExistsError")
+        command = ("tune-links", "kitchen", *force, "--out", tmp_path / "mine")
+        refused(*command, says="Choose another --out", kind="OutputExistsError")
     assert (tmp_path / "mine" / "notes.txt").read_text() == "mine"
 
 
-@pytest.mark.parametrize(
-    ("option", "value"),
-    [("--trials", "0"), ("--valid-ratio", "0"), ("--valid-ratio", "nan"), ("--model", "rotat"), ("--timeout", "0")],
-)
-def test_a_bad_setting_of_the_search_is_one_line(run: Run, tmp_path: Path, option: str, value: str):
-    outcome = run("tune-links", "kitchen", option, value, "--out", tmp_path / "search")
-    assert value in refused(outcome, "ConfigError")
-    assert list(tmp_path.iterdir()) == []
-
-
 @pytest.mark.slow
-def test_tuning_over_the_whole_range_on_the_kitchen(run: Run, tmp_path: Path):
+def test_tuning_over_the_whole_range_on_the_kitchen(printed, run, tmp_path):
     assert run("tune-links", "kitchen", "--trials", "3", "--out", tmp_path / "search").code == 0
     best = tmp_path / "search" / "best.toml"
-    values = one_object(run("train-complex", "kitchen", "--config", best, "--out", tmp_path / "model", "--json"))
+    values = printed("train-complex", "kitchen", "--config", best, "--out", tmp_path / "model")
     assert values["epochs"] >= 20
 
 
 # --- the whole way ---------------------------------------------------------------------------------------------------
 
 
-def test_the_start_page_works_from_a_book_to_a_report(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_the_start_page_works_from_a_book_to_a_report(printed, run, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert run("build-graph", "kitchen", "--out", "graphs/kitchen").code == 0
     assert run("train-complex", "graphs/kitchen", "--out", "models/kitchen", *QUICK).code == 0
-    values = one_object(run("evaluate-links", "models/kitchen", "--json"))
+    values = printed("evaluate-links", "models/kitchen")
     assert Path(values["report"]).is_file()
     assert values["mrr"]["all"] > values["baselines"]["random"]["all"]
 
 
 @pytest.mark.slow
-def test_complex_with_its_defaults_predicts_unseen_links_better_than_frequency(run: Run, tmp_path: Path):
+def test_complex_with_its_defaults_predicts_unseen_links_better_than_frequency(printed, run, tmp_path):
     assert run("train-complex", "kitchen", "--out", tmp_path / "partial").code == 0
-    values = one_object(run("evaluate-links", tmp_path / "partial", "--json"))
+    values = printed("evaluate-links", tmp_path / "partial")
     assert values["mrr"]["all"] > 1.2 * values["baselines"]["frequency"]["all"]
     assert values["mrr_with_leaked"] > values["mrr"]["all"]
-    trained = one_object(run("train-complex", "kitchen", "--kg", "full", "--out", tmp_path / "full", "--json"))
+    trained = printed("train-complex", "kitchen", "--kg", "full", "--out", tmp_path / "full")
     assert trained["train_mrr"] > 0.99
 
 
-def test_a_model_trained_from_a_script_file_is_the_commands_model(trained: Path, tmp_path: Path):
+def test_a_model_trained_from_a_script_file_is_the_commands_model(trained, tmp_path):
     from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
     from wordcraft_kg.models.links.training import train_links
 

@@ -1,9 +1,5 @@
 """Recipe scores on the command line: what a pair makes, why, what is remembered, and why an agent picked something."""
 
-import json
-from pathlib import Path
-from typing import Any
-
 import pytest
 import torch
 
@@ -18,28 +14,15 @@ LABELS = {"flour", "water", "dough", "cocoa bean", "c++", "_x", "a->b"}
 NOTE = "the scorer was trained on this recipe"
 
 
-def values(outcome: Any) -> dict[str, Any]:
-    assert outcome.code == 0, outcome.err
-    found = json.loads(outcome.out)
-    assert isinstance(found, dict)
-    return found
-
-
-def refused(outcome: Any, kind: str) -> str:
-    assert (outcome.code, outcome.out, outcome.kind) == (1, "", kind)
-    assert "Traceback" not in outcome.err
-    return str(outcome.err)
-
-
 @pytest.fixture(scope="module")
-def scorer(recipes_folder: Path) -> RecipeScorer:
+def scorer(recipes_folder):
     found = load_scorer(recipes_folder)
     assert isinstance(found, CrossFitted)
     assert isinstance(found.whole, RecipeScorer)
     return found.whole
 
 
-def in_part(part: str) -> tuple[str, str, str]:
+def in_part(part):
     """A recipe of the kitchen that is in a part."""
     opened = open_graph("kitchen")
     a, b, result = opened.graph.labels(opened.split.recipes(part)[3])
@@ -70,7 +53,7 @@ def in_part(part: str) -> tuple[str, str, str]:
         (["c++", "+", "a->b", "_x"], ("c++", "a->b", "_x")),
     ],
 )
-def test_a_recipe_may_be_written_in_many_ways(words: list[str], slots: tuple[str | None, ...]):
+def test_a_recipe_may_be_written_in_many_ways(words, slots):
     query = parse_query(words, LABELS)
     assert isinstance(query, RecipeQuery)
     assert query.slots == slots
@@ -90,24 +73,24 @@ def test_a_recipe_may_be_written_in_many_ways(words: list[str], slots: tuple[str
         (["flour"], "ConfigError", "a recipe such as a + b"),
     ],
 )
-def test_what_is_no_recipe_is_said(run, recipes_folder: Path, words: list[str], kind: str, said: str):
-    assert said in refused(run("score", recipes_folder, *words), kind)
+def test_what_is_no_recipe_is_said(refused, recipes_folder, words, kind, said):
+    assert said in refused("score", recipes_folder, *words, kind=kind)
 
 
-def test_a_scorer_of_links_has_no_scores_of_recipes(run, tmp_path: Path):
+def test_a_scorer_of_links_has_no_scores_of_recipes(refused, tmp_path):
     command = ["train-complex", "kitchen", "--dim", "4", "--epochs", "1", "--folds", "0", "--out", str(tmp_path / "m")]
     assert main([*command, "--quiet"]) == 0
-    assert "train-recipes" in refused(run("score", tmp_path / "m", "flour + water"), "ConfigError")
+    assert "train-recipes" in refused("score", tmp_path / "m", "flour + water", kind="ConfigError")
     (tmp_path / "in.csv").write_text("ingredient_a,ingredient_b,result\nflour,water,\n")
-    assert "train-recipes" in refused(run("score", tmp_path / "m", "--in", tmp_path / "in.csv"), "ConfigError")
+    assert "train-recipes" in refused("score", tmp_path / "m", "--in", tmp_path / "in.csv", kind="ConfigError")
 
 
 # --- what is answered ------------------------------------------------------------------------------------------------
 
 
-def test_results_of_a_pair_are_ranked_marked_and_explained(run, recipes_folder: Path, scorer: RecipeScorer):
+def test_results_of_a_pair_are_ranked_marked_and_explained(printed, run, recipes_folder, scorer):
     a, b, result = in_part("train")
-    found = values(run("score", recipes_folder, f"{a} + {b}", "--json", "--top", "5"))
+    found = printed("score", recipes_folder, f"{a} + {b}", "--top", "5")
     assert (found["ingredient_a"], found["ingredient_b"], found["result"]) == (a, b, None)
     assert found["trained_on"] == "partial"
     scores = scorer.score_recipes(a, b, torch.arange(len(scorer.entities)))
@@ -137,12 +120,12 @@ def test_results_of_a_pair_are_ranked_marked_and_explained(run, recipes_folder: 
 
 
 def test_a_recipe_has_a_score_and_ranks_and_memory_is_what_it_was_trained_on(
-    run, recipes_folder: Path, scorer: RecipeScorer
+    printed, refused, run, recipes_folder, scorer
 ):
     everything = torch.arange(len(scorer.entities))
     for part, memory in (("train", True), ("test", False)):
         a, b, result = in_part(part)
-        found = values(run("score", recipes_folder, b, "+", a, "=", result, "--json"))
+        found = printed("score", recipes_folder, b, "+", a, "=", result)
         assert (found["known"], found["memory"]) == (part, memory)
         score = float(scorer.score_recipes(a, b, result))
         assert found["score"] == pytest.approx(score, abs=1e-4)
@@ -157,62 +140,62 @@ def test_a_recipe_has_a_score_and_ranks_and_memory_is_what_it_was_trained_on(
             )
         out = run("score", recipes_folder, b, "+", a, "=", result).out
         assert (NOTE in out) == memory
-    assert "leave a slot open" in refused(run("score", recipes_folder, a, "+", b, result, "--new-only"), "ConfigError")
+    assert "leave a slot open" in refused("score", recipes_folder, a, "+", b, result, "--new-only", kind="ConfigError")
 
 
-def test_partners_are_listed_and_new_ones_only_if_asked(run, recipes_folder: Path, scorer: RecipeScorer):
+def test_partners_are_listed_and_new_ones_only_if_asked(printed, recipes_folder, scorer):
     a, b, result = in_part("train")
     for words, name in ((("_", "+", b, result), "ingredient_a"), ((b, "+", "_", "=", result), "ingredient_b")):
-        found = values(run("score", recipes_folder, *words, "--json", "--top", "80"))
+        found = printed("score", recipes_folder, *words, "--top", "80")
         scores = scorer.score_recipes(torch.arange(80), b, result)
         assert len(found["top"]) == 80
         assert [row["score"] for row in found["top"]] == pytest.approx(
             scores.sort(descending=True).values.tolist(), abs=1e-3
         )
         assert a in [row[name] for row in found["top"] if row["memory"]]
-        new = values(run("score", recipes_folder, *words, "--json", "--top", "80", "--new-only"))["top"]
+        new = printed("score", recipes_folder, *words, "--top", "80", "--new-only")["top"]
         assert new == [row for row in found["top"] if row["known"] == "new"]
         assert 0 < len(new) < 80
 
 
-def test_triples_are_still_asked_for_as_before(run, recipes_folder: Path, scorer: RecipeScorer):
-    found = values(run("score", recipes_folder, "flour", "combinesWith", "water", "--json"))
+def test_triples_are_still_asked_for_as_before(printed, recipes_folder, scorer):
+    found = printed("score", recipes_folder, "flour", "combinesWith", "water")
     assert found["score"] == pytest.approx(float(scorer.score("flour", 0, "water")), abs=1e-4)
-    assert values(run("score", recipes_folder, "", "componentOf", "bread", "--json"))["head"] is None
+    assert printed("score", recipes_folder, "", "componentOf", "bread")["head"] is None
 
 
 @pytest.mark.parametrize("ending", ["csv", "tsv"])
-def test_a_file_of_recipes_gives_what_single_ones_give(run, recipes_folder: Path, tmp_path: Path, ending: str):
+def test_a_file_of_recipes_gives_what_single_ones_give(printed, refused, recipes_folder, tmp_path, ending):
     (a, b, result), (c, d, other) = in_part("train"), in_part("test")
     queries = tmp_path / "in.csv"
     queries.write_text(
         f"ingredient_a,ingredient_b,result\n{a},{b},{result}\n\n{c},{d},\n_,{d},{other}\n{d},{c},{other}\n"
     )
     command = ("score", recipes_folder, "--in", queries, "--top", "3")
-    found = values(run(*command, "--json"))
+    found = printed(*command)
     assert (found["queries"], found["found"]) == (4, 8)
     assert [(row["line"], row["rank"]) for row in found["rows"]] == [
         (2, None), *((line, rank) for line in (4, 5) for rank in (1, 2, 3)), (6, None),
     ]  # fmt: skip
-    single = values(run("score", recipes_folder, a, "+", b, result, "--json"))
-    top = values(run("score", recipes_folder, c, "+", d, "--top", "3", "--json"))["top"]
+    single = printed("score", recipes_folder, a, "+", b, result)
+    top = printed("score", recipes_folder, c, "+", d, "--top", "3")["top"]
     for row, expected in zip(found["rows"][:4], [single, *top], strict=True):
         for name in ("ingredient_a", "ingredient_b", "result", "known", "memory"):
             assert row[name] == expected[name]
         assert row["score"] == pytest.approx(expected["score"], abs=1e-4)
     out = tmp_path / f"out.{ending}"
-    assert values(run(*command, "--out", out, "--json"))["out"] == str(out)
+    assert printed(*command, "--out", out)["out"] == str(out)
     header, *lines = [line.split("," if ending == "csv" else "\t") for line in out.read_text().splitlines()]
     assert header == ["line", "ingredient_a", "ingredient_b", "result", "score", "rank", "known", "memory"]
     assert [line[1:4] for line in lines] == [[row[name] for name in header[1:4]] for row in found["rows"]]
     assert [line[7] for line in lines] == [str(row["memory"]).lower() for row in found["rows"]]
-    rows = values(run(*command, "--new-only", "--json"))["rows"]
+    rows = printed(*command, "--new-only")["rows"]
     assert {row["known"] for row in rows} == {"new"}
     queries.write_text("ingredient_a,ingredient_b,result\nflour,waater,\n")
-    assert "in.csv, line 2: no entity 'waater'" in refused(run(*command), "QueryFileError")
+    assert "in.csv, line 2: no entity 'waater'" in refused(*command, kind="QueryFileError")
 
 
-def test_without_its_graph_memory_is_still_known(run, tmp_path: Path, scorer: RecipeScorer):
+def test_without_its_graph_memory_is_still_known(tmp_path, scorer):
     from wordcraft_kg.evaluation.recipe_scores import RecipeScoring, view_open_recipe
     from wordcraft_kg.evaluation.scores import ScoringModel
 
@@ -226,11 +209,11 @@ def test_without_its_graph_memory_is_still_known(run, tmp_path: Path, scorer: Re
 # --- why an agent picked what it picked ------------------------------------------------------------------------------
 
 
-def test_explain_and_the_report_name_the_recipes_that_speak_for_a_pair(run, recipes_folder: Path, tmp_path: Path):
+def test_explain_and_the_report_name_the_recipes_that_speak_for_a_pair(printed, run, recipes_folder, tmp_path):
     agent = tmp_path / "agent"
     settings = ("--use", "u,v,w", "--steps", "512", "--features", "random", "--distractors", "3")
     assert run("train-agent", "kitchen", "--scorer", recipes_folder, *settings, "--out", agent).code == 0
-    explained = values(run("explain", agent, "--part", "train", "--episodes", "4", "--json"))
+    explained = printed("explain", agent, "--part", "train", "--episodes", "4")
     for episode in explained["episodes"]:
         for step in episode["steps"]:
             labels = {slot["entity"] for slot in step["slots"]}

@@ -2,9 +2,7 @@
 
 import json
 import shutil
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -12,13 +10,12 @@ from wordcraft_kg.agents.impala import Impala
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.cli.console import read_seeds
 
-Run = Callable[..., Any]
 SMALL = ("--steps", 1_600, "--batch-size", 16, "--eval-every", 0, "--checkpoint-every", 800, "--quiet")
 TINY = ("--dim", 8, "--epochs", 4, "--folds", 0, "--quiet")
 
 
 @pytest.fixture(scope="module")
-def seeds(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def seeds(tmp_path_factory):
     """A folder with a graph, two seeds of a link predictor, and two seeds of an agent; read only."""
     from wordcraft_kg.cli import main
 
@@ -32,14 +29,7 @@ def seeds(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return home
 
 
-def refused(outcome: Any, kind: str) -> str:
-    """The message of a command that was refused."""
-    assert (outcome.code, outcome.out) == (1, "")
-    assert outcome.kind == kind
-    return outcome.err
-
-
-def contents(folder: Path) -> dict[str, bytes]:
+def contents(folder):
     return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
@@ -47,17 +37,17 @@ def contents(folder: Path) -> dict[str, bytes]:
     ("text", "expected"),
     [("0-4", [0, 1, 2, 3, 4]), ("7", [7]), ("0,3,7", [0, 3, 7]), ("2-3, 0-2", [2, 3, 0, 1]), ("5-5,5", [5])],
 )
-def test_seeds_are_numbers_and_ranges_each_once(text: str, expected: list[int]):
+def test_seeds_are_numbers_and_ranges_each_once(text, expected):
     assert read_seeds(text) == expected
 
 
 @pytest.mark.parametrize("text", ["", "a", "4-0", "-1", "1-", "0,,1", "1.5", "0-1000", "0-999,2000", "9" * 30])
-def test_what_is_no_list_of_seeds_is_refused(text: str):
+def test_what_is_no_list_of_seeds_is_refused(text):
     with pytest.raises(ConfigError, match=r"--seeds '.*': expected at most 1,000 seeds, such as"):
         read_seeds(text)
 
 
-def test_each_seed_is_an_ordinary_run(run: Run, seeds: Path, tmp_path: Path):
+def test_each_seed_is_an_ordinary_run(run, seeds, tmp_path):
     assert sorted(path.name for path in (seeds / "plain").iterdir()) == ["seed-0", "seed-1"]
     run("train-agent", seeds / "graph", *SMALL, "--seed", 1, "--out", tmp_path / "single")
     weights = [(folder / "policy.safetensors").read_bytes() for folder in (seeds / "plain/seed-1", tmp_path / "single")]
@@ -72,14 +62,10 @@ def test_each_seed_is_an_ordinary_run(run: Run, seeds: Path, tmp_path: Path):
 @pytest.mark.parametrize(
     ("command", "small", "name"), [("train-agent", SMALL, "plain"), ("train-complex", TINY, "links")]
 )
-def test_seeds_that_are_done_are_kept_and_others_are_added(
-    run: Run, seeds: Path, tmp_path: Path, command: str, small: tuple[object, ...], name: str
-):
+def test_seeds_that_are_done_are_kept_and_others_are_added(printed, seeds, tmp_path, command, small, name):
     shutil.copytree(seeds / name, tmp_path / "seeds")
     before = contents(tmp_path / "seeds")
-    done = run(command, seeds / "graph", *small, "--seeds", "0,4", "--out", tmp_path / "seeds", "--json")
-    assert done.code == 0, done.err
-    values = json.loads(done.out)
+    values = printed(command, seeds / "graph", *small, "--seeds", "0,4", "--out", tmp_path / "seeds")
     assert values["out"] == str(tmp_path / "seeds")
     assert values["seeds"].keys() == {"0", "4"}
     assert all(Path(one["out"]).is_dir() for one in values["seeds"].values())
@@ -88,12 +74,10 @@ def test_seeds_that_are_done_are_kept_and_others_are_added(
     assert (tmp_path / "seeds/seed-4/run.json").is_file()
 
 
-def test_ctrl_c_leaves_the_rest_to_the_same_command(
-    run: Run, seeds: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_ctrl_c_leaves_the_rest_to_the_same_command(run, seeds, tmp_path, monkeypatch):
     step, updates = Impala.update, 0
 
-    def interrupted(self: Impala) -> None:
+    def interrupted(self):
         nonlocal updates
         updates += 1
         step(self)
@@ -119,9 +103,7 @@ def test_ctrl_c_leaves_the_rest_to_the_same_command(
     assert (tmp_path / "plain/seed-2/report/index.html").is_file()
 
 
-def test_a_seed_that_was_killed_at_once_begins_again_and_a_missing_report_is_written(
-    run: Run, seeds: Path, tmp_path: Path
-):
+def test_a_seed_that_was_killed_at_once_begins_again_and_a_missing_report_is_written(run, seeds, tmp_path):
     shutil.copytree(seeds / "plain", tmp_path / "plain")
     shutil.rmtree(tmp_path / "plain/seed-0/report")
     killed = tmp_path / "plain/seed-1"
@@ -133,28 +115,28 @@ def test_a_seed_that_was_killed_at_once_begins_again_and_a_missing_report_is_wri
     assert (tmp_path / "plain/seed-0/report/index.html").is_file()
 
 
-def test_a_seed_with_other_settings_or_data_is_not_taken_for_the_same(run: Run, seeds: Path, tmp_path: Path):
-    def train(*options: object, graph: object = seeds / "graph") -> Any:
-        return run("train-agent", graph, *SMALL, *options, "--seeds", "0-1", "--out", seeds / "plain")
+def test_a_seed_with_other_settings_or_data_is_not_taken_for_the_same(refused, run, seeds, tmp_path):
+    def train(*options, graph=seeds / "graph"):
+        return "train-agent", graph, *SMALL, *options, "--seeds", "0-1", "--out", seeds / "plain"
 
     before = contents(seeds / "plain")
-    message = refused(train("--entropy-cost", "0.1"), "ConfigError")
-    assert "was trained with --entropy-cost 0.01, and this command has 0.1" in message
-    assert "--max-attempts None, and this command has 2" in refused(train("--max-attempts", 2), "ConfigError")
-    assert "another scorer" in refused(train("--scorer", seeds / "links/seed-0"), "ConfigError")
     run("build-graph", "kitchen", "--seed", 1, "--out", tmp_path / "other")
-    assert "another split" in refused(train(graph=tmp_path / "other"), "ConfigError")
-    assert "another graph" in refused(train(graph="everyday"), "ConfigError")
     links = ("train-complex", seeds / "graph", *TINY, "--seeds", "0")
-    message = refused(run(*links, "--n3", "0.2", "--out", seeds / "links"), "ConfigError")
-    assert "was trained with --n3 " in message
-    assert "this command has 0.2" in message
-    assert "exists" in refused(run(*links, "--out", seeds / "plain"), "OutputExistsError")
+    for command, says in (
+        (train("--entropy-cost", "0.1"), "was trained with --entropy-cost 0.01, and this command has 0.1"),
+        (train("--max-attempts", 2), "--max-attempts None, and this command has 2"),
+        (train("--scorer", seeds / "links/seed-0"), "another scorer"),
+        (train(graph=tmp_path / "other"), "another split"),
+        (train(graph="everyday"), "another graph"),
+        ((*links, "--n3", "0.2", "--out", seeds / "links"), ["was trained with --n3 ", "this command has 0.2"]),
+    ):
+        refused(*command, says=says, kind="ConfigError")
+    refused(*links, "--out", seeds / "plain", says="exists", kind="OutputExistsError")
     assert contents(seeds / "plain") == before
-    assert train(graph="kitchen").code == 0  # the same graph and split by another name
+    assert run(*train(graph="kitchen")).code == 0  # the same graph and split by another name
 
 
-def test_force_trains_all_seeds_again(run: Run, seeds: Path, tmp_path: Path):
+def test_force_trains_all_seeds_again(run, seeds, tmp_path):
     shutil.copytree(seeds / "links", tmp_path / "links")
     command = ("train-complex", seeds / "graph", *TINY, "--n3", "0.2", "--seeds", "0,3", "--out", tmp_path / "links")
     assert run(*command, "--force").code == 0
@@ -172,17 +154,14 @@ def test_force_trains_all_seeds_again(run: Run, seeds: Path, tmp_path: Path):
         (("--seeds", "0,4294967296"), "--seed 4294967296"),
     ],
 )
-def test_wrong_seeds_are_refused_before_anything_is_trained(
-    run: Run, tmp_path: Path, options: tuple[object, ...], message: str
-):
-    outcome = run("train-complex", "kitchen", *TINY, *options, "--out", tmp_path / "links")
-    assert message in refused(outcome, "ConfigError")
+def test_wrong_seeds_are_refused_before_anything_is_trained(refused, tmp_path, options, message):
+    refused("train-complex", "kitchen", *TINY, *options, "--out", tmp_path / "links", says=message, kind="ConfigError")
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_single_run_is_not_taken_for_a_folder_of_seeds(run: Run, seeds: Path):
-    outcome = run("train-agent", seeds / "graph", *SMALL, "--seeds", "0-1", "--out", seeds / "plain/seed-0")
-    assert "is a single run" in refused(outcome, "OutputExistsError")
+def test_a_single_run_is_not_taken_for_a_folder_of_seeds(refused, seeds):
+    command = ("train-agent", seeds / "graph", *SMALL, "--seeds", "0-1", "--out", seeds / "plain/seed-0")
+    refused(*command, says="is a single run", kind="OutputExistsError")
 
 
 @pytest.mark.parametrize(
@@ -195,15 +174,13 @@ def test_a_single_run_is_not_taken_for_a_folder_of_seeds(run: Run, seeds: Path):
         (("train-agent", "kitchen", "--out", "{}/never", "--scorer", "{}"), "links"),
     ],
 )
-def test_where_one_run_is_needed_a_folder_of_seeds_is_refused_with_one_of_them(
-    run: Run, seeds: Path, command: tuple[str, ...], name: str
-):
-    message = refused(run(*(part.format(seeds / name) for part in command)), "ArtefactError")
+def test_where_one_run_is_needed_a_folder_of_seeds_is_refused_with_one_of_them(refused, seeds, command, name):
+    message = refused(*(part.format(seeds / name) for part in command), kind="ArtefactError")
     assert f"holds a run for each of 2 seeds; give one, such as {seeds / name / 'seed-0'}." in message
     assert not (seeds / name / "never").exists()
 
 
-def test_compare_agents_takes_a_folder_of_seeds_for_one_agent(run: Run, seeds: Path, tmp_path: Path):
+def test_compare_agents_takes_a_folder_of_seeds_for_one_agent(refused, run, seeds, tmp_path):
     options = ("--draws", 1, "--episodes", 0, "--json")
     together = run("compare", seeds / "plain", *options, "--out", tmp_path / "together")
     assert together.code == 0, together.err
@@ -213,5 +190,4 @@ def test_compare_agents_takes_a_folder_of_seeds_for_one_agent(run: Run, seeds: P
     assert agents["plain"]["seeds"] == [0, 1]
     single = run("compare", seeds / "plain/seed-1", *options, "--out", tmp_path / "single")
     assert json.loads(single.out)["agents"].keys() == {"plain-seed-1"}
-    missing = run("compare", seeds / "graph", "--out", tmp_path / "nothing")
-    assert "is a graph folder" in refused(missing, "ArtefactError")
+    refused("compare", seeds / "graph", "--out", tmp_path / "nothing", says="is a graph folder", kind="ArtefactError")

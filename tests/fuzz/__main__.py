@@ -12,28 +12,25 @@ from pathlib import Path
 import torch
 
 from . import artefacts, books, values
-from .harness import Trial, call, problems_of
+from .harness import call, problems_of
 from .home import make_home
 
 PARTS = {"books": books.trial, "artefacts": artefacts.trial, "values": values.trial}
 
 
 def run_case(part: str, number: int, home: Path) -> list[str]:
-    """Run a case in a sandbox of its own and return what is wrong."""
+    """Run a case in a sandbox of its own and return its faults."""
     with tempfile.TemporaryDirectory() as folder:
         trial = PARTS[part](number, home, Path(folder))
         return [f"{part}:{number}: {problem}" for problem in problems_of(trial, Path(folder))]
 
 
 def replay(part: str, number: int, home: Path) -> list[str]:
-    """Run a case and show what its commands say."""
+    """Run a case and show the answers of its commands."""
     with tempfile.TemporaryDirectory() as folder:
-        trial: Trial = PARTS[part](number, home, Path(folder))
-        print(trial.what)
-        for command in trial.commands:
-            outcome = call(command, Path(folder), trial.typed)
-            print(f"$ wordcraft-kg {' '.join(command)}\n{outcome.out[:2000]}{outcome.err[:4000]}{outcome.problem}")
-            print(f"[exit code {outcome.code}, {outcome.seconds:.2f} s]")
+        trial = PARTS[part](number, home, Path(folder))
+        for outcome in (call(command, Path(folder), trial.typed) for command in trial.commands):
+            print(f"{outcome.out[:2000]}{outcome.err[:4000]}[exit code {outcome.code}, {outcome.seconds:.2f} s]")
     return run_case(part, number, home)
 
 

@@ -6,70 +6,13 @@ from collections.abc import Callable
 from typing import Any
 
 ODD_LABELS = (
-    "",
-    " ",
-    "?",
-    "-x",
-    "a,b",
-    'a"b',
-    "a\tb",
-    "a\nb",
-    "a\x00b",
-    "a\x1bb",
-    "\ufeff",
-    "é",
-    "e\u0301",
-    "İ",
-    "ß",
-    "𝒳",
-    "👩‍🍳",
-    "\u202eabc",
-    "\u2028",
-    "\ud800",
-    "x" * 999,
-    "x" * 1_001,
-    "../../x",
-    "/",
-    "<&>]]>",
-    "%s{0}",
-    "nan",
-    "None",
-    "true",
-    "0",
-    "=1+1",
-    "#x",
-    "http://x/?a=b#c",
-    "\\",
-    "'",
-    "Water",
-    "water ",
+    *("", " ", "?", "-x", "a,b", 'a"b', "a\tb", "a\nb", "a\x00b", "a\x1bb", "\ufeff", "é", "e\u0301", "İ", "ß", "𝒳"),
+    *("👩‍🍳", "\u202eabc", "\u2028", "\ud800", "x" * 999, "x" * 1_001, "../../x", "/", "<&>]]>", "%s{0}", "nan"),
+    *("None", "true", "0", "=1+1", "#x", "http://x/?a=b#c", "\\", "'", "Water", "water "),
 )
 ODD_VALUES = (
-    None,
-    True,
-    0,
-    -1,
-    1.5,
-    2**31,
-    2**63,
-    2**64,
-    10**400,
-    1e308,
-    1e-320,
-    float("nan"),
-    float("inf"),
-    "",
-    "text",
-    "1",
-    "1979-05-27",
-    "\ud800",
-    "x" * 100_000,
-    [],
-    [[]],
-    {},
-    {"a": 1},
-    [None],
-    [1, "a", None],
+    *(None, True, 0, -1, 1.5, 2**31, 2**63, 2**64, 10**400, 1e308, 1e-320, float("nan"), float("inf"), "", "text"),
+    *("1", "1979-05-27", "\ud800", "x" * 100_000, [], [[]], {}, {"a": 1}, [None], [1, "a", None]),
 )
 
 
@@ -77,25 +20,21 @@ def spoilt_bytes(data: bytes, rng: random.Random) -> tuple[str, bytes]:
     """Flip, cut, insert, remove or repeat bytes."""
     at = rng.randrange(len(data) + 1)
     to = min(len(data), at + rng.choice((1, 2, 10, 1_000)))
-    what = rng.choice(("flip", "cut", "insert", "remove", "repeat", "empty", "prefix", "zeros", "utf-16"))
-    if what == "flip" and at < len(data):
-        return f"byte {at} flipped", data[:at] + bytes([data[at] ^ (1 << rng.randrange(8))]) + data[at + 1 :]
-    if what == "cut":
-        return f"cut at {at}", data[:at]
-    if what == "insert":
-        new = rng.choice((b"\x00", b"\xff\xfe", b"\n", b'"', b",", b"\r", rng.randbytes(20), b"{", b"\xed\xa0\x80"))
-        return f"{new!r} at {at}", data[:at] + new + data[at:]
-    if what == "remove":
-        return f"without bytes {at} to {to}", data[:at] + data[to:]
-    if what == "repeat":
-        return f"bytes {at} to {to} twice", data[:to] + data[at:]
-    if what == "prefix":
-        return "with a byte order mark", b"\xef\xbb\xbf" + data
-    if what == "zeros":
-        return "zeros", bytes(len(data))
-    if what == "utf-16":
-        return "as UTF-16", data.decode("utf-8", "replace").encode("utf-16")
-    return "empty", b""
+    new = rng.choice((b"\x00", b"\xff\xfe", b"\n", b'"', b",", b"\r", rng.randbytes(20), b"{", b"\xed\xa0\x80"))
+    flipped = bytes(byte ^ (1 << rng.randrange(8)) for byte in data[at : at + 1])
+    ways = {
+        f"byte {at} flipped": data[:at] + flipped + data[at + 1 :],
+        f"cut at {at}": data[:at],
+        f"{new!r} at {at}": data[:at] + new + data[at:],
+        f"without bytes {at} to {to}": data[:at] + data[to:],
+        f"bytes {at} to {to} twice": data[:to] + data[at:],
+        "with a byte order mark": b"\xef\xbb\xbf" + data,
+        "zeros": bytes(len(data)),
+        "as UTF-16": data.decode("utf-8", "replace").encode("utf-16"),
+        "empty": b"",
+    }
+    what = rng.choice(list(ways))
+    return what, ways[what]
 
 
 def spoilt_lines(text: str, rng: random.Random) -> tuple[str, str]:
@@ -130,27 +69,22 @@ def spoilt_lines(text: str, rng: random.Random) -> tuple[str, str]:
 
 def spoilt_value(value: Any, rng: random.Random) -> tuple[str, Any]:
     """Change one value somewhere in a tree of values: another type, another key, one more or one less."""
-    path = []
-    trail: list[tuple[Any, Any]] = []
-    node = value
-    while isinstance(node, dict | list) and node and rng.random() < 0.75:
-        key = rng.choice(list(node)) if isinstance(node, dict) else rng.randrange(len(node))
-        trail.append((node, key))
-        path.append(str(key))
-        node = node[key]
-    what, new, is_gone = _changed(node, rng)
-    shown = f"{'.'.join(path)[:60] or 'all'}: {what}"
-    if not trail:
-        return shown, new
-    for parent, key in reversed(trail):
-        copy: Any = dict(parent) if isinstance(parent, dict) else list(parent)
-        if is_gone:
-            del copy[key]
-            is_gone = False
-        else:
-            copy[key] = new
-        new = copy
-    return shown, new
+    what, new, _ = _spoilt(value, rng)
+    return what, new
+
+
+def _spoilt(node: Any, rng: random.Random) -> tuple[str, Any, bool]:
+    """Return what was done, the new value, and whether it is to be removed."""
+    if not isinstance(node, dict | list) or not node or rng.random() > 0.75:
+        return _changed(node, rng)
+    key: Any = rng.choice(list(node)) if isinstance(node, dict) else rng.randrange(len(node))
+    what, new, is_gone = _spoilt(node[key], rng)
+    copy = node.copy()
+    if is_gone:
+        del copy[key]
+    else:
+        copy[key] = new
+    return f"{str(key)[:30]}: {what}", copy, False
 
 
 def _changed(node: Any, rng: random.Random) -> tuple[str, Any, bool]:

@@ -6,7 +6,6 @@ values of other types. Hashes are mended, as somebody who does it on purpose wou
 
 import json
 import shutil
-import signal
 import traceback
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -15,10 +14,7 @@ from typing import Any
 import pytest
 import safetensors.torch
 import torch
-from fuzz.home import mended
-
-from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
-from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
+from fuzz.home import make_home, mended
 
 Run = Callable[..., Any]
 SCORE = ("score", "{folder}", "flour", "combinesWith", "water")
@@ -74,26 +70,7 @@ TOML_OTHERS = ('"text"', "-1", "nan", "1979-05-27", "[]", "true", "1e300")
 @pytest.fixture(scope="module")
 def home(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A graph, and on it a model and a guided agent, both finished and both interrupted."""
-    from wordcraft_kg.agents.training import train_agent
-    from wordcraft_kg.cli import main
-    from wordcraft_kg.models.links.training import train_links
-
-    home = tmp_path_factory.mktemp("home")
-    assert main(["build-graph", "kitchen", "--train-ratio", "0.6", "--out", str(home / "graph")]) == 0
-    links = LinksConfig(str(home / "graph"), ComplExConfig(dim=4, epochs=3, n3=0.1, folds=2, checkpoint_every=1))
-    trainer = ImpalaConfig(steps=320, batch_size=16, log_every=64, eval_every=160, checkpoint_every=64)
-    agent = AgentConfig(links.graph, str(home / "model"), TaskConfig(distractors=1), trainer=trainer)
-
-    def press(done: int, *_: object) -> None:
-        if done in (1, 64):
-            signal.raise_signal(signal.SIGINT)
-
-    train_links(links, home / "model")
-    assert train_links(links, home / "model-interrupted", progress=press).interrupted
-    train_agent(agent, home / "agent")
-    (home / "agent" / "report").mkdir()
-    assert train_agent(agent, home / "agent-interrupted", progress=press).interrupted
-    return home
+    return make_home(tmp_path_factory.mktemp("home"))
 
 
 def of_values(content: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:

@@ -15,7 +15,8 @@ from wordcraft_kg.cli.console import Output, aligned, check_page, refuse_given, 
 from wordcraft_kg.cli.options import AGENT, Force, MovedGraph, Part, Run, Words
 
 if TYPE_CHECKING:
-    from wordcraft_kg.evaluation.agents import AgentSuccess, AgentsView
+    from wordcraft_kg.evaluation.agent_figures import AgentSuccess
+    from wordcraft_kg.evaluation.agents import AgentsView
     from wordcraft_kg.evaluation.link_comparison import ComparedModel, LinkComparison
 
 EXAMPLES = (

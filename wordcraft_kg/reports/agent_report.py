@@ -7,7 +7,8 @@ from typing import Any
 from markupsafe import Markup
 
 from wordcraft_kg.base.records import schema_of
-from wordcraft_kg.evaluation.agents import NEVER, AgentsView, Groups, Slice, view_agents
+from wordcraft_kg.evaluation.agent_figures import NEVER, Slice
+from wordcraft_kg.evaluation.agents import AgentsView, Groups, view_agents
 from wordcraft_kg.graphs.tasks import TaskPart
 from wordcraft_kg.reports import charts
 from wordcraft_kg.reports.agent_pictures import (

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import msgspec
 
 from wordcraft_kg.apps.text_agents.records import PlayedSettings, PlayedTask, PlayedWorld, TextResult
+from wordcraft_kg.apps.text_agents.results import result_of
 from wordcraft_kg.base.errors import ArtefactError, reason
 from wordcraft_kg.base.extras import missing_extra
 from wordcraft_kg.base.records import Count, Record, as_record
@@ -42,21 +43,15 @@ class LoggedTask(Record, frozen=True, kw_only=True):
 
 
 def read_inspect_log(path: str | Path) -> TextResult:
-    """Read the result of a language model from a log of Inspect AI, of ``crafting`` or ``discovery``.
+    """Read the result of a language model from a log of ``crafting`` or ``discovery``, ``.eval`` or ``.json``.
 
-    The model's name is the player, and the figures are made from the games, as those of any other player. A game that
-    a limit of Inspect's has ended counts; one that was not played, or has failed, is missing, and then there is no
-    result. Tables that were played several times (``--epochs``) count like further draws.
-
-    Args:
-        path: the log's file, ``.eval`` or ``.json``.
+    The model's name is the player. A game that a limit of Inspect's has ended counts; without a game that has failed or
+    was not played there is no result. Tables that were played several times (``--epochs``) count like further draws.
 
     Raises:
         MissingExtraError: if Inspect AI is not installed.
         ArtefactError: if the file is missing or damaged, no log of these tasks, or not all games were played.
     """
-    from wordcraft_kg.apps.text_agents.results import result_of
-
     path = Path(path)
     log = _read(path)
     about = (log.eval.metadata or {}).get(METADATA)

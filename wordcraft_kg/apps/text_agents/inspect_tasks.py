@@ -9,8 +9,11 @@ from contextlib import contextmanager
 from dataclasses import fields
 from inspect import Parameter, Signature, signature
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
+from wordcraft_kg.agents.discovery import HUMAN_CURVE, HUMAN_SOURCE
+from wordcraft_kg.apps.text_agents.conversation import Conversation, Play
+from wordcraft_kg.apps.text_agents.games import TaskGames
 from wordcraft_kg.apps.text_agents.inspect_log import (
     METADATA,
     UNFINISHED,
@@ -19,7 +22,8 @@ from wordcraft_kg.apps.text_agents.inspect_log import (
     distinct_draws,
     played_of,
 )
-from wordcraft_kg.apps.text_agents.records import PlayedSettings, PlayedTask, PlayedWorld
+from wordcraft_kg.apps.text_agents.records import PlayedTask, PlayedWorld
+from wordcraft_kg.apps.text_agents.results import chosen_tasks, evaluation_of, mean_known, record_of
 from wordcraft_kg.apps.text_agents.settings import ATTEMPTS, EvaluationSettings
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, UnknownSettingError, WordCraftKGError
 from wordcraft_kg.base.extras import missing_extra
@@ -37,9 +41,6 @@ try:
     from inspect_ai.solver import Generate, Solver, TaskState, solver
 except ModuleNotFoundError:
     raise missing_extra("inspect", ["Inspect AI"]) from None
-
-if TYPE_CHECKING:
-    from wordcraft_kg.apps.text_agents.conversation import Conversation, Play
 
 F = TypeVar("F", bound=Callable[..., Any])
 PLAYED = "wordcraft_kg_played"
@@ -85,9 +86,6 @@ def crafting(graph: str = "everyday", **settings: Any) -> Task:
     Raises:
         InspectTaskError: for a wrong parameter, or a graph or scorer that cannot be read.
     """
-    from wordcraft_kg.apps.text_agents.games import TaskGames
-    from wordcraft_kg.apps.text_agents.results import chosen_tasks
-
     with _readable():
         play = _open(crafting, graph, settings)
         rules = play.settings
@@ -98,13 +96,7 @@ def crafting(graph: str = "everyday", **settings: Any) -> Task:
             for draw in range(rules.draws)
             for number in chosen_tasks(play.games.world, rules.tasks).tolist()
         ]
-    return Task(
-        dataset=MemoryDataset(samples, name=f"{rules.graph}, {rules.part}"),
-        solver=conversation(play),
-        scorer=goal_made(),
-        version=rules.texts[:12],
-        metadata=_metadata(rules, len(samples)),
-    )
+        return _task(play, samples, f"{rules.graph}, {rules.part}", scorer=goal_made())
 
 
 @task
@@ -117,8 +109,6 @@ def discovery(graph: str = "everyday", *, games: int = 1, base: Any = None, **se
     Raises:
         InspectTaskError: as :func:`crafting`.
     """
-    from wordcraft_kg.agents.discovery import HUMAN_CURVE, HUMAN_SOURCE
-
     with _readable():
         whole("games", games, 1, MAX_SIZE)
         # Inspect reads a number or a truth value where the name of an entity is meant.
@@ -127,21 +117,12 @@ def discovery(graph: str = "everyday", *, games: int = 1, base: Any = None, **se
         play = _open(discovery, graph, settings, open_ended=True, base=start, draws=games)
         rules = play.settings
         sample = _sample("world", play, attempts=rules.attempts, known_at_start=len(rules.base))
-    people = {"known": {str(after): known for after, known in HUMAN_CURVE.items()}, "source": HUMAN_SOURCE}
-    return Task(
-        dataset=MemoryDataset([sample], name=rules.graph),
-        solver=conversation(play),
-        scorer=things_known(),
-        epochs=games,
-        version=rules.texts[:12],
-        metadata=_metadata(rules, 1, people=people),
-    )
+        people = {"known": {str(after): known for after, known in HUMAN_CURVE.items()}, "source": HUMAN_SOURCE}
+        return _task(play, [sample], rules.graph, people, scorer=things_known(), epochs=games)
 
 
-def _open(declared: Callable[..., Task], graph: Any, given: Mapping[str, Any], **own: Any) -> "Play":
+def _open(declared: Callable[..., Task], graph: Any, given: Mapping[str, Any], **own: Any) -> Play:
     """Open the games of a task's parameters."""
-    from wordcraft_kg.apps.text_agents.conversation import Play
-
     known = [name for name in signature(declared).parameters if name != "unknown"]
     for name in given:
         if name not in known:
@@ -155,7 +136,7 @@ def _open(declared: Callable[..., Task], graph: Any, given: Mapping[str, Any], *
     return Play.open(graph, settings, draws=settings.draws, tasks=settings.tasks, refusals=settings.refusals)
 
 
-def _sample(identity: str, play: "Play", **about: Any) -> Sample:
+def _sample(identity: str, play: Play, **about: Any) -> Sample:
     """Return a game as a sample: its opening, its goal if it has one, and metadata."""
     talk = _begin(play, about)
     hashes = {name: getattr(play.settings, name) for name in ("graph_hash", "split_hash", "texts")}
@@ -163,12 +144,19 @@ def _sample(identity: str, play: "Play", **about: Any) -> Sample:
     return Sample(id=identity, input=opening, target=about.get("goal", ""), metadata=about | hashes)
 
 
-def _begin(play: "Play", about: Mapping[str, Any]) -> "Conversation":
+def _begin(play: Play, about: Mapping[str, Any]) -> Conversation:
     return play.begin(about.get("task", 0), about.get("draw", 0))
 
 
-def _metadata(settings: PlayedSettings, games: int, people: dict[str, Any] | None = None) -> dict[str, Any]:
-    return {METADATA: as_values(LoggedTask(settings=settings, games=games, people=people))}
+def _task(play: Play, samples: list[Sample], name: str, people: dict[str, Any] | None = None, **options: Any) -> Task:
+    about = LoggedTask(settings=play.settings, games=len(samples), people=people)
+    return Task(
+        dataset=MemoryDataset(samples, name=name),
+        solver=conversation(play),
+        version=play.settings.texts[:12],
+        metadata={METADATA: as_values(about)},
+        **options,
+    )
 
 
 @contextmanager
@@ -181,12 +169,11 @@ def _readable() -> Iterator[None]:
 
 
 @solver
-def conversation(play: "Play") -> Solver:
+def conversation(play: Play) -> Solver:
     """Let a model play: each message is answered until the game is over.
 
     A game that a limit of Inspect's ends is given up, and scored as it was then.
     """
-    from wordcraft_kg.apps.text_agents.results import record_of
 
     async def solve(state: TaskState, generate: Generate) -> TaskState:
         talk = _begin(play, state.metadata)
@@ -213,8 +200,6 @@ def crafting_figures() -> Metric:
     """Compute the figures of an evaluation of agents, and Inspect's standard error over tasks."""
 
     def figures(scores: list[SampleScore]) -> Value:
-        from wordcraft_kg.apps.text_agents.results import evaluation_of
-
         if not scores:
             return {}
         played = distinct_draws([_played(one, PlayedTask) for one in scores])
@@ -244,8 +229,6 @@ def discovery_figures() -> Metric:
     """Compute the mean number of known entities after some numbers of attempts, and its standard error at the end."""
 
     def figures(scores: list[SampleScore]) -> Value:
-        from wordcraft_kg.apps.text_agents.results import mean_known
-
         if not scores:
             return {}
         about = scores[0].sample_metadata or {}

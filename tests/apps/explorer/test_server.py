@@ -18,7 +18,7 @@ from tests.apps.explorer.shown import HOSTILE, Shown, client_of
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.pages import PAGES
 from wordcraft_kg.apps.explorer.server import make_app
-from wordcraft_kg.apps.web.guard import HEADERS, LONGEST_ADDRESS, LONGEST_BODY, guarded
+from wordcraft_kg.apps.web.guard import HEADERS, LONGEST_ADDRESS, LONGEST_BODY, Guard
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError, UnknownEntityError
 from wordcraft_kg.base.records import as_values
 
@@ -199,7 +199,7 @@ def form() -> TestClient:
         return PlainTextResponse(str(len(await request.body())))
 
     app = Router([Route("/", receive, methods=["POST", "GET"])])
-    wrapped = guarded(app, "127.0.0.1", (), lambda status, message: f"{status} {message}", methods=("GET", "POST"))
+    wrapped = Guard(app, "127.0.0.1", (), lambda status, message: f"{status} {message}", methods=("GET", "POST"))
     return TestClient(wrapped, base_url="http://localhost:8766")
 
 

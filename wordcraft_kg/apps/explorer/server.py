@@ -23,7 +23,7 @@ from wordcraft_kg.apps.explorer.page import Page
 from wordcraft_kg.apps.explorer.pages import HOME, PAGES
 from wordcraft_kg.apps.explorer.pages.entities import search_entities
 from wordcraft_kg.apps.explorer.rendering import Site
-from wordcraft_kg.apps.web.guard import guarded
+from wordcraft_kg.apps.web.guard import Guard
 from wordcraft_kg.apps.web.style_sheet import style_sheet
 from wordcraft_kg.base.errors import ConfigError, UnknownEntityError, WordCraftKGError
 from wordcraft_kg.base.records import as_values
@@ -48,7 +48,7 @@ def make_app(explored: Explored, host: str = "127.0.0.1", more_hosts: Collection
         Route("/{name}", server.page),
         Route("/{name}/{subject:path}", server.page),
     ]
-    return guarded(Router(routes), host, more_hosts, server.site.error)
+    return Guard(Router(routes), host, more_hosts, server.site.error)
 
 
 class _Server:

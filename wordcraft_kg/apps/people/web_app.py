@@ -22,7 +22,7 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 from wordcraft_kg.apps.people.answers_database import AnswersDatabase, Participant
 from wordcraft_kg.apps.people.protocol import Answer, PosedTask
 from wordcraft_kg.apps.people.study import Study
-from wordcraft_kg.apps.web.guard import guarded
+from wordcraft_kg.apps.web.guard import Guard
 from wordcraft_kg.apps.web.style_sheet import style_sheet
 from wordcraft_kg.reports.pages import make_environment
 
@@ -71,7 +71,7 @@ def make_study_app(
         Route("/withdrawn", server.withdrawn),
     ]
     router = Router(routes, redirect_slashes=False, default=server.not_found)
-    return guarded(router, host, more_hosts, server.error, methods=("GET", "HEAD", "POST"))
+    return Guard(router, host, more_hosts, server.error, methods=("GET", "HEAD", "POST"))
 
 
 # --- codes with which people come back: random, easy to type, and never stored --------------------------------------

@@ -1,10 +1,9 @@
-"""What stands before every application that a browser talks to: who may ask, how much, and what an error shows."""
+"""The guard before every application of pages: permitted hosts and sites, sizes, and pages of errors."""
 
 import logging
 import time
 from collections.abc import Callable, Collection
-from typing import Any
-from urllib.parse import urlsplit
+from urllib.parse import SplitResult, urlsplit
 
 from starlette.datastructures import Headers
 from starlette.responses import Response
@@ -14,7 +13,7 @@ POLICY = (
     "default-src 'none'; style-src 'self'; script-src 'self'; img-src 'self' data:; connect-src 'self'; "
     "form-action 'self'; base-uri 'none'; frame-ancestors 'none'"
 )
-"""Nothing is loaded from elsewhere, and nothing runs but the site's own files, whatever a label may hold."""
+"""Nothing is loaded from elsewhere, and only the site's own files run, whatever a label may hold."""
 HEADERS = {
     "Content-Security-Policy": POLICY,
     "X-Content-Type-Options": "nosniff",
@@ -33,20 +32,28 @@ ErrorPage = Callable[[int, str], str]
 
 
 class Guard:
-    """Refuses requests of other hosts, of other sites and of unreasonable size, and shows no error's inside.
-
-    A page of another site that a browser is lured to may resolve its own name to this machine (DNS rebinding); its Host
-    header gives it away. A form of another site is known by its Origin.
-    """
+    """Refuses requests for other hosts (DNS rebinding), forms of other sites and excessive sizes; hides tracebacks."""
 
     def __init__(
-        self, app: ASGIApp, hosts: Collection[str], error_page: ErrorPage, *, methods: Collection[str] = ("GET", "HEAD")
+        self,
+        app: ASGIApp,
+        host: str,
+        more_hosts: Collection[str],
+        error_page: ErrorPage,
+        *,
+        methods: Collection[str] = ("GET", "HEAD"),
     ):
-        """Take an application, the names that it may be asked by, the page of an error, and what may be asked.
+        """Guard an application that lets errors through, such as a Router.
 
-        The application is a Router, or another one that lets errors through: Starlette's own class answers them itself.
+        Args:
+            app: the application.
+            host: the host that it listens on; it answers for this machine's own names, too.
+            more_hosts: further names in permitted Host headers.
+            error_page: page of an error.
+            methods: permitted methods.
         """
-        self.app, self.hosts, self.error_page, self.methods = app, frozenset(hosts), error_page, methods
+        self.app, self.error_page, self.methods = app, error_page, methods
+        self.hosts = {*LOOPBACK, host.lower(), *(name.lower() for name in more_hosts)}
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer a request."""
@@ -58,7 +65,7 @@ class Guard:
             nonlocal has_begun
             if message["type"] == "http.response.start":
                 has_begun = True
-                # What browsers show beside a request: how long the answer took here, in milliseconds.
+                # Browsers show it beside a request, in milliseconds.
                 timing = f"app;dur={1000 * (time.perf_counter() - begun):.1f}"
                 headers = HEADERS | {"Server-Timing": timing}
                 own = [(name.lower().encode(), value.encode()) for name, value in headers.items()]
@@ -83,14 +90,14 @@ class Guard:
 
     def _refusal(self, scope: Scope) -> tuple[int, str] | None:
         headers = Headers(scope=scope)
-        host = _name_in(headers.get("host", ""))
+        host = _split(f"//{headers.get('host', '')}").hostname or ""
         if host not in self.hosts:
             return 421, f"This site does not answer for the host '{host[:60]}'."
         if scope["method"] not in self.methods:
             return 405, f"{scope['method'][:20]} is not possible here."
         origin = headers.get("origin")
         # The port counts too: another program on this machine is another site.
-        if scope["method"] == "POST" and origin is not None and _site_of(origin) != headers.get("host"):
+        if scope["method"] == "POST" and origin is not None and _split(origin).netloc != headers.get("host"):
             return 403, "The form of another site was sent here. Open this site's own page."
         if len(scope.get("raw_path", b"")) + len(scope["query_string"]) > LONGEST_ADDRESS:
             return 414, f"The address is longer than {LONGEST_ADDRESS:,} bytes."
@@ -115,22 +122,9 @@ def _limited(receive: Receive) -> Receive:
     return limited
 
 
-def _name_in(host: str) -> str:
-    """Return the name in a Host header, without the port: ``localhost:80`` and ``[::1]:80``."""
+def _split(address: str) -> SplitResult:
+    """Return the parts of an address; empty ones if it is none."""
     try:
-        return urlsplit(f"//{host}").hostname or ""
+        return urlsplit(address)
     except ValueError:
-        return ""
-
-
-def _site_of(origin: str) -> str:
-    """Return host and port of an Origin header; empty if it is none."""
-    try:
-        return urlsplit(origin).netloc
-    except ValueError:
-        return ""
-
-
-def guarded(app: ASGIApp, host: str, more_hosts: Collection[str], error_page: ErrorPage, **options: Any) -> Guard:
-    """Return a guarded application that answers for the host that it listens on, for this machine, and for others."""
-    return Guard(app, {*LOOPBACK, host.lower(), *(name.lower() for name in more_hosts)}, error_page, **options)
+        return urlsplit("")

@@ -65,7 +65,7 @@ def serve(
         app: the application.
         listening: see :func:`listen`.
         started: called with the address as soon as requests are answered.
-        has_lifespan: whether the application wants to be told when it begins and ends.
+        has_lifespan: whether the application handles ASGI's lifespan events.
     """
     import uvicorn
 
@@ -75,11 +75,10 @@ def serve(
             if self.started:
                 started(address_of(listening))
 
-    # Who asks, and for what, is nobody's business: there is no access log.
     config = uvicorn.Config(
         app,
         log_config=None,
-        access_log=False,
+        access_log=False,  # requests are private
         lifespan="on" if has_lifespan else "off",
         ws="none",
         server_header=False,
@@ -95,10 +94,9 @@ def serve(
 
 
 def return_freed_memory() -> None:
-    """Let the memory of large arrays go back to the system when they are freed.
+    """Return the memory of large arrays to the system when they are freed, with glibc.
 
-    glibc keeps the more of it the larger the arrays are that have been freed, for each thread: a server that has ranked
-    all links once would stay 90 MB larger for ever. Does nothing where there is another C library.
+    By default glibc keeps it, for each thread: a server that has ranked all links once would stay 90 MB larger.
     """
     import ctypes
 

@@ -62,10 +62,6 @@ def test_features_follow_the_order_of_the_labels_and_cannot_be_changed():
             array[0] = 0
 
 
-def test_no_labels_have_no_features():
-    assert glove_features([]).vectors.shape == (0, 50)
-
-
 def test_nearly_all_words_of_everyday_have_a_vector():
     features = glove_features(open_book("everyday").entities)
     assert (len(features.missing_words), len(features.words)) == (0, 737)
@@ -104,8 +100,27 @@ def test_max_pooling_takes_the_larger_of_the_words_in_each_dimension():
     assert made.source == "GloVe 6B, 50-d, max of words"
 
 
-def test_another_pooling_is_refused():
-    assert refused("glove", pooling="maxx") == "`pooling` 'maxx': expected one of mean, max. Did you mean 'max'?"
+EXPECTED = "expected a file, or one of glove, one-hot,"
+NOWHERE = ["", "vectors/none.txt", "x" * 5000, "a\0b", "shuffled:", "."]
+UNKNOWN = {"glov": "'glove'", "onehot": "'one-hot'", "shufled:random": "'shuffled:random'", "shuffled:glov": "'glove'"}
+
+
+@pytest.mark.parametrize(
+    ("spec", "labels", "options", "told"),
+    [
+        ("glove", "ab", {"pooling": "maxx"}, ("`pooling` 'maxx': expected one of mean, max", "'max'")),
+        ("random", "ab", {"seed": -1}, ("`seed` -1: expected a whole number, 0 or more.",)),
+        # 8,192 ** 2 floats are 2 ** 28 bytes
+        ("one-hot", range(8193), {}, ("8,193 entities take 268,500,996 bytes; expected at most 268,435,456",)),
+        *(("glove", ["zqxjkv"], {"allow_missing": allowed}, ("1 of 1 entities", "Give vectors")) for allowed in (0, 1)),
+        *((spec, "ab", {}, (EXPECTED, f"Did you mean {meant}")) for spec, meant in UNKNOWN.items()),
+        *((spec, "ab", {}, (EXPECTED,)) for spec in NOWHERE),
+    ],
+)
+def test_what_cannot_be_is_refused_with_what_can(spec, labels, options, told, home, monkeypatch):
+    monkeypatch.chdir(home)
+    message = refused(spec, labels, **options)
+    assert all(text in message for text in told)
 
 
 def test_one_hot_is_the_identity_and_says_so():
@@ -121,14 +136,6 @@ def test_one_hot_is_refused_above_its_limit(monkeypatch):
     monkeypatch.setattr(features_module, "ONE_HOT_LIMIT", 3 * 3 * 4)
     assert make_features("one-hot", "abc").vectors.shape == (3, 3)
     assert "one-hot features of 4 entities" in refused("one-hot", "abcd")
-
-
-def test_the_limit_of_one_hot_counts_bytes():
-    message = refused("one-hot", range(8193))  # 8,192 ** 2 floats are 2 ** 28 bytes
-    assert message == (
-        "one-hot features of 8,193 entities take 268,500,996 bytes; expected at most 268,435,456. "
-        "Use 'random', which tells entities apart in 300 dimensions."
-    )
 
 
 def test_random_features_are_laplace_noise_of_the_official_spread():
@@ -167,33 +174,6 @@ def test_shuffling_deals_the_same_rows_to_other_entities(spec):
     assert made.sha256 == make_features(f"shuffled:{spec}", labels, seed=1).sha256
     other_seed = make_features(f"shuffled:{spec}", labels, seed=2)
     assert other_seed.vectors.tolist() != made.vectors.tolist()
-
-
-def test_a_negative_seed_is_refused():
-    assert refused("random", seed=-1) == "`seed` -1: expected a whole number, 0 or more."
-
-
-@pytest.mark.parametrize(
-    ("spec", "suggestion"),
-    [
-        ("glov", "'glove'"),
-        ("onehot", "'one-hot'"),
-        ("shufled:random", "'shuffled:random'"),
-        ("shuffled:glov", "'glove'"),
-    ],
-)
-def test_an_unknown_name_is_refused_with_the_nearest_ones(spec, suggestion):
-    message = refused(spec)
-    assert message.startswith(
-        f"`features` '{spec.removeprefix('shuffled:')}': expected a file, or one of glove, one-hot,"
-    )
-    assert suggestion in message.split("Did you mean")[1]
-
-
-@pytest.mark.parametrize("spec", ["", "vectors/none.txt", "x" * 5000, "a\0b", "shuffled:", "."])
-def test_a_file_that_is_not_there_is_refused(spec, home, monkeypatch):
-    monkeypatch.chdir(home)
-    assert "expected a file, or one of" in refused(spec)
 
 
 def test_a_name_goes_before_a_file_that_is_called_so(home, monkeypatch):
@@ -236,15 +216,6 @@ def test_more_than_a_tenth_without_a_vector_is_refused_unless_allowed():
     made = make_features("glove", labels, allow_missing=True)
     assert made.known.sum() == 18
     assert not made.vectors[18:].any()
-
-
-@pytest.mark.parametrize("allow_missing", [False, True])
-def test_features_that_know_no_entity_are_refused_even_if_missing_ones_are_allowed(allow_missing):
-    message = refused("glove", ["zqxjkv", "zqxjkw"], allow_missing=allow_missing)
-    assert message == (
-        "`features` 'glove': 2 of 2 entities have no vector. Words without one: zqxjkv, zqxjkw. "
-        "Give vectors of the labels' language."
-    )
 
 
 @pytest.mark.parametrize("allow_missing", [False, True])
@@ -304,9 +275,7 @@ def test_text_files_are_read_in_all_their_forms(form, name, vectors_file):
 
 
 def test_words_of_a_file_are_pooled_by_their_maximum_too(vectors_file):
-    made = make_features(vectors_file(GLOVE_TEXT), ["acid rain"], pooling="max")
-    assert made.vectors.tolist() == [[4, 2, 0]]
-    assert made.source == "vectors.txt, 3-d, max of words"
+    assert make_features(vectors_file(GLOVE_TEXT), ["acid rain"], pooling="max").vectors.tolist() == [[4, 2, 0]]
 
 
 @pytest.mark.parametrize(
@@ -376,6 +345,10 @@ def test_shuffling_a_file_works_as_with_any_features(vectors_file):
         (b"the 1 2\niron nan 2\n", ", line 2: the vector of 'iron' has a value that is NaN, infinite or beyond"),
         (b"the 1 2\nsea 1 2\niron 1 -inf\n", ", line 3: the vector of 'iron' has a value"),
         (b"the 1 2\niron 1 1e39\n", ", line 2: the vector of 'iron' has a value"),
+        (
+            b"2 3\nsea " + struct.pack("<3f", *SEA) + b"\niron " + struct.pack("<3f", 0.1, -0.2, 0.3),
+            ", line 2: not UTF-8",
+        ),
         (b"the 1 2\n\xff 1 2\n", ", line 2: not UTF-8 (invalid start byte); expected text. Convert the file; binary"),
     ],
 )
@@ -384,29 +357,19 @@ def test_a_damaged_text_file_is_refused_with_its_line(content, expected, vectors
     assert refused(path).startswith(path + expected)
 
 
-def test_binary_vectors_of_word2vec_are_refused(vectors_file):
-    rows = [b"sea " + struct.pack("<3f", *SEA), b"iron " + struct.pack("<3f", 0.1, -0.2, 0.3)]
-    path = vectors_file(b"2 3\n" + b"\n".join(rows) + b"\n", "vectors.bin")
-    assert refused(path).startswith(f"{path}, line 2: not UTF-8")
-
-
 def test_numbers_of_words_that_nobody_asked_for_are_not_read(vectors_file):
     made = make_features(vectors_file("the 1 2\nother x nan\nsea 3 4\nsea y 5\n"), ["sea"])
     assert made.vectors.tolist() == [[3, 4]]
 
 
-@pytest.mark.parametrize("cut", [5, 15, 30, -1])
-def test_a_gzip_file_that_is_cut_off_is_refused(cut, vectors_file):
+@pytest.mark.parametrize("cut", [5, 15, 30, -1, None])
+def test_a_gzip_file_that_is_cut_off_or_has_a_wrong_bit_is_refused(cut, vectors_file):
     path = vectors_file(gzip.compress(GLOVE_TEXT.encode())[:cut], "vectors.txt.gz")
+    if cut is None:
+        flip_bit(Path(path), -6)  # in its check sum
     message = refused(path)
     assert message.startswith(f"{path} cannot be read: ")
     assert message.endswith("Get the file again, or give another.")
-
-
-def test_a_gzip_file_with_a_wrong_bit_is_refused(vectors_file):
-    path = vectors_file(gzip.compress(GLOVE_TEXT.encode()), "vectors.txt.gz")
-    flip_bit(Path(path), -6)  # in its check sum
-    assert refused(path).startswith(f"{path} cannot be read: CRC")
 
 
 def test_a_file_that_may_not_be_read_is_refused(vectors_file, monkeypatch):
@@ -490,20 +453,6 @@ def test_the_cache_goes_by_content_and_words_whatever_the_name_and_order(vectors
     assert len(entries(home)) == 3
 
 
-def test_another_format_of_the_cache_is_not_read(vectors_file, parses, monkeypatch):
-    path = vectors_file(GLOVE_TEXT)
-    make_features(path, LABELS)
-    monkeypatch.setattr(features_module, "_CACHE_FORMAT", 2)
-    make_features(path, LABELS)
-    assert len(parses) == 2
-
-
-def test_a_file_without_any_wanted_word_is_cached_and_refused_again(vectors_file, parses):
-    path = vectors_file(GLOVE_TEXT)
-    assert refused(path, ["x"]) == refused(path, ["x"])
-    assert len(parses) == 1
-
-
 def test_a_damaged_entry_is_ignored_and_written_again(vectors_file, parses, home):
     path = vectors_file(GLOVE_TEXT)
     first = make_features(path, LABELS)
@@ -518,29 +467,29 @@ def test_a_damaged_entry_is_ignored_and_written_again(vectors_file, parses, home
         assert entry.read_bytes() == whole
 
 
-def test_a_cache_that_cannot_be_written_is_no_error(vectors_file, parses, home):
-    (home / "cache").write_text("a file where the folder should be")
+@pytest.mark.parametrize("reason", ["another format", "no room", "a folder in its place"])
+def test_an_entry_that_is_not_to_be_had_is_no_error(reason, vectors_file, parses, home, monkeypatch):
     path = vectors_file(GLOVE_TEXT)
-    for _ in range(2):
-        assert make_features(path, LABELS).vectors[0].tolist() == SEA
-    assert len(parses) == 2
-
-
-def test_an_entry_in_whose_place_a_folder_stands_is_no_error(vectors_file, parses, home):
-    path = vectors_file(GLOVE_TEXT)
+    if reason == "no room":
+        (home / "cache").write_text("a file where the folder should be")
     make_features(path, LABELS)
-    (entry,) = entries(home)
-    entry.unlink()
-    entry.mkdir()
+    if reason == "another format":
+        monkeypatch.setattr(features_module, "_CACHE_FORMAT", 2)
+    if reason == "a folder in its place":
+        (entry,) = entries(home)
+        entry.unlink()
+        entry.mkdir()
     assert make_features(path, LABELS).vectors[0].tolist() == SEA
     assert len(parses) == 2
-    assert entries(home) == [entry]  # no temporary file is left
+    if reason == "a folder in its place":
+        assert entries(home) == [entry]  # no temporary file is left
 
 
-def test_a_damaged_file_is_not_cached(vectors_file, parses):
-    path = vectors_file("sea 1 2\niron x 3\n")
-    assert refused(path) == refused(path)
-    assert len(parses) == 2
+@pytest.mark.parametrize(("content", "times"), [(GLOVE_TEXT, 1), ("sea 1 2\niron x 3\n", 2)])
+def test_a_file_without_any_wanted_word_is_cached_and_a_damaged_one_is_not(content, times, vectors_file, parses):
+    path, labels = vectors_file(content), ["iron"]
+    assert refused(path, labels) == refused(path, labels)
+    assert len(parses) == times
 
 
 # --- NumPy files -----------------------------------------------------------------------------------------------------
@@ -573,23 +522,12 @@ def test_a_numpy_file_is_read_with_the_labels_beside_it(dtype, ending, npy_file,
     assert not (home / "cache").exists()
 
 
-def test_labels_of_a_numpy_file_come_from_the_clearer_name_first(npy_file, home):
-    path = npy_file()
-    (home / "vectors.txt").write_text("not\nto\nbe\nread\n")
-    assert make_features(path, ["sea"]).vectors.tolist() == [[1, 2]]
-
-
 @pytest.mark.parametrize("order", ["C", "F"])
 @pytest.mark.parametrize("labels", [WORDS.rstrip(), WORDS.replace("\n", "\r\n"), "\ufeff" + WORDS])
 def test_labels_of_a_numpy_file_may_end_in_any_way(labels, order, npy_file):
     path = npy_file(np.asarray(MATRIX, order=order), labels)
+    Path(path).with_suffix(".txt").write_text("not\nto\nbe\nread\n")  # the clearer name comes first
     assert make_features(path, ["sea", "Iron"]).vectors.tolist() == [[1, 2], [5, 6]]
-
-
-def test_a_numpy_file_without_labels_is_refused_with_both_names(npy_file, home):
-    path = npy_file(labels=None)
-    both = f"{home / 'vectors.labels.txt'} or {home / 'vectors.txt'}."
-    assert refused(path) == f"{path} has no labels: expected them, one a line, in {both}"
 
 
 @pytest.mark.parametrize(("labels", "count"), [("sea\niron\n", 2), (WORDS + "more", 5), (WORDS + "\n", 5), ("", 0)])
@@ -613,6 +551,22 @@ def test_a_numpy_file_of_another_kind_is_refused(array, npy_file):
     assert re.search("expected floats of shape|cut off", message)
 
 
+@pytest.mark.parametrize("kind", ["no labels", "labels that are not UTF-8", "a zip of arrays", "plain text"])
+def test_a_numpy_file_in_need_of_something_is_refused(kind, npy_file, home):
+    labels = {"no labels": None, "labels that are not UTF-8": b"sea\niron\n\xff\nx\n"}.get(kind, WORDS)
+    path = npy_file(labels=labels)
+    packed = io.BytesIO()
+    np.savez(packed, MATRIX)
+    if content := {"a zip of arrays": packed.getvalue(), "plain text": GLOVE_TEXT.encode()}.get(kind):
+        Path(path).write_bytes(content)
+    beside = home / "vectors.labels.txt"
+    expected = {
+        "no labels": f"{path} has no labels: expected them, one a line, in {beside} or {home / 'vectors.txt'}.",
+        "labels that are not UTF-8": f"{beside}, line 3: not UTF-8",
+    }.get(kind, "not an array of numbers")
+    assert expected in refused(path)
+
+
 def test_a_numpy_file_of_python_objects_is_refused_without_unpickling(npy_file, home):
     class Trap:
         def __reduce__(self):
@@ -631,15 +585,6 @@ def test_a_numpy_file_that_is_cut_off_anywhere_is_refused(npy_file):
         assert refused(path).startswith(f"{path} is cut off, or not an array of numbers as numpy.save writes it")
 
 
-def test_a_zip_of_arrays_or_plain_text_is_not_a_numpy_file(npy_file):
-    path = npy_file()
-    packed = io.BytesIO()
-    np.savez(packed, MATRIX)
-    for content in (packed.getvalue(), GLOVE_TEXT.encode()):
-        Path(path).write_bytes(content)
-        assert "not an array of numbers" in refused(path)
-
-
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 1e39])
 def test_a_value_that_is_no_finite_number_is_refused_with_its_row(value, npy_file):
     array = MATRIX.astype(np.float64)
@@ -650,11 +595,6 @@ def test_a_value_that_is_no_finite_number_is_refused_with_its_row(value, npy_fil
     )
     assert refused(path, ["sea", "Iron"]).startswith(expected)
     assert make_features(path, ["sea"]).vectors.tolist() == [[1, 2]]
-
-
-def test_labels_that_are_not_utf8_are_refused_with_their_line(npy_file, home):
-    path = npy_file(labels=b"sea\niron\n\xff\nx\n")
-    assert refused(path).startswith(f"{home / 'vectors.labels.txt'}, line 3: not UTF-8")
 
 
 # --- near-synonyms ---------------------------------------------------------------------------------------------------

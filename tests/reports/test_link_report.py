@@ -664,10 +664,7 @@ def test_a_failed_check_is_shown_as_failed(kitchen_report):
 
 
 def test_the_page_shows_the_curves_of_the_training(kitchen_model):
-    trace = [
-        TraceRow(epoch=1, loss=3.0, seconds=0.1),
-        TraceRow(epoch=2, loss=2.0, valid_mrr=0.25, seconds=0.1),
-    ]
+    trace = [TraceRow(epoch=1, loss=3.0, seconds=0.1), TraceRow(epoch=2, loss=2.0, valid_mrr=0.25, seconds=0.1)]
     report = made(kitchen_model, trace=trace)
     assert {"loss", "valid"} <= set(report.pictures)
     assert "validation MRR" in text_of(render(report))

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
+from msgspec.structs import replace
 
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.settings import MAX_SIZE, whole
@@ -154,7 +155,7 @@ def _compare_links(
     output: Output,
 ) -> None:
     check_page(out, force=force)
-    from wordcraft_kg.evaluation.link_comparison import Contender, compare, written_to
+    from wordcraft_kg.evaluation.link_comparison import Contender, compare
     from wordcraft_kg.models.folder import open_model
     from wordcraft_kg.runs.record import run_name
 
@@ -170,7 +171,7 @@ def _compare_links(
         from wordcraft_kg.reports.link_report import comparison_page
 
         write_page(out, comparison_page(view), force=force)
-        view = written_to(view, out)
+        view = replace(view, out=str(out))
     output.result(view, _links_text(view))
 
 

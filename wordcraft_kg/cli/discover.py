@@ -4,6 +4,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from msgspec.structs import replace
+
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.cli.console import Output, aligned, check_page, split_labels, write_page
 from wordcraft_kg.cli.options import Force, Graph, Scorer, Words
@@ -45,7 +47,7 @@ def discover(
     """
     check_page(out, force=force)
     from wordcraft_kg.agents.discovery import DISCOVERERS
-    from wordcraft_kg.evaluation.discovery import view_discovery, written_to
+    from wordcraft_kg.evaluation.discovery import view_discovery
     from wordcraft_kg.graphs.folder import open_graph
 
     played = open_graph(graph).graph
@@ -72,7 +74,7 @@ def discover(
         from wordcraft_kg.reports.discovery_report import discovery_page
 
         write_page(out, discovery_page(view, curves), force=force)
-        view = written_to(view, out)
+        view = replace(view, out=str(out))
     output.result(view, _text(view))
 
 

@@ -10,7 +10,7 @@ from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.cli.console import Flag, Output, aligned, refuse_given, split_labels
 from wordcraft_kg.cli.options import Force, OptionalBook, Words
 from wordcraft_kg.cli.training import ToldLinks, train
-from wordcraft_kg.models.links.config import LinkModelConfig, LinksConfig
+from wordcraft_kg.models.links.config import ComplExConfig, LinkModelConfig, LinksConfig
 
 EXAMPLES = (
     "wordcraft-kg train-links everyday --model rotate --out models/everyday-rotate",
@@ -74,10 +74,13 @@ def train_links(
 
 
 def _list(output: Output) -> int:
-    from wordcraft_kg.evaluation.link_models import view_link_models
+    from wordcraft_kg.models.links.builders import trainable_models
 
-    view = view_link_models()
-    output.result(view, aligned((model.name, f"wordcraft-kg {model.command}") for model in view.models))
+    commands = {"ComplEx": ComplExConfig.command}
+    names = [kind.__name__ for kind in trainable_models()]
+    commands |= {name: f"{LinkModelConfig.command} --model {name}" for name in names}
+    values = {"models": [{"name": name, "command": command} for name, command in commands.items()]}
+    output.result(values, aligned((name, f"wordcraft-kg {command}") for name, command in commands.items()))
     return 0
 
 

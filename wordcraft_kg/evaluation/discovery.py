@@ -1,10 +1,7 @@
 """What players discover in open-ended play."""
 
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING
-
-import msgspec
 
 from wordcraft_kg.agents.discovery import (
     HUMAN_CURVE,
@@ -112,11 +109,6 @@ def view_discovery(
         references=_references(graph, graph.labels(start.base), players),
     )
     return view, curves
-
-
-def written_to(view: DiscoveryView, out: Path) -> DiscoveryView:
-    """Return a view with the file of its page."""
-    return msgspec.structs.replace(view, out=str(out))
 
 
 def _references(graph: RecipeGraph, base: tuple[str, ...], players: Sequence[str]) -> tuple[ReferenceRow, ...]:

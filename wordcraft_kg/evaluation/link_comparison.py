@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Annotated
 
 import msgspec
@@ -156,11 +155,6 @@ def _with_intervals(
             probability_better=float(np.mean(means > 0) + np.mean(means == 0) / 2),
         )
     return models
-
-
-def written_to(view: LinkComparison, out: Path) -> LinkComparison:
-    """Return a view with the file of its page."""
-    return msgspec.structs.replace(view, out=str(out))
 
 
 def _check_alike(reference: Model, contender: Contender) -> None:

@@ -21,11 +21,7 @@ from wordcraft_kg.graphs.planner import layers
 from wordcraft_kg.graphs.triples import COMBINES_WITH, RELATIONS, Relation
 from wordcraft_kg.models.scorers.features import glove_features
 from wordcraft_kg.models.scorers.near_synonyms import near_synonym_recipes, near_synonym_triples
-from wordcraft_kg.models.scorers.ranking import (
-    RankingMetrics,
-    random_reciprocal_ranks,
-    with_interval,
-)
+from wordcraft_kg.models.scorers.ranking import RankingMetrics, random_reciprocal_ranks, with_interval
 
 LISTED = 8
 SEEN = ((0, 0), (1, 5), (6, 15), (16, 40), (41, 100), (101, OPEN_END))

@@ -18,12 +18,7 @@ from wordcraft_kg.graphs.triples import RELATIONS
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer, NeighbourScorer, VoteScorer
 from wordcraft_kg.models.scorers.config import MAX_QUERIES
 from wordcraft_kg.models.scorers.protocol import TripleScorer
-from wordcraft_kg.models.scorers.ranking import (
-    MIN_TRIPLES,
-    rank_triples,
-    recipe_clusters,
-    sampled,
-)
+from wordcraft_kg.models.scorers.ranking import MIN_TRIPLES, rank_triples, recipe_clusters, sampled
 from wordcraft_kg.models.scorers.roles import centred
 
 MAP_LIMIT = 3_000

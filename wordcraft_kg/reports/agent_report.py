@@ -52,11 +52,7 @@ def make_agent_report(
             },
             "slices": _pictures_of_slices(view),
         },
-        shown={
-            "min_seeds": _MIN_SEEDS,
-            "colours": source_colours(),
-            "picks": PICKS,
-        },
+        shown={"min_seeds": _MIN_SEEDS, "colours": source_colours(), "picks": PICKS},
     )
 
 

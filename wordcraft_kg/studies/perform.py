@@ -19,14 +19,7 @@ from wordcraft_kg.runs.config_file import RunConfig
 from wordcraft_kg.runs.files import RunFiles
 from wordcraft_kg.runs.record import read_run
 from wordcraft_kg.studies.plan import CONFIG_OF, agent_config
-from wordcraft_kg.studies.results import (
-    FIGURES_FILE,
-    Figures,
-    RunFigures,
-    ScorerFigures,
-    read_figures,
-    write_figures,
-)
+from wordcraft_kg.studies.results import FIGURES_FILE, Figures, RunFigures, ScorerFigures, read_figures, write_figures
 from wordcraft_kg.studies.tasks import Kind, Outcome, Task
 
 if TYPE_CHECKING:

@@ -96,11 +96,7 @@ def rows_beside(
 
 
 def _rows(
-    reader: ResultReader,
-    paths: Sequence[Path],
-    opened: OpenedGraph,
-    play: TaskPlay | OpenPlay,
-    columns: Sequence[int],
+    reader: ResultReader, paths: Sequence[Path], opened: OpenedGraph, play: TaskPlay | OpenPlay, columns: Sequence[int]
 ) -> Sequence[ReferenceRow]:
     if isinstance(play, TaskPlay):
         return reader.task_rows(paths, opened, play, columns)
@@ -185,12 +181,7 @@ def agent_rows(
 
 
 def _agent_row(
-    name: str,
-    members: Sequence[OpenedAgent],
-    found: dict[int, Estimate],
-    play: TaskPlay,
-    origin: Origin,
-    tasks: int,
+    name: str, members: Sequence[OpenedAgent], found: dict[int, Estimate], play: TaskPlay, origin: Origin, tasks: int
 ) -> ReferenceRow:
     config = members[0].config
     settings = {key: str(value) for key, value in config.differing().items() if key not in _NO_RESULT + _SAID}

@@ -173,7 +173,7 @@ def notes(view: StudyView) -> list[str]:
     """Return how to read the tables, in sentences."""
     found = [
         "Success: share of episodes on test tasks in which the greedy agent makes the goal, with 95 % bootstrap "
-        "intervals: over seeds and tasks, that is, for other such tasks too, and over seeds alone, for these tasks.",
+        "intervals: over seeds and tasks, that is, for other such tasks too, and over seeds alone, for these tasks."
     ]
     if view.comparisons:
         found.append(

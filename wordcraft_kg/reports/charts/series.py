@@ -107,11 +107,7 @@ def _plot_of_curves(series: Mapping[str, Sequence[CurvePoint]], room: int, descr
 
 
 def dots(
-    labels: Sequence[str],
-    series: Mapping[str, Sequence[Estimate | None]],
-    x_title: str,
-    y_title: str,
-    description: str,
+    labels: Sequence[str], series: Mapping[str, Sequence[Estimate | None]], x_title: str, y_title: str, description: str
 ) -> Markup:
     """Draw shares (0 to 1) with whiskers, side by side in each category, legend on the right.
 

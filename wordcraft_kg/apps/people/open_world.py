@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from wordcraft_kg.apps.people.session_file import append_record, drop_torn_line
 from wordcraft_kg.apps.people.terminal import Terminal, cells
@@ -39,34 +39,6 @@ class GameMove(Record):
     is_hint: bool = False
 
 
-class WorldPlayed(Record, omit_defaults=True):
-    """A game in the open-ended world.
-
-    Attributes:
-        base: entities known at the start.
-        reachable: number of entities that can be known, the base included.
-        attempts: attempts of a whole game.
-        attempted: attempts made.
-        fruitless: attempts without a new entity, repeated ones included.
-        repeated: attempts with a pair that had been tried before.
-        discovered: entities made, in their order.
-        out: file of the game, if it was saved.
-    """
-
-    graph: str
-    hash: Hash
-    base: tuple[str, ...]
-    reachable: Count
-    known: Count
-    attempts: Count
-    attempted: Count
-    fruitless: Count
-    repeated: Count
-    hints: Count
-    discovered: tuple[str, ...]
-    out: str | None = None
-
-
 def play_open_world(
     terminal: Terminal, graph: str, base: Sequence[str] | None, attempts: int | None, out: Path | None, output: Output
 ) -> None:
@@ -84,7 +56,7 @@ def play_open_world(
         game.go_back_to(open_game(out, header), out)
     with terminal.until_quit(lambda: "; ".join(game.tally())):
         game.play()
-    output.result(game.view(), game.tally())
+    output.result(game.values(), game.tally())
 
 
 def open_game(path: Path, header: GameHeader) -> list[GameMove]:
@@ -196,31 +168,31 @@ class _Game:
         if self.out is not None:
             append_record(self.out, move)
 
-    def view(self) -> WorldPlayed:
-        """Return the tally."""
+    def values(self) -> dict[str, Any]:
+        """Return the result: the known entities, and the attempts with their outcomes."""
         env, base = self.env, self.env.discovery.base
-        return WorldPlayed(
-            graph=env.graph.name,
-            hash=env.graph.hash,
-            base=env.graph.labels(base),
-            reachable=env.discovery.reachable,
-            known=len(self.known),
-            attempts=env.max_attempts,
-            attempted=self.attempted,
-            fruitless=self.fruitless,
-            repeated=self.repeated,
-            hints=self.hints,
-            discovered=self.known[len(base) :],
-            out=None if self.out is None else str(self.out),
-        )
+        values = {
+            "graph": env.graph.name,
+            "hash": env.graph.hash,
+            "base": env.graph.labels(base),
+            "reachable": env.discovery.reachable,
+            "known": len(self.known),
+            "attempts": env.max_attempts,
+            "attempted": self.attempted,
+            "fruitless": self.fruitless,
+            "repeated": self.repeated,
+            "hints": self.hints,
+            "discovered": self.known[len(base) :],
+        }
+        return values if self.out is None else values | {"out": str(self.out)}
 
     def tally(self) -> list[str]:
-        """Return the tally in words."""
-        view = self.view()
+        """Return the result in words."""
+        known, discovered = len(self.known), len(self.known) - len(self.env.discovery.base)
         lines = [
-            f"known: {view.known} of {view.reachable}, {len(view.discovered)} of them discovered, "
-            f"after {view.attempted} of {view.attempts} attempts",
-            f"attempts with nothing new: {view.fruitless}, pairs tried before: {view.repeated}, hints: {view.hints}",
+            f"known: {known} of {self.env.discovery.reachable}, {discovered} of them discovered, "
+            f"after {self.attempted} of {self.env.max_attempts} attempts",
+            f"attempts with nothing new: {self.fruitless}, pairs tried before: {self.repeated}, hints: {self.hints}",
         ]
         if self.out is not None and not self.is_over:
             lines.append(f"the same command goes on with {self.out}")

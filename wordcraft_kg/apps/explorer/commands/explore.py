@@ -11,7 +11,9 @@ from wordcraft_kg.cli.console import Flag, Output
 from wordcraft_kg.cli.options import Agents, Book, Models
 
 if TYPE_CHECKING:
-    from wordcraft_kg.apps.explorer.export import ExportedSite
+    from collections.abc import Callable
+
+    from wordcraft_kg.apps.explorer.explored import Explored
 
 GROUP = "In the browser"
 EXAMPLES = (
@@ -35,8 +37,7 @@ def explore(
 ) -> None:
     """Look at a graph, at what models predict and at what agents think, in the browser; Ctrl-C ends it.
 
-    Nothing is written into the folders that are looked at. Only this machine can open the pages, unless --host opens
-    them to others.
+    Nothing is written into the folders. Only this machine can open the pages, unless --host opens them to others.
 
     Args:
         graph: graph folder, recipe book or known book's name.
@@ -59,12 +60,7 @@ def explore(
     from wordcraft_kg.apps.explorer.explored import Explored
 
     if export is not None:
-        from wordcraft_kg.apps.explorer.export import export_site
-        from wordcraft_kg.base.artefacts import check_output
-
-        check_output(export, force=force)
-        found = export_site(Explored.open(graph, model or (), run or ()), export, force=force)
-        output.result(found, _exported(found, export))
+        _export(lambda: Explored.open(graph, model or (), run or ()), export, force, output)
         return
     from wordcraft_kg.apps.explorer.server import make_app, warm
     from wordcraft_kg.apps.web.serving import Serving, listen, open_browser, return_freed_memory, serve
@@ -87,9 +83,14 @@ def explore(
     serve(make_app(explored, host, allow_host or ()), listening, started)
 
 
-def _exported(found: "ExportedSite", out: Path) -> list[str]:
+def _export(opened: "Callable[[], Explored]", out: Path, force: bool, output: Output) -> None:
+    from wordcraft_kg.apps.explorer.export import export_site
+    from wordcraft_kg.base.artefacts import check_output
+
+    check_output(out, force=force)
+    found = export_site(opened(), out, force=force)
     size, largest = f"{found.bytes / 2**20:.1f} MiB", f"{found.largest / 2**10:.0f} KiB"
     lines = [f"wrote {out}: {found.pages:,} pages, {size}, the largest {largest}"]
     if found.skipped:
         lines.append(f"could not be made: {len(found.skipped):,}, such as {next(iter(found.skipped.items()))}")
-    return [*lines, f"open {out / 'index.html'}"]
+    output.result(found, [*lines, f"open {out / 'index.html'}"])

@@ -9,16 +9,7 @@ from urllib.parse import unquote
 import numpy as np
 import pytest
 
-from tests.apps.explorer.shown import (
-    HOSTILE,
-    Form,
-    Shown,
-    explored_by,
-    explored_graph,
-    look,
-    page_of,
-    view_of,
-)
+from tests.apps.explorer.shown import HOSTILE, Form, Shown, explored_by, explored_graph, look, page_of, view_of
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.page import State
 from wordcraft_kg.apps.explorer.pages import PAGES, predictions

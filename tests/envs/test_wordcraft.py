@@ -49,6 +49,10 @@ def kitchen_opened():
     return open_graph("kitchen")
 
 
+def labels_on(env, seen):
+    return [env.world.graph.entities[entity] for entity in seen["table"] if entity < env.world.nothing]
+
+
 def posed(world, goal, table, **options):
     """Begin an episode with this goal and table; returns the environment."""
     env = WordCraftEnv(world, part="all", **options)
@@ -72,8 +76,7 @@ def test_two_picks_make_an_attempt_and_all_results_come_to_the_table(world):
     seen, reward, terminated, truncated, info = pick(env, "water")
     assert (reward, terminated, truncated) == (1, True, False)
     assert (info["outcome"], info["by_plan"]) == ("goal", True)
-    labels = [env.world.graph.entities[entity] for entity in seen["table"] if entity < env.world.nothing]
-    assert labels == ["earth", "water", "clay", "mud"]
+    assert labels_on(env, seen) == ["earth", "water", "clay", "mud"]
     assert seen["selection"] == env.world.nothing
 
 
@@ -81,8 +84,7 @@ def test_nothing_is_used_up_and_nothing_lies_there_twice(world):
     env = posed(world, "brick", ["earth", "water"], depth=2, num_distractors=0, max_attempts=4)
     pick(env, "earth", "water")
     seen, *_ = pick(env, "earth", "water")
-    labels = [env.world.graph.entities[entity] for entity in seen["table"] if entity < env.world.nothing]
-    assert labels == ["earth", "water", "clay", "mud"]
+    assert labels_on(env, seen) == ["earth", "water", "clay", "mud"]
     assert pick(env, "mud", "mud")[1] == 1
 
 
@@ -260,40 +262,38 @@ def test_random_settings_and_actions_keep_every_rule(kitchen_opened, data):
 
 
 @pytest.mark.parametrize(
+    "changes",
+    [
+        *[{"depth": depth} for depth in (0, 50, 1.5)],
+        *[{"num_distractors": amount} for amount in (-1, 80)],
+        {"part": "tests"},
+        {"reward": "dense"},
+        {"ambiguity": "first"},
+        {"max_attempts": 1, "depth": 2},
+        {"max_attempts": 20, "distractor_policy": "no_shortcut"},
+        {"render_mode": "text"},
+        *[{"graph": graph} for graph in (None, 5)],
+    ],
+)
+def test_bad_settings_are_refused_by_name(changes):
+    with refuses(next(iter(changes))):
+        WordCraftEnv(**{"graph": "kitchen", **changes})
+
+
+@pytest.mark.parametrize(
     ("changes", "error", "says"),
     [
-        ({"depth": 0}, ConfigError, "`depth` 0: expected a whole number, 1 to 5"),
-        ({"depth": 50}, ConfigError, "`depth` 50: expected a whole number, 1 to 5"),
-        ({"depth": 1.5}, ConfigError, "`depth` 1.5"),
-        ({"num_distractors": -1}, ConfigError, "`num_distractors` -1: expected a whole number, 0 or more"),
-        ({"num_distractors": 80}, ConfigError, "`num_distractors` 80: kitchen has 80 entities"),
-        (
-            {"part": "tests"},
-            ConfigError,
-            "`part` 'tests': expected one of all, train, valid, test. Did you mean 'test'",
-        ),
         ({"part": "valid"}, TaskError, "kitchen has no task of depth 1 in the valid part"),
-        ({"reward": "dense"}, ConfigError, "`reward` 'dense': expected one of sparse, official"),
-        ({"ambiguity": "first"}, ConfigError, "`ambiguity` 'first': expected one of all, last"),
-        ({"max_attempts": 1, "depth": 2}, ConfigError, "`max_attempts` 1: expected 2 or more"),
         (
             {"distractors": 3},
             ConfigError,
-            "unexpected keyword argument 'distractors'; .* Did you mean 'num_distractors'",
-        ),
-        ({"render_mode": "text"}, ConfigError, "`render_mode` 'text': expected None, 'ansi', 'rgb_array', 'human'"),
-        ({"graph": None}, ConfigError, "`graph` None: expected a graph folder"),
-        ({"graph": 5}, ConfigError, "`graph` 5: expected a graph folder"),
-        (
-            {"distractor_policy": "no_shortcut", "max_attempts": 20},
-            ConfigError,
-            "`max_attempts` 20: expected at most 5",
+            "argument 'distractors'; .* Did you mean 'num_distractors'",
         ),
         ({"graph": "kitchn"}, RecipeFileError, "Did you mean 'kitchen'"),
         ({"graph": "tests"}, ArtefactError, "expected a graph folder"),
     ],
 )
-def test_bad_settings_are_refused_by_name(changes, error, says):
+def test_graphs_tasks_and_settings_that_are_not_there_are_refused(changes, error, says):
     with pytest.raises(error, match=says):
         WordCraftEnv(**{"graph": "kitchen", **changes})
 

@@ -91,45 +91,35 @@ def test_an_existing_folder_is_kept_unless_forced(folder, kitchen):
     assert list(folder.parent.iterdir()) == [folder]
 
 
-def test_a_folder_without_a_graph_is_refused(tmp_path):
-    with pytest.raises(ArtefactError, match=r"is an empty folder; expected a graph folder.*wordcraft-kg build-graph"):
-        open_graph(tmp_path)
+@pytest.mark.parametrize(
+    ("name", "error", "says"),
+    [
+        ("", ArtefactError, r"is an empty folder; expected a graph folder.*wordcraft-kg build-graph"),
+        ("nowhere", RecipeFileError, "is neither a file nor a known book"),
+    ],
+)
+def test_a_folder_that_is_empty_or_not_there_is_refused(tmp_path, name, error, says):
+    with pytest.raises(error, match=says):
+        open_graph(tmp_path / name)
 
 
-def test_a_folder_that_does_not_exist_is_refused(tmp_path):
-    with pytest.raises(RecipeFileError, match="is neither a file nor a known book"):
-        open_graph(tmp_path / "nowhere")
+CHANGED = "is damaged or was edited: its content does not match its hash"
+EDITS = {
+    "label": ("graph.json", '"bread"', '"broad"', rf"graph\.json {CHANGED}"),
+    "label in one recipe": ("graph.json", '"earth", "pig"]', '"earth", "pug"]', r"recipes\[0\]: 'pug' is not among"),
+    "base": ("graph.json", '"base": ["animal", ', '"base": [', CHANGED),
+    "name": ("graph.json", '"name": "kitchen"', '"name": {"a": 1}', r"its name is .'a': 1.; expected a text"),
+    "kind of split": ("split.json", '"by-recipe"', '"by-recipe-plain"', CHANGED),
+    "ratio": ("split.json", '"train_ratio": 0.8', '"train_ratio": 0.7', CHANGED),
+}
 
 
-def edit(path, old, new):
-    text = path.read_text(encoding="utf-8")
+@pytest.mark.parametrize(("name", "old", "new", "says"), EDITS.values(), ids=EDITS)
+def test_an_edited_file_is_noticed(folder, name, old, new, says):
+    text = (folder / name).read_text(encoding="utf-8")
     assert old in text
-    path.write_text(text.replace(old, new), encoding="utf-8")
-
-
-def test_an_edited_label_is_noticed(folder):
-    edit(folder / "graph.json", '"bread"', '"broad"')
-    with pytest.raises(
-        ArtefactError, match=r"graph\.json is damaged or was edited: its content does not match its hash"
-    ):
-        open_graph(folder)
-
-
-def test_a_label_edited_in_one_recipe_only_is_noticed(folder):
-    edit(folder / "graph.json", '["animal", "earth", "pig"]', '["animal", "earth", "pug"]')
-    with pytest.raises((ArtefactError, RecipeFileError), match=r"graph\.json: recipes\[0\]: 'pug' is not among"):
-        open_graph(folder)
-
-
-def test_an_edited_base_is_noticed(folder):
-    edit(folder / "graph.json", '"base": ["animal", ', '"base": [')
-    with pytest.raises(ArtefactError, match="does not match its hash"):
-        open_graph(folder)
-
-
-def test_a_name_that_is_no_text_is_refused(folder):
-    edit(folder / "graph.json", '"name": "kitchen"', '"name": {"a": 1}')
-    with pytest.raises(ArtefactError, match=r"its name is .'a': 1.; expected a text"):
+    (folder / name).write_text(text.replace(old, new), encoding="utf-8")
+    with pytest.raises((ArtefactError, RecipeFileError), match=says):
         open_graph(folder)
 
 
@@ -137,16 +127,12 @@ def test_a_name_that_is_no_text_is_refused(folder):
 @pytest.mark.parametrize(
     ("data", "detail"),
     [
-        (b"", ""),
+        *[(data, "") for data in (b"", b"[]", b"7", b"{}", b"[" * 200_000)],
         (b'{"format": "wordcraft', "Unterminated string"),
         (b"\xff\xfe", "0xff"),
-        (b"[]", ""),
-        (b"7", ""),
-        (b"{}", ""),
-        (b"[" * 200_000, ""),
         (b'{"format": ' + b"1" * 5000 + b"}", "4300 digits"),
     ],
-    ids=["empty", "truncated", "not UTF-8", "list", "number", "no keys", "nested too deeply", "huge number"],
+    ids=["empty", "list", "number", "no keys", "nested too deeply", "truncated", "not UTF-8", "huge number"],
 )
 def test_a_damaged_file_of_a_graph_folder_is_refused_by_name(folder, name, data, detail):
     (folder / name).write_bytes(data)
@@ -172,28 +158,17 @@ def test_the_split_of_another_graph_is_refused(folder):
         open_graph(folder)
 
 
-def test_a_recipe_moved_to_another_part_of_the_split_is_noticed(folder):
-    content = json.loads((folder / "split.json").read_text(encoding="utf-8"))
-    content["test"].append(content["train"].pop())
-    (folder / "split.json").write_text(json.dumps(content), encoding="utf-8")
-    with pytest.raises(
-        ArtefactError, match=r"split\.json is damaged or was edited: its content does not match its hash"
-    ):
-        open_graph(folder)
-
-
-def test_a_recipe_in_two_parts_of_the_split_is_noticed(folder):
-    content = json.loads((folder / "split.json").read_text(encoding="utf-8"))
-    content["train"].append(content["test"][0])
-    (folder / "split.json").write_text(json.dumps(content), encoding="utf-8")
-    with pytest.raises(ArtefactError, match=r"split\.json is damaged"):
-        open_graph(folder)
-
-
 @pytest.mark.parametrize(
-    ("old", "new"), [('"by-recipe"', '"by-recipe-plain"'), ('"train_ratio": 0.8', '"train_ratio": 0.7')]
+    ("change", "says"),
+    [
+        (lambda parts: parts["test"].append(parts["train"].pop()), rf"split\.json {CHANGED}"),
+        (lambda parts: parts["train"].append(parts["test"][0]), r"split\.json is damaged"),
+    ],
+    ids=["moved to another part", "in two parts"],
 )
-def test_edited_settings_of_a_split_are_noticed(folder, old, new):
-    edit(folder / "split.json", old, new)
-    with pytest.raises(ArtefactError, match="its content does not match its hash"):
+def test_a_recipe_out_of_its_place_in_the_split_is_noticed(folder, change, says):
+    content = json.loads((folder / "split.json").read_text(encoding="utf-8"))
+    change(content)
+    (folder / "split.json").write_text(json.dumps(content), encoding="utf-8")
+    with pytest.raises(ArtefactError, match=says):
         open_graph(folder)

@@ -235,31 +235,18 @@ def test_a_split_registered_from_outside_is_made_read_back_and_offered_by_the_co
     assert "by-letter (by letter)" in build_graph._kinds()
 
 
-@pytest.mark.parametrize("ratio", [0.0, 1.0, -0.1, 1.5, math.nan, math.inf])
-def test_a_train_ratio_outside_its_range_is_refused(ratio):
-    with refuses("train_ratio"):
-        SplitConfig(train_ratio=ratio)
-
-
-@pytest.mark.parametrize("ratio", [-0.1, 0.2, 1.0, math.nan])
-def test_a_valid_ratio_that_leaves_no_test_part_is_refused(ratio):
-    with refuses("valid_ratio"):
-        SplitConfig(train_ratio=0.8, valid_ratio=ratio)
-
-
-def test_ratios_of_more_than_one_together_are_refused():
-    with refuses("valid_ratio"):
-        SplitConfig(train_ratio=0.8, valid_ratio=0.3)
-
-
-def test_a_negative_seed_is_refused():
-    with refuses("seed"):
-        SplitConfig(seed=-1)
-
-
-def test_an_unknown_split_is_refused_with_the_nearest_ones():
-    with refuses("kind"):
-        SplitConfig("by-goals")
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        *[("train_ratio", ratio) for ratio in (0.0, 1.0, -0.1, 1.5, math.nan, math.inf)],
+        *[("valid_ratio", ratio) for ratio in (-0.1, 0.2, 0.3, 1.0, math.nan)],  # of train and test together, or more
+        ("seed", -1),
+        ("kind", "by-goals"),
+    ],
+)
+def test_a_setting_outside_its_range_is_refused(name, value):
+    with refuses(name):
+        SplitConfig(**{name: value})
 
 
 @pytest.mark.parametrize("kind", ["by-recipe", "by-recipe-plain", "by-slot", "by-goal"])
@@ -292,17 +279,11 @@ def test_a_split_of_another_graph_is_refused(kitchen):
         ({"train_ratio": 7}, "is damaged .*`train_ratio` 7"),
         ({"kind": "by-mood"}, "is damaged .*by-mood"),
         ({"hash": "0"}, "its content does not match its hash"),
+        ({"valid": None}, r"split\.json is damaged \(KeyError: 'valid'\)\. Build the graph again"),
     ],
-    ids=["format", "part emptied", "unknown entity", "short row", "ratio", "kind", "hash"],
+    ids=["format", "part emptied", "unknown entity", "short row", "ratio", "kind", "hash", "key missing"],
 )
 def test_a_damaged_split_is_refused(kitchen, change, message):
-    content = json.loads("".join(make_split(kitchen, SplitConfig()).to_json()))
+    content = json.loads("".join(make_split(kitchen, SplitConfig()).to_json())) | change
     with pytest.raises(ArtefactError, match=message):
-        read_split(content | change, kitchen)
-
-
-def test_a_split_with_a_key_missing_is_refused_naming_it(kitchen):
-    content = json.loads("".join(make_split(kitchen, SplitConfig()).to_json()))
-    del content["valid"]
-    with pytest.raises(ArtefactError, match=r"split\.json is damaged \(KeyError: 'valid'\)\. Build the graph again"):
-        read_split(content, kitchen)
+        read_split({key: value for key, value in content.items() if value is not None}, kitchen)

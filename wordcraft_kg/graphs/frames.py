@@ -1,4 +1,4 @@
-"""A recipe graph for other libraries: as a networkx graph, or as pandas frames of entities, recipes and triples."""
+"""A recipe graph for other libraries: as a networkx graph, or as pandas frames of entities and triples."""
 
 from typing import TYPE_CHECKING
 
@@ -7,7 +7,6 @@ import numpy as np
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.planner import layers
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.graphs.recipes import Recipe
 from wordcraft_kg.graphs.triples import RELATIONS
 
 if TYPE_CHECKING:
@@ -68,13 +67,6 @@ def entities_frame(graph: RecipeGraph) -> "pd.DataFrame":
             "uses": graph.use_counts,
         }
     )
-
-
-def recipes_frame(graph: RecipeGraph) -> "pd.DataFrame":
-    """Return a row per recipe: ingredient_a, ingredient_b and result as labels."""
-    import pandas as pd
-
-    return pd.DataFrame(graph.recipe_labels(), columns=list(Recipe._fields))
 
 
 def triples_frame(graph: RecipeGraph, triples: Ids | None = None) -> "pd.DataFrame":

@@ -64,6 +64,15 @@ class KnownBook:
     path: Path | None
 
 
+@dataclass(frozen=True)
+class LocatedBook:
+    """A book's file; also its name and base if it is known by name, else None."""
+
+    path: Path
+    name: str | None = None
+    base: tuple[str, ...] | None = None
+
+
 def data_folder() -> Path | None:
     """Return the folder that ``WORDCRAFT_KG_DATA`` names, or None."""
     value = os.environ.get(DATA_VARIABLE)
@@ -82,15 +91,6 @@ def known_books() -> list[KnownBook]:
     for name in FETCHABLE:
         found.setdefault(name, KnownBook(name, "to fetch", None))
     return list(found.values())
-
-
-@dataclass(frozen=True)
-class LocatedBook:
-    """A book's file; also its name and base if it is known by name, else None."""
-
-    path: Path
-    name: str | None = None
-    base: tuple[str, ...] | None = None
 
 
 def locate_book(name_or_path: str | Path) -> LocatedBook:

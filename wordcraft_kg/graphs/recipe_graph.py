@@ -24,7 +24,7 @@ class RecipeGraph:
     content have the same ids. Equality and hash depend on entities, base entities and recipes, not on the name.
 
     Attributes:
-        name: what reports call the graph.
+        name: name in reports.
         entities: labels in id order.
         base_ids: shape (num_base,), int64, ascending: the entities that a world starts with.
         recipes: shape (num_recipes, 3), int64, rows ``(a, b, result)`` with ``a <= b``, sorted, unique.
@@ -38,13 +38,13 @@ class RecipeGraph:
     """
 
     def __init__(self, entities: Iterable[str], recipes: Ids, base_ids: Sequence[int] | Ids, name: str = "graph"):
-        """Build a graph from ids; most callers want :meth:`from_book` or :meth:`from_recipes`.
+        """Build a graph from ids, see also :meth:`from_book` and :meth:`from_recipes`.
 
         Args:
             entities: labels, sorted, unique.
-            recipes: shape (num_recipes, 3), integer rows ``(ingredient, ingredient, result)`` in any order.
+            recipes: shape (num_recipes, 3), rows ``(ingredient, ingredient, result)`` in any order.
             base_ids: ids of the base entities.
-            name: what reports call the graph.
+            name: name in reports.
 
         Raises:
             GraphError: if labels are not sorted and unique, or an id is out of range.
@@ -68,10 +68,7 @@ class RecipeGraph:
     def from_book(cls, book: RecipeBook, base: Iterable[str] | None = None) -> "RecipeGraph":
         """Turn a recipe book into a graph.
 
-        Args:
-            book: the validated recipes.
-            base: labels of the base entities; None takes the book's own or, if it has none, the entities that no
-                recipe makes.
+        ``base`` are labels of base entities; None takes the book's own or, without them, the entities without a recipe.
 
         Raises:
             UnknownEntityError: if a base label is not an entity of the book.

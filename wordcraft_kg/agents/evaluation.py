@@ -105,7 +105,7 @@ class Evaluation:
 
 
 class Evaluator:
-    """Plays all tasks of a part, or an evenly spaced sample of them, always with the same tables."""
+    """Evaluates players on all tasks of a part, or an evenly spaced sample, always at the same tables."""
 
     def __init__(self, world: World, *, draws: int = 5, limit: int | None = MOST_TASKS):
         """Prepare the environments, one for each task.
@@ -161,7 +161,7 @@ class Evaluator:
 
 
 def evaluate(player: Policy | Player, graph: GraphLike | World, *, draws: int = 5, **settings: Any) -> Evaluation:
-    """Let a policy (greedily) or any other player play all tasks of a part, of very many a sample.
+    """Evaluate a policy or scripted player on all tasks of a part (an evenly spaced sample of very many).
 
     Args:
         player: a policy of the graph, or a function ``(state, rng) -> slots``.

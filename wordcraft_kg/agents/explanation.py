@@ -35,19 +35,18 @@ TOLD = 3
 MOST_ON_TABLE = 64
 """Most entities on a table of one's own; the time of an answer grows with their square."""
 Model = Literal["no_scorer", "no_recipes", "all_recipes", "train_recipes", "without_a_fold", "no_knowledge"]
-"""Which model of an agent's scorer answers: none, as it has no scorer; one that was taught no recipe; that of all
-recipes; that of the train recipes; that of the train recipes but for a fold; or none, as each of them has seen a part
-of the task's plan."""
+"""Model of the agent's scorer that answers, by its training recipes; ``no_knowledge``: every model has been trained on
+a recipe of the plan, so none answers."""
 
 
 class SlotEvidence(Record):
-    """Which train recipes say that a slot is part of a pair that makes the goal.
+    """Train recipes that support a slot as part of a pair that makes the goal.
 
     Attributes:
-        source: name of the source that says so.
-        partner: the entity that it goes with: the one held, or its best partner on the table.
-        because: the recipes that speak for the pair, those that say most first. For a train task of a cross-fitted
-            scorer they are those of a model that has not seen the task's recipes.
+        source: name of the source.
+        partner: the other entity of the pair: the one held, or the best partner on the table.
+        because: supporting recipes, strongest first. On train tasks a cross-fitted scorer names those of a model that
+            has not seen the recipes of the task.
     """
 
     source: str
@@ -56,16 +55,16 @@ class SlotEvidence(Record):
 
 
 class ExplainedSlot(Record):
-    """How an entity on the table was valued.
+    """An entity on the table with its logit β, its probability π and the contribution of each source.
 
     Attributes:
         entity: its label.
         is_part: whether a plan makes the goal from it.
-        sources: value from each source.
-        contributions: λ · value for each source; they add up to ``logit``.
+        sources: value of each source.
+        contributions: λ · value of each source; they add up to ``logit``.
         logit: β.
         probability: π.
-        evidence: what speaks for it; None unless a source scores recipes and knows something of the task.
+        evidence: supporting recipes; None unless a source scores recipes and knows something of the task.
     """
 
     entity: str
@@ -88,7 +87,7 @@ class ExplainedStep(Record):
     slots: Annotated[tuple[ExplainedSlot, ...], msgspec.Meta(min_length=1)]
 
     def told(self, limit: int = TOLD) -> list[tuple[str, SlotEvidence]]:
-        """Return the entities of highest logit with what speaks for them; of two that name each other, the first."""
+        """Return the entities of highest logit with their evidence; of two that name each other, the first."""
         pairs: dict[frozenset[str], tuple[str, SlotEvidence]] = {}
         for slot in sorted(self.slots, key=lambda slot: -slot.logit):
             if slot.evidence is not None and slot.evidence.because:
@@ -122,14 +121,13 @@ class TableRecipe(Record):
 
 
 class ExplainedTable(Record):
-    """A table with the picks that an agent makes there, and who answers.
+    """The picks of an agent at a table.
 
     Attributes:
-        table: the entities on it, in the order of the slots.
-        ways: all plans that make the goal from this table in as few attempts as possible, if that can be done.
-            Distractors count, unlike in the plans of the task.
-        model: which model of the agent's scorer answers.
-        fold: the fold that it has not seen; None for another model than such a one.
+        table: entities in the order of the slots.
+        ways: shortest plans that make the goal from this table, distractors included.
+        model: model of the agent's scorer that answers.
+        fold: the fold that this model has not seen, None for other models.
         episode: the picks.
     """
 
@@ -141,12 +139,12 @@ class ExplainedTable(Record):
 
     @property
     def memory(self) -> tuple[TableRecipe, ...]:
-        """The recipes that make the goal from this table and on which the model that answers has been trained."""
+        """Recipes that make the goal from this table and were among the training recipes of the answering model."""
         return tuple(dict.fromkeys(recipe for way in self.ways for recipe in way if recipe.is_remembered))
 
 
 class _Asked(NamedTuple):
-    """What is played: by which policy and for which number of a task, None for one without train recipes."""
+    """A table to play, its policy, and the number of its task (None for tasks without train recipes)."""
 
     policy: Policy
     task: int | None
@@ -158,14 +156,10 @@ class _Asked(NamedTuple):
 
 
 class Explainer:
-    """Explains what a policy picks in a world; several threads may ask at once.
+    """Explains the picks of a policy in a world; safe to call from several threads.
 
-    It picks as the policy does, and computes what it tells in double precision, so that the contributions add up to the
-    logit, and the probabilities to 1, to 1e-9. The values of the sources are those that the policy sees. It has a copy
-    of the policy's parameters, and its own sources with the same tensors, so that nobody else binds tasks to them.
-
-    Attributes:
-        world: graph, tasks and settings.
+    Picks are those of the policy; explanations are computed in double precision, so contributions add up to the logit,
+    and probabilities to 1, within 1e-9. Parameters are copied, and sources are bound to tasks independently.
 
     Example:
         >>> agent = open_agent("runs/kitchen")
@@ -183,15 +177,15 @@ class Explainer:
         taught: NDArray[np.bool_] | None = None,
         most_picks: int | None = None,
     ):
-        """Take a policy of the world's graph.
+        """Copy a policy of the world's graph.
 
         Args:
-            policy: the policy; its parameters are copied.
+            policy: the policy.
             world: graph, tasks and settings.
-            kg: the knowledge graph that its scorer was trained on, if it has one, or none.
-            taught: which recipes of that it was taught as they are, shape (num_recipes,). Default: all, as far as no
-                source tells otherwise.
-            most_picks: picks after which an episode is left as it is, in progress; None plays to its end.
+            kg: knowledge graph that its scorer was trained on.
+            taught: recipes that the scorer was trained on unchanged, shape (num_recipes,). Default: all, unless a
+                source knows better.
+            most_picks: picks after which an episode is left in progress; None plays to its end.
 
         Raises:
             LeakError: if a task would be scored by a model that has been trained on its recipes.
@@ -219,23 +213,23 @@ class Explainer:
         return self._played(self._of_task(task, self.drawn(task, draw)))
 
     def task(self, task: int, draw: int = 0) -> ExplainedTable:
-        """Explain such an episode, and say who answers; see :meth:`episode`."""
+        """Explain such an episode and name the model that answers; see :meth:`episode`."""
         return self._explained(self._of_task(task, self.drawn(task, draw)))
 
     def table(
         self, goal: Entity, table: Sequence[Entity], held: Entity | None = None, *, like: int | None = None
     ) -> ExplainedTable:
-        """Explain the picks on a table of one's own.
+        """Explain the picks at any table.
 
-        A cross-fitted scorer answers by the model that has not seen the recipes that make the goal on this table, if
+        A cross-fitted scorer answers by the model that has not seen the recipes that make the goal at this table, if
         they are of one fold; otherwise by that of all train recipes.
 
         Args:
             goal: entity to make, by label or id, like the others.
             table: different entities.
-            held: the first pick of the first attempt, if it has been made.
-            like: number of the world's task that the table was made from. While the goal is the same and the task's
-                starting ingredients are there, it stays that task, and the model of that task answers.
+            held: first pick of the first attempt, if made.
+            like: number of the task that the table comes from: while the goal is the same and its starting ingredients
+                are on the table, the model of that task answers.
 
         Raises:
             UnknownEntityError: with the nearest labels.
@@ -282,7 +276,7 @@ class Explainer:
         return asked._replace(policy=policy, task=0)
 
     def _ways(self, goal: int, table: Iterable[int]) -> tuple[Rows, ...]:
-        """Return the plans that make a goal from what is on a table, in as few attempts as possible."""
+        """Return the shortest plans that make a goal from the entities on a table."""
         world, have = self.world, frozenset(table) - {goal}
         ways = world.search.shortest_ways(goal, have, min(world.config.attempts, world.config.depth))
         return tuple(world.search.ordered(ways, goal, have))
@@ -307,7 +301,7 @@ class Explainer:
         return ExplainedTable(graph.labels(asked.table), ways, model, fold, self._played(asked))
 
     def _answering(self, asked: _Asked) -> tuple[Model, int | None, NDArray[np.bool_]]:
-        """Return which model answers, the fold that it has not seen, and which recipes it has been trained on."""
+        """Return the answering model, the fold that it has not seen, and its training recipes."""
         is_train, folds = self.world.split.is_in("train"), self._folds()
         if not self._policy.sources:
             return "no_scorer", None, np.zeros_like(is_train)
@@ -326,7 +320,7 @@ class Explainer:
         return ("without_a_fold", model - 1, is_known) if model else ("train_recipes", None, is_known)
 
     def _known(self, is_seen: NDArray[np.bool_], model: int) -> NDArray[np.bool_]:
-        """Return which of the recipes that a model may have been taught it has, as far as that is known."""
+        """Return the training recipes of a model, as far as they are known."""
         if self._taught is not None:
             return is_seen & self._taught
         for source in self._policy.sources.values():
@@ -417,10 +411,7 @@ def _posed(world: World, goal: int, table: Iterable[int], plans: tuple[Rows, ...
 def explain_episodes(
     policy: Policy, world: World, *, goal: str | None = None, episodes: int = 3
 ) -> tuple[ExplainedEpisode, ...]:
-    """Play some tasks of a part greedily, on the tables of the evaluation, and record every logit of each pick.
-
-    Everything is computed in double precision, so that the contributions add up to the logit, and the probabilities
-    to 1, to 1e-9; see :class:`Explainer`.
+    """Play tasks of a part greedily, at the tables of the evaluation, and explain each pick; see :class:`Explainer`.
 
     Args:
         policy: a policy of this graph.

@@ -1,4 +1,4 @@
-"""An agent's run as it is now, for who looks at it while it trains."""
+"""A run of an agent that may still be training: its files are read again when they change."""
 
 import threading
 from collections import OrderedDict

@@ -86,9 +86,6 @@ def pair_player(score_recipes: RecipeFunction) -> Player:
     """Return a player that picks the pair most likely to make the goal, if possible of two different entities.
 
     With an empty hand the score of a slot is that of its best pair on the table.
-
-    Args:
-        score_recipes: scores of recipes ``a + b -> c`` by the ids of a, b and c, which broadcast against each other.
     """
 
     def of_pairs(a: Tensor, b: Tensor, goal: Tensor, nothing: int) -> Tensor:
@@ -113,10 +110,7 @@ def pair_player(score_recipes: RecipeFunction) -> Player:
 
 
 def fact_sources(graph: RecipeGraph, triples: Ids) -> dict[str, SlotScores]:
-    """Return u and v of a set of triples by name: 1 where there is a link, 0 elsewhere.
-
-    Links are looked up one by one: a table of all pairs would not fit for graphs of tens of thousands of entities.
-    """
+    """Return u and v of a set of triples by name: 1 for a link, 0 elsewhere; looked up, as a table may not fit."""
     facts, nothing = SymbolicScorer(graph, triples), graph.num_entities
 
     def linked(relation: int, key: Tensor, table: Tensor) -> Tensor:
@@ -173,13 +167,13 @@ def scorer_players(
 ) -> dict[str, Player]:
     """Return players that use a scorer's standardised scores: v, u, and u+v with three treatments of self edges.
 
-    A scorer of recipes has another one, which picks the pair whose recipe scores highest.
+    A scorer of recipes adds ``w, best pair``, the pair whose recipe scores highest.
 
     Args:
         graph: the graph.
         scorer: the scorer.
-        observed: triples that it was trained on, shape (T, 3).
-        tasks: tasks that will be played, which a cross-fitted scorer needs to know if they need train recipes.
+        observed: its training triples, shape (T, 3).
+        tasks: tasks to play; a cross-fitted scorer needs them if they need train recipes.
 
     Raises:
         GraphMismatchError: if the scorer belongs to another graph.
@@ -233,9 +227,7 @@ def play_all(
     seed: int = 0,
     progress: Callable[[int, int, dict[str, float]], None] | None = None,
 ) -> tuple[PlayerSuccess, ...]:
-    """Let players play every task of a part, each with several draws of distractors.
-
-    Success means that the goal was made within the attempts, whatever the reward settings.
+    """Evaluate players on every task of a part with several draws of distractors, whatever the reward settings.
 
     Args:
         world: graph, tasks and settings; its number of distractors is replaced.

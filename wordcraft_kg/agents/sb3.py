@@ -34,7 +34,7 @@ Schedule = Callable[[float], float]
 
 
 class _NetworkPolicy(BasePolicy):
-    """What both classes share: actions and values come from a :class:`~wordcraft_kg.models.policies.policy.Policy`.
+    """Base of both classes: actions and values come from a :class:`~wordcraft_kg.models.policies.policy.Policy`.
 
     Stable-Baselines3's own features, layers and initial weights are not used. The ids of B states are in the keys
     ``goal`` and ``selection``, of shape (B,) or (B, 1), and ``table``, of shape (B, A), of any number type; other keys
@@ -111,7 +111,7 @@ class _NetworkPolicy(BasePolicy):
         return self._ask(obs).value[:, None]
 
     def _build(self, lr_schedule: Schedule) -> None:
-        """Make none of the library's own layers."""
+        """Skip the network that Stable-Baselines3 builds by default."""
 
     def _get_constructor_parameters(self) -> dict[str, Any]:
         """Return what saving the policy alone keeps besides the weights."""

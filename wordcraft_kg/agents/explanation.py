@@ -332,8 +332,7 @@ class Explainer:
     def _played(self, asked: _Asked) -> ExplainedEpisode:
         """Let the policy pick until the goal is made or the attempts are used up."""
         world, graph, nothing = self.world, self.world.graph, self.world.nothing
-        pairs = graph.recipes[:, :2]
-        parts = {entity for plan in asked.plans for entity in pairs[plan[-1]].tolist()}
+        parts = {label for plan in asked.plans for label in graph.labels(graph.recipes[plan[-1], :2])}
         room = max(world.num_slots, len(asked.table) + world.max_results * world.config.attempts)
         table, held, attempts, is_made = list(asked.table), asked.held, world.config.attempts, False
         task = None if asked.task is None else torch.tensor([asked.task])
@@ -356,23 +355,22 @@ class Explainer:
                     lambdas=self._lambdas(output),
                     picked=graph.entities[entity],
                     made=graph.labels(made),
-                    slots=_slots(self._exact, output, before, {graph.entities[part] for part in parts}, evidence),
+                    slots=_slots(self._exact, output, before, parts, evidence),
                 )
             )
             held = entity if held is None else None
         return ExplainedEpisode(
             goal=graph.entities[asked.goal],
             start=asked.start,
-            plans=tuple(
-                tuple(
-                    f"{one} + {other} -> {result}"
-                    for one, other, result in graph.recipe_labels(graph.recipes[list(plan)])
-                )
-                for plan in asked.plans
-            ),
+            plans=tuple(self._recipes(plan) for plan in asked.plans),
             outcome=OUTCOMES[GOAL if is_made else IN_PROGRESS if attempts else OUT_OF_ATTEMPTS],
             steps=tuple(steps),
         )
+
+    def _recipes(self, plan: Rows) -> tuple[str, ...]:
+        """Return the recipes of a plan, such as "a + b -> c"."""
+        recipes = self.world.graph.recipe_labels(self.world.graph.recipes[list(plan)])
+        return tuple(f"{one} + {other} -> {result}" for one, other, result in recipes)
 
     @torch.no_grad()
     def _decide(self, policy: Policy, state: States) -> tuple[int, PolicyOutput, list[SlotEvidence | None]]:

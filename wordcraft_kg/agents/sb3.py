@@ -199,7 +199,11 @@ def _check_spaces(observation_space: spaces.Space[Any], action_space: spaces.Spa
             f"the policy knows {network.num_entities:,} entities but the environment has {goal.n:,}. Make or load a "
             "policy of the environment's graph."
         )
-    task = known.get("task")
+    _check_tasks(known.get("task"), network)
+
+
+def _check_tasks(task: spaces.Space[Any] | None, network: Policy) -> None:
+    """Check the part of the observations that says which task is played."""
     if network.reads_task and not isinstance(task, spaces.Discrete):
         raise ConfigError(
             "the policy's scorer is cross-fitted: which of its models has not seen a task depends on the task, and the "

@@ -3,7 +3,7 @@
 import re
 import unicodedata
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 from itertools import islice
 
@@ -136,24 +136,18 @@ def read_pair(written: str, labels: Sequence[str]) -> tuple[int, int]:
         raise ActionError(f"nothing written: {expected}.")
     if len(text) > MOST_WRITTEN:
         raise ActionError(f"{len(text):,} characters: {expected}, in one short line.")
-    wrong: str | None = None
+    unread: list[str] = []
     bare = text.strip(_MARKS)
     readings = (text, _MADE.sub("", text), _VERB.sub("", bare), _VERB.sub("", _MADE.sub("", bare)))
     for reading in dict.fromkeys(readings):
-        found: dict[tuple[int, int], None] = {}
-        for left, right in _halves(reading):
-            meant = [_meant(half, labels) for half in (left, right)]
-            if all(len(places) == 1 for places in meant):
-                found[meant[0][0], meant[1][0]] = None
-            elif wrong is None:
-                wrong = left if len(meant[0]) != 1 else right
-        if len({tuple(sorted(pair)) for pair in found}) > 1:
-            ways = " or ".join(f"{labels[one]} + {labels[other]}" for one, other in found)
+        pairs = _pairs_in(reading, labels, unread)
+        if len({tuple(sorted(pair)) for pair in pairs}) > 1:
+            ways = " or ".join(f"{labels[one]} + {labels[other]}" for one, other in pairs)
             raise ActionError(f"'{_shown(text)}' could be {ways}; write the numbers, such as '1 2'.")
-        if found:
-            return next(iter(found))
-    if wrong is not None:
-        read_label(wrong, labels)  # says what is wrong with it
+        if pairs:
+            return pairs[0]
+    if unread:
+        read_label(unread[0], labels)  # raises the error for that half
     raise ActionError(f"{_shown(text)!r}: {expected}.")
 
 
@@ -178,15 +172,30 @@ def _meant(written: str, labels: Sequence[str], *, by_number: bool = True, by_be
     # Each form of what was written is made once: it may be long, and there may be thousands of labels.
     plain, bare = folded(text), _bare(text)
     plurals = _plurals(bare)
-    forms = [_forms(label) for label in labels]
-    ways = (
-        (place for place, label in enumerate(labels) if label == text),
-        (place for place, (label, _) in enumerate(forms) if label == plain),
-        (place for place, (_, label) in enumerate(forms) if label == bare),
-        (place for place, (_, label) in enumerate(forms) if label in plurals or _is_plural(bare, label)),
-        (place for place, (label, _) in enumerate(forms) if by_beginning and label.startswith(plain)),
-    )
-    return next((meant for way in ways if (meant := list(way))), [])
+    ways: list[Callable[[str, str, str], bool]] = [
+        lambda label, _plain, _bare: label == text,
+        lambda _label, its_plain, _bare: its_plain == plain,
+        lambda _label, _plain, its_bare: its_bare == bare,
+        lambda _label, _plain, its_bare: its_bare in plurals or _is_plural(bare, its_bare),
+        lambda _label, its_plain, _bare: by_beginning and its_plain.startswith(plain),
+    ]
+    forms = [(label, *_forms(label)) for label in labels]
+    for fits in ways:
+        if meant := [place for place, form in enumerate(forms) if fits(*form)]:
+            return meant
+    return []
+
+
+def _pairs_in(text: str, labels: Sequence[str], unread: list[str]) -> list[tuple[int, int]]:
+    """Return the different pairs of places that a text can mean; halves that mean no single label join ``unread``."""
+    pairs: dict[tuple[int, int], None] = {}
+    for halves in _halves(text):
+        meant = [_meant(half, labels) for half in halves]
+        wrong = [half for half, places in zip(halves, meant, strict=True) if len(places) != 1]
+        unread += wrong
+        if not wrong:
+            pairs[meant[0][0], meant[1][0]] = None
+    return list(pairs)
 
 
 def _halves(text: str) -> list[tuple[str, str]]:

@@ -1,6 +1,6 @@
-"""A player for `wordcraft-kg evaluate-words`: a language model behind an address on this machine, without an account.
+"""A player for `wordcraft-kg evaluate-text`: a language model behind an address on this machine, without an account.
 
-    wordcraft-kg evaluate-words everyday --tasks 100 --player "python examples/chat_player.py gemma3:1b"
+    wordcraft-kg evaluate-text everyday --tasks 100 --player "python examples/chat_player.py gemma3:1b"
 
 The address is that of a server that speaks as OpenAI's does, such as those of llama.cpp, Ollama and vLLM; give another
 one after the model's name. The conversation of a game is sent whole each time, and each game begins a new one.

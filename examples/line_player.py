@@ -1,6 +1,6 @@
-"""A player for `wordcraft-kg evaluate-words`: the two things whose words lie nearest to the goal's, by GloVe vectors.
+"""A player for `wordcraft-kg evaluate-text`: the two things whose words lie nearest to the goal's, by GloVe vectors.
 
-    wordcraft-kg evaluate-words everyday --player "python examples/line_player.py"
+    wordcraft-kg evaluate-text everyday --player "python examples/line_player.py"
 
 It needs no account and no download. Replace `choose` by anything: a rule, a model, a person at another screen.
 """

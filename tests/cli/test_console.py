@@ -235,7 +235,7 @@ IS = {
     "agent": "was written by train-agent",
     "model": "was written by train-complex",
     "report": "is the folder of a report",
-    "words": "is the folder of a player that uses words",
+    "words": "is the folder of a text agent",
     "own": "has none of graph.json, run.json, report.json, dataset.yaml, search.json, site.json",
     "empty": "is an empty folder",
     "file": "is a file",

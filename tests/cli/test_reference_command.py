@@ -178,7 +178,7 @@ def test_people_beside_have_the_share_of_their_right_answers(printed, pack, tmp_
 
 
 def result(folder, settings, success=None, known=None):
-    """Write the result of a player that uses words."""
+    """Write the result of a text agent."""
     found = TextResult(
         player="parrot",
         settings=settings,
@@ -290,7 +290,7 @@ def test_bad_input_says_what_would_be_understood(refused, pack, runs, tmp_path):
         (("--open-ended", "--distractors", "1"), "--open-ended has no tasks"),
         (("--open-ended", "--part", "train"), "--open-ended has no tasks"),
         (("--open-ended", "--attempts", "7"), "--open-ended has no tasks"),
-        (("--open-ended", "--beside", runs), "expected a result of 'evaluate-words', a file of 'mcp --out', or a log"),
+        (("--open-ended", "--beside", runs), "expected a result of 'evaluate-text', a file of 'mcp --out', or a log"),
     )
     for arguments, says in cases:
         refused("reference", "kitchen", *arguments, says=says)

@@ -101,7 +101,7 @@ def what_is(path: Path) -> str:
     if (path / "study.json").is_file():
         return "is the folder of a study with people"
     if (path / "games.jsonl").is_file():
-        return "is the folder of a player that uses words"
+        return "is the folder of a text agent"
     if (path / "dataset.yaml").is_file():
         return "is a data set for LibKGE"
     return f"has none of {', '.join(OWN_FILES)}" if any(path.iterdir()) else "is an empty folder"

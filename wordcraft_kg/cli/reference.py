@@ -51,7 +51,7 @@ def reference(
         open_ended: entities known after n attempts of open-ended play, instead of success on tasks.
         base: comma-separated entities known at the start of open-ended play. Default: the graph's base.
         beside: your own, in the same table: run folder of an agent or a folder of its seeds, folder of `people serve`,
-            file of `play --protocol paper`, folder of `evaluate-words`, file of `mcp --out`, log of Inspect AI. May be
+            file of `play --protocol paper`, folder of `evaluate-text`, file of `mcp --out`, log of Inspect AI. May be
             given several times.
         out: HTML page to write, with the same table.
     """

@@ -1,4 +1,4 @@
-"""The tables of evaluations, the same for agents, scripted players and players that use words."""
+"""The tables of evaluations, the same for agents, scripted players and text agents."""
 
 import numpy as np
 

@@ -106,7 +106,7 @@ def _row(
 
 
 READER = ResultReader(
-    "a result of 'evaluate-words', a file of 'mcp --out', or a log of Inspect AI (.eval, .json)",
+    "a result of 'evaluate-text', a file of 'mcp --out', or a log of Inspect AI (.eval, .json)",
     _knows,
     _task_rows,
     _open_rows,

@@ -20,7 +20,7 @@ def read_result(folder: Path) -> TextResult:
 @pytest.fixture
 def play(run, tmp_path):
     """Let the player play on the kitchen, into the folder `out` of the test."""
-    return lambda *options: run("evaluate-words", "kitchen", "--player", PLAYER, "--out", tmp_path / "out", *options)
+    return lambda *options: run("evaluate-text", "kitchen", "--player", PLAYER, "--out", tmp_path / "out", *options)
 
 
 def games_of(folder: Path) -> list[str]:
@@ -52,7 +52,7 @@ def test_an_evaluation_that_stopped_goes_on_and_ends_as_if_it_had_not(run, tmp_p
     lives.write_text(FIRST_TWO)
     python = shlex.quote(sys.executable)
     first, other = tmp_path / "first", tmp_path / "other"
-    common = ("evaluate-words", "kitchen", "--tasks", "12", "--name", "somebody")
+    common = ("evaluate-text", "kitchen", "--tasks", "12", "--name", "somebody")
     outcome = run(*common, "--player", f"{python} {dies}", "--out", first)
     assert (outcome.code, outcome.out, outcome.kind) == (1, "", "PlayerError")
     assert "has ended before the last game was over: expected it to read lines until its input ends." in outcome.err
@@ -93,7 +93,7 @@ def test_the_open_ended_world_is_played_as_often_as_asked(play):
 )
 def test_bad_input_is_refused_and_nothing_is_written(run, tmp_path, arguments, says):
     player = [] if "--player" in arguments else ["--player", PLAYER]
-    outcome = run("evaluate-words", *arguments, *player, "--out", tmp_path / "words")
+    outcome = run("evaluate-text", *arguments, *player, "--out", tmp_path / "words")
     assert (outcome.code, outcome.out, says in outcome.err) == (1, "", True)
     assert not [word for word in ("Traceback", "sk-123") if word in outcome.err]
     assert not (tmp_path / "words").exists()
@@ -170,7 +170,7 @@ def test_a_folder_in_which_another_process_plays_is_left_alone(play, tmp_path):
 )
 def test_a_name_with_slashes_names_one_folder_and_none_elsewhere(run, tmp_path, monkeypatch, name, folder):
     monkeypatch.chdir(tmp_path)
-    assert run("evaluate-words", "kitchen", "--player", PLAYER, "--tasks", "1", "--name", name).code == 0
+    assert run("evaluate-text", "kitchen", "--player", PLAYER, "--tasks", "1", "--name", name).code == 0
     assert [path.relative_to(tmp_path) for path in tmp_path.rglob(RESULT_FILE)] == [
         Path("text-agents", folder, RESULT_FILE)
     ]
@@ -180,7 +180,7 @@ def test_a_name_with_slashes_names_one_folder_and_none_elsewhere(run, tmp_path, 
 @pytest.mark.parametrize("name", ["", "  ", "two\nlines", "\x1b[31mred", "x" * 101])
 def test_a_name_that_cannot_stand_in_a_table_is_refused(run, tmp_path, monkeypatch, name):
     monkeypatch.chdir(tmp_path)
-    outcome = run("evaluate-words", "kitchen", "--player", PLAYER, "--name", name)
+    outcome = run("evaluate-text", "kitchen", "--player", PLAYER, "--name", name)
     assert (outcome.code, "--name" in outcome.err, [*tmp_path.iterdir()]) == (1, True, [])
 
 
@@ -189,6 +189,6 @@ def test_a_folder_of_something_else_is_left_alone(run, tmp_path):
     (tmp_path / "mine" / "thesis.txt").write_text("years")
     (tmp_path / "file").write_text("x")
     for out in ("mine", "file"):
-        outcome = run("evaluate-words", "kitchen", "--player", PLAYER, "--out", tmp_path / out, "--force")
+        outcome = run("evaluate-text", "kitchen", "--player", PLAYER, "--out", tmp_path / out, "--force")
         assert (outcome.code, outcome.kind) == (1, "OutputExistsError")
     assert [path.name for path in (tmp_path / "mine").iterdir()] == ["thesis.txt"]

@@ -1,0 +1,124 @@
+"""``wordcraft-kg evaluate-text``."""
+
+import re
+import shlex
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import Parameter
+
+from wordcraft_kg.apps.text_agents.settings import TIMEOUT, EvaluationSettings
+from wordcraft_kg.base.errors import ConfigError, OutputExistsError, PlayerError
+from wordcraft_kg.base.wording import counted
+from wordcraft_kg.cli.console import Flag, Output, aligned
+from wordcraft_kg.cli.options import Book
+
+if TYPE_CHECKING:
+    from wordcraft_kg.apps.text_agents.records import PlayedSettings, TextResult
+
+GROUP = "Text agents"
+EXAMPLES = (
+    'wordcraft-kg evaluate-text everyday --player "python examples/line_player.py"',
+    'wordcraft-kg evaluate-text everyday --player "python my_player.py" --distractors 8 --knowledge partial',
+    'wordcraft-kg evaluate-text everyday --player "python my_player.py" --open-ended --attempts 100',
+)
+LONGEST_NAME = 100
+
+
+def evaluate_text(
+    graph: Book = "everyday",
+    *,
+    player: str,
+    settings: Annotated[EvaluationSettings, Parameter(name="*", group="Games")] = EvaluationSettings(),
+    timeout: float = TIMEOUT,
+    name: str | None = None,
+    out: Path | None = None,
+    force: Flag = False,
+    output: Output = Output(),
+) -> None:
+    """Let a program that reads a line and writes a line play all tasks of a part, at the tables of the agents.
+
+    It reads a JSON object a line (text, goal, table, attempts_left, game, new) and answers with the two things to
+    combine, such as: water + earth. Games are saved one by one; the same command goes on where it stopped.
+
+    Args:
+        graph: graph folder, recipe book or known book's name.
+        player: command that starts the program, such as "python my_player.py"; no shell is asked.
+        settings: the games.
+        timeout: seconds for an answer.
+        name: the player's name in results. Default: the name of its script or program.
+        out: folder for the games and the result. Default: text-agents/<name>.
+        force: forget the games that are in the folder, and begin anew.
+    """
+    from wordcraft_kg.apps.text_agents.conversation import Play
+    from wordcraft_kg.apps.text_agents.line_player import LinePlayer
+    from wordcraft_kg.apps.text_agents.playing import play_all
+
+    if name is not None and (not name.strip() or not name.isprintable() or len(name) > LONGEST_NAME):
+        raise ConfigError(f"--name {name[:LONGEST_NAME]!r}: expected 1 to {LONGEST_NAME} characters on one line.")
+    rules = {"draws": settings.draws, "tasks": settings.tasks, "refusals": settings.refusals}
+    play = Play.open(graph, settings, **rules)
+    with LinePlayer(player, timeout=timeout) as program:
+        called = name or program.name
+        # A model's name may hold a slash; it names one folder all the same, and none elsewhere.
+        folder = out or Path("text-agents") / (re.sub(r"[^\w.+ -]", "-", called).strip(". ") or "player")
+        _prepare(folder, force)
+        kept = f"The games so far are in {folder}; the same command goes on."
+        try:
+            result = play_all(called, program.speaker, play, folder)
+        except KeyboardInterrupt:
+            raise KeyboardInterrupt(f"interrupted. {kept}") from None
+        except PlayerError as error:
+            raise PlayerError(f"{error} {kept}") from None
+    output.result({"result": result, "out": str(folder)}, _text(result, graph, folder))
+
+
+def _prepare(folder: Path, force: bool) -> None:
+    """Refuse a folder with other content; with ``force``, forget the games of the folder."""
+    from wordcraft_kg.apps.text_agents.records import GAMES_FILE, RESULT_FILE
+    from wordcraft_kg.runs.folder import locked
+
+    if folder.exists() and not folder.is_dir():
+        raise OutputExistsError(f"'{folder}' is a file, but the output is a folder. Choose another --out.")
+    if folder.is_dir() and any(folder.iterdir()) and not (folder / GAMES_FILE).is_file():
+        raise OutputExistsError(f"'{folder}' exists and holds no {GAMES_FILE}; it is left alone. Choose another --out.")
+    if force and folder.is_dir():
+        with locked(folder, "written"):
+            for name in (RESULT_FILE, GAMES_FILE):
+                (folder / name).unlink(missing_ok=True)
+
+
+def _text(result: "TextResult", graph: str, folder: Path) -> Iterator[str]:
+    settings = result.settings
+    rows = [("player", result.player), *_figures(result)]
+    rows.append(("answers", f"{result.refused:,} not understood, {counted(result.lost, 'attempt')} lost by them"))
+    if settings.knowledge != "none":
+        rows.append(("looked up", f"{counted(result.look_ups, 'thing')} ({settings.knowledge})"))
+    yield from aligned(rows)
+    if settings.kg == "full":
+        yield "the scorer was trained on all recipes: it remembers the answers."
+    yield f"wrote {folder}/   next: wordcraft-kg reference {graph} {_beside(settings)} --beside {folder}"
+
+
+def _figures(result: "TextResult") -> list[tuple[str, str]]:
+    settings, found = result.settings, result.success
+    if found is None:
+        known = ", ".join(f"{number:g} after {mark}" for mark, number in result.known.items())
+        return [("known", f"{known} attempts"), ("over", counted(result.games, "game"))]
+    tasks = f"{counted(found.tasks, f'{settings.part} task')} of depth {settings.depth}"
+    distractors = counted(settings.distractors or 0, "distractor")
+    endings = (f"{ending.replace('_', ' ')} {share:.1%}" for ending, share in result.outcomes.items())
+    return [
+        ("success", f"{found.mean:.3f} [{found.ci_low:.3f}, {found.ci_high:.3f}]   by plan {found.by_plan:.3f}"),
+        ("over", f"{tasks}, {distractors}, {counted(found.draws, 'draw')} each"),
+        ("endings", ", ".join(endings)),
+    ]
+
+
+def _beside(settings: "PlayedSettings") -> str:
+    """Return the options of `reference` that show these games."""
+    if settings.is_open_ended:
+        return f"--open-ended --base {shlex.quote(','.join(settings.base))}"
+    options = f"--part {settings.part} --depth {settings.depth} --distractors {settings.distractors}"
+    return options + (f" --attempts {settings.attempts}" if settings.attempts != settings.depth else "")

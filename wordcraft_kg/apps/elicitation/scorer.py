@@ -11,7 +11,7 @@ from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, recipe_triples
 from wordcraft_kg.models.policies.sources.weighted import recipe_keys, weights_of, with_end
 from wordcraft_kg.models.scorers.recipes import Witness
-from wordcraft_kg.models.scorers.scorer import EntityIds, StoredScorer
+from wordcraft_kg.models.scorers.scorer import EntityIds, StoredScorer, check_ids, check_shapes
 
 MOST_ENTITIES = 2_000_000
 """Three ids of so many entities are one key of 64 bits."""
@@ -131,20 +131,13 @@ class OpinionScorer(StoredScorer):
     @staticmethod
     def check(tensors: Mapping[str, Tensor], size: int) -> None:  # noqa: D102 - inherited
         opinions, weights = tensors["opinions"], tensors["weights"]
-        for name, found, shape, kind in (
-            ("opinions", opinions, (len(opinions) if opinions.ndim else 0, 3), torch.int32),
-            ("weights", weights, (len(opinions) if opinions.ndim else 0,), torch.float32),
-        ):
-            if found.shape != shape or found.dtype != kind:
-                raise ValueError(
-                    f"{name} is of {found.dtype} and shape {tuple(found.shape)}; expected {kind} and {shape}"
-                )
+        count = len(opinions) if opinions.ndim else 0
+        check_shapes(tensors, {"opinions": (count, 3), "weights": (count,)}, {"opinions": torch.int32})
         if size > MOST_ENTITIES:
             raise ValueError(f"there are {size:,} entities; expected at most {MOST_ENTITIES:,}")
         if not len(opinions):
             return
-        if not 0 <= int(opinions.min()) <= int(opinions.max()) < size:
-            raise ValueError(f"opinions holds numbers outside 0 .. {size - 1}")
+        check_ids("opinions", opinions, size - 1)
         keys = recipe_keys(opinions.long(), size)
         if bool((opinions[:, 0] > opinions[:, 1]).any()) or not bool((keys[1:] > keys[:-1]).all()):
             raise ValueError("opinions are not in order, or one is there twice")

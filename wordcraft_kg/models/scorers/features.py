@@ -25,7 +25,6 @@ from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.feature_spec import SHUFFLED, VECTORS, FeatureSpec
 from wordcraft_kg.base.settings import nearest, one_of, refuse, whole
 
-GLOVE_DIMENSIONS = 50
 VOCABULARY_BATCH = 20_000
 """Words of GloVe's vocabulary that are looked at at a time."""
 RANDOM_DIMENSIONS = 300
@@ -126,7 +125,7 @@ def make_features(
     if spec in ("one-hot", "random"):
         return _one_hot(len(labels)) if spec == "one-hot" else _random(len(labels), seed)
     if spec == "glove":
-        features = _glove(labels, pooling)
+        features = glove_features(labels, pooling)
     elif asked.is_path and os.path.isfile(spec):
         features = _from_file(Path(spec), labels, pooling)
     else:
@@ -137,14 +136,18 @@ def make_features(
     return features
 
 
-def glove_features(labels: Sequence[str]) -> EntityFeatures:
-    """Return GloVe vectors of labels (6B tokens, 50 dimensions): the mean over a label's words that have one.
+def glove_features(labels: Sequence[str], pooling: Pooling = "mean") -> EntityFeatures:
+    """Return GloVe vectors of labels (6B tokens, 50 dimensions), pooled over a label's words that have one.
 
     Words are split at spaces and looked up in lower case, as the vocabulary is.
 
     Source: Pennington et al. 2014, "GloVe: Global vectors for word representation"; the vectors are public domain.
     """
-    return _glove(labels, "mean")
+    words = _words(labels)
+    rows = _glove_rows(words)
+    matrix = np.load(_glove_folder() / "glove_6B_50d_emb.npy", mmap_mode="r")
+    found = _WordVectors(tuple(compress(words, rows >= 0)), matrix[rows[rows >= 0]])
+    return _of_labels("GloVe 6B", labels, found, pooling)
 
 
 def _one_hot(size: int) -> EntityFeatures:
@@ -235,14 +238,6 @@ def _of_labels(source: str, labels: Sequence[str], found: _WordVectors, pooling:
 
 
 # --- built in --------------------------------------------------------------------------------------------------------
-
-
-def _glove(labels: Sequence[str], pooling: Pooling) -> EntityFeatures:
-    words = _words(labels)
-    rows = _glove_rows(words)
-    matrix = np.load(_glove_folder() / "glove_6B_50d_emb.npy", mmap_mode="r")
-    found = _WordVectors(tuple(compress(words, rows >= 0)), matrix[rows[rows >= 0]])
-    return _of_labels("GloVe 6B", labels, found, pooling)
 
 
 def _glove_folder() -> Path:

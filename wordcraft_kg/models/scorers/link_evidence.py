@@ -12,15 +12,13 @@ Source: k nearest neighbours as an explanation (Papernot and McDaniel 2018, "Dee
 2021, "Evaluation of similarity-based explanations"), with the neighbours that share an end.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
 from wordcraft_kg.base.records import Count, Record, Share
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.recipes import Recipe
-from wordcraft_kg.graphs.triples import COMBINES_WITH, RELATIONS, Relation, triple_keys
+from wordcraft_kg.graphs.triples import COMBINES_WITH, RELATIONS, Relation
 from wordcraft_kg.models.scorers.protocol import TripleScorer
 from wordcraft_kg.models.scorers.roles import EntityRoles, Side
 
@@ -70,23 +68,6 @@ class LinkReason(Record):
         return bool(self.learned_from)
 
 
-@dataclass(frozen=True)
-class _Links:
-    """The links of training by one of their ends: those of an end are ``others[starts : ends]``, each once."""
-
-    keys: Ids
-    others: Ids
-
-    @classmethod
-    def of(cls, relations: Ids, ends: Ids, others: Ids, size: int) -> "_Links":
-        order = np.lexsort((others, ends, relations))
-        return cls((relations * size + ends)[order], others[order])
-
-    def at(self, relation: int, end: int, size: int) -> Ids:
-        left, right = np.searchsorted(self.keys, [relation * size + end, relation * size + end + 1])
-        return self.others[left:right]
-
-
 class LinkEvidence:
     """Names the links and recipes of training that support a link.
 
@@ -110,22 +91,6 @@ class LinkEvidence:
         """
         self.roles, self.recipes = EntityRoles.of(scorer), recipes
         self.entities = scorer.entities
-        size = len(self.entities)
-        a, b, result = recipes.T
-        rows = np.tile(np.arange(len(recipes)), 4)
-        given = np.concatenate(
-            [
-                np.column_stack([head, np.full(len(head), relation), tail])
-                for head, relation, tail in ((a, 0, b), (b, 0, a), (a, 1, result), (b, 1, result))
-            ]
-        )
-        keys = triple_keys(given, size)
-        order = np.lexsort((rows, keys))
-        self._keys, self._recipe = keys[order], rows[order]
-        links = np.unique(self._keys)
-        relation, pair = np.divmod(links, max(size * size, 1))
-        head, tail = np.divmod(pair, max(size, 1))
-        self._of = {"tail": _Links.of(relation, tail, head, size), "head": _Links.of(relation, head, tail, size)}
 
     def weights(self, head: int, relation: int, tail: int) -> tuple[Ids, NDArray[np.float64]]:
         """Return the links that support a link of ids, shape (n, 3), and their weights, shape (n,).
@@ -149,7 +114,12 @@ class LinkEvidence:
 
     def ends(self, entity: int, relation: int, side: Side) -> Ids:
         """Return the entities on a side of the links of training that have the given one on the other; ascending."""
-        return self._of["tail" if side == "head" else "head"].at(relation, entity, len(self.entities))
+        a, b, result = self.recipes.T
+        if relation == COMBINES_WITH:
+            return np.unique(np.concatenate([b[a == entity], a[b == entity]]))
+        if side == "head":
+            return np.unique(self.recipes[result == entity, :2])
+        return np.unique(result[(a == entity) | (b == entity)])
 
     def reason(self, head: int, relation: int, tail: int, limit: int = 5) -> LinkReason:
         """Return at most ``limit`` supporting links of a link of ids, and the recipes that give it."""
@@ -176,9 +146,10 @@ class LinkEvidence:
 
     def recipes_of(self, head: int, relation: int, tail: int) -> Ids:
         """Return the recipes of training that give a link of ids: rows of :attr:`recipes`, ascending."""
-        key = triple_keys(np.array([[head, relation, tail]]), len(self.entities))[0]
-        left, right = np.searchsorted(self._keys, [key, key + 1])
-        return np.unique(self._recipe[left:right])
+        a, b, result = self.recipes.T
+        if relation == COMBINES_WITH:
+            return np.flatnonzero(((a == head) & (b == tail)) | ((a == tail) & (b == head)))
+        return np.flatnonzero(((a == head) | (b == head)) & (result == tail))
 
     def _labels(self, rows: Ids) -> tuple[Recipe, ...]:
         found = self.recipes[rows].tolist()

@@ -12,10 +12,16 @@ from wordcraft_kg.graphs.recipes import Recipe
 from wordcraft_kg.graphs.triples import COMBINES_WITH, RELATIONS
 from wordcraft_kg.models.scorers.pair_features import BUFFERS, EVIDENCE, FEATURES, RANKER, RecipeKnowledge, Speaking
 from wordcraft_kg.models.scorers.protocol import TripleScorer
-from wordcraft_kg.models.scorers.scorer import EntityIds, StoredScorer
+from wordcraft_kg.models.scorers.scorer import EntityIds, StoredScorer, check_ids, check_shapes
 
 ROWS = 4_096
 """Recipes scored at a time."""
+DTYPES = {
+    **dict.fromkeys(("parts", "pairs", "alike", "words"), torch.half),
+    **dict.fromkeys(("numbers", "results", "recipes"), torch.int32),
+    "speaking": torch.int16,
+}
+"""Types of the stored tensors that are not float32."""
 
 
 class Witness(Record):
@@ -131,35 +137,29 @@ class RecipeScorer(StoredScorer):
         hidden = tensors["first"].shape[-1] if tensors["first"].ndim else 0
         known = tuple(tensors["results"].shape[1:]) if tensors["results"].ndim == 3 else (1, 1)
         square = (size + 1, size + 1)
-        expected: dict[str, tuple[tuple[int, ...], torch.dtype]] = {
-            "parts": ((1, *square, 2), torch.half),
-            "pairs": ((1, *square, 2), torch.half),
-            "numbers": ((1, *square), torch.int32),
-            "results": ((1, *known), torch.int32),
-            "alike": ((1, *square), torch.half),
-            "words": (square, torch.half),
-            "counts": ((1, size + 1, 2), torch.float32),
-            "speaking": ((1, size + 1, EVIDENCE, 3), torch.int16),
-            "first": ((1, len(FEATURES), hidden), torch.float32),
-            "first_bias": ((1, hidden), torch.float32),
-            "second": ((1, hidden), torch.float32),
-            "bias": ((1,), torch.float32),
-            "recipes": ((len(tensors["recipes"]), 3), torch.int32),
+        shapes: dict[str, tuple[int, ...]] = {
+            "parts": (1, *square, 2),
+            "pairs": (1, *square, 2),
+            "numbers": (1, *square),
+            "results": (1, *known),
+            "alike": (1, *square),
+            "words": square,
+            "counts": (1, size + 1, 2),
+            "speaking": (1, size + 1, EVIDENCE, 3),
+            "first": (1, len(FEATURES), hidden),
+            "first_bias": (1, hidden),
+            "second": (1, hidden),
+            "bias": (1,),
+            "recipes": (len(tensors["recipes"]), 3),
         }
-        assert {*expected} == {*BUFFERS, "recipes"}
+        assert {*shapes} == {*BUFFERS, "recipes"}
         for relation in RELATIONS:
             links, width = tensors[f"{relation}.first"].shape
-            shapes = {"first": (links, width), "first_bias": (width,), "second": (width,), "bias": ()}
-            expected |= {f"{relation}.{name}": (shapes[name], torch.float32) for name in RANKER}
-        for name, (shape, kind) in expected.items():
-            found = tensors[name]
-            if found.shape != shape or found.dtype != kind:
-                raise ValueError(
-                    f"{name} is of {found.dtype} and shape {tuple(found.shape)}; "
-                    f"its vocabulary needs {kind} and {shape}"
-                )
-            if found.dtype.is_floating_point and not bool(torch.isfinite(found).all()):
+            ranker = {"first": (links, width), "first_bias": (width,), "second": (width,), "bias": ()}
+            shapes |= {f"{relation}.{name}": ranker[name] for name in RANKER}
+        check_shapes(tensors, shapes, DTYPES)
+        for name in shapes:
+            if tensors[name].dtype.is_floating_point and not bool(torch.isfinite(tensors[name]).all()):
                 raise ValueError(f"{name} holds numbers that are not finite")
         for name, high in (("speaking", size), ("recipes", size - 1), ("results", size), ("numbers", known[0] - 1)):
-            if tensors[name].numel() and not 0 <= int(tensors[name].min()) <= int(tensors[name].max()) <= high:
-                raise ValueError(f"{name} holds numbers outside 0 .. {high}")
+            check_ids(name, tensors[name], high)

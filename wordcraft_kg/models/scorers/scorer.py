@@ -156,13 +156,21 @@ class StoredScorer(Scorer):
         return cls(tensors, entities, graph_hash, **settings)  # type: ignore[arg-type]
 
 
-def check_shapes(tensors: Mapping[str, Tensor], expected: Mapping[str, tuple[int, ...]]) -> None:
-    """Refuse tensors that are not float32 or have another shape than expected, with KeyError or ValueError."""
+def check_shapes(
+    tensors: Mapping[str, Tensor], expected: Mapping[str, tuple[int, ...]], dtypes: Mapping[str, torch.dtype] = {}
+) -> None:
+    """Refuse tensors of another type (float32 unless in ``dtypes``) or shape, with KeyError or ValueError."""
     for name, shape in expected.items():
-        if tensors[name].dtype != torch.float32:
-            raise ValueError(f"{name} is of {tensors[name].dtype}, not {torch.float32}")
+        if tensors[name].dtype != (kind := dtypes.get(name, torch.float32)):
+            raise ValueError(f"{name} is of {tensors[name].dtype}, not {kind}")
         if tensors[name].shape != shape:
             raise ValueError(f"{name} has shape {tuple(tensors[name].shape)}, its vocabulary needs {shape}")
+
+
+def check_ids(name: str, ids: Tensor, high: int) -> None:
+    """Refuse ids outside 0 .. ``high``, with ValueError."""
+    if ids.numel() and not 0 <= int(ids.min()) <= int(ids.max()) <= high:
+        raise ValueError(f"{name} holds numbers outside 0 .. {high}")
 
 
 def _check_range(ids: Tensor, size: int, what: str) -> None:

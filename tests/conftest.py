@@ -116,12 +116,11 @@ def made_once(tmp_path_factory: pytest.TempPathFactory) -> MadeOnce:
     root = tmp_path_factory.getbasetemp()
     if "PYTEST_XDIST_WORKER" in os.environ:
         root = root.parent
-    root /= "trained"
-    root.mkdir(exist_ok=True)
 
     def made_once(name: str, make: Callable[[Path], object]) -> Path:
-        folder, done = root / name, root / f"{name}.done"
-        with (root / f"{name}.lock").open("w") as lock:
+        folder, done = root / "shared" / name, root / "shared" / f"{name}.done"
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        with folder.with_name(f"{folder.name}.lock").open("w") as lock:
             fcntl.flock(lock, fcntl.LOCK_EX)
             if not done.exists():
                 make(folder)

@@ -85,7 +85,10 @@ def policy_of(opened: OpenedGraph, scorer: CrossFitted, kind: str, world: World)
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize(("part", "depth", "attempts"), [("train", 1, None), ("test", 1, 3), ("test", 2, 3)])
+@pytest.mark.parametrize(
+    ("part", "depth", "attempts"),
+    [("train", 1, None), ("test", 1, 3), pytest.param("test", 2, 3, marks=pytest.mark.slow)],
+)
 def test_an_explained_episode_is_that_of_the_evaluation(
     opened: OpenedGraph, scorer: CrossFitted, kind: str, part: str, depth: int, attempts: int | None
 ) -> None:

@@ -208,6 +208,7 @@ def test_agents_train_with_8_distractors_unless_told_otherwise(printed, world, t
     assert {len(task["distractors"]) for task in shown} == {8}
 
 
+@pytest.mark.slow
 def test_a_book_too_small_for_8_distractors_says_what_to_give_and_then_trains(printed, refused, run, tmp_path):
     book = tmp_path / "small.csv"
     pairs = [(a, b) for a in "abcd" for b in "abcd" if a < b]

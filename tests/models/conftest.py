@@ -34,18 +34,17 @@ def validated_kitchen(kitchen_folder: Path) -> OpenedGraph:
 
 
 @pytest.fixture(scope="session")
-def complex_folder(opened_kitchen: OpenedGraph, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def complex_folder(opened_kitchen: OpenedGraph, made_once) -> Path:
     """A ComplEx model of the kitchen; read only, see `spoilt`."""
-    out = tmp_path_factory.mktemp("models") / "kitchen"
-    return train(opened_kitchen, ComplExConfig(dim=8, epochs=4, n3=0.1, folds=0), out).folder
+    config = ComplExConfig(dim=8, epochs=4, n3=0.1, folds=0)
+    return made_once("complex/kitchen", lambda out: train(opened_kitchen, config, out))
 
 
 @pytest.fixture(scope="session")
-def distmult_folder(opened_kitchen: OpenedGraph, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def distmult_folder(opened_kitchen: OpenedGraph, made_once) -> Path:
     """A model whose scorer is a table; read only."""
-    out = tmp_path_factory.mktemp("models") / "kitchen-distmult"
     config = LinkModelConfig(model="distmult", loop="symmetric", dim=4, epochs=2, folds=0)
-    return train(opened_kitchen, config, out).folder
+    return made_once("distmult/kitchen-distmult", lambda out: train(opened_kitchen, config, out))
 
 
 @pytest.fixture

@@ -10,12 +10,12 @@ from wordcraft_kg.reports.pages import write_report
 
 
 @pytest.fixture(scope="session")
-def kitchen_model(tmp_path_factory):
+def kitchen_model(made_once):
     from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
     from wordcraft_kg.models.links.training import train_links
 
-    out = tmp_path_factory.mktemp("models") / "kitchen"
-    return open_model(train_links(LinksConfig("kitchen", ComplExConfig(dim=8, epochs=6)), out).folder)
+    config = LinksConfig("kitchen", ComplExConfig(dim=8, epochs=6))
+    return open_model(made_once("reported/kitchen", lambda out: train_links(config, out)))
 
 
 @pytest.fixture(scope="session")

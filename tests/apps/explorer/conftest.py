@@ -19,36 +19,34 @@ from wordcraft_kg.models.scorers.kernel import KernelScorer
 
 
 @pytest.fixture(scope="session")
-def kitchen_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def kitchen_folder(made_once) -> Path:
     """The folder of the kitchen's graph."""
-    out = tmp_path_factory.mktemp("graphs") / "kitchen"
     book = open_book("kitchen")
-    write_graph_folder(out, book, make_split(RecipeGraph.from_book(book), SplitConfig()))
-    return out
+    split = make_split(RecipeGraph.from_book(book), SplitConfig())
+    return made_once("explored/kitchen", lambda out: write_graph_folder(out, book, split))
 
 
 @pytest.fixture(scope="session")
-def links_folder(kitchen_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def links_folder(kitchen_folder: Path, made_once) -> Path:
     """A small ComplEx of the kitchen's partial graph, with folds."""
     from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
     from wordcraft_kg.models.links.training import train_links
 
-    out = tmp_path_factory.mktemp("models") / "kitchen-complex"
-    return train_links(LinksConfig(str(kitchen_folder), ComplExConfig(dim=8, epochs=5, folds=2)), out).folder
+    config = LinksConfig(str(kitchen_folder), ComplExConfig(dim=8, epochs=5, folds=2))
+    return made_once("explored/kitchen-complex", lambda out: train_links(config, out))
 
 
 @pytest.fixture(scope="session")
-def run_folder(kitchen_folder: Path, recipes_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def run_folder(kitchen_folder: Path, recipes_folder: Path, made_once) -> Path:
     """An agent that was trained for a moment, with the recipe scorer of the kitchen."""
     from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig
     from wordcraft_kg.agents.training import train_agent
     from wordcraft_kg.models.policies.config import PolicyConfig
 
-    out = tmp_path_factory.mktemp("runs") / "guided"
     config = AgentConfig(
         str(kitchen_folder), str(recipes_folder), policy=PolicyConfig(use="u,v,w"), trainer=ImpalaConfig(steps=4_000)
     )
-    return train_agent(config, out).folder
+    return made_once("explored/guided", lambda out: train_agent(config, out))
 
 
 @pytest.fixture(scope="session")

@@ -174,7 +174,7 @@ def balanced_factory():
     return triples_factory(graph, np.column_stack([entities, entities % 2, np.roll(entities, 3)]))
 
 
-@pytest.mark.parametrize("weight", [0.0, 0.4])
+@pytest.mark.parametrize("weight", [pytest.param(0.0, marks=pytest.mark.slow), 0.4])
 def test_one_epoch_of_one_batch_equals_pykeens_symmetric_loop_with_half_the_n3(weight):
     factory = balanced_factory()
     ours = tiny_model(factory, regularizer_kwargs={"weight": weight})

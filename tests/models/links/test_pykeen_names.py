@@ -40,7 +40,14 @@ def python(code: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=False)
 
 
-@pytest.mark.parametrize("first", ["wordcraft_kg.models", "pykeen.models", "wordcraft_kg.models.links.pykeen_bridge"])
+@pytest.mark.parametrize(
+    "first",
+    [
+        "wordcraft_kg.models",
+        pytest.param("pykeen.models", marks=pytest.mark.slow),
+        pytest.param("wordcraft_kg.models.links.pykeen_bridge", marks=pytest.mark.slow),
+    ],
+)
 def test_pykeen_knows_our_names_whichever_module_is_imported_first(first):
     done = python(f"import {first}\nimport wordcraft_kg.models\n{LOOK_UP}")
     assert (done.stdout.split(), done.stderr) == (["ComplExN3", "IndexedSymmetricLCWATrainingLoop", "WordCraft"], "")

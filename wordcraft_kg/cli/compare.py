@@ -12,7 +12,7 @@ from msgspec.structs import replace
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.settings import MAX_SIZE, whole
 from wordcraft_kg.base.wording import counted
-from wordcraft_kg.cli.console import Output, aligned, check_page, refuse_given, whole_numbers, write_page
+from wordcraft_kg.cli.console import Output, aligned, check_file, refuse_given, whole_numbers, write_file
 from wordcraft_kg.cli.options import AGENT, Force, MovedGraph, Part, Run, Words
 
 if TYPE_CHECKING:
@@ -72,8 +72,6 @@ def compare(
     Args:
         runs: run folders of agents, or model folders, on one graph and split; or folders of seeds (--seeds). The others
             are compared with the first one.
-        agents: options for agents.
-        links: options for link predictors.
         out: folder of the agents' report (default: reports/<the agents' names>), or HTML page of link predictors.
     """
     from wordcraft_kg.runs.record import read_run, run_folders
@@ -154,7 +152,7 @@ def _compare_links(
     force: bool,
     output: Output,
 ) -> None:
-    check_page(out, force=force)
+    check_file(out, force=force)
     from wordcraft_kg.evaluation.link_comparison import Contender, compare
     from wordcraft_kg.models.folder import open_model
     from wordcraft_kg.runs.record import run_name
@@ -170,7 +168,7 @@ def _compare_links(
     if out is not None:
         from wordcraft_kg.reports.link_report import comparison_page
 
-        write_page(out, comparison_page(view), force=force)
+        write_file(out, comparison_page(view), force=force)
         view = replace(view, out=str(out))
     output.result(view, _links_text(view))
 

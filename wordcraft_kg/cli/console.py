@@ -106,18 +106,18 @@ def refuse_given(options: Any, about: str) -> None:
             raise ConfigError(f"`{field.name}` is for {about}; leave it out.")
 
 
-def check_page(out: Path | None, *, force: bool) -> None:
-    """Raise an OutputExistsError if a page exists and is not to be replaced, before any work is done."""
+def check_file(out: Path | None, *, force: bool) -> None:
+    """Raise an OutputExistsError if a file exists and is not to be replaced, before any work is done."""
     if out is not None and out.exists() and not force:
         raise OutputExistsError(f"'{out}' exists. Choose another `out`, or replace it with `force`.")
 
 
-def write_page(out: Path, page: Iterable[str], *, force: bool) -> None:
-    """Write an HTML page whole or not at all."""
+def write_file(out: Path, content: str | Iterable[str], *, force: bool) -> None:
+    """Write a file whole or not at all."""
     from wordcraft_kg.base.artefacts import staged_file, write_atomically
 
     with staged_file(out, force=force) as file:
-        write_atomically(file, page)
+        write_atomically(file, content)
 
 
 MOST_SEEDS = 1_000

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from msgspec.structs import replace
 
 from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.cli.console import Output, aligned, check_page, split_labels, write_page
+from wordcraft_kg.cli.console import Output, aligned, check_file, split_labels, write_file
 from wordcraft_kg.cli.options import Force, Graph, Scorer, Words
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ def discover(
         seed: root seed of all draws.
         out: HTML page to write, with the curves.
     """
-    check_page(out, force=force)
+    check_file(out, force=force)
     from wordcraft_kg.agents.discovery import DISCOVERERS
     from wordcraft_kg.evaluation.discovery import view_discovery
     from wordcraft_kg.graphs.folder import open_graph
@@ -73,7 +73,7 @@ def discover(
     if out is not None:
         from wordcraft_kg.reports.discovery_report import discovery_page
 
-        write_page(out, discovery_page(view, curves), force=force)
+        write_file(out, discovery_page(view, curves), force=force)
         view = replace(view, out=str(out))
     output.result(view, _text(view))
 

@@ -70,8 +70,6 @@ def evaluate_agent(
             book's name, on which scripted players play.
         distractors: comma-separated numbers of distractors. Default: as in training, and 1,2,8 for scripted players.
         draws: draws of distractors for each task; all players see the same.
-        trained: options for the run of an agent.
-        scripted: options for scripted players.
     """
     whole("draws", draws, 1, MAX_SIZE)
     if Path(run).is_dir() and not (Path(run) / "graph.json").is_file():

@@ -89,6 +89,20 @@ SingleIngredient = Annotated[
         "combined with, such as furnace. Default: such a recipe is an error."
     ),
 ]
+Seeds = Annotated[
+    str | None,
+    Parameter(
+        help="seeds to train one after the other, such as 0-4 or 0,3,7, each in a folder seed-N of its own. Seeds that "
+        "are done are kept, so the same command goes on after Ctrl-C."
+    ),
+]
+Trackers = Annotated[
+    Words,
+    Parameter(
+        help="where the metrics go too, comma-separated: tensorboard, wandb (offline), mlflow (a local file); each "
+        "needs the extra of its name."
+    ),
+]
 Part = Annotated[TaskPart, Parameter(help="tasks to play: train, valid, test or all.")]
 Paths = Annotated[list[Path] | None, Parameter(negative=(), consume_multiple=False)]
 MovedGraph = Annotated[

@@ -8,7 +8,7 @@ from msgspec.structs import replace
 
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.wording import counted
-from wordcraft_kg.cli.console import Flag, Output, aligned, check_page, split_labels, whole_numbers, write_page
+from wordcraft_kg.cli.console import Flag, Output, aligned, check_file, split_labels, whole_numbers, write_file
 from wordcraft_kg.cli.options import Force, Graph, Paths, Words
 from wordcraft_kg.graphs.tasks import TaskPart
 
@@ -55,7 +55,7 @@ def reference(
             given several times.
         out: HTML page to write, with the same table.
     """
-    check_page(out, force=force)
+    check_file(out, force=force)
     from wordcraft_kg.envs.config import WordCraftConfig
     from wordcraft_kg.evaluation.reference import TaskPlay
     from wordcraft_kg.graphs.folder import open_graph
@@ -77,7 +77,7 @@ def reference(
     if out is not None:
         from wordcraft_kg.studies.references import reference_page
 
-        write_page(out, reference_page(view), force=force)
+        write_file(out, reference_page(view), force=force)
         view = replace(view, out=str(out))
     output.result(view, _text(view))
 

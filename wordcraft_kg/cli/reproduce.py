@@ -82,9 +82,6 @@ def reproduce(
             study in the results folder (default: the only one), or a file of results.
         all_studies: list the built-in studies, with the hours that each takes.
         show: show the results that are there, any selection of them, and train nothing.
-        changes: changes to the study.
-        engine: where and how it runs.
-        shown: options of --show.
     """
     if show:
         refuse_given(changes, "studies that are run, not shown")

@@ -11,7 +11,7 @@ from cyclopts import Parameter
 
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.settings import whole
-from wordcraft_kg.cli.console import Flag, Output, aligned
+from wordcraft_kg.cli.console import Flag, Output, aligned, check_file, write_file
 from wordcraft_kg.cli.options import Force, Model, MovedGraph
 
 if TYPE_CHECKING:
@@ -142,33 +142,25 @@ def _score_file(
     output: Output,
 ) -> None:
     """Score the queries of a file, which are of one kind, and show the scores or write them."""
-    from wordcraft_kg.base.artefacts import staged_file, write_atomically
-    from wordcraft_kg.evaluation import recipe_scores, scores
+    from wordcraft_kg.evaluation.recipe_scores import RecipeScoring, ScoredRecipeRow, score_recipe_queries
+    from wordcraft_kg.evaluation.scores import ScoredRow, note_of_words, score_queries, view_file
     from wordcraft_kg.models.scorers.queries import RecipeQuery
 
+    check_file(out, force=force)
     recipes = [query for query in queries if isinstance(query, RecipeQuery)]
     triples = [query for query in queries if not isinstance(query, RecipeQuery)]
-    scoring = recipe_scores.RecipeScoring.of(model) if recipes else None
-
-    def rows() -> Sequence[Any]:
-        if scoring is None:
-            return list(scores.score_queries(model, triples, top, new_only=new_only))
-        return list(recipe_scores.score_recipe_queries(scoring, recipes, top, new_only=new_only))
-
-    if out is None:
-        found = rows()
-        text = list(_lines(found))
+    kind: Any = ScoredRecipeRow if recipes else ScoredRow
+    found: list[Any] = []
+    if recipes:
+        found += score_recipe_queries(RecipeScoring.of(model), recipes, top, new_only=new_only)
     else:
-        with staged_file(out, force=force) as file:
-            found = rows()
-            kind = scores.ScoredRow if scoring is None else recipe_scores.ScoredRecipeRow
-            delimiter = "\t" if out.suffix.lower() in (".tsv", ".tab") else ","
-            write_atomically(file, _table(kind.__struct_fields__, found, delimiter))
-        text = []
-    text += [*scores.note_of_words(model), *_notes(model.kg, found)]
+        found += score_queries(model, triples, top, new_only=new_only)
+    text = [*([] if out else _lines(found)), *note_of_words(model), *_notes(model.kg, found)]
     if out is not None:
+        delimiter = "\t" if out.suffix.lower() in (".tsv", ".tab") else ","
+        write_file(out, _table(kind.__struct_fields__, found, delimiter), force=force)
         text.append(f"wrote {out}: {len(found):,} scores of {len(queries):,} queries")
-    output.result(scores.view_file(model, queries, found, out), text)
+    output.result(view_file(model, queries, found, out), text)
 
 
 def _lines(found: Sequence[Any], things: Sequence[str] | None = None) -> Iterator[str]:

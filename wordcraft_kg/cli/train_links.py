@@ -8,7 +8,7 @@ from cyclopts import Parameter
 
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.cli.console import Flag, Output, aligned, refuse_given, split_labels
-from wordcraft_kg.cli.options import Force, OptionalBook, Words
+from wordcraft_kg.cli.options import Force, OptionalBook, Seeds, Trackers
 from wordcraft_kg.cli.training import ToldLinks, train
 from wordcraft_kg.models.links.config import ComplExConfig, LinkModelConfig, LinksConfig
 
@@ -42,10 +42,10 @@ def train_links(
     list_models: Flag = False,
     settings: Annotated[LinkModelConfig, Parameter(name="*")] = LinkModelConfig(),
     trained: Annotated[ImportOptions, Parameter(name="*", group="Import")] = ImportOptions(),
-    seeds: str | None = None,
+    seeds: Seeds = None,
     out: Path | None = None,
     force: Force = False,
-    track: Words = None,
+    track: Trackers = None,
     output: Output = Output(),
 ) -> int:
     """Train another PyKEEN model; scorer, report and commands are the same as for ComplEx.
@@ -53,13 +53,7 @@ def train_links(
     Args:
         graph: graph folder, recipe book or known book's name.
         list_models: list the models: the paper's, and those of the installed PyKEEN that need no more than triples.
-        settings: settings of the model and its training.
-        trained: a model that is imported.
-        seeds: seeds to train one after the other, such as 0-4 or 0,3,7, each in a folder seed-N of its own. Seeds that
-            are done are kept, so the same command goes on after Ctrl-C.
         out: model folder to write. Default: models/<graph's name>-<model>-<kg>.
-        track: where the figures of each epoch go too, comma-separated: tensorboard, wandb (offline), mlflow (a local
-            file); each needs the extra of its name.
     """
     if list_models:
         return _list(output)

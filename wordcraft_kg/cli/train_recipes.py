@@ -5,8 +5,8 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from wordcraft_kg.cli.console import Flag, Output
-from wordcraft_kg.cli.options import Book
+from wordcraft_kg.cli.console import Output
+from wordcraft_kg.cli.options import Force, Graph
 from wordcraft_kg.cli.training import ToldRecipes, train
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
 
@@ -18,11 +18,11 @@ EXAMPLES = (
 
 
 def train_recipes(
-    graph: Book,
+    graph: Graph,
     *,
     settings: Annotated[RecipeScorerConfig, Parameter(name="*")] = RecipeScorerConfig(),
     out: Path | None = None,
-    force: Flag = False,
+    force: Force = False,
     output: Output = Output(),
 ) -> int:
     """Fit a recipe-level scorer: how plausible is it that a pair makes a result, and which train recipes say so?
@@ -30,9 +30,6 @@ def train_recipes(
     It serves agents as a third source of knowledge (train-agent --use u,v,w) and predicts links as well.
 
     Args:
-        graph: graph folder, recipe book or known book's name.
-        settings: settings of the fit.
         out: model folder to write. Default: models/<graph's name>-recipes.
-        force: replace the folder if it exists.
     """
     return train(ToldRecipes(), RecipesConfig(graph, settings), out, force, output)

@@ -47,12 +47,12 @@ PROGRAM = "wordcraft-kg"
 
 ABOUT = """Recipe graphs of crafting worlds, link prediction on them, agents, and honest reports. Start here:
 
-  wordcraft-kg build-graph everyday --out graphs/everyday
-  wordcraft-kg train-recipes graphs/everyday --out models/everyday
-  wordcraft-kg evaluate-links models/everyday
-  wordcraft-kg train-agent graphs/everyday --scorer models/everyday --out runs/guided
-  wordcraft-kg explain runs/guided
-  wordcraft-kg explore graphs/everyday --model models/everyday --run runs/guided
+  wordcraft-kg build-graph everyday --out graph
+  wordcraft-kg train-recipes graph --out model
+  wordcraft-kg evaluate-links model
+  wordcraft-kg train-agent graph --scorer model --out run
+  wordcraft-kg explain run
+  wordcraft-kg explore graph --model model --run run
 
 train-complex trains the paper's model in place of train-recipes, and compare tells runs or models apart."""
 CONFIGURED = "Options can also be set in a TOML file, --config FILE, in a table named after the command."

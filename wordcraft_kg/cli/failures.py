@@ -96,10 +96,7 @@ def failure_of(error: BaseException, manual: Manual | None) -> Failure | None:
     """Return the failure that a command's error means to its user; None for a defect of this package."""
     kind = type(error).__name__
     if isinstance(error, CycloptsError):
-        hints: tuple[str, ...] = ("`wordcraft-kg --help` lists all commands.",)
-        if manual is not None and not isinstance(error, UnknownCommandError):
-            hints = (f"usage:   {manual.usage}", f"example: {manual.module.EXAMPLES[0]}")
-        return Failure(kind, _said(error, manual), 2, hints)
+        return Failure(kind, _said(error, manual), 2, _hints(error, manual))
     if isinstance(error, KeyboardInterrupt):
         return Failure(kind, str(error) or "interrupted; nothing was written", INTERRUPTED)
     if isinstance(error, WordCraftKGError):
@@ -116,6 +113,12 @@ def failure_of(error: BaseException, manual: Manual | None) -> Failure | None:
     if isinstance(error, MemoryError) or (isinstance(error, RuntimeError) and _NO_MEMORY.search(str(error))):
         return Failure("MemoryError", "this machine does not have enough memory for this. Nothing was changed.")
     return None
+
+
+def _hints(error: CycloptsError, manual: Manual | None) -> tuple[str, ...]:
+    if manual is None or isinstance(error, UnknownCommandError):
+        return ("`wordcraft-kg --help` lists all commands.",)
+    return f"usage:   {manual.usage}", f"example: {manual.module.EXAMPLES[0]}"
 
 
 def _said(error: CycloptsError, manual: Manual | None) -> str:

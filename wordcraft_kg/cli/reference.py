@@ -104,11 +104,15 @@ def _text(view: "ReferenceTable") -> Iterator[str]:
     yield from (f"[{number}] {note}" for number, note in enumerate(notes, 1))
     yield f"intervals: {'; '.join(_intervals(view.rows))}"
     if view.measured:
-        now = f"{', '.join(map(str, view.measured))} {unit}{'' if view.measured == (1,) else 's'}"
-        there = f"has no figures for {now}" if view.pack else "does not have this graph and split"
-        yield f"measured now: scripted players with {now}, because the pack {there}"
+        yield _measured(view, unit)
     if view.out:
         yield f"wrote {view.out}"
+
+
+def _measured(view: "ReferenceTable", unit: str) -> str:
+    now = f"{', '.join(map(str, view.measured))} {unit}{'' if view.measured == (1,) else 's'}"
+    there = f"has no figures for {now}" if view.pack else "does not have this graph and split"
+    return f"measured now: scripted players with {now}, because the pack {there}"
 
 
 def _note(row: "ReferenceRow") -> str:

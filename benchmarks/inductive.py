@@ -23,10 +23,9 @@ from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_book
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folds import Folds, make_folds
 from wordcraft_kg.graphs.triples import COMPONENT_OF, RELATIONS, recipe_triples
-from wordcraft_kg.models.recipes.base import Base
+from wordcraft_kg.models.recipes.base import Base, link_features
 from wordcraft_kg.models.recipes.fitting import LinkRankers, fit_link_rankers, knowledge_from, scorer_tensors
 from wordcraft_kg.models.recipes.inductive import extended
-from wordcraft_kg.models.recipes.link_features import link_features
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer
 from wordcraft_kg.models.scorers.features import make_features
 from wordcraft_kg.models.scorers.protocol import TripleScorer

@@ -25,7 +25,7 @@ from wordcraft_kg.graphs.folder import OpenedGraph, open_graph, write_graph_fold
 from wordcraft_kg.models.folder import open_model
 from wordcraft_kg.models.links import training as link_training
 from wordcraft_kg.models.links.config import ComplExConfig, LinkModelConfig, LinksConfig, LinkSettings
-from wordcraft_kg.models.links.epochs import Epochs
+from wordcraft_kg.models.links.fitting import Epochs
 from wordcraft_kg.models.links.training import TrainedLinks
 from wordcraft_kg.models.scorers.folder import load_scorer
 from wordcraft_kg.models.scorers.ranking import rank_triples, ranking_metrics

@@ -18,10 +18,9 @@ from wordcraft_kg.models.links import training as link_training
 from wordcraft_kg.models.links.builders import scorer_tensors
 from wordcraft_kg.models.links.config import N3_PARTIAL, ComplExConfig, LinkModelConfig
 from wordcraft_kg.models.links.fitting import fit
-from wordcraft_kg.models.links.folds import split_of_train
 from wordcraft_kg.models.links.pykeen_bridge import triples_factory
 from wordcraft_kg.models.links.records import Choice
-from wordcraft_kg.models.links.regularisation import HELD_OUT, N3, POPULARITY, choose
+from wordcraft_kg.models.links.regularisation import HELD_OUT, N3, POPULARITY, choose, split_of_train
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer
 from wordcraft_kg.models.scorers.folder import make_scorer
 from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples

@@ -19,8 +19,11 @@ from wordcraft_kg.models.links.builders import make_training_loop
 from wordcraft_kg.models.links.complex import ComplExN3
 from wordcraft_kg.models.links.config import FULL_SOFTMAX, NEGATIVES, ComplExConfig, LinksConfig
 from wordcraft_kg.models.links.pykeen_bridge import pykeen_guard, triples_factory
-from wordcraft_kg.models.links.sampled_softmax import SampledSymmetricLCWATrainingLoop, sampled_cross_entropy
-from wordcraft_kg.models.links.symmetric_lcwa import IndexedSymmetricLCWATrainingLoop
+from wordcraft_kg.models.links.symmetric_lcwa import (
+    IndexedSymmetricLCWATrainingLoop,
+    SampledSymmetricLCWATrainingLoop,
+    sampled_cross_entropy,
+)
 
 SIZE, QUERIES = 9, 5
 

@@ -20,8 +20,7 @@ from wordcraft_kg.models.links.complex import ComplExN3
 from wordcraft_kg.models.links.config import ComplExConfig, LinkModelConfig, LinkSettings
 from wordcraft_kg.models.links.popularity import with_popularity
 from wordcraft_kg.models.links.pykeen_bridge import all_scores, pykeen_guard, quiet_pykeen
-from wordcraft_kg.models.links.sampled_softmax import SampledSymmetricLCWATrainingLoop
-from wordcraft_kg.models.links.symmetric_lcwa import IndexedSymmetricLCWATrainingLoop
+from wordcraft_kg.models.links.symmetric_lcwa import IndexedSymmetricLCWATrainingLoop, SampledSymmetricLCWATrainingLoop
 from wordcraft_kg.models.scorers.config import TABLE_LIMIT, table_bytes
 from wordcraft_kg.models.scorers.factors import ComplExScorer
 from wordcraft_kg.models.scorers.tables import TableScorer

@@ -1,18 +1,31 @@
-"""Training a PyKEEN model: the epochs of a run, or all of a model that needs no run folder."""
+"""Training a PyKEEN model: the epochs of a run with validation, trace and checkpoints, or a model without a folder."""
 
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Sequence
 from typing import Any
 
+import numpy as np
 import torch
+from msgspec.structs import replace
 from pykeen.models import Model
 from pykeen.training import NonFiniteLossError, TrainingLoop
 from pykeen.training.callbacks import TrainingCallback
 from pykeen.triples import TriplesFactory
+from torch import Tensor
 
 from wordcraft_kg.base.errors import TrainingError
-from wordcraft_kg.models.links.builders import make_training_loop
+from wordcraft_kg.base.tensors import copied, with_prefix
+from wordcraft_kg.graphs.arrays import Ids
+from wordcraft_kg.graphs.folder import OpenedGraph
+from wordcraft_kg.models.links.builders import make_training_loop, scorer_tensors
 from wordcraft_kg.models.links.config import LinkSettings
 from wordcraft_kg.models.links.pykeen_bridge import pykeen_guard, quiet_pykeen, seed_everything
+from wordcraft_kg.models.links.records import LinkProgress, TraceRow
+from wordcraft_kg.models.scorers.folder import make_scorer
+from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples, sampled_for
+from wordcraft_kg.runs.checkpoints import Checkpoint
+from wordcraft_kg.runs.folder import Progress, RunFolder
+from wordcraft_kg.runs.trackers import Log
 
 
 def train_epochs(
@@ -71,3 +84,137 @@ class _Epochs(TrainingCallback):
     def post_epoch(self, epoch: int, epoch_loss: float, **kwargs: Any) -> None:
         self.after_epoch(epoch)
         seed_everything(self.seed, epoch + 1)
+
+
+QUIET = 20.0
+"""Seconds of an epoch after which, and then between which, its progress is reported."""
+
+
+class Epochs(TrainingCallback):
+    """The epochs of a run so far.
+
+    Epoch ``n`` draws its randomness from (seed, n) alone, so a checkpoint needs no generator state.
+
+    Attributes:
+        so_far: trace, seconds, and the best epoch.
+    """
+
+    def __init__(
+        self,
+        run: RunFolder[LinkProgress],
+        opened: OpenedGraph,
+        triples: Ids,
+        settings: LinkSettings,
+        progress: Progress | None,
+        log: Log,
+    ):
+        """Begin without any, of a training on triples, shape (T, 3); :meth:`restore` returns to a checkpoint."""
+        super().__init__()
+        self.run, self.opened, self.triples, self.settings = run, opened, triples, settings
+        self.report, self.log = progress, log
+        self.so_far = LinkProgress(seconds=0.0, best_mrr=None, best_epoch=None, has_stopped=False, trace=())
+        self._valid = sampled_for(opened.graph, opened.split.held_out("valid")) if settings.eval_every else None
+        self._batches = -(-len(triples) // settings.batch_size)
+        self._batch = 0
+        self._total = settings.epochs * (1 + (settings.folds or 0))
+        self._best: dict[str, Tensor] = {}
+        self._clock = self._reported = time.perf_counter()
+
+    def post_batch(self, epoch: int, batch: Any, **kwargs: Any) -> None:
+        """Say how far a long epoch is, and what it and all of them will take."""
+        self._batch += 1
+        now = time.perf_counter()
+        if self.report and now - self._reported >= QUIET and self._batch < self._batches:
+            self._reported = now
+            done = self._batch / self._batches
+            minutes = (now - self._clock) / done / 60
+            left = minutes * (self.settings.epochs - epoch + 1 - done)
+            figures = {f"of epoch {epoch}": done, "minutes an epoch": minutes, "minutes left": left}
+            self.report(epoch - 1, self._total, figures)
+
+    def post_epoch(self, epoch: int, epoch_loss: float, **kwargs: Any) -> None:
+        """Do what is due after an epoch, and stop training if it was the last one."""
+        settings = self.settings
+        is_ranked = self._valid is not None and (epoch % settings.eval_every == 0 or epoch == settings.epochs)
+        row = TraceRow(epoch=epoch, loss=epoch_loss, valid_mrr=self._validate() if is_ranked else None, seconds=0.0)
+        now = time.perf_counter()
+        row = replace(row, seconds=round(now - self._clock, 4))
+        seconds, self._clock = now - self._clock, now
+        self._note(row, seconds)
+        is_last = self.so_far.has_stopped or self.run.interrupted.is_set() or epoch == settings.epochs
+        if is_last or epoch % settings.checkpoint_every == 0:
+            self.run.checkpoints.save(epoch, self._tensors(), self.so_far)
+        self._batch, self._reported = 0, now
+        begun = time.perf_counter()
+        self.log(epoch, {"loss": epoch_loss, "valid_mrr": row.valid_mrr, "seconds": row.seconds})
+        self._clock += time.perf_counter() - begun  # a tracker's time is not the epoch's
+        if self.report:
+            figures = {"epoch": epoch, "loss": epoch_loss, "valid_mrr": row.valid_mrr, "seconds": row.seconds}
+            self.report(epoch, self._total, {name: value for name, value in figures.items() if value is not None})
+        if is_last:
+            self.training_loop._should_stop = True
+        seed_everything(settings.seed, epoch + 1)
+
+    def restore(self, loop: TrainingLoop, checkpoint: Checkpoint[LinkProgress]) -> None:
+        """Return to a checkpoint of the same model and settings.
+
+        Raises:
+            ValueError, KeyError, RuntimeError: if its tensors or its trace are not those of the model and its epochs.
+        """
+        if [row.epoch for row in checkpoint.progress.trace] != list(range(1, checkpoint.number + 1)):
+            raise ValueError("its trace is not that of its epochs")
+        loop.model.load_state_dict(with_prefix(checkpoint.tensors, "model."))
+        self._best = with_prefix(checkpoint.tensors, "best.")
+        state = _optimizer_state(checkpoint.tensors, loop.optimizer.param_groups[0]["params"])
+        # The optimiser keeps the settings that it was just made with.
+        loop.optimizer.load_state_dict({**loop.optimizer.state_dict(), "state": state})
+        loop._epoch = checkpoint.number
+        loop.losses_per_epochs = [row.loss for row in checkpoint.progress.trace]
+        self.so_far = checkpoint.progress
+
+    def restore_best(self, loop: TrainingLoop) -> None:
+        """Return to the best epoch, if patience is set."""
+        if self.settings.patience and self._best:
+            loop.model.load_state_dict(self._best)
+
+    def _note(self, row: TraceRow, seconds: float) -> None:
+        """Add an epoch; stop early if the best ranking was too long ago."""
+        before = self.so_far
+        now = replace(before, seconds=before.seconds + seconds, trace=(*before.trace, row))
+        if row.valid_mrr is not None:
+            if before.best_mrr is None or row.valid_mrr > before.best_mrr:
+                now = replace(now, best_mrr=row.valid_mrr, best_epoch=row.epoch)
+                self._best = copied(self.model.state_dict())
+            rankings = [line.valid_mrr for line in now.trace if line.valid_mrr is not None]
+            since_best = len(rankings) - 1 - int(np.argmax(rankings))
+            now = replace(now, has_stopped=bool(self.settings.patience) and since_best >= self.settings.patience)
+        self.so_far = now
+
+    def _validate(self) -> float:
+        """Return the filtered MRR of the validation triples."""
+        self.model.eval()
+        graph = self.opened.graph
+        scorer = make_scorer(*scorer_tensors(self.settings, self.model, self.triples), graph.entities, graph.hash)
+        ranks = rank_triples(scorer, self._valid, graph.triples)  # type: ignore[arg-type]
+        self.model.train()
+        return mean_reciprocal_rank(ranks)
+
+    def _tensors(self) -> dict[str, Tensor]:
+        tensors = {f"model.{name}": value for name, value in self.model.state_dict().items()}
+        tensors |= {f"best.{name}": value for name, value in self._best.items()}
+        for index, values in self.optimizer.state_dict()["state"].items():
+            tensors |= {f"optimizer.{index}.{key}": torch.as_tensor(value) for key, value in values.items()}
+        return copied(tensors)
+
+
+def _optimizer_state(tensors: dict[str, Tensor], parameters: Sequence[Tensor]) -> dict[int, dict[str, Tensor]]:
+    """Sort and check the optimiser's tensors by parameter: it would notice a missing one only in the next epoch."""
+    state: dict[int, dict[str, Tensor]] = {index: {} for index in range(len(parameters))}
+    for name, value in with_prefix(tensors, "optimizer.").items():
+        index, _, key = name.partition(".")
+        if value.shape not in ((), parameters[int(index)].shape):
+            raise ValueError(f"{name} of the optimiser has shape {tuple(value.shape)}")
+        state[int(index)][key] = value
+    if any(values.keys() != state[0].keys() for values in state.values()):
+        raise ValueError("a part of the optimiser's state is missing")
+    return state

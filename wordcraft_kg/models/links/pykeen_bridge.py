@@ -88,20 +88,6 @@ def pykeen_guard(seed: int, threads: int) -> Iterator[None]:
 
 
 @contextmanager
-def seeded_pipelines(seed: int) -> Iterator[None]:
-    """Make PyKEEN's pipelines draw their seeds from ``seed``; without it each takes one from the operating system."""
-    from pykeen.pipeline import api
-
-    rng = np.random.default_rng(seed)
-    before = api.random_non_negative_int
-    api.random_non_negative_int = lambda: int(rng.integers(2**31))
-    try:
-        yield
-    finally:
-        api.random_non_negative_int = before
-
-
-@contextmanager
 def quiet_pykeen() -> Iterator[None]:
     """Keep messages of PyKEEN, its helpers and torch's sparse optimisers about their own options out of our log."""
     loggers = [logging.getLogger(name) for name in ("pykeen", "torch_max_mem")]

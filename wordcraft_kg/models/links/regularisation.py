@@ -1,9 +1,8 @@
-"""Choosing the regularisation of ComplEx on a small or a large book, by what held-out train recipes say.
+"""Choosing the regularisation of ComplEx on a small or a large book, by ranking train recipes that are held out.
 
 A weight that suits thousands of recipes is wrong for hundreds, and no single one suits them all. On tens of thousands
 of entities a few epochs teach less than counting does. So short trainings leave out a part of the train recipes, as the
-split left out the test recipes, and rank it. Each training serves all weights of popularity, which only changes the
-scores.
+split left out the test recipes, and rank it. Each training serves all weights of popularity, which only change scores.
 """
 
 from collections.abc import Callable, Iterator
@@ -15,11 +14,11 @@ import numpy as np
 from wordcraft_kg.base.errors import SplitError
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folder import OpenedGraph
-from wordcraft_kg.graphs.splits import Split
+from wordcraft_kg.graphs.recipe_graph import RecipeGraph
+from wordcraft_kg.graphs.splits import Split, SplitConfig, make_split
 from wordcraft_kg.models.links.builders import scorer_tensors
 from wordcraft_kg.models.links.config import N3_PARTIAL, ComplExConfig, LinkSettings
 from wordcraft_kg.models.links.fitting import fit
-from wordcraft_kg.models.links.folds import split_of_train
 from wordcraft_kg.models.links.pykeen_bridge import triples_factory
 from wordcraft_kg.models.links.records import Candidate, Choice
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer
@@ -132,3 +131,23 @@ def _reciprocal_ranks(fold: Split, settings: ComplExConfig, after_epoch: Callabl
     scorers = (make_scorer(*scorer_tensors(one, model, seen), graph.entities, graph.hash) for one in popular)
     ranks = [rank_triples(scorer, _queries(fold), graph.triples) for scorer in (*scorers, FrequencyScorer(graph, seen))]
     return np.array([(1 / one["rank"]).sum() for one in ranks])
+
+
+def split_of_train(split: Split, held_out: float, seed: int, recipes: Ids | None = None) -> Split:
+    """Split the train recipes once more, in the way that the whole graph was split.
+
+    Args:
+        split: the split whose train recipes are taken.
+        held_out: share of their pairs, or goals, to hold out as the test part of the result.
+        seed: seed of the draw.
+        recipes: those to split instead of all train recipes, shape (n, 3).
+
+    Returns:
+        a split of a graph that has these recipes and, with the same ids, all entities.
+
+    Raises:
+        SplitError: if a part is empty because there are too few train recipes.
+    """
+    recipes = split.recipes("train") if recipes is None else recipes
+    graph = RecipeGraph(split.graph.entities, recipes, split.graph.base_ids, split.graph.name)
+    return make_split(graph, SplitConfig(split.config.kind, train_ratio=1 - held_out, seed=seed))

@@ -21,8 +21,7 @@ from wordcraft_kg.graphs.triples import RELATIONS
 from wordcraft_kg.models.links.builders import check_table_fits, make_training_loop
 from wordcraft_kg.models.links.config import ComplExConfig, LinkModelConfig, LinksConfig, LinkSettings
 from wordcraft_kg.models.links.cross_fitting import decided_folds, train_folds, write_link_folds
-from wordcraft_kg.models.links.epochs import Epochs
-from wordcraft_kg.models.links.fitting import train_epochs
+from wordcraft_kg.models.links.fitting import Epochs, train_epochs
 from wordcraft_kg.models.links.pykeen_bridge import pykeen_guard, quiet_pykeen, seed_everything, triples_factory
 from wordcraft_kg.models.links.records import Choice, LinkMetrics, LinkProgress
 from wordcraft_kg.models.links.regularisation import choose

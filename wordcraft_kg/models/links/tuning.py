@@ -29,9 +29,8 @@ from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.models.links.builders import check_table_fits, scorer_tensors
 from wordcraft_kg.models.links.config import MAX_SEED, ComplExConfig, LinkModelConfig, LinkSettings
 from wordcraft_kg.models.links.fitting import fit
-from wordcraft_kg.models.links.folds import split_of_train
 from wordcraft_kg.models.links.pykeen_bridge import triples_factory
-from wordcraft_kg.models.links.regularisation import POPULARITY
+from wordcraft_kg.models.links.regularisation import POPULARITY, split_of_train
 from wordcraft_kg.models.scorers.folder import make_scorer
 from wordcraft_kg.models.scorers.ranking import MIN_TRIPLES, mean_reciprocal_rank, rank_triples
 from wordcraft_kg.runs.config_file import toml_value

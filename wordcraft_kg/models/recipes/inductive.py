@@ -18,8 +18,7 @@ from wordcraft_kg.base.settings import nearest
 from wordcraft_kg.graphs.recipes import check_label
 from wordcraft_kg.models.recipes.base import Base
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
-from wordcraft_kg.models.recipes.fitting import knowledge_from, scorer_tensors
-from wordcraft_kg.models.recipes.ranker import Ranker
+from wordcraft_kg.models.recipes.fitting import Ranker, knowledge_from, scorer_tensors
 from wordcraft_kg.models.scorers.config import check_dense
 from wordcraft_kg.models.scorers.features import make_features
 from wordcraft_kg.models.scorers.pair_features import RANKER

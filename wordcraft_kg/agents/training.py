@@ -178,9 +178,9 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
 
 
 def _warn_of_memory(config: AgentConfig) -> None:
-    """Say so where the agent will learn on answers from memory."""
-    what = "the scorer has no folds" if not config.policy.in_sample else "`in_sample` is set"
-    again = "; train it with `folds` 5" if not config.policy.in_sample else ""
+    what, again = "the scorer has no folds", "; train it with `folds` 5"
+    if config.policy.in_sample:
+        what, again = "`in_sample` is set", ""
     logging.getLogger(__name__).warning(
         "%s, so train tasks are answered from memory, and the agent learns to trust scores more than unseen recipes "
         "deserve%s.",
@@ -190,7 +190,7 @@ def _warn_of_memory(config: AgentConfig) -> None:
 
 
 def _warn_of_self_pairs(graph: RecipeGraph, config: AgentConfig) -> None:
-    """Say so where the default treatment of self edges is likely to hurt: in a book of one-ingredient recipes."""
+    """Warn where the default treatment of self edges is likely to hurt: in a book of one-ingredient recipes."""
     share = graph.num_self_pairs / graph.num_pairs
     if config.policy.self_edges == "observed" and share >= MANY_SELF_PAIRS:
         logging.getLogger(__name__).warning(

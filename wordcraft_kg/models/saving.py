@@ -16,7 +16,7 @@ from wordcraft_kg.models.scorers.cross_fitting import CrossFitted, folds_of
 from wordcraft_kg.models.scorers.folder import FOLD_OUTPUTS, VOCABULARY, WEIGHTS
 from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
 from wordcraft_kg.models.scorers.writing import stored, write_folds, write_scorer
-from wordcraft_kg.runs.cards import front_matter
+from wordcraft_kg.runs.cards import scorer_card
 from wordcraft_kg.runs.config_file import CONFIG_FILE, RunConfig
 from wordcraft_kg.runs.files import RunFiles
 from wordcraft_kg.runs.record import end_run, start_run
@@ -130,22 +130,13 @@ def _model_card(config: SavedConfig, opened: OpenedGraph) -> str:
         "partial": "It is recorded as having seen the train recipes only.",
         "none": "It is recorded as having seen no recipe of the graph.",
     }[config.kg]
-    return f"""{front_matter("knowledge-graph", "link-prediction")}
-# A scorer for {opened.graph.name}
-
-{config.origin}
-
-It was not trained by wordcraft-kg but saved with it, so nothing here can reproduce it. {seen}
-
-- graph `{opened.graph.hash[:12]}`: {opened.graph.num_entities:,} entities; split `{opened.split.config.kind}`, seed \
-{opened.split.config.seed}
-
-Its quality on unseen triples is what `wordcraft-kg evaluate-links` reports. Scores are not calibrated probabilities.
-
-```python
-from wordcraft_kg import load_scorer
-
-scorer = load_scorer("this folder")
-scorer.top(None, "componentOf", {opened.graph.entities[0]!r})
-```
-"""
+    return scorer_card(
+        opened,
+        f"A scorer for {opened.graph.name}",
+        f"{config.origin}\n\nIt was not trained by wordcraft-kg but saved with it, so nothing here can reproduce it. "
+        + seen,
+        (),
+        "Its quality on unseen triples is what `wordcraft-kg evaluate-links` reports. Scores are not calibrated "
+        "probabilities.",
+        [f'scorer.top(None, "componentOf", {opened.graph.entities[0]!r})'],
+    )

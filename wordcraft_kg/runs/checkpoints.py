@@ -30,7 +30,7 @@ class CheckpointRecord(Record, Generic[P], frozen=True, kw_only=True):
 
 @dataclass(frozen=True)
 class Checkpoint(Generic[P]):
-    """A checkpoint that was read: its number (epoch or step), tensors by name, and how far the training had come."""
+    """A checkpoint: its number (epoch or step), tensors by name, and progress."""
 
     number: int
     tensors: dict[str, "Tensor"]
@@ -48,7 +48,7 @@ class Checkpoints(Generic[P]):
     def __init__(self, run_folder: Path, unit: str, progress: type[P], *, kept: int | None = KEPT):
         """Take the run's folder, the unit that numbers checkpoints (epoch, step), and the type of their progress.
 
-        Of the last ones as many as ``kept`` are kept; None keeps all, whatever the order in which they are saved.
+        The last ``kept`` are kept; None keeps all.
         """
         self.run_folder, self.unit, self.progress, self.kept = run_folder, unit, progress, kept
         self.folder = run_folder / "checkpoints"

@@ -103,7 +103,7 @@ class RunFolder(Generic[P]):
         self.is_live = True
 
     def go_on(self, config: RunConfig) -> None:
-        """Record a run as resumed, with settings that may have changed (more epochs, a graph that has moved)."""
+        """Record a run as resumed; its inputs may have moved."""
         began_with, found = self.record.versions.get("torch"), version("torch")
         if began_with != found:
             logging.getLogger(__name__).warning(
@@ -117,11 +117,7 @@ class RunFolder(Generic[P]):
 
     @contextmanager
     def restoring(self) -> Iterator[None]:
-        """Turn any error that occurs while a checkpoint is restored into one that names the run.
-
-        Raises:
-            ArtefactError: if the checkpoint does not fit what it is restored into.
-        """
+        """Turn errors while a checkpoint is restored into an ArtefactError that names the run."""
         try:
             yield
         except (KeyError, RuntimeError, TypeError, ValueError, AttributeError, IndexError, OSError) as error:
@@ -130,7 +126,7 @@ class RunFolder(Generic[P]):
             ) from None
 
     def interrupt(self) -> None:
-        """Record that the run was interrupted and can be resumed."""
+        """Record that the run was interrupted."""
         self._end("interrupted")
 
     def finish(self, outputs: Sequence[str], card: str) -> None:
@@ -143,7 +139,7 @@ class RunFolder(Generic[P]):
         self.checkpoints.drop()
 
     def fail(self, error: BaseException) -> BaseException:
-        """Record that an error ended the run; return an error that says what was saved and how to resume."""
+        """Record that an error ended the run; return an error that says what is saved."""
         with suppress(OSError):  # the disk may be full
             self._end("interrupted" if isinstance(error, KeyboardInterrupt) else "failed")
         unit, last = self.kind.unit, self.checkpoints.last

@@ -1,17 +1,20 @@
 """Pieces of a training in processes of their own, side by side where cores allow."""
 
+import logging
 import multiprocessing
 import os
 import signal
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from functools import partial
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from types import ModuleType
-from typing import Protocol
+from typing import Any, Protocol, TypeVar
 
-from wordcraft_kg.base.errors import TrainingError, WordCraftKGError, reason
+from wordcraft_kg.base.errors import ArtefactError, TrainingError, WordCraftKGError, reason
+from wordcraft_kg.runs.checkpoints import Checkpoints
 
 CORES_VARIABLE = "WORDCRAFT_KG_CORES"
 """Environment variable: the number of cores that a process may use, where it is not bound to cores of its own."""
@@ -20,14 +23,21 @@ THREADS_VARIABLES = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS
 
 
 class Job(Protocol):
-    """A piece of a training, which keeps what comes of it."""
+    """A piece of a training, which keeps its result beside the checkpoints of the run."""
 
     @property
     def fold(self) -> int:
         """Its number."""
 
+    @property
+    def done(self) -> Any:
+        """The record that its result has; a result with another one is not used."""
+
     def train(self, after: Callable[[int], None]) -> None:
         """Do it; ``after`` takes how far it has come."""
+
+
+J = TypeVar("J", bound=Job)
 
 
 def cores() -> int:
@@ -35,6 +45,39 @@ def cores() -> int:
     if (given := os.environ.get(CORES_VARIABLE, "")).isdecimal():
         return max(int(given), 1)
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def not_done(jobs: Iterable[J], kept: Checkpoints[Any]) -> list[J]:
+    """Return the jobs of which no whole result is kept."""
+
+    def is_done(job: J) -> bool:
+        try:
+            return job.fold in kept.records() and bool(kept.read(job.fold).progress == job.done)
+        except ArtefactError as error:
+            logging.getLogger(__name__).warning("%s Training fold %s again.", error, job.fold)
+            return False
+
+    return [job for job in jobs if not is_done(job)]
+
+
+def train_jobs(jobs: Sequence[Job], threads: int, note: Callable[..., None], *, is_long: bool) -> None:
+    """Do jobs, side by side if they are worth the start of more processes.
+
+    Args:
+        jobs: the jobs.
+        threads: CPU threads of each.
+        note: called with a job's number and how far it is, and without arguments while nothing happens.
+        is_long: whether they are worth it.
+
+    Raises:
+        TrainingError: if a process dies.
+    """
+    workers = min(len(jobs), max(cores() // threads, 1))
+    if is_long and workers > 1:
+        side_by_side(jobs, workers, note)
+        return
+    for job in jobs:
+        job.train(partial(note, job.fold))
 
 
 def side_by_side(jobs: Sequence[Job], workers: int, note: Callable[..., None]) -> None:
@@ -49,7 +92,7 @@ def side_by_side(jobs: Sequence[Job], workers: int, note: Callable[..., None]) -
                 assert isinstance(ready, Connection)
                 try:
                     message = ready.recv()
-                except EOFError:  # it has no more to say: it is done, or was killed
+                except EOFError:  # it is done, or was killed
                     process = running.pop(ready)
                     process.join()
                     if process.exitcode:

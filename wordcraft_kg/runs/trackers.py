@@ -16,7 +16,7 @@ from wordcraft_kg.runs.folder import RunFolder
 from wordcraft_kg.runs.record import Status
 
 Log = Callable[[int, Mapping[str, float | None]], None]
-"""Called with the number of epochs or steps done and the figures, of which some may have no value."""
+"""Takes the number of epochs or steps done, and figures by name; None stands for no value."""
 
 
 class Tracker(Protocol):
@@ -41,7 +41,7 @@ class Tracker(Protocol):
         ...
 
     def close(self, status: Status) -> None:
-        """Take notice that the training is ``done``, ``interrupted`` or ``failed``; no figures follow."""
+        """End: the training is ``done``, ``interrupted`` or ``failed``."""
         ...
 
 
@@ -64,9 +64,9 @@ class TensorBoard:
 
 
 class WeightsAndBiases:
-    """A run of Weights & Biases in ``wandb/`` of the run's folder, offline; ``wandb sync`` would upload it.
+    """A run of Weights & Biases in ``wandb/`` of the run's folder, offline, with no record of the machine.
 
-    All that wandb would record of the machine is switched off. A resumed run is a run of its own there.
+    ``wandb sync`` would upload it. A run that goes on is a run of its own there.
     """
 
     library = "wandb"
@@ -100,9 +100,9 @@ class WeightsAndBiases:
 
 
 class MLflow:
-    """A run in ``mlflow.db``, beside the run's folder, so that runs that lie side by side share it.
+    """A run in ``mlflow.db`` beside the run's folder, shared by all runs there.
 
-    A resumed run is a run of its own there.
+    A run that goes on is a run of its own there.
     """
 
     library = "mlflow"
@@ -162,7 +162,7 @@ def checked_trackers(trackers: Iterable[Tracker | str]) -> list[Tracker | str]:
 
 
 def names_of(trackers: Iterable[Tracker | str]) -> tuple[str, ...]:
-    """Return the names of those trackers that are given by name; only these can be found again by a resumed run."""
+    """Return the names of trackers that are given by name; a run that goes on finds only these again."""
     return tuple(tracker for tracker in trackers if isinstance(tracker, str))
 
 

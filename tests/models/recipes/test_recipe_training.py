@@ -31,6 +31,7 @@ from wordcraft_kg.models.scorers.folder import load_scorer
 from wordcraft_kg.models.scorers.pair_features import RecipeKnowledge
 from wordcraft_kg.models.scorers.recipes import RecipeScorer, RecipeScores
 from wordcraft_kg.models.scorers.similarity import cosines
+from wordcraft_kg.runs import side_by_side
 
 FILES = ["model.safetensors", "folds.safetensors", "folds.json", "vocabulary.json", "config.toml"]
 SMALL = RecipeScorerConfig(folds=3, features="one-hot")
@@ -93,11 +94,11 @@ def test_the_same_settings_give_the_same_bytes(book: Path, small: Path):
 
 @pytest.mark.slow
 def test_fits_side_by_side_are_those_of_one_after_the_other(book: Path, small: Path, monkeypatch: pytest.MonkeyPatch):
-    side_by_side, started = training.side_by_side, []
+    started, together = [], side_by_side.side_by_side
     monkeypatch.setattr(training, "ALONE", 0)
-    monkeypatch.setattr(training, "cores", lambda: 2)
+    monkeypatch.setattr(side_by_side, "cores", lambda: 2)
     monkeypatch.setattr(
-        training, "side_by_side", lambda jobs, *options: started.append(len(jobs)) or side_by_side(jobs, *options)
+        side_by_side, "side_by_side", lambda jobs, *options: started.append(len(jobs)) or together(jobs, *options)
     )
     assert same_files(small, train_recipes(RecipesConfig(str(book), SMALL), small.parent / "side-by-side").folder)
     assert started == [4]

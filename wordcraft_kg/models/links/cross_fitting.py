@@ -5,7 +5,6 @@ missing. What a fold's model becomes depends on the settings and its triples alo
 or on the order.
 """
 
-import functools
 import logging
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -13,7 +12,7 @@ from pathlib import Path
 
 import torch
 
-from wordcraft_kg.base.errors import ArtefactError, ConfigError
+from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.tensors import copied
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folder import OpenedGraph
@@ -30,7 +29,7 @@ from wordcraft_kg.models.scorers.cross_fitting import FoldsRecord
 from wordcraft_kg.models.scorers.scorer import Scorer
 from wordcraft_kg.models.scorers.writing import write_folds
 from wordcraft_kg.runs.checkpoints import Checkpoints
-from wordcraft_kg.runs.side_by_side import cores, side_by_side
+from wordcraft_kg.runs.side_by_side import not_done, train_jobs
 
 LONG = 10.0
 """Seconds of a training from which its folds are trained side by side: a process takes some to import its libraries."""
@@ -116,7 +115,7 @@ def train_folds(
     settings = replace(settings, eval_every=0, patience=0, folds=0)
     graph = folds.split.graph
     jobs = [_Job(folder, fold, settings, graph, folds.triples([fold])) for fold in range(folds.count)]
-    waiting = [job for job in jobs if not _is_done(job)]
+    waiting = not_done(jobs, _kept(folder))
     epochs = {job.fold: 0 if job in waiting else settings.epochs for job in jobs}
 
     def note(fold: int | None = None, epoch: int = 0) -> None:
@@ -124,23 +123,8 @@ def train_folds(
             epochs[fold] = epoch
         after_epoch(sum(epochs.values()), settings.epochs * len(jobs))
 
-    workers = min(len(waiting), max(cores() // settings.threads, 1))
-    if seconds < LONG or torch.device(settings.device).type != "cpu" or workers == 1:
-        for job in waiting:
-            job.train(functools.partial(note, job.fold))
-    else:
-        side_by_side(waiting, workers, note)
-
-
-def _is_done(job: _Job) -> bool:
-    kept = _kept(job.folder)
-    if job.fold not in kept.records():
-        return False
-    try:
-        return kept.read(job.fold).progress == job.done
-    except ArtefactError as error:
-        logging.getLogger(__name__).warning("%s Training fold %s again.", error, job.fold)
-        return False
+    is_long = seconds >= LONG and torch.device(settings.device).type == "cpu"
+    train_jobs(waiting, settings.threads, note, is_long=is_long)
 
 
 def write_link_folds(folder: Path, folds: Folds, whole: Scorer, settings: LinkSettings) -> FoldsRecord:

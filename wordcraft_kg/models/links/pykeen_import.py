@@ -31,8 +31,7 @@ class ImportedModel(Record):
         out: the folder.
         model: name of its class.
         triples: number of its training triples.
-        held_out: number of those that only valid and test recipes give.
-        kg: partial, or full if it has seen any held-out triple.
+        held_out: number of those that only valid and test recipes give; with any, ``kg`` is full.
     """
 
     out: str

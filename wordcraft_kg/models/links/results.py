@@ -17,7 +17,7 @@ from wordcraft_kg.models.scorers.folder import make_scorer
 from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples, sampled_for
 from wordcraft_kg.models.scorers.scorer import Scorer
 from wordcraft_kg.models.scorers.writing import write_scorer
-from wordcraft_kg.runs.cards import front_matter
+from wordcraft_kg.runs.cards import scorer_card
 
 OUTPUTS = ("model.safetensors", "vocabulary.json", "config.toml", "metrics.json", "trace.jsonl")
 
@@ -68,53 +68,33 @@ def with_folds(folder: Path, metrics: LinkMetrics, record: FoldsRecord) -> LinkM
     return metrics
 
 
-def _objective(settings: LinkSettings) -> str:
-    if not isinstance(settings, ComplExConfig) or not settings.negatives:
-        return ""
-    return f"\n- objective: softmax over {settings.negatives:,} entities sampled for each batch, not over all of them"
-
-
-def _cross_fitting(metrics: LinkMetrics) -> str:
-    if not metrics.folds:
-        return ""
-    figures = ""
-    if metrics.fold_mrr is not None:
-        figures = f": MRR {metrics.fold_mrr:.3f} on these, where this one, which has seen them, has "
-        figures += f"{metrics.fold_in_sample_mrr:.3f}"
-    return f"\n- cross-fitted: {metrics.folds} more models, each trained without one part of the train recipes{figures}"
-
-
-def _probabilities(metrics: LinkMetrics) -> str:
-    return "; `scorer.probability` gives those of triples outside training" if metrics.folds else ""
-
-
 def model_card(opened: OpenedGraph, settings: LinkSettings, metrics: LinkMetrics) -> str:
     """Return the ``README.md`` of a model folder."""
     name = "ComplEx" if isinstance(settings, ComplExConfig) else settings.model
-    learned = dose_words(settings.share, settings.noise) or "the train recipes"
-    seen = (
-        "It was trained on all triples, including those of the test recipes: its scores show what it remembers."
-        if settings.kg == "full"
-        else f"It was trained on the triples of {learned} only."
+    seen = f"the triples of {dose_words(settings.share, settings.noise) or 'the train recipes'} only."
+    if settings.kg == "full":
+        seen = "all triples, including those of the test recipes: its scores show what it remembers."
+    fitted = f"{metrics.epochs} epochs, {metrics.parameters:,} parameters, MRR on its own training triples "
+    points = [f"{metrics.triples:,} training triples", fitted + f"{metrics.train_mrr:.3f}"]
+    if metrics.choice:
+        points.append(f"regularisation chosen: {metrics.choice}")
+    if isinstance(settings, ComplExConfig) and settings.negatives:
+        sample = f"softmax over {settings.negatives:,} entities sampled for each batch"
+        points.append(f"objective: {sample}, not over all of them")
+    if metrics.folds:
+        folds = f"cross-fitted: {metrics.folds} more models, each trained without one part of the train recipes"
+        if metrics.fold_mrr is not None:
+            folds += f": MRR {metrics.fold_mrr:.3f} on these, where this one, which has seen them, has "
+            folds += f"{metrics.fold_in_sample_mrr:.3f}"
+        points.append(folds)
+    more = "; `scorer.probability` gives those of triples outside training" if metrics.folds else ""
+    return scorer_card(
+        opened,
+        f"{name} on the {settings.kg} knowledge graph of {opened.graph.name}",
+        "Scores triples (head, relation, tail) with the relations `combinesWith` and `componentOf`. "
+        f"It was trained on {seen}",
+        points,
+        "`config.toml` reproduces it; `run.json` names the versions that made it. Its quality on unseen triples is "
+        f"what\n`wordcraft-kg evaluate-links` reports, not the figure above. Scores are not probabilities{more}.",
+        [f'scorer.top(None, "componentOf", {opened.graph.entities[0]!r})'],
     )
-    chosen = f"\n- regularisation chosen: {metrics.choice}" if metrics.choice else ""
-    return f"""{front_matter("knowledge-graph", "link-prediction")}
-# {name} on the {settings.kg} knowledge graph of {opened.graph.name}
-
-Scores triples (head, relation, tail) with the relations `combinesWith` and `componentOf`. {seen}
-
-- graph `{opened.graph.hash[:12]}`: {opened.graph.num_entities:,} entities; split `{opened.split.config.kind}`, seed \
-{opened.split.config.seed}; {metrics.triples:,} training triples
-- {metrics.epochs} epochs, {metrics.parameters:,} parameters, MRR on its own training triples \
-{metrics.train_mrr:.3f}{chosen}{_objective(settings)}{_cross_fitting(metrics)}
-
-`config.toml` reproduces it; `run.json` names the versions that made it. Its quality on unseen triples is what
-`wordcraft-kg evaluate-links` reports, not the figure above. Scores are not probabilities{_probabilities(metrics)}.
-
-```python
-from wordcraft_kg import load_scorer
-
-scorer = load_scorer("this folder")
-scorer.top(None, "componentOf", {opened.graph.entities[0]!r})
-```
-"""

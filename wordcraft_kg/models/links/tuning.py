@@ -53,14 +53,7 @@ _OTHERS: dict[str, BaseDistribution] = {
 
 
 class Trial(Record, frozen=True, kw_only=True):
-    """A line of ``trials.jsonl``.
-
-    Attributes:
-        number: from 1.
-        valid_mrr: MRR of the validation triples, None if the loss was no longer finite.
-        settings: what was tried, by name.
-        seconds: time that it took.
-    """
+    """A line of ``trials.jsonl``: the settings tried, and their validation MRR, None if the loss became infinite."""
 
     number: Count
     valid_mrr: Share | None
@@ -81,16 +74,11 @@ class Search(Record, frozen=True, kw_only=True):
 
 
 class Tuned(Record):
-    """The best settings of a search.
+    """The best settings of a search, and the command that trains with them.
 
     Attributes:
-        model: the model that was tuned.
-        command: the command that trains it with the settings.
-        trials: number of settings tried.
-        valid_mrr: best MRR of the validation triples.
-        settings: the best settings, by name.
         out: folder of the search.
-        config: the TOML file that holds the best settings.
+        config: TOML file of the best settings.
         table: all trials.
     """
 
@@ -144,10 +132,10 @@ def tune(
     """Search settings of a model on the partial graph, or go on with a search that has fewer trials.
 
     Args:
-        opened: graph and split; if the split has no validation part, one is drawn from its train recipes.
+        opened: graph and split; without a validation part, one is drawn from the train recipes.
         model: ``complex``, or PyKEEN's name of another model.
         out: folder of the search.
-        trials: how many settings to try, those already tried included.
+        trials: number of settings to try, those already tried included.
         valid_ratio: share of the train pairs, or goals, to draw for validation.
         seed: seed of the search, of the draw and of each training.
         timeout: seconds after which no new trial begins.
@@ -158,20 +146,11 @@ def tune(
     Raises:
         ConfigError: if an argument is out of range or PyKEEN has no such model.
         SplitError: if too few triples are left to validate on.
-        OutputExistsError: if the folder holds something else, or a search of something else.
+        OutputExistsError: if the folder holds something else.
         TrainingError: if no trial kept its loss finite.
         KeyboardInterrupt: after Ctrl-C, saying what is saved.
     """
-    whole("trials", trials, 1, MAX_SIZE)
-    if not 0 < valid_ratio < 1:
-        raise refuse("valid_ratio", valid_ratio, "more than 0 and less than 1")
-    if timeout is not None:
-        whole("timeout", timeout, 1)
-    whole("seed", seed, 0, MAX_SEED)
-    check_device(device)
-    space = _Space(model, seed, device)
-    if not space.is_complex:
-        check_table_fits(model, opened.graph.num_entities)
+    space = _checked_space(opened, model, trials, valid_ratio, seed, timeout, device)
     train, valid = _validation_split(opened, valid_ratio, seed)
     search = Search(
         format="wordcraft-kg search 1",
@@ -201,16 +180,24 @@ def tune(
     best = _best(done)
     if best is None or best.valid_mrr is None:
         raise TrainingError(f"the loss of all {len(done)} trials became infinite or not a number, see '{out}'.")
-    return Tuned(
-        model=model,
-        command=space.settings(best.settings).command,
-        trials=len(done),
-        valid_mrr=best.valid_mrr,
-        settings=space.named(best.settings),
-        out=str(out),
-        config=str(out / BEST),
-        table=tuple(done),
-    )
+    command, settings = space.settings(best.settings).command, space.named(best.settings)
+    return Tuned(model, command, len(done), best.valid_mrr, settings, str(out), str(out / BEST), tuple(done))
+
+
+def _checked_space(
+    opened: OpenedGraph, model: str, trials: int, valid_ratio: float, seed: int, timeout: int | None, device: str
+) -> _Space:
+    whole("trials", trials, 1, MAX_SIZE)
+    if not 0 < valid_ratio < 1:
+        raise refuse("valid_ratio", valid_ratio, "more than 0 and less than 1")
+    if timeout is not None:
+        whole("timeout", timeout, 1)
+    whole("seed", seed, 0, MAX_SEED)
+    check_device(device)
+    space = _Space(model, seed, device)
+    if not space.is_complex:
+        check_table_fits(model, opened.graph.num_entities)
+    return space
 
 
 def _validation_split(opened: OpenedGraph, ratio: float, seed: int) -> tuple[Ids, Ids]:

@@ -4,11 +4,9 @@ All are fitted in the same way, side by side where cores allow, and each is kept
 interrupted run goes on with those that are missing.
 """
 
-import logging
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -19,7 +17,7 @@ from torch import Tensor
 from wordcraft_kg.base.artefacts import dump_json, write_atomically
 from wordcraft_kg.base.errors import ArtefactError, ConfigError
 from wordcraft_kg.base.records import as_values
-from wordcraft_kg.graphs.doses import is_dosed, make_dose
+from wordcraft_kg.graphs.doses import dose_words, is_dosed, make_dose
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.folds import Folds, make_folds
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
@@ -28,17 +26,17 @@ from wordcraft_kg.graphs.triples import triples_hash
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.recipes.fitting import fit_recipe_scorer, scorer_tensors
 from wordcraft_kg.models.recipes.records import FitDone, RecipeMetrics
-from wordcraft_kg.models.recipes.results import model_card
 from wordcraft_kg.models.scorers.config import check_dense
 from wordcraft_kg.models.scorers.features import make_features
 from wordcraft_kg.models.scorers.folder import FOLD_OUTPUTS
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
 from wordcraft_kg.models.scorers.similarity import cosines
 from wordcraft_kg.models.scorers.writing import write_folds, write_scorer
+from wordcraft_kg.runs.cards import scorer_card
 from wordcraft_kg.runs.checkpoints import Checkpoint, Checkpoints
 from wordcraft_kg.runs.files import RunFiles
 from wordcraft_kg.runs.folder import Progress, RunFolder, RunKind
-from wordcraft_kg.runs.side_by_side import cores, side_by_side
+from wordcraft_kg.runs.side_by_side import not_done, train_jobs
 from wordcraft_kg.runs.trackers import Log
 from wordcraft_kg.runs.training import Training, train
 
@@ -159,17 +157,6 @@ def _kept(folder: Path) -> Checkpoints[FitDone]:
     return Checkpoints(folder, "fit", FitDone, kept=None)
 
 
-def _is_done(kept: Checkpoints[FitDone], job: _Job) -> bool:
-    """Return whether a fit is there, whole, and of the same recipes."""
-    if job.fold not in kept.records():
-        return False
-    try:
-        return kept.read(job.fold).progress == job.done
-    except ArtefactError as error:
-        logging.getLogger(__name__).warning("%s Fitting it again.", error)
-        return False
-
-
 class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
     """The fit of a recipe scorer."""
 
@@ -208,7 +195,7 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
         began, is_partial = time.perf_counter(), settings.kg == "partial"
         jobs = [_Job(run.path, number, folds, self.text, settings) for number in range(1 + folds.count * is_partial)]
         kept = _kept(run.path)
-        waiting = [job for job in jobs if not _is_done(kept, job)]
+        waiting = not_done(jobs, kept)
         total = len(jobs) * (settings.folds + 3)
         so_far = dict.fromkeys((job.fold for job in jobs if job not in waiting), settings.folds + 3)
 
@@ -220,12 +207,7 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
                 if report:
                     report(sum(so_far.values()), total, {})
 
-        workers = min(len(waiting), max(cores() // settings.threads, 1))
-        if workers > 1 and len(folds.recipes()) > ALONE:
-            side_by_side(waiting, workers, note)
-        else:
-            for job in waiting:
-                job.train(partial(note, job.fold))
+        train_jobs(waiting, settings.threads, note, is_long=len(folds.recipes()) > ALONE)
         if report:
             report(total, total, {})
         return self._finish(run, kept, time.perf_counter() - began)
@@ -257,9 +239,33 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
             fold_in_sample_mrr=record.in_sample_mrr if record else None,
         )
         write_atomically(run.path / "metrics.json", dump_json(as_values(metrics)))
-        run.finish(outputs, model_card(self.opened, self.config, metrics))
+        run.finish(outputs, _model_card(self.opened, self.config, metrics))
         return TrainedRecipes(run.path, metrics)
 
     @classmethod
     def outcome(cls, files: RunFiles) -> TrainedRecipes:  # noqa: D102 - inherited
         return TrainedRecipes(files.folder, files.record("metrics.json", RecipeMetrics))
+
+
+def _model_card(opened: OpenedGraph, config: RecipesConfig, metrics: RecipeMetrics) -> str:
+    seen = f"{dose_words(metrics.share, metrics.noise) or 'the train recipes'} only."
+    if metrics.kg == "full":
+        seen = "all recipes, including the test recipes: its scores show what it remembers."
+    points = [f"{metrics.recipes:,} recipes; words: {config.settings.features}"]
+    if metrics.fold_mrr is not None:
+        figures = f"MRR {metrics.fold_mrr:.3f} of train triples by models that have not seen them"
+        points.append(f"{metrics.folds} folds: {figures}, {metrics.fold_in_sample_mrr:.3f} by the one that has")
+    a, b, result = opened.graph.recipe_labels()[0]
+    return scorer_card(
+        opened,
+        f"A recipe scorer of the {metrics.kg} knowledge graph of {opened.graph.name}",
+        "Scores recipes, `score_recipes(a, b, result)`, and triples with the relations `combinesWith` and "
+        f"`componentOf`. It was fitted on {seen}",
+        points,
+        "`config.toml` reproduces it; `run.json` names the versions that made it. Its quality on unseen triples is "
+        "what\n`wordcraft-kg evaluate-links` reports.",
+        [
+            f"scorer.score_recipes({a!r}, {b!r}, {result!r})  # nats: higher is more plausible",
+            f"scorer.speaking_for({a!r}, {b!r}, {result!r})  # the recipes that say so",
+        ],
+    )

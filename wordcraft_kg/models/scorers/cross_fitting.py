@@ -1,9 +1,7 @@
 """Cross-fitting: scores of train recipes by a model that has not seen them.
 
-A scorer answers for the recipes that it was trained on from memory, and whoever learns from these answers learns to
-trust it more than it deserves. So the train recipes are cut into folds (:mod:`wordcraft_kg.graphs.folds`), and for each
-fold there is a model of all other recipes. It is to the recipes of its fold what the model of all train recipes is to
-those of the test part.
+A scorer remembers the recipes that it was trained on, so an agent that learns from these scores trusts it too much. The
+train recipes are therefore cut into folds (:mod:`wordcraft_kg.graphs.folds`), and each fold has a model of all others.
 
 Source: Wolpert 1992 (stacking); Breiman 1996; van der Laan, Polley and Hubbard 2007; Chernozhukov et al. 2018.
 """
@@ -142,16 +140,11 @@ class CrossFitted(Scorer):
         return self.whole.table(relation)
 
     def probability(self, heads: EntityIds, relations: RelationIds, tails: EntityIds) -> torch.Tensor:
-        """Return how probable triples are that training does not contain; of those it contains it says nothing.
-
-        Args:
-            heads: as for :meth:`score`.
-            relations: as for :meth:`score`.
-            tails: as for :meth:`score`; the three broadcast against each other.
+        """Return how probable triples outside training are; arguments as for :meth:`score`.
 
         Returns:
-            float32, of the broadcast shape: the chance that a recipe of the book, outside the train part, gives the
-            triple. See :mod:`~wordcraft_kg.models.scorers.calibration`.
+            float32, of the broadcast shape: the chance that a recipe outside the train part gives the triple, see
+            :mod:`~wordcraft_kg.models.scorers.calibration`.
 
         Raises:
             ConfigError: if the folder holds no calibration.
@@ -162,14 +155,14 @@ class CrossFitted(Scorer):
         return self.probabilities.of(self._score(*ids), *ids)
 
     def result_probabilities(self, ingredients: EntityIds, others: EntityIds) -> torch.Tensor:
-        """Return what pairs make, if they make something.
+        """Return the probability of each result of pairs that make something.
 
         Args:
-            ingredients: one entity, a sequence, or a tensor of ids of any shape.
+            ingredients: entities, as for :meth:`score`.
             others: the other ingredients; both broadcast against each other.
 
         Returns:
-            float32, of the broadcast shape and one axis more of E results, whose sum is 1.
+            float32, of the broadcast shape and an axis of E results, whose sum is 1.
 
         Raises:
             ConfigError: if the scorer scores no recipes, or the folder holds no calibration.
@@ -278,7 +271,7 @@ def whole_of(scorer: TripleScorer) -> TripleScorer:
 
 
 def folds_of(scorer: TripleScorer) -> CrossFitted | None:
-    """Return a scorer if it is cross-fitted, else None; unlike :attr:`Scorer.folds` it takes any object that scores."""
+    """Return a scorer if it is cross-fitted, else None; it takes any object that scores, which may be no Scorer."""
     return scorer if isinstance(scorer, CrossFitted) else None
 
 

@@ -291,7 +291,6 @@ def _conditions(
 
 
 def _check_alike(agents: Sequence[OpenedAgent], rules: Sequence[str]) -> None:
-    """Refuse agents with different graphs, splits or rules."""
     first = agents[0]
     for agent in agents[1:]:
         if agent.opened.split.hash != first.opened.split.hash:

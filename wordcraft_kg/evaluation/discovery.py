@@ -124,7 +124,6 @@ def _references(graph: RecipeGraph, base: tuple[str, ...], players: Sequence[str
 
 
 def _known(table: "pd.DataFrame") -> dict[str, Known]:
-    """Return what a player knows, by the number of attempts."""
     columns = (table[name].tolist() for name in ("attempt", "mean", "low", "high", "repeated"))
     # A number that is not equal to itself is NaN.
     return {

@@ -143,7 +143,6 @@ def _with_intervals(
     resampled: Callable[[NDArray[np.float64]], NDArray[np.float64]],
     confidence: float,
 ) -> list[ComparedModel]:
-    """Return models with the intervals of their MRR and of their differences to the first."""
     models = [msgspec.structs.replace(model, mrr_ci=interval(resampled(values))) for model, values in ranked]
     for i in range(1, len(models)):
         gain = ranked[i][1] - ranked[0][1]

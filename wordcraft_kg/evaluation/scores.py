@@ -238,7 +238,6 @@ def view_file(
 
 
 def _labels(query: Query) -> tuple[str, str, str]:
-    """Return the labels of a query without an open slot."""
     assert query.head is not None
     assert query.tail is not None
     return query.head, query.relation, query.tail

@@ -78,7 +78,6 @@ def _success(view: AgentsView) -> Markup:
 
 
 def _pictures_of_slices(view: AgentsView) -> dict[Slice, tuple[str, Markup]]:
-    """Return heading and picture of each way to slice the tasks."""
     pictures: dict[Slice, tuple[str, Markup]] = {}
     for key, (heading, axis) in SLICES.items():
         groups = {

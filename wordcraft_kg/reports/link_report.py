@@ -181,7 +181,6 @@ def _pictures_of_entities(judged: RankedLinks, communities: Communities, seed: i
 
 @stage("drawing the map")
 def _map(judged: RankedLinks, communities: Communities, seed: int) -> Markup:
-    """Return a t-SNE map of the score profiles."""
     from sklearn.decomposition import PCA
     from sklearn.manifold import TSNE
     from threadpoolctl import threadpool_limits

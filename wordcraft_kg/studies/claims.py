@@ -158,11 +158,6 @@ def _point(values: Values) -> str:
 
 
 def _measure(results: StudyResults, claim: Claim, point: Values) -> Measured:
-    """Return the figures of a claim at a point.
-
-    Raises:
-        ConfigError: if there are none.
-    """
     names = f"'{claim.left}' and '{claim.right}'"
     left = _runs(results, claim.left, point)
     right = _runs(results, claim.right, {**point, **claim.right_at}) if claim.right else left
@@ -191,11 +186,7 @@ def _tasks(results: StudyResults, run: RunResult) -> tuple[str, str, int]:
 
 
 def _runs(results: StudyResults, variant: str, point: Values) -> dict[int, RunResult]:
-    """Return the runs of a variant by seed.
-
-    Raises:
-        ConfigError: if there are none, with the first reason known.
-    """
+    """Return the runs of a variant by seed; without any, raise the first reason known."""
     found = {run.seed: run for run in results.runs if run.variant == variant and run.values == point}
     if not found:
         reasons = [lost.why for lost in results.missing if lost.variant == variant and lost.values == point]
@@ -223,7 +214,6 @@ def _interval(differences: NDArray[np.float64], is_success: bool) -> tuple[float
 
 
 def _student(differences: NDArray[np.float64]) -> tuple[float, float]:
-    """Return Student's interval of a mean over seeds."""
     from scipy.stats import t
 
     size, mean = len(differences), float(differences.mean())

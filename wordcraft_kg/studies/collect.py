@@ -122,7 +122,6 @@ def _with_defaults(said: Values, by: Sequence[str]) -> Values:
 def _results(
     root: Path, name: str, command: str, study: Study, rows: Sequence[tuple[Cell, str, str | None]]
 ) -> StudyResults:
-    """Return the figures of cells with the addresses of their runs and scorers, as far as they are there."""
     graphs: dict[PlayedGraph, int] = {}
     versions: dict[str, str] = {}
     scorers: dict[str, ScorerFigures] = {}

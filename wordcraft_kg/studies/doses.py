@@ -87,7 +87,6 @@ def _without(point: PointFigures, reference: str) -> list[float]:
 
 
 def _others(point: PointFigures) -> Values:
-    """Return the settings of a point that are not the scorer's."""
     return {name: value for name, value in point.values.items() if not name.startswith(f"{SCORER}.")}
 
 

@@ -147,7 +147,6 @@ class _Engine:
             )
 
     def _next(self) -> Task | None:
-        """Take a task whose inputs are there."""
         ready = (task for task in self._waiting.values() if self._there.issuperset(task.needs))
         task = next(ready, None)
         return self._waiting.pop(task.address) if task else None

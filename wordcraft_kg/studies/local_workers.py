@@ -142,7 +142,6 @@ def _threads_of(threads: int) -> Iterator[None]:
 
 
 def _work(connection: Connection, root: Path, perform: Perform, own: list[int], parent: int) -> None:
-    """Perform tasks until nobody asks any more."""
     # A training takes Ctrl-C as a request to write a checkpoint; between trainings it is nobody's business here.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if hasattr(signal, "pthread_sigmask"):

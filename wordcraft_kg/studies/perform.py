@@ -136,7 +136,6 @@ def _run(task: Task, root: Path, keep_all: bool) -> bool:
 
 
 def _run_figures(folder: Path, opened: OpenedGraph) -> RunFigures:
-    """Return the figures of a finished run from its files."""
     from wordcraft_kg.agents.agent_folder import AGENTS
     from wordcraft_kg.agents.records import read_episodes, read_metrics, read_summary
 

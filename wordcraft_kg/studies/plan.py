@@ -221,11 +221,7 @@ class _Planner:
         )
 
     def _content(self, features: Value | None) -> dict[str, str]:
-        """Return the hash of a file of vectors, for the address: another content is another training.
-
-        Raises:
-            ConfigError: if there is no such file.
-        """
+        """Return the hash of a file of vectors, for the address: another content is another training."""
         spec = FeatureSpec.parse(LEARNED if features is None else str(features))
         if not spec.is_path:
             return {}
@@ -255,11 +251,7 @@ def agent_config(settings: Mapping[str, Any], graph: str, scorer: str | None) ->
 
 
 def _check_kinds(settings: Mapping[str, Any], defaults: Mapping[str, Any]) -> None:
-    """Refuse values that are no number, no text or no truth value, as their defaults are; TOML may hold any.
-
-    Raises:
-        ConfigError: naming the setting; ranges are checked by what takes the setting.
-    """
+    """Refuse values of another type than their defaults; TOML may hold any."""
     for name, value in settings.items():
         default = defaults.get(name)
         if isinstance(default, str) and not isinstance(value, str):

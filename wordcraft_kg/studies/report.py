@@ -132,12 +132,10 @@ def _dose(view: StudyView, doses: list[Dose]) -> Markup:
 
 
 def _correlation_in_words(found: Correlation | None) -> str:
-    """Return a correlation with its interval."""
     return with_bounds(found.value, (found.low, found.high), ".2f") if found else "–"
 
 
 def _profiles_of(view: StudyView) -> Markup:
-    """Return the picture of the performance profiles."""
     series = {
         profile.variant: [
             (tau, share, *(ends or (None, None)))

@@ -203,7 +203,6 @@ def world(
 
 
 def _others(pairs: Sequence[tuple[int, int]], size: int) -> list[list[int]]:
-    """Return the dots that each dot is linked to."""
     others: list[list[int]] = [[] for _ in range(size)]
     for one, other in pairs:
         others[one].append(other)
@@ -211,7 +210,6 @@ def _others(pairs: Sequence[tuple[int, int]], size: int) -> list[list[int]]:
 
 
 def _lines(dots: Sequence[Dot], chosen: int, kind: str, ends: Collection[int]) -> str:
-    """Return the lines from a dot to those that it is linked to."""
     here = dots[chosen]
     path = "".join(f"M{here.x} {here.y}L{dots[end].x} {dots[end].y}" for end in ends if end != chosen)
     return f'<path class="{escape(kind)}" d="{path}"/>' if path else ""

@@ -75,10 +75,8 @@ def _in_all_formats(name: str, svg: str) -> dict[str, str | bytes]:
 def panels_of(view: StudyView) -> Iterator[tuple[str, Markup]]:
     """Yield a caption and a picture for each point of the grid; for "dose", for each point of what is no scorer's."""
     if view.drawing == "dose" and view.doses:
-        titles = dict.fromkeys(title_of(dose.values) for dose in view.doses)
-        for title in titles:
-            doses = [dose for dose in view.doses if title_of(dose.values) == title]
-            yield title, _dose(view, doses)
+        for title in dict.fromkeys(title_of(dose.values) for dose in view.doses):
+            yield title, _dose(view, [dose for dose in view.doses if title_of(dose.values) == title])
         return
     for point in view.points:
         is_curve = view.drawing == "curves" and any(len(entry.curve) > 1 for entry in point.variants)
@@ -118,8 +116,7 @@ def _dose(view: StudyView, doses: list[Dose]) -> Markup:
     series: dict[str, list[tuple[str, Estimate, Estimate]]] = {}
     for dose in doses:
         for at in dose.points:
-            way = "in-sample" if dose.in_sample else "cross-fitted"
-            name = at.variant if several else way
+            name = at.variant if several else "in-sample" if dose.in_sample else "cross-fitted"
             series.setdefault(name, []).append((at.label, (at.mrr, *at.mrr_range), (at.success, *at.interval)))
     without = next((dose.without for dose in doses if dose.without is not None), None)
     return charts.scatter(
@@ -136,20 +133,12 @@ def _correlation_in_words(found: Correlation | None) -> str:
 
 
 def _profiles_of(view: StudyView) -> Markup:
-    series = {
-        profile.variant: [
-            (tau, share, *(ends or (None, None)))
-            for tau, share, ends in zip(
-                view.taus,
-                profile.shares,
-                zip(profile.low, profile.high, strict=True) if profile.low else [None] * len(view.taus),
-                strict=True,
-            )
-        ]
-        for profile in view.profiles
-    }
+    nothing = [None] * len(view.taus)
     return charts.profiles(
-        series,
+        {
+            of.variant: list(zip(view.taus, of.shares, of.low or nothing, of.high or nothing, strict=True))
+            for of in view.profiles
+        },
         "success on test tasks",
         "share of trainings with more",
         "Performance profiles: share of trainings above each level of success",

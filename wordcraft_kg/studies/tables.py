@@ -138,19 +138,9 @@ def as_latex(view: StudyView) -> str:
     r"""Return the tables in LaTeX, for ``\usepackage{booktabs}``."""
     lines = ["% \\usepackage{booktabs}"]
     for table in tables_of(view):
-        lines += [
-            r"\begin{table}",
-            r"\centering",
-            rf"\caption{{{latex(f'{view.title}: {table.title}')}}}",
-            rf"\begin{{tabular}}{{l{'r' * (len(table.headings) - 1)}}}",
-            r"\toprule",
-            _latex_row(table.headings),
-            r"\midrule",
-            *map(_latex_row, table.rows),
-            r"\bottomrule",
-            r"\end{tabular}",
-            r"\end{table}",
-        ]
+        lines += [r"\begin{table}", r"\centering", rf"\caption{{{latex(f'{view.title}: {table.title}')}}}"]
+        lines += [rf"\begin{{tabular}}{{l{'r' * (len(table.headings) - 1)}}}", r"\toprule", _latex_row(table.headings)]
+        lines += [r"\midrule", *map(_latex_row, table.rows), r"\bottomrule", r"\end{tabular}", r"\end{table}"]
     return "\n".join([*lines, *(f"% {note}" for note in notes(view)), ""])
 
 
@@ -176,18 +166,14 @@ def notes(view: StudyView) -> list[str]:
         "intervals: over seeds and tasks, that is, for other such tasks too, and over seeds alone, for these tasks."
     ]
     if view.comparisons:
-        found.append(
+        found += [
             f"Differences are to {view.reference}, paired by seed and task, with intervals over both; P(better): "
-            "probability that a run of the variant is better than one of the other."
-        )
-        found.append(
+            "probability that a run of the variant is better than one of the other.",
             "Reached after: environment steps until the mean learning curve reaches where that of "
-            f"{view.reference} ends, with the interval over seeds."
-        )
-        found.append(
+            f"{view.reference} ends, with the interval over seeds.",
             f"p: of no difference, from the interval of the difference, corrected by Holm for {view.comparisons} "
-            "comparisons."
-        )
+            "comparisons.",
+        ]
     return found
 
 

@@ -21,6 +21,7 @@ from refusals import refuses
 
 from wordcraft_kg.base.errors import OutputExistsError, SplitError
 from wordcraft_kg.base.records import as_values
+from wordcraft_kg.base.statistics import bootstrap
 from wordcraft_kg.evaluation.links import LinkView, summarise_links
 from wordcraft_kg.evaluation.ranked_links import rank_links
 from wordcraft_kg.graphs import SplitConfig, make_split
@@ -72,15 +73,18 @@ def values(kitchen_report):
 
 
 @pytest.fixture(autouse=True)
-def no_map(request, monkeypatch):
-    """Leave out the map, which takes half of the time; shared reports and those of tests with ``real_map`` have it."""
-    if "real_map" not in request.fixturenames:
+def quick(request, monkeypatch):
+    """Leave out the map and most resamples, which take most of the time; shared reports have them."""
+    if "whole" not in request.fixturenames:
         monkeypatch.setattr("wordcraft_kg.reports.link_report._map", lambda *_: "")
+        for place in ("models.scorers.ranking", "evaluation.link_sections"):
+            few = lambda *args, seed, **_: bootstrap(*args, resamples=100, seed=seed)  # noqa: E731
+            monkeypatch.setattr(f"wordcraft_kg.{place}.bootstrap", few)
 
 
 @pytest.fixture
-def real_map():
-    pass
+def whole():
+    """For tests of whole reports."""
 
 
 @pytest.fixture(scope="module")
@@ -784,7 +788,7 @@ def test_awkward_labels_come_back_from_the_table_of_ranks(awkward_graph, tmp_pat
     assert len(ranks) == 2 * len(split.held_out("test"))
 
 
-@pytest.mark.usefixtures("real_map")
+@pytest.mark.usefixtures("whole")
 def test_the_same_inputs_give_the_same_bytes(kitchen_model, report_folder, tmp_path):
     again = made(kitchen_model, name="kitchen", provenance=kitchen_model.provenance, trace=kitchen_model.trace)
     write_report(again, tmp_path / "report")
@@ -792,6 +796,7 @@ def test_the_same_inputs_give_the_same_bytes(kitchen_model, report_folder, tmp_p
         assert (tmp_path / "report" / name).read_bytes() == (report_folder / name).read_bytes(), name
 
 
+@pytest.mark.usefixtures("whole")
 def test_the_seed_moves_the_interval_but_not_the_headline(kitchen_model, values):
     other = values_of(made(kitchen_model, seed=1))
     assert other["metrics"]["all"]["mrr"] == values["metrics"]["all"]["mrr"]
@@ -799,7 +804,7 @@ def test_the_seed_moves_the_interval_but_not_the_headline(kitchen_model, values)
     assert other["metrics"]["all"]["mrr_ci"] == pytest.approx(values["metrics"]["all"]["mrr_ci"], abs=0.03)
 
 
-@pytest.mark.usefixtures("real_map")
+@pytest.mark.usefixtures("whole")
 def test_making_a_report_leaves_the_global_generators_as_they_were(kitchen_model):
     import random
 

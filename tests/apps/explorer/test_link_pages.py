@@ -1,6 +1,5 @@
 """The pages of entities, links, pairs, ranks and two models: states, links, forms, labels and errors."""
 
-import threading
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
@@ -10,6 +9,7 @@ import numpy as np
 import pytest
 
 from tests.apps.explorer.shown import HOSTILE, Form, Shown, explored_by, explored_graph, look, page_of, view_of
+from tests.apps.people.stored import at_once
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.page import State
 from wordcraft_kg.apps.explorer.pages import PAGES, predictions
@@ -243,11 +243,7 @@ def test_ranks_are_made_once_however_many_ask(
     rank_graph = predictions.rank_graph
     monkeypatch.setattr(predictions, "rank_graph", lambda predictor: made.append(1) or rank_graph(predictor))
     views = []
-    threads = [threading.Thread(target=lambda: views.append(view_of(explored, Predictions()))) for _ in range(6)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
+    at_once(lambda: views.append(view_of(explored, Predictions())), 6)
     assert (len(made), len(views)) == (1, 6)
     assert all(view == views[0] for view in views)
 

@@ -2,7 +2,6 @@
 
 import json
 import re
-import threading
 from collections.abc import Callable
 from html import escape
 from pathlib import Path
@@ -15,6 +14,7 @@ from starlette.routing import Route, Router
 from starlette.testclient import TestClient
 
 from tests.apps.explorer.shown import HOSTILE, Shown, client_of
+from tests.apps.people.stored import at_once
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.pages import PAGES
 from wordcraft_kg.apps.explorer.server import make_app
@@ -225,11 +225,7 @@ def test_a_value_is_made_once_however_many_ask(explored: Explored):
         made.append(1)
         return len(made)
 
-    threads = [threading.Thread(target=explored.once, args=("made once", make)) for _ in range(8)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
+    at_once(lambda: explored.once("made once", make), 8)
     assert made == [1]
 
 

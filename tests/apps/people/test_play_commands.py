@@ -74,33 +74,11 @@ def test_a_goal_is_made_by_typing_the_words_of_the_plan(typed: Run):
 
 def test_a_deeper_task_brings_what_is_made_to_the_table(typed: Run):
     words, _ = solution("kitchen", 1, part="train", depth=2, num_distractors=3, max_attempts=3)
-    options = (
-        "--depth",
-        "2",
-        "--attempts",
-        "3",
-        "--part",
-        "train",
-        "--distractors",
-        "3",
-        "--episodes",
-        "1",
-        "--seed",
-        "0",
-    )
+    settings = {"depth": 2, "distractors": 3, "part": "train", "attempts": 3, "seed": 0, "episodes": 1}
+    options = (word for name, value in settings.items() for word in (f"--{name}", value))
     outcome = typed("\n".join(words) + "\n", "play", "kitchen", *options, "--json")
-    values = json.loads(outcome.out)
     assert outcome.out.count("\n") == 1
-    assert values == {
-        "graph": "kitchen",
-        "depth": 2,
-        "distractors": 3,
-        "part": "train",
-        "attempts": 3,
-        "seed": 0,
-        "episodes": 1,
-        "successes": 1,
-    }
+    assert json.loads(outcome.out) == {"graph": "kitchen", "successes": 1} | settings
     for shown in ("attempts left: 3", "attempts left: 2", f"hand: {words[0]}", "You made"):
         assert shown in outcome.err
 
@@ -450,12 +428,8 @@ def test_a_session_broken_off_goes_on_where_it_was(typed: Run, tmp_path: Path, p
 
 def test_an_unfinished_session_says_how_to_go_on_and_not_how_many_test_tasks_were_right(typed: Run, tmp_path: Path):
     outcome = typed("1\n" * 150, *PROTOCOL, "--out", tmp_path / "human.jsonl", "--json")
-    assert json.loads(outcome.out) == {
-        "out": str(tmp_path / "human.jsonl"),
-        "answered": 75,
-        "tasks": 80,
-        "finished": False,
-    }
+    found = {"out": str(tmp_path / "human.jsonl"), "answered": 75, "tasks": 80, "finished": False}
+    assert json.loads(outcome.out) == found
     outcome = typed("", *PROTOCOL, "--out", tmp_path / "human.jsonl")
     assert "Continuing after 75 answers" in outcome.out
     assert outcome.out.splitlines()[-1].startswith("answered 75 of 80; the same command continues")
@@ -506,14 +480,7 @@ def test_a_graph_without_test_tasks_is_refused_before_anything_is_written(typed:
 
 
 def test_ctrl_c_ends_with_130_and_says_what_is_kept(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    def lines() -> Iterator[str]:
-        yield from ["1\n"] * 5
-        raise KeyboardInterrupt
-
-    typing, stdin = lines(), io.StringIO()
-    monkeypatch.setattr(stdin, "readline", lambda: next(typing))
-    monkeypatch.setattr(sys, "stdin", stdin)
-    outcome = run(*PROTOCOL, "--out", tmp_path / "human.jsonl")
+    outcome = stopped_by_ctrl_c(run, monkeypatch, ["1"] * 5, *PROTOCOL, "--out", tmp_path / "human.jsonl")
     assert outcome.code == 130
     assert "interrupted; 2 answers are in" in outcome.err
     assert len(without_seconds(tmp_path / "human.jsonl")) == 3
@@ -570,10 +537,13 @@ def test_human_summary_refuses_what_it_cannot_sum_up(typed: Run, run: Run, tmp_p
     typed("1\n" * 4, *PROTOCOL, "--out", one)
     typed("1\n" * 4, "play", "everyday", *PROTOCOL[2:], "--out", two)
     torn.write_bytes(one.read_bytes()[:-3])
-    assert "graph_hash" in refused(run("people", "summary", one, two), "GraphMismatchError")
     (tmp_path / "copy.jsonl").write_bytes(one.read_bytes())
-    assert "same answers" in refused(run("people", "summary", one, tmp_path / "copy.jsonl"), "ArtefactError")
-    assert "given twice" in refused(run("people", "summary", one, one), "ConfigError")
-    assert "torn line" in refused(run("people", "summary", torn), "ArtefactError")
-    assert "nowhere" in refused(run("people", "summary", tmp_path / "nowhere"), "ArtefactError")
-    assert "at least one" in refused(run("people", "summary"), "ConfigError")
+    for files, message, kind in (
+        ((one, two), "graph_hash", "GraphMismatchError"),
+        ((one, tmp_path / "copy.jsonl"), "same answers", "ArtefactError"),
+        ((one, one), "given twice", "ConfigError"),
+        ((torn,), "torn line", "ArtefactError"),
+        ((tmp_path / "nowhere",), "nowhere", "ArtefactError"),
+        ((), "at least one", "ConfigError"),
+    ):
+        assert message in refused(run("people", "summary", *files), kind)

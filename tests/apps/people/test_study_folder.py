@@ -5,16 +5,16 @@ import math
 import sqlite3
 import subprocess
 import sys
-import threading
 from collections import Counter
 from collections.abc import Iterator
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from tests.apps.people.stored import lines_of
+from tests.apps.people.stored import at_once, contents, lines_of, unchanged
 from wordcraft_kg.apps.people.answers_database import AnswersDatabase, Participant, read_answers
 from wordcraft_kg.apps.people.config import MOST_CONDITIONS, MOST_FORMS, MOST_TASKS, StudyConfig
 from wordcraft_kg.apps.people.protocol import HumanProtocol
@@ -75,8 +75,11 @@ def go_on(answers: AnswersDatabase, study: Study, person: Participant, count: in
         assert answers.add(person, study.protocol(person.cell).answer(task, slots, 2.5))
 
 
-def contents(folder: Path) -> dict[str, bytes]:
-    return {path.name: path.read_bytes() for path in sorted(folder.iterdir()) if path.is_file()}
+def answered(folder: Path, study: Study, count: int = 6) -> None:
+    """Begin a session, answer so many tasks, and close the database."""
+    answers = opened(folder)
+    go_on(answers, study, begin(answers, study), count)
+    answers.close()
 
 
 # --- codes -----------------------------------------------------------------------------------------------------------
@@ -126,11 +129,7 @@ def test_the_tasks_of_a_form_and_condition_are_those_of_the_protocol_with_its_se
 
 def test_several_threads_get_the_same_tasks(kitchen: RecipeGraph):
     fresh, found = Study(kitchen, SMALL), []
-    threads = [threading.Thread(target=lambda: found.append(fresh.tasks(fresh.cells[0]))) for _ in range(8)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
+    at_once(lambda: found.append(fresh.tasks(fresh.cells[0])), 8)
     assert set(found) == {Study(kitchen, SMALL).tasks(fresh.cells[0])}
 
 
@@ -182,11 +181,7 @@ def test_of_cells_that_as_many_have_begun_the_one_fewest_have_finished_comes_fir
 
 def test_people_who_begin_at_once_are_spread_evenly(study: Study, answers: AnswersDatabase):
     found: list[Participant] = []
-    threads = [threading.Thread(target=lambda: found.append(begin(answers, study))) for _ in range(40)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
+    at_once(lambda: found.append(begin(answers, study)), 40)
     assert Counter(person.cell for person in found) == dict.fromkeys(study.cells, 10)
     assert sorted(person.number for person in found) == list(range(1, 41))
 
@@ -245,11 +240,9 @@ def test_what_is_read_is_what_was_given_while_it_is_served_and_afterwards(
     given = {person.number: answers.answers_of(person) for person in people}
     served = read_study(folder)
     answers.close()
-    assert sorted(contents(folder)) == ["answers.sqlite", "study.json"]
-    before = contents(folder)
-    read = read_study(folder)
-    assert contents(folder) == before
-    assert sorted(path.name for path in folder.iterdir()) == sorted(before)
+    with unchanged(folder):
+        read = read_study(folder)
+    assert sorted(path.name for path in folder.iterdir()) == ["answers.sqlite", "study.json"]
     for found in (served, read):
         assert [len(session.answers) for session in found.sessions()] == [6, 4, 0]
         assert [session.is_finished for session in found.sessions()] == [True, False, False]
@@ -325,18 +318,14 @@ def test_what_was_stored_is_there_after_a_kill(study: Study, folder: Path):
 def test_a_study_with_other_settings_is_refused_with_what_differs(
     kitchen: RecipeGraph, folder: Path, changes: dict[str, Any], message: str
 ):
-    before = contents(folder)
-    with pytest.raises(ConfigError, match=message):
+    with unchanged(folder), pytest.raises(ConfigError, match=message):
         check_study_folder(folder, Study(kitchen, replace(SMALL, **changes)).record)
-    assert contents(folder) == before
 
 
 def test_a_study_of_another_graph_or_split_is_refused(kitchen: RecipeGraph, folder: Path):
-    with pytest.raises(GraphMismatchError):
-        check_study_folder(folder, Study("everyday", SMALL).record)
-    other = OpenedGraph(kitchen, make_split(kitchen, SplitConfig(seed=1)), "here")
-    with pytest.raises(GraphMismatchError):
-        check_study_folder(folder, Study(other, SMALL).record)
+    for other in ("everyday", OpenedGraph(kitchen, make_split(kitchen, SplitConfig(seed=1)), "here")):
+        with pytest.raises(GraphMismatchError):
+            check_study_folder(folder, Study(other, SMALL).record)
 
 
 def test_the_same_study_under_another_name_of_its_graph_goes_on(kitchen: RecipeGraph, folder: Path):
@@ -348,10 +337,9 @@ def test_what_is_no_study_is_refused_and_an_empty_folder_is_not(study: Study, tm
     (tmp_path / "empty").mkdir()
     assert not check_study_folder(tmp_path / "empty", study.record)
     (tmp_path / "notes").write_text("mine")
-    with pytest.raises(OutputExistsError):
-        check_study_folder(tmp_path / "notes", study.record)
-    with pytest.raises(OutputExistsError):
-        check_study_folder(tmp_path, study.record)
+    for path in (tmp_path / "notes", tmp_path):
+        with pytest.raises(OutputExistsError):
+            check_study_folder(path, study.record)
     for path in (tmp_path, tmp_path / "notes", tmp_path / "nowhere"):
         with pytest.raises(ArtefactError, match="expected the folder that `people serve` writes"):
             read_study(path)
@@ -373,11 +361,9 @@ RECORDS: dict[str, Any] = {
 def test_a_damaged_record_is_refused(study: Study, folder: Path, change: str):
     path = folder / "study.json"
     path.write_text(json.dumps(RECORDS[change](json.loads(path.read_text()))))
-    before = contents(folder)
     for use in (read_study, lambda folder: check_study_folder(folder, study.record)):
-        with pytest.raises(ArtefactError, match=r"study\.json is damaged"):
+        with unchanged(folder), pytest.raises(ArtefactError, match=r"study\.json is damaged"):
             use(folder)
-    assert contents(folder) == before
 
 
 def spoil(data: bytes) -> dict[str, bytes]:
@@ -395,16 +381,12 @@ def spoil(data: bytes) -> dict[str, bytes]:
 
 @pytest.mark.parametrize("damage", spoil(b""))
 def test_a_damaged_database_is_refused_and_stays(study: Study, folder: Path, damage: str):
-    answers = opened(folder)
-    go_on(answers, study, begin(answers, study))
-    answers.close()
+    answered(folder, study)
     path = folder / ANSWERS_FILE
     path.write_bytes(spoil(path.read_bytes())[damage])
-    before = contents(folder)
     for use in (read_study, opened):
-        with pytest.raises(ArtefactError, match=r"answers\.sqlite is (damaged|not a database of answers)"):
+        with unchanged(folder), pytest.raises(ArtefactError, match=r"sqlite is (damaged|not a database of answers)"):
             use(folder)
-        assert contents(folder) == before
 
 
 def test_another_database_or_one_of_another_study_is_refused_and_stays(kitchen: RecipeGraph, folder: Path):
@@ -414,18 +396,14 @@ def test_another_database_or_one_of_another_study_is_refused_and_stays(kitchen: 
     with sqlite3.connect(path) as connection:
         connection.execute("CREATE TABLE mine (thing TEXT)")
     connection.close()
-    before = contents(folder)
-    with pytest.raises(ArtefactError, match="not a database of answers"):
+    with unchanged(folder), pytest.raises(ArtefactError, match="not a database of answers"):
         opened(folder)
-    assert contents(folder) == before
     path.write_bytes(own)
     record = folder / "study.json"
     record.write_text(record.read_text().replace('"seed": 5', '"seed": 6'))
-    before = contents(folder)
     for use in (opened, read_study):
-        with pytest.raises(ArtefactError, match="belongs to another study"):
+        with unchanged(folder), pytest.raises(ArtefactError, match="belongs to another study"):
             use(folder)
-    assert contents(folder) == before
 
 
 CHANGES = {
@@ -444,13 +422,9 @@ CHANGES = {
 
 @pytest.mark.parametrize("change", CHANGES)
 def test_answers_that_cannot_be_are_refused(study: Study, folder: Path, change: str):
-    answers = opened(folder)
-    go_on(answers, study, begin(answers, study))
-    answers.close()
-    connection = sqlite3.connect(folder / ANSWERS_FILE)
-    connection.executescript(CHANGES[change])
-    connection.commit()
-    connection.close()
+    answered(folder, study)
+    with closing(sqlite3.connect(folder / ANSWERS_FILE)) as connection:
+        connection.executescript(CHANGES[change])
     with pytest.raises(ArtefactError, match="is damaged"):
         read_study(folder)
 
@@ -466,22 +440,17 @@ def test_answers_that_cannot_be_are_refused(study: Study, folder: Path, change: 
 )
 def test_a_database_with_more_than_a_study_s_tables_is_refused_and_stays(folder: Path, foreign: str):
     opened(folder).close()
-    connection = sqlite3.connect(folder / ANSWERS_FILE)
-    connection.executescript(foreign)
-    connection.close()
-    before = contents(folder)
+    with closing(sqlite3.connect(folder / ANSWERS_FILE)) as connection:
+        connection.executescript(foreign)
     for use in (read_study, opened):
-        with pytest.raises(ArtefactError, match="its tables are not those of a study"):
+        with unchanged(folder), pytest.raises(ArtefactError, match="its tables are not those of a study"):
             use(folder)
-        assert contents(folder) == before
 
 
 def test_a_database_that_was_not_finished_is_made_again(study: Study, folder: Path):
     (folder / ANSWERS_FILE).unlink()
     (folder / f".{ANSWERS_FILE}.new").write_bytes(b"half")
-    answers = opened(folder)
-    go_on(answers, study, begin(answers, study), 1)
-    answers.close()
+    answered(folder, study, 1)
     assert sorted(path.name for path in folder.iterdir()) == ["answers.sqlite", "study.json"]
 
 

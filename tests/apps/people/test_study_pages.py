@@ -46,9 +46,12 @@ class Browser:
         self.status, self.page = answer.status_code, answer.text
         return self.page
 
+    def new_code(self) -> str:
+        return found(r'name="code" value="([^"]+)"', self.get("/"))
+
     def begin(self) -> str:
         """Agree; return the code."""
-        code = found(r'name="code" value="([^"]+)"', self.get("/"))
+        code = self.new_code()
         self.post("/begin", {"consent": "yes", "code": code})
         assert self.place == f"/s/{code}"
         return code
@@ -58,6 +61,11 @@ class Browser:
         number = self.given(code) if place is None else place
         form = {"task": str(number), "first": str(first), "second": str(second)}
         return self.post(f"/s/{code}/answer", form)
+
+    def take(self, code: str, first: int, second: int) -> str:
+        """Load the next task, and answer it."""
+        self.get(f"/s/{code}/task")
+        return self.answer(code, first, second)
 
     def given(self, code: str) -> int:
         person = self.answers.find(code_hash(code))
@@ -97,7 +105,7 @@ def test_the_consent_text_is_shown_as_text_in_its_paragraphs(browser: Browser):
 
 
 def test_a_no_ends_politely_and_stores_nothing(browser: Browser):
-    code = found(r'name="code" value="([^"]+)"', browser.get("/"))
+    code = browser.new_code()
     page = browser.post("/begin", {"consent": "no", "code": code})
     assert browser.place == "/declined"
     assert "nothing was stored" in page
@@ -114,7 +122,7 @@ def test_only_an_explicit_yes_begins_a_session(browser: Browser, form: dict[str,
 
 
 def test_a_yes_that_is_sent_twice_begins_one_session(browser: Browser):
-    code = found(r'name="code" value="([^"]+)"', browser.get("/"))
+    code = browser.new_code()
     for _ in range(2):
         browser.post("/begin", {"consent": "yes", "code": code})
         assert browser.place == f"/s/{code}"
@@ -122,22 +130,19 @@ def test_a_yes_that_is_sent_twice_begins_one_session(browser: Browser):
 
 
 def test_each_first_page_has_a_code_of_its_own(browser: Browser):
-    codes = {found(r'name="code" value="([^"]+)"', browser.get("/")) for _ in range(20)}
-    assert len(codes) == 20
+    assert len({browser.new_code() for _ in range(20)}) == 20
 
 
 def test_the_code_is_shown_at_the_start_and_at_the_end_and_leads_back(browser: Browser):
     code = browser.begin()
     assert f">{code}<" in browser.page
-    browser.get(f"/s/{code}/task")
-    browser.answer(code, 1, 2)
+    browser.take(code, 1, 2)
     page = browser.post("/return", {"code": code.upper().replace("-", " ")})
     assert browser.place == f"/s/{code}"
     assert "Welcome back" in page
     assert "Answered 1 of 4" in page
     for _ in range(3):
-        browser.get(f"/s/{code}/task")
-        browser.answer(code, 1, 2)
+        browser.take(code, 1, 2)
     assert browser.place == f"/s/{code}/end"
     assert f">{code}<" in browser.page
     assert "Thank you for taking part" in browser.post("/return", {"code": code})
@@ -146,8 +151,7 @@ def test_the_code_is_shown_at_the_start_and_at_the_end_and_leads_back(browser: B
 def test_who_withdraws_leaves_nothing_behind_and_nobody_gets_their_place(browser: Browser):
     stays, leaves = browser.begin(), browser.begin()
     for code in (stays, leaves):
-        browser.get(f"/s/{code}/task")
-        browser.answer(code, 1, 2)
+        browser.take(code, 1, 2)
     number = browser.answers.find(code_hash(leaves)).number
     goal = [line.goal for line in browser.lines() if line.session == number]
     assert len(goal) == 1
@@ -231,13 +235,11 @@ def test_a_person_gets_the_tasks_of_the_protocol_with_answers_in_practice_only(b
 def test_how_many_are_right_is_said_at_the_end_only(browser: Browser):
     code = browser.begin()
     for _ in range(3):
-        browser.get(f"/s/{code}/task")
-        browser.answer(code, 1, 1)
+        browser.take(code, 1, 1)
         for path in ("", "/task", "/end", "/feedback/1", "/feedback/2", "/feedback/3"):
             assert not re.search(r"\d of \d right", browser.get(f"/s/{code}{path}"))
             assert not browser.place.endswith(("/end", "/feedback/3"))
-    browser.get(f"/s/{code}/task")
-    browser.answer(code, 1, 1)
+    browser.take(code, 1, 1)
     assert re.search(r"\d of 2 right", browser.get(f"/s/{code}/task"))
     assert browser.place == f"/s/{code}/end"
 
@@ -266,8 +268,7 @@ def test_the_same_thing_may_be_picked_twice_and_a_pick_put_back(browser: Browser
 
 def test_a_pick_at_the_table_of_another_task_is_none_at_this_one(browser: Browser):
     code = browser.begin()
-    browser.get(f"/s/{code}/task")
-    browser.answer(code, 1, 1)
+    browser.take(code, 1, 1)
     browser.get(f"/s/{code}/task")
     assert "Put it back" in browser.get(f"/s/{code}/task?task=1&held=3")
     # A second tab, or the browser after going back, still shows the first task.
@@ -317,8 +318,7 @@ def test_time_goes_from_the_first_showing_to_the_second_pick_and_loads_are_count
 
 def test_a_double_click_and_a_form_sent_again_are_one_answer(browser: Browser):
     code = browser.begin()
-    browser.get(f"/s/{code}/task")
-    browser.answer(code, 1, 2)
+    browser.take(code, 1, 2)
     first = browser.lines()
     for second in (2, 5):
         page = browser.answer(code, 1, second, place=0)
@@ -330,8 +330,7 @@ def test_a_double_click_and_a_form_sent_again_are_one_answer(browser: Browser):
 def test_a_copy_of_a_test_answer_leads_on(browser: Browser):
     code = browser.begin()
     for _ in range(4):
-        browser.get(f"/s/{code}/task")
-        browser.answer(code, 1, 2)
+        browser.take(code, 1, 2)
     kept = browser.lines()
     for place, leads in ((2, "end"), (3, "end"), (0, "feedback/1")):
         browser.answer(code, 4, 4, place=place)
@@ -374,8 +373,7 @@ def test_a_task_that_was_not_shown_cannot_be_answered(browser: Browser):
 def test_people_do_not_see_each_others_tasks_as_answered(browser: Browser):
     one, other = browser.begin(), browser.begin()
     for code in (one, one, other):
-        browser.get(f"/s/{code}/task")
-        browser.answer(code, 1, 2)
+        browser.take(code, 1, 2)
     assert [(line.session, line.number, line.form) for line in browser.lines()] == [(1, 1, 0), (1, 2, 0), (2, 1, 1)]
 
 
@@ -469,8 +467,7 @@ def test_on_a_full_disk_an_answer_is_not_acknowledged_and_can_be_sent_again(kitc
         assert "Something went wrong" in browser.page
         assert len(browser.lines()) == acknowledged
         answers._connection.execute("PRAGMA max_page_count = 1000000")
-        browser.get(f"/s/{code}/task")
-        browser.answer(code, 1, 2)
+        browser.take(code, 1, 2)
         assert [line.number for line in browser.lines()] == list(range(1, acknowledged + 2))
 
 

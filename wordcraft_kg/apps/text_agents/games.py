@@ -15,7 +15,7 @@ from wordcraft_kg.graphs.tasks import TaskSet
 
 
 class Game(ABC):
-    """A game in which an attempt combines two places of :attr:`labels`; none is made once the game is over.
+    """A game in which an attempt combines two places of :attr:`labels`; after its end, attempts raise an EpisodeError.
 
     Attributes:
         graph: the recipe graph.

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-PAGES = ["README.md", *(f"docs/{name}.md" for name in ("agents", "environment", "link-prediction", "words"))]
+PAGES = ["README.md", *(f"docs/{name}.md" for name in ("agents", "environment", "link-prediction", "text-agents"))]
 ELSEWHERE = {"chat_player", "line_player", "impala_single_file"}
 """Examples with tests of their own."""
 EXAMPLES = sorted({path.stem for path in (ROOT / "examples").glob("*.py")} - ELSEWHERE)

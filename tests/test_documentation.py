@@ -14,7 +14,7 @@ PAGES = ["README.md", *(f"docs/{name}.md" for name in ("agents", "environment", 
 ELSEWHERE = {"chat_player", "line_player", "impala_single_file"}
 """Examples with tests of their own."""
 EXAMPLES = sorted({path.stem for path in (ROOT / "examples").glob("*.py")} - ELSEWHERE)
-LONG = ("first_steps", "pykeen_model", "stable_baselines")
+LONG = ("first_steps", "own_tracker", "pykeen_model", "stable_baselines")
 SOURCES = [*PAGES, *(f"examples/{name}.py" for name in EXAMPLES)]
 SMALL = ("--steps", "256", "--eval-every", "0", "--quiet")
 

@@ -56,14 +56,24 @@ def test_every_public_name_is_there_and_listed_once():
         _ = wordcraft_kg.nonsense
 
 
+def examples() -> list[doctest.DocTest]:
+    names = {name: getattr(wordcraft_kg, name) for name in IN_ORDER}
+    read = doctest.DocTestParser().get_doctest
+    return [read(inspect.getdoc(value) or "", dict(names), name, None, None) for name, value in names.items()]
+
+
+def test_every_public_name_has_an_example_that_uses_it():
+    for example in examples():
+        code = "".join(line.source for line in example.examples)
+        compile(code, example.name, "exec")
+        assert code, example.name
+
+
+@pytest.mark.slow
 def test_the_example_of_every_public_name_does_what_it_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.chdir(tmp_path)
-    names = {name: getattr(wordcraft_kg, name) for name in IN_ORDER}
     runner = doctest.DocTestRunner(optionflags=doctest.ELLIPSIS)
-    for name, value in names.items():
-        text = inspect.getdoc(value) or ""
-        example = doctest.DocTestParser().get_doctest(text, dict(names), name, None, None)
-        assert example.examples, name
+    for example in examples():
         said: list[str] = []
         assert runner.run(example, out=said.append).failed == 0, "".join(said)
 

@@ -60,6 +60,7 @@ def test_the_list_has_every_study_with_hours_and_source(printed, refused):
     refused("reproduce", "--list", "--book", "kitchen", kind="ConfigError")
 
 
+@pytest.mark.slow
 def test_a_failed_task_makes_the_exit_code_1_and_is_named(run, study, tmp_path):
     (tmp_path / "few-words.txt").write_text("nothing 1 2\n")
     text = STUDY.replace("seeds = 2", "seeds = 1")

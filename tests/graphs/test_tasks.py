@@ -274,8 +274,9 @@ def part_of(task: Task, split: Split) -> str:
     return "valid" if all("valid" in used and "test" not in used for used in uses) else "mixed"
 
 
-@pytest.mark.parametrize("depth", [1, 2])
-@pytest.mark.parametrize("valid_ratio", [0.0, 0.1])
+@pytest.mark.parametrize(
+    ("depth", "valid_ratio"), [(1, 0.0), (1, 0.1), (2, 0.1), pytest.param(2, 0.0, marks=pytest.mark.slow)]
+)
 @pytest.mark.parametrize("kind", ["by-recipe", "by-goal"])
 def test_each_task_belongs_to_the_part_of_its_plans_or_to_none(kitchen, kind, valid_ratio, depth):
     split = make_split(kitchen, SplitConfig(kind, 0.7, valid_ratio, seed=1))

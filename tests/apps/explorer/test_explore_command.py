@@ -30,7 +30,7 @@ def serving(*arguments: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
             server.kill()
 
 
-@pytest.mark.parametrize("ending", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("ending", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
 def test_the_server_answers_until_it_is_ended_and_says_nothing_of_who_asked(ending: int):
     with serving("explore", "kitchen", "--no-browser") as (server, address):
         assert address.startswith("http://127.0.0.1:")

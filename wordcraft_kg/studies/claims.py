@@ -158,18 +158,11 @@ def _point(values: Values) -> str:
 
 
 def _measure(results: StudyResults, claim: Claim, point: Values) -> Measured:
-    names = f"'{claim.left}' and '{claim.right}'"
     left = _runs(results, claim.left, point)
     right = _runs(results, claim.right, {**point, **claim.right_at}) if claim.right else left
     pairs = [(left[seed], right[seed]) for seed in sorted(left.keys() & right.keys())]
-    if not pairs:
-        raise ConfigError(f"no seed of {names} together, {_point(point)}")
-    runs = [run for pair in pairs for run in pair]
+    _check_runs(results, claim, point, [run for pair in pairs for run in pair])
     is_success = claim.measure == "success"
-    if claim.measure in ("early", "steps") and not all(run.curve for run in runs):
-        raise ConfigError(f"no learning curves of {names}")
-    if is_success and len({_tasks(results, run) for run in runs}) > 1:
-        raise ConfigError(f"{names} were tested on different tasks, {_point(point)}")
     a = np.array([_figures(claim.measure, run, other) for run, other in pairs])
     b = np.array([_figures(claim.measure, other, other) for _, other in pairs])
     if not claim.right:
@@ -178,6 +171,16 @@ def _measure(results: StudyResults, claim: Claim, point: Values) -> Measured:
     difference = float(a.mean() - b.mean())
     tasks = a.shape[1] if is_success else 0
     return Measured(point, float(a.mean()), float(b.mean()), difference, low, high, len(pairs), tasks)
+
+
+def _check_runs(results: StudyResults, claim: Claim, point: Values, runs: Sequence[RunResult]) -> None:
+    names = f"'{claim.left}' and '{claim.right}'"
+    if not runs:
+        raise ConfigError(f"no seed of {names} together, {_point(point)}")
+    if claim.measure in ("early", "steps") and not all(run.curve for run in runs):
+        raise ConfigError(f"no learning curves of {names}")
+    if claim.measure == "success" and len({_tasks(results, run) for run in runs}) > 1:
+        raise ConfigError(f"{names} were tested on different tasks, {_point(point)}")
 
 
 def _tasks(results: StudyResults, run: RunResult) -> tuple[str, str, int]:

@@ -82,10 +82,8 @@ def view_references(
     pack = pack_of(opened.graph.hash, None if is_open else opened.split.hash)
     found = pack.rows_of(play, None if is_open else columns) if pack else ()
     own = rows_beside(opened, play, columns, beside)
-    if is_open:
-        missing = [] if found else list(MARKS)
-    else:
-        missing = [column for column in columns if not any(str(column) in row.figures for row in found)]
+    there = MARKS if is_open and found else [int(column) for row in found for column in row.figures]
+    missing = [column for column in columns if column not in there]
     now = scripted_rows(opened, play, missing) if missing else ()
     return ReferenceTable(
         graph=PlayedGraph.of(opened),

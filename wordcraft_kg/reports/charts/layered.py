@@ -60,10 +60,7 @@ def layered(things: Sequence[Made], given: Collection[str], description: str) ->
         columns[place.column].append(place)
     arrows = _arrows(things, place_of, columns)
     _settle(columns)
-    widths = [_NARROWEST] * len(columns)
-    for thing in things:
-        letters = max(LETTER * len(shortened(thing.label, LONGEST)), SMALL_LETTER * len(_text_of(thing)))
-        widths[thing.layer - first] = max(widths[thing.layer - first], round(letters) + 8)
+    widths = _widths(things, first, len(columns))
     lefts = [MARGIN + sum(widths[:i]) + BETWEEN * i for i in range(len(widths))]
     places = [place for column in columns for place in column]
     heights = [place.y for place in places] or [0.0]
@@ -83,6 +80,14 @@ def layered(things: Sequence[Made], given: Collection[str], description: str) ->
         place = place_of[thing.label]
         parts += _box(thing, given, lefts[place.column], widths[place.column], int(place.y))
     return Markup("".join([*parts, "</svg>"]))
+
+
+def _widths(things: Sequence[Made], first: int, columns: int) -> list[int]:
+    widths = [_NARROWEST] * columns
+    for thing in things:
+        letters = max(LETTER * len(shortened(thing.label, LONGEST)), SMALL_LETTER * len(_text_of(thing)))
+        widths[thing.layer - first] = max(widths[thing.layer - first], round(letters) + 8)
+    return widths
 
 
 def _arrows(

@@ -158,17 +158,11 @@ def scatter(
         level: name and share of a dashed horizontal line.
     """
     drawn = {name: sorted(points, key=lambda point: point[1][0]) for name, points in series.items() if points}
-    everything = [point for points in drawn.values() for point in points]
-    xs, ys = _values(x for _, x, _ in everything), _values(y for *_, y in everything)
     lines = [level] if level else []
-    ticks = round_ticks(min(xs, default=0), max(xs, default=1))
-    y_ticks = round_ticks(0, max([*ys, *(share for _, share in lines)], default=1))
-    room = room_for([*drawn, *(name for name, _ in lines)])
-    plot = Plot((ticks[0], ticks[-1]), (0, y_ticks[-1]), description, right=room)
-    plot.y_axis(y_ticks, _shares(y_ticks))
-    plot.x_axis(ticks, [f"{value:.3g}" for value in ticks])
+    plot = _plot_of_scatter(drawn, lines, description)
+    right = plot.x_range[1]
     for name, share in lines:
-        plot.polyline([(ticks[0], share), (ticks[-1], share)], "diagonal", f"{name}: {share:.1%}")
+        plot.polyline([(plot.x_range[0], share), (right, share)], "diagonal", f"{name}: {share:.1%}")
     taken, named = Labels(10.05), set[str]()
     for number, name in enumerate(series):
         for _, x, y in drawn.get(name, ()):
@@ -177,12 +171,28 @@ def scatter(
             title = f"{name}, {label}: {estimate(y, True)} at {estimate(x, False)}"
             plot.marker(plot.x(x[0]), plot.y(y[0]), number, title)
             _label_point(plot, taken, named, label, x[0], y, below=number % 2 == 1)
-    ends = [(ticks[-1], share, name, "") for name, share in lines]
+    ends = [(right, share, name, "") for name, share in lines]
     for number, name in enumerate(series):
         ends += [(x[0], y[0], name, style_of(number)) for _, x, y in drawn.get(name, ())[-1:]]
     plot.end_labels(ends)
     plot.titles(x_title, y_title)
     return plot.done()
+
+
+def _plot_of_scatter(
+    series: Mapping[str, Sequence[tuple[str, Estimate, Estimate]]],
+    lines: Sequence[tuple[str, float]],
+    description: str,
+) -> Plot:
+    everything = [point for points in series.values() for point in points]
+    xs, ys = _values(x for _, x, _ in everything), _values(y for *_, y in everything)
+    ticks = round_ticks(min(xs, default=0), max(xs, default=1))
+    y_ticks = round_ticks(0, max([*ys, *(share for _, share in lines)], default=1))
+    room = room_for([*series, *(name for name, _ in lines)])
+    plot = Plot((ticks[0], ticks[-1]), (0, y_ticks[-1]), description, right=room)
+    plot.y_axis(y_ticks, _shares(y_ticks))
+    plot.x_axis(ticks, [f"{value:.3g}" for value in ticks])
+    return plot
 
 
 def _values(estimates: Iterable[Estimate]) -> list[float]:

@@ -120,9 +120,9 @@ def test_no_opinions_at_all_score_everything_alike(opened):
 @pytest.mark.parametrize(
     ("spoil", "told"),
     [
-        (lambda opinions, weights: (opinions[:, :2], weights), "opinions is of"),
+        (lambda opinions, weights: (opinions[:, :2], weights), "opinions has shape"),
         (lambda opinions, weights: (opinions.long(), weights), "opinions is of torch.int64"),
-        (lambda opinions, weights: (opinions, weights[1:]), "weights is of"),
+        (lambda opinions, weights: (opinions, weights[1:]), "weights has shape"),
         (lambda opinions, weights: (opinions, weights * 0), "not above 0"),
         (lambda opinions, weights: (opinions.flip(0), weights), "not in order"),
         (lambda opinions, weights: (opinions[:, [1, 0, 2]], weights), "not in order"),

@@ -26,7 +26,6 @@ from wordcraft_kg.models.scorers.calibration import (
     Curve,
     Probabilities,
     fit_curve,
-    fit_probabilities,
     known_share,
     place_of,
     predictions,
@@ -58,7 +57,7 @@ def folds(scorer: CrossFitted, opened_kitchen: OpenedGraph) -> Folds:
 
 
 def fitted(scorer: CrossFitted, folds: Folds) -> Probabilities:
-    return fit_probabilities(
+    return Probabilities.fit(
         scorer.whole, folds, [predictions(scorer.left_out(fold), folds, fold) for fold in range(folds.count)]
     )
 
@@ -216,7 +215,7 @@ def test_pairs_of_an_entity_with_itself_have_a_rate_of_their_own(scorer: CrossFi
     changed = msgspec.structs.replace(first, itself=own)
     found = Probabilities(relations=(changed, scorer.probabilities.relations[1]))
     ids = torch.tensor([0, 1])
-    chances = found.of(scorer.table(0)[:2, :2], ids[:, None], torch.tensor(0), ids[None])
+    chances = found.predict(scorer.table(0)[:2, :2], ids[:, None], torch.tensor(0), ids[None])
     assert chances.diagonal().tolist() == pytest.approx([expit(-1.0)] * 2)
     assert chances[0, 1] == scorer.probability(0, 0, 1) != chances[0, 0]
 
@@ -246,11 +245,11 @@ def test_a_scorer_without_recipe_scores_says_nothing_of_results(scorer: CrossFit
 def test_constant_scores_have_the_base_rate(folds: Folds):
     size = folds.split.graph.num_entities
     scorer = TableScorer(torch.ones(2, size, size), folds.split.graph.entities, folds.split.graph.hash)
-    found = fit_probabilities(scorer, folds, [predictions(scorer, folds, fold) for fold in range(folds.count)])
+    found = Probabilities.fit(scorer, folds, [predictions(scorer, folds, fold) for fold in range(folds.count)])
     for curves in found.relations:
         assert "no better" in curves.distinct.reason
     ids = torch.arange(size)
-    chances = found.of(scorer.table(1), ids[:, None], torch.tensor(1), ids[None])
+    chances = found.predict(scorer.table(1), ids[:, None], torch.tensor(1), ids[None])
     assert float(chances[0, 1]) == pytest.approx(found.relations[1].distinct.rate)
 
 

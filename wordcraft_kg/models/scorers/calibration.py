@@ -113,7 +113,30 @@ class Probabilities(Record, frozen=True, kw_only=True):
     relations: tuple[RelationCurves, RelationCurves]
     temperature: float | None = None
 
-    def of(self, scores: Tensor, heads: Tensor, relations: Tensor, tails: Tensor) -> Tensor:
+    @classmethod
+    def fit(cls, whole: TripleScorer, folds: Folds, seen: Sequence["Seen"], *, seed: int = 0) -> "Probabilities":
+        """Fit the probabilities of the scorer of all train recipes to the predictions of the model without each fold.
+
+        Of the recipes outside train only the number is used.
+        """
+        size, train = len(whole.entities), folds.triples()
+        true, others = np.stack([part.true for part in seen]), np.stack([part.others for part in seen])
+        found = []
+        for relation in range(len(RELATIONS)):
+            share = known_share(folds, relation)
+            cells, _ = _cells(size, relation, seed)
+            cells = cells[~is_in(cells, train, size) & (cells[:, 0] != cells[:, 2])]
+            scores, places = _map_of_places(_scores(whole, cells))
+            distinct, itself = (
+                fit_curve(true[:, relation, kind], others[:, relation, kind], share, slopes)
+                for kind, slopes in ((0, len(SEGMENTS) + 1), (1, 1))
+            )
+            found.append(
+                RelationCurves(known_share=share, scores=scores, places=places, distinct=distinct, itself=itself)
+            )
+        return cls(relations=(found[0], found[1]), temperature=_temperature(seen))
+
+    def predict(self, scores: Tensor, heads: Tensor, relations: Tensor, tails: Tensor) -> Tensor:
         """Return probabilities of scores of the model of all train recipes, float32; all broadcast to one shape."""
         together = torch.broadcast_tensors(scores, heads, relations, tails)
         values, one, kinds, other = (part.cpu().numpy() for part in together)
@@ -169,27 +192,6 @@ def predictions(scorer: TripleScorer, folds: Folds, fold: int, *, seed: int = 0)
             chosen = unknown & (is_self == itself)
             others[relation, itself] = np.bincount(_bin(places[chosen]), weights[chosen], minlength=bins)
     return Seen(true, others, *_results(scorer, folds, fold, seed))
-
-
-def fit_probabilities(whole: TripleScorer, folds: Folds, seen: Sequence[Seen], *, seed: int = 0) -> Probabilities:
-    """Fit the probabilities of the scorer of all train recipes to the predictions of the model without each fold.
-
-    Of the recipes outside train only the number is used.
-    """
-    size, train = len(whole.entities), folds.triples()
-    true, others = np.stack([part.true for part in seen]), np.stack([part.others for part in seen])
-    found = []
-    for relation in range(len(RELATIONS)):
-        share = known_share(folds, relation)
-        cells, _ = _cells(size, relation, seed)
-        cells = cells[~is_in(cells, train, size) & (cells[:, 0] != cells[:, 2])]
-        scores, places = _map_of_places(_scores(whole, cells))
-        distinct, itself = (
-            fit_curve(true[:, relation, kind], others[:, relation, kind], share, slopes)
-            for kind, slopes in ((0, len(SEGMENTS) + 1), (1, 1))
-        )
-        found.append(RelationCurves(known_share=share, scores=scores, places=places, distinct=distinct, itself=itself))
-    return Probabilities(relations=(found[0], found[1]), temperature=_temperature(seen))
 
 
 def known_share(folds: Folds, relation: int) -> float:

@@ -152,7 +152,7 @@ class CrossFitted(Scorer):
         if self.probabilities is None:
             raise ConfigError(f"{self.name} says nothing of probabilities. Train it again, with folds, to have them.")
         ids = self.entity_ids(heads), self.relation_ids(relations), self.entity_ids(tails)
-        return self.probabilities.of(self._score(*ids), *ids)
+        return self.probabilities.predict(self._score(*ids), *ids)
 
     def result_probabilities(self, ingredients: EntityIds, others: EntityIds) -> torch.Tensor:
         """Return the probability of each result of pairs that make something.

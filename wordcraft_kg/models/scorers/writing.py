@@ -13,7 +13,7 @@ from wordcraft_kg.base.tensors import copied
 from wordcraft_kg.graphs.folds import Folds
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.triples import RELATIONS, is_in, recipe_triples
-from wordcraft_kg.models.scorers.calibration import fit_probabilities, predictions
+from wordcraft_kg.models.scorers.calibration import Probabilities, predictions
 from wordcraft_kg.models.scorers.config import TABLE_LIMIT, table_bytes
 from wordcraft_kg.models.scorers.cross_fitting import Fold, FoldsRecord, whole_of
 from wordcraft_kg.models.scorers.factors import FactorsScorer
@@ -117,7 +117,7 @@ def write_folds(
             )
         )
     record = FoldsRecord(seed=folds.seed, hash=folds.hash, folds=tuple(found))
-    write_atomically(folder / CALIBRATION, dump_json(as_values(fit_probabilities(whole, folds, seen_by))))
+    write_atomically(folder / CALIBRATION, dump_json(as_values(Probabilities.fit(whole, folds, seen_by))))
     write_atomically(folder / FOLDS_TENSORS, safetensors.torch.save(tensors))
     write_atomically(folder / FOLDS_RECORD, dump_json(as_values(record)))
     return record

@@ -19,18 +19,8 @@ from wordcraft_kg.graphs.frames import entities_frame, triples_frame
 from wordcraft_kg.graphs.triples import triple_lines
 
 AWKWARD = [
-    "#hash",
-    " lead",
-    "a, b",
-    'say "x"',
-    "<&>",
-    "crème brûlée",
-    "火",
-    "it's",
-    "null",
-    "100%",
-    "a/b?c#d",
-    "\ufeffBOM",
+    *("#hash", " lead", "a, b", 'say "x"', "<&>", "crème brûlée"),
+    *("火", "it's", "null", "100%", "a/b?c#d", "\ufeffBOM"),
 ]
 
 
@@ -60,13 +50,8 @@ def test_the_formats_of_the_command_are_those_that_there_are():
 
 
 def test_tsv_holds_the_triples(source, tmp_path):
-    frame = pd.read_csv(
-        exported(source, "tsv", tmp_path),
-        sep="\t",
-        names=["head", "relation", "tail"],
-        quoting=csv.QUOTE_NONE,
-        keep_default_na=False,
-    )
+    options = {"sep": "\t", "quoting": csv.QUOTE_NONE, "keep_default_na": False}
+    frame = pd.read_csv(exported(source, "tsv", tmp_path), names=["head", "relation", "tail"], **options)
     pd.testing.assert_frame_equal(frame, triples_frame(source.graph), check_dtype=False)
 
 
@@ -114,13 +99,9 @@ def test_rdf_holds_the_triples_and_labels(source, tmp_path, format):
     store = rdflib.Graph().parse(exported(source, format, tmp_path), format=format)
     entity, relation = f"{NAMESPACE}entity:", f"{NAMESPACE}relation:"
     found = {
-        (
-            unquote(str(head).removeprefix(entity)),
-            str(predicate).removeprefix(relation),
-            unquote(str(tail).removeprefix(entity)),
-        )
-        for head, predicate, tail in store
-        if str(predicate).startswith(relation)
+        (unquote(head.removeprefix(entity)), predicate.removeprefix(relation), unquote(tail.removeprefix(entity)))
+        for head, predicate, tail in (map(str, triple) for triple in store)
+        if predicate.startswith(relation)
     }
     assert found == oracles.triples(source.graph.recipe_labels())
     labels = {str(label) for label in store.objects(predicate=rdflib.RDFS.label)}
@@ -219,35 +200,24 @@ def test_an_export_holds_the_part_that_is_asked_for(source, tmp_path, part):
     assert sum(statement.endswith("Recipe> .") for statement in statements) == len(book.recipes)
 
 
-def test_a_part_of_a_format_that_holds_all_parts_is_refused(kitchen, tmp_path):
-    with refuses("part"):
-        export_graph(opened(kitchen), "libkge", tmp_path / "out", part="partial")
-    with refuses("part"):
-        export_graph(opened(kitchen), "tsv", tmp_path / "out", part="parts")
-    assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.parametrize("format", ["graphml", "gexf", "ttl"])
-def test_an_export_that_would_take_too_much_memory_is_refused_with_its_cost(kitchen, tmp_path, monkeypatch, format):
-    monkeypatch.setattr("wordcraft_kg.graphs.export.MOST_BYTES", 2**20)
-    with refuses("format"):
-        export_graph(opened(kitchen), format, tmp_path / "out")
-    assert not list(tmp_path.iterdir())
-
-
-def test_an_unknown_format_is_refused_with_the_nearest_one(kitchen, tmp_path):
-    with refuses("format"):
-        export_graph(opened(kitchen), "graphm", tmp_path / "out")
-
-
 @pytest.mark.parametrize(
-    ("format", "package", "extra"),
-    [("ttl", "rdflib", "rdf")],
+    ("setting", "format", "part"),
+    [
+        ("part", "libkge", "partial"),  # it holds all parts
+        ("part", "tsv", "parts"),
+        ("format", "graphm", "full"),
+        *[("format", format, "full") for format in ("graphml", "gexf", "ttl")],  # they would take too much memory
+    ],
 )
-def test_a_missing_package_is_refused_with_the_extra_that_brings_it(
-    kitchen, tmp_path, monkeypatch, format, package, extra
-):
-    monkeypatch.setitem(sys.modules, package, None)
-    with pytest.raises(MissingExtraError, match=rf"{package} is not installed: pip install 'wordcraft-kg\[{extra}\]'"):
-        export_graph(opened(kitchen), format, tmp_path / "out")
+def test_an_export_that_cannot_be_is_refused(kitchen, tmp_path, monkeypatch, setting, format, part):
+    monkeypatch.setattr("wordcraft_kg.graphs.export.MOST_BYTES", 2**20)
+    with refuses(setting):
+        export_graph(opened(kitchen), format, tmp_path / "out", part=part)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_missing_package_is_refused_with_the_extra_that_brings_it(kitchen, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "rdflib", None)
+    with pytest.raises(MissingExtraError, match=r"rdflib is not installed: pip install 'wordcraft-kg\[rdf\]'"):
+        export_graph(opened(kitchen), "ttl", tmp_path / "out")
     assert not list(tmp_path.iterdir())

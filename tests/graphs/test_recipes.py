@@ -82,29 +82,19 @@ def test_the_layouts_of_one_book_give_equal_graphs(tmp_path):
     assert graphs[0].recipe_labels() == [("a", "a", "d"), ("a", "b", "c"), ("a", "b", "d")]
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        TABLE + "a,b,c\n",
-        "\ufeff" + TABLE + "a,b,c\n",
-        (TABLE + "a,b,c\n").replace("\n", "\r\n"),
-        TABLE + "a,b,c",
-        TABLE + "\na,b,c\n\n",
-        "# a comment\n#\n" + TABLE + "a,b,c\n",
-        "ingredient_a, ingredient_b, result\na,b,c\n",
-        TABLE + '"a","b","c"\n',
-    ],
-    ids=[
-        "plain",
-        "byte order mark",
-        "CRLF",
-        "no last line end",
-        "blank lines",
-        "comments",
-        "blanks in header",
-        "quotes",
-    ],
-)
+SAVED = {
+    "plain": TABLE + "a,b,c\n",
+    "byte order mark": "\ufeff" + TABLE + "a,b,c\n",
+    "CRLF": (TABLE + "a,b,c\n").replace("\n", "\r\n"),
+    "no last line end": TABLE + "a,b,c",
+    "blank lines": TABLE + "\na,b,c\n\n",
+    "comments": "# a comment\n#\n" + TABLE + "a,b,c\n",
+    "blanks in header": "ingredient_a, ingredient_b, result\na,b,c\n",
+    "quotes": TABLE + '"a","b","c"\n',
+}
+
+
+@pytest.mark.parametrize("text", SAVED.values(), ids=SAVED)
 def test_tables_are_read_however_they_were_saved(tmp_path, text):
     path = tmp_path / "book.csv"
     path.write_text(text, encoding="utf-8", newline="")
@@ -180,26 +170,20 @@ def test_a_base_entity_may_occur_in_a_dropped_row_only_or_be_listed(tmp_path):
     assert read_book(path).base == ("a", "fire", "x")
 
 
+ENTITIES = {
+    **{label: {"recipes": []} for label in ("coal", "sand", "ore")},
+    "glass": {"recipes": [["sand"]]},
+    "iron": {"recipes": [["ore"]]},
+    "steel": {"recipes": [["iron", "coal"]]},
+}
 SINGLE = {
     "book.csv": TABLE + "sand,,glass\n,ore,iron\niron,coal,steel\n",
     "loose.csv": TABLE + 'sand, ,glass\n"",ore,iron\niron,coal,steel\n',
     "book.tsv": TABLE.replace(",", "\t") + "sand\t\tglass\n\tore\tiron\niron\tcoal\tsteel\n",
     "own.json": json.dumps(
-        {
-            "entities": ["coal", "glass", "iron", "ore", "sand", "steel"],
-            "recipes": [["sand", "glass"], ["ore", "iron"], ["iron", "coal", "steel"]],
-        }
+        {"entities": [*ENTITIES], "recipes": [["sand", "glass"], ["ore", "iron"], ["iron", "coal", "steel"]]}
     ),
-    "official.json": json.dumps(
-        {
-            "entities": {
-                **{label: {"recipes": []} for label in ("coal", "sand", "ore")},
-                "glass": {"recipes": [["sand"]]},
-                "iron": {"recipes": [["ore"]]},
-                "steel": {"recipes": [["iron", "coal"]]},
-            }
-        }
-    ),
+    "official.json": json.dumps({"entities": ENTITIES}),
 }
 
 
@@ -210,12 +194,8 @@ def test_recipes_of_one_ingredient_are_read_as_asked(tmp_path, name):
     with refuses("single_ingredient", RecipeFileError):
         read_book(path)
     for setting, sand, ore in (("self", "sand", "ore"), ("furnace", "furnace", "furnace")):
-        book = read_book(path, single_ingredient=setting)
-        assert set(book.recipes) == {
-            Recipe.of("sand", sand, "glass"),
-            Recipe.of("ore", ore, "iron"),
-            Recipe("coal", "iron", "steel"),
-        }
+        expected = {("sand", sand, "glass"), ("ore", ore, "iron"), ("coal", "iron", "steel")}
+        assert set(read_book(path, single_ingredient=setting).recipes) == {Recipe.of(*row) for row in expected}
 
 
 def test_what_single_ingredients_are_combined_with_has_to_be_a_label(tmp_path):

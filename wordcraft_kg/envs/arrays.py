@@ -36,6 +36,10 @@ class Arrays:
         """Return a copy as a NumPy array."""
         return np.array(values)
 
+    def copy(self, values: Array) -> Array:
+        """Return a copy."""
+        return values.copy()
+
     def full(self, shape: tuple[int, ...], value: int, dtype: str = "int64") -> Array:
         """Return an array of one value."""
         return np.full(shape, value, dtype=dtype)
@@ -87,6 +91,9 @@ class TorchArrays(Arrays):
 
     def numpy(self, values: Any) -> NDArray[Any]:  # noqa: D102
         return np.array(values.cpu().numpy())
+
+    def copy(self, values: Any) -> Array:  # noqa: D102
+        return values.clone()
 
     def full(self, shape: tuple[int, ...], value: int, dtype: str = "int64") -> Array:  # noqa: D102
         return self.torch.full(shape, value, dtype=getattr(self.torch, dtype), device=self.device)

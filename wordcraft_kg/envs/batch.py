@@ -4,7 +4,7 @@
 NumPy and torch alike: see :mod:`~wordcraft_kg.envs.arrays`.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -124,7 +124,8 @@ class State(NamedTuple):
         return self._replace(ahead=ahead, age=0, **copies)
 
 
-_SAVED: tuple[str, ...] = State._fields[4:]
+_GOAL = State._fields.index("goal")
+_SAVED: tuple[str, ...] = State._fields[_GOAL:]
 
 
 class PairNumbers:
@@ -219,32 +220,25 @@ class BatchEngine:
         keys, number = self._keys(seed), self.arrays.full((self.num_envs,), episode)
         tasks = self.arrays.array(np.asarray(tasks, dtype=np.int64)) if isinstance(tasks, list | np.ndarray) else tasks
         begun = self._begun(self._draws.tables(self._draws.keys(keys, number), tasks), tasks)
-        return State(self, keys, Ahead(self._draws, keys, number + 1), 0, **begun, episode=number + 1)
+        return State._make((self, keys, Ahead(self._draws, keys, number + 1), 0, *begun, number + 1))
 
     def _keys(self, seed: int) -> Array:
         return self._draws.env_keys(seed, self.first_env, self.num_envs)
 
     def _begin(self, keys: Array, episode: Array) -> State:
         ahead = Ahead(self._draws, keys, episode)
-        return State(self, keys, ahead, 1, **self._begun(*ahead.take(self._rows, episode)), episode=episode + 1)
+        return State._make((self, keys, ahead, 1, *self._begun(*ahead.take(self._rows, episode)), episode + 1))
 
-    def _begun(self, tables: Array, tasks: Array) -> dict[str, Any]:
-        """Return the arrays of a state at the start of episodes."""
+    def _begun(self, tables: Array, tasks: Array) -> Sequence[Array]:
+        """Return the arrays of a state at the start of episodes, from the goal to the count."""
         full, size = self.arrays.full, (len(tables),)
         wide = full((len(tables), self.num_slots + 1), self.nothing)
-        wide[:, : tables.shape[1]] = self.arrays.cast(tables, "int64")
+        wide[:, : tables.shape[1]] = tables
         # Most tables are full at depth 1.
         count = full(size, tables.shape[1])
         rows = self.arrays.rows(tables[:, -1] == self.nothing)
         count[rows] = (tables[rows] != self.nothing).sum(1)
-        return {
-            "goal": self._goals[tasks],
-            "task": tasks,
-            "selection": full(size, self.nothing),
-            "attempts_left": full(size, self.config.attempts),
-            "wide": wide,
-            "count": count,
-        }
+        return self._goals[tasks], tasks, full(size, self.nothing), full(size, self.config.attempts), wide, count
 
     def _begin_where(self, over: Array, before: State, now: State) -> State:
         """Begin the next episode in environments where one is over; ``now`` is the state after ``before``."""
@@ -253,25 +247,23 @@ class BatchEngine:
         if not len(rows):
             return now
         begun = self._begun(*now.ahead.take(rows, now.episode[rows]))
-        episode = now.episode + over
+        current: Any = now[_GOAL:-1]
+        earlier: Any = before[_GOAL:-1]
+        episode, ahead, age = now.episode + over, now.ahead, now.age
         if on_device:
             # Without reading from the device: every environment is written, with its old state or its next episode.
-            where = self.arrays.xp.where
-            begun = {
-                name: where(over if new.ndim == 1 else over[:, None], new, getattr(now, name))
-                for name, new in begun.items()
-            }
-            age = now.age + 1
-            if age < now.ahead.size:
-                return now._replace(**begun, episode=episode, age=age)
-            return now._replace(**begun, episode=episode, age=0, ahead=Ahead(self._draws, now.keys, episode))
-        if len(rows) < self.num_envs:
-            for name, new in begun.items():
-                begun[name] = getattr(now, name)
-                if begun[name] is getattr(before, name):  # other arrays were made in this step
-                    begun[name] = begun[name] + 0
-                begun[name][rows] = new
-        return now._replace(**begun, episode=episode)
+            masks = (over[:, None] if new.ndim > 1 else over for new in begun)
+            begun = list(map(self.arrays.xp.where, masks, begun, current))
+            age += 1
+            if age == ahead.size:
+                ahead, age = Ahead(self._draws, now.keys, episode), 0
+        elif len(rows) < self.num_envs:
+            # Arrays that were made in this step may be written to.
+            own = [old.copy() if old is was else old for old, was in zip(current, earlier, strict=True)]
+            for array, new in zip(own, begun, strict=True):
+                array[rows] = new
+            begun = own
+        return State._make((self, now.keys, ahead, age, *begun, episode))
 
     # --- steps -------------------------------------------------------------------------------------------------------
 
@@ -288,17 +280,18 @@ class BatchEngine:
         Raises:
             ActionError: for an action outside the action space, or illegal where ``illegal_action`` is ``raise``.
         """
-        now, done = self._step(state, actions)
+        now, done = self._step(state, actions, is_replaced=True)
         return self._begin_where(done.over, state, now), done
 
     def step_once(self, state: State, actions: Array) -> tuple[State, Step]:
         """Like :meth:`step`, but an environment whose episode has ended stays as it is."""
         if not self.arrays.on_device and not (state.attempts_left > 0).any():
             raise EpisodeError("all episodes are over; call pose() or reset().")
-        now, done = self._step(state, actions)
+        now, done = self._step(state, actions, is_replaced=False)
         return now._replace(attempts_left=self.arrays.xp.where(done.over, 0, now.attempts_left)), done
 
-    def _step(self, state: State, actions: Array) -> tuple[State, Step]:
+    def _step(self, state: State, actions: Array, *, is_replaced: bool) -> tuple[State, Step]:
+        """Step without new episodes; ``is_replaced`` tells that nobody will see tables of episodes that are over."""
         nothing, cast = self.nothing, self.arrays.cast
         if not self.arrays.on_device:
             actions = self._checked(actions)
@@ -311,7 +304,7 @@ class BatchEngine:
         second = state.selection != nothing
         # With nothing in hand, or nothing picked, nothing is made: the table of pairs has a row for that.
         pair = self.pairs(state.selection, picked)
-        wide, count, made_goal, by_plan, shaped = self._land(state, pair, running)
+        wide, count, made_goal, by_plan, shaped = self._land(state, pair, running, is_replaced)
         attempts_left = state.attempts_left - cast((second | empty) & running, "int64")
         selection = self.arrays.xp.where(second | empty, nothing, picked)
         over = running & (made_goal | (attempts_left == 0))
@@ -320,10 +313,13 @@ class BatchEngine:
             wrong = second & ~empty & running & (pair == self.pairs.no_pair)
             reward = reward + shaped - self.config.rewards.wrong_pair_penalty * cast(wrong, "float32")
         outcome = cast(over, "int8") * OUT_OF_ATTEMPTS - cast(made_goal, "int8")
-        now = state._replace(selection=selection, attempts_left=attempts_left, wide=wide, count=count)
+        kept = self, state.keys, state.ahead, state.age, state.goal, state.task
+        now = State(*kept, selection, attempts_left, wide, count, state.episode)
         return now, Step(cast(reward, "float32"), over, outcome, by_plan, illegal, state.task)
 
-    def _land(self, state: State, pair: Array, running: Array) -> tuple[Array, Array, Array, Array, Array | None]:
+    def _land(
+        self, state: State, pair: Array, running: Array, is_replaced: bool
+    ) -> tuple[Array, Array, Array, Array, Array | None]:
         """Return tables with the results and their sizes, where the goal was made, where by a plan, shaped rewards."""
         arrays, rewards = self.arrays, self.config.rewards
         makes = (pair != self.pairs.no_pair) & running
@@ -335,9 +331,13 @@ class BatchEngine:
             return state.wide, state.count, made_goal, by_plan, shaped
         results, goal, task, makes = self._results[pair[rows]], state.goal[rows], state.task[rows], makes[rows]
         hit = (results == goal[:, None]).any(1) & makes
+        made_goal[rows] = hit
+        by_plan[rows] = hit & (self._finals[task] == pair[rows][:, None]).any(1)
+        if is_replaced and shaped is None and not arrays.on_device and (hit | (state.attempts_left[rows] == 1)).all():
+            return state.wide, state.count, made_goal, by_plan, shaped
         made = self._made[task]
         first, relevant = arrays.full((len(rows),), 0), hit
-        tables, count, wide = state.wide[rows], state.count[rows], state.wide + 0
+        tables, count, wide = state.wide[rows], state.count[rows], arrays.copy(state.wide)
         for i in range(results.shape[1]):
             result = results[:, i]
             is_new = makes & (result != self.nothing) & ~(tables == result[:, None]).any(1)
@@ -347,10 +347,8 @@ class BatchEngine:
             # Where nothing is new, the id of nothing is written to the first free slot, which holds it already.
             wide[rows, count] = arrays.xp.where(is_new, result, wide[rows, count])
             count = count + is_new
-        counts = state.count + 0
+        counts = arrays.copy(state.count)
         counts[rows] = count
-        made_goal[rows] = hit
-        by_plan[rows] = hit & (self._finals[task] == pair[rows][:, None]).any(1)
         if shaped is not None:
             irrelevant = arrays.cast(makes & ~relevant, "float32")
             shaped[rows] = (

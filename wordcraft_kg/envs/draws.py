@@ -209,11 +209,9 @@ class Ahead:
     def take(self, rows: Array, episodes: Array) -> tuple[Array, Array]:
         """Return table (R, width) and task (R,) of an episode of each of some environments."""
         arrays, index = self.draws.arrays, episodes - self._first[rows]
-        if not arrays.on_device:
-            spent = ((index < 0) | (index >= self.size)).nonzero()[0]
-            if len(spent):
-                self._draw(rows[spent], episodes[spent])
-                index[spent] = 0
+        if not arrays.on_device and len(spent := (index != index % self.size).nonzero()[0]):
+            self._draw(rows[spent], episodes[spent])
+            index[spent] = 0
         which = rows * self.size + index
         tasks = arrays.take_rows(self._tasks.reshape(-1), which)
         return arrays.take_rows(self._tables.reshape(-1, self.draws.width), which), arrays.cast(tasks, "int64")

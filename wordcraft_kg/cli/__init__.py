@@ -50,7 +50,7 @@ ABOUT = """Recipe graphs of crafting worlds, link prediction on them, agents, an
   wordcraft-kg build-graph everyday --out graph
   wordcraft-kg train-recipes graph --out model
   wordcraft-kg evaluate-links model
-  wordcraft-kg train-agent graph --scorer model --out run
+  wordcraft-kg train-agent graph --scorer model --use u,v,w --out run
   wordcraft-kg explain run
   wordcraft-kg explore graph --model model --run run
 

@@ -5,8 +5,9 @@ import json
 import re
 import xml.etree.ElementTree as ElementTree
 
+from tests.apps.explorer.shown import view_of
 from wordcraft_kg.apps.explorer.explored import Explored
-from wordcraft_kg.apps.explorer.pages.path import Path, view_path
+from wordcraft_kg.apps.explorer.pages.path import Path
 from wordcraft_kg.graphs.folder import OpenedGraph, default_split
 from wordcraft_kg.reports.charts import Dot, Made, Region, colour_of, layered, world
 from wordcraft_kg.reports.charts.pictures import LINE
@@ -38,7 +39,7 @@ DIAMOND = [made("b", 1, "a", "a"), made("c", 2, "b", "a"), made("d", 2, "b", "b"
 def test_layers_stand_from_left_to_right_and_boxes_do_not_overlap(kitchen):
     explored = Explored(OpenedGraph(kitchen, default_split(kitchen), "kitchen"))
     for entity in kitchen.entities:
-        steps = view_path(explored, Path(entity)).drawn
+        steps = view_of(explored, Path(entity)).drawn
         things = [made(step.recipe.result, step.layer, *step.recipe[:2]) for step in steps]
         if not things:
             continue

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from refusals import refuses
 
-from tests.apps.explorer.shown import explored_by, explored_graph
+from tests.apps.explorer.shown import explored_by, explored_graph, view_of
 from wordcraft_kg.apps.explorer.pages import entities, entity
 from wordcraft_kg.apps.explorer.pages.entities import list_entities, search_entities
 from wordcraft_kg.apps.explorer.pages.entity import (
@@ -15,8 +15,6 @@ from wordcraft_kg.apps.explorer.pages.entity import (
     EntityProfile,
     Recipes,
     near_by_words,
-    view_entity,
-    view_recipes,
 )
 from wordcraft_kg.apps.explorer.paging import paging
 from wordcraft_kg.apps.explorer.predictor import LinkPredictor
@@ -29,7 +27,7 @@ from wordcraft_kg.models.scorers.features import glove_features
 
 
 def profile(predictor: LinkPredictor, label: str, *, learned: bool = False) -> EntityProfile:
-    return view_entity(explored_by(predictor), Entity(label, learned=learned))
+    return view_of(explored_by(predictor), Entity(label, learned=learned))
 
 
 # --- lists -----------------------------------------------------------------------------------------------------------
@@ -121,7 +119,7 @@ def test_recipes_that_make_and_use_an_entity_have_their_parts(
 def test_layer_and_crafts_are_those_of_the_planner(kitchen: RecipeGraph):
     planner, layer, explored = Planner(kitchen), layers(kitchen), explored_graph(kitchen)
     for label in kitchen.entities[::9]:
-        found = view_entity(explored, Entity(label))
+        found = view_of(explored, Entity(label))
         assert found.layer == layer[kitchen.id_of(label)]
         assert found.crafts == len(planner.derivation(label).steps)
         assert found.base == (label in kitchen.base)
@@ -147,7 +145,7 @@ def test_a_model_answers_for_partners_ingredients_and_products(neighbours: LinkP
 
 
 def test_without_a_model_the_recipes_and_words_are_left(kitchen: RecipeGraph):
-    found = view_entity(explored_graph(kitchen), Entity("bread"))
+    found = view_of(explored_graph(kitchen), Entity("bread"))
     assert (found.model, found.slots, found.nearest) == ("", (), ())
     assert found.made_by.total
     assert found.by_words
@@ -175,8 +173,8 @@ def test_near_by_words_are_only_entities_whose_words_have_a_vector():
 
 def test_an_entity_whose_words_have_no_vector_is_like_none_by_words():
     explored = explored_graph([("bread", "water", "qqxzzq"), ("qqxzzq", "water", "cake")])
-    assert view_entity(explored, Entity("qqxzzq")).by_words is None
-    by_words = view_entity(explored, Entity("bread")).by_words
+    assert view_of(explored, Entity("qqxzzq")).by_words is None
+    by_words = view_of(explored, Entity("bread")).by_words
     assert by_words is not None
     assert {row.entity for row in by_words} == {"water", "cake"}
 
@@ -184,22 +182,22 @@ def test_an_entity_whose_words_have_no_vector_is_like_none_by_words():
 def test_many_recipes_come_page_by_page(of_recipes: Callable[..., LinkPredictor]):
     rows = [("hub", f"part {i:03}", f"thing {i:03}") for i in range(250)]
     explored = explored_by(of_recipes(rows, kind="by-recipe-plain"))
-    pages = [view_recipes(explored, Recipes("hub", page=page)) for page in (1, 2, 3)]
+    pages = [view_of(explored, Recipes("hub", page=page)) for page in (1, 2, 3)]
     assert [len(page.recipes) for page in pages] == [100, 100, 50]
     assert len({row.result for page in pages for row in page.recipes}) == 250
     assert pages[0].paging.pages == 3
-    assert len(view_entity(explored, Entity("hub")).used_in.recipes) == 12
+    assert len(view_of(explored, Entity("hub")).used_in.recipes) == 12
     with pytest.raises(ConfigError, match="there are 3 pages"):
-        view_recipes(explored, Recipes("hub", page=4))
-    assert view_recipes(explored, Recipes("hub", "makes")).recipes == ()
-    of_test = view_recipes(explored, Recipes("hub", part="test"))
+        view_of(explored, Recipes("hub", page=4))
+    assert view_of(explored, Recipes("hub", "makes")).recipes == ()
+    of_test = view_of(explored, Recipes("hub", part="test"))
     assert {row.part for row in of_test.recipes} == {"test"}
     assert of_test.total == pages[0].parts["test"] < 250
 
 
 def test_the_partner_of_an_entity_may_be_itself():
     explored = explored_graph([("a", "a", "b"), ("a", "z", "b"), ("Z", "a", "b")])
-    assert [row.partner("a") for row in view_recipes(explored, Recipes("a")).recipes] == ["Z", "a", "z"]
+    assert [row.partner("a") for row in view_of(explored, Recipes("a")).recipes] == ["Z", "a", "z"]
 
 
 def test_an_unknown_entity_is_refused_with_the_nearest_labels(neighbours: LinkPredictor):

@@ -4,9 +4,9 @@ from collections.abc import Callable
 
 import pytest
 
-from tests.apps.explorer.shown import explored_by, explored_graph
-from wordcraft_kg.apps.explorer.pages.link import Link, LinkProfile, view_link
-from wordcraft_kg.apps.explorer.pages.pair import Pair, PairProfile, view_pair
+from tests.apps.explorer.shown import explored_by, explored_graph, view_of
+from wordcraft_kg.apps.explorer.pages.link import Link, LinkProfile
+from wordcraft_kg.apps.explorer.pages.pair import Pair, PairProfile
 from wordcraft_kg.apps.explorer.predictor import LinkPredictor
 from wordcraft_kg.base.errors import UnknownEntityError
 from wordcraft_kg.base.records import checked_values
@@ -16,11 +16,11 @@ from wordcraft_kg.models.scorers.ranking import rank_triples
 
 
 def link_of(predictor: LinkPredictor, head: str, relation: str, tail: str) -> LinkProfile:
-    return view_link(explored_by(predictor), Link(head, relation, tail))  # type: ignore[arg-type]
+    return view_of(explored_by(predictor), Link(head, relation, tail))  # type: ignore[arg-type]
 
 
 def pair_of(predictor: LinkPredictor, a: str, b: str) -> PairProfile:
-    return view_pair(explored_by(predictor), Pair(a, b))
+    return view_of(explored_by(predictor), Pair(a, b))
 
 
 def test_a_link_has_the_score_and_ranks_that_reports_give_it(kernel: LinkPredictor):
@@ -98,7 +98,7 @@ def test_a_pair_makes_what_the_book_says_with_the_part(neighbours: LinkPredictor
     graph, explored = neighbours.graph, explored_graph(neighbours.graph, split=neighbours.split)
     for a, b, _ in graph.recipe_labels()[::13]:
         for one, other in ((a, b), (b, a)):
-            found = view_pair(explored, Pair(one, other))
+            found = view_of(explored, Pair(one, other))
             assert tuple(row.result for row in found.makes) == graph.labels(graph.results(a, b))
             assert (found.link, found.results, found.model) == (None, None, "")
 

@@ -1,16 +1,16 @@
 import msgspec
 import pytest
 
-from tests.apps.explorer.shown import explored_graph
+from tests.apps.explorer.shown import explored_graph, view_of
 from wordcraft_kg.apps.explorer.pages import path as paths
-from wordcraft_kg.apps.explorer.pages.path import Path, PathView, view_path
+from wordcraft_kg.apps.explorer.pages.path import Path, PathView
 from wordcraft_kg.base.errors import ConfigError, UnknownEntityError
 from wordcraft_kg.base.records import checked_values
 from wordcraft_kg.graphs import Planner, SplitConfig, make_split
 
 
 def path_to(goal: str, *rows: tuple[str, str, str], base: list[str] | None = None, page: int = 1) -> PathView:
-    return view_path(explored_graph(rows, base), Path(goal, page))
+    return view_of(explored_graph(rows, base), Path(goal, page))
 
 
 def chain(length: int) -> list[tuple[str, str, str]]:
@@ -26,7 +26,7 @@ def test_the_steps_are_those_of_the_cheapest_derivation_with_the_parts_of_their_
     }
     seen = set()
     for entity in kitchen.entities:
-        view = view_path(explored, Path(entity))
+        view = view_of(explored, Path(entity))
         found = planner.derivation(entity)
         assert tuple(step.recipe for step in view.listed) == found.steps
         assert [step.number for step in view.listed] == list(range(1, len(found.steps) + 1))
@@ -42,7 +42,7 @@ def test_the_steps_are_those_of_the_cheapest_derivation_with_the_parts_of_their_
 def test_each_craft_is_a_layer_after_all_that_it_needs_and_a_layer_before_something_that_needs_it(kitchen):
     explored = explored_graph(kitchen)
     for entity in kitchen.entities:
-        view = view_path(explored, Path(entity))
+        view = view_of(explored, Path(entity))
         layer = {step.recipe.result: step.layer for step in view.listed}
         needed_in: dict[str, set[int]] = {}
         for step in view.listed:

@@ -22,7 +22,7 @@ word's beginning. u puts the first pick back, l lists what is known, h gives a
 hint, ? shows this, q quits."""
 
 
-class GameHeader(Record):
+class _GameHeader(Record):
     """The first line of a game's file; nothing about the person or the machine."""
 
     format: Literal["wordcraft-kg open-ended game 1"]
@@ -32,7 +32,7 @@ class GameHeader(Record):
     attempts: Count
 
 
-class GameMove(Record):
+class _GameMove(Record):
     """A further line: two entities that were combined or, in a hint, named."""
 
     picks: tuple[str, str]
@@ -52,21 +52,15 @@ def play_open_world(
     game = _Game(terminal, env, out)
     if out is not None:
         names = env.graph.labels(env.discovery.base)
-        header = GameHeader("wordcraft-kg open-ended game 1", env.graph.name, env.graph.hash, names, attempts)
-        game.go_back_to(open_game(out, header), out)
+        header = _GameHeader("wordcraft-kg open-ended game 1", env.graph.name, env.graph.hash, names, attempts)
+        game.go_back_to(_open_game(out, header), out)
     with terminal.until_quit(lambda: "; ".join(game.tally())):
         game.play()
     output.result(game.values(), game.tally())
 
 
-def open_game(path: Path, header: GameHeader) -> list[GameMove]:
-    """Begin a game's file, or read the existing one to go on with it; a torn last line is dropped.
-
-    Raises:
-        ArtefactError: if the file is not of this kind or damaged.
-        GraphMismatchError: if it was played on another graph.
-        ConfigError: if it began with another base or number of attempts. The file is unchanged in all these cases.
-    """
+def _open_game(path: Path, header: _GameHeader) -> list[_GameMove]:
+    """Begin a game's file, or read the existing one to go on with it; a torn last line is dropped."""
     if not path.exists():
         path.parent.mkdir(parents=True, exist_ok=True)
         write_atomically(path, as_lines([header]))
@@ -74,7 +68,7 @@ def open_game(path: Path, header: GameHeader) -> list[GameMove]:
     data = read_small_file(path)
     sound = data[: data.rfind(b"\n") + 1]
     first, _, rest = sound.partition(b"\n")
-    found = parse_record(first, GameHeader, f"{path}, line 1,")
+    found = parse_record(first, _GameHeader, f"{path}, line 1,")
     if found.graph_hash != header.graph_hash:
         raise GraphMismatchError(
             f"'{path}' was played on graph {found.graph_hash[:12]}, and this is {header.graph_hash[:12]}."
@@ -83,12 +77,12 @@ def open_game(path: Path, header: GameHeader) -> list[GameMove]:
         began, wanted = getattr(found, name), getattr(header, name)
         if began != wanted:
             raise ConfigError(f"'{path}' began with `{name}` {began}, and this command has {wanted}.")
-    moves = parse_lines(rest, GameMove, f"{path} (after line 1)")
+    moves = parse_lines(rest, _GameMove, f"{path} (after line 1)")
     drop_torn_line(path, len(data) - len(sound))
     return moves
 
 
-def productive_pair(graph: RecipeGraph, discovery: Discovery) -> tuple[int, int] | None:
+def _productive_pair(graph: RecipeGraph, discovery: Discovery) -> tuple[int, int] | None:
     """Return the first possible pair of known entities that makes something new."""
     place = {entity: number for number, entity in enumerate(discovery.known)}
     pairs = (
@@ -123,7 +117,7 @@ class _Game:
         self._hinted = None
         return self.env.graph.labels(info["new_entities"]), info["repeated"]
 
-    def go_back_to(self, moves: Sequence[GameMove], path: Path) -> None:
+    def go_back_to(self, moves: Sequence[_GameMove], path: Path) -> None:
         """Make the moves of a file again."""
         for line, move in enumerate(moves, start=2):
             if self.is_over or not set(move.picks) <= set(self.known):
@@ -149,22 +143,22 @@ class _Game:
             prompt = f"known: {len(known)}   attempts left: {left}   hand: {{}} > "
             one, other = (known[place] for place in self.terminal.pick_two(prompt, known, answers))
             new, repeated = self.combine(one, other)
-            self._save(GameMove((one, other)))
+            self._save(_GameMove((one, other)))
             line = combined((one, other), new, "nothing new")
             self.terminal.say(self.terminal.styled(line, "good") if new else line + " (tried before)" * repeated)
 
     def _hint(self) -> list[str]:
         """Name one of two things that make something new together; asked again, both."""
-        pair = productive_pair(self.env.graph, self.env.discovery)
+        pair = _productive_pair(self.env.graph, self.env.discovery)
         if pair is None:
             return ["No pair of what you know makes anything new."]
         again, self._hinted = pair == self._hinted, pair
         one, other = self.env.graph.labels(pair)
         self.hints += 1
-        self._save(GameMove((one, other), is_hint=True))
+        self._save(_GameMove((one, other), is_hint=True))
         return [f"{one} + {other} makes something new." if again else f"Something new can be made with {one}."]
 
-    def _save(self, move: GameMove) -> None:
+    def _save(self, move: _GameMove) -> None:
         if self.out is not None:
             append_record(self.out, move)
 

@@ -118,13 +118,8 @@ class EntityProfile(Record):
         return any(row.probability is not None for slot in self.slots for row in slot.best)
 
 
-def view_entity(explored: Explored, state: Entity) -> EntityProfile:
-    """Return an entity's recipes and, if there is a model, its predictions.
-
-    Raises:
-        UnknownEntityError: if the graph has no such entity, or there is no such model.
-        ConfigError: if the graph has no entities.
-    """
+def _view(explored: Explored, state: Entity) -> EntityProfile:
+    """Return an entity's recipes and, if there is a model, its predictions."""
     split, graph = explored.opened.split, explored.opened.graph
     if not graph.num_entities:
         raise ConfigError("The graph has no entities.")
@@ -155,13 +150,8 @@ def view_entity(explored: Explored, state: Entity) -> EntityProfile:
     )
 
 
-def view_recipes(explored: Explored, state: Recipes) -> EntityRecipes:
-    """List recipes of an entity, page by page.
-
-    Raises:
-        UnknownEntityError: if the graph has no such entity.
-        ConfigError: if no entity is named, or there is no such page.
-    """
+def _view_recipes(explored: Explored, state: Recipes) -> EntityRecipes:
+    """List recipes of an entity, page by page."""
     if not state.entity:
         raise ConfigError("The address names no entity; expected one such as /recipes/water.")
     return _recipes(explored.opened.split, state, RECIPES_A_PAGE)
@@ -215,5 +205,5 @@ def _exported_recipes(explored: Explored) -> Iterator[Recipes]:
                 yield from (Recipes(label, use, page=page) for page in range(1, -(-count // RECIPES_A_PAGE) + 1))
 
 
-PAGE = Page("entity", Entity, view_entity, subject="entity", exported=_exported)
-RECIPES = Page("recipes", Recipes, view_recipes, subject="entity", exported=_exported_recipes)
+PAGE = Page("entity", Entity, _view, subject="entity", exported=_exported)
+RECIPES = Page("recipes", Recipes, _view_recipes, subject="entity", exported=_exported_recipes)

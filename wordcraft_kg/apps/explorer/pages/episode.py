@@ -125,15 +125,8 @@ class ShownEpisode(Record):
     episode: EpisodeView
 
 
-def view_episode(explored: Explored, state: Episode) -> ShownEpisode:
-    """Ask agents at a table, all by the rules of one world; problems with other agents than the first are in the view.
-
-    Raises:
-        UnknownEntityError: for an unknown run or label, with the nearest ones.
-        ConfigError: if there is no run or no such task, or the first agent cannot be asked at such a table.
-        TaskError: if there are no tasks of the part and depth.
-        ArtefactError: if the first run has no weights yet, or is damaged.
-    """
+def _view(explored: Explored, state: Episode) -> ShownEpisode:
+    """Ask agents at a table, by the rules of one world; problems with others than the first are in the view."""
     first, run = followed(explored, state.run)
     tasks = tasks_of(run)
     distractors = None if state.distractors < 0 else state.distractors
@@ -214,4 +207,4 @@ def _exported(explored: Explored) -> Iterator[Episode]:
         yield from (Episode(run=tasks.run, task=row.number) for row in rows)
 
 
-PAGE = Page("episode", Episode, view_episode, "Episodes", exported=_exported, is_there=has_runs, is_live=_is_live)
+PAGE = Page("episode", Episode, _view, "Episodes", exported=_exported, is_there=has_runs, is_live=_is_live)

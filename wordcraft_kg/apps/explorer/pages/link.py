@@ -59,13 +59,8 @@ class LinkProfile(Record):
     heads: PredictedSlot
 
 
-def view_link(explored: Explored, state: Link) -> LinkProfile:
-    """Return a model's judgement of a link; without head and tail, of an example.
-
-    Raises:
-        UnknownEntityError: if the graph does not have an entity of this label, or there is no such model.
-        ConfigError: if there is no model, the graph has no recipe, or one of head and tail is missing.
-    """
+def _view(explored: Explored, state: Link) -> LinkProfile:
+    """Return a model's judgement of a link; without head and tail, of an example."""
     predictor = explored.predictor(state.model)
     graph, split = predictor.graph, predictor.split
     if state.head and state.tail:
@@ -98,4 +93,4 @@ def view_link(explored: Explored, state: Link) -> LinkProfile:
     )
 
 
-PAGE = Page("link", Link, view_link, exported=nowhere, is_there=has_models)
+PAGE = Page("link", Link, _view, exported=nowhere, is_there=has_models)

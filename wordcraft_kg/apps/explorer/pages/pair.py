@@ -39,13 +39,8 @@ class PairProfile(Record):
     results: tuple[ScoredRecipe, ...] | None
 
 
-def view_pair(explored: Explored, state: Pair) -> PairProfile:
-    """Return the results of a pair and, if there is a model, its predictions; without ingredients, of an example.
-
-    Raises:
-        UnknownEntityError: if the graph does not have an entity of this label, or there is no such model.
-        ConfigError: if the graph has no recipe, or one of the ingredients is missing.
-    """
+def _view(explored: Explored, state: Pair) -> PairProfile:
+    """Return the results of a pair and, if there is a model, its predictions; without ingredients, of an example."""
     split, graph, (a, b) = explored.opened.split, explored.opened.graph, (state.a, state.b)
     if not a and not b:
         recipes = split.recipes("test") if split.is_in("test").any() else graph.recipes
@@ -66,9 +61,9 @@ def view_pair(explored: Explored, state: Pair) -> PairProfile:
     return PairProfile(a, b, makes, predictor.name, predictor.has_seen_the_test_recipes, link, results)
 
 
-def has_recipes(explored: Explored) -> bool:
+def _has_recipes(explored: Explored) -> bool:
     """Return whether any pair makes something."""
     return explored.opened.graph.num_recipes > 0
 
 
-PAGE = Page("pair", Pair, view_pair, title="Pairs", exported=nowhere, is_there=has_recipes)
+PAGE = Page("pair", Pair, _view, title="Pairs", exported=nowhere, is_there=_has_recipes)

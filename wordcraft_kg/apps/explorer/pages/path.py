@@ -88,13 +88,8 @@ class PathView(Record):
     num_sources: Count
 
 
-def view_path(explored: Explored, state: Path) -> PathView:
-    """Show the cheapest derivation of an entity.
-
-    Raises:
-        UnknownEntityError: if there is no such entity.
-        ConfigError: if the graph has no entities, or the list has no such page.
-    """
+def _view(explored: Explored, state: Path) -> PathView:
+    """Show the cheapest derivation of an entity."""
     split, graph = explored.opened.split, explored.opened.graph
     if not graph.num_entities:
         raise ConfigError("The graph has no entities.")
@@ -208,4 +203,4 @@ def _exported(explored: Explored) -> Iterator[Path]:
     yield from (Path(entity=label) for label in ("", *explored.opened.graph.entities))
 
 
-PAGE = Page("path", Path, view_path, "Path to a goal", "entity", _draw, _exported, _is_there)
+PAGE = Page("path", Path, _view, "Path to a goal", "entity", _draw, _exported, _is_there)

@@ -125,7 +125,7 @@ class RunView(Record):
     provenance: dict[str, str] = msgspec.field(default_factory=dict)
 
 
-def view_runs(explored: Explored, _: Runs) -> RunList:
+def _view_runs(explored: Explored, _: Runs) -> RunList:
     """List all runs; one that cannot be read is listed with the reason."""
     rows = [_row(*followed(explored, name)) for name in explored.runs]
     return RunList(
@@ -135,7 +135,7 @@ def view_runs(explored: Explored, _: Runs) -> RunList:
     )
 
 
-def view_run(explored: Explored, state: Run) -> RunView:
+def _view_run(explored: Explored, state: Run) -> RunView:
     """Show a run, finished or not; one that cannot be read has a problem instead of figures."""
     name, run = followed(explored, state.run)
     row = _row(name, run)
@@ -255,5 +255,5 @@ def _exported(explored: Explored) -> Iterator[Run]:
     return (Run(name) for name in explored.runs)
 
 
-PAGE = Page("runs", Runs, view_runs, title="Runs", is_there=has_runs, is_live=_any_is_live)
-RUN = Page("run", Run, view_run, subject="run", draw=_draw, exported=_exported, is_there=has_runs, is_live=_is_live)
+PAGE = Page("runs", Runs, _view_runs, title="Runs", is_there=has_runs, is_live=_any_is_live)
+RUN = Page("run", Run, _view_run, subject="run", draw=_draw, exported=_exported, is_there=has_runs, is_live=_is_live)

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.settings import MAX_SIZE, MAX_THREADS, SMALLEST, number_in, require, whole
@@ -172,6 +172,11 @@ class AgentConfig(RunConfig):
 
     def default_folder(self, graph_name: str) -> Path:  # noqa: D102 - inherited
         return Path("runs") / f"{graph_name}-{Path(self.scorer).name if self.scorer else 'no-kg'}"
+
+    def differing(self) -> dict[str, Any]:
+        """Return the settings that are not at their default."""
+        default = AgentConfig("").values()
+        return {name: value for name, value in self.values().items() if default.get(name) != value}
 
     def write(self, folder: Path) -> None:
         """Write ``config.toml`` and ``config.diff.toml``, the settings that are not at their default."""

@@ -8,7 +8,7 @@ from cyclopts import Parameter
 from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
 from wordcraft_kg.cli.console import Output, split_labels
 from wordcraft_kg.cli.options import Force, Graph, Scorer, Seeds, Trackers
-from wordcraft_kg.cli.training import ToldAgents, train
+from wordcraft_kg.cli.training import AGENTS, train
 from wordcraft_kg.models.policies.config import PolicyConfig
 
 EXAMPLES = (
@@ -38,4 +38,4 @@ def train_agent(
         out: run folder to write. Default: runs/<graph's name>-<scorer's folder or no-kg>.
     """
     config = AgentConfig(graph, None if scorer is None else str(scorer), tasks, policy, trainer)
-    return train(ToldAgents(), config, out, force, output, seeds=seeds, trackers=split_labels(track or ()))
+    return train(AGENTS, config, out, force, output, seeds=seeds, trackers=split_labels(track or ()))

@@ -7,7 +7,7 @@ from cyclopts import Parameter
 
 from wordcraft_kg.cli.console import Output, split_labels
 from wordcraft_kg.cli.options import Force, Graph, Seeds, Trackers
-from wordcraft_kg.cli.training import ToldLinks, train
+from wordcraft_kg.cli.training import LINKS, train
 from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
 
 EXAMPLES = (
@@ -33,4 +33,4 @@ def train_complex(
         out: model folder to write. Default: models/<graph's name>-<kg>.
     """
     config, trackers = LinksConfig(graph, settings), split_labels(track or ())
-    return train(ToldLinks(), config, out, force, output, seeds=seeds, trackers=trackers)
+    return train(LINKS, config, out, force, output, seeds=seeds, trackers=trackers)

@@ -9,7 +9,7 @@ from cyclopts import Parameter
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.cli.console import Flag, Output, aligned, refuse_given, split_labels
 from wordcraft_kg.cli.options import Force, OptionalBook, Seeds, Trackers
-from wordcraft_kg.cli.training import ToldLinks, train
+from wordcraft_kg.cli.training import LINKS, train
 from wordcraft_kg.models.links.config import ComplExConfig, LinkModelConfig, LinksConfig
 
 EXAMPLES = (
@@ -64,7 +64,7 @@ def train_links(
         return _import(trained, graph, out, force, output)
     refuse_given(trained, "models that are imported: add --from-pykeen, or")
     config, trackers = LinksConfig(graph, settings), split_labels(track or ())
-    return train(ToldLinks(), config, out, force, output, seeds=seeds, trackers=trackers)
+    return train(LINKS, config, out, force, output, seeds=seeds, trackers=trackers)
 
 
 def _list(output: Output) -> int:

@@ -1,9 +1,8 @@
 """The body of all training commands: train one seed or several, and tell the outcome or how to go on after Ctrl-C."""
 
 import logging
-from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,10 +13,11 @@ from wordcraft_kg.graphs.doses import dose_words
 from wordcraft_kg.graphs.tasks import TaskPart
 from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
 from wordcraft_kg.runs.config_file import RunConfig
-from wordcraft_kg.runs.folder import check_run_output
+from wordcraft_kg.runs.folder import Progress, check_run_output
 from wordcraft_kg.runs.interruption import interruption_message
 
 if TYPE_CHECKING:
+    from wordcraft_kg.agents.config import AgentConfig
     from wordcraft_kg.agents.training import TrainedAgent
     from wordcraft_kg.models.links.records import LinkMetrics
     from wordcraft_kg.models.links.training import TrainedLinks
@@ -29,50 +29,31 @@ Values = dict[str, Any]
 Rows = list[tuple[str, str]]
 
 
-class Told(ABC):
-    """How the command of one trainer tells outcomes; made before torch is imported.
+@dataclass(frozen=True)
+class Told:
+    """How the command of one trainer tells outcomes; torch is imported by its functions.
 
     Attributes:
+        trainer: returns the trainer.
+        rows: returns an outcome as text.
+        seed_rows: returns the outcomes of several seeds as text, given their values.
+        values: returns an outcome as plain values.
+        finish: writes what comes after a training, such as a report.
+        product: name in the folder of what ``finish`` writes; empty for nothing.
         following: the command that comes next after several seeds.
     """
 
-    following = "wordcraft-kg compare {}"
-
-    @abstractmethod
-    def trainer(self) -> "type[Training[Any, Any, Any]]":
-        """Return the trainer."""
-
-    def label(self, config: Any) -> str:
-        """Return the name of a training beside its progress."""
-        return f"{config.settings.kg} graph"
-
-    @abstractmethod
-    def values(self, trained: Any) -> Values:
-        """Return the outcome as plain values."""
-
-    @abstractmethod
-    def rows(self, trained: Any) -> Rows:
-        """Return the outcome as text."""
-
-    @abstractmethod
-    def seed_rows(self, values: dict[int, Values]) -> Rows:
-        """Return the outcomes of several seeds as text."""
-
-    def done(self, trained: Any) -> int:
-        """Return the number of epochs or steps that were done."""
-        return 0
-
-    def finish(self, trained: Any, config: Any) -> None:
-        """Do what comes after a training; the command was stopped before it where :meth:`is_finished` is False."""
-        return
+    trainer: Callable[[], "type[Training[Any, Any, Any]]"]
+    rows: Callable[[Any], Rows]
+    seed_rows: Callable[[dict[int, Values]], Rows]
+    values: Callable[[Any], Values]
+    finish: Callable[[Any, Any], None] = lambda trained, config: None
+    product: str = ""
+    following: str = "wordcraft-kg compare {}"
 
     def is_finished(self, folder: Path) -> bool:
         """Return whether the folder of a finished run has what comes after a training."""
-        return True
-
-    def end(self, trained: Any) -> str:
-        """Return the last line."""
-        return f"wrote {trained.folder}/   next: wordcraft-kg evaluate-links {trained.folder}"
+        return (folder / self.product).exists()
 
 
 def train(
@@ -98,12 +79,17 @@ def train(
     from wordcraft_kg.runs.training import train
 
     trainer = told.trainer()
-    progress = output.progress(told.label(config), unit=trainer.kind.unit)
+    kg = getattr(getattr(config, "settings", None), "kg", None)
+    progress = output.progress(f"{kg} graph" if kg else trainer.kind.name, unit=trainer.kind.unit)
     trained = train(trainer, config, out, force=force, keep=keep, trackers=trackers, progress=progress)
     if getattr(trained, "interrupted", False):
-        raise KeyboardInterrupt(interruption_message(trained.folder, trainer.kind.unit, told.done(trained)))
+        last = next(iter(trainer.kind.checkpoints(trained.folder).records()))
+        raise KeyboardInterrupt(interruption_message(trained.folder, trainer.kind.unit, last))
     told.finish(trained, config)
-    output.result(told.values(trained), [*aligned(told.rows(trained)), told.end(trained)])
+    following = f"next: wordcraft-kg evaluate-links {trained.folder}"
+    if told.product:
+        following = f"open {trained.folder / told.product / 'index.html'}"
+    output.result(told.values(trained), [*aligned(told.rows(trained)), f"wrote {trained.folder}/   {following}"])
     return 0
 
 
@@ -122,8 +108,10 @@ def _train_seeds(
     parent = config.default_folder(open_graph(config.graph).graph.name) if out is None else out
 
     def outcomes() -> Iterator[tuple[int, Any]]:
-        shown = {seed: output.progress(f"seed-{seed}", unit=trainer.kind.unit) for seed in configs}
-        for seed, one in train_seeds(trainer, configs, parent, force=force, trackers=trackers, progress=shown):
+        def progress(seed: int) -> Progress:
+            return output.progress(f"seed-{seed}", unit=trainer.kind.unit)
+
+        for seed, one in train_seeds(trainer, configs, parent, force=force, trackers=trackers, progress=progress):
             if not one.interrupted and not told.is_finished(one.folder):
                 told.finish(one, config)
             yield seed, one
@@ -157,146 +145,122 @@ def _until_interrupted(outcomes: Iterator[tuple[int, Any]], number: int, force: 
     return trained
 
 
-class ToldLinks(Told):
-    """How link predictors are told."""
+def _links_trainer() -> "type[Training[Any, Any, Any]]":
+    from wordcraft_kg.models.links.training import LinksTraining
 
-    following = "wordcraft-kg compare {} ANOTHER"
+    return LinksTraining
 
-    def trainer(self) -> "type[Training[Any, Any, Any]]":  # noqa: D102 - inherited
-        from wordcraft_kg.models.links.training import LinksTraining
 
-        return LinksTraining
+def _recipes_trainer() -> "type[Training[Any, Any, Any]]":
+    from wordcraft_kg.models.recipes.training import RecipesTraining
 
-    def done(self, trained: "TrainedLinks") -> int:  # noqa: D102 - inherited
-        return trained.epoch
+    return RecipesTraining
 
-    def values(self, trained: "TrainedLinks") -> Values:  # noqa: D102 - inherited
-        return {"out": str(trained.folder), **as_values(trained.metrics)}
 
-    def rows(self, trained: "TrainedLinks") -> Rows:  # noqa: D102 - inherited
-        metrics = trained.metrics
-        assert metrics is not None
-        rows = [
-            ("trained", f"{metrics.epochs} epochs on {metrics.triples:,} triples ({metrics.kg} graph)"),
-            *_learned_from(metrics),
-            ("time", f"{metrics.seconds:.1f} s, {metrics.seconds_per_epoch:.3f} s per epoch"),
-            ("parameters", f"{metrics.parameters:,}"),
-            ("train MRR", f"{metrics.train_mrr:.3f} on its own training triples (memory)"),
-        ]
-        if metrics.choice:
-            rows.append(("chosen", str(metrics.choice)))
-        rows += _folds(metrics, "training")
-        if metrics.valid_mrr is not None:
-            rows.append(("valid MRR", f"{metrics.valid_mrr:.3f} at best, in epoch {metrics.best_epoch}"))
-        if metrics.choice and not metrics.choice.beats_counting:
-            logging.getLogger(__name__).warning(
-                "on held-out train recipes no candidate is better than counting how often an entity occurs; expect no "
-                "more of unseen triples."
+def _agent_trainer() -> "type[Training[Any, Any, Any]]":
+    from wordcraft_kg.agents.training import AgentTraining
+
+    return AgentTraining
+
+
+def _metrics(trained: "TrainedLinks | TrainedRecipes") -> Values:
+    return {"out": str(trained.folder), **as_values(trained.metrics)}
+
+
+def _link_rows(trained: "TrainedLinks") -> Rows:
+    metrics = trained.metrics
+    assert metrics is not None
+    rows = [
+        ("trained", f"{metrics.epochs} epochs on {metrics.triples:,} triples ({metrics.kg} graph)"),
+        *_learned_from(metrics),
+        ("time", f"{metrics.seconds:.1f} s, {metrics.seconds_per_epoch:.3f} s per epoch"),
+        ("parameters", f"{metrics.parameters:,}"),
+        ("train MRR", f"{metrics.train_mrr:.3f} on its own training triples (memory)"),
+    ]
+    if metrics.choice:
+        rows.append(("chosen", str(metrics.choice)))
+    rows += _folds(metrics, "training")
+    if metrics.valid_mrr is not None:
+        rows.append(("valid MRR", f"{metrics.valid_mrr:.3f} at best, in epoch {metrics.best_epoch}"))
+    if metrics.choice and not metrics.choice.beats_counting:
+        logging.getLogger(__name__).warning(
+            "on held-out train recipes no candidate is better than counting how often an entity occurs; expect no more "
+            "of unseen triples."
+        )
+    if metrics.train_mrr < 0.1:
+        logging.getLogger(__name__).warning(
+            "the model hardly fits its own training triples; try %s.", _how_to_fit(LinksConfig.read(trained.folder))
+        )
+    return rows
+
+
+def _link_seed_rows(values: dict[int, Values]) -> Rows:
+    return [
+        (f"seed {seed}", f"train MRR {one['train_mrr']:.3f} (memory), {one['epochs']} epochs")
+        for seed, one in values.items()
+    ]
+
+
+def _recipe_rows(trained: "TrainedRecipes") -> Rows:
+    metrics = trained.metrics
+    return [
+        ("fitted", f"{metrics.recipes:,} recipes ({metrics.kg} graph)"),
+        *_learned_from(metrics),
+        ("time", f"{metrics.seconds:.1f} s"),
+        *_folds(metrics, "the fit"),
+    ]
+
+
+def _write_agent_report(trained: "TrainedAgent", config: "AgentConfig") -> None:
+    from wordcraft_kg.agents.agent_folder import open_agent
+    from wordcraft_kg.evaluation.agents import group_agents
+    from wordcraft_kg.reports.agent_report import make_agent_report
+    from wordcraft_kg.reports.pages import write_report
+
+    assert trained.summary is not None
+    part: TaskPart = "test" if "test" in trained.summary.success else "train"
+    report = make_agent_report(group_agents([open_agent(trained.folder, config.graph)]), part=part)
+    write_report(report, trained.folder / "report", force=True)
+
+
+def _agent_values(trained: "TrainedAgent") -> Values:
+    assert trained.summary is not None
+    success = trained.summary.success
+    return {
+        "out": str(trained.folder),
+        "report": str(trained.folder / "report" / "index.html"),
+        **as_values(trained.summary),
+        "success": {name: found.mean for name, found in success.items()},
+        "success_ci": {name: [found.ci_low, found.ci_high] for name, found in success.items()},
+    }
+
+
+def _agent_rows(trained: "TrainedAgent") -> Rows:
+    summary = trained.summary
+    assert summary is not None
+    share = f"{summary.curves_share:.1%} of the time spent on the curves"
+    return [
+        ("trained", f"{summary.steps:,} steps in {summary.seconds:.1f} s"),
+        ("speed", f"{summary.steps_per_second:,} steps/s; {share}"),
+        *(
+            (
+                f"{name} tasks",
+                f"success {found.mean:.3f} [{found.ci_low:.3f}, {found.ci_high:.3f}] greedy, "
+                f"{found.tasks:,} tasks with {found.draws} draws of {summary.distractors} distractors",
             )
-        if metrics.train_mrr < 0.1:
-            logging.getLogger(__name__).warning(
-                "the model hardly fits its own training triples; try %s.", _how_to_fit(LinksConfig.read(trained.folder))
-            )
-        return rows
-
-    def seed_rows(self, values: dict[int, Values]) -> Rows:  # noqa: D102 - inherited
-        return [
-            (f"seed {seed}", f"train MRR {one['train_mrr']:.3f} (memory), {one['epochs']} epochs")
-            for seed, one in values.items()
-        ]
+            for name, found in summary.success.items()
+        ),
+    ]
 
 
-class ToldRecipes(Told):
-    """How recipe scorers are told."""
-
-    def trainer(self) -> "type[Training[Any, Any, Any]]":  # noqa: D102 - inherited
-        from wordcraft_kg.models.recipes.training import RecipesTraining
-
-        return RecipesTraining
-
-    def values(self, trained: "TrainedRecipes") -> Values:  # noqa: D102 - inherited
-        return {"out": str(trained.folder), **as_values(trained.metrics)}
-
-    def rows(self, trained: "TrainedRecipes") -> Rows:  # noqa: D102 - inherited
-        metrics = trained.metrics
-        return [
-            ("fitted", f"{metrics.recipes:,} recipes ({metrics.kg} graph)"),
-            *_learned_from(metrics),
-            ("time", f"{metrics.seconds:.1f} s"),
-            *_folds(metrics, "the fit"),
-        ]
-
-    def seed_rows(self, values: dict[int, Values]) -> Rows:  # noqa: D102 - inherited
-        return [(f"seed {seed}", f"{one['recipes']:,} recipes") for seed, one in values.items()]
-
-
-class ToldAgents(Told):
-    """How agents are told; each training is followed by a report."""
-
-    def trainer(self) -> "type[Training[Any, Any, Any]]":  # noqa: D102 - inherited
-        from wordcraft_kg.agents.training import AgentTraining
-
-        return AgentTraining
-
-    def label(self, config: Any) -> str:  # noqa: D102 - inherited
-        return "agent"
-
-    def done(self, trained: "TrainedAgent") -> int:  # noqa: D102 - inherited
-        return trained.step
-
-    def is_finished(self, folder: Path) -> bool:  # noqa: D102 - inherited
-        return (folder / "report").exists()
-
-    def finish(self, trained: "TrainedAgent", config: Any) -> None:  # noqa: D102 - inherited
-        from wordcraft_kg.agents.agent_folder import open_agent
-        from wordcraft_kg.evaluation.agents import group_agents
-        from wordcraft_kg.reports.agent_report import make_agent_report
-        from wordcraft_kg.reports.pages import write_report
-
-        assert trained.summary is not None
-        part: TaskPart = "test" if "test" in trained.summary.success else "train"
-        report = make_agent_report(group_agents([open_agent(trained.folder, config.graph)]), part=part)
-        write_report(report, trained.folder / "report", force=True)
-
-    def values(self, trained: "TrainedAgent") -> Values:  # noqa: D102 - inherited
-        assert trained.summary is not None
-        success = trained.summary.success
-        return {
-            "out": str(trained.folder),
-            "report": str(trained.folder / "report" / "index.html"),
-            **as_values(trained.summary),
-            "success": {name: found.mean for name, found in success.items()},
-            "success_ci": {name: [found.ci_low, found.ci_high] for name, found in success.items()},
-        }
-
-    def rows(self, trained: "TrainedAgent") -> Rows:  # noqa: D102 - inherited
-        summary = trained.summary
-        assert summary is not None
-        share = f"{summary.curves_share:.1%} of the time spent on the curves"
-        return [
-            ("trained", f"{summary.steps:,} steps in {summary.seconds:.1f} s"),
-            ("speed", f"{summary.steps_per_second:,} steps/s; {share}"),
-            *(
-                (
-                    f"{name} tasks",
-                    f"success {found.mean:.3f} [{found.ci_low:.3f}, {found.ci_high:.3f}] greedy, "
-                    f"{found.tasks:,} tasks with {found.draws} draws of {summary.distractors} distractors",
-                )
-                for name, found in summary.success.items()
-            ),
-        ]
-
-    def end(self, trained: "TrainedAgent") -> str:  # noqa: D102 - inherited
-        return f"wrote {trained.folder}/   open {trained.folder / 'report' / 'index.html'}"
-
-    def seed_rows(self, values: dict[int, Values]) -> Rows:  # noqa: D102 - inherited
-        part = "test" if all("test" in one["success"] for one in values.values()) else "train"
-        found = {seed: one["success"][part] for seed, one in values.items()}
-        spread = f"from {min(found.values()):.3f} to {max(found.values()):.3f}"
-        return [
-            *((f"seed {seed}", f"success {success:.3f} on {part} tasks") for seed, success in found.items()),
-            ("mean", f"success {sum(found.values()) / len(found):.3f}, {spread}"),
-        ]
+def _agent_seed_rows(values: dict[int, Values]) -> Rows:
+    part = "test" if all("test" in one["success"] for one in values.values()) else "train"
+    found = {seed: one["success"][part] for seed, one in values.items()}
+    spread = f"from {min(found.values()):.3f} to {max(found.values()):.3f}"
+    return [
+        *((f"seed {seed}", f"success {success:.3f} on {part} tasks") for seed, success in found.items()),
+        ("mean", f"success {sum(found.values()) / len(found):.3f}, {spread}"),
+    ]
 
 
 def _learned_from(metrics: "LinkMetrics | RecipeMetrics") -> Rows:
@@ -317,3 +281,8 @@ def _how_to_fit(config: LinksConfig) -> str:
     if isinstance(settings, ComplExConfig):
         return "more --epochs, a larger --dim, or a smaller --n3"
     return "more --epochs, another --learning-rate" + (", or --loop symmetric" if settings.loop == "slcwa" else "")
+
+
+LINKS = Told(_links_trainer, _link_rows, _link_seed_rows, _metrics, following="wordcraft-kg compare {} ANOTHER")
+RECIPES = Told(_recipes_trainer, _recipe_rows, lambda values: [], _metrics)
+AGENTS = Told(_agent_trainer, _agent_rows, _agent_seed_rows, _agent_values, _write_agent_report, product="report")

@@ -21,12 +21,12 @@ class History:
     """How a model came about, as the files of its folder tell.
 
     Attributes:
-        config: its settings; of these, ``kg``, ``share``, ``noise`` and ``seed`` have the same meaning for all models.
+        config: its settings; ``kg``, ``share``, ``noise`` and ``seed`` mean the same for all models.
         facts: facts for a report, by name.
-        metrics: figures of its training; None without.
-        trace: a record for each epoch; empty without.
-        chosen: names of settings that were chosen by the training itself, so that they may differ between seeds.
-        is_trained: whether it was trained here, so that its seed is one of a training.
+        metrics: figures of its training, if it has any.
+        trace: a record for each epoch.
+        chosen: names of settings that the training chose itself; they may differ between seeds.
+        is_trained: whether it was trained here.
     """
 
     config: RunConfig

@@ -48,11 +48,6 @@ class RunConfig:
         """Return the settings by option name, without those that are None."""
         return {name: value for name, value in _flat(self).items() if value is not None}
 
-    def differing(self) -> dict[str, Any]:
-        """Return the settings that are not at their default."""
-        default = _defaults(type(self))
-        return {name: value for name, value in self.values().items() if default.get(name) != value}
-
     def write(self, folder: Path) -> None:
         """Write ``config.toml``; paths become relative to the folder, so both can be moved."""
         write_config(folder, self.command, self.values())
@@ -82,16 +77,6 @@ def _flat(settings: Any) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for name, value in ((field.name, getattr(settings, field.name)) for field in fields(settings)):
         found |= _flat(value) if is_dataclass(value) else {name: value}
-    return found
-
-
-def _defaults(kind: type) -> dict[str, Any]:
-    found: dict[str, Any] = {}
-    for field in fields(kind):
-        if is_dataclass(field.default):
-            found |= _flat(field.default)
-        elif field.default is not MISSING:
-            found[field.name] = field.default
     return found
 
 

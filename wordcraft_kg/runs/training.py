@@ -2,7 +2,7 @@
 
 import os
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
@@ -186,7 +186,7 @@ def train_seeds(
     *,
     force: bool = False,
     trackers: Iterable[Tracker | str] = (),
-    progress: Mapping[int, Progress | bool | None] | None = None,
+    progress: Callable[[int], Progress | bool | None] = lambda seed: None,
 ) -> Iterator[tuple[int, T]]:
     """Train each seed in a folder of its own; keep one that is done, and go on with an interrupted one.
 
@@ -196,7 +196,7 @@ def train_seeds(
         parent: folder of the folders.
         force: train all again.
         trackers: as for :func:`train`.
-        progress: as for :func:`train`, by seed.
+        progress: returns that of :func:`train` for a seed.
 
     Yields:
         Each seed and its outcome.
@@ -211,25 +211,15 @@ def train_seeds(
         )
     trackers = list(trackers)
     for seed, config in configs.items():
-        shows = None if progress is None else progress[seed]
         folder = parent / f"seed-{seed}"
-        yield seed, train(trainer, config, folder, force=force, keep=True, trackers=trackers, progress=shows)
+        yield seed, train(trainer, config, folder, force=force, keep=True, trackers=trackers, progress=progress(seed))
 
 
 @contextmanager
 def shown(progress: Progress | bool | None, what: str, unit: str) -> Iterator[Progress | None]:
-    """Yield the function that reports progress: the caller's own, a bar in a terminal or notebook for True, or None.
-
-    Args:
-        progress: as it was asked for.
-        what: name of what is trained.
-        unit: what is counted: epoch or step.
-    """
-    if not isinstance(progress, bool):
-        yield progress
-        return
-    if not progress:
-        yield None
+    """Yield the function that reports progress: the caller's own, a bar in a terminal or notebook for True, or None."""
+    if progress is not True:
+        yield progress or None
         return
     from tqdm.auto import tqdm
 

@@ -10,19 +10,15 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-import msgspec
 import pytest
 import torch
 from hypothesis import settings
 
 from wordcraft_kg.cli import main
 from wordcraft_kg.cli.failures import Failure
-from wordcraft_kg.evaluation.reference import PlayedGraph
 from wordcraft_kg.graphs import RecipeGraph, open_book
 from wordcraft_kg.graphs.library import DATA_VARIABLE
 from wordcraft_kg.runs.side_by_side import CORES_VARIABLE, THREADS_VARIABLES
-from wordcraft_kg.studies.results import RunResult, StudyResults
-from wordcraft_kg.studies.study import Drawing, Study, Values
 
 # Ray reads these once, when it is imported, which torchrl does; a token in the home folder would count otherwise.
 os.environ.setdefault("RAY_AUTH_MODE", "token")
@@ -159,56 +155,3 @@ def alchemy_home(home: Path, alchemy_path: Path, monkeypatch: pytest.MonkeyPatch
 def alchemy(alchemy_path: Path) -> RecipeGraph:
     """Little Alchemy 2 with its five base entities."""
     return RecipeGraph.from_book(open_book(alchemy_path), ["air", "earth", "fire", "time", "water"])
-
-
-@pytest.fixture(scope="session")
-def fabricate() -> Callable[..., StudyResults]:
-    """Make up the results of a study: ``won`` has a string of digits for each seed of each variant."""
-    return _fabricate
-
-
-def _fabricate(
-    won: dict[str, list[str]] | list[tuple[Values, dict[str, list[str]]]],
-    *,
-    draws: int = 5,
-    mrr: dict[str, float] | None = None,
-    curves: dict[str, list[list[tuple[int, float]]]] | None = None,
-    settings: dict[str, Values] | None = None,
-    drawing: Drawing = "curves",
-    reference: str = "",
-    title: str = "Made up",
-) -> StudyResults:
-    points = won if isinstance(won, list) else [({}, won)]
-    variants = {name: (settings or {}).get(name, {}) for _, cells in points for name in cells}
-    runs = []
-    for number, (values, cells) in enumerate(points):
-        for variant, members in cells.items():
-            for seed, digits in enumerate(members):
-                success = sum(map(int, digits)) / (draws * len(digits))
-                found = (mrr or {}).get(f"{variant}@{number}", (mrr or {}).get(variant))
-                curve = (curves or {}).get(variant)
-                of_run: dict[str, object] = {
-                    "variant": variant,
-                    "values": values,
-                    "seed": seed,
-                    "run": f"{number}-{variant}-{seed}",
-                    "graph": 0,
-                    "success": {"train": 0.5, "test": success},
-                    "by_plan": {"train": 0.5, "test": success / 2},
-                    "endings": {},
-                    "won": digits,
-                    "draws": draws,
-                    "curve": curve[seed] if curve else [(1000, success / 2), (2000, success)],
-                    "mrr": None if found is None else found + seed / 100,
-                    "steps": 2000,
-                    "seconds": 10.0,
-                    "steps_per_second": 200,
-                }
-                kept = {name: value for name, value in of_run.items() if name in RunResult.__struct_fields__}
-                runs.append(msgspec.convert(kept, RunResult))
-    graph = PlayedGraph("kitchen", "a" * 64, "by-recipe", 0, "b" * 64)
-    study = Study(title, variants, drawing=drawing, reference=reference)
-    command = "wordcraft-kg reproduce made-up"
-    return StudyResults(
-        "wordcraft-kg results 1", "made-up", command, study, (graph,), {"torch": "2"}, tuple(runs), (), 0.5
-    )

@@ -1,6 +1,7 @@
 """``wordcraft-kg reproduce --show``: figures of a results folder or of a file of results."""
 
 import pytest
+from fabricated import fabricate
 
 from wordcraft_kg.studies.results import results_text
 
@@ -9,7 +10,7 @@ GUIDED = ["55500", "55550", "55055"]
 
 
 @pytest.fixture
-def file(fabricate, tmp_path):
+def file(tmp_path):
     path = tmp_path / "made-up.json"
     found = fabricate({"no graph": NO_GRAPH, "guided": GUIDED}, mrr={"guided": 0.2}, title="Graphs")
     path.write_text(results_text(found), encoding="utf-8")
@@ -75,7 +76,7 @@ def test_what_cannot_be_shown_is_said(refused, file, arguments, message):
     refused("reproduce", "--show", *(argument.format(folder=file.parent) for argument in arguments), says=message)
 
 
-def test_results_without_runs_are_an_error(refused, fabricate, tmp_path):
+def test_results_without_runs_are_an_error(refused, tmp_path):
     (tmp_path / "none.json").write_text(results_text(fabricate({"no graph": []})))
     refused("reproduce", tmp_path / "none.json", "--show", "--plot", says="no finished run", kind="ConfigError")
     assert not (tmp_path / "reports").exists()

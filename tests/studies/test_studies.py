@@ -5,6 +5,7 @@ from collections.abc import Callable
 import msgspec
 import numpy as np
 import pytest
+from fabricated import fabricate
 
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.records import as_values, checked_values
@@ -22,7 +23,7 @@ def of(view: StudyView, variant: str, point: int = 0) -> VariantFigures:
     return next(entry for entry in view.points[point].variants if entry.variant == variant)
 
 
-def test_means_of_a_variant_are_those_of_its_runs(fabricate):
+def test_means_of_a_variant_are_those_of_its_runs():
     found = of(view_study(fabricate({"no graph": NO_GRAPH, "guided": GUIDED})), "guided")
     assert found.success == (0.6, 0.8, 0.8, 0.8, 1.0)
     assert (found.mean, found.iqm, found.by_plan, found.train) == pytest.approx((0.8, 0.8, 0.4, 0.5))
@@ -32,7 +33,7 @@ def test_means_of_a_variant_are_those_of_its_runs(fabricate):
     assert found.interval[1] - found.interval[0] > found.seed_interval[1] - found.seed_interval[0]
 
 
-def test_a_variant_is_compared_with_the_reference_on_the_same_seeds_and_tasks(fabricate):
+def test_a_variant_is_compared_with_the_reference_on_the_same_seeds_and_tasks():
     view = view_study(fabricate({"no graph": NO_GRAPH, "guided": GUIDED}))
     assert of(view, "no graph").comparison is None
     found = of(view, "guided").comparison
@@ -44,20 +45,20 @@ def test_a_variant_is_compared_with_the_reference_on_the_same_seeds_and_tasks(fa
     assert found.p_value == found.p_corrected == interval_p_value(found.difference, found.interval)
 
 
-def test_only_seeds_that_both_have_are_paired(fabricate):
+def test_only_seeds_that_both_have_are_paired():
     found = of(view_study(fabricate({"no graph": NO_GRAPH[:2], "guided": GUIDED[:3]})), "guided").comparison
     assert found is not None
     assert (found.pairs, found.difference) == (2, pytest.approx((0.6 + 0.8) / 2 - 0.1))
 
 
-def test_the_reference_is_the_one_that_the_study_names(fabricate):
+def test_the_reference_is_the_one_that_the_study_names():
     view = view_study(fabricate({"no graph": NO_GRAPH, "guided": GUIDED}, reference="guided"))
     found = of(view, "no graph").comparison
     assert found is not None
     assert found.difference == pytest.approx(-0.6)
 
 
-def test_p_values_are_corrected_over_all_points_of_the_grid(fabricate):
+def test_p_values_are_corrected_over_all_points_of_the_grid():
     cells = {"no graph": NO_GRAPH, "guided": GUIDED}
     view = view_study(fabricate([({"distractors": 8}, cells), ({"distractors": 1}, cells)]))
     assert view.comparisons == 2
@@ -69,7 +70,7 @@ def test_p_values_are_corrected_over_all_points_of_the_grid(fabricate):
     assert [point.title for point in view.points] == ["8 distractors", "1 distractor"]
 
 
-def test_a_single_seed_has_an_interval_over_tasks_only(fabricate):
+def test_a_single_seed_has_an_interval_over_tasks_only():
     view = view_study(fabricate({"no graph": NO_GRAPH[4:], "guided": GUIDED[:1]}))
     found = of(view, "guided")
     assert (found.seed_interval, found.iqm_interval, found.reached_interval) == (None, None, None)
@@ -80,20 +81,20 @@ def test_a_single_seed_has_an_interval_over_tasks_only(fabricate):
     assert view.profiles[0].low == ()
 
 
-def test_an_agent_that_always_succeeds_is_not_certain_to(fabricate):
+def test_an_agent_that_always_succeeds_is_not_certain_to():
     found = of(view_study(fabricate({"perfect": ["555", "555"]})), "perfect")
     assert found.interval[0] < 1
     assert found.interval[1] == 1
 
 
-def test_curves_are_means_over_seeds_at_steps_that_all_have(fabricate):
+def test_curves_are_means_over_seeds_at_steps_that_all_have():
     curves = {"no graph": [[(0, 0.0), (10, 0.2), (20, 0.4)], [(0, 0.2), (20, 0.6)]]}
     found = of(view_study(fabricate({"no graph": NO_GRAPH[:2]}, curves=curves)), "no graph").curve
     assert [(at.step, at.success) for at in found] == [(0, pytest.approx(0.1)), (20, pytest.approx(0.5))]
     assert (found[1].low, found[1].high) == (0.4, 0.6)
 
 
-def test_steps_to_the_references_end_are_of_the_mean_curve(fabricate):
+def test_steps_to_the_references_end_are_of_the_mean_curve():
     curves = {
         "no graph": [[(0, 0.0), (10, 0.3), (20, 0.3)], [(0, 0.0), (10, 0.3), (20, 0.5)]],
         "fast": [[(0, 0.0), (10, 0.5), (20, 0.9)], [(0, 0.0), (10, 0.5), (20, 0.9)]],
@@ -107,7 +108,7 @@ def test_steps_to_the_references_end_are_of_the_mean_curve(fabricate):
     assert of(view, "no graph").reached_interval == (10, 20)
 
 
-def test_profiles_count_runs_of_all_points(fabricate):
+def test_profiles_count_runs_of_all_points():
     view = view_study(fabricate([({"distractors": 8}, {"a": NO_GRAPH}), ({"distractors": 1}, {"a": GUIDED})]))
     (profile,) = view.profiles
     success = np.array([0, 0.2, 0.2, 0.2, 0.4, 0.6, 0.8, 0.8, 0.8, 1.0])
@@ -115,7 +116,7 @@ def test_profiles_count_runs_of_all_points(fabricate):
     assert all(low <= share <= high for low, share, high in zip(profile.low, profile.shares, profile.high, strict=True))
 
 
-def dosed(fabricate: Fabricate) -> StudyView:
+def dosed() -> StudyView:
     shares = (0.2, 0.5, 1.0)
     rows = {0.2: ["50000", "50000"], 0.5: ["55000", "55500"], 1.0: ["55500", "55550"]}
     points = [
@@ -126,8 +127,8 @@ def dosed(fabricate: Fabricate) -> StudyView:
     return view_study(fabricate(points, mrr=mrr, drawing="dose", settings={"memory": {"in_sample": True}}))
 
 
-def test_dose_response_is_apart_for_each_way_of_scoring_train_tasks(fabricate):
-    folds, memory = dosed(fabricate).doses
+def test_dose_response_is_apart_for_each_way_of_scoring_train_tasks():
+    folds, memory = dosed().doses
     assert (folds.in_sample, memory.in_sample) == (False, True)
     assert [(at.label, at.mrr, at.success) for at in folds.points] == [
         ("share 0.2", pytest.approx(0.105), pytest.approx(0.2)),
@@ -144,7 +145,7 @@ def test_dose_response_is_apart_for_each_way_of_scoring_train_tasks(fabricate):
     assert folds.without == pytest.approx(0.1)
 
 
-def test_steps_are_correlated_with_never_as_the_latest(fabricate):
+def test_steps_are_correlated_with_never_as_the_latest():
     """The better the scorer, the sooner its agent is where the reference ends; the worst one's never is."""
     points = [({"distractors": 8}, {"no graph": ["50000"], **{name: ["55000"] for name in "abc"}})]
     curves = {
@@ -170,12 +171,12 @@ def test_steps_are_correlated_with_never_as_the_latest(fabricate):
         ({}, "a"),
     ],
 )
-def test_a_dose_is_labelled_by_what_is_not_whole(fabricate, values, label):
+def test_a_dose_is_labelled_by_what_is_not_whole(values, label):
     (dose,) = view_study(fabricate([(values, {"a": NO_GRAPH})], mrr={"a": 0.1}, drawing="dose")).doses
     assert dose.points[0].label == label
 
 
-def test_trainings_that_stand_at_several_points_count_once_in_a_profile(fabricate):
+def test_trainings_that_stand_at_several_points_count_once_in_a_profile():
     cells = {"a": NO_GRAPH}
     results = fabricate([({"scorer.share": share}, cells) for share in (0.1, 0.5)])
     same = tuple(msgspec.structs.replace(run, run=run.run[1:]) for run in results.runs)
@@ -183,17 +184,17 @@ def test_trainings_that_stand_at_several_points_count_once_in_a_profile(fabricat
     assert once == twice
 
 
-def test_a_view_has_a_place_for_each_of_its_values(fabricate):
-    view = dosed(fabricate)
+def test_a_view_has_a_place_for_each_of_its_values():
+    view = dosed()
     assert msgspec.convert(checked_values(view), StudyView) == view
 
 
-def test_equal_results_have_equal_figures(fabricate):
-    assert as_values(dosed(fabricate)) == as_values(dosed(fabricate))
+def test_equal_results_have_equal_figures():
+    assert as_values(dosed()) == as_values(dosed())
 
 
 @pytest.mark.parametrize("key", ["hash", "split"])
-def test_runs_of_a_cell_on_different_graphs_are_not_averaged(fabricate, key):
+def test_runs_of_a_cell_on_different_graphs_are_not_averaged(key):
     results = fabricate({"no graph": NO_GRAPH})
     other = msgspec.structs.replace(results.graphs[0], **{key: "c" * 64})
     moved = msgspec.structs.replace(results.runs[3], graph=1)
@@ -204,7 +205,7 @@ def test_runs_of_a_cell_on_different_graphs_are_not_averaged(fabricate, key):
         view_study(results)
 
 
-def test_variants_on_different_graphs_are_not_compared(fabricate):
+def test_variants_on_different_graphs_are_not_compared():
     results = fabricate({"no graph": NO_GRAPH[:1], "guided": GUIDED[:1]})
     other = msgspec.structs.replace(results.graphs[0], split="c" * 64)
     runs = (results.runs[0], msgspec.structs.replace(results.runs[1], graph=1))
@@ -213,19 +214,19 @@ def test_variants_on_different_graphs_are_not_compared(fabricate):
     assert len(view.points[0].graphs) == 2
 
 
-def test_runs_that_were_judged_on_other_tasks_are_not_averaged(fabricate):
+def test_runs_that_were_judged_on_other_tasks_are_not_averaged():
     with pytest.raises(ConfigError, match="5 tasks of 5 draws and on 4 of 5"):
         view_study(fabricate({"no graph": ["50000", "5000"]}))
 
 
-def test_a_seed_that_is_there_twice_is_refused(fabricate):
+def test_a_seed_that_is_there_twice_is_refused():
     results = fabricate({"no graph": NO_GRAPH})
     results = msgspec.structs.replace(results, runs=(*results.runs, results.runs[0]))
     with pytest.raises(ConfigError, match="seed 0 is there twice"):
         view_study(results)
 
 
-def test_results_without_runs_are_refused_with_the_reason(fabricate):
+def test_results_without_runs_are_refused_with_the_reason():
     results = fabricate({"no graph": []})
     results = msgspec.structs.replace(results, missing=(Missing("no graph", {}, 0, "the disk was full"),))
     with pytest.raises(ConfigError, match=r"no finished run, 1 missing.*disk was full.*kg reproduce made-up"):

@@ -11,6 +11,7 @@ from collections.abc import Callable
 import jsonschema
 import msgspec
 import pytest
+from fabricated import fabricate
 
 from wordcraft_kg.base.errors import OutputExistsError
 from wordcraft_kg.base.records import schema_of
@@ -28,7 +29,7 @@ ODD = r"a_b & 50% | <i>#{x}^~\ *y*"
 
 
 @pytest.fixture(scope="module")
-def view(fabricate):
+def view():
     cells = {"no graph": NO_GRAPH, "guided": GUIDED, ODD: NO_GRAPH[::-1]}
     results = fabricate(
         [({"distractors": 8}, cells), ({"distractors": 1}, cells)], mrr={"guided": 0.2}, title="Graphs & <agents>"
@@ -37,7 +38,7 @@ def view(fabricate):
     return view_study(msgspec.structs.replace(results, missing=(gap,)))
 
 
-def dose_view(fabricate: Fabricate) -> StudyView:
+def dose_view() -> StudyView:
     points = [
         ({"scorer.share": share}, {"no graph": NO_GRAPH, "folds": GUIDED[i:] + GUIDED[:i], "memory": NO_GRAPH[i:]})
         for i, share in enumerate((0.1, 0.5, 1.0))
@@ -92,7 +93,7 @@ def test_numbers_have_a_true_minus_and_none_for_zero(value, form, text):
     assert signed(value, form) == text
 
 
-def test_columns_without_any_figure_are_left_out(view, fabricate):
+def test_columns_without_any_figure_are_left_out(view):
     assert "MRR" in tables_of(view)[0].headings
     alone = tables_of(view_study(fabricate({"no graph": NO_GRAPH[:1]})))[0].headings
     assert alone == ("variant", "seeds", "success [seeds, tasks]", "train", "reached after")
@@ -140,15 +141,15 @@ def test_a_figure_has_a_panel_for_each_point(view):
     assert texts.count("guided") == 2
 
 
-def test_a_variant_keeps_its_colour_where_others_are_missing(fabricate):
+def test_a_variant_keeps_its_colour_where_others_are_missing():
     points = [({"distractors": 8}, {"a": NO_GRAPH, "b": GUIDED}), ({"distractors": 1}, {"b": GUIDED})]
     (_, both), (_, one) = panels_of(view_study(fabricate(points)))
     for chart in (both, one):
         assert re.search(r'class="series-1">b<', chart)
 
 
-def test_a_study_of_doses_is_drawn_by_mrr(fabricate):
-    view = dose_view(fabricate)
+def test_a_study_of_doses_is_drawn_by_mrr():
+    view = dose_view()
     ((title, chart),) = panels_of(view)
     assert title == ""
     assert "cross-fitted" in chart
@@ -158,13 +159,13 @@ def test_a_study_of_doses_is_drawn_by_mrr(fabricate):
     assert "train tasks scored in-sample</th><td>3</td>" in " ".join(render(make_study_report(view)).split())
 
 
-def test_bars_are_drawn_where_there_are_no_curves(fabricate):
+def test_bars_are_drawn_where_there_are_no_curves():
     curves = {"no graph": [[(2000, 0.1)]] * 5}
     ((_, chart),) = panels_of(view_study(fabricate({"no graph": NO_GRAPH}, curves=curves)))
     assert "over seeds and tasks" in chart
 
 
-def test_the_page_says_of_each_claim_whether_it_holds(fabricate):
+def test_the_page_says_of_each_claim_whether_it_holds():
     claims = [
         Claim(text="Guided agents <b>are</b> better.", left="guided", right="no graph"),
         Claim(text="They are worse.", left="guided", right="no graph", expected="less"),

@@ -1,0 +1,52 @@
+"""Results of studies that nobody has played."""
+
+from wordcraft_kg.evaluation.reference import PlayedGraph
+from wordcraft_kg.studies.results import RunResult, StudyResults
+from wordcraft_kg.studies.study import Drawing, Study, Values
+
+
+def fabricate(
+    won: dict[str, list[str]] | list[tuple[Values, dict[str, list[str]]]],
+    *,
+    draws: int = 5,
+    mrr: dict[str, float] | None = None,
+    curves: dict[str, list[list[tuple[int, float]]]] | None = None,
+    settings: dict[str, Values] | None = None,
+    drawing: Drawing = "curves",
+    reference: str = "",
+    title: str = "Made up",
+) -> StudyResults:
+    """Return results of a study: ``won`` has a string of digits for each seed of each variant."""
+    points = won if isinstance(won, list) else [({}, won)]
+    variants = {name: (settings or {}).get(name, {}) for _, cells in points for name in cells}
+    runs = []
+    for number, (values, cells) in enumerate(points):
+        for variant, members in cells.items():
+            for seed, digits in enumerate(members):
+                success = sum(map(int, digits)) / (draws * len(digits))
+                found = (mrr or {}).get(f"{variant}@{number}", (mrr or {}).get(variant))
+                curve = (curves or {}).get(variant)
+                run = RunResult(
+                    variant=variant,
+                    values=values,
+                    seed=seed,
+                    run=f"{number}-{variant}-{seed}",
+                    graph=0,
+                    success={"train": 0.5, "test": success},
+                    by_plan={"train": 0.5, "test": success / 2},
+                    endings={},
+                    won=digits,
+                    draws=draws,
+                    curve=tuple(curve[seed]) if curve else ((1000, success / 2), (2000, success)),
+                    mrr=None if found is None else found + seed / 100,
+                    steps=2000,
+                    seconds=10.0,
+                    steps_per_second=200,
+                )
+                runs.append(run)
+    graph = PlayedGraph("kitchen", "a" * 64, "by-recipe", 0, "b" * 64)
+    study = Study(title, variants, drawing=drawing, reference=reference)
+    command = "wordcraft-kg reproduce made-up"
+    return StudyResults(
+        "wordcraft-kg results 1", "made-up", command, study, (graph,), {"torch": "2"}, tuple(runs), (), 0.5
+    )

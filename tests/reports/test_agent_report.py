@@ -185,7 +185,6 @@ def test_the_first_line_compares_agents_and_does_not_compare_a_single_one(agents
         return re.sub(r"\s+", " ", text)
 
     mlp = report.view.agents[1].success["2"]
-    assert mlp.difference_ci is not None
     verdict = "above" if mlp.difference_ci[0] > 0 else "below" if mlp.difference_ci[1] < 0 else "level with"
     assert f"mlp is {verdict} plain: paired difference" in first_line(render(report))
     assert "difference between agents may be due to the seeds" in first_line(render(report))

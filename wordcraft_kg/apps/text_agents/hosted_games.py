@@ -29,8 +29,8 @@ NEVER = MAX_SIZE
 class HostedGame:
     """A game with an id and the messages of its player.
 
-    A game that is over raises an EpisodeError, a message that is not understood an ActionError, at no cost; a record
-    that cannot be kept raises an OSError, and ``end`` tries again.
+    A game that is over raises an EpisodeError, a message that is not understood an ActionError, a record that cannot be
+    kept an OSError; ``end`` tries again to keep it.
 
     Attributes:
         name: the game's id.

@@ -4,7 +4,7 @@ import signal
 import sys
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 
@@ -12,6 +12,9 @@ from wordcraft_kg.apps.text_agents.settings import GameSettings
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.cli.console import Output
 from wordcraft_kg.cli.options import Book
+
+if TYPE_CHECKING:
+    from mcp.server import MCPServer
 
 GROUP = "Text agents"
 EXAMPLES = (
@@ -69,13 +72,7 @@ def mcp(
             hosted.keep = stack.enter_context(kept_games(out, header))
         server = make_server(hosted)
         if listening is None:
-            if sys.stdin is not None and sys.stdin.isatty():
-                print("An MCP client talks to this server on stdin and stdout; Ctrl-C ends it.", file=sys.stderr)
-            signal.signal(signal.SIGINT, signal.SIG_DFL)  # the SDK reads stdin in a thread that cannot be interrupted
-            try:
-                server.run("stdio")
-            except* BrokenPipeError:
-                pass  # the client has left without closing stdin
+            _serve_stdio(server)
             return
 
         def started(address: str) -> None:
@@ -83,3 +80,13 @@ def mcp(
             sys.stdout.flush()
 
         serve(make_http_app(server, host, allow_host or ()), listening, started, has_lifespan=True)
+
+
+def _serve_stdio(server: "MCPServer[Any]") -> None:
+    if sys.stdin is not None and sys.stdin.isatty():
+        print("An MCP client talks to this server on stdin and stdout; Ctrl-C ends it.", file=sys.stderr)
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # the SDK reads stdin in a thread that cannot be interrupted
+    try:
+        server.run("stdio")
+    except* BrokenPipeError:
+        pass  # the client has left without closing stdin

@@ -1,15 +1,7 @@
 """The line protocol: any program that reads a line and writes a line can play.
 
-The program is started once. It reads a JSON object in a line, and answers with a line of words, until its input ends:
-
-| key | meaning |
-|---|---|
-| game | number of the game since the program was started, from 1 |
-| new | whether the game begins with this line |
-| text | the prompt: at first the rules, then the outcome of the last answer, and always the state |
-| goal | label of the goal; null in the open-ended world |
-| table | labels that can be combined, in the order of their numbers |
-| attempts_left | attempts left, the current one included |
+The program is started once. It reads a JSON object in a line, and answers with a line of words, until its input ends.
+The guide to text agents describes the keys of the object, which :meth:`LinePlayer.speaker` makes.
 """
 
 import json

@@ -162,23 +162,15 @@ def read_games_result(path: Path, opened: OpenedGraph) -> TextResult:
     """
     header, played, _ = read_games(path)
     settings = header.settings
-    for what, its, own in (
-        ("graph", settings.graph_hash, opened.graph.hash),
-        ("split", settings.split_hash, opened.split.hash),
-    ):
-        if its != own:
+    for what, own in (("graph", opened.graph.hash), ("split", opened.split.hash)):
+        if (its := getattr(settings, f"{what}_hash")) != own:
             raise GraphMismatchError(f"'{path}' holds games on the {what} {its[:12]}, and this is {own[:12]}.")
     if settings.part is None or settings.depth is None or settings.distractors is None:
         if not played:
             raise ConfigError(f"'{path}' holds no game that is over.")
         return result_of(header.player, msgspec.structs.replace(settings, draws=len(played)), played)
-    config = WordCraftConfig(
-        part=settings.part,
-        depth=settings.depth,
-        num_distractors=settings.distractors,
-        max_attempts=settings.attempts,
-    )
-    world = World(opened, config)
+    amounts = {"num_distractors": settings.distractors, "max_attempts": settings.attempts}
+    world = World(opened, WordCraftConfig(part=settings.part, depth=settings.depth, **amounts))
     first = {(one.task, one.draw): one for one in reversed(played) if isinstance(one, PlayedTask)}
     draws = 1 + max((draw for _, draw in first), default=0)
     needed = set(product(chosen_tasks(world, settings.tasks).tolist(), range(draws)))

@@ -19,11 +19,11 @@ from wordcraft_kg.apps.text_agents.records import (
     PlayedWorld,
     TextResult,
 )
+from wordcraft_kg.apps.text_agents.settings import GameSettings
 from wordcraft_kg.base.artefacts import read_large_file
 from wordcraft_kg.base.errors import ConfigError, GraphMismatchError
 from wordcraft_kg.base.records import parse_lines, parse_record
 from wordcraft_kg.base.settings import MAX_SIZE, whole
-from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.evaluation_tables import distance_of
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.arrays import Ids
@@ -169,8 +169,8 @@ def read_games_result(path: Path, opened: OpenedGraph) -> TextResult:
         if not played:
             raise ConfigError(f"'{path}' holds no game that is over.")
         return result_of(header.player, msgspec.structs.replace(settings, draws=len(played)), played)
-    amounts = {"num_distractors": settings.distractors, "max_attempts": settings.attempts}
-    world = World(opened, WordCraftConfig(part=settings.part, depth=settings.depth, **amounts))
+    its_tasks = GameSettings(settings.part, settings.depth, settings.distractors, settings.attempts)
+    world = World(opened, its_tasks.environment)
     first = {(one.task, one.draw): one for one in reversed(played) if isinstance(one, PlayedTask)}
     draws = 1 + max((draw for _, draw in first), default=0)
     needed = set(product(chosen_tasks(world, settings.tasks).tolist(), range(draws)))

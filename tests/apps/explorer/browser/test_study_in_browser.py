@@ -37,6 +37,12 @@ def study(kitchen: RecipeGraph, tmp_path: Path) -> Iterator[Served]:
         yield Served(address, folder)
 
 
+@pytest.fixture
+def open_page(study: Served, open_page: OpenPage) -> OpenPage:
+    """Open pages that are closed before the server that they load their files from."""
+    return open_page
+
+
 def begin(page: Any, study: Served) -> None:
     """Agree, and go to the first task."""
     page.goto(study.address)

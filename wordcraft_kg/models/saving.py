@@ -51,12 +51,8 @@ def save_scorer(
 ) -> Path:
     """Write a scorer of your own as a model folder, which every command then takes like one that was trained here.
 
-    With folds, see :func:`~wordcraft_kg.models.scorers.cross_fitting.cross_fit`, agents learn on honest scores.
-
-    The folder holds the scores of all triples, or the embeddings of a
-    :class:`~wordcraft_kg.models.scorers.factors.ComplExScorer`, or, where a table of the scores would be too large,
-    the factors of a :class:`~wordcraft_kg.models.scorers.protocol.FactoredScorer`. It says that it was not trained
-    here.
+    With folds, see :func:`~wordcraft_kg.models.scorers.cross_fitting.cross_fit`, agents learn on honest scores. The
+    folder holds the form that :func:`~wordcraft_kg.models.scorers.writing.stored` returns.
 
     Args:
         folder: folder to write.

@@ -64,7 +64,7 @@ class Trial(Record, frozen=True, kw_only=True):
 class Search(Record, frozen=True, kw_only=True):
     """``search.json``: what decides a search, except for the number of trials."""
 
-    format: Literal["wordcraft-kg search 1"]
+    format: Literal["wordcraft-kg search 1"] = "wordcraft-kg search 1"
     graph: str
     split: str
     model: str
@@ -152,15 +152,8 @@ def tune(
     """
     space = _checked_space(opened, model, trials, valid_ratio, seed, timeout, device)
     train, valid = _validation_split(opened, valid_ratio, seed)
-    search = Search(
-        format="wordcraft-kg search 1",
-        graph=opened.graph.hash,
-        split=opened.split.hash,
-        model=model.lower(),
-        valid_ratio=valid_ratio,
-        seed=seed,
-        device=device,
-    )
+    decisive: dict[str, Any] = {"valid_ratio": valid_ratio, "seed": seed, "device": device}
+    search = Search(graph=opened.graph.hash, split=opened.split.hash, model=model.lower(), **decisive)
     with _search_folder(out, search, force=force) as done:
         ends = None if timeout is None else time.monotonic() + timeout
         with first_interrupt() as interrupted, _quiet_optuna():

@@ -185,16 +185,11 @@ def fit_link_rankers(
 ) -> tuple[list[Base], LinkRankers]:
     """Fit the rankers of both relations on links that only the fold held out has, and on those of unknown entities.
 
-    Args:
-        folds: folds of the train recipes; those that are not left out take turns at being held out.
-        text: cosines of the entities' words, shape (E, E); zeros without words.
-        left_out: folds that nothing may be known of.
-        rng: draws queries and the unknown entities.
-        generator: draws the first weights of the rankers.
-        after: called after each fold's turn and each fit.
+    Args are those of :func:`fit_recipe_scorer`; ``rng`` draws queries and the unknown entities, ``generator`` the first
+    weights of the rankers.
 
     Returns:
-        what the recipes outside each of these folds say, and the rankers.
+        the bases of the recipes outside each of these folds, and the rankers.
     """
     size = folds.split.graph.num_entities
     turns = [fold for fold in range(folds.count) if fold not in left_out]

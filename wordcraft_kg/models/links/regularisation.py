@@ -89,9 +89,7 @@ def choose(
         for n3, row in zip(weights, means, strict=True)
         for popularity, mrr in zip(POPULARITY, row, strict=False)
     ]
-    enough = (1 - CAUTION) * max(candidate.mrr for candidate in candidates)
-    good = (candidate for candidate in candidates if candidate.mrr >= enough)
-    chosen = max(good, key=lambda candidate: (candidate.popularity, candidate.mrr))
+    chosen = _best(candidates)
     return Choice(
         n3=chosen.n3,
         popularity=chosen.popularity,
@@ -102,6 +100,13 @@ def choose(
         epochs=epochs,
         queries=queries,
     )
+
+
+def _best(candidates: list[Candidate]) -> Candidate:
+    """Return the candidate with the most popularity of those whose MRR is nearly the best."""
+    enough = (1 - CAUTION) * max(candidate.mrr for candidate in candidates)
+    good = (candidate for candidate in candidates if candidate.mrr >= enough)
+    return max(good, key=lambda candidate: (candidate.popularity, candidate.mrr))
 
 
 def _folds(split: Split, recipes: Ids, seed: int, number: int) -> Iterator[Split]:

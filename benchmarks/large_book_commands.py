@@ -26,7 +26,7 @@ COMMANDS = {
     "tasks --depth 2": ("tasks", "{folder}", "--depth", "2"),
     "tasks --depth 3": ("tasks", "{folder}", "--depth", "3"),
     "play": ("play", "{folder}", "--episodes", "1"),
-    "baselines": ("evaluate-agent", "{folder}"),
+    "evaluate-agent": ("evaluate-agent", "{folder}"),
     "discover": ("discover", "{folder}", "--runs", "5"),
     "export tsv": ("export", "{folder}", "--format", "tsv", "--out", "{out}", "--force"),
     "export graphml": ("export", "{folder}", "--format", "graphml", "--out", "{out}", "--force"),

@@ -90,7 +90,7 @@ def view_check(
         book: file, folder or known name.
         base: base entities; None takes the book's own, or infers them.
         against: another book to compare with, or None.
-        single_ingredient: see :func:`~wordcraft_kg.graphs.recipes.read_book`.
+        single_ingredient: see :func:`~wordcraft_kg.graphs.book_files.read_book`.
     """
     located = locate_book(book)
     path = located.path / "graph.json" if (located.path / "graph.json").is_file() else located.path

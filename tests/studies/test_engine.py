@@ -213,6 +213,16 @@ def test_ctrl_c_ends_a_study_and_its_workers(tmp_path):
     assert len(workers.began) == 1
 
 
+def test_a_second_ctrl_c_says_which_tasks_are_done_too(tmp_path, monkeypatch):
+    def pressed_again(self):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Inline, "stop", pressed_again)
+    workers = Inline(tmp_path, lambda task, root: Outcome(task.address, "interrupted"))
+    with pytest.raises(KeyboardInterrupt, match="the same command goes on"):
+        run_plan(small_plan(), tmp_path, lambda: workers)
+
+
 def _hold(root: Path, ready, release) -> None:
     from wordcraft_kg.studies.store import own_results
 

@@ -97,14 +97,15 @@ class _Engine:
         if self._waiting:
             workers = make_workers()
             try:
-                self._work(workers)
-            except KeyboardInterrupt:
+                try:
+                    self._work(workers)
+                finally:
+                    workers.stop()
+            except KeyboardInterrupt:  # a second one ends the waiting for checkpoints
                 done = self.state.kept + self.state.done
                 raise KeyboardInterrupt(
                     f"interrupted; {done:,} of {len(tasks):,} tasks are done, the same command goes on with the others"
                 ) from None
-            finally:
-                workers.stop()
         self._show()
         return self.state
 

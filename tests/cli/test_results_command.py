@@ -68,6 +68,8 @@ def test_out_implies_a_report(run, file, tmp_path):
         (("--out", "{folder}/empty", "--by", "scorer"), "'scorer'"),
         (("--seeds", "2"), "--seeds is for studies that are run"),
         (("{folder}/broken.json",), "damaged"),
+        (("{folder}/nothing.json",), "no such file"),
+        (("{folder}/study.toml",), "expected its results"),
     ],
 )
 def test_what_cannot_be_shown_is_said(refused, file, arguments, message):

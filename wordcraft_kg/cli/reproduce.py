@@ -178,8 +178,13 @@ def _collect(study: str | None, file: Path | None, root: Path, by: list[str] | N
         if study is not None:
             raise ConfigError(f"'{study}' and `by` cannot be combined: `by` compares all runs of the results folder.")
         return collect_runs(root, by)
+    suffix = Path(study).suffix if study is not None else ""
+    if suffix == ".toml":
+        raise ConfigError(f"'{study}' is a study; expected its results. Give its name, or their file.")
     if file is not None:
         return read_record(file, StudyResults)
+    if suffix == ".json":
+        raise ConfigError(f"'{study}': no such file. Give a file of results, or the name of a study in '{root}'.")
     names = studies_of(root)
     if study is None and len(names) != 1:
         there = f"has the studies {', '.join(names)}" if names else "has no study yet"

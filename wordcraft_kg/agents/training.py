@@ -9,6 +9,7 @@ import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -100,16 +101,20 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
     config_type = AgentConfig
 
     def __init__(self, config: AgentConfig, opened: OpenedGraph):
-        """Make the environments.
+        """Take settings and graph.
 
         Raises:
-            ConfigError: if the settings do not fit the graph or the machine.
+            ConfigError: if the settings do not fit the machine.
         """
         super().__init__(config, opened)
         check_device(config.trainer.device)
         if config.trainer.compile:
             check_compiler(torch.device(config.trainer.device))
-        self.envs = _environments(opened, config)
+
+    @cached_property
+    def envs(self) -> State:
+        """The environments, at the start of their first episodes; the tasks of a large graph take a while."""
+        return _environments(self.opened, self.config)
 
     @classmethod
     def given(cls, config: AgentConfig) -> dict[str, str | None]:  # noqa: D102 - inherited
@@ -128,7 +133,7 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
         if config.scorer is not None:
             model = open_model(Path(config.scorer), opened.source)
             scorer, observed = model.scorer, model.observed
-            # Refused now, if it has to be: the tasks of a large graph take a while.
+            # Before the tasks are made.
             asked = scorer.whole if config.policy.in_sample else scorer
             pairs_need_factors(config.policy.sources, asked, config.policy.scale)
             self.facts["kg"] = model.kg

@@ -15,6 +15,7 @@ from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
 from wordcraft_kg.runs.config_file import RunConfig
 from wordcraft_kg.runs.folder import Progress, check_run_output
 from wordcraft_kg.runs.interruption import interruption_message
+from wordcraft_kg.runs.record import RUN_FILE
 
 if TYPE_CHECKING:
     from wordcraft_kg.agents.config import AgentConfig
@@ -74,7 +75,7 @@ def train(
     if seeds is not None:
         return _train_seeds(told, config, seeds, out, force, trackers, output)
     keep = not force and out is not None and not told.is_finished(out)
-    if out is not None and not keep:
+    if out is not None and not (keep and (out / RUN_FILE).is_file()):
         check_run_output(out, force=force)  # before torch takes seconds to import
     from wordcraft_kg.runs.training import train
 

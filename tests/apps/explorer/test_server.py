@@ -33,7 +33,7 @@ def client(explored: Explored) -> TestClient:
 def test_every_link_that_can_be_reached_leads_to_a_page(client: TestClient):
     todo, seen, kinds = ["/"], set(), {}
     while todo:
-        address = todo.pop()
+        address = todo.pop(0)
         kind = address.partition("?")[0].split("/")[1]
         seen.add(address)
         # Some of each kind: of entities, predictions and filters there are thousands.

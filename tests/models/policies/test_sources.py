@@ -263,8 +263,11 @@ def test_a_scale_that_needs_a_table_is_refused_where_none_fits_and_names_the_sca
         make_sources(["u", "v"], Factored(), ScoreView("ranks"))
 
 
-def test_an_agent_whose_sources_do_not_fit_is_refused_and_leaves_no_folder(tmp_path: Path, no_tables):
+def test_an_agent_whose_sources_do_not_fit_is_refused_before_its_tasks_are_made(
+    tmp_path: Path, no_tables, monkeypatch: pytest.MonkeyPatch
+):
     train_links(LinksConfig("kitchen", ComplExConfig(dim=4, epochs=1, n3=0.1, folds=2)), tmp_path / "model")
+    monkeypatch.setattr("wordcraft_kg.agents.training.World", None)
     with pytest.raises(ConfigError, match="scores of all pairs"):
         train_agent(AgentConfig("kitchen", str(tmp_path / "model")), tmp_path / "run")
     assert not (tmp_path / "run").exists()

@@ -239,6 +239,7 @@ def test_a_scorer_of_another_graph_is_refused(refused, world, tmp_path):
         (("evaluate-agent", "{world}/plain-0", "--distractors", "many"), "--distractors 'many'"),
         (("evaluate-agent", "{world}/plain-0", "--graph", "paper-examples"), "was trained on graph"),
         (("evaluate-agent", "{world}/plain-0", "--part", "valid"), "valid"),
+        (("evaluate-links", "{world}/plain-0"), "written by train-agent; expected a model"),
         (("explain", "{world}/plain-0", "--goal", "spaceship"), "no entity 'spaceship'"),
         (("explain", "{world}/plain-0", "--episodes", 0), "--episodes 0"),
         (("compare", "{world}/plain-0", "{world}/many"), "plays with max_attempts"),

@@ -35,15 +35,14 @@ def evaluate_links(
         out: folder to write. Default: report/ in the model folder.
     """
     from wordcraft_kg.base.artefacts import check_output
-
-    folder = out or model / "report"
-    check_output(folder, force=force)
     from wordcraft_kg.evaluation.links import summarise_links
     from wordcraft_kg.models.folder import open_model
     from wordcraft_kg.reports.link_report import make_link_report
     from wordcraft_kg.reports.pages import write_report
 
+    folder = out or model / "report"
     trained = open_model(model, graph)
+    check_output(folder, force=force)
     report = make_link_report(
         trained.scorer,
         trained.opened,

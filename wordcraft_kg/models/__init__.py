@@ -1,8 +1,8 @@
 """Models that score links, and models that decide.
 
-Three packages: :mod:`~wordcraft_kg.models.scorers` say how plausible a triple is, :mod:`~wordcraft_kg.models.links`
-trains link predictors that become scorers, and :mod:`~wordcraft_kg.models.policies` decide, with the scores of scorers
-mixed in. Links and policies use scorers, but not each other.
+Four packages: :mod:`~wordcraft_kg.models.scorers` say how plausible a triple is, :mod:`~wordcraft_kg.models.links` and
+:mod:`~wordcraft_kg.models.recipes` train scorers, of links and of recipes, and :mod:`~wordcraft_kg.models.policies`
+decide, with scores mixed in. The last three use scorers, but not each other. ``folder`` opens any trained model.
 
 Importing this package imports neither torch nor PyKEEN, yet it makes our ComplEx known to PyKEEN: from then on
 ``pykeen.pipeline.pipeline(model="ComplExN3", training_loop="IndexedSymmetricLCWA", ...)`` works by name, because the

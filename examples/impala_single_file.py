@@ -9,6 +9,7 @@ weights and actions, and gives the same curve up to rounding. Copy it and change
 import argparse
 import csv
 import math
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ from torch import Tensor, nn
 from wordcraft_kg.envs.batch import BatchEngine, State
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
+from wordcraft_kg.graphs.tasks import TaskPart
 from wordcraft_kg.models.scorers.features import make_features
 
 BATCH, UNROLL = 128, 2  # environments side by side, and steps of each in an update
@@ -31,7 +33,7 @@ TEST_DRAWS = 5  # draws of distractors for each test task
 # --- environment: pure functions, (state, actions) -> (state, outcome of the step) -----------------------------------
 
 
-def make_world(graph: str, part: str, distractors: int) -> World:
+def make_world(graph: str, part: TaskPart, distractors: int) -> World:
     """Return the tasks of depth 1 of a part: pick two of the entities on the table so that they make the goal."""
     return World(graph, WordCraftConfig(part=part, num_distractors=distractors))
 
@@ -98,7 +100,7 @@ def v_trace(
 
 
 def learn(
-    policy: AttentionPolicy, states: list[tuple[Tensor, ...]], actions: Tensor, steps: dict[str, Tensor]
+    policy: AttentionPolicy, states: Sequence[tuple[Tensor, ...]], actions: Tensor, steps: dict[str, Tensor]
 ) -> Tensor:
     """Return the loss of an unroll: T + 1 states, T actions, and what the steps gave, shape (T, B) each."""
     log_policies, values = policy(*(torch.cat(parts) for parts in zip(*states, strict=True)))
@@ -112,7 +114,8 @@ def learn(
     )
     entropy = -(log_policies.exp() * log_policies.masked_fill(log_policies == -torch.inf, 0)).sum()
     baseline_loss = 0.5 * (targets - values[:UNROLL]).square().sum()
-    return -(log_probs * advantages).sum() + BASELINE_COST * baseline_loss - ENTROPY_COST * entropy
+    loss: Tensor = -(log_probs * advantages).sum() + BASELINE_COST * baseline_loss - ENTROPY_COST * entropy
+    return loss
 
 
 @torch.no_grad()
@@ -129,7 +132,7 @@ def evaluate(policy: AttentionPolicy, world: World) -> float:
 
 def train(graph: str, steps: int, distractors: int, seed: int, out: Path) -> None:
     """Train a policy and write its learning curve."""
-    world, test = (make_world(graph, part, distractors) for part in ("train", "test"))
+    world, test = make_world(graph, "train", distractors), make_world(graph, "test", distractors)
     engine = BatchEngine(world, BATCH)
     state = engine.reset(seed)
     vectors = torch.tensor(make_features("glove", world.graph.entities).vectors)
@@ -161,7 +164,7 @@ def train(graph: str, steps: int, distractors: int, seed: int, out: Path) -> Non
                 policy, states, torch.stack(actions), dict(zip(("log_probs", "rewards", "over"), parts, strict=True))
             )
             optimizer.zero_grad()
-            loss.backward()
+            torch.autograd.backward(loss)
             nn.utils.clip_grad_norm_(policy.parameters(), CLIP)
             optimizer.param_groups[0]["lr"] = LEARNING_RATE * (1 - update / updates)
             optimizer.step()

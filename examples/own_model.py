@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 import torch
 
 from wordcraft_kg import open_model
-from wordcraft_kg.graphs.folder import OpenedGraph
+from wordcraft_kg.graphs.folder import KG, OpenedGraph
 from wordcraft_kg.models.folder import MODELS
 from wordcraft_kg.models.model import History
 from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples
@@ -31,7 +31,7 @@ class HubsConfig(RunConfig):
 
     commands: ClassVar[tuple[str, ...]] = ("train-hubs",)
 
-    kg: str = "partial"
+    kg: KG = "partial"
     epochs: int = 100
     seed: int = 0
 

@@ -21,7 +21,7 @@ def alike_player(split: Split) -> Player:
 
     def pick(state: State, rng: np.random.Generator) -> np.ndarray:
         scores = alike[state.goal[:, None], state.table] - (state.table == state.selection[:, None])
-        return np.where(state.action_masks(), scores, -np.inf).argmax(axis=1)
+        return np.asarray(np.where(state.action_masks(), scores, -np.inf).argmax(axis=1))
 
     return pick
 

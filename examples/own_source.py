@@ -19,6 +19,7 @@ from wordcraft_kg.models.scorers.protocol import TripleScorer
 class SharedLetters(Source):
     """Scores a slot by the number of letters that its entity shares with the goal."""
 
+    shared: Tensor
     label = Label("letters", "x", "letters shared with the goal")
 
     def __init__(self, num_entities: int):

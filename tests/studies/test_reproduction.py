@@ -22,7 +22,7 @@ from wordcraft_kg.studies.results import RunResult, StudyResults, results_text
 from wordcraft_kg.studies.study import Study, parse_study
 
 FILE = Path(__file__).parent / "data" / "kitchen.json"
-COMMAND = "python tests/experiments/test_reproduction.py"
+COMMAND = "python tests/studies/test_reproduction.py"
 PROCESSOR = "AVX512"
 """With another set of instructions sums are rounded otherwise, so that an agent may learn something slightly else."""
 STUDY = """
@@ -46,9 +46,7 @@ TIMES = {"seconds": 0.0, "steps_per_second": 0}
 
 def remade(study: Study, root: Path) -> StudyResults:
     plan = make_plan(study, "kitchen")
-    state = run_plan(
-        plan, root, lambda: LocalWorkers(root, 1, perform), command="python tests/experiments/test_reproduction.py"
-    )
+    state = run_plan(plan, root, lambda: LocalWorkers(root, 1, perform), command=COMMAND)
     assert not state.failed
     return collect_study(root, plan.name)
 

@@ -207,7 +207,11 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
                 if report:
                     report(sum(so_far.values()), total, {})
 
-        train_jobs(waiting, settings.threads, note, is_long=len(folds.recipes()) > ALONE)
+        try:
+            train_jobs(waiting, settings.threads, note, is_long=len(folds.recipes()) > ALONE)
+        except KeyboardInterrupt:
+            done = f"interrupted; {len(kept.records())} of {len(jobs)} fits are saved in '{run.path}'."
+            raise KeyboardInterrupt(f"{done} The same command goes on with the others.") from None
         if report:
             report(total, total, {})
         return self._finish(run, kept, time.perf_counter() - began)

@@ -109,7 +109,7 @@ def test_an_interrupted_run_goes_on_with_the_fits_that_are_missing(
 ):
     steps = SMALL.folds + 3
     folder = small.parent / "interrupted"  # so that the path to the book is the same
-    with pytest.raises(KeyboardInterrupt, match="2 of 4 fits are saved.*goes on with the others"):
+    with pytest.raises(KeyboardInterrupt, match=r"2 of 4 fits are saved.*goes on with the others"):
         train_recipes(RecipesConfig(str(book), SMALL), folder, progress=interrupt_after(2 * steps))
     assert json.loads((folder / "run.json").read_text())["status"] == "interrupted"
     with pytest.raises(ArtefactError, match="interrupted, not done"):

@@ -41,7 +41,7 @@ class Conversation:
     def __init__(
         self, game: Game, knowledge: Knowledge | None = None, *, refusals: int = REFUSALS, look_ups: int = LOOK_UPS
     ):
-        """Begin a conversation; for the numbers see :class:`~wordcraft_kg.apps.text_agents.settings.EvaluationSettings`."""
+        """Begin a conversation; ``EvaluationSettings`` (``settings``) explains the numbers."""
         self.game, self._knowledge, self._refusals, self._most_look_ups = game, knowledge, refusals, look_ups
         self.refused = self.lost = self.look_ups = 0
         self._in_a_row = 0

@@ -136,6 +136,23 @@ def test_a_damaged_scorer_that_is_still_needed_is_made_again(done, tmp_path):
     assert run_small(done).began == [scorer.title, "guided, distractors 2, seed 0"]
 
 
+def test_a_run_whose_scorer_was_made_again_with_other_weights_is_begun_again(done, tmp_path):
+    from wordcraft_kg.agents.training import train_agent
+
+    plan = small_plan()
+    task = plan.tasks[plan.runs[2]]
+    shutil.copytree(done, tmp_path, dirs_exist_ok=True)
+    shutil.rmtree(folder := task.folder(tmp_path))
+    config = agent_config(task.settings["settings"], *(str(tmp_path / address) for address in task.needs))
+    train_agent(config, folder, progress=lambda *_: os.kill(os.getpid(), signal.SIGINT))
+    record = json.loads((folder / "run.json").read_text())
+    record["inputs"]["scorer"] = "0" * 64
+    (folder / "run.json").write_text(json.dumps(record))
+    outcome = perform(task, tmp_path)
+    assert outcome.ending == "done", outcome.error
+    assert "resumed" not in json.loads((folder / "run.json").read_text())
+
+
 def test_a_damaged_graph_that_is_still_needed_is_made_again(done):
     plan = small_plan()
     (done / plan.runs[0] / "figures.json").unlink()

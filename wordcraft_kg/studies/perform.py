@@ -3,6 +3,7 @@
 import shutil
 import time
 import traceback
+from contextlib import suppress
 from errno import EDQUOT, ENOSPC
 from importlib.metadata import version
 from pathlib import Path
@@ -108,9 +109,13 @@ def _is_disk_full(error: BaseException | None) -> bool:
 
 
 def _trained(trainer: "type[Training[Any, Any, T]]", config: RunConfig, folder: Path) -> T:
-    """Train, go on with what has begun, or return what is done; begin again if its files are damaged."""
+    """Train, go on with what has begun, or return what is done; begin again if its files or inputs are others now."""
     from wordcraft_kg.runs.training import train
 
+    with suppress(ArtefactError):
+        begun_with = read_run(folder).inputs
+        if any(begun_with.get(name) != found for name, found in trainer.given(config).items()):
+            shutil.rmtree(folder)  # its scorer was damaged, and made again on another machine
     try:
         return train(trainer, config, folder, keep=True)
     except (ArtefactError, OutputExistsError) as error:

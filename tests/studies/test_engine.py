@@ -14,11 +14,12 @@ from small_study import TEXT, TRAINED, Inline, pretend, run_small, small_plan
 
 from wordcraft_kg.base.errors import ArtefactError
 from wordcraft_kg.base.records import as_values
+from wordcraft_kg.runs.folder import locked
 from wordcraft_kg.runs.record import end_run, start_run
 from wordcraft_kg.studies.collect import collect_runs, collect_study
 from wordcraft_kg.studies.engine import FullDiskError, run_plan
 from wordcraft_kg.studies.local_workers import LocalWorkers
-from wordcraft_kg.studies.perform import perform
+from wordcraft_kg.studies.perform import make_graph, perform
 from wordcraft_kg.studies.plan import agent_config, make_plan
 from wordcraft_kg.studies.results import Figures, RunFigures, read_figures, write_figures
 from wordcraft_kg.studies.store import failure_of
@@ -175,6 +176,18 @@ def test_a_scorer_whose_checkpoint_is_damaged_is_begun_again(done, tmp_path):
     (folder / "checkpoints" / "fold.json").write_text("{")
     outcome = perform(task, tmp_path)
     assert outcome.ending == "done", outcome.error
+
+
+def test_a_training_that_another_process_still_works_on_is_left_alone(tmp_path):
+    plan = small_plan(text=TRAINED)
+    task = next(task for task in plan.tasks.values() if task.kind == "scorers")
+    make_graph(plan.tasks[task.needs[0]], tmp_path, plan.books[task.needs[0]])
+    (folder := task.folder(tmp_path)).mkdir(parents=True)
+    (folder / "checkpoints").mkdir()
+    with locked(folder):
+        outcome = perform(task, tmp_path)
+    assert (outcome.ending, (folder / "checkpoints").is_dir()) == ("failed", True)
+    assert "by another process" in outcome.error
 
 
 def test_a_failure_stops_nothing_but_what_needs_it_and_is_tried_again(tmp_path):

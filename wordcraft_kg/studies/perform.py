@@ -18,6 +18,7 @@ from wordcraft_kg.graphs.splits import SplitConfig, make_split
 from wordcraft_kg.graphs.tasks import TaskPart
 from wordcraft_kg.runs.config_file import RunConfig
 from wordcraft_kg.runs.files import RunFiles
+from wordcraft_kg.runs.folder import locked
 from wordcraft_kg.runs.record import read_run
 from wordcraft_kg.studies.plan import CONFIG_OF, agent_config
 from wordcraft_kg.studies.results import FIGURES_FILE, Figures, RunFigures, ScorerFigures, read_figures, write_figures
@@ -115,14 +116,20 @@ def _trained(trainer: "type[Training[Any, Any, T]]", config: RunConfig, folder: 
     with suppress(ArtefactError):
         begun_with = read_run(folder).inputs
         if any(begun_with.get(name) != found for name, found in trainer.given(config).items()):
-            shutil.rmtree(folder)  # its scorer was damaged, and made again on another machine
+            _clear(folder)  # its scorer was damaged, and made again on another machine
     try:
         return train(trainer, config, folder, keep=True)
     except (ArtefactError, OutputExistsError) as error:
         if not folder.exists() or _is_disk_full(error):
             raise
-        shutil.rmtree(folder, ignore_errors=True)
+        _clear(folder)
         return train(trainer, config, folder)
+
+
+def _clear(folder: Path) -> None:
+    """Remove a folder, unless another process trains there: a cluster may have given up a node that still works."""
+    with locked(folder):
+        shutil.rmtree(folder, ignore_errors=True)
 
 
 def _run(task: Task, root: Path, keep_all: bool) -> bool:

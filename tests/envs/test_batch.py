@@ -525,3 +525,10 @@ def test_a_table_without_shortcuts_that_cannot_be_is_given_up(ambiguous, monkeyp
         batch(world, 1)
     with pytest.raises(ConfigError, match=expected):
         WordCraftEnv(world).reset(seed=0)
+
+
+def test_a_posed_state_does_not_change_with_the_array_of_its_tasks():
+    engine, tasks = BatchEngine(World("kitchen", WordCraftConfig()), 3), np.arange(3)
+    state = engine.pose(tasks)
+    tasks += 1
+    assert state.task.tolist() == [0, 1, 2]

@@ -218,7 +218,7 @@ class BatchEngine:
         The distractors depend on seed, environment, ``episode`` and task only.
         """
         keys, number = self._keys(seed), self.arrays.full((self.num_envs,), episode)
-        tasks = self.arrays.array(np.asarray(tasks, dtype=np.int64)) if isinstance(tasks, list | np.ndarray) else tasks
+        tasks = self.arrays.array(np.array(tasks, dtype=np.int64)) if isinstance(tasks, list | np.ndarray) else tasks
         begun = self._begun(self._draws.tables(self._draws.keys(keys, number), tasks), tasks)
         return State._make((self, keys, Ahead(self._draws, keys, number + 1), 0, *begun, number + 1))
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from wordcraft_kg.apps.people.config import MOST_TASKS
 from wordcraft_kg.apps.people.protocol import HUMAN_FORMAT, Answer, Header, HumanProtocol, schedule
-from wordcraft_kg.base.artefacts import read_small_file, what_is, write_atomically
+from wordcraft_kg.base.artefacts import read_small_file, write_atomically
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError
 from wordcraft_kg.base.records import Record, as_lines, as_values, parse_record
 from wordcraft_kg.base.settings import MAX_SIZE
@@ -93,7 +93,8 @@ def read_session(path: Path) -> Session:
         ArtefactError: naming the line, if the file is not of this kind or damaged; a torn last line is not an error.
     """
     if not path.is_file():
-        raise ArtefactError(f"'{path}' {what_is(path)}; expected a file of `wordcraft-kg play --protocol paper`.")
+        fault = "is not a file" if path.exists() else "does not exist"
+        raise ArtefactError(f"'{path}' {fault}; expected a file of `wordcraft-kg play --protocol paper`.")
     first, *lines = read_small_file(path).split(b"\n")
     if HUMAN_FORMAT.encode() not in first or not lines:
         raise ArtefactError(

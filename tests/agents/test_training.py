@@ -468,7 +468,8 @@ def test_a_run_killed_at_20_random_moments_ends_with_the_bits_of_an_undisturbed_
     assert start("train-agent", "everyday", *options, "--out", tmp_path / "whole").wait() == 0
     rng = np.random.default_rng(0)
     folder, kills = tmp_path / "killed", 0
-    process = start("train-agent", "everyday", *options, "--out", folder)
+    command = ("train-agent", "everyday", *options, "--out", folder)
+    process = start(*command)
     while kills < 20:
         checkpoints = folder / "checkpoints"
         while not any(checkpoints.glob("*.json")):
@@ -480,7 +481,7 @@ def test_a_run_killed_at_20_random_moments_ends_with_the_bits_of_an_undisturbed_
         process.kill()
         process.wait()
         kills += 1
-        process = start("resume", folder)
+        process = start(*command)
     assert process.wait() == 0
     assert kills == 20
     assert sha256_of(folder / "policy.safetensors") == sha256_of(tmp_path / "whole/policy.safetensors")

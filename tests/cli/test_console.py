@@ -414,6 +414,7 @@ IN_ORDER = (
 def test_the_examples_of_the_help_work_by_copy_and_paste(run, home, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "recipes.csv").write_text("ingredient_a,ingredient_b,result\nflour,water,dough\n")
+    (tmp_path / "pairs.csv").write_text("head,relation,tail\nflour,combinesWith,water\n")
     for name in IN_ORDER:
         for example in manual_of(name).module.EXAMPLES:
             if "--fetch" in example or "--from-pykeen" in example:  # needs a network, or a model of PyKEEN's

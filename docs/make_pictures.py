@@ -21,7 +21,7 @@ PICTURES = {
     "explorer-episode": ("episode", 900),
 }
 """Page of the static site, or folder whose first page it is, and height of each picture."""
-STUDY = ("study", "serve", "everyday", "--tasks", "20", "--port", "0", "--no-browser", "--json")
+STUDY = ("people", "serve", "everyday", "--tasks", "20", "--port", "0", "--no-browser", "--json")
 
 
 def of_the_site(browser: Browser, site: Path) -> None:

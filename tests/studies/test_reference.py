@@ -9,6 +9,7 @@ import pytest
 from wordcraft_kg.agents.config import TaskConfig
 from wordcraft_kg.agents.discovery import HUMAN_CURVE
 from wordcraft_kg.agents.players import play_all, random_distinct
+from wordcraft_kg.base import registry
 from wordcraft_kg.base.errors import ArtefactError, ConfigError
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
@@ -59,9 +60,8 @@ def test_another_split_has_no_rows_and_open_ended_play_needs_none(everyday):
 def test_another_distribution_adds_a_reader_of_results(everyday, monkeypatch, tmp_path):
     row = pack_of(everyday.graph.hash, None).rows[0]
     reader = ResultReader("a folder of mine", lambda path: path == tmp_path, lambda *_: [row])
-    monkeypatch.setattr(
-        result_readers, "entry_points", lambda group: [SimpleNamespace(name=group, load=lambda: reader)]
-    )
+    monkeypatch.setattr(registry, "entry_points", lambda group: [SimpleNamespace(name=group, load=lambda: reader)])
+    monkeypatch.setattr(result_readers, "READERS", registry.Registry("theirs", {"agents": result_readers.AGENTS}))
     assert rows_beside(everyday, DEPTH_1, [1], [tmp_path]) == (row,)
     with pytest.raises(ConfigError, match="a folder of mine"):
         rows_beside(everyday, DEPTH_1, [1], [tmp_path / "other"])

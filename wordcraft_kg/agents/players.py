@@ -4,7 +4,6 @@ A player is a function ``(state, rng) -> slots`` that picks for all environments
 """
 
 from collections.abc import Callable, Iterable, Sequence
-from importlib.metadata import entry_points
 
 import numpy as np
 import torch
@@ -14,6 +13,7 @@ from torch import Tensor
 from wordcraft_kg.agents.states import bind_tasks, states_of
 from wordcraft_kg.base.progress import steps
 from wordcraft_kg.base.records import Count, Record, Share
+from wordcraft_kg.base.registry import Registry
 from wordcraft_kg.base.settings import whole
 from wordcraft_kg.base.statistics import task_bootstrap
 from wordcraft_kg.envs.batch import GOAL, BatchEngine, State
@@ -31,9 +31,8 @@ from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
 from wordcraft_kg.models.scorers.scales import SelfEdges
 
 Player = Callable[[State, np.random.Generator], Ids]
-PLAYERS: dict[str, Callable[[Split], Player]] = {}
-"""Makers of players from outside this package, by name; those of installed packages are entry points of the group
-``wordcraft_kg.players``."""
+PLAYERS: Registry[Callable[[Split], Player]] = Registry("wordcraft_kg.players")
+"""Makers of players from outside this package."""
 SlotScores = Callable[[Tensor, Tensor, Tensor, Tensor | None], Tensor]
 """Scores of slots by goal, selection, table and task, such as a source's."""
 RecipeFunction = Callable[[Tensor, Tensor, Tensor], Tensor]
@@ -145,7 +144,6 @@ def knowledge_players(split: Split) -> dict[str, Player]:
     some, everything = fact_sources(graph, split.partial), fact_sources(graph, graph.triples)
     loops = (graph.triples[:, 1] == COMBINES_WITH) & (graph.triples[:, 0] == graph.triples[:, 2])
     no_self = fact_sources(graph, graph.triples[~loops])
-    makers = {point.name: point.load() for point in entry_points(group="wordcraft_kg.players")} | PLAYERS
     return {
         "random": random_entity,
         "random, distinct": random_distinct,
@@ -157,7 +155,7 @@ def knowledge_players(split: Split) -> dict[str, Player]:
         "full KG, u+v": knowledge_player([everything["u"], everything["v"]]),
         "full KG, u+v, no self edges": knowledge_player([no_self["u"], no_self["v"]]),
         "full KG, best pair": pair_player(fact_recipes(graph, graph.triples)),
-        **{name: make(split) for name, make in makers.items()},
+        **{name: make(split) for name, make in PLAYERS.items()},
         "recipe oracle": recipe_oracle,
     }
 

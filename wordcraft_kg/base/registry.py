@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, MutableMapping
 from importlib.metadata import entry_points
+from types import ModuleType
 from typing import TypeVar
 
 T = TypeVar("T")
@@ -10,8 +11,8 @@ T = TypeVar("T")
 class Registry(MutableMapping[str, T]):
     """Things by name. A module adds one with ``registry[name] = thing``.
 
-    Installed packages name such modules in an entry-point group; they are imported when a name is looked up that is
-    not registered yet.
+    Installed packages add theirs by an entry-point group: an entry point names the thing itself, or a module that adds
+    things as it is imported. They are loaded when a name is looked up that is not registered yet, or all are listed.
 
     Example:
         >>> colours = Registry("example.colours", {"red": 0xFF0000})
@@ -45,8 +46,10 @@ class Registry(MutableMapping[str, T]):
         return len(self._known)
 
     def _complete(self) -> None:
-        """Import the modules of installed packages, once."""
+        """Load the entry points of installed packages, once; what a program has registered itself stays."""
         if not self._is_complete:
-            self._is_complete = True
-            for point in entry_points(group=self._group):
-                point.load()
+            for point in sorted(entry_points(group=self._group), key=lambda point: point.name):
+                thing = point.load()
+                if not isinstance(thing, ModuleType):
+                    self._known.setdefault(point.name, thing)
+            self._is_complete = True  # not before: other threads wait for the imports, and a failure is not forgotten

@@ -74,15 +74,18 @@ def train(
     """
     if seeds is not None:
         return _train_seeds(told, config, seeds, out, force, trackers, output)
-    keep = not force and out is not None and not told.is_finished(out)
-    if out is not None and not (keep and (out / RUN_FILE).is_file()):
+    if out is not None and (force or told.is_finished(out) or not (out / RUN_FILE).is_file()):
         check_run_output(out, force=force)  # before torch takes seconds to import
     from wordcraft_kg.runs.training import train
 
     trainer = told.trainer()
     kg = getattr(getattr(config, "settings", None), "kg", None)
     progress = output.progress(f"{kg} graph" if kg else trainer.kind.name, unit=trainer.kind.unit)
-    trained = train(trainer, config, out, force=force, keep=keep, trackers=trackers, progress=progress)
+
+    def lacks_product(folder: Path) -> bool:
+        return not told.is_finished(folder)
+
+    trained = train(trainer, config, out, force=force, keep=lacks_product, trackers=trackers, progress=progress)
     if getattr(trained, "interrupted", False):
         last = next(iter(trainer.kind.checkpoints(trained.folder).records()))
         raise KeyboardInterrupt(interruption_message(trained.folder, trainer.kind.unit, last))

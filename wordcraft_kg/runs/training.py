@@ -81,7 +81,7 @@ def train(
     out: str | Path | None = None,
     *,
     force: bool = False,
-    keep: bool = False,
+    keep: bool | Callable[[Path], bool] = False,
     trackers: Iterable[Tracker | str] = (),
     progress: Progress | bool | None = None,
 ) -> T:
@@ -92,7 +92,8 @@ def train(
         config: all settings.
         out: the folder. Default: that of the settings.
         force: train anew and replace the folder if it exists.
-        keep: return the outcome of a finished run of the same settings and data instead of refusing the folder.
+        keep: return the outcome of a finished run of the same settings and data instead of refusing the folder, always
+            or if this is true of the folder.
         trackers: where figures go too, by name or as objects.
         progress: called with what is done, the total and figures; True shows a bar.
 
@@ -109,7 +110,7 @@ def train(
     folder = config.default_folder(opened.graph.name) if out is None else Path(out)
     trackers = checked_trackers(trackers)
     record = None if force else _earlier(folder, trainer.kind)
-    if record is not None and (keep or record.status != "done"):
+    if record is not None and (record.status != "done" or (keep(folder) if callable(keep) else keep)):
         files = RunFiles(folder, record)
         found = _same(files, config, opened, trainer)
         if record.status == "done":

@@ -6,7 +6,6 @@ that names a :class:`ResultReader`.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from importlib.metadata import entry_points
 from pathlib import Path
 
 from wordcraft_kg.agents.agent_folder import OpenedAgent, open_agent
@@ -14,6 +13,7 @@ from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer
 from wordcraft_kg.base.artefacts import what_is
 from wordcraft_kg.base.errors import ConfigError, GraphMismatchError
 from wordcraft_kg.base.progress import steps
+from wordcraft_kg.base.registry import Registry
 from wordcraft_kg.base.statistics import crossed_bootstrap
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.envs.world import World
@@ -31,8 +31,6 @@ from wordcraft_kg.evaluation.reference import (
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.runs.record import RUN_FILE, run_folders
 
-GROUP = "wordcraft_kg.result_readers"
-"""Group of the entry points."""
 DRAWS = 5
 """Draws of distractors for each task, of scripted players too."""
 SEEN = "knows the recipes of the test tasks"
@@ -81,8 +79,7 @@ def rows_beside(
     """
     if not paths:
         return ()
-    points = sorted(entry_points(group=GROUP), key=lambda point: point.name)
-    readers: list[ResultReader] = [AGENTS, *(point.load() for point in points)]
+    readers = list(READERS.values())
     if isinstance(play, OpenPlay):
         readers = [reader for reader in readers if reader.open_rows]
     of: dict[ResultReader, list[Path]] = {reader: [] for reader in readers}
@@ -224,3 +221,5 @@ def _own_agents(
 
 AGENTS = ResultReader("a run folder of 'train-agent' or a folder of its seeds", _is_run, _own_agents)
 """Reader for runs of agents."""
+READERS: Registry[ResultReader] = Registry("wordcraft_kg.result_readers", {"agents": AGENTS})
+"""Readers by name."""

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import msgspec
 import pytest
+from fabricated import fabricate
 
-from wordcraft_kg.evaluation.reference import PlayedGraph
-from wordcraft_kg.studies.results import Missing, RunResult, StudyResults, results_text
-from wordcraft_kg.studies.study import Claim, Study, built_in, parse_study, read_study
+from wordcraft_kg.studies.results import Missing, results_text
+from wordcraft_kg.studies.study import Claim, built_in, parse_study, read_study
 
 DOCS = Path(__file__).parents[1] / "docs"
 HEAD = "# Results\n\n<!-- results -->\nold\n<!-- end of results -->\n\nThe end.\n"
@@ -24,53 +24,24 @@ def script():
     return module
 
 
-def run_of(variant, digit, *, distractors=8, seed=0):
-    """Return a run with the same number of won draws, of five, in each of 100 tasks."""
-    return RunResult(
-        variant=variant,
-        values={"distractors": distractors},
-        seed=seed,
-        run=f"runs/{variant}-{distractors}-{seed}",
-        graph=0,
-        success={"train": 0.5, "test": digit / 5},
-        by_plan={"train": 0.5, "test": digit / 10},
-        endings={"goal": digit / 5, "same_twice": 0.0},
-        won=str(digit) * 100,
-        draws=5,
-        curve=((0, 0.0), (1000, digit / 5)),
-        mrr=0.25 if variant == "guided" else None,
-        steps=1000,
-        seconds=1.0,
-        steps_per_second=1000,
-    )
-
-
-def results_of(runs, **changed):
-    study = Study(
-        title="A fabricated study",
-        about="What it\nasks.",
-        source="A test",
-        variants={"none": {}, "guided": {"scorer": "partial"}},
-        scorers={"partial": {"command": "train-complex"}},
-        settings={"book": "everyday"},
-        grid={"distractors": [8, 1]},
-        claims=[Claim(text="Guided is better.", left="guided", right="none", source="paper, Somewhere")],
-    )
-    values = {
-        "format": "wordcraft-kg results 1",
-        "name": "fabricated-everyday",
-        "command": "wordcraft-kg reproduce fabricated.toml",
-        "study": study,
-        "graphs": (PlayedGraph("everyday", "a" * 64, "by-recipe", 0, "b" * 64),),
-        "versions": {"torch": "2"},
-        "runs": tuple(runs),
-        "missing": (),
-        "hours": 1.25,
+def results_of(won, *, study=None, mrr=None, **changed):
+    """Return results of 100 tasks; ``won`` has, for each variant and seed, the share of five draws that won, as 0-5."""
+    points = won if isinstance(won, list) else [({"distractors": 8}, won)]
+    cells = [{name: [str(digit) * 100 for digit in digits] for name, digits in won.items()} for _, won in points]
+    points = [(values, digits) for (values, _), digits in zip(points, cells, strict=True)]
+    results = fabricate(points, mrr=mrr or {"guided": 0.25}, title="A fabricated study")
+    fields = {
+        "scorers": {"partial": {"command": "train-complex"}},
+        "settings": {"book": "everyday"},
+        "grid": {"distractors": [8, 1]},
+        "claims": [Claim(text="Guided is better.", left="guided", right="none", source="paper, Somewhere")],
     }
-    return StudyResults(**values | changed)
+    changed["study"] = msgspec.structs.replace(results.study, **fields | (study or {}))
+    graphs = (msgspec.structs.replace(results.graphs[0], name="everyday"),)
+    return msgspec.structs.replace(results, **{"name": "fabricated-everyday", "graphs": graphs, **changed})
 
 
-SOME = [run_of(variant, digit, seed=seed) for variant, digit in (("none", 1), ("guided", 3)) for seed in range(2)]
+SOME = {"none": [1, 1], "guided": [3, 3]}
 
 
 def text_of(script, *found):
@@ -80,13 +51,13 @@ def text_of(script, *found):
 def test_the_page_has_the_figures_of_each_variant_and_the_difference(script):
     lines = text_of(script, results_of(SOME)).splitlines()
     (guided,) = [line for line in lines if line.startswith("| guided |")]
-    assert guided == "| guided | 2 | .250 | .600 [.502, .691] | +.400 [+.400, +.400] | .300 | .500 |"
+    assert guided == "| guided | 2 | .255 | .600 [.502, .691] | +.400 [+.400, +.400] | .300 | .500 |"
     assert "8 distractors, 100 test tasks:" in lines[lines.index(guided) - 5]
 
 
 def test_the_page_says_steps_seeds_and_hours_at_its_top(script):
     text = text_of(script, results_of(SOME))
-    row = "| [A fabricated study](#fabricated-everyday) | `everyday` | 1,000 | 2 | 4 |  | 1.2 |"
+    row = "| [A fabricated study](#fabricated-everyday) | `everyday` | 2,000 | 2 | 4 |  | 0.5 |"
     assert row in text
     assert text.index(row) < text.index("## Claims")
 
@@ -122,13 +93,13 @@ def test_each_study_has_a_picture(script):
 
 def test_claims_of_a_built_in_study_are_those_of_today(script):
     old = msgspec.structs.replace(read_study("embeddings"), claims=[], title="An old title")
-    results = results_of(SOME, name="embeddings-little-alchemy-2", study=old)
+    results = msgspec.structs.replace(results_of(SOME), name="embeddings-little-alchemy-2", study=old)
     assert script.current(results) == read_study("embeddings")
     assert script.current(results_of(SOME)).title == "A fabricated study"
 
 
 def test_no_path_of_the_machine_is_kept(script):
-    study = msgspec.structs.replace(results_of(SOME).study, settings={"book": "/home/somebody/mine.json"})
+    study = {"settings": {"book": "/home/somebody/mine.json"}}
     command = "wordcraft-kg reproduce all --book /home/somebody/mine.json --out /tmp/results --seeds 3"
     lost = Missing("guided", {"distractors": 1}, 0, "/home/somebody/results/runs/1/run.json is damaged: train again.")
     results = results_of(SOME, study=study, command=command, missing=(lost,))
@@ -176,20 +147,10 @@ def test_the_check_finds_a_page_that_is_out_of_date(tmp_path, monkeypatch):
 
 
 def test_a_study_of_doses_shows_mrr_success_and_their_correlation(script):
-    study = msgspec.structs.replace(
-        results_of([]).study,
-        drawing="dose",
-        reference="none",
-        grid={"scorer.share": [0.2, 0.5, 1.0]},
-        settings={"book": "everyday", "distractors": 8},
-        claims=[],
-    )
-    runs = []
-    for dose, digit in ((0.2, 1), (0.5, 2), (1.0, 4)):
-        for variant, won, mrr in (("none", 1, None), ("guided", digit, dose / 2)):
-            run = msgspec.structs.replace(run_of(variant, won), values={"scorer.share": dose}, mrr=mrr)
-            runs.append(run)
-    text = text_of(script, results_of(runs, study=study))
+    study = {"drawing": "dose", "reference": "none", "grid": {"scorer.share": [0.2, 0.5, 1.0]}, "claims": []}
+    study["settings"] = {"book": "everyday", "distractors": 8}
+    doses = [({"scorer.share": dose}, {"none": [1], "guided": [won]}) for dose, won in ((0.2, 1), (0.5, 2), (1.0, 4))]
+    text = text_of(script, results_of(doses, study=study, mrr={"guided@0": 0.1, "guided@1": 0.25, "guided@2": 0.5}))
     assert "| none |  | .200 |  |" in text
     assert "| share 0.5 | .250 | .400 [.309, .498] | 1,000 |" in text
     assert "Correlation over these scorers, with the 95 % interval over them: of MRR and success, Pearson +1.00" in text

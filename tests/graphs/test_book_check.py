@@ -143,9 +143,22 @@ def test_the_base_may_be_given(check):
     assert finding.message == "base entities that are not in book: q"
 
 
-def test_a_base_entity_that_nothing_uses_is_a_problem(check):
-    found = check("# base: a, idle\n# entities: idle\n" + HEADER + "a,a,b\n")
-    assert message(found, "base") == "base entities that no recipe uses: idle"
+MESSAGES = {
+    "base": ("# base: a, idle\n# entities: idle\n" + HEADER + "a,a,b\n", "base entities that no recipe uses: idle"),
+    "idle": ("# base: a\n# entities: z\n" + HEADER + "a,a,b\n", "listed, but in no recipe: z"),
+    "duplicate": (HEADER.replace(",", ", ") + "a, b, c\na,b,c\n", "a + b -> c is listed 2 times"),  # cells as read
+    "header": ("a,a,b\na,b,c\n", "the header is 'a,a,b'; expected 'ingredient_a,ingredient_b,result'."),
+    "directive": ("# base: a, \t\n" + HEADER + "a,a,b\n", "the label '' is blank; every entity needs a name."),
+}
+
+
+@pytest.mark.parametrize("kind", MESSAGES)
+def test_a_finding_says_what_is_wrong(check, kind):
+    text, expected = MESSAGES[kind]
+    found = check(text)
+    assert message(found, kind) == expected
+    assert found.passed == (kind == "idle")
+    assert found.figures.recipes == (2 if kind == "header" else 1)  # the line in the header's place still counts
 
 
 def test_a_base_entity_that_is_in_no_recipe_is_a_problem_with_its_line_and_the_nearest_entity(check):
@@ -156,28 +169,11 @@ def test_a_base_entity_that_is_in_no_recipe_is_a_problem_with_its_line_and_the_n
     assert found.graph.base == ("water",)
 
 
-def test_a_check_reads_cells_as_a_book_is_read(check):
-    found = check("ingredient_a, ingredient_b, result\nwater, fire, steam\nwater,fire,steam\n")
-    assert found.graph.entities == ("fire", "steam", "water")
-    assert message(found, "duplicate") == "fire + water -> steam is listed 2 times"
-
-
 def test_a_check_reads_single_ingredients_as_asked_and_is_a_problem_otherwise(check):
     text = HEADER + "sand,,glass\n"
     assert "'sand' is the only ingredient" in message(check(text), "label")
     assert check(text, single_ingredient="self").graph.recipe_labels() == [("sand", "sand", "glass")]
     assert check(text, single_ingredient="oven").graph.recipe_labels() == [("oven", "sand", "glass")]
-
-
-def test_a_missing_header_is_a_problem_and_its_line_still_counts(check):
-    found = check("a,a,b\na,b,c\n")
-    assert message(found, "header").endswith("expected 'ingredient_a,ingredient_b,result'.")
-    assert found.figures.recipes == 2
-
-
-def test_a_bad_directive_is_a_problem(check):
-    found = check("# base: a, \t\n" + HEADER + "a,a,b\n")
-    assert problems(found) == [("directive", (1,))]
 
 
 @pytest.mark.parametrize("text", ["", HEADER, HEADER + "a,b\n", "# only a comment\n"])
@@ -198,10 +194,9 @@ def test_a_json_book_reports_its_first_error_or_its_counts(check):
 
 
 def test_a_file_that_is_not_there_or_not_text_is_an_error(tmp_path):
-    with pytest.raises(RecipeFileError, match="does not exist"):
-        check_book(tmp_path / "none.csv")
-    with pytest.raises(RecipeFileError, match="does not exist"):
-        check_book(tmp_path / "none.json")
+    for name in ("none.csv", "none.json"):
+        with pytest.raises(RecipeFileError, match="does not exist"):
+            check_book(tmp_path / name)
 
 
 def test_bytes_that_are_not_text_are_one_finding_among_others(check):
@@ -219,17 +214,7 @@ def test_lines_are_counted_alike_whatever_ends_them(check, end):
 def test_a_json_book_is_looked_at_byte_by_byte_and_for_commas_too(check):
     text = json.dumps({"entities": ["a", "b, c"], "base": ["a"], "recipes": [["a", "a", "b, c"]]})
     found = check("\ufeff" + text.replace(", ", ",\r\n", 1), "book.json")
-    assert [finding.kind for finding in found.findings if finding.severity == "problem"] == [
-        "comma",
-        "bom",
-        "line-ends",
-    ]
-
-
-def test_entities_that_are_only_listed_are_a_note(check):
-    found = check("# base: a\n# entities: z\n" + HEADER + "a,a,b\n")
-    assert found.passed
-    assert message(found, "idle") == "listed, but in no recipe: z"
+    assert [kind for kind, _ in problems(found)] == ["comma", "bom", "line-ends"]
 
 
 def test_a_component_that_waits_for_something_else_is_no_circle(check):
@@ -250,18 +235,7 @@ def test_long_lists_are_cut_short(check):
 
 
 LINES = [
-    "a,b,c",
-    "a,a,b",
-    "c,b,a",
-    "",
-    " ",
-    "a,b",
-    "a,b,c,d",
-    "x,x,y",
-    HEADER.strip(),
-    '"a",b,c',
-    'a,"b,c',
-    "#,a,b",
+    *("a,b,c", "a,a,b", "c,b,a", "", " ", "a,b", "a,b,c,d", "x,x,y", HEADER.strip(), '"a",b,c', 'a,"b,c', "#,a,b"),
     "a,a,a",
 ]
 
@@ -279,20 +253,10 @@ def test_the_figures_count_the_book(check):
     text = "# base: a, b\n" + HEADER + "a,b,c\na,b,d\na,a,c\nc,d,e\na,e,f\n"
     figures = check(text).figures
     assert as_values(figures) == {
-        "entities": 6,
-        "recipes": 5,
-        "pairs": 4,
-        "base": ["a", "b"],
-        "reachable": 6,
-        "max_layer": 3,
-        "mean_recipes_per_craftable": 5 / 4,
-        "share_with_two_recipes": 1 / 4,
-        "terminal": 1,
-        "self_pairs": 1,
-        "pairs_with_two_or_three_results": 1,
-        "pairs_with_more_results": 0,
-        "most_used": "a",
-        "most_used_share": 4 / 5,
+        **{"entities": 6, "recipes": 5, "pairs": 4, "base": ["a", "b"], "reachable": 6, "max_layer": 3},
+        **{"mean_recipes_per_craftable": 5 / 4, "share_with_two_recipes": 1 / 4, "terminal": 1, "self_pairs": 1},
+        **{"pairs_with_two_or_three_results": 1, "pairs_with_more_results": 0},
+        **{"most_used": "a", "most_used_share": 4 / 5},
     }
 
 

@@ -29,6 +29,15 @@ def published(monkeypatch):
 
 
 @pytest.fixture
+def data(home, monkeypatch):
+    """Set an empty data folder."""
+    folder = home / "data"
+    folder.mkdir()
+    monkeypatch.setenv(DATA_VARIABLE, str(folder))
+    return folder
+
+
+@pytest.fixture
 def server(monkeypatch):
     """Answer each download with the next of the given answers, bytes or an error, and keep the addresses."""
     answers, asked = [], []
@@ -89,21 +98,20 @@ def test_a_folder_that_is_no_graph_is_refused(home, monkeypatch):
         open_book("mine")
 
 
-def test_books_of_the_data_folder_are_known_by_name(home, monkeypatch):
-    (home / "data").mkdir()
-    (home / "data" / "mine.csv").write_text("ingredient_a,ingredient_b,result\na,b,c\n", encoding="utf-8")
-    (home / "data" / "kitchen.csv").write_text("ingredient_a,ingredient_b,result\na,b,c\n", encoding="utf-8")
-    (home / "data" / "notes.txt").write_text("not a book", encoding="utf-8")
-    monkeypatch.setenv(DATA_VARIABLE, str(home / "data"))
+TABLE = "ingredient_a,ingredient_b,result\na,b,c\n"
+
+
+def test_books_of_the_data_folder_are_known_by_name(data):
+    for name, text in (("mine.csv", TABLE), ("kitchen.csv", TABLE), ("notes.txt", "not a book")):
+        (data / name).write_text(text, encoding="utf-8")
     assert origins() == BUILT_IN | {"mine": "data folder", NAME: "to fetch"}
     assert open_book("mine").name == "mine"
     assert len(open_book("kitchen").recipes) > 100
 
 
-def test_the_data_variable_may_name_a_file_of_the_folder(home, monkeypatch):
-    (home / "data").mkdir()
-    (home / "data" / "mine.csv").write_text("ingredient_a,ingredient_b,result\na,b,c\n", encoding="utf-8")
-    monkeypatch.setenv(DATA_VARIABLE, str(home / "data" / "mine.csv"))
+def test_the_data_variable_may_name_a_file_of_the_folder(data, monkeypatch):
+    (data / "mine.csv").write_text(TABLE, encoding="utf-8")
+    monkeypatch.setenv(DATA_VARIABLE, str(data / "mine.csv"))
     assert origins()["mine"] == "data folder"
 
 
@@ -166,19 +174,18 @@ def test_other_bytes_leave_an_earlier_file_as_it_is(home, published, server):
     assert earlier.read_bytes() == b"mine"
 
 
-@pytest.mark.parametrize(
-    ("failure", "reason"),
-    [
-        (urllib.error.URLError("no route to host"), "no route to host"),
-        (TimeoutError("timed out"), "timed out"),
-        (ConnectionResetError(104, "Connection reset by peer"), "reset by peer"),
-        (http.client.IncompleteRead(b"half", 400), "IncompleteRead"),
-        (http.client.BadStatusLine("nonsense"), "nonsense"),
-    ],
-    ids=["no network", "timeout", "reset", "cut off", "no HTTP"],
-)
-def test_a_failed_download_says_how_to_place_the_file_by_hand(home, published, server, failure, reason):
-    server(failure)
+FAILURES = {
+    "no route to host": urllib.error.URLError("no route to host"),
+    "timed out": TimeoutError("timed out"),
+    "reset by peer": ConnectionResetError(104, "Connection reset by peer"),
+    "IncompleteRead": http.client.IncompleteRead(b"half", 400),
+    "nonsense": http.client.BadStatusLine("nonsense"),
+}
+
+
+@pytest.mark.parametrize("reason", FAILURES)
+def test_a_failed_download_says_how_to_place_the_file_by_hand(home, published, server, reason):
+    server(FAILURES[reason])
     with pytest.raises(FetchError) as caught:
         fetch_book(NAME)
     message = str(caught.value)
@@ -189,19 +196,15 @@ def test_a_failed_download_says_how_to_place_the_file_by_hand(home, published, s
     assert not cache_folder("books").exists()
 
 
-def test_a_file_placed_in_the_data_folder_by_hand_is_known_by_the_published_name(home, published, monkeypatch):
-    (home / "data").mkdir()
-    (home / "data" / "alchemy2.json").write_bytes(PUBLISHED)
-    monkeypatch.setenv(DATA_VARIABLE, str(home / "data"))
+def test_a_file_placed_in_the_data_folder_by_hand_is_known_by_the_published_name(data, published):
+    (data / "alchemy2.json").write_bytes(PUBLISHED)
     assert origins()[NAME] == "data folder"
     assert RecipeGraph.from_book(open_book(NAME)).base == BASE
 
 
-def test_another_file_in_its_place_is_refused_by_name_but_opens_by_path(home, monkeypatch):
-    path = home / "data" / "alchemy2.json"
-    path.parent.mkdir()
+def test_another_file_in_its_place_is_refused_by_name_but_opens_by_path(data):
+    path = data / "alchemy2.json"
     path.write_bytes(PUBLISHED)
-    monkeypatch.setenv(DATA_VARIABLE, str(path.parent))
     with pytest.raises(RecipeFileError, match=rf"is not the published '{NAME}' \(its SHA-256 differs\).*{path.name}"):
         open_book(NAME)
     assert open_book(path).name == "alchemy2"

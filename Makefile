@@ -15,7 +15,7 @@ help:
 	@echo "make slow     thorough and long tests; of some rooms with ROOMS='tests/runs tests/models'"
 	@echo "make browser  the tests of pages in Chromium"
 	@echo "make lint     ruff, mypy, and the directions of imports"
-	@echo "make docs     write docs/commands.md from the help of the commands, docs/glossary.md from the glossary"
+	@echo "make docs     write docs/commands.md from the help of the commands, docs/terms.md from the glossary"
 	@echo "make site     the guides, the Python reference and the book everyday in the explorer as a website, in site/"
 	@echo "make clean    remove what was built; .venv stays"
 
@@ -62,7 +62,7 @@ lint: install
 	$(BIN)/mypy --strict examples
 	$(BIN)/lint-imports --no-logo
 	$(BIN)/python docs/make_commands.py --check
-	$(BIN)/python docs/make_glossary.py --check
+	$(BIN)/python docs/make_terms.py --check
 	$(BIN)/python docs/make_partial_graph.py --check
 	$(BIN)/python docs/make_results.py --check
 
@@ -72,7 +72,7 @@ format: install
 
 docs: install
 	$(BIN)/python docs/make_commands.py
-	$(BIN)/python docs/make_glossary.py
+	$(BIN)/python docs/make_terms.py
 	$(BIN)/python docs/make_partial_graph.py
 	$(BIN)/python docs/make_results.py
 

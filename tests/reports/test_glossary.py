@@ -33,7 +33,7 @@ def test_no_two_terms_have_the_same_name_or_symbol_and_each_meaning_is_a_sentenc
 
 
 def test_the_page_of_concepts_is_up_to_date():
-    found = importlib.util.spec_from_file_location("make_glossary", ROOT / "docs" / "make_glossary.py")
+    found = importlib.util.spec_from_file_location("make_terms", ROOT / "docs" / "make_terms.py")
     module = importlib.util.module_from_spec(found)
     found.loader.exec_module(module)
-    assert (ROOT / "docs" / "glossary.md").read_text(encoding="utf-8") == module.page()
+    assert (ROOT / "docs" / "terms.md").read_text(encoding="utf-8") == module.page()

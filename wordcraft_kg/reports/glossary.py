@@ -1,4 +1,4 @@
-"""The words of reports and pages, each explained once: tooltips and ``docs/glossary.md`` are made from it."""
+"""Definitions of the terms in reports and pages, for tooltips and ``docs/terms.md``."""
 
 from typing import Literal
 
@@ -9,7 +9,7 @@ Topic = Literal["Graphs", "Links", "Play", "Agents"]
 
 
 class Term(Record):
-    """A word, its meaning in a sentence or two, and the symbol that stands for it in formulas."""
+    """A term, its definition in one to three sentences, and its symbol in formulas."""
 
     topic: Topic
     name: str
@@ -25,201 +25,258 @@ _TERMS: dict[Topic, dict[str, tuple[str, ...]]] = {
     "Graphs": {
         "recipe": (
             "recipe",
-            "Two ingredients and what they make. Their order does not matter, and a pair may make several things.",
+            "Two ingredients and their result. The order of the ingredients does not matter, and a pair may have "
+            "several results.",
         ),
         "combines_with": (
             "combinesWith",
-            "The relation of the two ingredients of a recipe. It is symmetric: each recipe gives it in both "
-            "directions.",
+            "The relation between the two ingredients of a recipe. It is symmetric: each recipe gives one triple in "
+            "each direction.",
         ),
-        "component_of": ("componentOf", "The relation from an ingredient of a recipe to what the recipe makes."),
+        "component_of": ("componentOf", "The relation from an ingredient of a recipe to its result."),
         "layer": (
             "crafting rounds",
-            "How many rounds of crafting an entity is away from the base, if each round makes all that can be made.",
+            "The number of rounds before an entity can be made, if each round combines all known pairs.",
         ),
         "full": (
             "full graph",
-            "The triples of all recipes. A model trained on it has seen the answers, so its figures measure memory.",
+            "The triples of all recipes. A model trained on the full graph has seen the test recipes, so its metrics "
+            "measure memory.",
         ),
-        "partial": ("partial graph", "The triples of the train recipes: what an honest model is trained on."),
-        "unseen": ("unseen triple", "A triple of a test recipe that no train recipe gives. Only these are evaluated."),
+        "partial": (
+            "partial graph",
+            "The triples of the train recipes. Train on this graph if the metrics should measure prediction.",
+        ),
+        "unseen": (
+            "unseen triple",
+            "A triple of a test recipe that no train recipe gives. Only unseen triples are evaluated.",
+        ),
         "leaked": (
             "leaked triple",
-            "A triple of a test recipe that a train recipe gives too. A model can answer it from memory, so it is "
-            "left out.",
+            "A triple of a test recipe that a train recipe gives as well. A model can answer it from its training "
+            "data, so it is left out.",
         ),
         "mirrored": (
             "mirrored triple",
-            "A combinesWith triple read the other way round. If the mirror of a test triple were in training, the "
-            "test triple would be given away.",
+            "A combinesWith triple in the other direction. A mirrored test triple in the training data would give the "
+            "answer away.",
         ),
         "self_edge": (
             "self edge",
-            "The score of an entity with itself. Models tend to rank it first by combinesWith, although most "
-            "entities do not combine with themselves. It can be kept, kept where training has it (observed), or "
-            "dropped.",
+            "The score of an entity with itself. Models tend to rank self edges first for combinesWith, although few "
+            "entities combine with themselves. Self edges can be kept, kept only where training has them (observed), "
+            "or dropped.",
         ),
         "one_away": (
             "one ingredient away",
-            "Sharing an ingredient and the result with a train recipe, so that only the other ingredient is new. "
-            "Most test recipes of a split by recipe are; none is if the split is by slot or by goal.",
+            "A test recipe that shares an ingredient and the result with a train recipe; only the other ingredient is "
+            "new. Most test recipes of a by-recipe split are one ingredient away; by-slot and by-goal splits have "
+            "none.",
         ),
         "near_synonym": (
             "near-synonym",
-            "An ingredient that replaces another one of a train recipe with the same result and has nearly the same "
-            "word vector. Such a test recipe is paraphrase more than prediction.",
+            "An ingredient with nearly the same word vector as the ingredient that it replaces in a train recipe with "
+            "the same result. Such a test recipe is closer to a paraphrase than to a prediction.",
+        ),
+        "groups": (
+            "groups",
+            "Recipes that a split and its folds keep together: recipes of one pair, of one goal, or with a shared "
+            "ingredient and result.",
         ),
     },
     "Links": {
+        "trained_on": (
+            "trained on",
+            "The recipes that a model has learned from: all recipes (full), the train recipes (partial), or none.",
+        ),
+        "train_fraction": ("training fraction", "The share of the train recipes that a scorer is trained on."),
+        "label_noise": ("label noise", "The share of these recipes whose result is replaced by a wrong result."),
+        "in_sample": (
+            "in-sample",
+            "Scores that a model gives to its own training recipes. An agent that learns from in-sample scores trusts "
+            "the scorer too much.",
+        ),
         "cross_fitted": (
             "cross-fitted",
-            "Train recipes are scored by a model that was trained without them: they are cut into folds, and each "
-            "fold has a model of all others. Without it an agent learns on answers from memory, and trusts them too "
-            "much.",
+            "Each train recipe is scored by a model trained without that recipe: the train recipes are cut into "
+            "folds, and each fold has a model trained on all other folds. Cross-fitted scores are out-of-sample "
+            "scores.",
         ),
         "inductive": (
             "inductive",
-            "Of entities that the graph does not have, from the words of their labels; transductive is what knows "
-            "the entities of its graph only.",
+            "Scores for entities outside the graph, computed from the words of their labels. A transductive model "
+            "knows only the entities of its graph.",
         ),
-        "query": ("query", "A triple without its head or without its tail; the model ranks all entities for it."),
-        "filtered": (
-            "filtered",
-            "Other entities that are true answers as well do not compete with the one asked for. Raw ranks let them "
-            "compete.",
-        ),
+        "query": ("query", "A triple without its head or its tail. The model ranks all entities for the open slot."),
+        "filtered": ("filtered", "Ranks that ignore other true answers. Raw ranks count them as competitors."),
         "realistic": (
             "realistic ties",
-            "Entities with equal scores share their mean rank, so a model that scores all alike gets the rank of "
-            "chance. Optimistic ties rank the true one first, pessimistic ones last.",
+            "Entities with equal scores share their mean rank, so a model with constant scores gets the rank of "
+            "chance. Optimistic ties rank the true entity first, pessimistic ties last.",
         ),
-        "mrr": ("MRR", "Mean reciprocal rank: the mean over all queries of 1 / rank of the true entity. 1 is perfect."),
-        "hits": ("hits@k", "Share of queries whose true entity is among the first k."),
-        "amri": ("AMRI", "Adjusted mean rank index: 0 for the mean rank of chance, 1 for perfect, below 0 for worse."),
+        "percentile_rank": ("percentile rank", "The share of entities with a lower score than the given entity."),
+        "mrr": ("MRR", "Mean reciprocal rank: the mean of 1 / rank of the true entity over all queries. 1 is perfect."),
+        "hits": ("hits@k", "The share of queries with the true entity among the first k."),
+        "amri": (
+            "AMRI",
+            "Adjusted mean rank index: 1 is perfect, 0 is the mean rank of chance, and negative values are worse than "
+            "chance.",
+        ),
         "interval": (
             "95 % CI",
-            "Confidence interval: a range that covers the true value in about 95 of 100 such experiments. Of links "
-            "it is a bootstrap over recipes, whose triples belong together.",
+            "Confidence interval: a range that covers the true value in about 95 of 100 repetitions of the "
+            "experiment. Link metrics use a bootstrap over recipes, because the triples of a recipe belong together.",
         ),
         "paired": (
             "paired difference",
-            "Both answer the same queries or tasks, and these are resampled as pairs. If the interval of the "
-            "difference holds 0, the two are level.",
+            "Two models or agents answer the same queries or tasks, which are resampled in pairs. If the interval of "
+            "the difference contains 0, the result is level.",
         ),
         "ece": (
             "ECE",
-            "Expected calibration error: how far the confidence of the best candidate is from how often it is right,"
-            " on average.",
+            "Expected calibration error: the mean difference between the confidence of the best candidate and its "
+            "accuracy.",
         ),
         "calibrated": (
             "probability of a triple",
-            "Of a triple that training does not contain: the chance that a recipe of the book gives it. Of those "
-            "that get 10 %, about a tenth should be true (calibrated).",
+            "The chance that a recipe of the book gives a triple outside the training data. Among triples with a "
+            "calibrated probability of 10 %, about a tenth are true.",
         ),
-        "speaks_for": (
-            "what speaks for a link",
-            "Links of training with the same head or tail, whose other end is to the model like that of the link. A "
-            "weight says how like: the cube of the cosine of the model's own scores of both. A share is of the sum "
-            "of all weights.",
+        "support": (
+            "supporting evidence",
+            "Training links with the same head or tail that the model scores in nearly the same way. The weight is "
+            "the cube of the cosine of the two rows of scores; the share is relative to the sum of all weights.",
         ),
         "base_rate": (
             "base rate",
-            "The share of true ones among all triples outside training: the probability without looking at any score.",
+            "The share of true triples among all triples outside the training data: the best probability without "
+            "scores.",
         ),
-        "log_loss": (
-            "log loss",
-            "Mean of -log of the probability that was given to what turned out to be the case, in nats: lower is "
-            "better.",
-        ),
+        "log_loss": ("log loss", "The mean of -log(probability of the observed outcome), in nats. Lower is better."),
         "frequency": (
             "frequency rule",
-            "Baseline without training: entities by how often they occur in the training triples.",
+            "Baseline without training: rank entities by their frequency in the training triples.",
         ),
         "votes": (
             "vote count",
-            "Baseline without training: how often each ingredient has been in a train recipe of the result. It knows"
-            " which entity is which, and no word; triples get what is left when the rest of the recipe is summed "
-            "out.",
+            "Baseline without training: count how often each ingredient occurs in train recipes with this result. "
+            "Votes use identities and no words. Triple scores sum over the missing part of the recipe.",
         ),
         "neighbours": (
             "neighbour rule",
-            "Baseline without training: asks what entities with the same neighbours in the training graph are linked"
-            " to.",
+            "Baseline without training: follow the links of entities with the same neighbours in the training graph.",
         ),
-        "random": ("random order", "Baseline: what chance gives on average, computed instead of sampled."),
-        "opinion": (
-            "opinion",
-            "A pair that a language model names as making an entity when it is asked; the earlier it is named, the "
-            "larger its weight. It rests on no recipe of the graph.",
+        "random": ("random order", "Baseline: the expected metric of a random ranking, computed exactly."),
+        "elicited": (
+            "elicited knowledge",
+            "Pairs that a language model names as recipes of an entity. Pairs named early have larger weights. No "
+            "recipe of the graph is used.",
+        ),
+        "evaluated": (
+            "evaluated",
+            "Ranked against all entities on the test triples, and reported with an interval and baselines.",
         ),
     },
     "Play": {
-        "goal": ("goal", "The entity to make in a task, by picking pairs from a table."),
+        "goal": ("goal", "The entity to make in a task."),
         "distractor": ("distractor", "An entity on the table that the task does not need."),
-        "depth": ("depth", "How many recipes the shortest plan of a task takes."),
-        "plan": ("plan", "Recipes that make the goal from the task's starting ingredients."),
+        "distractor_seeds": (
+            "distractor seeds",
+            "The number of different tables for each task. Each seed samples other distractors; every player gets the "
+            "same tables.",
+        ),
+        "depth": ("depth", "The number of recipes in the shortest plan of a task."),
+        "plan": ("plan", "Recipes that make the goal from the starting ingredients of the task."),
+        "action": ("action", "The choice of one slot of the table. Two actions make an attempt."),
+        "selection": ("selection", "The entity chosen by the first action of an attempt."),
         "by_plan": (
             "by a plan",
-            "The last pair of one of the task's plans made the goal. Otherwise another pair on the table made it, "
-            "perhaps that of a train recipe.",
+            "The last pair belongs to one of the task's plans. Otherwise another pair on the table made the goal, for "
+            "example a train recipe.",
+        ),
+        "termination": (
+            "termination reason",
+            "The end of an episode: the goal was made, or the kind of the last pair if the goal was not made.",
         ),
         "open_ended": (
-            "open-ended world",
-            "Play without a goal: whatever is made is known for good, and what counts is how many entities are known"
-            " after a number of attempts.",
+            "open-ended mode",
+            "Play without a goal. Results stay known, and the score is the number of known entities after a number of "
+            "attempts.",
+        ),
+        "text_agent": (
+            "text agent",
+            "A player that reads and writes text, such as a language model or a program behind a line protocol.",
+        ),
+        "prompt_template": (
+            "prompt template",
+            "The texts that a text agent reads. Their hash is part of every result, because other prompts are another "
+            "experiment.",
         ),
         "look_up": (
             "look-up",
-            "Asking in a game what is known of a thing: train recipes, or what a scorer believes. It costs no attempt.",
+            "A question about an entity during a game. The answer lists train recipes or predictions of a scorer, and "
+            "costs no attempt.",
         ),
-        "refused": (
-            "refused answer",
-            "An answer in words that is not understood. The player is told what would be; it costs nothing, but "
-            "after several in a row the next one costs an attempt.",
+        "invalid": (
+            "invalid action",
+            "An answer of a text agent that cannot be parsed. The player reads an explanation and may answer again; "
+            "after several invalid actions in a row the next one costs an attempt.",
         ),
         "reference_pack": (
             "reference pack",
-            "Figures that come with the package: chance, graphs, oracles and agents on the same tasks, and apart "
-            "from them people and language models of the literature, on other tasks.",
+            "Figures shipped with the package: chance, graphs, oracles and agents on the same tasks, and published "
+            "figures for people and language models on other tasks.",
+        ),
+        "external_results": (
+            "external results",
+            "Results of other players that a table compares with the reference pack: runs, people, text agents, "
+            "Inspect logs.",
         ),
         "mcp": (
             "Model Context Protocol, MCP",
-            "How programs with a language model call tools of other programs; here they play by it.",
+            "A protocol for programs with a language model that call tools of other programs.",
         ),
-        "greedy": ("greedy", "The agent takes its best slot each time instead of drawing one."),
-        "oracle": ("recipe oracle", "A player that looks the recipes up; nothing can be better."),
+        "greedy": ("greedy", "The agent always takes its best slot instead of sampling."),
+        "oracle": ("recipe oracle", "A player that looks up all recipes; the upper bound of success."),
     },
     "Agents": {
+        "external_scores": (
+            "external scores",
+            "The scores of all sources for the slots of a table, computed outside the network of the agent.",
+        ),
         "evidence": (
             "evidence",
-            "What known recipes say about another one, on which its recipe score rests among others. Each is shown "
-            "with how like it is (both ingredients and the result; 1 is the same) and its share of all that is said.",
+            "Known recipes that support a recipe score. Each has a similarity (both ingredients and the result; 1 is "
+            "identical) and a share of the total evidence.",
         ),
-        "lambda": ("mixing weight", "How much a source counts, which the agent learns: λα, λu, λv, λw.", "λ"),
-        "beta": ("logit", "The sum of a slot's scores, each times its mixing weight: λα·α + λu·u + λv·v + λw·w.", "β"),
-        "pi": ("probability", "Chance of a slot to be picked in training: the softmax of the logits.", "π"),
-        "value": ("state value", "The return that the agent expects from here on.", "V"),
-        "return": ("return", "Sum of the rewards of an episode."),
+        "lambda": ("mixing weight", "The learned weight of a source: λα, λu, λv, λw.", "λ"),
+        "beta": (
+            "logit",
+            "The sum of a slot's scores, each multiplied by its mixing weight: λα·α + λu·u + λv·v + λw·w.",
+            "β",
+        ),
+        "pi": ("probability", "The chance of choosing a slot during training: the softmax of the logits.", "π"),
+        "value": ("state value", "The return that the agent expects from this state.", "V"),
+        "return": ("return", "The sum of the rewards of an episode."),
         "entropy": (
             "entropy",
-            "How undecided the policy is, in nats: 0 if it always takes the same slot, most if all slots are equally"
-            " likely.",
+            "The uncertainty of the policy, in nats: 0 for a deterministic policy, highest for equally likely slots.",
         ),
-        "grad_norm": ("gradient norm", "Length of the gradient of the loss, before it is clipped."),
+        "grad_norm": ("gradient norm", "The length of the gradient of the loss before clipping."),
         "iqm": ("IQM", "Interquartile mean: the mean of the middle half of the seeds."),
         "p_better": (
             "P(better)",
-            "Share of pairs of runs, one of each agent, in which this agent's run is better; ties count half.",
+            "The share of pairs of runs, one of each agent, in which the run of this agent is better. Ties count half.",
         ),
         "over_seeds": (
             "over seeds",
-            "Interval by resampling seeds: how another training would vary. With five seeds it is too narrow and "
-            "covers about 84 %.",
+            "An interval by resampling seeds: the variation between trainings. With five seeds the interval is too "
+            "narrow and covers about 84 %.",
         ),
         "over_tasks": (
             "over tasks",
-            "Interval by resampling tasks, keeping the draws of a task together: how other tasks would vary. It "
-            "ignores that another seed would give another agent.",
+            "An interval by resampling tasks, with all distractor seeds of a task together: the variation between "
+            "tasks, for one trained agent.",
         ),
     },
 }
@@ -231,9 +288,9 @@ GLOSSARY = {
 
 
 def find_term(key: str) -> Term:
-    """Return a word of the glossary, or the words of a source's label.
+    """Return a term of the glossary or of a registered source.
 
     Raises:
-        KeyError: if there is neither.
+        KeyError: if the key is unknown.
     """
     return GLOSSARY[key] if key in GLOSSARY else _term(label_of(key))

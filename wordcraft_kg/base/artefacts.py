@@ -13,34 +13,42 @@ from typing import Any
 from wordcraft_kg.base.errors import ArtefactError, OutputExistsError
 
 OWN_FILES = ("graph.json", "run.json", "report.json", "dataset.yaml", "search.json", "site.json")
-"""A folder that holds one of these was written by this package and may be replaced on request."""
+"""Files that mark a folder as written by this package; ``force`` may replace such a folder."""
 SMALL_FILE = 2**28
-"""Bytes; more than any record, log of figures or list of settings that this package writes."""
+"""Limit in bytes for records, logs and settings."""
 LARGE_FILE = 2**36
-"""Bytes; more than any weights or book that fit into the memory of a usual machine."""
+"""Limit in bytes for weights and books."""
+_KINDS = {
+    "graph.json": "is a graph folder",
+    "run.json": "is the folder of a run whose run.json is damaged",
+    "report.json": "is the folder of a report",
+    "study.json": "is the folder of a study with people",
+    "games.jsonl": "is the folder of a text agent",
+    "dataset.yaml": "is a data set for LibKGE",
+}
 
 
 def with_a_name(path: Path) -> Path:
-    """Return a path that ends in a name; ``.`` and ``..`` are resolved, since no sibling can be named after them."""
+    """Resolve ``.`` and ``..``, so that the path ends in a name from which siblings can be named."""
     return path if path.name not in ("", "..") else path.resolve()
 
 
 def sha256_of(path: Path) -> str:
-    """Return the SHA-256 of a file's bytes, in hexadecimal."""
+    """Return the SHA-256 of a file, in hexadecimal."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def dump_json(value: Any) -> str:
-    """Serialise ``value`` readably, with keys in the order given and NaN refused."""
+    """Return indented JSON; NaN is refused."""
     return json.dumps(value, ensure_ascii=False, indent=2, allow_nan=False) + "\n"
 
 
 def check_file(path: Path, largest: int = LARGE_FILE) -> None:
-    """Check that a file can be read to its end: devices and pipes have none, and a file may be all hole.
+    """Check that a file can be read to its end, unlike devices, pipes and huge sparse files.
 
     Raises:
-        ArtefactError: if it is missing, not a regular file, or larger than ``largest`` bytes.
+        ArtefactError: for a missing or irregular file, or more than ``largest`` bytes.
     """
     if not os.path.lexists(path):
         raise ArtefactError(f"{path} is missing; the folder is incomplete or not of the expected kind.")
@@ -51,21 +59,13 @@ def check_file(path: Path, largest: int = LARGE_FILE) -> None:
 
 
 def read_small_file(path: Path) -> bytes:
-    """Read a file of records, figures or settings that this package wrote.
-
-    Raises:
-        ArtefactError: if it is missing, not a regular file, or larger than :data:`SMALL_FILE`.
-    """
+    """Read a file with records, figures or settings, see :func:`check_file`; the limit is :data:`SMALL_FILE`."""
     check_file(path, SMALL_FILE)
     return path.read_bytes()
 
 
 def read_large_file(path: Path) -> bytes:
-    """Read a file of weights.
-
-    Raises:
-        ArtefactError: if it is missing, not a regular file, or larger than :data:`LARGE_FILE`.
-    """
+    """Read a file with weights, see :func:`check_file`."""
     check_file(path)
     return path.read_bytes()
 
@@ -84,33 +84,24 @@ def read_json(path: Path) -> Any:
 
 
 def what_is(path: Path) -> str:
-    """Say what a path leads to, for the error that something else was expected there: "is a graph folder"."""
+    """Describe a path for an error, as in "is a graph folder"."""
     if not path.exists():
         return "does not exist"
     if not path.is_dir():
         return "is a file"
-    if (path / "graph.json").is_file():
-        return "is a graph folder"
-    if (path / "run.json").is_file():
-        try:
-            return f"was written by {read_json(path / 'run.json')['kind']}"
-        except (ArtefactError, LookupError, TypeError):
-            return "is the folder of a run whose run.json is damaged"
-    if (path / "report.json").is_file():
-        return "is the folder of a report"
-    if (path / "study.json").is_file():
-        return "is the folder of a study with people"
-    if (path / "games.jsonl").is_file():
-        return "is the folder of a text agent"
-    if (path / "dataset.yaml").is_file():
-        return "is a data set for LibKGE"
+    for name, kind in _KINDS.items():
+        if (path / name).is_file():
+            if name == "run.json":
+                with suppress(ArtefactError, LookupError, TypeError):
+                    return f"was written by {read_json(path / name)['kind']}"
+            return kind
     return f"has none of {', '.join(OWN_FILES)}" if any(path.iterdir()) else "is an empty folder"
 
 
 def write_atomically(path: Path, content: str | bytes | Iterable[str], *, durable: bool = False) -> None:
-    """Write a file through a temporary sibling: readers see either the old content or the new, never a part of it.
+    """Write a file through a temporary sibling: readers see the old content or the new, never a part.
 
-    A ``durable`` file is on the disk before it gets its name: even a power failure cannot leave it empty.
+    A ``durable`` file is flushed to disk before the rename, so that a power failure cannot leave an empty file.
     """
     descriptor, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
     try:
@@ -134,8 +125,8 @@ def check_output(out: Path, *, force: bool) -> None:
     """Refuse an output that exists, before any work is done.
 
     Raises:
-        OutputExistsError: if ``out`` exists and ``force`` is False. A file, or a folder with something in it that this
-            package did not write, is never replaced.
+        OutputExistsError: if ``out`` exists and ``force`` is False. A file, or a non-empty folder that this package did
+            not write, is never replaced.
     """
     if out.is_file():
         raise OutputExistsError(f"'{out}' is a file, but the output is a folder. Choose another `out`.")
@@ -152,9 +143,9 @@ def check_output(out: Path, *, force: bool) -> None:
 
 @contextmanager
 def staged_folder(out: Path, *, force: bool = False) -> Iterator[Path]:
-    """Yield an empty folder that becomes ``out`` if the block succeeds, and is removed if it fails.
+    """Yield an empty folder that becomes ``out`` if the block succeeds, and is removed if the block fails.
 
-    An earlier ``out`` stays untouched until the very end, whatever happens in the block (Ctrl-C included).
+    An earlier ``out`` stays untouched until the end, even on Ctrl-C.
     """
     check_output(out, force=force)
     with _parents_of(out):
@@ -189,7 +180,7 @@ def staged_file(out: Path, *, force: bool = False) -> Iterator[Path]:
 
 @contextmanager
 def _parents_of(out: Path) -> Iterator[None]:
-    """Make the folders above ``out``; if the block fails, remove the new ones."""
+    """Make the parents of ``out``; remove new parents if the block fails."""
     missing = [parent for parent in out.parents if not parent.exists()]
     out.parent.mkdir(parents=True, exist_ok=True)
     try:
@@ -202,7 +193,7 @@ def _parents_of(out: Path) -> Iterator[None]:
 
 
 def replace_folder(staging: Path, out: Path) -> None:
-    """Rename ``staging`` to ``out``; an existing ``out`` is moved aside first and restored if that fails."""
+    """Rename ``staging`` to ``out``; an existing ``out`` is moved aside, and restored after a failure."""
     if not out.exists():
         os.rename(staging, out)
         return

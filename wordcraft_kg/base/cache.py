@@ -1,4 +1,4 @@
-"""The cache: what can be fetched or computed again, in ``~/.cache/wordcraft-kg`` or where ``XDG_CACHE_HOME`` says."""
+"""The cache for downloads and computed files: ``~/.cache/wordcraft-kg``, or below ``XDG_CACHE_HOME``."""
 
 import os
 import shutil
@@ -6,12 +6,11 @@ from pathlib import Path
 from typing import Literal, get_args
 
 CachePart = Literal["books", "vectors", "opinions"]
-"""Fetched recipe books; vectors of the words of a graph, read from a file of word vectors; and answers of language
-models."""
+"""Fetched recipe books, word vectors for a graph, and answers from language models."""
 
 
 def cache_folder(part: CachePart) -> Path:
-    """Return the folder of a part of the cache; it may not exist yet."""
+    """Return a part's folder, which may not exist yet."""
     root = os.environ.get("XDG_CACHE_HOME")
     return (Path(root) if root else Path.home() / ".cache") / "wordcraft-kg" / part
 

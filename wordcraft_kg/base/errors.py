@@ -1,28 +1,27 @@
-"""Errors that a user can cause: one class per cause; messages say what was found, what was expected, what to do."""
+"""Errors that a user can cause, one class per cause; a message has the value found, the value expected and a remedy."""
 
 import re
 
 NAMED_SETTING = re.compile(r"`([a-z]\w*)`")
-"""A setting in a message, as Python spells it."""
 
 
 def reason(error: BaseException) -> str:
-    """Return an error's kind and message in one line; those of torch may take many."""
+    """Return an error's kind and message in one line."""
     text = " ".join(str(error).split()) or "no reason given"
     return f"{type(error).__name__}: {text if len(text) <= 300 else text[:300] + '...'}"
 
 
 class WordCraftKGError(Exception):
-    """Base of all errors that a user's input can cause; the command line prints them without a traceback."""
+    """Base of all user errors; the command line prints such errors without a traceback."""
 
     @property
     def kind(self) -> str:
-        """Name of the error's class; `--json` prints it."""
+        """Name of the error's class, for `--json`."""
         return type(self).__name__
 
     @property
     def setting(self) -> str:
-        """Python name of the refused setting, which the message names first in backticks; "" if it names none."""
+        """Python name of the refused setting, the first name in backticks in the message; "" without one."""
         named = NAMED_SETTING.search(str(self))
         return named[1] if named else ""
 
@@ -36,7 +35,7 @@ class QueryFileError(WordCraftKGError, ValueError):
 
 
 class GraphError(WordCraftKGError, ValueError):
-    """A recipe graph cannot be built from what was given."""
+    """A recipe graph cannot be built from the given rows or ids."""
 
 
 class UnknownEntityError(WordCraftKGError, LookupError):
@@ -48,7 +47,7 @@ class SplitError(WordCraftKGError, ValueError):
 
 
 class TaskError(WordCraftKGError, ValueError):
-    """There is no such task, or a plan cannot be carried out."""
+    """No such task exists, or a plan cannot be carried out."""
 
 
 class ConfigError(WordCraftKGError, ValueError):
@@ -56,7 +55,7 @@ class ConfigError(WordCraftKGError, ValueError):
 
 
 class UnknownSettingError(ConfigError, TypeError):
-    """An unknown keyword argument; a TypeError, like Python's own, because other libraries check for that."""
+    """An unknown keyword argument; also a TypeError, as other libraries expect."""
 
 
 class ActionError(WordCraftKGError, ValueError):
@@ -64,7 +63,7 @@ class ActionError(WordCraftKGError, ValueError):
 
 
 class EpisodeError(WordCraftKGError, RuntimeError):
-    """An environment was asked for a step that it cannot take: before a reset or after the end of an episode."""
+    """A step was requested before a reset or after the end of an episode."""
 
 
 class ArtefactError(WordCraftKGError, ValueError):
@@ -76,28 +75,28 @@ class GraphMismatchError(ArtefactError):
 
 
 class LeakError(WordCraftKGError, RuntimeError):
-    """A train task would be scored by a model that has been trained on its recipes."""
+    """A train task would be scored by a model trained on the task's recipes."""
 
 
 class TrainingError(WordCraftKGError, ArithmeticError):
-    """A training cannot continue, because its numbers are no longer finite."""
+    """Training diverged: a loss or a parameter is not finite."""
 
 
 class OutputExistsError(WordCraftKGError, FileExistsError):
-    """The output exists already and overwriting was not requested."""
+    """The output exists and overwriting was not requested."""
 
 
 class PlayerError(WordCraftKGError, RuntimeError):
-    """A program that plays could not be started, has ended, kept silent, or wrote what is no answer."""
+    """A player program did not start, ended, timed out, or wrote an invalid answer."""
 
 
 class FetchError(WordCraftKGError, OSError):
-    """A published book could not be downloaded, or is not the pinned file."""
+    """A published book could not be downloaded, or differs from the pinned file."""
 
 
 class EndpointError(WordCraftKGError, ConnectionError):
-    """The endpoint of a language model refuses what it is asked, or does not answer; the message says what is kept."""
+    """A language model's endpoint refuses a request or does not answer; the message names the saved answers."""
 
 
 class MissingExtraError(WordCraftKGError, ImportError):
-    """An optional dependency is needed; the message names the extra that installs it."""
+    """An optional dependency is missing; the message names the extra to install."""

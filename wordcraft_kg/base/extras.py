@@ -1,4 +1,4 @@
-"""Whether what needs more than the package's own dependencies is installed."""
+"""Checks for optional dependencies."""
 
 from collections.abc import Sequence
 from importlib.util import find_spec
@@ -6,14 +6,14 @@ from importlib.util import find_spec
 from wordcraft_kg.base.errors import MissingExtraError
 
 PACKAGES = {"explore": ("starlette", "uvicorn"), "mcp": ("mcp",), "opinions": ("openai",), "rdf": ("rdflib",)}
-"""Packages by the extra that installs them."""
+"""Packages by extra."""
 
 
 def check_extra(extra: str) -> None:
-    """Check that the packages of an extra, one of :data:`PACKAGES`, are there; none of them is imported.
+    """Check that an extra's packages are installed, without importing any.
 
     Raises:
-        MissingExtraError: naming the extra that installs them.
+        MissingExtraError: naming the extra to install.
     """
     missing = [name for name in PACKAGES[extra] if find_spec(name) is None]
     if missing:
@@ -21,6 +21,6 @@ def check_extra(extra: str) -> None:
 
 
 def missing_extra(extra: str, names: Sequence[str]) -> MissingExtraError:
-    """Return the error that says what is not installed, and which extra installs it."""
+    """Return the error for missing packages, with the extra that installs them."""
     are = "is" if len(names) == 1 else "are"
     return MissingExtraError(f"{' and '.join(names)} {are} not installed: pip install 'wordcraft-kg[{extra}]'")

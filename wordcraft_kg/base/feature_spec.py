@@ -1,12 +1,11 @@
-"""How entity features are specified: by name, or by the path of a file of vectors."""
+"""Specification of entity features: a name, or the path of a file with vectors."""
 
 from dataclasses import dataclass
 
 VECTORS = ("glove", "one-hot", "random")
-LEARNED = "learned"
-"""Vectors that the policy learns."""
+LEARNED = "learned"  # by the policy
 NAMES = (*VECTORS, LEARNED)
-"""Names take precedence over files: ``./glove`` is a file named glove."""
+"""Reserved names; write ``./glove`` for a file of such a name."""
 SHUFFLED = "shuffled:"
 
 
@@ -15,8 +14,8 @@ class FeatureSpec:
     """The parts of a spec such as ``glove``, ``vectors.txt`` or ``shuffled:vectors.txt``.
 
     Attributes:
-        source: a name of :data:`NAMES`, or a path.
-        prefix: ``shuffled:``, as many times as it was written; may be empty.
+        source: a name in :data:`NAMES`, or a path.
+        prefix: ``shuffled:``, repeated as written, or empty.
     """
 
     source: str
@@ -24,7 +23,7 @@ class FeatureSpec:
 
     @classmethod
     def parse(cls, text: str) -> "FeatureSpec":
-        """Split a spec into its parts; whether a file exists is not checked."""
+        """Split a spec; files are not checked."""
         source = text
         while source.startswith(SHUFFLED):
             source = source.removeprefix(SHUFFLED)

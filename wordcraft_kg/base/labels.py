@@ -1,23 +1,19 @@
-"""Which label somebody means: forgiving where only one can be meant, strict where it is ambiguous."""
+"""Reading labels written by people and models: forgiving where one label fits, strict where several do."""
 
 import re
 import unicodedata
 from collections import defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import lru_cache
 from itertools import islice
 
 from wordcraft_kg.base.errors import ActionError
 from wordcraft_kg.base.settings import nearest
 
-MOST_CHOICES = 8
-"""How many of the labels that could be meant are named."""
-MOST_SHOWN = 40
-"""Characters of what was written that an error repeats."""
-MOST_WRITTEN = 1_000
-"""Characters in which two labels are looked for."""
-MOST_AROUND = 200
-"""Characters that may stand around a label among many texts: blanks, quotes, an article."""
+_MOST_CHOICES = 8  # labels that an error about an ambiguous word names
+_MOST_SHOWN = 40  # characters of the input that an error repeats
+_MOST_WRITTEN = 1_000  # characters in which two labels are searched
+_MOST_AROUND = 200  # characters around a label in a text for an index: blanks, quotes, an article
 _ARTICLE = re.compile(r"^(?:an?|the|some)\s+(?=\S)")
 _MARKS = " \t*_`'\"“”‘’«».,;:!?()[]{}<>"
 _VERB = re.compile(r"^(?:i\s+)?(?:combine|mix|pair|pick|try|attempt|answer)\b[\s:]*", re.IGNORECASE)
@@ -28,24 +24,24 @@ _NUMBERS = re.compile(r"\d+\s+\d+")
 
 
 def folded(text: str) -> str:
-    """Return a text as it is compared: without case, one kind of each character, hyphens and underscores as blanks."""
+    """Normalise a text for comparison: case, Unicode forms, blanks, hyphens and underscores."""
     return " ".join(re.sub("[-_]", " ", unicodedata.normalize("NFKC", text).casefold()).split())
 
 
 def read_label(written: str, labels: Sequence[str], *, by_number: bool = True, by_beginning: bool = True) -> int:
-    """Return the place of the label that is meant.
+    """Return the index of the label that a text names.
 
-    In this order, the first that fits one label counts: the label's number from 1; the label; the same in another
-    case; without article, quotes and punctuation around it; in singular or plural; its beginning.
+    The first of these rules that fits any label decides: number from 1; exact label; label in another case; label
+    without article, quotes and punctuation; singular or plural; beginning of the label.
 
     Args:
-        written: what somebody wrote.
-        labels: the labels to choose from, all different.
-        by_number: whether a number means a place.
-        by_beginning: whether the beginning of a label means it.
+        written: the text.
+        labels: distinct labels.
+        by_number: accept a number.
+        by_beginning: accept the beginning of a label.
 
     Raises:
-        ActionError: if it means no label or several, with what would be understood.
+        ActionError: if no label or several labels fit.
 
     Example:
         >>> labels = ["water", "fire", "fire brigade", "berry"]
@@ -58,8 +54,8 @@ def read_label(written: str, labels: Sequence[str], *, by_number: bool = True, b
     text = " ".join(written.split())
     if meant:
         choices = (f"{labels[place]} ({place + 1})" if by_number else labels[place] for place in meant)
-        shown = ", ".join(islice(choices, MOST_CHOICES))
-        more = f" and {len(meant) - MOST_CHOICES} more" if len(meant) > MOST_CHOICES else ""
+        shown = ", ".join(islice(choices, _MOST_CHOICES))
+        more = f" and {len(meant) - _MOST_CHOICES} more" if len(meant) > _MOST_CHOICES else ""
         way = "; write more of the word" + ", or the number" * by_number
         raise ActionError(f"'{_shown(text)}' could be {shown}{more}{way}.")
     ways = [f"1 to {len(labels)}"] * by_number + ["one of the words"] + ["the beginning of one"] * by_beginning
@@ -70,25 +66,26 @@ def read_label(written: str, labels: Sequence[str], *, by_number: bool = True, b
 
 
 class LabelIndex:
-    """Many texts read against the same labels, as :func:`read_label` does without numbers and beginnings."""
+    """Reads many texts against the same labels, as :func:`read_label` does without numbers and beginnings."""
 
     def __init__(self, labels: Sequence[str]):
-        """Take the labels to choose from, all different."""
-        # What is much longer than any label means none, and many such texts would take long to compare.
-        self._longest = MOST_AROUND + 4 * max(map(len, labels), default=0)
+        """Index distinct labels."""
+        # A text much longer than any label names none, and would take long to compare.
+        self._longest = _MOST_AROUND + 4 * max(map(len, labels), default=0)
         self._exact = {label: place for place, label in enumerate(labels)}
+        self._plain = [folded(label) for label in labels]
         self._folded: dict[str, set[int]] = defaultdict(set)
         self._bare: dict[str, set[int]] = defaultdict(set)
         self._plural: dict[str, set[int]] = defaultdict(set)
         for place, label in enumerate(labels):
             bare = _bare(label)
-            self._folded[folded(label)].add(place)
+            self._folded[self._plain[place]].add(place)
             self._bare[bare].add(place)
             for form in _plurals(bare):
                 self._plural[form].add(place)
 
     def find(self, written: str) -> int | None:
-        """Return the place of the label that is meant, None if it is none or could be several.
+        """Return the index of the label that a text names, None for no label or several.
 
         Example:
             >>> index = LabelIndex(["water", "fire", "Fire", "berry"])
@@ -96,31 +93,32 @@ class LabelIndex:
             (0, 3, None)
         """
         text = " ".join(written.split()) if len(written) <= self._longest else ""
-        if not text:
-            return None
+        places = self._places(text) if text else []
+        return places[0] if len(places) == 1 else None
+
+    def _places(self, text: str, *, by_beginning: bool = False) -> list[int]:
+        """Return the indices of all labels that fit by the first rule of :func:`read_label` that fits any."""
         if text in self._exact:
-            return self._exact[text]
-        bare = _bare(text)
+            return [self._exact[text]]
+        plain, bare = folded(text), _bare(text)
         in_plural = self._plural.get(bare, set()).union(*(self._bare.get(form, ()) for form in _plurals(bare)))
-        for meant in (self._folded.get(folded(text)), self._bare.get(bare), in_plural):
-            if meant:
-                return next(iter(meant)) if len(meant) == 1 else None
-        return None
+        if meant := self._folded.get(plain) or self._bare.get(bare) or in_plural:
+            return sorted(meant)
+        return [place for place, label in enumerate(self._plain) if by_beginning and label.startswith(plain)]
+
+
+_index = lru_cache(maxsize=64)(LabelIndex)
 
 
 def read_pair(written: str, labels: Sequence[str]) -> tuple[int, int]:
-    """Return the places of the two labels that are meant, in the order in which they are written.
+    """Return the indices of the two labels that a text names, in written order.
 
-    Between them is ``+``, ``&``, a comma, a semicolon, ``and``, ``with``, ``plus`` or ``then``; of two numbers only a
-    blank. A verb before them and a result after them (``= mud``, ``-> mud``) are left out. A label that holds such a
-    word itself is found, if there is only one way to read it all.
-
-    Args:
-        written: what somebody wrote.
-        labels: the labels to choose from, all different.
+    Separators are ``+``, ``&``, comma, semicolon, ``and``, ``with``, ``plus`` and ``then``; a blank between two numbers
+    is enough. A leading verb and a trailing result (``= mud``, ``-> mud``) are ignored. A label may contain a separator
+    if the text can be read in one way only.
 
     Raises:
-        ActionError: if it does not mean two of the labels, or could mean several pairs.
+        ActionError: if the text does not name two labels, or could name several pairs.
 
     Example:
         >>> read_pair("Combine the water with earth", ["earth", "fire", "water"])
@@ -134,7 +132,7 @@ def read_pair(written: str, labels: Sequence[str]) -> tuple[int, int]:
     expected = f"expected two things, such as '{labels[0]} + {labels[-1]}'"
     if not text:
         raise ActionError(f"nothing written: {expected}.")
-    if len(text) > MOST_WRITTEN:
+    if len(text) > _MOST_WRITTEN:
         raise ActionError(f"{len(text):,} characters: {expected}, in one short line.")
     unread: list[str] = []
     bare = text.strip(_MARKS)
@@ -152,16 +150,12 @@ def read_pair(written: str, labels: Sequence[str]) -> tuple[int, int]:
 
 
 def last_line(message: str) -> str:
-    """Return the line of a message that counts as its answer: the last one that is not empty.
-
-    List marks, quotes and the like around it are left out, as long as something is left.
-    """
+    """Return the last non-empty line of a message, the answer, without list marks and quotes."""
     lines = [line.strip() for line in message.splitlines() if line.strip(_MARKS + "-•>|#")]
     return _LIST_MARK.sub("", lines[-1]).strip("*`| \t") if lines else ""
 
 
 def _meant(written: str, labels: Sequence[str], *, by_number: bool = True, by_beginning: bool = True) -> list[int]:
-    """Return the places of the labels that can be meant, by the first way of :func:`read_label` that fits any."""
     text = " ".join(written.split())
     if not text:
         return []
@@ -169,25 +163,11 @@ def _meant(written: str, labels: Sequence[str], *, by_number: bool = True, by_be
         place = int(text) - 1
         if place < len(labels):
             return [place]
-    # Each form of what was written is made once: it may be long, and there may be thousands of labels.
-    plain, bare = folded(text), _bare(text)
-    plurals = _plurals(bare)
-    ways: list[Callable[[str, str, str], bool]] = [
-        lambda label, _plain, _bare: label == text,
-        lambda _label, its_plain, _bare: its_plain == plain,
-        lambda _label, _plain, its_bare: its_bare == bare,
-        lambda _label, _plain, its_bare: its_bare in plurals or _is_plural(bare, its_bare),
-        lambda _label, its_plain, _bare: by_beginning and its_plain.startswith(plain),
-    ]
-    forms = [(label, *_forms(label)) for label in labels]
-    for fits in ways:
-        if meant := [place for place, form in enumerate(forms) if fits(*form)]:
-            return meant
-    return []
+    return _index(tuple(labels))._places(text, by_beginning=by_beginning)
 
 
 def _pairs_in(text: str, labels: Sequence[str], unread: list[str]) -> list[tuple[int, int]]:
-    """Return the different pairs of places that a text can mean; halves that mean no single label join ``unread``."""
+    """Return the distinct pairs that a text can name; halves that name no single label join ``unread``."""
     pairs: dict[tuple[int, int], None] = {}
     for halves in _halves(text):
         meant = [_meant(half, labels) for half in halves]
@@ -206,19 +186,7 @@ def _halves(text: str) -> list[tuple[str, str]]:
 
 
 def _bare(text: str) -> str:
-    """Return a text without what may stand around a label."""
     return _ARTICLE.sub("", folded(text).strip(_MARKS)).strip(_MARKS) or folded(text)
-
-
-@lru_cache(maxsize=2**15)
-def _forms(label: str) -> tuple[str, str]:
-    """Return a label as it is compared, and without what may stand around it; tables show the same ones again."""
-    return folded(label), _bare(label)
-
-
-def _is_plural(word: str, other: str) -> bool:
-    """Return whether a text is another one in the plural, by the regular forms of English."""
-    return word.startswith(other[:-2]) and word in _plurals(other)  # no ending changes more than two letters
 
 
 def _plurals(word: str) -> set[str]:
@@ -232,4 +200,4 @@ def _plurals(word: str) -> set[str]:
 
 
 def _shown(text: str) -> str:
-    return text if len(text) <= MOST_SHOWN else f"{text[:MOST_SHOWN]}..."
+    return text if len(text) <= _MOST_SHOWN else f"{text[:_MOST_SHOWN]}..."

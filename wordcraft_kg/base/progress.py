@@ -1,6 +1,6 @@
-"""How far long work has come: functions name their stages and count their steps, and whoever wants to know listens.
+"""Progress of long work: functions name stages and count steps, and a listener may report the progress.
 
-As with logging, nothing has to be handed down through all that lies between, and without a listener it is silent::
+As with logging, no argument has to be passed down, and without a listener the work is silent::
 
     with listening(lambda stage, done, total: print(f"{stage}: {done} of {total}")):
         make_link_report(scorer, opened)
@@ -13,16 +13,14 @@ from typing import TypeVar
 
 T = TypeVar("T")
 Listener = Callable[[str, int, int], None]
-"""Called with the name of a stage, the number of its steps that are done (first 0, last the total), and their total.
-
-Stages may be nested: another one may begin and end before the next step."""
+"""Called with a stage's name, the number of finished steps (first 0, last the total), and the total."""
 
 _listener: ContextVar[Listener | None] = ContextVar("listener", default=None)
 
 
 @contextmanager
 def listening(listener: Listener | None) -> Iterator[None]:
-    """Tell a listener of the stages of the work in this block; None tells nobody."""
+    """Report the stages in this block to a listener; None reports nothing."""
     token = _listener.set(listener)
     try:
         yield
@@ -31,7 +29,7 @@ def listening(listener: Listener | None) -> Iterator[None]:
 
 
 def steps(stage: str, items: Collection[T]) -> Iterator[T]:
-    """Yield the items of a stage one by one; an item is a step, done when the next one is asked for."""
+    """Yield the items of a stage; each item is a step, finished when the next item is requested."""
     listener = _listener.get()
     if listener is None:
         yield from items
@@ -46,5 +44,5 @@ def steps(stage: str, items: Collection[T]) -> Iterator[T]:
 
 @contextmanager
 def stage(name: str) -> Iterator[None]:
-    """Name the work in this block, or in the function decorated with it, a stage of one step."""
+    """Declare this block, or the decorated function, a stage with one step."""
     yield from steps(name, [None])

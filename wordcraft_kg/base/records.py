@@ -1,10 +1,9 @@
-"""Typed records: whatever is read from a file or shown to a user is a value of a known type, checked once.
+"""Typed records: values read from a file or shown to a user have a known type, checked once.
 
-A record is a frozen :class:`Record`. Reading one is strict: an unknown key, a missing one or a value of the wrong type
-is an error that names the file and the field. The JSON Schema is derived from the type; no schema is written by hand.
+A record is a frozen :class:`Record`. Reading is strict: an unknown key, a missing key or a value with the wrong type is
+an error that names the file and the field. The JSON Schema is derived from the type.
 
-msgspec does the work: it has no dependencies, imports in milliseconds, and also handles the package's frozen
-dataclasses of settings.
+msgspec has no dependencies, imports in milliseconds, and also handles the package's frozen dataclasses of settings.
 """
 
 import json
@@ -21,7 +20,7 @@ T = TypeVar("T")
 
 Count = Annotated[int, msgspec.Meta(ge=0)]
 Share = Annotated[float, msgspec.Meta(ge=0, le=1)]
-"""A probability, or a part of a whole."""
+"""A probability or a fraction."""
 Hash = Annotated[str, msgspec.Meta(pattern="^[0-9a-f]{64}$")]
 """SHA-256 in hexadecimal."""
 
@@ -44,29 +43,21 @@ def parse_record(data: bytes, kind: type[T], path: Path | str) -> T:
 
 
 def read_record(path: Path, kind: type[T]) -> T:
-    """Read a record from a JSON file.
-
-    Raises:
-        ArtefactError: if the file is missing, or damaged (see :func:`parse_record`).
-    """
+    """Read a record from a JSON file, see :func:`parse_record`."""
     return parse_record(read_small_file(path), kind, path)
 
 
 def parse_lines(data: bytes, kind: type[T], path: Path | str) -> list[T]:
-    """Read one record from each of several lines of JSON.
-
-    Raises:
-        ArtefactError: naming ``path``, the line and the field.
-    """
+    """Read a record from each JSON line, see :func:`parse_record`; errors name the line too."""
     lines = data.removesuffix(b"\n").split(b"\n") if data else []
     return [parse_record(line, kind, f"{path}, line {number},") for number, line in enumerate(lines, 1)]
 
 
 def as_record(values: Any, kind: type[T], path: Path | str) -> T:
-    """Turn plain values, such as those of a TOML table, into a record or a dataclass of settings.
+    """Convert plain values, such as a TOML table, to a record or a dataclass of settings.
 
     Raises:
-        ArtefactError: naming ``path`` and the field, if they do not fit the record.
+        ArtefactError: naming ``path`` and the field, if a value does not fit.
     """
     try:
         return msgspec.convert(values, kind)
@@ -75,9 +66,9 @@ def as_record(values: Any, kind: type[T], path: Path | str) -> T:
 
 
 def _damaged(path: Path | str, error: Exception) -> ArtefactError:
-    """Return the error for a file; its fields are in quotes, since what is in backticks are a command's options."""
-    found = str(error).replace("`", "'").removesuffix(".")
-    return ArtefactError(f"{path} is damaged: {found}. Make it again, or restore a copy.")
+    # Fields are in quotes: backticks are for a command's options.
+    reason = str(error).replace("`", "'").removesuffix(".")
+    return ArtefactError(f"{path} is damaged: {reason}. Make it again, or restore a copy.")
 
 
 def as_lines(records: Iterable[Any]) -> list[str]:
@@ -86,20 +77,20 @@ def as_lines(records: Iterable[Any]) -> list[str]:
 
 
 def as_values(record: Any) -> Any:
-    """Return a record as plain values: dictionaries, lists, strings and numbers, exactly as JSON has them.
+    """Return a record as plain JSON values: dictionaries, lists, strings and numbers.
 
     Raises:
-        TypeError: if it holds something that is not a plain value, such as a NumPy number.
+        TypeError: for a value without a JSON form, such as a NumPy number.
         ValueError: if a number is not finite.
     """
     return json.loads(json.dumps(msgspec.to_builtins(record), allow_nan=False))
 
 
 def checked_values(record: Record) -> Any:
-    """Return :func:`as_values` after checking that each value has its field's type and is within its bounds.
+    """Return :func:`as_values` after checking types and bounds.
 
     Raises:
-        ValueError: naming the field that is not.
+        ValueError: naming the invalid field.
     """
     values = as_values(record)
     msgspec.convert(values, type(record))

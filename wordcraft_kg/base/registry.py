@@ -1,4 +1,4 @@
-"""Registries: things by name, to which apps and other packages add their own."""
+"""Registries that apps and other packages can extend."""
 
 from collections.abc import Iterator, MutableMapping
 from importlib.metadata import entry_points
@@ -9,10 +9,10 @@ T = TypeVar("T")
 
 
 class Registry(MutableMapping[str, T]):
-    """Things by name. A module adds one with ``registry[name] = thing``.
+    """Objects by name. A module adds an object with ``registry[name] = thing``.
 
-    Installed packages add theirs by an entry-point group: an entry point names the thing itself, or a module that adds
-    things as it is imported. They are loaded when a name is looked up that is not registered yet, or all are listed.
+    Installed packages add objects by an entry-point group. An entry point names an object, or a module that registers
+    objects on import. Entry points are loaded when an unknown name is looked up, or all names are listed.
 
     Example:
         >>> colours = Registry("example.colours", {"red": 0xFF0000})
@@ -22,7 +22,7 @@ class Registry(MutableMapping[str, T]):
     """
 
     def __init__(self, group: str, own: dict[str, T] | None = None):
-        """Take the entry-point group and the things that need no entry point."""
+        """Create a registry for an entry-point group, with its built-in objects."""
         self._group, self._known = group, dict(own or {})
         self._is_complete = False
 
@@ -46,7 +46,7 @@ class Registry(MutableMapping[str, T]):
         return len(self._known)
 
     def _complete(self) -> None:
-        """Load the entry points of installed packages, once; what a program has registered itself stays."""
+        """Load the entry points once; objects that a program has registered stay."""
         if not self._is_complete:
             for point in sorted(entry_points(group=self._group), key=lambda point: point.name):
                 thing = point.load()

@@ -4,7 +4,7 @@ import math
 
 
 def counted(number: int, one: str, more: str = "") -> str:
-    """Return a number with what it counts, in singular or plural; the plural is that with an s by default.
+    """Return a number with a noun in singular or plural, by default with an s.
 
     Example:
         >>> counted(1, "entity", "entities"), counted(1_200, "pair")
@@ -14,7 +14,7 @@ def counted(number: int, one: str, more: str = "") -> str:
 
 
 def approximate(number: int) -> str:
-    """Return a natural number with its digits or, where these would be too many to read, as a power of ten.
+    """Return a natural number in digits or, from 10^12, as a power of ten.
 
     Example:
         >>> approximate(1_200), approximate(3 * 2**10_000)
@@ -22,7 +22,7 @@ def approximate(number: int) -> str:
     """
     if number < 10**12:
         return f"{number:,}"
-    # Python refuses to write more than 4,300 digits, and such a number is no float either.
+    # Python does not print more than 4,300 digits, and such a number exceeds a float.
     exponent = math.floor(math.log10(number))
     leading = round(10 ** (math.log10(number) - exponent), 1)
     return f"about {leading:g} × 10^{exponent}" if leading < 10 else f"about 1 × 10^{exponent + 1}"

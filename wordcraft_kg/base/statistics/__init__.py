@@ -1,18 +1,21 @@
-"""Confidence intervals of success rates, and statistics that compare agents trained with several seeds."""
+"""Confidence intervals for success rates, and statistics that compare agents trained with several seeds.
 
-from wordcraft_kg.base.statistics.clusters import bootstrap, interval
-from wordcraft_kg.base.statistics.comparisons import holm, interval_p_value
-from wordcraft_kg.base.statistics.correlation import correlation
-from wordcraft_kg.base.statistics.profiles import performance_profile, performance_profile_band
+Common arguments: ``level`` is the confidence, between 0 and 1; ``draws`` is the number of resamples, from 1; ``seed``
+fixes the resampling. Every function raises a ConfigError for scores that are empty, not finite or misshapen, and for a
+setting out of range.
+"""
+
+from wordcraft_kg.base.statistics.comparisons import correlation, holm, interval_p_value
 from wordcraft_kg.base.statistics.runs import (
     interquartile_mean,
+    performance_profile,
+    performance_profile_band,
     probability_of_improvement,
     probability_of_improvement_interval,
     resampled_means,
     stratified_bootstrap,
 )
-from wordcraft_kg.base.statistics.samples import Interval
-from wordcraft_kg.base.statistics.scale import standardised
+from wordcraft_kg.base.statistics.samples import Interval, bootstrap, interval, standardised
 from wordcraft_kg.base.statistics.tasks import crossed_bootstrap, paired_difference, task_bootstrap, wilson_interval
 
 __all__ = [

@@ -1,4 +1,4 @@
-"""What several seeds say of an agent, and of one agent against another."""
+"""Statistics over several trainings of one agent, and comparisons of two agents."""
 
 from collections.abc import Callable
 from typing import Any, overload
@@ -6,8 +6,8 @@ from typing import Any, overload
 import numpy as np
 from numpy.typing import ArrayLike
 
-from wordcraft_kg.base.settings import MAX_SIZE, whole
-from wordcraft_kg.base.statistics.samples import Scores, by_seed, finite, pair, percentiles
+from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.base.statistics.samples import Scores, by_seed, finite, generator, interval, percentiles
 
 
 @overload
@@ -15,18 +15,10 @@ def interquartile_mean(scores: ArrayLike) -> float: ...
 @overload
 def interquartile_mean(scores: ArrayLike, axis: tuple[int, ...]) -> Scores: ...
 def interquartile_mean(scores: ArrayLike, axis: tuple[int, ...] | None = None) -> float | Scores:
-    """Return the mean of the middle half of all scores, runs and tasks together.
+    """Return the mean of the middle half of all scores, runs and tasks together (or over ``axis`` only).
 
-    With the n scores in ascending order and ``g = floor(n / 4)``: ``IQM = sum(s_(g+1), ..., s_(n-g)) / (n - 2 g)``. For
-    n not divisible by 4 that keeps a little more than half (the 25 % trimmed mean; no score is counted partially), and
-    for n up to 3 it is the plain mean.
-
-    Args:
-        scores: of any shape, usually (S seeds, K tasks).
-        axis: axes to average over, all of them by default.
-
-    Raises:
-        ConfigError: if there is no score, or one is not finite.
+    With the n scores in ascending order and ``g = floor(n / 4)``: ``IQM = sum(s_(g+1), ..., s_(n-g)) / (n - 2 g)``, the
+    25 % trimmed mean. For n not divisible by 4 this keeps a little more than half; for n up to 3 it is the plain mean.
 
     Source: Agarwal et al. 2021, "Deep reinforcement learning at the edge of the statistical precipice", section 4.3.
     """
@@ -48,26 +40,21 @@ def stratified_bootstrap(
 
     A draw replaces each column by as many of its own scores, drawn with replacement and independently of the other
     columns: ``s*_ik = s_(r_ik)k`` with ``r_ik`` uniform over 1..S. The bounds are the ``(1 - level) / 2`` and
-    ``(1 + level) / 2`` quantiles of the statistic over the draws. With a single stratum it is the plain bootstrap.
+    ``(1 + level) / 2`` quantiles of the statistic over the draws.
 
-    The interval covers the variation from seed to seed, not that from task to task. With few seeds and one stratum it
-    is too narrow: the mean of 5 normal scores lies within its "95 %" in about 84 % of all cases. Its width is
-    zero where all seeds of a stratum agree.
+    The interval covers variation between seeds, not between tasks. With few seeds and one stratum it is too narrow: a
+    "95 %" interval for the mean of 5 normal scores covers about 84 %. Equal seeds give zero width.
 
     Args:
         scores: shape (S seeds, K strata), or (S,) for one stratum. Strata are kinds of tasks, such as depths.
-        statistic: reduces the axes that its keyword ``axis`` names, such as ``np.mean``, ``np.median``, or
-            :func:`interquartile_mean`; it is called with shape (draws, S, K) and ``axis=(-2, -1)``.
-        level: of confidence, between 0 and 1.
-        draws: resamples, from 1.
-        seed: of the resampling.
+        statistic: reduces the axes named by its keyword ``axis``, such as ``np.mean`` or :func:`interquartile_mean`;
+            called with shape (draws, S, K) and ``axis=(-2, -1)``.
+        level: confidence.
+        draws: number of resamples.
+        seed: seed of the resampling.
 
     Returns:
-        Lower and upper bound; None for a single seed, which says nothing about others.
-
-    Raises:
-        ConfigError: if scores are missing, not finite or of another shape, a setting is out of range, or the
-            statistic does not give one number per draw.
+        Lower and upper bound; None for a single seed.
 
     Source: Agarwal et al. 2021, section 4.1.
     """
@@ -76,48 +63,36 @@ def stratified_bootstrap(
 
 
 def probability_of_improvement(x: ArrayLike, y: ArrayLike) -> float:
-    """Return how likely a run of x scores higher than a run of y, both drawn at random.
+    """Return the probability that a random run of x scores higher than a random run of y.
 
-    ``P(X > Y) = 1/K sum_k 1/(S S') sum_i sum_j h(x_ik, y_jk)``, h = 1 where ``x_ik > y_jk``, 1/2 where they are equal,
-    otherwise 0. In one stratum it is the Mann-Whitney U statistic over S S'. It does not say by how much.
+    ``P(X > Y) = 1/K sum_k 1/(S S') sum_i sum_j h(x_ik, y_jk)``, h = 1 where ``x_ik > y_jk``, 1/2 at ties, otherwise 0.
+    In one stratum this is the Mann-Whitney U statistic over S S'. It does not measure by how much.
 
     Args:
         x: shape (S seeds, K strata), or (S,) for one stratum.
         y: shape (S' seeds, K strata), or (S',).
 
-    Raises:
-        ConfigError: if scores are missing, not finite or of another shape, or x and y differ in strata.
-
     Source: Agarwal et al. 2021, section 4.3; Mann and Whitney 1947.
     """
-    return float(_win_rate(*pair(x, y)))
+    return float(_win_rate(*_pair(x, y)))
 
 
 def probability_of_improvement_interval(
     x: ArrayLike, y: ArrayLike, *, level: float = 0.95, draws: int = 2000, seed: int = 0
 ) -> tuple[float, float] | None:
-    """Return the stratified-bootstrap interval of :func:`probability_of_improvement`.
+    """Return the stratified-bootstrap interval of :func:`probability_of_improvement`; None if x or y has one seed.
 
-    Seeds of x and of y are resampled independently of each other, as in :func:`stratified_bootstrap`. The interval has
-    zero width where every run of one beats every run of the other, since every resample then agrees.
-
-    Args:
-        x: shape (S seeds, K strata), or (S,) for one stratum.
-        y: shape (S' seeds, K strata), or (S',).
-        level: of confidence, between 0 and 1.
-        draws: resamples, from 1.
-        seed: of the resampling.
-
-    Returns:
-        Lower and upper bound; None if x or y has one seed only.
-
-    Raises:
-        ConfigError: as :func:`probability_of_improvement`, and for a setting out of range.
-
-    Source: Agarwal et al. 2021, section 4.3.
+    Seeds of x and y are resampled independently. Where every run of x beats every run of y, the width is zero.
     """
-    a, b = pair(x, y)
+    a, b = _pair(x, y)
     return percentiles([a, b], _win_rate, a.size * len(b), level, draws, seed)
+
+
+def _pair(x: ArrayLike, y: ArrayLike) -> tuple[Scores, Scores]:
+    a, b = by_seed("x", x), by_seed("y", y)
+    if a.shape[1] != b.shape[1]:
+        raise ConfigError(f"x has {a.shape[1]} strata and y {b.shape[1]}: expected the same strata in the same order.")
+    return a, b
 
 
 def _win_rate(x: Scores, y: Scores) -> Scores:
@@ -128,21 +103,54 @@ def _win_rate(x: Scores, y: Scores) -> Scores:
 
 
 def resampled_means(scores: ArrayLike, *, draws: int = 2000, seed: int = 0) -> Scores:
-    """Return means over resampled runs: whole rows are drawn, so that what belongs to a run stays together.
+    """Return means over resampled runs, shape (draws, K), for scores of shape (S runs, K), such as learning curves.
 
-    Args:
-        scores: shape (S runs, K), such as the points of their learning curves.
-        draws: resamples, from 1.
-        seed: of the resampling.
-
-    Returns:
-        shape (draws, K), float.
-
-    Raises:
-        ConfigError: if scores are missing, not finite or of another shape, or a setting is out of range.
+    Whole rows are drawn, so a run's values stay together.
     """
-    draws, seed = whole("draws", draws, 1, MAX_SIZE), whole("seed", seed, 0)
+    draws, rng = generator(0.95, draws, seed)
     table = by_seed("scores", scores)
     size = len(table)
-    chosen = np.random.default_rng(seed).multinomial(size, np.full(size, 1 / size), size=draws)
-    return np.asarray(chosen @ table / size)
+    return np.asarray(rng.multinomial(size, np.full(size, 1 / size), size=draws) @ table / size)
+
+
+def performance_profile(scores: ArrayLike, taus: ArrayLike) -> Scores:
+    """Return the share of runs scoring above each tau, averaged over strata.
+
+    ``F(tau) = 1/K sum_k 1/S sum_i [s_ik > tau]``. Shows failed runs, which a mean hides. For scores from 0 to 1, the
+    area under the profile is the mean.
+
+    Args:
+        scores: shape (S seeds, K strata), or (S,) for one stratum.
+        taus: shape (T,).
+
+    Returns:
+        shape (T,), not increasing with tau.
+
+    Source: Agarwal et al. 2021, section 4.2 (their score distributions).
+    """
+    above = by_seed("scores", scores)[..., None] > finite("taus", taus).ravel()
+    return np.asarray(above.mean(axis=(0, 1)))
+
+
+def performance_profile_band(
+    scores: ArrayLike, taus: ArrayLike, *, level: float = 0.95, draws: int = 2000, seed: int = 0
+) -> Scores | None:
+    """Return lower and upper bounds, shape (2, T), of :func:`performance_profile`; None for a single seed.
+
+    Seeds are resampled within strata: the number of a stratum's S scores above tau is binomial, and is drawn as such.
+    The band is pointwise, not simultaneous.
+    """
+    draws, rng = generator(level, draws, seed)
+    values, levels = by_seed("scores", scores), finite("taus", taus).ravel()
+    if len(values) == 1:
+        return None
+    shares = (values[..., None] > levels).mean(axis=0)
+    # One tau after the other, so that the memory does not grow with their number; neighbours mostly agree.
+    bounds = np.empty((2, len(levels)))
+    for t in range(len(levels)):
+        if t and np.array_equal(shares[:, t], shares[:, t - 1]):
+            bounds[:, t] = bounds[:, t - 1]
+        else:
+            above = rng.binomial(len(values), shares[:, t], size=(draws, values.shape[1])).sum(axis=1)
+            bounds[:, t] = interval(above / values.size, level)
+    return bounds

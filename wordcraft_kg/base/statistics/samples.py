@@ -1,4 +1,4 @@
-"""Tables of scores: what they may be, and how they are resampled."""
+"""Tables of scores: validation, resampling and scaling."""
 
 from collections.abc import Callable
 from typing import Any
@@ -7,22 +7,45 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.base.progress import steps
 from wordcraft_kg.base.settings import MAX_SIZE, refuse, whole
 
 Interval = tuple[float, float, float]
-"""A value, its lower and its upper bound."""
+"""Value, lower bound, upper bound."""
 Scores = NDArray[np.float64]
-# Values held at once while resampling: 8 MB of them, whatever the number of draws.
-CHUNK = 2**20
+CHUNK = 2**20  # values held at once while resampling, 8 MB
+
+
+def bootstrap(values: Scores, clusters: NDArray[np.int64], *, resamples: int = 1_000, seed: int = 0) -> Scores:
+    """Return means of ``values`` over resamples of whole clusters (such as a recipe's queries), shape (resamples,)."""
+    names, index = np.unique(clusters, return_inverse=True)
+    sums = np.bincount(index, weights=values)
+    sizes = np.bincount(index).astype(float)
+    rng = np.random.default_rng(seed)
+    means = np.empty(resamples)
+    for i in steps("resampling", range(resamples)):
+        drawn = np.bincount(rng.integers(len(names), size=len(names)), minlength=len(names))
+        means[i] = (drawn @ sums) / (drawn @ sizes)
+    return means
+
+
+def interval(means: Scores, level: float = 0.95) -> tuple[float, float]:
+    """Return the percentile interval of bootstrap means."""
+    low, high = np.quantile(means, [(1 - level) / 2, (1 + level) / 2])
+    return float(low), float(high)
+
+
+def generator(level: float, draws: int, seed: int) -> tuple[int, np.random.Generator]:
+    """Check the settings of a resampling; return ``draws`` and a generator."""
+    check_level(level)
+    return whole("draws", draws, 1, MAX_SIZE), np.random.default_rng(whole("seed", seed, 0))
 
 
 def percentiles(
     samples: list[Scores], statistic: Callable[..., Any], cost: int, level: float, draws: int, seed: int
 ) -> tuple[float, float] | None:
-    """Return percentile bounds of a statistic of resampled samples, each (draws, S, K); ``cost``: values per draw."""
-    check_level(level)
-    draws = whole("draws", draws, 1, MAX_SIZE)
-    rng = np.random.default_rng(whole("seed", seed, 0))
+    """Return percentile bounds for a statistic of resampled samples, each (draws, S, K); ``cost``: values per draw."""
+    draws, rng = generator(level, draws, seed)
     if any(len(sample) == 1 for sample in samples):
         return None
     chunk = max(1, CHUNK // cost)
@@ -38,18 +61,17 @@ def percentiles(
                 "gives over the axes passed to it."
             )
         values[start : start + count] = result
-    low, high = np.quantile(values, [(1 - level) / 2, (1 + level) / 2])
-    return float(low), float(high)
+    return interval(values, level)
 
 
 def check_level(level: float) -> None:
-    """Refuse a level of confidence that is not between 0 and 1."""
+    """Refuse a confidence level outside (0, 1)."""
     if not 0 < level < 1:
         raise refuse("level", level, "more than 0 and less than 1, such as 0.95")
 
 
 def finite(name: str, values: ArrayLike) -> Scores:
-    """Return values as an array; refuse none at all, and any that is not finite."""
+    """Return values as an array; refuse an empty table and numbers that are not finite."""
     try:
         array = np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError):
@@ -62,17 +84,32 @@ def finite(name: str, values: ArrayLike) -> Scores:
     return array
 
 
+def by_task(name: str, values: ArrayLike, axes: str) -> Scores:
+    """Return a table with two axes; refuse another shape."""
+    array = finite(name, values)
+    if array.ndim != 2:
+        raise ConfigError(f"{name} of shape {array.shape}: expected {axes}.")
+    return array
+
+
 def by_seed(name: str, values: ArrayLike) -> Scores:
     """Return scores as (seeds, strata); refuse another shape."""
     array = finite(name, values)
-    if array.ndim not in (1, 2):
-        raise ConfigError(f"{name} of shape {array.shape}: expected (seeds, strata), or (seeds,) for one stratum.")
-    return array if array.ndim == 2 else array[:, None]
+    if array.ndim == 1:
+        return array[:, None]
+    return by_task(name, values, "(seeds, strata), or (seeds,) for one stratum")
 
 
-def pair(x: ArrayLike, y: ArrayLike) -> tuple[Scores, Scores]:
-    """Return the scores of two agents as (seeds, strata) each; refuse different strata."""
-    a, b = by_seed("x", x), by_seed("y", y)
-    if a.shape[1] != b.shape[1]:
-        raise ConfigError(f"x has {a.shape[1]} strata and y {b.shape[1]}: expected the same strata in the same order.")
-    return a, b
+def standardised(table: NDArray[np.floating], among: NDArray[np.integer] | None = None) -> Scores:
+    """Scale scores, shape (E, E), to mean 0 and standard deviation 1 over pairs of different entities.
+
+    Scores of an entity with itself are scaled too but do not count, because they are often outliers. With ``among``
+    (entity ids), only pairs of these entities count.
+    """
+    scores = np.asarray(table, dtype=np.float64)
+    counted = scores if among is None else scores[np.ix_(among, among)]
+    different = counted[~np.eye(len(counted), dtype=bool)]
+    deviation = different.std()
+    if deviation <= 1e-12 * np.abs(different).max(initial=0):  # equal up to rounding, which must not be amplified
+        deviation = 1.0
+    return np.asarray((scores - different.mean()) / deviation)

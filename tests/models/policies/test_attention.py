@@ -1,4 +1,4 @@
-"""Attention over the table: logits, weighted sums and entity vectors, against loops over slots and dimensions."""
+"""Attention over the table: logits, mixtures, weighted sums and entity vectors, against loops over slots."""
 
 import math
 
@@ -6,14 +6,10 @@ import pytest
 import torch
 from hypothesis import example, given
 from hypothesis import strategies as st
+from small_scorers import normal, states
 from torch import Tensor
 
-from wordcraft_kg.models.policies.attention import (
-    FOLD_LIMIT,
-    Slots,
-    TableAttention,
-    masked_softmax,
-)
+from wordcraft_kg.models.policies.attention import FOLD_LIMIT, Slots, TableAttention, masked_softmax, mix_logits
 from wordcraft_kg.models.policies.policy import EntityVectors, log_policy, look_up
 
 KEY_SIZE = 3
@@ -30,28 +26,11 @@ VECTORS = {
 any_vectors = pytest.mark.parametrize("kind", VECTORS)
 
 
-def normal(*shape: int, seed: int = 0) -> Tensor:
-    return torch.randn(*shape, generator=torch.Generator().manual_seed(seed))
-
-
 def attention_of(dim: int) -> TableAttention:
     attention = TableAttention(dim, KEY_SIZE)
     for i, parameter in enumerate(attention.parameters()):
         parameter.data = normal(*parameter.shape, seed=i + 1)
     return attention
-
-
-def states(num_entities: int, size: int = 8, num_slots: int = 5, seed: int = 0) -> tuple[Tensor, Tensor, Tensor]:
-    """Goals, selections and tables: with nothing held and something held, empty slots, full tables and repeats."""
-    generator = torch.Generator().manual_seed(seed)
-    goal = torch.randint(num_entities, (size,), generator=generator)
-    selection = torch.randint(num_entities, (size,), generator=generator)
-    table = torch.randint(num_entities, (size, num_slots), generator=generator)
-    selection[::2] = num_entities
-    table[1::3, 2:] = num_entities
-    table[2::3, 0] = num_entities
-    table[0, 1] = table[0, 0]
-    return goal, selection, table
 
 
 def rows_of(vectors: EntityVectors) -> list[list[float]]:
@@ -61,17 +40,16 @@ def rows_of(vectors: EntityVectors) -> list[list[float]]:
     return [[float(i == j) for j in range(vectors.dim)] for i in range(vectors.num_entities + 1)]
 
 
-def slow_product(matrix: list[list[float]], vector: list[float], bias: list[float]) -> list[float]:
-    return [sum(w * x for w, x in zip(row, vector, strict=True)) + b for row, b in zip(matrix, bias, strict=True)]
+def dot(one: list[float], other: list[float]) -> float:
+    return sum(x * y for x, y in zip(one, other, strict=True))
 
 
-def slow_alpha(
-    attention: TableAttention, x: list[list[float]], goal: int, selection: int, row: list[int]
-) -> list[float]:
+def slow_alpha(attention: TableAttention, x: list[list[float]], goal: int, selection: int, row: list[int]):
     """``α_i = Q([x_g; x_s]) · K(x_i) / √d`` with the query and the key of every slot written out."""
-    query = slow_product(attention.query.weight.tolist(), x[goal] + x[selection], attention.query.bias.tolist())
-    keys = [slow_product(attention.key.weight.tolist(), x[entity], [0.0] * KEY_SIZE) for entity in row]
-    return [sum(q * k for q, k in zip(query, key, strict=True)) / math.sqrt(KEY_SIZE) for key in keys]
+    rows = zip(attention.query.weight.tolist(), attention.query.bias.tolist(), strict=True)
+    query = [dot(weights, x[goal] + x[selection]) + bias for weights, bias in rows]
+    keys = [[dot(weights, x[entity]) for weights in attention.key.weight.tolist()] for entity in row]
+    return [dot(query, key) / math.sqrt(KEY_SIZE) for key in keys]
 
 
 def alpha_of(attention: TableAttention, vectors: EntityVectors, goal: Tensor, selection: Tensor, table: Tensor):
@@ -85,24 +63,14 @@ def alpha_of(attention: TableAttention, vectors: EntityVectors, goal: Tensor, se
 @any_vectors
 def test_alpha_is_the_product_of_query_and_key_over_the_root_of_the_key_size(kind: str):
     vectors = VECTORS[kind]()
-    attention = attention_of(vectors.dim)
-    goal, selection, table = states(vectors.num_entities)
-    x = rows_of(vectors)
-    expected = [
-        slow_alpha(attention, x, *state)
-        for state in zip(goal.tolist(), selection.tolist(), table.tolist(), strict=True)
-    ]
-    assert (selection == vectors.num_entities).any()
-    assert (table == vectors.num_entities).any()
-    found = alpha_of(attention, vectors, goal, selection, table)
-    assert found.dtype == torch.float32
-    torch.testing.assert_close(found.double(), torch.tensor(expected).double(), atol=1e-4, rtol=1e-4)
+    attention, state, x = attention_of(vectors.dim), states(vectors.num_entities), rows_of(vectors)
+    expected = [slow_alpha(attention, x, *row) for row in zip(*(part.tolist() for part in state), strict=True)]
+    torch.testing.assert_close(alpha_of(attention, vectors, *state), torch.tensor(expected), atol=1e-4, rtol=1e-4)
 
 
 @pytest.mark.parametrize("size", [NUM_ENTITIES, ABOVE])
 def test_one_hot_vectors_attend_as_the_rows_of_an_identity_matrix(size: int):
-    attention = attention_of(size)
-    state = states(size)
+    attention, state = attention_of(size), states(size)
     one_hot = alpha_of(attention, EntityVectors(size), *state)
     torch.testing.assert_close(one_hot, alpha_of(attention, EntityVectors(size, torch.eye(size)), *state))
     assert one_hot.abs().max() > 0.1
@@ -118,8 +86,7 @@ def test_keys_are_folded_into_the_query_up_to_the_limit(dim: int, is_folded: boo
 @pytest.mark.parametrize("kind", ["dense", "one-hot", "learned"])
 def test_folded_and_unfolded_keys_give_the_same_logits(kind: str, monkeypatch: pytest.MonkeyPatch):
     vectors = VECTORS[kind]()
-    attention = attention_of(vectors.dim)
-    state = states(NUM_ENTITIES)
+    attention, state = attention_of(vectors.dim), states(NUM_ENTITIES)
     folded = alpha_of(attention, vectors, *state)
     monkeypatch.setattr("wordcraft_kg.models.policies.attention.FOLD_LIMIT", 0)
     assert len(attention.weights()) == 3
@@ -132,41 +99,27 @@ def test_the_goal_and_the_selection_have_places_of_their_own_in_the_query():
     one = alpha_of(attention, vectors, torch.tensor([1]), torch.tensor([2]), table)
     other = alpha_of(attention, vectors, torch.tensor([2]), torch.tensor([1]), table)
     assert (one - other).abs().max() > 0.1
-
-
-def test_a_bias_of_the_keys_would_only_shift_the_logits_so_there_is_none():
-    assert attention_of(5).key.bias is None
+    assert attention.key.bias is None  # it would shift all logits
 
 
 # --- products and sums over slots ------------------------------------------------------------------------------------
 
 
 @any_vectors
-def test_products_with_slots_are_those_of_loops_over_slots(kind: str):
+def test_products_with_slots_and_sums_over_them_are_those_of_loops(kind: str):
     vectors = VECTORS[kind]()
     *_, table = states(vectors.num_entities)
     rows, x = normal(len(table), vectors.dim), rows_of(vectors)
-    expected = [
-        [sum(r * v for r, v in zip(row, x[entity], strict=True)) for entity in slots]
-        for row, slots in zip(rows.tolist(), table.tolist(), strict=True)
+    slots = Slots(vectors.weights().get("vectors"), table)
+    expected = [[dot(row, x[entity]) for entity in ids] for row, ids in zip(rows.tolist(), table.tolist(), strict=True)]
+    torch.testing.assert_close(slots.dot(rows), torch.tensor(expected), atol=1e-4, rtol=1e-4)
+    weights = normal(*table.shape)  # also on empty slots, whose vector is zero
+    sums = [
+        [dot(row, [x[entity][i] for entity in ids]) for i in range(vectors.dim)]
+        for row, ids in zip(weights.tolist(), table.tolist(), strict=True)
     ]
-    torch.testing.assert_close(
-        Slots(vectors.weights().get("vectors"), table).dot(rows), torch.tensor(expected), atol=1e-4, rtol=1e-4
-    )
-
-
-@any_vectors
-def test_weighted_sums_are_those_of_loops_over_slots(kind: str):
-    vectors = VECTORS[kind]()
-    *_, table = states(vectors.num_entities)
-    weights, x = normal(*table.shape), rows_of(vectors)  # also on empty slots, whose vector is zero
-    expected = [
-        [sum(w * x[entity][i] for w, entity in zip(row, slots, strict=True)) for i in range(vectors.dim)]
-        for row, slots in zip(weights.tolist(), table.tolist(), strict=True)
-    ]
-    found = Slots(vectors.weights().get("vectors"), table).sum(weights, vectors.num_entities)
-    assert found.shape == (len(table), vectors.dim)
-    torch.testing.assert_close(found, torch.tensor(expected), atol=1e-5, rtol=1e-5)
+    found = slots.sum(weights, vectors.num_entities)
+    torch.testing.assert_close(found, torch.tensor(sums), atol=1e-5, rtol=1e-5)
 
 
 @pytest.mark.parametrize("shape", [(), (4,), (2, 3), (2, 3, 2), (0, 3)])
@@ -216,6 +169,59 @@ def test_the_log_policy_is_the_log_of_the_softmax_with_slots_first(drawn: tuple[
     torch.testing.assert_close(found.exp(), masked_softmax(logits, mask).T)
 
 
+# --- mixing ----------------------------------------------------------------------------------------------------------
+
+
+def slow_mixture(logits: Tensor, lambdas: Tensor, mask: Tensor) -> list[list[float]]:
+    """``β_i = Σ_s λ_s · source_s,i``, and -inf for empty slots."""
+    return [
+        [dot(row, [channel[i] for channel in channels]) if is_real else -math.inf for i, is_real in enumerate(slots)]
+        for row, channels, slots in zip(lambdas.tolist(), logits.tolist(), mask.tolist(), strict=True)
+    ]
+
+
+@pytest.mark.parametrize("num_sources", [1, 2, 3])
+def test_beta_is_the_sum_of_sources_weighted_by_lambda(num_sources: int):
+    logits, lambdas, mask = normal(5, num_sources, 4), normal(5, num_sources, seed=1), normal(5, 4, seed=2) < 0.3
+    found = mix_logits(logits, lambdas, mask)
+    assert torch.equal(found.isneginf(), ~mask)
+    torch.testing.assert_close(found, torch.tensor(slow_mixture(logits, lambdas, mask)))
+
+
+LARGE = st.floats(-(2.0**100), 2.0**100, width=32) | st.sampled_from([0.0, -1.0, 1e-45, -1e30, 1e30])
+
+
+@given(lambdas=st.tuples(LARGE, LARGE, LARGE), mask=st.lists(st.booleans(), min_size=4, max_size=4).filter(any))
+@example(lambdas=(0.0, 0.0, 0.0), mask=[True, False, False, False])  # in the released code λ → 0 unmasks empty slots
+@example(lambdas=(1e30, -1e30, 1e30), mask=[False, True, False, True])
+def test_a_masked_slot_has_probability_exactly_zero_for_any_lambda(lambdas: tuple[float, ...], mask: list[bool]):
+    logits = torch.tensor([[[9.0, 1.0, -3.0, 0.5], [1e3, 2.0, -1e3, 0.0], [0.0, -5.0, 7.0, 1.0]]])
+    real = torch.tensor([mask])
+    probabilities = torch.softmax(mix_logits(logits, torch.tensor([lambdas]), real), dim=1)
+    assert not probabilities.isnan().any()
+    assert (probabilities[~real] == 0).all()
+    assert float(probabilities.sum()) == pytest.approx(1, abs=1e-5)
+
+
+MIDDLE_IS_EMPTY = torch.tensor([[True, False, True]])
+
+
+@pytest.mark.parametrize("lam", [math.nan, math.inf, -math.inf, 3e38])
+def test_a_masked_slot_stays_masked_even_if_lambda_is_broken(lam: float):
+    assert mix_logits(torch.ones(1, 2, 3), torch.tensor([[lam, 1.0]]), MIDDLE_IS_EMPTY)[0, 1] == -torch.inf
+
+
+def test_masked_slots_neither_receive_nor_send_gradients():
+    logits = torch.ones(1, 2, 3).requires_grad_()
+    lambdas = torch.tensor([[2.0, 3.0]]).requires_grad_()
+    mixed = mix_logits(logits * torch.tensor([1.0, 10.0, 1.0]), lambdas, MIDDLE_IS_EMPTY)
+    torch.log_softmax(mixed, dim=1)[0, 0].backward()
+    assert logits.grad.isfinite().all()
+    assert lambdas.grad.isfinite().all()
+    assert not logits.grad[:, :, 1].any()
+    torch.testing.assert_close(logits.grad[0, :, 0], torch.tensor([1.0, 1.5]))
+
+
 # --- vectors ---------------------------------------------------------------------------------------------------------
 
 
@@ -232,19 +238,14 @@ def test_constant_vectors_are_a_float32_copy_that_nothing_trains():
     assert (vectors.dim, vectors.is_one_hot) == (5, False)
 
 
-def test_learned_vectors_are_parameters_and_as_long_as_asked_for():
-    vectors = EntityVectors(NUM_ENTITIES, learned_dim=6)
+def test_learned_vectors_are_parameters_and_one_hot_ones_are_never_written_out():
+    vectors, one_hot = EntityVectors(NUM_ENTITIES, learned_dim=6), EntityVectors(NUM_ENTITIES)
     (parameter,) = vectors.parameters()
     assert parameter.shape == (NUM_ENTITIES, 6)
-    assert (vectors.dim, vectors.is_one_hot) == (6, False)
     assert parameter.detach().std() == pytest.approx(1, abs=0.5)
-
-
-def test_one_hot_vectors_are_never_written_out():
-    vectors = EntityVectors(NUM_ENTITIES)
-    assert vectors.weights() == {}
-    assert list(vectors.parameters()) == []
-    assert (vectors.dim, vectors.is_one_hot) == (NUM_ENTITIES, True)
+    assert (one_hot.weights(), list(one_hot.parameters())) == ({}, [])
+    assert (vectors.dim, vectors.is_one_hot) == (6, False)
+    assert (one_hot.dim, one_hot.is_one_hot) == (NUM_ENTITIES, True)
 
 
 @pytest.mark.parametrize("kind", ["dense", "learned"])

@@ -3,10 +3,12 @@
 import copy
 import importlib
 import json
+import signal
 from dataclasses import replace
 from pathlib import Path
 
 import gymnasium as gym
+import msgspec
 import numpy as np
 import pytest
 import torch
@@ -61,9 +63,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def scorer(folder: Path) -> CrossFitted:
-    found = load_scorer(folder)
-    assert isinstance(found, CrossFitted)
-    return found
+    return load_scorer(folder)
 
 
 def world_of(opened: OpenedGraph, part="train", depth=1, **settings) -> World:
@@ -192,20 +192,11 @@ def test_a_model_that_has_seen_a_recipe_of_the_plan_is_never_asked(opened, score
 
 def test_a_model_trained_on_other_triples_than_the_folds_say_is_not_used(opened, scorer):
     first, *others = scorer.record.folds
-    swapped = CrossFitted(
-        scorer.whole,
-        [lambda: scorer.whole] * FOLDS,
-        scorer.of_recipe,
-        type(scorer.record)(
-            seed=0, hash=scorer.record.hash, folds=(type(first)(**{**as_dict(first), "trained_on": "0" * 64}), *others)
-        ),
-    )
+    changed = (msgspec.structs.replace(first, trained_on="0" * 64), *others)
+    record = msgspec.structs.replace(scorer.record, folds=changed)
+    swapped = CrossFitted(scorer.whole, [lambda: scorer.whole] * FOLDS, scorer.of_recipe, record)
     with pytest.raises(LeakError):
         make_sources(["u"], swapped, tasks=world_of(opened).tasks)
-
-
-def as_dict(record):
-    return {name: getattr(record, name) for name in record.__struct_fields__}
 
 
 # --- policies, players and evaluations -------------------------------------------------------------------------------
@@ -217,20 +208,26 @@ def guided(opened, scorer, world, **settings):
     return make_policy(config, opened.graph, world.num_slots, scorer=scorer, observed=partial, tasks=world.tasks)[0]
 
 
+def impala_of(policy, world) -> Impala:
+    """A trainer after one update."""
+    impala = Impala(policy, BatchEngine(world, 8).reset(), ImpalaConfig(steps=64, batch_size=8))
+    impala.update()
+    return impala
+
+
 def test_evaluations_bind_the_tasks_that_they_play_and_training_binds_its_own_again(opened, scorer):
     world = world_of(opened)
     policy = guided(opened, scorer, world)
-    deep = world.variant(depth=2, num_tasks=40)
-    impala = Impala(policy, BatchEngine(world, 8).reset(), ImpalaConfig(steps=64, batch_size=8))
-    impala.update()
-    assert policy.sources["u"].bound_to == world.tasks.hash
+    deep, u = world.variant(depth=2, num_tasks=40), policy.sources["u"]
+    impala = impala_of(policy, world)
+    assert u.bound_to == world.tasks.hash
     Evaluator(deep, draws=1)(PolicyPlayer(policy))
-    assert policy.sources["u"].bound_to == deep.tasks.hash
-    assert policy.sources["u"].model_of_task.tolist() == [*models_of_tasks(scorer.of_recipe, deep.tasks), 0]
+    assert u.bound_to == deep.tasks.hash
+    assert u.model_of_task.tolist() == [*models_of_tasks(scorer.of_recipe, deep.tasks), 0]
     impala.update()
-    assert policy.sources["u"].bound_to == world.tasks.hash
+    assert u.bound_to == world.tasks.hash
     Evaluator(world.variant(part="test"), draws=1)(PolicyPlayer(policy))
-    assert policy.sources["u"].bound_to == world.tasks.hash
+    assert u.bound_to == world.tasks.hash
 
 
 def test_a_trainer_uses_for_a_task_what_the_source_says_of_it(opened, scorer):
@@ -238,25 +235,16 @@ def test_a_trainer_uses_for_a_task_what_the_source_says_of_it(opened, scorer):
     world = world_of(opened)
     trained = []
     for settings in ({}, {"in_sample": True}):
-        policy = guided(opened, scorer, world, **settings)
-        impala = Impala(policy, BatchEngine(world, 8).reset(), ImpalaConfig(steps=64, batch_size=8))
-        impala.update()
+        policy = impala_of(guided(opened, scorer, world, **settings), world).policy
         trained.append(torch.cat([parameter.flatten() for parameter in policy.parameters()]))
     assert not torch.equal(*trained)
 
 
 def test_scripted_players_do_not_remember_the_recipes_of_train_tasks(opened, scorer):
     world = world_of(opened)
-    honest = make_sources(["u", "v"], scorer, tasks=world.tasks)
-    memory = make_sources(["u", "v"], scorer.whole)
-    success = {
-        name: Evaluator(world)(player).success.mean()
-        for name, player in (
-            ("honest", knowledge_player(honest)),
-            ("memory", knowledge_player(memory)),
-        )
-    }
-    assert success["memory"] > success["honest"] + 0.1
+    kinds = make_sources(["u", "v"], scorer, tasks=world.tasks), make_sources(["u", "v"], scorer.whole)
+    honest, memory = (Evaluator(world)(knowledge_player(sources)).success.mean() for sources in kinds)
+    assert memory > honest + 0.1
 
 
 def test_a_run_says_that_its_scorer_is_cross_fitted_and_comes_back_the_same(folder, opened, tmp_path: Path, caplog):
@@ -280,8 +268,6 @@ def test_a_run_says_that_its_scorer_is_cross_fitted_and_comes_back_the_same(fold
 
     def press(step, total, figures):
         if step == 512:
-            import signal
-
             signal.raise_signal(signal.SIGINT)
 
     frequent = replace(config, trainer=replace(trainer, log_every=512))
@@ -384,13 +370,12 @@ def test_stable_baselines_learns_on_scores_of_models_that_have_not_seen_the_task
     library = importlib.import_module("stable_baselines3")
     world = world_of(opened)
     network = guided(opened, scorer, world)
+    options = {"policy_kwargs": {"network": network}, "device": "cpu"}
     plain = gym.make("WordCraft-v0", graph=world)
     with pytest.raises(ConfigError, match=r"TaskObservation\(env\)"):
-        library.PPO(ours.SB3Policy, plain, policy_kwargs={"network": network}, device="cpu")
+        library.PPO(ours.SB3Policy, plain, **options)
     env = TaskObservation(plain)
-    model = library.PPO(
-        ours.SB3Policy, env, policy_kwargs={"network": network}, device="cpu", n_steps=32, batch_size=16
-    )
+    model = library.PPO(ours.SB3Policy, env, n_steps=32, batch_size=16, **options)
     seen, _ = env.reset(seed=0)
     rows = {key: torch.as_tensor(np.asarray(value))[None] for key, value in seen.items()}
     state = rows["goal"], rows["selection"], rows["table"]

@@ -5,8 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from small_scorers import states as states_of
 
-from wordcraft_kg.agents.states import states_of
+from wordcraft_kg.agents import states as engine_states
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.envs.batch import BatchEngine
 from wordcraft_kg.envs.config import WordCraftConfig
@@ -46,29 +47,22 @@ def w(scorer: RecipeScorer) -> Source:
     return source
 
 
-def states(size: int, rows: int = 40, slots: int = 6) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-    """Goals, hands and tables: empty hands, entities on the table and not on it, empty slots, the same one twice."""
-    rng = np.random.default_rng(0)
-    goal = torch.from_numpy(rng.integers(size, size=rows))
-    table = torch.from_numpy(rng.integers(size, size=(rows, slots)))
-    table[::3, 4:] = size
-    table[::5, 1] = table[::5, 0]
-    selection = torch.full((rows,), size)
+def states(size: int, rows: int = 40) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+    """States in which the entity held is often on the table."""
+    goal, selection, table = states_of(size, rows, 6)
+    table[:, 4:] = torch.where(torch.arange(rows)[:, None] % 3 == 0, size, table[:, 4:])
     selection[::4] = table[::4, 2]
-    selection[1::4] = torch.from_numpy(rng.integers(size, size=len(selection[1::4])))
     return goal, selection, table
 
 
 def slow_w(scorer: RecipeScorer, goal: int, held: int, table: list[int]) -> list[float]:
     """W by its definition, slot by slot; empty slots have 0."""
     size = len(scorer.entities)
-    there = [entity for entity in table if entity != size]
-    scores = []
-    for entity in table:
-        partners = [held] if held != size else there
-        of_partners = [float(scorer.score_recipes(entity, one, goal)) for one in partners] if entity != size else [0.0]
-        scores.append(max(of_partners))
-    return scores
+    partners = [held] if held != size else [entity for entity in table if entity != size]
+    return [
+        0.0 if entity == size else max(float(scorer.score_recipes(entity, one, goal)) for one in partners)
+        for entity in table
+    ]
 
 
 def test_w_is_the_score_with_the_entity_held_or_with_the_best_partner(w: Source, scorer: RecipeScorer):
@@ -84,9 +78,8 @@ def test_w_is_the_score_with_the_entity_held_or_with_the_best_partner(w: Source,
 def test_permuting_the_slots_permutes_w(w: Source):
     goal, selection, table = states(w.num_entities)
     order = torch.tensor([3, 0, 5, 1, 4, 2])
-    torch.testing.assert_close(
-        w(goal, selection, table[:, order]), w(goal, selection, table)[:, order], rtol=1e-4, atol=1e-4
-    )
+    expected = w(goal, selection, table)[:, order]
+    torch.testing.assert_close(w(goal, selection, table[:, order]), expected, rtol=1e-4, atol=1e-4)
 
 
 def test_the_scores_that_are_kept_do_not_answer_for_another_state(scorer: RecipeScorer):
@@ -107,7 +100,7 @@ def test_train_tasks_have_w_and_evidence_of_the_scorer_without_their_recipes(
 ):
     world = World(opened, WordCraftConfig(part="all", num_distractors=3))
     (source,) = make_sources(["w"], cross_fitted, tasks=world.tasks)
-    state = states_of(BatchEngine(world, len(world.tasks)).pose(np.arange(len(world.tasks))))
+    state = engine_states.states_of(BatchEngine(world, len(world.tasks)).pose(np.arange(len(world.tasks))))
     found = source(*state)
     seen = set()
     for row in range(0, len(world.tasks), 4):

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import torch
 from refusals import refuses
+from small_scorers import BareScorer
 from torch import Tensor
 
 import wordcraft_kg  # noqa: F401 - registers the environments
@@ -51,24 +52,7 @@ NOTHING = SIZE
 any_sources = pytest.mark.parametrize("names", [("u",), ("v",), ("u", "v")], ids=",".join)
 
 
-class OtherScorer:
-    """The least that follows the protocol: not one of ours, and with scores that somebody trains."""
-
-    graph_hash = "of no graph"
-    entities = tuple("abcdef")
-
-    def __init__(self, seed: int = 0):
-        self.scores = torch.randn(len(RELATIONS), SIZE, SIZE, generator=torch.Generator().manual_seed(seed))
-        self.scores.requires_grad_()
-
-    def score(self, heads, relations, tails):
-        return self.scores[RELATIONS.index(relations) if isinstance(relations, str) else relations, heads, tails]
-
-    def table(self, relation):
-        return self.score(torch.arange(SIZE)[:, None], relation, torch.arange(SIZE))
-
-
-SCORER = OtherScorer()
+SCORER = BareScorer(SIZE)
 
 
 def knowledge_of(names, scorer: TripleScorer = SCORER):
@@ -93,29 +77,23 @@ def slow_scores(names, goal: Tensor, selection: Tensor, table: Tensor) -> list[l
     def ask(entity: int, relation: str, other: int) -> float:
         return 0.0 if NOTHING in (entity, other) else SCORER.score(entity, relation, other).item()
 
-    found = []
-    for g, s, row in zip(goal.tolist(), selection.tolist(), table.tolist(), strict=True):
-        u = [ask(entity, "combinesWith", s) for entity in row]
-        v = [ask(entity, "componentOf", g) for entity in row]
-        found.append([{"u": u, "v": v}[name] for name in names])
-    return found
+    keys = {"u": ("combinesWith", selection.tolist()), "v": ("componentOf", goal.tolist())}
+    return [
+        [[ask(entity, relation, key[i]) for entity in row] for relation, key in (keys[name] for name in names)]
+        for i, row in enumerate(table.tolist())
+    ]
 
 
 # --- u and v ---------------------------------------------------------------------------------------------------------
 
 
-def test_the_scorer_of_these_tests_follows_the_protocol_and_is_not_symmetric():
-    assert isinstance(SCORER, TripleScorer)
-    assert all(not torch.allclose(SCORER.table(relation), SCORER.table(relation).T) for relation in RELATIONS)
-
-
 @any_sources
 def test_u_and_v_are_the_scores_of_each_slot_with_the_selection_and_with_the_goal(names):
-    state = states()
-    found = knowledge_of(names)(*state)
-    assert found.shape == (7, len(names), 4)
-    assert found.dtype == torch.float32
-    assert torch.equal(found, torch.tensor(slow_scores(names, *state)))
+    assert isinstance(SCORER, TripleScorer)
+    assert not any(torch.allclose(SCORER.table(relation), SCORER.table(relation).T) for relation in RELATIONS)
+    found = knowledge_of(names)(*states())
+    assert (found.shape, found.dtype) == ((7, len(names), 4), torch.float32)
+    assert torch.equal(found, torch.tensor(slow_scores(names, *states())))
 
 
 @any_sources
@@ -130,17 +108,13 @@ def test_every_row_of_a_batch_is_scored_with_its_own_selection_and_goal(names):
     assert not torch.equal(batched, mixed_up)
 
 
-def test_with_nothing_selected_u_is_exactly_zero_for_every_slot_and_v_is_not():
+def test_nothing_selected_makes_u_exactly_zero_and_an_empty_slot_makes_both_zero():
     goal, _, table = states()
     u, v = knowledge_of(["u", "v"])(goal, torch.full_like(goal, NOTHING), table).unbind(1)
     assert not u.any()
     assert torch.equal(v != 0, table != NOTHING)
-
-
-def test_an_empty_slot_scores_zero_with_everything():
     everything = torch.arange(SIZE)
-    empty = torch.full((SIZE, 3), NOTHING)
-    assert not knowledge_of(["u", "v"])(everything, everything, empty).any()
+    assert not knowledge_of(["u", "v"])(everything, everything, torch.full((SIZE, 3), NOTHING)).any()
 
 
 @pytest.mark.parametrize("scale", ["standardise", "ranks", "none"])
@@ -150,8 +124,7 @@ def test_a_policy_sees_exactly_the_scores_that_observations_show(kitchen: Recipe
     sources = make_sources(["u", "v"], scorer, ScoreView(scale, self_edges))
     settings = {"graph": "kitchen", "part": "all", "depth": 2, "num_distractors": 3}
     env = KGScoreObservation(gym.make("WordCraft-v0", **settings), sources)
-    scaled = scaled_scorer(scorer, scale=scale, self_edges=self_edges)
-    knowledge = knowledge_of(["u", "v"], scaled)
+    knowledge = knowledge_of(["u", "v"], scaled_scorer(scorer, scale=scale, self_edges=self_edges))
     rng = np.random.default_rng(0)
     seen, _ = env.reset(seed=0)
     held, empty = 0, 0
@@ -186,22 +159,12 @@ def test_scores_are_constants_even_if_the_scorer_is_being_trained():
 
 
 def test_later_changes_of_the_scorer_do_not_change_the_scores():
-    scorer = OtherScorer(seed=1)
+    scorer = BareScorer(SIZE, seed=1)
     knowledge = knowledge_of(["u", "v"], scorer)
     before = knowledge(*states())
     scorer.scores.data.zero_()
     assert torch.equal(knowledge(*states()), before)
     assert before.any()
-
-
-@pytest.mark.parametrize("name", ["u", "v"])  # w's is among the tests of recipe scorers
-def test_a_source_is_restored_from_its_constants(name):
-    (full,) = make_sources([name], SCORER)
-    constants = full.state_dict()
-    empty = source_class(name).restored(SIZE, constants)
-    assert not empty(*states()).any()
-    empty.load_state_dict(constants)
-    assert torch.equal(empty(*states()), full(*states()))
 
 
 @any_sources
@@ -210,7 +173,7 @@ def test_tables_that_would_not_fit_are_refused_before_the_scorer_is_asked(names,
     monkeypatch.setattr(registry, "TABLE_LIMIT", needed)
     make_sources(names, SCORER)
     monkeypatch.setattr(registry, "TABLE_LIMIT", needed - 1)
-    monkeypatch.setattr(OtherScorer, "table", None)
+    monkeypatch.setattr(BareScorer, "table", None)
     with pytest.raises(ConfigError, match="scores of all pairs of 6 entities take"):
         make_sources(names, SCORER)
 
@@ -218,7 +181,7 @@ def test_tables_that_would_not_fit_are_refused_before_the_scorer_is_asked(names,
 # --- by factors, where a table would not fit -------------------------------------------------------------------------
 
 
-class Factored(OtherScorer):
+class Factored(BareScorer):
     """Scores that are a matrix product."""
 
     def factors(self, relation):
@@ -239,57 +202,61 @@ def test_sources_of_factors_score_like_tables_and_nothing_scores_zero(
 ):
     view = ScoreView(scale, self_edges, np.array([[1, 0, 1]]))
     everything = torch.arange(SIZE + 1)
-    states_of_all = everything[:, None], everything, everything
-    goal, held, slot = (x.flatten() for x in torch.broadcast_tensors(everything[:-1, None, None], *states_of_all[:2]))
+    goal, held, slot = torch.cartesian_prod(everything[:-1], everything, everything).T
     state = goal, held, torch.stack([slot, held], dim=1)
-    tables = make_sources(names, Factored(), view)
+    tables = make_sources(names, Factored(SIZE), view)
     monkeypatch.setattr(registry, "TABLE_LIMIT", 1)
-    for table, factors in zip(tables, make_sources(names, Factored(), view), strict=True):
+    for table, factors in zip(tables, make_sources(names, Factored(SIZE), view), strict=True):
         assert "scores" not in factors.state_dict()
         torch.testing.assert_close(factors(*state), table(*state), atol=1e-5, rtol=1e-4)
         assert not factors(*state)[state[2] == NOTHING].any()
 
 
-def test_a_source_of_factors_is_restored_from_its_constants(no_tables):
-    (full,) = make_sources(["u"], Factored(), ScoreView("standardise", "drop"))
-    empty = source_class("u").restored(SIZE, full.state_dict())
+@pytest.mark.parametrize("by_factors", [False, True])
+@pytest.mark.parametrize("name", ["u", "v"])  # w's is among the tests of recipe scorers
+def test_a_source_is_restored_from_its_constants(name, by_factors, monkeypatch: pytest.MonkeyPatch):
+    if by_factors:
+        monkeypatch.setattr(registry, "TABLE_LIMIT", 1)
+    (full,) = make_sources([name], Factored(SIZE), ScoreView("standardise", "drop"))
+    constants = full.state_dict()
+    empty = source_class(name).restored(SIZE, constants)
+    assert ("scores" in constants) is not by_factors
     assert not empty(*states()).any()
-    empty.load_state_dict(full.state_dict())
+    empty.load_state_dict(constants)
     assert torch.equal(empty(*states()), full(*states()))
 
 
 def test_a_scale_that_needs_a_table_is_refused_where_none_fits_and_names_the_scales_that_do(no_tables):
     with refuses("scale"):
-        make_sources(["u", "v"], Factored(), ScoreView("ranks"))
+        make_sources(["u", "v"], Factored(SIZE), ScoreView("ranks"))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """A cross-fitted ComplEx of the kitchen; read only."""
+    config = LinksConfig("kitchen", ComplExConfig(dim=4, epochs=1, n3=0.1, folds=2))
+    return str(train_links(config, tmp_path_factory.mktemp("models") / "model").folder)
 
 
 def test_an_agent_whose_sources_do_not_fit_is_refused_before_its_tasks_are_made(
-    tmp_path: Path, no_tables, monkeypatch: pytest.MonkeyPatch
+    folder: str, tmp_path: Path, no_tables, monkeypatch: pytest.MonkeyPatch
 ):
-    train_links(LinksConfig("kitchen", ComplExConfig(dim=4, epochs=1, n3=0.1, folds=2)), tmp_path / "model")
     monkeypatch.setattr("wordcraft_kg.agents.training.World", None)
     with pytest.raises(ConfigError, match="scores of all pairs"):
-        train_agent(AgentConfig("kitchen", str(tmp_path / "model")), tmp_path / "run")
+        train_agent(AgentConfig("kitchen", folder), tmp_path / "run")
     assert not (tmp_path / "run").exists()
 
 
 def test_an_agent_learns_with_factors_and_its_policy_comes_back(
-    tmp_path: Path, no_tables, monkeypatch: pytest.MonkeyPatch
+    folder: str, tmp_path: Path, no_tables, monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setattr(scorer_folder, "TABLE_LIMIT", 1)
-    train_links(LinksConfig("kitchen", ComplExConfig(dim=4, epochs=1, n3=0.1, folds=2)), tmp_path / "model")
     policy = PolicyConfig(scale="standardise")
-    config = AgentConfig("kitchen", str(tmp_path / "model"), TaskConfig(), policy, ImpalaConfig(steps=512))
+    config = AgentConfig("kitchen", folder, TaskConfig(), policy, ImpalaConfig(steps=512))
     trained = train_agent(config, tmp_path / "run")
     loaded = load_policy(trained.folder)
-    assert set(loaded.sources["u"].state_dict()) == {
-        "left",
-        "right",
-        "shift",
-        "dropped",
-        "itself",
-        "fold_of_recipe",
-    }
+    buffers = {"left", "right", "shift", "dropped", "itself", "fold_of_recipe"}
+    assert set(loaded.sources["u"].state_dict()) == buffers
 
 
 # --- names -----------------------------------------------------------------------------------------------------------
@@ -364,17 +331,15 @@ def third(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch, tmp_p
     installed_sources.cache_clear()
 
 
-def test_a_third_source_trains_saves_plays_and_explains(third, tmp_path: Path):
+def test_a_third_source_trains_saves_plays_and_explains(third, folder: str, tmp_path: Path):
     opened = open_graph("kitchen")
-    folder = tmp_path / "model"
-    train_links(LinksConfig("kitchen", ComplExConfig(dim=4, epochs=1, n3=0.1, folds=2)), folder)
-    config = AgentConfig("kitchen", str(folder), TaskConfig(), PolicyConfig(use="third,u"), ImpalaConfig(steps=2_000))
+    config = AgentConfig("kitchen", folder, TaskConfig(), PolicyConfig(use="third,u"), ImpalaConfig(steps=2_000))
     trained = train_agent(config, tmp_path / "run")
     policy = load_policy(trained.folder)
     assert [label.name for label in policy.labels] == ["alpha", "u", "third"]
     lines = [json.loads(line) for line in (trained.folder / "metrics.jsonl").read_text().splitlines()]
     assert any("lambda_third_first" in line for line in lines)
-    (agent,) = [open_agent(trained.folder)]
+    agent = open_agent(trained.folder)
     train = World(opened, agent.config.tasks.environment("train", 3))
     (episode,) = explain_episodes(agent.policy, train, episodes=1)
     slots = episode.steps[0].slots
@@ -391,9 +356,6 @@ def test_a_source_may_not_take_the_name_of_one_that_is_built_in(name: str):
     taking = type("Taking", (Triple,), {"label": Label(name, "x", "anything")})
     with pytest.raises(ConfigError, match="built in"):
         register_source(taking)
-
-
-def test_a_source_that_is_nowhere_names_those_that_are_known():
     with pytest.raises(ConfigError, match="u, v, w"):
         source_class("nowhere")
 

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from itertools import product
 
 import numpy as np
 
@@ -46,11 +47,8 @@ def explicit_ridge(kernel: np.ndarray, links: np.ndarray, ridge: float) -> np.nd
     """Ridge regression on all E² pairs with the E² x E² matrix of the product kernel."""
     size = len(kernel)
     gram = np.zeros((size**2, size**2))
-    for x in range(size):
-        for y in range(size):
-            for z in range(size):
-                for t in range(size):
-                    gram[x * size + y, z * size + t] = kernel[x, z] * kernel[y, t]
+    for x, y, z, t in product(range(size), repeat=4):
+        gram[x * size + y, z * size + t] = kernel[x, z] * kernel[y, t]
     return (gram @ np.linalg.solve(gram + ridge * np.eye(size**2), links.reshape(-1))).reshape(size, size)
 
 
@@ -60,13 +58,7 @@ def slow_completion(recipes: Recipes, size: int) -> np.ndarray:
     for result in {c for _, _, c in recipes}:
         makes = {pair for a, b, c in recipes if c == result for pair in ((a, b), (b, a))}
         degree = {x: sum(pair[0] == x for pair in makes) for x, _ in makes}
-
-        def weight(x: int, y: int, degree: dict[int, int] = degree) -> float:
-            return 1 / math.sqrt(degree[x] * degree[y])
-
-        for a, y in makes:
-            for second, x in makes:
-                for third, b in makes:
-                    if second == y and third == x:
-                        table[a, b] += weight(a, y) * weight(y, x) * weight(x, b)
+        for (a, y), (second, x), (third, b) in product(makes, repeat=3):
+            if second == y and third == x:
+                table[a, b] += 1 / math.prod(math.sqrt(degree[i] * degree[j]) for i, j in ((a, y), (y, x), (x, b)))
     return table

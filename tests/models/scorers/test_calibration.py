@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from itertools import product
 from pathlib import Path
 
 import msgspec
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 import torch
 from link_helpers import train
-from scipy.special import expit
+from scipy.special import expit, softmax
 
 from wordcraft_kg.base.artefacts import sha256_of
 from wordcraft_kg.base.errors import ArtefactError, ConfigError
@@ -46,9 +47,7 @@ def folder(opened_kitchen: OpenedGraph, tmp_path_factory: pytest.TempPathFactory
 
 @pytest.fixture(scope="module")
 def scorer(folder: Path) -> CrossFitted:
-    found = load_scorer(folder)
-    assert isinstance(found, CrossFitted)
-    return found
+    return load_scorer(folder)
 
 
 @pytest.fixture(scope="module")
@@ -57,9 +56,8 @@ def folds(scorer: CrossFitted, opened_kitchen: OpenedGraph) -> Folds:
 
 
 def fitted(scorer: CrossFitted, folds: Folds) -> Probabilities:
-    return Probabilities.fit(
-        scorer.whole, folds, [predictions(scorer.left_out(fold), folds, fold) for fold in range(folds.count)]
-    )
+    seen = [predictions(scorer.left_out(fold), folds, fold) for fold in range(folds.count)]
+    return Probabilities.fit(scorer.whole, folds, seen)
 
 
 def counts(chances: np.ndarray, share: float, folds: int = 2, amount: float = 4_000.0) -> tuple[np.ndarray, np.ndarray]:
@@ -106,8 +104,7 @@ def test_a_higher_score_is_never_less_probable(slope: float):
 
 @pytest.mark.parametrize("known", [0, 5, "all"])
 def test_a_fold_of_one_class_has_its_base_rate_and_says_why(known: int | str):
-    others = np.zeros((2, len(CENTRES)))
-    true = np.zeros((2, len(CENTRES)))
+    true, others = np.zeros((2, 2, len(CENTRES)))
     if known == "all":
         true[:, 100:200] = 1
     else:
@@ -134,20 +131,15 @@ def test_places_are_log_odds_of_ranks_with_ties_halved():
 
 
 def test_every_triple_outside_training_is_counted_once_and_the_others_not(scorer: CrossFitted, folds: Folds):
-    size, train_triples = len(scorer.entities), folds.triples()
-    known = {tuple(row) for row in train_triples.tolist()}
+    size, known = len(scorer.entities), {tuple(row) for row in folds.triples().tolist()}
     for fold in range(folds.count):
         seen = predictions(scorer.left_out(fold), folds, fold)
         trained_on = {tuple(row) for row in folds.triples([fold]).tolist()}
-        true, others = np.zeros((2, 2)), np.zeros((2, 2))
-        for head in range(size):
-            for relation in (COMBINES_WITH, COMPONENT_OF):
-                for tail in range(size):
-                    triple = (head, relation, tail)
-                    if triple in known - trained_on:
-                        true[relation, int(head == tail)] += 1
-                    elif triple not in known:
-                        others[relation, int(head == tail)] += 1
+        true, others = np.zeros((2, 2, 2))
+        for triple in product(range(size), (COMBINES_WITH, COMPONENT_OF), range(size)):
+            head, relation, tail = triple
+            true[relation, int(head == tail)] += triple in known - trained_on
+            others[relation, int(head == tail)] += triple not in known
         np.testing.assert_array_equal(seen.true.sum(axis=-1), true)
         np.testing.assert_array_equal(seen.others.sum(axis=-1), others)
 
@@ -195,8 +187,7 @@ def test_probabilities_rise_with_scores_and_add_up_to_about_the_unseen_triples(
     for relation in (COMBINES_WITH, COMPONENT_OF):
         scores = scorer.table(relation).flatten()
         chances = scorer.probability(everything[:, None], relation, everything[None, :])
-        assert chances.shape == (size, size)
-        assert chances.dtype == torch.float32
+        assert (chances.shape, chances.dtype) == ((size, size), torch.float32)
         different = ~torch.eye(size, dtype=torch.bool).flatten()
         order = torch.argsort(scores[different])
         assert bool((chances.flatten()[different][order].diff() >= 0).all())
@@ -209,7 +200,6 @@ def test_probabilities_rise_with_scores_and_add_up_to_about_the_unseen_triples(
 
 
 def test_pairs_of_an_entity_with_itself_have_a_rate_of_their_own(scorer: CrossFitted):
-    assert scorer.probabilities is not None
     first = scorer.probabilities.relations[0]
     own = Curve(intercept=-1.0, slopes=(), rate=0.25, true=1, cells=4)
     changed = msgspec.structs.replace(first, itself=own)
@@ -231,20 +221,16 @@ def test_the_record_is_an_output_and_a_folder_without_it_loads_as_before(folder:
     del run["outputs"]["calibration.json"]
     (copy / "run.json").write_text(json.dumps(run))
     before = load_scorer(copy)
-    assert isinstance(before, CrossFitted)
     torch.testing.assert_close(before.table(0), load_scorer(folder).table(0), rtol=0, atol=0)
     with pytest.raises(ConfigError, match="says nothing of probabilities"):
         before.probability(0, 0, 1)
-
-
-def test_a_scorer_without_recipe_scores_says_nothing_of_results(scorer: CrossFitted):
     with pytest.raises(ConfigError, match="what a pair makes"):
-        scorer.result_probabilities(0, 1)
+        before.result_probabilities(0, 1)
 
 
 def test_constant_scores_have_the_base_rate(folds: Folds):
-    size = folds.split.graph.num_entities
-    scorer = TableScorer(torch.ones(2, size, size), folds.split.graph.entities, folds.split.graph.hash)
+    graph, size = folds.split.graph, folds.split.graph.num_entities
+    scorer = TableScorer(torch.ones(2, size, size), graph.entities, graph.hash)
     found = Probabilities.fit(scorer, folds, [predictions(scorer, folds, fold) for fold in range(folds.count)])
     for curves in found.relations:
         assert "no better" in curves.distinct.reason
@@ -257,14 +243,9 @@ def test_constant_scores_have_the_base_rate(folds: Folds):
 
 
 def test_shares_of_results_are_a_softmax_with_the_best_temperature(tmp_path: Path):
-    trained = train_recipes(
-        RecipesConfig("kitchen", RecipeScorerConfig(folds=3, features="one-hot")), tmp_path / "model"
-    )
-    scorer = load_scorer(trained.folder)
-    assert isinstance(scorer, CrossFitted)
-    assert scorer.probabilities is not None
+    config = RecipesConfig("kitchen", RecipeScorerConfig(folds=3, features="one-hot"))
+    scorer = load_scorer(train_recipes(config, tmp_path / "model").folder)
     temperature = scorer.probabilities.temperature
-    assert temperature is not None
     found = scorer.result_probabilities(["water", "fire"], "flour")
     assert found.shape == (2, len(scorer.entities))
     torch.testing.assert_close(found.sum(dim=-1), torch.ones(2))
@@ -275,12 +256,8 @@ def test_shares_of_results_are_a_softmax_with_the_best_temperature(tmp_path: Pat
     seen = [predictions(scorer.left_out(fold), folds, fold) for fold in range(3)]
 
     def loss(value: float) -> float:
-        total = 0.0
-        for part in seen:
-            for row, right in zip(part.results, part.right, strict=True):
-                chances = np.exp(row / value - (row / value).max())
-                total -= np.log(chances[right].sum() / chances.sum())
-        return total
+        pairs = [pair for part in seen for pair in zip(part.results, part.right, strict=True)]
+        return -sum(np.log(softmax(row / value)[right].sum()) for row, right in pairs)
 
     best = loss(temperature)
     assert best < min(loss(temperature * 0.9), loss(temperature * 1.1))

@@ -14,6 +14,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 from link_helpers import flip_bit
+from small_scorers import cosine
 
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_book, recipe_triples
@@ -22,17 +23,11 @@ from wordcraft_kg.models.scorers.features import EntityFeatures, glove_features,
 from wordcraft_kg.models.scorers.near_synonyms import NEAR_SYNONYM, near_synonym_recipes, near_synonym_triples
 
 
-def cosine(one, other):
-    lengths = math.sqrt(sum(x * x for x in one)) * math.sqrt(sum(y * y for y in other))
-    return sum(x * y for x, y in zip(one, other, strict=True)) / lengths if lengths else 0.0
-
-
 def test_the_vector_of_the_is_gloves():
     # The first numbers of the first line of the published glove.6B.50d.txt.
     features = glove_features(["the"])
     np.testing.assert_allclose(features.vectors[0, :4], [0.418, 0.24968, -0.41242, 0.1217], rtol=1e-5)
-    assert features.vectors.shape == (1, 50)
-    assert features.vectors.dtype == np.float32
+    assert (features.vectors.shape, features.vectors.dtype) == ((1, 50), np.float32)
 
 
 def test_a_phrase_is_the_mean_of_its_words_whatever_their_case():
@@ -77,9 +72,9 @@ def test_meaning_is_in_the_vectors():
 
 def refused(spec, labels=("sea", "iron"), **options):
     """Return the message that these features are refused with."""
-    with pytest.raises(ConfigError) as caught:
+    with pytest.raises(ConfigError) as error:
         make_features(str(spec), labels, **options)
-    return str(caught.value)
+    return str(error.value)
 
 
 def test_glove_by_name_is_glove(home):
@@ -100,41 +95,35 @@ def test_max_pooling_takes_the_larger_of_the_words_in_each_dimension():
     assert made.source == "GloVe 6B, 50-d, max of words"
 
 
-EXPECTED = "expected a file, or one of glove, one-hot,"
 NOWHERE = ["", "vectors/none.txt", "x" * 5000, "a\0b", "shuffled:", "."]
 UNKNOWN = {"glov": "'glove'", "onehot": "'one-hot'", "shufled:random": "'shuffled:random'", "shuffled:glov": "'glove'"}
 
 
 @pytest.mark.parametrize(
-    ("spec", "labels", "options", "told"),
+    ("spec", "labels", "options", "fragment"),
     [
-        ("glove", "ab", {"pooling": "maxx"}, ("`pooling` 'maxx': expected one of mean, max", "'max'")),
-        ("random", "ab", {"seed": -1}, ("`seed` -1: expected a whole number, 0 or more.",)),
+        ("glove", "ab", {"pooling": "maxx"}, "`pooling` 'maxx'"),
+        ("random", "ab", {"seed": -1}, "`seed` -1"),
         # 8,192 ** 2 floats are 2 ** 28 bytes
-        ("one-hot", range(8193), {}, ("8,193 entities take 268,500,996 bytes; expected at most 268,435,456",)),
-        *(("glove", ["zqxjkv"], {"allow_missing": allowed}, ("1 of 1 entities", "Give vectors")) for allowed in (0, 1)),
-        *((spec, "ab", {}, (EXPECTED, f"Did you mean {meant}")) for spec, meant in UNKNOWN.items()),
-        *((spec, "ab", {}, (EXPECTED,)) for spec in NOWHERE),
+        ("one-hot", range(8193), {}, "8,193 entities take 268,500,996 bytes; expected at most 268,435,456"),
+        *(("glove", ["zqxjkv"], {"allow_missing": allowed}, "1 of 1 entities") for allowed in (0, 1)),
+        *((spec, "ab", {}, f"Did you mean {meant}") for spec, meant in UNKNOWN.items()),
+        *((spec, "ab", {}, "expected a file, or one of glove, one-hot,") for spec in NOWHERE),
     ],
 )
-def test_what_cannot_be_is_refused_with_what_can(spec, labels, options, told, home, monkeypatch):
+def test_what_cannot_be_is_refused_with_what_can(spec, labels, options, fragment, home, monkeypatch):
     monkeypatch.chdir(home)
-    message = refused(spec, labels, **options)
-    assert all(text in message for text in told)
+    assert fragment in refused(spec, labels, **options)
 
 
-def test_one_hot_is_the_identity_and_says_so():
+def test_one_hot_is_the_identity_up_to_its_limit(monkeypatch):
+    monkeypatch.setattr(features_module, "ONE_HOT_LIMIT", 3 * 3 * 4)
     made = make_features("one-hot", ["a", "b", "c"])
     assert made.vectors.tolist() == [[1, 0, 0], [0, 1, 0], [0, 0, 1]]
     assert made.vectors.dtype == np.float32
     assert made.is_one_hot
     assert made.known.all()
     assert made.words == made.missing_words == ()
-
-
-def test_one_hot_is_refused_above_its_limit(monkeypatch):
-    monkeypatch.setattr(features_module, "ONE_HOT_LIMIT", 3 * 3 * 4)
-    assert make_features("one-hot", "abc").vectors.shape == (3, 3)
     assert "one-hot features of 4 entities" in refused("one-hot", "abcd")
 
 
@@ -149,10 +138,10 @@ def test_random_features_are_laplace_noise_of_the_official_spread():
 
 
 def test_a_row_of_random_features_depends_on_its_place_and_the_seed_only():
-    made = make_features("random", ["sea", "iron", "bread"], seed=3)
+    made, again, other = (make_features("random", ["sea", "iron", "bread"], seed=seed) for seed in (3, 3, 4))
     np.testing.assert_array_equal(made.vectors[:2], make_features("random", ["x", "y"], seed=3).vectors)
-    assert made.sha256 == make_features("random", ["sea", "iron", "bread"], seed=3).sha256
-    assert not np.isin(made.vectors, make_features("random", ["sea", "iron", "bread"], seed=4).vectors).any()
+    assert made.sha256 == again.sha256
+    assert not np.isin(made.vectors, other.vectors).any()
     assert len(np.unique(made.vectors)) == made.vectors.size
     expected = np.random.default_rng(3).laplace(0, 0.4 / math.sqrt(2), (3, 300))
     np.testing.assert_array_equal(made.vectors, expected.astype(np.float32))
@@ -162,18 +151,16 @@ def test_a_row_of_random_features_depends_on_its_place_and_the_seed_only():
 def test_shuffling_deals_the_same_rows_to_other_entities(spec):
     labels = [*open_book("kitchen").entities[:29], "zqxjkv"]
     plain = make_features(spec, labels, seed=1)
-    made = make_features(f"shuffled:{spec}", labels, seed=1)
+    made, again, other = (make_features(f"shuffled:{spec}", labels, seed=seed) for seed in (1, 1, 2))
     order = [plain.vectors.tolist().index(row) for row in made.vectors.tolist()]
     assert sorted(order) == list(range(30))
     assert order != list(range(30))
     np.testing.assert_array_equal(made.known, plain.known[order])
     assert made.missing_words == plain.missing_words
-    assert made.sha256 != plain.sha256
+    assert made.sha256 == again.sha256
+    assert len({made.sha256, plain.sha256, other.sha256}) == 3
     assert not made.is_one_hot
     assert made.source == f"{plain.source}, shuffled with seed 1"
-    assert made.sha256 == make_features(f"shuffled:{spec}", labels, seed=1).sha256
-    other_seed = make_features(f"shuffled:{spec}", labels, seed=2)
-    assert other_seed.vectors.tolist() != made.vectors.tolist()
 
 
 def test_a_name_goes_before_a_file_that_is_called_so(home, monkeypatch):
@@ -198,20 +185,12 @@ def test_features_leave_torch_unimported():
 # --- missing vectors -------------------------------------------------------------------------------------------------
 
 
-def test_up_to_a_tenth_of_the_entities_may_have_no_vector():
-    made = make_features("glove", ["sea"] * 9 + ["zqxjkv"])
-    assert made.known.tolist() == [True] * 9 + [False]
-    assert not made.vectors[9].any()
-
-
 def test_more_than_a_tenth_without_a_vector_is_refused_unless_allowed():
+    assert make_features("glove", ["sea"] * 9 + ["zqxjkv"]).known.tolist() == [True] * 9 + [False]
     labels = ["sea"] * 18 + [f"zqx{i:02} water-zqx" if i % 2 else f"zqx{i:02}" for i in range(24)]
     message = refused("glove", labels)
-    assert message == (
-        "`features` 'glove': 24 of 42 entities have no vector. Words without one: water-zqx, "
-        + ", ".join(f"zqx{i:02}" for i in range(19))
-        + " and 5 more. At most 10% may be missing: give other vectors, or `allow_missing` to use zeros."
-    )
+    listed = ", ".join(f"zqx{i:02}" for i in range(19))
+    assert f"24 of 42 entities have no vector. Words without one: water-zqx, {listed} and 5 more." in message
     assert refused("shuffled:glove", labels) == message
     made = make_features("glove", labels, allow_missing=True)
     assert made.known.sum() == 18
@@ -274,10 +253,6 @@ def test_text_files_are_read_in_all_their_forms(form, name, vectors_file):
     assert made.missing_words == ()
 
 
-def test_words_of_a_file_are_pooled_by_their_maximum_too(vectors_file):
-    assert make_features(vectors_file(GLOVE_TEXT), ["acid rain"], pooling="max").vectors.tolist() == [[4, 2, 0]]
-
-
 @pytest.mark.parametrize(
     ("lines", "expected"),
     [
@@ -312,11 +287,12 @@ def test_words_are_not_split_at_the_white_space_of_other_scripts(vectors_file):
     assert made.vectors.tolist() == [[3, 4], [8, 9]]
 
 
-def test_shuffling_a_file_works_as_with_any_features(vectors_file):
+def test_pooling_and_shuffling_a_file_work_as_with_any_features(vectors_file):
     labels = ["sea", "acid rain", "rain", "the", "iron"]
     path = vectors_file(GLOVE_TEXT)
     made = make_features(f"shuffled:{path}", labels, pooling="max", allow_missing=True, seed=5)
     plain = make_features(path, labels, pooling="max", allow_missing=True)
+    assert plain.vectors[1].tolist() == [4, 2, 0]
     assert sorted(made.vectors.tolist()) == sorted(plain.vectors.tolist())
     assert made.vectors.tolist() != plain.vectors.tolist()
 
@@ -324,32 +300,32 @@ def test_shuffling_a_file_works_as_with_any_features(vectors_file):
 @pytest.mark.parametrize(
     ("content", "expected"),
     [
-        (b"", " is empty; expected lines of a word and its vector."),
-        (b"\n \n", " is empty; expected"),
-        (gzip.compress(b"", mtime=0), " is empty; expected"),
-        (b"2 3\n", ": its first line announces 2 vectors, but 0 follow. Get the file again"),
+        (b"", " is empty"),
+        (b"\n \n", " is empty"),
+        (gzip.compress(b"", mtime=0), " is empty"),
+        (b"2 3\n", ": its first line announces 2 vectors, but 0 follow"),
         (b"3 2\nsea 1 2\niron 1 2\n", ": its first line announces 3 vectors, but 2 follow."),
         (b"1 2\nsea 1 2\niron 1 2\n", ": its first line announces 1 vectors, but 2 follow."),
-        (b"sea 1 2\niron 1\n", ", line 2: 1 columns after the word, expected 2 as at the file's start. Correct"),
-        (b"sea 1 2\nother 1\n", ", line 2: 1 columns after the word, expected 2"),
-        (b"sea 1 2\nother\n", ", line 2: 0 columns after the word, expected 2"),
-        (b"sea 1 2\n\niron .5 1 2\n", ", line 3: 3 columns after the word, expected 2"),
-        (b"sea 1 2\nother 0 -1 1 2\n", ", line 2: 4 columns after the word, expected 2"),
+        (b"sea 1 2\niron 1\n", ", line 2: 1 columns"),
+        (b"sea 1 2\nother 1\n", ", line 2: 1 columns"),
+        (b"sea 1 2\nother\n", ", line 2: 0 columns"),
+        (b"sea 1 2\n\niron .5 1 2\n", ", line 3: 3 columns"),
+        (b"sea 1 2\nother 0 -1 1 2\n", ", line 2: 4 columns"),
         (b"2 3\nsea 1 2\niron 1 2\n", ", line 2: 2 columns after the word, expected 3"),
         (b"2 0\nsea .1 .2\niron .1 .2\n", ", line 2: 2 columns after the word, expected 1"),
-        (b"sea\niron 1 2\n", ", line 1: no numbers at the end; expected a word and its vector."),
+        (b"sea\niron 1 2\n", ", line 1: no numbers at the end"),
         (b"sea 1 x\niron 1 2\n", ", line 1: no numbers at the end"),
-        (b"the 1 2\niron x 2\n", ", line 2: 'x' in the vector of 'iron' is not a number. Correct the line"),
-        (b"the 1 2\niron 1,5 2\n", ", line 2: '1,5' in the vector of 'iron' is not a number."),
-        (b"the 1 2\niron 1 \xff\n", ", line 2: '\ufffd' in the vector of 'iron' is not a number."),
-        (b"the 1 2\niron nan 2\n", ", line 2: the vector of 'iron' has a value that is NaN, infinite or beyond"),
+        (b"the 1 2\niron x 2\n", ", line 2: 'x' in the vector of 'iron' is not a number"),
+        (b"the 1 2\niron 1,5 2\n", ", line 2: '1,5' in the vector of 'iron' is not a number"),
+        (b"the 1 2\niron 1 \xff\n", ", line 2: '\ufffd' in the vector of 'iron' is not a number"),
+        (b"the 1 2\niron nan 2\n", ", line 2: the vector of 'iron' has a value"),
         (b"the 1 2\nsea 1 2\niron 1 -inf\n", ", line 3: the vector of 'iron' has a value"),
         (b"the 1 2\niron 1 1e39\n", ", line 2: the vector of 'iron' has a value"),
         (
             b"2 3\nsea " + struct.pack("<3f", *SEA) + b"\niron " + struct.pack("<3f", 0.1, -0.2, 0.3),
             ", line 2: not UTF-8",
         ),
-        (b"the 1 2\n\xff 1 2\n", ", line 2: not UTF-8 (invalid start byte); expected text. Convert the file; binary"),
+        (b"the 1 2\n\xff 1 2\n", ", line 2: not UTF-8"),
     ],
 )
 def test_a_damaged_text_file_is_refused_with_its_line(content, expected, vectors_file):
@@ -367,9 +343,7 @@ def test_a_gzip_file_that_is_cut_off_or_has_a_wrong_bit_is_refused(cut, vectors_
     path = vectors_file(gzip.compress(GLOVE_TEXT.encode())[:cut], "vectors.txt.gz")
     if cut is None:
         flip_bit(Path(path), -6)  # in its check sum
-    message = refused(path)
-    assert message.startswith(f"{path} cannot be read: ")
-    assert message.endswith("Get the file again, or give another.")
+    assert refused(path).startswith(f"{path} cannot be read: ")
 
 
 def test_a_file_that_may_not_be_read_is_refused(vectors_file, monkeypatch):
@@ -382,12 +356,8 @@ def test_a_file_that_may_not_be_read_is_refused(vectors_file, monkeypatch):
 
 def test_missing_words_of_a_file_are_counted_as_everywhere(vectors_file):
     path = vectors_file(GLOVE_TEXT)
-    message = refused(path, ["sea", "iron"])
-    assert message.startswith(
-        f"`features` '{path}': 1 of 2 entities have no vector. Words without one: iron. At most 10%"
-    )
-    made = make_features(path, ["sea", "iron"], allow_missing=True)
-    assert made.vectors.tolist() == [SEA, [0, 0, 0]]
+    assert f"'{path}': 1 of 2 entities have no vector. Words without one: iron." in refused(path, ["sea", "iron"])
+    assert make_features(path, ["sea", "iron"], allow_missing=True).vectors.tolist() == [SEA, [0, 0, 0]]
     assert "3 of 3 entities" in refused(path, ["x", "y", "z"], allow_missing=True)
 
 
@@ -427,18 +397,11 @@ def entries(home):
 LABELS = ["sea", "acid rain", "the", "rain zqxjkv"]
 
 
-def test_a_text_file_is_parsed_once(vectors_file, parses, home):
+def test_a_text_file_is_parsed_once_for_each_content_and_set_of_words(vectors_file, parses, home):
     path = vectors_file(GLOVE_TEXT)
     first, again = make_features(path, LABELS), make_features(path, LABELS)
-    assert parses == ["vectors.txt"]
-    assert first.sha256 == again.sha256
-    assert (first.known.tolist(), first.missing_words) == (again.known.tolist(), again.missing_words)
-    assert len(entries(home)) == 1
-
-
-def test_the_cache_goes_by_content_and_words_whatever_the_name_and_order(vectors_file, parses, home):
-    path = vectors_file(GLOVE_TEXT)
-    first = make_features(path, LABELS)
+    for name in ("vectors", "known", "missing_words"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(first, name))
     moved = make_features(vectors_file(GLOVE_TEXT, "moved.vec"), LABELS[::-1], pooling="max")
     assert parses == ["vectors.txt"]
     np.testing.assert_array_equal(moved.vectors[-1], first.vectors[0])
@@ -533,10 +496,7 @@ def test_labels_of_a_numpy_file_may_end_in_any_way(labels, order, npy_file):
 @pytest.mark.parametrize(("labels", "count"), [("sea\niron\n", 2), (WORDS + "more", 5), (WORDS + "\n", 5), ("", 0)])
 def test_a_numpy_file_with_more_or_fewer_labels_is_refused(labels, count, npy_file, home):
     path = npy_file(labels=labels)
-    assert refused(path) == (
-        f"{path} has 4 rows but {home / 'vectors.labels.txt'} has {count} labels; expected one for each row. "
-        "Save both again."
-    )
+    assert f"{path} has 4 rows but {home / 'vectors.labels.txt'} has {count} labels" in refused(path)
 
 
 @pytest.mark.parametrize(
@@ -546,9 +506,7 @@ def test_a_numpy_file_with_more_or_fewer_labels_is_refused(labels, count, npy_fi
 )
 def test_a_numpy_file_of_another_kind_is_refused(array, npy_file):
     path = npy_file(array)
-    message = refused(path)
-    assert message.startswith(path)
-    assert re.search("expected floats of shape|cut off", message)
+    assert re.match(f"{path} .*(expected floats of shape|cut off)", refused(path))
 
 
 @pytest.mark.parametrize("kind", ["no labels", "labels that are not UTF-8", "a zip of arrays", "plain text"])
@@ -561,7 +519,7 @@ def test_a_numpy_file_in_need_of_something_is_refused(kind, npy_file, home):
         Path(path).write_bytes(content)
     beside = home / "vectors.labels.txt"
     expected = {
-        "no labels": f"{path} has no labels: expected them, one a line, in {beside} or {home / 'vectors.txt'}.",
+        "no labels": f"{path} has no labels",
         "labels that are not UTF-8": f"{beside}, line 3: not UTF-8",
     }.get(kind, "not an array of numbers")
     assert expected in refused(path)
@@ -582,7 +540,7 @@ def test_a_numpy_file_that_is_cut_off_anywhere_is_refused(npy_file):
     whole = Path(path).read_bytes()
     for size in (*range(0, len(whole), 5), len(whole) - 1):
         Path(path).write_bytes(whole[:size])
-        assert refused(path).startswith(f"{path} is cut off, or not an array of numbers as numpy.save writes it")
+        assert refused(path).startswith(f"{path} is cut off")
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 1e39])
@@ -590,9 +548,7 @@ def test_a_value_that_is_no_finite_number_is_refused_with_its_row(value, npy_fil
     array = MATRIX.astype(np.float64)
     array[2, 1] = value
     path = npy_file(array)
-    expected = (
-        f"{path}, row 2 (the first is 0): the vector of 'Iron' has a value that is NaN, infinite or beyond float32"
-    )
+    expected = f"{path}, row 2 (the first is 0): the vector of 'Iron' has a value"
     assert refused(path, ["sea", "Iron"]).startswith(expected)
     assert make_features(path, ["sea"]).vectors.tolist() == [[1, 2]]
 
@@ -602,19 +558,17 @@ def test_a_value_that_is_no_finite_number_is_refused_with_its_row(value, npy_fil
 
 def slow_near_synonyms(split, vectors, threshold):
     """Compare each test recipe with each train recipe, word by word as the definition says."""
-    found = []
-    for recipe, part in zip(split.graph.recipes.tolist(), split.parts.tolist(), strict=True):
-        twins = False
-        for other, other_part in zip(split.graph.recipes.tolist(), split.parts.tolist(), strict=True):
-            if part != 2 or other_part != 0 or recipe[2] != other[2]:
-                continue
-            for kept, changed in ((0, 1), (1, 0)):
-                for other_kept, other_changed in ((0, 1), (1, 0)):
-                    same = recipe[kept] == other[other_kept]
-                    near = cosine(vectors[recipe[changed]], vectors[other[other_changed]]) >= threshold
-                    twins = twins or (same and near)
-        found.append(twins)
-    return found
+    rows = list(zip(split.graph.recipes.tolist(), split.parts.tolist(), strict=True))
+    train = [recipe for recipe, part in rows if part == 0]
+
+    def repeats(one, other):
+        return one[2] == other[2] and any(
+            one[1 - i] == other[1 - j] and cosine(vectors[one[i]], vectors[other[j]]) >= threshold
+            for i in (0, 1)
+            for j in (0, 1)
+        )
+
+    return [part == 2 and any(repeats(recipe, other) for other in train) for recipe, part in rows]
 
 
 @pytest.mark.parametrize("seed", range(4))

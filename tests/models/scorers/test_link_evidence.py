@@ -4,8 +4,8 @@ from itertools import product
 
 import numpy as np
 import pytest
-import torch
 from link_helpers import random_graph
+from small_scorers import normal
 
 from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split
 from wordcraft_kg.graphs.doses import make_dose
@@ -22,8 +22,7 @@ KNOWN = GRAPH.recipes[::2]
 
 
 def scorer_of(graph: RecipeGraph, seed: int = 0) -> TableScorer:
-    scores = torch.randn(2, graph.num_entities, graph.num_entities, generator=torch.Generator().manual_seed(seed))
-    return TableScorer(scores, graph.entities, graph.hash)
+    return TableScorer(normal(2, graph.num_entities, graph.num_entities, seed=seed), graph.entities, graph.hash)
 
 
 def slow_links(recipes: list[list[int]]) -> dict[tuple[int, int, int], list[int]]:
@@ -44,17 +43,11 @@ def test_links_speak_that_share_an_end_as_much_as_the_others_are_alike(evidence:
     links = slow_links(KNOWN.tolist())
     kinds = set()
     for head, relation, tail in product(range(SIZE), range(len(RELATIONS)), range(SIZE)):
-        expected = {}
-        for h, r, t in links:
-            if r != relation or (h, t) == (head, tail):
-                continue
-            likeness = None
-            if t == tail:
-                likeness = evidence.roles.alike(head, r, "head")[h]
-            elif h == head and not (relation == COMBINES_WITH and head == tail):
-                likeness = evidence.roles.alike(tail, r, "tail")[t]
-            if likeness is not None:
-                expected[h, r, t] = max(float(likeness), 0.0) ** POWER
+        others = [(h, t) for h, r, t in links if r == relation and (h, t) != (head, tail)]
+        likeness = {(h, t): evidence.roles.alike(head, relation, "head")[h] for h, t in others if t == tail}
+        if relation != COMBINES_WITH or head != tail:
+            likeness |= {(h, t): evidence.roles.alike(tail, relation, "tail")[t] for h, t in others if h == head}
+        expected = {(h, relation, t): max(float(value), 0.0) ** POWER for (h, t), value in likeness.items()}
         triples, weights = evidence.weights(head, relation, tail)
         found = dict(zip(map(tuple, triples.tolist()), weights.tolist(), strict=True))
         assert found == pytest.approx(expected, abs=1e-6)
@@ -95,9 +88,8 @@ def test_a_witness_names_the_recipes_that_give_it_and_a_learned_link_its_own(evi
 
 def test_a_link_that_many_recipes_give_names_some_and_counts_the_others():
     graph = RecipeGraph.from_recipes([("water", other, "ice") for other in ("air", "cold", "snow", "time", "winter")])
-    reason = LinkEvidence(scorer_of(graph), graph.recipes).reason(
-        graph.id_of("water"), COMPONENT_OF, graph.id_of("ice")
-    )
+    water, ice = graph.id_of("water"), graph.id_of("ice")
+    reason = LinkEvidence(scorer_of(graph), graph.recipes).reason(water, COMPONENT_OF, ice)
     assert [str(recipe.ingredient_a) for recipe in reason.learned_from] == ["air", "cold", "snow"]
     assert reason.more == 2
 

@@ -1,6 +1,7 @@
 """The features of a pair and a goal, and the scores that a ranker makes of them: against loops, and in any order."""
 
 import math
+from itertools import product
 
 import numpy as np
 import pytest
@@ -64,9 +65,10 @@ def slow_features(known: RecipeKnowledge, a: int, b: int, goal: int, model: int)
     of_a, of_b = (
         [float(parts[x, goal, 0]), float(parts[x, goal, 1]), float(words[x, goal]), float(counts[x, 0])] for x in (a, b)
     )
+    of_slots = list(zip(("part", "link", "words", "uses"), of_a, of_b, strict=True))
     return {
-        **{f"{name}_sum": x + y for name, x, y in zip(("part", "link", "words", "uses"), of_a, of_b, strict=True)},
-        **{f"{name}_min": min(x, y) for name, x, y in zip(("part", "link", "words", "uses"), of_a, of_b, strict=True)},
+        **{f"{name}_sum": x + y for name, x, y in of_slots},
+        **{f"{name}_min": min(x, y) for name, x, y in of_slots},
         "pair": float(pairs[a, b, 0]),
         "pair_link": float(pairs[a, b, 1]),
         "known": float(bool(set(results) - {SIZE})),
@@ -105,16 +107,13 @@ def test_the_tables_count_recipes_and_say_which_of_them_may_speak_for_a_goal(kno
         speaking = [tuple(recipe) for recipe in known.speaking[0, entity].tolist()]
         assert len(set(speaking)) == EVIDENCE
         # The recipes of the results most like it; there are more recipes of some entities than may speak.
-        like, left_out = (
-            [float(alike[entity, recipe[2]]) for recipe in map(tuple, recipes) if (recipe in speaking) is asked]
-            for asked in (True, False)
-        )
-        assert max(left_out) <= min(like) + 1e-3
+        likeness = {tuple(recipe): float(alike[entity, recipe[2]]) for recipe in recipes}
+        left_out = [likeness[recipe] for recipe in likeness if recipe not in speaking]
+        assert max(left_out) <= min(likeness[recipe] for recipe in speaking) + 1e-3
         assert sum(recipe[2] == entity for recipe in speaking) == min(made, EVIDENCE)
-    for a in range(SIZE):
-        for b in range(SIZE):
-            made_of = {result for one, other, result in recipes if {a, b} == {one, other}}
-            assert set(known.results[0, known.numbers[0, a, b]].tolist()) - {SIZE} == made_of
+    for a, b in product(range(SIZE), repeat=2):
+        made_of = {result for one, other, result in recipes if {a, b} == {one, other}}
+        assert set(known.results[0, known.numbers[0, a, b]].tolist()) - {SIZE} == made_of
 
 
 def test_a_batch_gives_what_single_tables_give(known: RecipeKnowledge):

@@ -3,6 +3,7 @@
 import itertools
 from fractions import Fraction
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -13,16 +14,18 @@ from hypothesis import strategies as st
 from link_helpers import random_graph
 from link_oracles import slow_clusters, slow_ranks
 from pykeen.evaluation import RankBasedEvaluator
+from pykeen.models import DistMult
 from pykeen.training import SLCWATrainingLoop
+from small_scorers import table_scorer
 
 from wordcraft_kg.base.errors import ArtefactError
 from wordcraft_kg.base.records import as_values
 from wordcraft_kg.base.statistics import bootstrap, interval
 from wordcraft_kg.graphs.folder import OpenedGraph
-from wordcraft_kg.graphs.triples import COMBINES_WITH, RELATIONS, is_in, triple_keys
+from wordcraft_kg.graphs.triples import COMBINES_WITH, RELATIONS, is_in, recipe_triples, triple_keys
 from wordcraft_kg.models.links.builders import scorer_tensors
 from wordcraft_kg.models.links.complex import ComplExN3
-from wordcraft_kg.models.links.config import ComplExConfig
+from wordcraft_kg.models.links.config import ComplExConfig, LinkModelConfig
 from wordcraft_kg.models.links.pykeen_bridge import pykeen_guard, triples_factory
 from wordcraft_kg.models.links.symmetric_lcwa import IndexedSymmetricLCWATrainingLoop
 from wordcraft_kg.models.scorers import ranking as link_prediction
@@ -44,10 +47,6 @@ from wordcraft_kg.models.scorers.ranking import (
 from wordcraft_kg.models.scorers.tables import TableScorer
 
 HITS = (1, 3, 10)
-
-
-def table_scorer(table: np.ndarray) -> TableScorer:
-    return TableScorer(torch.from_numpy(table.astype(np.float32)), [f"e{i}" for i in range(table.shape[1])], "hash")
 
 
 def constant_scorer(num_entities: int) -> TableScorer:
@@ -153,7 +152,6 @@ def test_scores_that_are_not_finite_are_an_artefact_error(value: float):
 
 
 def exact_model(opened: OpenedGraph) -> ComplExN3:
-    """A trained model whose weights are multiples of 1/16: its scores are exact in single precision, with real ties."""
     factory = triples_factory(opened.graph, opened.split.partial)
     with pykeen_guard(seed=0, threads=1):
         model = ComplExN3(triples_factory=factory, embedding_dim=4, random_seed=0)
@@ -161,25 +159,33 @@ def exact_model(opened: OpenedGraph) -> ComplExN3:
             model=model, triples_factory=factory, optimizer="Adagrad", optimizer_kwargs={"lr": 0.2}
         )
         loop.train(factory, num_epochs=6, batch_size=256, use_tqdm=False)
+    return exact(model)
+
+
+def exact(model: Any) -> Any:
+    """Round the weights to multiples of 1/16: scores are exact in single precision, with real ties."""
     with torch.no_grad():
         for parameter in model.parameters():
             parameter.copy_((parameter * 16).round() / 16)
     return model.eval()
 
 
+def pykeens_metrics(opened: OpenedGraph, model: Any) -> Any:
+    return RankBasedEvaluator(filtered=True).evaluate(
+        model,
+        torch.from_numpy(opened.split.held_out("test").copy()),
+        batch_size=64,
+        additional_filter_triples=[torch.from_numpy(opened.graph.triples.copy())],
+        use_tqdm=False,
+    )
+
+
 def test_ranks_and_metrics_agree_with_pykeens_evaluator(opened_kitchen: OpenedGraph):
     graph, split = opened_kitchen.graph, opened_kitchen.split
     model = exact_model(opened_kitchen)
-    queries = split.held_out("test")
-    theirs = RankBasedEvaluator(filtered=True).evaluate(
-        model,
-        torch.from_numpy(queries.copy()),
-        batch_size=64,
-        additional_filter_triples=[torch.from_numpy(graph.triples.copy())],
-        use_tqdm=False,
-    )
+    theirs = pykeens_metrics(opened_kitchen, model)
     scorer = make_scorer(*scorer_tensors(ComplExConfig(dim=4), model, graph.triples), graph.entities, graph.hash)
-    ranks = rank_triples(scorer, queries, graph.triples)
+    ranks = rank_triples(scorer, split.held_out("test"), graph.triples)
     assert (ranks["optimistic"] < ranks["pessimistic"]).any()
     for kind, column in (("realistic", "rank"), ("optimistic", "optimistic"), ("pessimistic", "pessimistic")):
         for side, part in (("both", ranks), *((name, ranks[ranks["side"] == name]) for name in ("head", "tail"))):
@@ -189,33 +195,18 @@ def test_ranks_and_metrics_agree_with_pykeens_evaluator(opened_kitchen: OpenedGr
             if kind == "realistic":
                 names["amri"] = "adjusted_arithmetic_mean_rank_index"
             for name, pykeens in names.items():
-                assert getattr(ours, name) == pytest.approx(theirs.get_metric(f"{side}.{kind}.{pykeens}"), abs=1e-6), (
-                    name
-                )
+                expected = theirs.get_metric(f"{side}.{kind}.{pykeens}")
+                assert getattr(ours, name) == pytest.approx(expected, abs=1e-6), name
 
 
 def test_a_model_trained_by_negative_sampling_ranks_as_pykeens_evaluator_ranks_it(opened_kitchen: OpenedGraph):
-    from pykeen.models import DistMult
-
-    from wordcraft_kg.models.links.config import LinkModelConfig
-
     graph, split = opened_kitchen.graph, opened_kitchen.split
     factory = triples_factory(graph, split.partial)
     with pykeen_guard(seed=0, threads=1):
         model = DistMult(triples_factory=factory, embedding_dim=4, random_seed=0)
-        SLCWATrainingLoop(model=model, triples_factory=factory).train(
-            factory, num_epochs=2, batch_size=256, use_tqdm=False
-        )
-    with torch.no_grad():
-        for parameter in model.parameters():
-            parameter.copy_((parameter * 16).round() / 16)
-    theirs = RankBasedEvaluator(filtered=True).evaluate(
-        model.eval(),
-        torch.from_numpy(split.held_out("test").copy()),
-        batch_size=64,
-        additional_filter_triples=[torch.from_numpy(graph.triples.copy())],
-        use_tqdm=False,
-    )
+        loop = SLCWATrainingLoop(model=model, triples_factory=factory)
+        loop.train(factory, num_epochs=2, batch_size=256, use_tqdm=False)
+    theirs = pykeens_metrics(opened_kitchen, exact(model))
     tensors = scorer_tensors(LinkModelConfig(model="distmult", dim=4), model, graph.triples)
     scorer = make_scorer(*tensors, graph.entities, graph.hash)
     ours = ranking_metrics(rank_triples(scorer, split.held_out("test"), graph.triples))
@@ -274,20 +265,12 @@ def test_a_field_of_one_candidate_has_no_chance_to_beat():
 
 def test_random_metrics_equal_the_mean_over_all_permutations():
     sizes = [1, 2, 4, 4, 5]
-    sums = dict.fromkeys(("mrr", "mean_rank", *(f"hits@{k}" for k in HITS)), Fraction(0))
-    for size in sizes:
-        orders = list(itertools.permutations(range(size)))
-        for order in orders:
-            rank = 1 + order.index(0)
-            share = Fraction(1, len(orders) * len(sizes))
-            sums["mrr"] += share / rank
-            sums["mean_rank"] += share * rank
-            for k in HITS:
-                sums[f"hits@{k}"] += share * (rank <= k)
-    found = as_values(random_metrics(pd.DataFrame({"candidates": sizes})))
-    assert found.pop("queries") == len(sizes)
-    assert found.pop("amri") == 0
-    assert found == pytest.approx({name: float(value) for name, value in sums.items()})
+    orders = [list(itertools.permutations(range(size))) for size in sizes]
+    ranks = [(1 + order.index(0), Fraction(1, len(some) * len(sizes))) for some in orders for order in some]
+    expected = {f"hits@{k}": float(sum(share for rank, share in ranks if rank <= k)) for k in HITS}
+    expected |= {"mrr": float(sum(share / rank for rank, share in ranks)), "queries": len(sizes), "amri": 0}
+    expected["mean_rank"] = float(sum(share * rank for rank, share in ranks))
+    assert as_values(random_metrics(pd.DataFrame({"candidates": sizes}))) == pytest.approx(expected)
 
 
 def test_random_metrics_are_what_random_scores_get_on_average(opened_kitchen: OpenedGraph):
@@ -321,19 +304,11 @@ def test_slices_part_the_queries_by_relation_and_side(opened_kitchen: OpenedGrap
 
 
 @given(st.integers(0, 10_000), st.integers(3, 9), st.integers(1, 25), st.floats(0.1, 1))
-def test_clusters_are_the_first_pairs_that_give_the_triples(
-    seed: int, num_entities: int, num_recipes: int, share: float
-):
+def test_clusters_are_the_first_pairs_that_give_the_triples(seed, num_entities, num_recipes, share):
     graph = random_graph(seed, num_entities, num_recipes)
     chosen = np.random.default_rng(seed).random(graph.num_recipes) < share
     chosen[0] = True
-    given = {
-        triple
-        for is_chosen, (a, b, result) in zip(chosen, graph.recipes.tolist(), strict=True)
-        if is_chosen
-        for triple in ((a, 0, b), (b, 0, a), (a, 1, result), (b, 1, result))
-    }
-    triples = np.array(sorted(given))
+    triples = recipe_triples(graph.recipes[chosen])
     assert recipe_clusters(graph, chosen, triples).tolist() == slow_clusters(graph, chosen, triples)
 
 
@@ -346,17 +321,18 @@ def test_mirrored_triples_are_in_one_cluster(opened_kitchen: OpenedGraph):
     assert len(np.unique(one)) == graph.num_pairs
 
 
-def test_the_bootstrap_of_a_constant_is_that_constant():
-    means = bootstrap(np.full(20, 0.3), np.arange(20) // 3, resamples=50)
-    np.testing.assert_allclose(means, 0.3)
-    assert len(means) == 50
+CONSTANT = ([0.3] * 20, np.arange(20) // 3, {0.3})
+MIXED = [0.0, 1.0, 0.0, 1.0]
 
 
-def test_the_bootstrap_resamples_whole_clusters():
-    values = np.array([0.0, 1.0, 0.0, 1.0])
-    np.testing.assert_allclose(bootstrap(values, np.array([7, 7, 7, 7]), resamples=20), 0.5)
-    np.testing.assert_allclose(bootstrap(values, np.array([3, 3, 8, 8]), resamples=20), 0.5)
-    assert set(bootstrap(values, np.array([3, 8, 3, 8]), resamples=50)) == {0.0, 0.5, 1.0}
+@pytest.mark.parametrize(
+    ("values", "clusters", "means"),
+    [CONSTANT, (MIXED, [7, 7, 7, 7], {0.5}), (MIXED, [3, 3, 8, 8], {0.5}), (MIXED, [3, 8, 3, 8], {0.0, 0.5, 1.0})],
+)
+def test_the_bootstrap_resamples_whole_clusters(values, clusters, means):
+    found = bootstrap(np.array(values), np.array(clusters), resamples=50)
+    assert len(found) == 50
+    assert set(found.round(9)) == means
 
 
 def test_the_bootstrap_weighs_clusters_by_their_size():
@@ -405,24 +381,14 @@ def test_no_queries_have_no_interval():
 
 
 def answers(confidence: list[float], right: list[bool]) -> pd.DataFrame:
-    return pd.DataFrame(
-        {
-            "confidence": confidence,
-            "side": "tail",
-            "head": 0,
-            "tail": 1,
-            "top": [1 if is_right else 2 for is_right in right],
-        }
-    )
+    top = [1 if is_right else 2 for is_right in right]
+    return pd.DataFrame({"confidence": confidence, "side": "tail", "head": 0, "tail": 1, "top": top})
 
 
 def test_calibration_is_perfect_where_confidence_equals_accuracy():
     found = calibration(answers([0.25] * 4 + [0.75] * 4, [True] + [False] * 3 + [True] * 3 + [False]), bins=2)
     assert found.ece == 0
-    assert found.bins == (
-        CalibrationBin(confidence=0.25, accuracy=0.25, queries=4),
-        CalibrationBin(confidence=0.75, accuracy=0.75, queries=4),
-    )
+    assert found.bins == (CalibrationBin(0.25, 0.25, 4), CalibrationBin(0.75, 0.75, 4))
 
 
 def test_the_calibration_error_is_the_mean_distance_weighted_by_queries():
@@ -431,12 +397,9 @@ def test_the_calibration_error_is_the_mean_distance_weighted_by_queries():
     assert found.ece == pytest.approx((2 * 0.9 + 0.9) / 3)
 
 
-def test_calibration_asks_for_the_head_where_the_head_is_open():
+def test_calibration_asks_for_the_head_where_the_head_is_open_and_has_no_empty_bins():
     frame = answers([0.5, 0.5], [True, True]).assign(side="head", head=[1, 0], tail=2)
     assert calibration(frame, bins=1).bins[0].accuracy == 0.5
-
-
-def test_calibration_of_few_queries_has_no_empty_bins():
     assert [row.queries for row in calibration(answers([0.2, 0.4], [True, False])).bins] == [1, 1]
 
 
@@ -444,9 +407,6 @@ def test_a_confidence_is_a_share_among_the_candidates(opened_kitchen: OpenedGrap
     graph = opened_kitchen.graph
     ranks = rank_triples(constant_scorer(graph.num_entities), graph.triples, graph.triples)
     np.testing.assert_allclose(ranks["confidence"], 1 / ranks["candidates"])
-
-
-# --- what a scorer must have -----------------------------------------------------------------------------------------
 
 
 def test_ranking_needs_nothing_of_a_scorer_but_the_protocol():

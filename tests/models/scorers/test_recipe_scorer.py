@@ -16,9 +16,7 @@ from wordcraft_kg.models.scorers.recipes import RecipeScorer, RecipeScores
 
 @pytest.fixture(scope="module")
 def cross_fitted(recipes_folder: Path) -> CrossFitted:
-    found = load_scorer(recipes_folder)
-    assert isinstance(found, CrossFitted)
-    return found
+    return load_scorer(recipes_folder)
 
 
 @pytest.fixture(scope="module")
@@ -78,9 +76,7 @@ def test_a_known_recipe_speaks_for_itself_and_the_scorer_without_it_names_others
     assert (first.recipe, first.weight) == ((a, b, result), 1)
     assert [one.share for one in others] == sorted((one.share for one in others), reverse=True)
     assert scorer.speaking_for(b, a, result) == [first, *others]
-    left_out = cross_fitted.left_out(1)
-    assert isinstance(left_out, RecipeScorer)
-    found = left_out.speaking_for(a, b, result, limit=100)
+    found = cross_fitted.left_out(1).speaking_for(a, b, result, limit=100)
     assert found
     assert {one.recipe for one in found} <= known - {Recipe(a, b, result)}
     assert all(0 < one.weight <= 1 and 0 < one.share <= 1 for one in found)

@@ -1,42 +1,22 @@
 """How alike entities are to a scorer, against loops over its scores."""
 
-import math
-
 import numpy as np
 import pytest
 import torch
 from link_helpers import random_graph
+from small_scorers import complex_scorer, cosine, normal, table_scorer
 
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.evaluation.ranked_links import rank_links
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.models.scorers import config, roles
 from wordcraft_kg.models.scorers.baselines import NeighbourScorer
-from wordcraft_kg.models.scorers.factors import ComplExScorer
 from wordcraft_kg.models.scorers.roles import ROLES, EntityRoles
 from wordcraft_kg.models.scorers.scorer import Scorer
 from wordcraft_kg.models.scorers.tables import TableScorer
 
 GRAPH = random_graph(num_entities=9, num_recipes=30)
 SIZE = GRAPH.num_entities
-
-
-def table_scorer(scores: torch.Tensor) -> TableScorer:
-    return TableScorer(scores, [f"e{i}" for i in range(scores.shape[1])], "0" * 64)
-
-
-def random_scorer(seed: int = 0) -> TableScorer:
-    return table_scorer(torch.randn(2, SIZE, SIZE, generator=torch.Generator().manual_seed(seed)))
-
-
-def complex_scorer(dim: int = 3, size: int = SIZE) -> ComplExScorer:
-    drawn = torch.Generator().manual_seed(1)
-    tensors = {
-        f"{what}_{part}": torch.randn(size if what == "entity" else 2, dim, generator=drawn)
-        for what in ("entity", "relation")
-        for part in ("real", "imag")
-    }
-    return ComplExScorer(tensors, [f"e{i}" for i in range(size)], "0" * 64)
 
 
 def slow_rows(scorer: Scorer, relation: int, side: str) -> list[list[float]]:
@@ -50,23 +30,20 @@ def slow_rows(scorer: Scorer, relation: int, side: str) -> list[list[float]]:
     return rows if side == "head" else [list(column) for column in zip(*rows, strict=True)]
 
 
-def slow_cosine(one: list[float], other: list[float]) -> float:
-    product = sum(x * y for x, y in zip(one, other, strict=True))
-    return product / math.sqrt(sum(x * x for x in one) * sum(y * y for y in other))
-
-
-@pytest.mark.parametrize("scorer", [random_scorer(), complex_scorer()], ids=["table", "factors"])
+@pytest.mark.parametrize(
+    "scorer", [table_scorer(normal(2, SIZE, SIZE)), complex_scorer(SIZE, 3)], ids=["table", "factors"]
+)
 def test_in_a_role_entities_are_alike_by_the_cosine_of_their_centred_scores(scorer: Scorer):
     found = EntityRoles.of(scorer)
     for relation, side in ROLES:
         rows = slow_rows(scorer, relation, side)
-        expected = [[slow_cosine(one, other) for other in rows] for one in rows]
+        expected = [[cosine(one, other) for other in rows] for one in rows]
         alike = [found.alike(entity, relation, side) for entity in range(SIZE)]
         np.testing.assert_allclose(alike, expected, atol=1e-5)
 
 
 def test_factors_and_their_table_say_the_same():
-    scorer = complex_scorer()
+    scorer = complex_scorer(SIZE, 3)
     of_factors, of_table = EntityRoles.of(scorer), EntityRoles.of(TableScorer.of(scorer))
     np.testing.assert_allclose(of_factors.lengths, of_table.lengths, rtol=1e-4)
     for entity in range(SIZE):
@@ -74,7 +51,7 @@ def test_factors_and_their_table_say_the_same():
 
 
 def test_a_large_table_keeps_the_directions_that_matter(monkeypatch: pytest.MonkeyPatch):
-    scorer = complex_scorer(dim=2, size=40)
+    scorer = complex_scorer(40, 2)
     whole = EntityRoles.of(TableScorer.of(scorer))
     monkeypatch.setattr(roles, "EXACT", 39)
     monkeypatch.setattr(roles, "RANK", 6)
@@ -92,24 +69,24 @@ def test_the_nearest_entities_are_those_of_the_report(opened_kitchen: OpenedGrap
         cosines = profiles @ profiles[entity]
         cosines[entity] = -np.inf
         nearest = found.nearest(entity, limit=4)
-        np.testing.assert_allclose([cosine for _, cosine in nearest], np.sort(cosines)[::-1][:4], atol=1e-4)
-        np.testing.assert_allclose([cosines[other] for other, _ in nearest], np.sort(cosines)[::-1][:4], atol=1e-4)
+        for values in ([value for _, value in nearest], [cosines[other] for other, _ in nearest]):
+            np.testing.assert_allclose(values, np.sort(cosines)[::-1][:4], atol=1e-4)
 
 
 def test_an_entity_that_all_score_alike_is_like_none():
-    scores = torch.randn(2, SIZE, SIZE, generator=torch.Generator().manual_seed(2))
+    scores = normal(2, SIZE, SIZE, seed=2)
     scores[:, 4] = scores[:, torch.arange(SIZE) != 4].mean(1)
     scores[:, :, 4] = scores[:, :, torch.arange(SIZE) != 4].mean(2)
     scores[:, 4, 4] = scores.mean((1, 2))
     found = EntityRoles.of(table_scorer(scores))
     assert not found.alike(4, 0, "head").any()
-    assert all(cosine == 0 for _, cosine in found.nearest(4))
+    assert all(value == 0 for _, value in found.nearest(4))
     constant = EntityRoles.of(table_scorer(torch.ones(2, SIZE, SIZE)))
-    assert [cosine for _, cosine in constant.nearest(0, limit=3)] == [0, 0, 0]
+    assert [value for _, value in constant.nearest(0, limit=3)] == [0, 0, 0]
 
 
 def test_too_many_pairs_without_factors_are_refused(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(config, "TABLE_LIMIT", 8 * SIZE**2 - 1)
     with pytest.raises(ConfigError, match="comparing entities by their scores needs the scores of all pairs"):
-        EntityRoles.of(random_scorer())
-    assert EntityRoles.of(complex_scorer()).lengths.shape == (SIZE, 4)
+        EntityRoles.of(table_scorer(normal(2, SIZE, SIZE)))
+    assert EntityRoles.of(complex_scorer(SIZE, 3)).lengths.shape == (SIZE, 4)

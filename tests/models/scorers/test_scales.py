@@ -10,12 +10,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from link_helpers import random_graph
 from refusals import refuses
+from small_scorers import BareScorer, complex_scorer, table_scorer
 
-from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.statistics import standardised
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer
-from wordcraft_kg.models.scorers.factors import ComplExScorer
 from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
 from wordcraft_kg.models.scorers.scales import FACTORED_SCALES, scaled_factors, scaled_scorer, scaled_table
 from wordcraft_kg.models.scorers.tables import TableScorer
@@ -28,30 +27,24 @@ any_scale = pytest.mark.parametrize("scale", SCALES)
 any_relation = pytest.mark.parametrize("relation", range(len(RELATIONS)), ids=RELATIONS)
 
 
-class OtherScorer:
-    """The least that follows the protocol: not one of ours, and with scores that somebody trains."""
+class WholeScorer(BareScorer):
+    """A scorer of the graph with equal scores, whose tables are taken as a whole."""
 
     graph_hash = GRAPH.hash
-    entities = GRAPH.entities
 
     def __init__(self):
-        self.scores = torch.randn(len(RELATIONS), SIZE, SIZE, generator=torch.Generator().manual_seed(0)) * 3 + 5
-        self.scores[COMPONENT_OF] = self.scores[COMPONENT_OF].round() + 0.5  # with equal scores
-        self.scores.requires_grad_()
+        super().__init__(SIZE)
+        self.entities = GRAPH.entities
+        scores = self.scores.detach() * 3 + 5
+        scores[COMPONENT_OF] = scores[COMPONENT_OF].round() + 0.5
+        self.scores = scores.requires_grad_()
 
     def score(self, heads, relations, tails):
-        raise AssertionError("the whole table is asked for at once")
-
-    def table(self, relation):
-        return self.scores[RELATIONS.index(relation) if isinstance(relation, str) else relation]
+        raise AssertionError("the whole table is taken at once")
 
 
-SCORER = OtherScorer()
+SCORER = WholeScorer()
 NOISE = TableScorer(SCORER.scores.detach(), GRAPH.entities, GRAPH.hash)
-
-
-def constant(value: float, size: int) -> TableScorer:
-    return TableScorer(torch.full((len(RELATIONS), size, size), value), [f"e{i:03}" for i in range(size)], "constant")
 
 
 def tables_of(**settings) -> np.ndarray:
@@ -72,12 +65,8 @@ def slow_standardised(table: list[list[float]]) -> list[list[float]]:
 
 def slow_ranks(table: list[list[float]]) -> list[list[float]]:
     """How many scores are lower, plus the middle place among equal ones."""
-    everything = [x for row in table for x in row]
-
-    def rank(x: float) -> float:
-        return sum(other < x for other in everything) + (everything.count(x) + 1) / 2
-
-    return [[rank(x) for x in row] for row in table]
+    whole = [x for row in table for x in row]
+    return [[sum(other < x for other in whole) + (whole.count(x) + 1) / 2 for x in row] for row in table]
 
 
 def slow_log_softmax(table: list[list[float]]) -> list[list[float]]:
@@ -112,10 +101,6 @@ def test_scaled_scores_have_mean_0_and_standard_deviation_1_over_different_entit
     assert statistics.pstdev(others) == pytest.approx(1, abs=1e-6)
 
 
-def test_standardised_scores_are_the_default_and_keep_self_edges():
-    np.testing.assert_array_equal(tables_of(), tables_of(scale="standardise", self_edges="keep"))
-
-
 def test_scores_of_an_entity_with_itself_have_no_say_in_the_scale_but_are_scaled():
     table = NOISE.table(COMBINES_WITH).numpy().copy()
     before = standardised(table)
@@ -132,40 +117,35 @@ NUMBERS = st.floats(-50, 50, width=32) | st.sampled_from([0.0, 1.0, -2.5])
 def test_ranks_follow_the_scores_and_equal_scores_get_equal_ranks(numbers: list[float]):
     size = math.isqrt(len(numbers))
     scores = torch.tensor(numbers).view(1, size, size).repeat(len(RELATIONS), 1, 1)
-    scorer = scaled_scorer(TableScorer(scores, "abcde"[:size], "a graph"), scale="ranks")
-    ranks = scorer.table(COMBINES_WITH).flatten().tolist()
+    ranks = scaled_scorer(table_scorer(scores), scale="ranks").table(COMBINES_WITH).flatten().tolist()
     for score, rank in zip(numbers, ranks, strict=True):
         for other_score, other_rank in zip(numbers, ranks, strict=True):
             assert (score < other_score) == (rank < other_rank)
 
 
 def test_ranks_do_not_depend_on_how_far_scores_are_apart():
-    stretched = TableScorer(NOISE.scores.exp() * 100, GRAPH.entities, GRAPH.hash)
-    assert torch.equal(scaled_scorer(stretched, scale="ranks").scores, scaled_scorer(NOISE, scale="ranks").scores)
+    stretched = scaled_scorer(table_scorer(NOISE.scores.exp() * 100), scale="ranks")
+    assert torch.equal(stretched.scores, scaled_scorer(NOISE, scale="ranks").scores)
 
 
 def test_log_softmax_goes_over_the_heads_of_a_tail_and_stands_large_scores():
     shifted = NOISE.scores + torch.arange(SIZE) * 1000.0  # by tail, beyond what exp can take
-    scorer = scaled_scorer(TableScorer(shifted, GRAPH.entities, GRAPH.hash), scale="log-softmax")
+    scorer = scaled_scorer(table_scorer(shifted), scale="log-softmax")
     expected = scaled_scorer(NOISE, scale="log-softmax")
     torch.testing.assert_close(scorer.scores, expected.scores, atol=5e-3, rtol=1e-3)
-
-
-def test_none_leaves_scores_untouched():
-    assert np.array_equal(tables_of(scale="none"), NOISE.scores.numpy())
 
 
 @pytest.mark.parametrize("scale", SCALED)
 @pytest.mark.parametrize("size", [3, 7, 80])
 @pytest.mark.parametrize("value", [0.0, 0.1])
 def test_a_scorer_that_cannot_tell_pairs_apart_scores_zero_on_any_scale(scale: str, size: int, value: float):
-    assert scaled_scorer(constant(value, size), scale=scale).scores.abs().max() < 1e-6
+    constant = table_scorer(torch.full((len(RELATIONS), size, size), value))
+    assert scaled_scorer(constant, scale=scale).scores.abs().max() < 1e-6
 
 
 @pytest.mark.parametrize("scale", SCALED)
 def test_rounding_is_not_blown_up_where_only_self_scores_differ(scale: str):
-    only_self = TableScorer(torch.eye(80).repeat(2, 1, 1), [f"e{i:02}" for i in range(80)], "loops")
-    for table in scaled_scorer(only_self, scale=scale).scores:
+    for table in scaled_scorer(table_scorer(torch.eye(80).repeat(2, 1, 1)), scale=scale).scores:
         assert max(map(abs, off_diagonal(table.numpy()))) < 1e-6
         assert (table.diag() > 0.5).all()
 
@@ -193,11 +173,13 @@ def mean_of(table: np.ndarray, scale: str) -> float:
     return mean if scale == "none" else 0.0
 
 
-def test_a_scale_or_kind_of_self_edges_that_there_is_not_is_an_error():
-    with pytest.raises(ConfigError, match="Did you mean 'ranks'"):
-        tables_of(scale="rank")
-    with pytest.raises(ConfigError, match="Did you mean 'drop'"):
-        tables_of(self_edges="dropp")
+@pytest.mark.parametrize(
+    ("setting", "options"),
+    [("scale", {"scale": "rank"}), ("self_edges", {"self_edges": "dropp"}), ("self_edges", {"self_edges": "observed"})],
+)
+def test_an_unknown_scale_or_kind_of_self_edges_and_observed_ones_without_triples_are_errors(setting, options):
+    with refuses(setting):
+        tables_of(**options)
 
 
 @any_scale
@@ -210,15 +192,10 @@ def test_dropped_self_edges_are_those_of_combines_with_only(scale: str):
 
 
 def test_self_edges_are_kept_whatever_was_observed():
+    np.testing.assert_array_equal(tables_of(scale="standardise", self_edges="keep"), tables_of())
     np.testing.assert_array_equal(tables_of(self_edges="keep", observed=GRAPH.triples), tables_of())
-    np.testing.assert_array_equal(
-        tables_of(self_edges="drop", observed=np.array([[1, COMBINES_WITH, 1]])), tables_of(self_edges="drop")
-    )
-
-
-def test_observed_self_edges_without_triples_are_an_error():
-    with refuses("self_edges"):
-        scaled_scorer(SCORER, self_edges="observed")
+    dropped = tables_of(self_edges="drop", observed=np.array([[1, COMBINES_WITH, 1]]))
+    np.testing.assert_array_equal(dropped, tables_of(self_edges="drop"))
 
 
 # --- as a scorer -----------------------------------------------------------------------------------------------------
@@ -251,23 +228,14 @@ def test_scaling_twice_gives_the_same_bits_and_changes_nothing_in_the_scorer(sca
 
 # --- by factors ------------------------------------------------------------------------------------------------------
 
-
-def factored(seed: int = 0, scale: float = 1.0) -> ComplExScorer:
-    generator = torch.Generator().manual_seed(seed)
-    sizes = {"entity": SIZE, "relation": len(RELATIONS)}
-    parts = {
-        f"{kind}_{part}": torch.randn(size, 4, generator=generator) * scale + 0.3
-        for kind, size in sizes.items()
-        for part in ("real", "imag")
-    }
-    return ComplExScorer(parts, GRAPH.entities, GRAPH.hash)
+FACTORED = complex_scorer(SIZE, 4, shift=0.3)
 
 
 @any_relation
 @pytest.mark.parametrize("scale", FACTORED_SCALES)
 @pytest.mark.parametrize("self_edges", ["keep", "observed", "drop"])
 def test_factors_give_the_scores_of_the_scaled_table(relation: int, scale: str, self_edges: str):
-    scorer, loops = factored(), np.array([[2, relation, 2], [3, relation, 4]])
+    scorer, loops = FACTORED, np.array([[2, relation, 2], [3, relation, 4]])
     options = {"self_edges": self_edges, "observed": loops}
     expected = scaled_table(scorer, relation, scale, **options)
     factors = scaled_factors(scorer, relation, scale, **options)
@@ -278,11 +246,11 @@ def test_factors_give_the_scores_of_the_scaled_table(relation: int, scale: str, 
 
 
 def test_factors_that_tell_no_pairs_apart_score_zero():
-    factors = scaled_factors(factored(scale=0.0), COMBINES_WITH)
+    factors = scaled_factors(complex_scorer(SIZE, 4, scale=0.0, shift=0.3), COMBINES_WITH)
     assert (factors.left @ factors.right.T - factors.shift).abs().max() < 1e-5
 
 
 @pytest.mark.parametrize("scale", ["ranks", "log-softmax"])
 def test_a_scale_that_needs_the_table_is_refused_for_factors(scale: str):
     with refuses("scale"):
-        scaled_factors(factored(), COMBINES_WITH, scale)
+        scaled_factors(FACTORED, COMBINES_WITH, scale)

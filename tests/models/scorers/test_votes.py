@@ -47,8 +47,8 @@ def test_recipes_and_triples_are_scored_by_the_formulas(unseen: float):
 
 def test_the_order_of_ingredients_does_not_matter():
     scorer = VoteScorer(GRAPH, KNOWN)
-    a, b, c = (torch.arange(SIZE).view(shape) for shape in ((-1, 1, 1), (1, -1, 1), (1, 1, -1)))
-    assert torch.equal(scorer.score_recipes(a, b, c), scorer.score_recipes(b, a, c))
+    scores = scorer.score_recipes(EVERYTHING[:, None, None], EVERYTHING[:, None], EVERYTHING)
+    assert torch.equal(scores, scores.transpose(0, 1))
     assert torch.equal(scorer.table(COMBINES_WITH), scorer.table(COMBINES_WITH).T)
 
 

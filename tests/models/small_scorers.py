@@ -1,0 +1,74 @@
+"""Small scorers, tensors and states for the tests of scorers and policies."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from wordcraft_kg.graphs.triples import RELATIONS
+from wordcraft_kg.models.scorers.factors import ComplExScorer
+from wordcraft_kg.models.scorers.tables import TableScorer
+
+
+def normal(*shape: int, seed: int = 0) -> Tensor:
+    return torch.randn(*shape, generator=torch.Generator().manual_seed(seed))
+
+
+def labels_of(size: int) -> list[str]:
+    return [f"e{i:03}" for i in range(size)]
+
+
+def table_scorer(scores: Tensor | np.ndarray) -> TableScorer:
+    """A scorer of given scores, shape (R, E, E)."""
+    return TableScorer(torch.as_tensor(scores).float(), labels_of(scores.shape[1]), "0" * 64)
+
+
+def embeddings(size: int, dim: int, seed: int = 0) -> dict[str, Tensor]:
+    """Embeddings of a ComplEx model."""
+    generator = torch.Generator().manual_seed(seed)
+    return {
+        f"{kind}_{part}": torch.randn(rows, dim, generator=generator)
+        for kind, rows in (("entity", size), ("relation", len(RELATIONS)))
+        for part in ("real", "imag")
+    }
+
+
+def complex_scorer(size: int, dim: int, seed: int = 0, scale: float = 1.0, shift: float = 0.0) -> ComplExScorer:
+    drawn = embeddings(size, dim, seed)
+    return ComplExScorer({name: x * scale + shift for name, x in drawn.items()}, labels_of(size), "0" * 64)
+
+
+class BareScorer:
+    """The least that follows the protocol: not one of ours, asymmetric, and with scores that somebody trains."""
+
+    graph_hash = "of no graph"
+
+    def __init__(self, size: int, seed: int = 0):
+        self.entities = tuple("abcdefghij"[:size])
+        self.scores = normal(len(RELATIONS), size, size, seed=seed).requires_grad_()
+
+    def score(self, heads, relations, tails):
+        return self.scores[RELATIONS.index(relations) if isinstance(relations, str) else relations, heads, tails]
+
+    def table(self, relation):
+        return self.scores[RELATIONS.index(relation) if isinstance(relation, str) else relation]
+
+
+def states(num_entities: int, size: int = 9, num_slots: int = 5, seed: int = 0) -> tuple[Tensor, Tensor, Tensor]:
+    """Goals, selections and tables: with nothing held and something held, empty slots, full tables and repeats."""
+    generator = torch.Generator().manual_seed(seed)
+    goal = torch.randint(num_entities, (size,), generator=generator)
+    selection = torch.randint(num_entities, (size,), generator=generator)
+    table = torch.randint(num_entities, (size, num_slots), generator=generator)
+    selection[::2] = num_entities
+    table[1::3, 2:] = num_entities
+    table[2::3, 0] = num_entities
+    table[0, 1] = table[0, 0]
+    return goal, selection, table
+
+
+def cosine(one: Sequence[float], other: Sequence[float]) -> float:
+    lengths = math.sqrt(sum(x * x for x in one)) * math.sqrt(sum(y * y for y in other))
+    return sum(x * y for x, y in zip(one, other, strict=True)) / lengths if lengths else 0.0

@@ -4,9 +4,7 @@ import errno
 import json
 import os
 import signal
-import subprocess
 import sys
-import time
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -18,7 +16,7 @@ import torch
 from going_on import go_on
 
 from wordcraft_kg.agents import training
-from wordcraft_kg.agents.agent_folder import AGENTS, open_agent
+from wordcraft_kg.agents.agent_folder import open_agent
 from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
 from wordcraft_kg.agents.impala import Impala
 from wordcraft_kg.agents.training import _warn_of_self_pairs, train_agent
@@ -27,7 +25,6 @@ from wordcraft_kg.base.errors import (
     ArtefactError,
     ConfigError,
     MissingExtraError,
-    OutputExistsError,
     TrainingError,
 )
 from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_book
@@ -35,7 +32,6 @@ from wordcraft_kg.graphs.folder import OpenedGraph, open_graph, write_graph_fold
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.folder import load_policy
 from wordcraft_kg.models.scorers.config import SelfEdges
-from wordcraft_kg.runs.checkpoints import Checkpoints
 
 SMALL = ImpalaConfig(steps=1_600, batch_size=8, unroll=2, log_every=160, eval_every=800, checkpoint_every=320)
 
@@ -186,42 +182,6 @@ def test_metrics_after_the_checkpoint_are_cut_off_when_a_run_goes_on(
     assert sha256_of(tmp_path / "part/policy.safetensors") == sha256_of(whole.folder / "policy.safetensors")
 
 
-@pytest.mark.parametrize("what", ["tensors", "record", "missing"])
-def test_a_damaged_checkpoint_falls_back_to_the_one_before_and_says_so(
-    opened: OpenedGraph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, what: str
-) -> None:
-    whole = train_agent(config_of(), tmp_path / "whole")
-    with monkeypatch.context() as patch:
-        interrupt_at(patch, 50)
-        part = train_agent(config_of(), tmp_path / "part")
-    last, before = AGENTS.checkpoints(part.folder).records().values()
-    assert (last.stem, before.stem) == ("step-800", "step-640")
-    tensors = last.with_suffix(".safetensors")
-    if what == "tensors":
-        data = bytearray(tensors.read_bytes())
-        data[-5] ^= 1
-        tensors.write_bytes(data)
-    elif what == "record":
-        last.write_text("{")
-    else:
-        tensors.unlink()
-    go_on(part.folder)
-    assert "step-640" in caplog.text
-    assert sha256_of(part.folder / "policy.safetensors") == sha256_of(whole.folder / "policy.safetensors")
-    assert metrics_of(part.folder) == metrics_of(whole.folder)
-
-
-def test_a_run_without_a_whole_checkpoint_is_an_error(
-    opened: OpenedGraph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    interrupt_at(monkeypatch, 50)
-    part = train_agent(config_of(), tmp_path / "part")
-    for path in (part.folder / "checkpoints").glob("*.safetensors"):
-        path.write_bytes(b"nothing")
-    with pytest.raises(ArtefactError, match=r"all checkpoints .* are damaged"):
-        go_on(part.folder)
-
-
 def test_a_loss_that_is_not_finite_stops_the_run_and_keeps_the_last_good_checkpoint(
     opened: OpenedGraph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -242,25 +202,6 @@ def test_a_loss_that_is_not_finite_stops_the_run_and_keeps_the_last_good_checkpo
     assert all(torch.isfinite(parameter).all() for parameter in agent.policy.parameters())
 
 
-def test_a_full_disk_loses_nothing_that_was_safe(
-    opened: OpenedGraph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    whole = train_agent(config_of(), tmp_path / "whole")
-    save = Checkpoints.save
-
-    def full(self: Checkpoints[Any], step: int, *arguments: Any) -> None:
-        if step == 960:
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        save(self, step, *arguments)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(Checkpoints, "save", full)
-        with pytest.raises(ArtefactError, match=r"No space left.*step 640 is safe.*same command"):
-            train_agent(config_of(), tmp_path / "run")
-    go_on(tmp_path / "run")
-    assert sha256_of(tmp_path / "run/policy.safetensors") == sha256_of(whole.folder / "policy.safetensors")
-
-
 def test_a_disk_that_is_full_from_the_start_leaves_no_folder(
     opened: OpenedGraph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -271,34 +212,6 @@ def test_a_disk_that_is_full_from_the_start_leaves_no_folder(
     with pytest.raises(OSError, match="No space left"):
         train_agent(config_of(), tmp_path / "run")
     assert not (tmp_path / "run").exists()
-
-
-def test_a_finished_run_is_neither_resumed_nor_replaced_unasked(opened: OpenedGraph, tmp_path: Path) -> None:
-    train_agent(config_of(), tmp_path / "run")
-    before = sha256_of(tmp_path / "run/policy.safetensors")
-    with pytest.raises(OutputExistsError, match="`force`"):
-        train_agent(config_of(), tmp_path / "run")
-    assert sha256_of(tmp_path / "run/policy.safetensors") == before
-    train_agent(config_of(replace(SMALL, seed=1)), tmp_path / "run", force=True)
-    assert sha256_of(tmp_path / "run/policy.safetensors") != before
-
-
-def test_an_unfinished_run_is_not_replaced_unasked(
-    opened: OpenedGraph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    with monkeypatch.context() as patch:
-        interrupt_at(patch, 50)
-        train_agent(config_of(), tmp_path / "run")
-    with pytest.raises(ConfigError, match="`seed` 0, and this command has 1"):
-        train_agent(config_of(replace(SMALL, seed=1)), tmp_path / "run")
-
-
-def test_a_folder_of_somebody_else_is_never_replaced(opened: OpenedGraph, tmp_path: Path) -> None:
-    (tmp_path / "mine").mkdir()
-    (tmp_path / "mine/thesis.tex").write_text("everything")
-    with pytest.raises(OutputExistsError):
-        train_agent(config_of(), tmp_path / "mine", force=True)
-    assert (tmp_path / "mine/thesis.tex").read_text() == "everything"
 
 
 def test_a_run_on_another_graph_is_refused(
@@ -397,34 +310,11 @@ def test_a_run_that_fails_early_gives_back_the_one_that_it_was_to_replace(
 ) -> None:
     train_agent(config_of(), tmp_path / "run")
     before = sha256_of(tmp_path / "run/policy.safetensors")
-    with monkeypatch.context() as patch:
-        patch.setattr(Checkpoints, "save", lambda *_, **__: (_ for _ in ()).throw(KeyboardInterrupt))
-        with pytest.raises(KeyboardInterrupt):
-            train_agent(config_of(replace(SMALL, seed=1)), tmp_path / "run", force=True)
-    assert sha256_of(tmp_path / "run/policy.safetensors") == before
-    with monkeypatch.context() as patch:
-        patch.setattr(torch, "compile", lambda *_, **__: (_ for _ in ()).throw(RuntimeError("no compiler")))
-        with pytest.raises(ConfigError, match="no compiler"):
-            train_agent(config_of(replace(SMALL, compile=True)), tmp_path / "run", force=True)
+    monkeypatch.setattr(torch, "compile", lambda *_, **__: (_ for _ in ()).throw(RuntimeError("no compiler")))
+    with pytest.raises(ConfigError, match="no compiler"):
+        train_agent(config_of(replace(SMALL, seed=1, compile=True)), tmp_path / "run", force=True)
     assert sha256_of(tmp_path / "run/policy.safetensors") == before
     assert [path.name for path in tmp_path.iterdir()] == ["run"]
-
-
-def test_a_run_is_trained_by_one_process_at_a_time(
-    opened: OpenedGraph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    step, found = Impala.update, []
-
-    def update(self: Impala) -> None:
-        step(self)
-        if self.update_number == 30:
-            with pytest.raises(ArtefactError, match="being trained by another process"):
-                go_on(tmp_path / "run")
-            found.append(True)
-
-    monkeypatch.setattr(Impala, "update", update)
-    train_agent(config_of(), tmp_path / "run")
-    assert found == [True]
 
 
 def test_metrics_that_are_shorter_than_the_checkpoint_says_are_an_error(
@@ -448,44 +338,6 @@ def test_features_without_half_of_the_words_are_refused_before_anything_is_writt
     assert not (tmp_path / "run").exists()
     trained = train_agent(config_of(policy=replace(policy, allow_missing=True)), tmp_path / "run")
     assert opened.graph.entities[1] in json.loads((trained.folder / "run.json").read_text())["missing_words"]
-
-
-COMMAND = """
-import sys
-from wordcraft_kg.cli import main
-sys.exit(main(sys.argv[1:]))
-"""
-
-
-def start(*arguments: object) -> subprocess.Popen[bytes]:
-    command = [sys.executable, "-c", COMMAND, *map(str, arguments)]
-    return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-
-
-@pytest.mark.slow
-def test_a_run_killed_at_20_random_moments_ends_with_the_bits_of_an_undisturbed_one(tmp_path: Path) -> None:
-    options = ("--distractors", 4, "--steps", 400_000, "--checkpoint-every", 5_000, "--eval-every", 50_000)
-    assert start("train-agent", "everyday", *options, "--out", tmp_path / "whole").wait() == 0
-    rng = np.random.default_rng(0)
-    folder, kills = tmp_path / "killed", 0
-    command = ("train-agent", "everyday", *options, "--out", folder)
-    process = start(*command)
-    while kills < 20:
-        checkpoints = folder / "checkpoints"
-        while not any(checkpoints.glob("*.json")):
-            assert process.poll() is None, "the run ended before it was killed"
-            time.sleep(0.01)
-        time.sleep(rng.uniform(1.5, 3.5))  # importing takes about 2 seconds of it
-        if process.poll() is not None:
-            break
-        process.kill()
-        process.wait()
-        kills += 1
-        process = start(*command)
-    assert process.wait() == 0
-    assert kills == 20
-    assert sha256_of(folder / "policy.safetensors") == sha256_of(tmp_path / "whole/policy.safetensors")
-    assert metrics_of(folder) == metrics_of(tmp_path / "whole")
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""The least that can be trained in a run folder. As a script: begin to replace a run, and die before a checkpoint."""
+"""The least that can be trained in a run folder. As a script: begin a run, and die at a moment."""
 
 import os
 import signal
@@ -27,7 +27,16 @@ def train(out: Path, result: str, *, force: bool = False) -> None:
         run.finish(("result",), card="")
 
 
+def die(*_: object, **__: object) -> None:
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
 if __name__ == "__main__":
-    with new_run(Path(sys.argv[1]), PLAIN, force=True) as run:
+    moment, out = sys.argv[1:]
+    if moment == "before the first file":
+        os.open = die  # the folder is made, and not locked yet
+    with new_run(Path(out), PLAIN, force=moment == "before the first checkpoint") as run:
+        if moment == "while the first file is written":
+            os.replace = die
         run.begin(Settings("kitchen"), inputs={})
-        os.kill(os.getpid(), signal.SIGKILL)
+        die()

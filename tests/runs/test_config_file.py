@@ -27,14 +27,14 @@ def written(features: str, folder: Path) -> str:
 
 
 @pytest.mark.parametrize("name", ["glove", "one-hot", "random", "learned", "shuffled:glove", "shuffled:learned"])
-def test_a_name_of_features_stays_though_a_file_is_called_so(folder: Path, name: str) -> None:
+def test_a_name_of_features_stays_though_a_file_is_called_so(folder, name):
     Path(name.removeprefix("shuffled:")).write_text("a file of mine")
     assert written(name, folder) == name
     assert f'features = "{name}"\n' in (folder / "config.toml").read_text()
 
 
 @pytest.mark.parametrize("spec", ["vectors.txt", "shuffled:vectors.txt", "./glove"])
-def test_a_file_of_features_is_found_from_the_run_s_folder(folder: Path, spec: str) -> None:
+def test_a_file_of_features_is_found_from_the_run_s_folder(folder, spec):
     path = spec.removeprefix("shuffled:")
     Path(path).write_text("water 1.0\n")
     assert written(spec, folder) == spec.replace("./", "") or written(spec, folder) == spec
@@ -52,7 +52,7 @@ def test_a_file_of_features_is_found_from_the_run_s_folder(folder: Path, spec: s
         ("shuffled:", "", True),
     ],
 )
-def test_a_spec_of_features_is_a_name_or_a_path(text: str, source: str, is_path: bool) -> None:
+def test_a_spec_of_features_is_a_name_or_a_path(text, source, is_path):
     spec = FeatureSpec.parse(text)
     assert (spec.source, spec.is_path, str(spec)) == (source, is_path, text)
 
@@ -70,12 +70,12 @@ def test_a_spec_of_features_is_a_name_or_a_path(text: str, source: str, is_path:
     ],
     ids=lambda config: type(config).__name__,
 )
-def test_what_is_written_is_read_back(folder: Path, config: LinksConfig | AgentConfig) -> None:
+def test_what_is_written_is_read_back(folder, config):
     config.write(folder)
     assert type(config).read(folder) == config
 
 
-def test_a_file_that_says_the_same_is_left_alone(folder: Path) -> None:
+def test_a_file_that_says_the_same_is_left_alone(folder):
     write_config(folder, "train-complex", {"graph": "kitchen"})
     before = (folder / "config.toml").stat().st_ino
     write_config(folder, "train-complex", {"graph": "kitchen"})
@@ -98,7 +98,7 @@ def test_a_file_that_says_the_same_is_left_alone(folder: Path) -> None:
         ('kg_only = true\nmixing = "free"', "kg_only"),
     ],
 )
-def test_a_setting_of_another_type_or_out_of_range_is_named(folder: Path, line: str, problem: str) -> None:
+def test_a_setting_of_another_type_or_out_of_range_is_named(folder, line, problem):
     graph = "" if line.startswith("graph") else 'graph = "kitchen"\n'
     (folder / "config.toml").write_text(f"[train-agent]\n{graph}{line}\n")
     with pytest.raises(ArtefactError, match=rf"config\.toml is damaged.*{problem}"):
@@ -113,18 +113,18 @@ def test_a_setting_of_another_type_or_out_of_range_is_named(folder: Path, line: 
     [PolicyConfig(use="u"), PolicyConfig(kg_only=True), PolicyConfig(scale="none"), PolicyConfig(self_edges="keep")],
     ids=str,
 )
-def test_settings_of_a_scorer_need_a_scorer(policy: PolicyConfig) -> None:
+def test_settings_of_a_scorer_need_a_scorer(policy):
     with pytest.raises(ConfigError, match="give a `scorer` too"):
         AgentConfig("kitchen", policy=policy)
     assert AgentConfig("kitchen", "models/x", policy=policy).policy == policy
 
 
-def test_the_full_graph_is_not_validated_on_what_it_holds() -> None:
+def test_the_full_graph_is_not_validated_on_what_it_holds():
     with pytest.raises(ConfigError, match="contains the validation triples"):
         ComplExConfig(kg="full", eval_every=5)
 
 
-def test_runs_and_models_have_folders_of_their_own_names() -> None:
+def test_runs_and_models_have_folders_of_their_own_names():
     assert LinksConfig("g").default_folder("everyday") == Path("models/everyday-partial")
     rotate = LinksConfig("g", LinkModelConfig(model="RotatE", kg="full"))
     assert rotate.default_folder("everyday") == Path("models/everyday-rotate-full")

@@ -153,7 +153,7 @@ SOME = [pytest.param(29, id="some"), pytest.param(1, id="all", marks=pytest.mark
 
 @CASES
 @pytest.mark.parametrize("every", SOME)
-def test_no_damage_to_a_file_is_a_traceback(run: Run, home: Path, kind: str, name: str, every: int) -> None:
+def test_no_damage_to_a_file_is_a_traceback(run, home, kind, name, every):
     found = []
     original = max((home / kind).glob(name))
     for what, data in list(mutations(original))[::every]:
@@ -166,7 +166,7 @@ def test_no_damage_to_a_file_is_a_traceback(run: Run, home: Path, kind: str, nam
 
 
 @CASES
-def test_a_device_in_the_place_of_a_file_is_not_read(run: Run, home: Path, kind: str, name: str) -> None:
+def test_a_device_in_the_place_of_a_file_is_not_read(run, home, kind, name):
     folder = copied(home, kind)
     for path in folder.glob(name):
         path.unlink()

@@ -56,6 +56,15 @@ class Agent:
 
 
 Trainer = Links | Agent
+Learned = dict[str, Any]
+
+
+def learned(folder: Path) -> Learned:
+    """The hashes of a run's outputs that hold no time of the training, and the figures that are no speed."""
+    outputs = read_run(folder).outputs
+    weights = {name: value for name, value in outputs.items() if name.endswith(".safetensors")}
+    lines = [json.loads(line) for path in folder.glob("*.jsonl") for line in path.read_text().splitlines()]
+    return {**weights, "": [{key: row[key] for key in row if "second" not in key} for row in lines]}
 
 
 @pytest.fixture(params=[Links(), Agent()], ids=["links", "agent"], scope="module")
@@ -64,9 +73,9 @@ def trainer(request: pytest.FixtureRequest) -> Trainer:
 
 
 @pytest.fixture(scope="module")
-def whole(trainer: Trainer, tmp_path_factory: pytest.TempPathFactory) -> str:
-    """Hash of the weights of an undisturbed run."""
-    return sha256_of(trainer.train(tmp_path_factory.mktemp("whole") / "run").folder / trainer.weights)
+def whole(trainer: Trainer, tmp_path_factory: pytest.TempPathFactory) -> Learned:
+    """The results of an undisturbed run."""
+    return learned(trainer.train(tmp_path_factory.mktemp("whole") / "run").folder)
 
 
 def after(number: int, act: Callable[[], object]) -> Progress:
@@ -94,7 +103,7 @@ def interrupted(trainer: Trainer, out: Path, **options: Any) -> Path:
     return out
 
 
-def test_a_finished_run_has_results_instead_of_checkpoints(trainer: Trainer, tmp_path: Path) -> None:
+def test_a_finished_run_has_results_instead_of_checkpoints(trainer, tmp_path):
     folder = trainer.train(tmp_path / "run").folder
     run = read_run(folder)
     assert (run.status, run.kind in trainer.kind.commands) == ("done", True)
@@ -106,32 +115,46 @@ def test_a_finished_run_has_results_instead_of_checkpoints(trainer: Trainer, tmp
         pass
 
 
-def test_a_run_is_on_record_in_its_own_folder_from_the_start(trainer: Trainer, tmp_path: Path) -> None:
+def test_a_run_is_on_record_in_its_own_folder_from_the_start(trainer, tmp_path):
     seen = []
     trainer.train(tmp_path / "run", progress=after(trainer.numbers[0], lambda: seen.append(read_run(tmp_path / "run"))))
     assert [run.status for run in seen] == ["running"]
     assert [path.name for path in tmp_path.iterdir()] == ["run"]
 
 
-def test_ctrl_c_keeps_two_checkpoints_and_resume_ends_with_the_bits_of_an_undisturbed_run(
-    trainer: Trainer, tmp_path: Path, whole: str
-) -> None:
+def test_ctrl_c_keeps_two_checkpoints_and_resume_ends_with_the_bits_of_an_undisturbed_run(trainer, tmp_path, whole):
     folder = interrupted(trainer, tmp_path / "run")
     assert read_run(folder).status == "interrupted"
     assert len(trainer.kind.checkpoints(folder).records()) == 2
     resumed = trainer.train(folder)
-    assert sha256_of(resumed.folder / trainer.weights) == whole
+    assert learned(resumed.folder) == whole
     assert len(read_run(folder).resumed) == 1
 
 
-def test_a_second_ctrl_c_says_what_is_saved(trainer: Trainer, tmp_path: Path, whole: str) -> None:
+def test_a_second_ctrl_c_acts_at_once_and_says_what_is_saved(trainer, tmp_path, whole):
+    handler = signal.getsignal(signal.SIGINT)
     with pytest.raises(KeyboardInterrupt, match=rf"{trainer.kind.unit} \d+ is saved.*same command goes on"):
         trainer.train(tmp_path / "run", progress=after(trainer.numbers[3], lambda: ctrl_c(2)))
+    assert signal.getsignal(signal.SIGINT) is handler
     assert read_run(tmp_path / "run").status == "interrupted"
-    assert sha256_of(trainer.train(tmp_path / "run").folder / trainer.weights) == whole
+    assert learned(trainer.train(tmp_path / "run").folder) == whole
 
 
-def test_nobody_else_trains_in_a_folder_in_use(trainer: Trainer, tmp_path: Path, whole: str) -> None:
+def test_a_run_may_be_interrupted_more_than_once(trainer, tmp_path, whole):
+    for number in trainer.numbers[:4:2]:
+        assert trainer.train(tmp_path / "run", progress=after(number, ctrl_c)).interrupted
+    assert learned(trainer.train(tmp_path / "run").folder) == whole
+    assert len(read_run(tmp_path / "run").resumed) == 2
+
+
+@pytest.mark.parametrize("is_finished", [True, False])
+def test_forced_training_starts_anew_and_goes_on_as_the_new_run(trainer, tmp_path, whole, is_finished):
+    out = trainer.train(tmp_path / "run", seed=1).folder if is_finished else interrupted(trainer, tmp_path / "run")
+    assert learned(trainer.train(interrupted(trainer, out, force=True)).folder) == whole
+    assert [path.name for path in tmp_path.iterdir()] == ["run"]
+
+
+def test_nobody_else_trains_in_a_folder_in_use(trainer, tmp_path, whole):
     tried = []
 
     def meddle() -> None:
@@ -142,27 +165,27 @@ def test_nobody_else_trains_in_a_folder_in_use(trainer: Trainer, tmp_path: Path,
 
     trained = trainer.train(tmp_path / "run", progress=after(trainer.numbers[2], meddle))
     assert len(tried) == 2
-    assert sha256_of(trained.folder / trainer.weights) == whole
+    assert learned(trained.folder) == whole
 
 
-def test_an_error_is_on_record_and_the_run_can_go_on(trainer: Trainer, tmp_path: Path, whole: str) -> None:
+def test_an_error_is_on_record_and_the_run_can_go_on(trainer, tmp_path, whole):
     with pytest.raises(RuntimeError, match="no more"):
         trainer.train(tmp_path / "run", progress=after(trainer.numbers[3], fail))
     assert read_run(tmp_path / "run").status == "failed"
-    assert sha256_of(trainer.train(tmp_path / "run").folder / trainer.weights) == whole
+    assert learned(trainer.train(tmp_path / "run").folder) == whole
 
 
-def test_an_existing_run_is_replaced_on_demand_only(trainer: Trainer, tmp_path: Path, whole: str) -> None:
+def test_an_existing_run_is_replaced_on_demand_only(trainer, tmp_path, whole):
     trainer.train(tmp_path / "run")
     with pytest.raises(OutputExistsError):
         trainer.train(tmp_path / "run", seed=1)
-    assert sha256_of(tmp_path / "run" / trainer.weights) == whole
+    assert learned(tmp_path / "run") == whole
     trainer.train(tmp_path / "run", seed=1, force=True)
-    assert sha256_of(tmp_path / "run" / trainer.weights) != whole
+    assert learned(tmp_path / "run") != whole
     assert [path.name for path in tmp_path.iterdir()] == ["run"]
 
 
-def test_an_unfinished_run_is_kept_from_another_seed(trainer: Trainer, tmp_path: Path) -> None:
+def test_an_unfinished_run_is_kept_from_another_seed(trainer, tmp_path):
     folder = interrupted(trainer, tmp_path / "run")
     with pytest.raises(ConfigError, match="`seed` 0, and this command has 1"):
         trainer.train(folder, seed=1)
@@ -181,32 +204,26 @@ def disk_full(monkeypatch: pytest.MonkeyPatch, number: int) -> None:
     monkeypatch.setattr(Checkpoints, "save", full)
 
 
-def test_a_replaced_run_comes_back_if_the_new_one_leaves_nothing(
-    trainer: Trainer, tmp_path: Path, whole: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_replaced_run_comes_back_if_the_new_one_leaves_nothing(trainer, tmp_path, whole, monkeypatch):
     trainer.train(tmp_path / "run")
     disk_full(monkeypatch, 0)
     with pytest.raises(OSError, match="No space"):
         trainer.train(tmp_path / "run", seed=1, force=True)
-    assert sha256_of(tmp_path / "run" / trainer.weights) == whole
+    assert learned(tmp_path / "run") == whole
     assert [path.name for path in tmp_path.iterdir()] == ["run"]
 
 
-def test_a_full_disk_loses_nothing_that_was_safe(
-    trainer: Trainer, tmp_path: Path, whole: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_full_disk_loses_nothing_that_was_safe(trainer, tmp_path, whole, monkeypatch):
     last, full = trainer.numbers[2:4]
     with monkeypatch.context() as patch:
         disk_full(patch, full)
         with pytest.raises(ArtefactError, match=rf"No space left.*{trainer.kind.unit} {last} is safe.*same command"):
             trainer.train(tmp_path / "run")
-    assert sha256_of(trainer.train(tmp_path / "run").folder / trainer.weights) == whole
+    assert learned(trainer.train(tmp_path / "run").folder) == whole
 
 
 @pytest.mark.parametrize("what", ["tensors", "record", "missing", "another kind"])
-def test_a_damaged_checkpoint_falls_back_to_the_one_before_and_says_so(
-    trainer: Trainer, tmp_path: Path, whole: str, caplog: pytest.LogCaptureFixture, what: str
-) -> None:
+def test_a_damaged_checkpoint_falls_back_to_the_one_before_and_says_so(trainer, tmp_path, whole, caplog, what):
     folder = interrupted(trainer, tmp_path / "run")
     last, before = trainer.kind.checkpoints(folder).records().values()
     tensors = last.with_suffix(".safetensors")
@@ -220,10 +237,10 @@ def test_a_damaged_checkpoint_falls_back_to_the_one_before_and_says_so(
         last.write_text("{" if what == "record" else '{"sha256": "0", "progress": 5}')
     resumed = trainer.train(folder)
     assert before.stem in caplog.text
-    assert sha256_of(resumed.folder / trainer.weights) == whole
+    assert learned(resumed.folder) == whole
 
 
-def test_a_run_without_a_whole_checkpoint_is_an_error_that_changes_nothing(trainer: Trainer, tmp_path: Path) -> None:
+def test_a_run_without_a_whole_checkpoint_is_an_error_that_changes_nothing(trainer, tmp_path):
     folder = interrupted(trainer, tmp_path / "run")
     for path in (folder / "checkpoints").glob("*.safetensors"):
         path.write_bytes(b"nothing")
@@ -232,9 +249,7 @@ def test_a_run_without_a_whole_checkpoint_is_an_error_that_changes_nothing(train
     assert read_run(folder).status == "interrupted"
 
 
-def test_a_run_that_goes_on_with_another_torch_says_so(
-    trainer: Trainer, tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_a_run_that_goes_on_with_another_torch_says_so(trainer, tmp_path, caplog):
     folder = interrupted(trainer, tmp_path / "run")
     run = json.loads((folder / "run.json").read_text())
     (folder / "run.json").write_text(json.dumps({**run, "versions": {**run["versions"], "torch": "0.1"}}))
@@ -242,7 +257,7 @@ def test_a_run_that_goes_on_with_another_torch_says_so(
     assert "began with torch 0.1" in caplog.text
 
 
-def test_settings_that_were_changed_by_hand_are_refused(trainer: Trainer, tmp_path: Path) -> None:
+def test_settings_that_were_changed_by_hand_are_refused(trainer, tmp_path):
     folder = interrupted(trainer, tmp_path / "run")
     path = folder / "config.toml"
     path.write_text(path.read_text().replace("learning_rate = 0", "learning_rate = 1"))
@@ -250,7 +265,7 @@ def test_settings_that_were_changed_by_hand_are_refused(trainer: Trainer, tmp_pa
         trainer.train(folder)
 
 
-def test_a_run_of_one_kind_does_not_go_on_as_the_other(tmp_path: Path) -> None:
+def test_a_run_of_one_kind_does_not_go_on_as_the_other(tmp_path):
     for one, other in ((Agent(), Links()), (Links(), Agent())):
         folder = interrupted(one, tmp_path / one.kind.name)
         with pytest.raises(OutputExistsError, match="`force`"):
@@ -260,43 +275,87 @@ def test_a_run_of_one_kind_does_not_go_on_as_the_other(tmp_path: Path) -> None:
 # --- killed before the first checkpoint ------------------------------------------------------------------------------
 
 
+def kill(moment: str, folder: Path) -> Path:
+    """Begin a run in a process that is killed at a moment."""
+    command = [sys.executable, plain_run.__file__, moment, str(folder)]
+    assert subprocess.run(command, check=False, timeout=120).returncode == -signal.SIGKILL
+    return folder
+
+
 @pytest.fixture
 def killed(tmp_path: Path) -> Path:
     """A finished run whose replacement was killed before its first checkpoint."""
     plain_run.train(tmp_path / "run", "the first")
-    command = [sys.executable, plain_run.__file__, str(tmp_path / "run")]
-    assert subprocess.run(command, check=False, timeout=120).returncode == -signal.SIGKILL
+    kill("before the first checkpoint", tmp_path / "run")
     assert not (tmp_path / "run" / "result").exists()
     return tmp_path / "run"
 
 
-def test_what_a_killed_run_was_to_replace_comes_back_with_the_next_failure(killed: Path) -> None:
+def test_what_a_killed_run_was_to_replace_comes_back_with_the_next_failure(killed):
     with pytest.raises(RuntimeError, match="no more"):
         plain_run.train(killed, "", force=True)
     assert (killed / "result").read_text() == "the first"
     assert [path.name for path in killed.parent.iterdir()] == ["run"]
 
 
-def test_what_a_killed_run_was_to_replace_goes_when_it_is_replaced_after_all(killed: Path) -> None:
+def test_what_a_killed_run_was_to_replace_goes_when_it_is_replaced_after_all(killed):
     plain_run.train(killed, "the third", force=True)
     assert (killed / "result").read_text() == "the third"
     assert [path.name for path in killed.parent.iterdir()] == ["run"]
 
 
-def test_resuming_a_killed_run_without_a_checkpoint_brings_back_what_it_was_to_replace(killed: Path) -> None:
+def test_resuming_a_killed_run_without_a_checkpoint_brings_back_what_it_was_to_replace(killed):
     with pytest.raises(ArtefactError, match="no checkpoint yet"), resumed_run(killed, plain_run.PLAIN) as run:
         run.checkpoints.load()
     assert (killed / "result").read_text() == "the first"
     assert [path.name for path in killed.parent.iterdir()] == ["run"]
 
 
-def test_a_first_run_that_fails_leaves_nothing(tmp_path: Path) -> None:
+BEGINNINGS = ["before the first file", "while the first file is written"]
+
+
+@pytest.mark.parametrize("moment", BEGINNINGS)
+def test_a_run_killed_before_its_first_record_starts_again_and_leaves_nothing(tmp_path, moment):
+    folder = kill(moment, tmp_path / "run")
+    assert not (folder / "run.json").exists()
+    plain_run.train(folder, "the second")
+    plain_run.train(tmp_path / "other", "the second")
+    assert [path.name for path in tmp_path.iterdir() if path.name not in ("run", "other")] == []
+    assert {path.name for path in folder.iterdir()} == {path.name for path in (tmp_path / "other").iterdir()}
+
+
+@pytest.mark.parametrize("moment", BEGINNINGS)
+def test_a_trainer_starts_again_where_it_was_killed_before_the_first_record(trainer, tmp_path, whole, moment):
+    assert learned(trainer.train(kill(moment, tmp_path / "run")).folder) == whole
+    assert [path.name for path in tmp_path.glob("**/.*")] == []
+
+
+def test_a_run_that_begins_is_left_alone_by_others(tmp_path):
+    with new_run(tmp_path / "run", AGENTS):
+        for force in (False, True):
+            with pytest.raises(ArtefactError, match="by another process"):
+                plain_run.train(tmp_path / "run", "mine", force=force)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_killed_beginning_of_a_replacement_does_not_make_force_needless(tmp_path):
+    plain_run.train(tmp_path / "run", "the first")
+    (tmp_path / "run").rename(tmp_path / ".run.replaced-by-wordcraft-kg")
+    kill("before the first file", tmp_path / "run")
+    with pytest.raises(OutputExistsError):
+        plain_run.train(tmp_path / "run", "the second")
+    with pytest.raises(RuntimeError, match="no more"):
+        plain_run.train(tmp_path / "run", "", force=True)
+    assert (tmp_path / "run/result").read_text() == "the first"
+
+
+def test_a_first_run_that_fails_leaves_nothing(tmp_path):
     with pytest.raises(RuntimeError, match="no more"):
         plain_run.train(tmp_path / "run", "")
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_folder_of_somebody_else_is_never_replaced(tmp_path: Path) -> None:
+def test_a_folder_of_somebody_else_is_never_replaced(tmp_path):
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine/thesis.tex").write_text("everything")
     with pytest.raises(OutputExistsError), new_run(tmp_path / "mine", AGENTS, force=True):
@@ -307,33 +366,37 @@ def test_a_folder_of_somebody_else_is_never_replaced(tmp_path: Path) -> None:
 # --- killed at any moment --------------------------------------------------------------------------------------------
 
 COMMAND = "import sys; from wordcraft_kg.cli import main; sys.exit(main(sys.argv[1:]))"
+LONG = {
+    "train-complex": ("--epochs", 15, "--dim", 32, "--n3", 0.1, "--folds", 2, "--checkpoint-every", 5),
+    "train-agent": ("--distractors", 4, "--steps", 400_000, "--checkpoint-every", 5_000, "--eval-every", 50_000),
+}
 
 
 def start(*arguments: object) -> subprocess.Popen[bytes]:
     command = [sys.executable, "-c", COMMAND, *map(str, arguments)]
-    return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
 
 
 @pytest.mark.slow
-def test_a_model_whose_training_was_killed_at_10_random_moments_has_the_bits_of_an_undisturbed_one(
-    tmp_path: Path,
-) -> None:
-    options = ("--epochs", 300, "--dim", 32, "--checkpoint-every", 5)
-    assert start("train-complex", "everyday", *options, "--out", tmp_path / "whole").wait() == 0
-    rng, folder = np.random.default_rng(0), tmp_path / "killed"
-    process = start("train-complex", "everyday", *options, "--out", folder)
+@pytest.mark.parametrize(("command", "moments"), [("train-complex", 10), ("train-agent", 20)])
+def test_a_run_killed_at_random_moments_ends_with_the_bits_of_an_undisturbed_one(tmp_path, command, moments):
+    """Several runs, if need be: one ends after a few kills. A process may also be killed when its work is done."""
+    rng, whole, began = np.random.default_rng(0), tmp_path / "whole", time.monotonic()
+    assert start(command, "everyday", *LONG[command], "--out", whole).wait() == 0
+    took = time.monotonic() - began
     kills = 0
-    while kills < 10:
-        while not any((folder / "checkpoints").glob("*.json")):
-            assert process.poll() is None, "the run ended before it was killed"
-            time.sleep(0.01)
-        time.sleep(rng.uniform(3, 6))  # importing takes most of it
-        if process.poll() is not None:
-            break
-        process.kill()
-        process.wait()
-        kills += 1
-        process = start("train-complex", "everyday", *options, "--out", folder)
-    assert process.wait() == 0
-    assert kills >= 3
-    assert sha256_of(folder / "model.safetensors") == sha256_of(tmp_path / "whole" / "model.safetensors")
+    while kills < moments:
+        folder = tmp_path / f"from-{kills}"
+        while True:
+            process = start(command, "everyday", *LONG[command], "--out", folder)
+            try:
+                code = process.wait(took * rng.uniform(0.1, 0.9) if kills < moments else None)
+                break
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+                kills += 1
+        said = process.stderr.read().decode() if process.stderr else ""
+        assert code == 0 or f"'{folder}' exists" in said, said
+        assert learned(folder) == learned(whole)
+        assert {path.name for path in folder.glob("[!.]*")} == {path.name for path in whole.glob("[!.]*")}

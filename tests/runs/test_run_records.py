@@ -25,33 +25,33 @@ def finished(folder: Path) -> RunRecord:
     return end_run(folder, start_run(folder, "train-complex", seed=3), "done", ("weights",))
 
 
-def test_a_run_is_on_record_while_it_runs(folder: Path):
+def test_a_run_is_on_record_while_it_runs(folder):
     run = start_run(folder, "train-complex", seed=3)
     assert read_run(folder) == run
     assert (run.kind, run.status, run.seed, run.ended, run.outputs) == ("train-complex", "running", 3, None, {})
 
 
-def test_a_run_that_ended_has_the_hashes_of_its_outputs(folder: Path):
+def test_a_run_that_ended_has_the_hashes_of_its_outputs(folder):
     finished(folder)
     run = read_finished_run(folder, "a model", "weights")
     assert (run.status, run.outputs) == ("done", {"weights": sha256_of(folder / "weights")})
     assert run.started <= run.ended
 
 
-def test_a_run_says_with_which_versions_it_was_made(folder: Path):
+def test_a_run_says_with_which_versions_it_was_made(folder):
     versions = start_run(folder, "train-complex").versions
     assert versions["python"] == ".".join(str(part) for part in sys.version_info[:3])
     assert {"wordcraft-kg", "torch", "pykeen", "numpy"} <= set(versions)
 
 
-def test_the_home_folder_in_arguments_becomes_a_tilde(folder: Path, monkeypatch: pytest.MonkeyPatch):
+def test_the_home_folder_in_arguments_becomes_a_tilde(folder, monkeypatch):
     monkeypatch.setenv("HOME", "/homes/somebody")
     arguments = ["/homes/somebody/bin/wordcraft-kg", "build", "/homes/somebody/graphs", "--out=/homes/somebody/m"]
     monkeypatch.setattr(sys, "argv", arguments)
     assert start_run(folder, "train-complex").argv == ("wordcraft-kg", "build", "~/graphs", "--out=~/m")
 
 
-def test_no_host_or_user_name_goes_into_a_record(folder: Path, monkeypatch: pytest.MonkeyPatch):
+def test_no_host_or_user_name_goes_into_a_record(folder, monkeypatch):
     monkeypatch.setattr(socket, "gethostname", lambda: "some-host-name")
     monkeypatch.setenv("HOSTNAME", "some-host-name")
     monkeypatch.setenv("USER", "some-user-name")
@@ -64,18 +64,18 @@ def test_no_host_or_user_name_goes_into_a_record(folder: Path, monkeypatch: pyte
 
 
 @pytest.mark.parametrize("status", ["interrupted", "failed"])
-def test_a_run_that_is_not_done_is_refused_with_its_status(folder: Path, status: str):
+def test_a_run_that_is_not_done_is_refused_with_its_status(folder, status):
     end_run(folder, start_run(folder, "train-complex"), status)
     with pytest.raises(ArtefactError, match=rf"{status}, not done.*Repeat the command"):
         read_finished_run(folder, "a model", "model.bin")
 
 
-def test_a_run_that_does_not_exist_is_refused_with_what_was_expected(tmp_path: Path):
+def test_a_run_that_does_not_exist_is_refused_with_what_was_expected(tmp_path):
     with pytest.raises(ArtefactError, match="nowhere' does not exist; expected a model"):
         read_finished_run(tmp_path / "nowhere", "a model", "model.bin")
 
 
-def test_a_run_without_the_expected_result_is_refused_with_what_it_is(folder: Path):
+def test_a_run_without_the_expected_result_is_refused_with_what_it_is(folder):
     (folder / "policy.bin").touch()
     end_run(folder, start_run(folder, "train-agent"), "done", ["policy.bin"])
     with pytest.raises(ArtefactError, match="was written by train-agent; expected a model"):
@@ -83,31 +83,31 @@ def test_a_run_without_the_expected_result_is_refused_with_what_it_is(folder: Pa
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]", "{}", '{"format": "something else 1"}', "3", "null"])
-def test_something_else_than_a_run_record_is_refused(folder: Path, text: str):
+def test_something_else_than_a_run_record_is_refused(folder, text):
     (folder / "run.json").write_text(text)
     with pytest.raises(ArtefactError, match=r"run\.json"):
         read_run(folder)
 
 
-def test_a_run_record_that_is_not_utf8_is_refused(folder: Path):
+def test_a_run_record_that_is_not_utf8_is_refused(folder):
     (folder / "run.json").write_bytes(b'{"format": "\xff"}')
     with pytest.raises(ArtefactError, match=r"run\.json is damaged"):
         read_run(folder)
 
 
-def test_bytes_of_a_run_are_those_that_were_written(folder: Path):
+def test_bytes_of_a_run_are_those_that_were_written(folder):
     assert RunFiles(folder, finished(folder)).bytes("weights") == b"abc"
 
 
 @pytest.mark.parametrize("data", [b"", b"ab", b"abd", b"abcd"])
-def test_bytes_that_differ_are_refused(folder: Path, data: bytes):
+def test_bytes_that_differ_are_refused(folder, data):
     run = finished(folder)
     (folder / "weights").write_bytes(data)
     with pytest.raises(ArtefactError, match="weights is damaged"):
         RunFiles(folder, run).bytes("weights")
 
 
-def test_bytes_that_the_record_does_not_know_are_refused(folder: Path):
+def test_bytes_that_the_record_does_not_know_are_refused(folder):
     run = finished(folder)
     (folder / "other").write_bytes(b"abc")
     with pytest.raises(ArtefactError, match="other is damaged"):

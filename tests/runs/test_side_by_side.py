@@ -31,7 +31,7 @@ class Light:
 
 
 @pytest.mark.parametrize("workers", [1, 2])
-def test_all_jobs_are_done_and_say_how_far_they_are(workers: int):
+def test_all_jobs_are_done_and_say_how_far_they_are(workers):
     noted: list[tuple[int, ...]] = []
     side_by_side([Light(0), Light(1), Light(2)], workers, lambda *message: noted.append(message))
     assert sorted(filter(None, noted)) == [(fold, epoch) for fold in range(3) for epoch in (1, 2)]
@@ -45,7 +45,7 @@ def test_all_jobs_are_done_and_say_how_far_they_are(workers: int):
         ("is killed", TrainingError, "code -9"),
     ],
 )
-def test_an_error_and_the_death_of_a_process_are_told_and_end_the_others(how: str, kind: type[Exception], said: str):
+def test_an_error_and_the_death_of_a_process_are_told_and_end_the_others(how, kind, said):
     with pytest.raises(kind, match=said):
         side_by_side([Light(0, how), Light(1, "takes long")], 2, lambda *_: None)
     assert not multiprocessing.active_children()

@@ -55,7 +55,7 @@ def stop_at(number: int):
     return progress
 
 
-def test_a_tracker_of_ones_own_gets_each_line_of_an_agents_metrics(tmp_path: Path):
+def test_a_tracker_of_ones_own_gets_each_line_of_an_agents_metrics(tmp_path):
     notes = Notes()
     train_agent(AGENT, tmp_path / "run", trackers=[notes])
     expected = lines(tmp_path / "run/metrics.jsonl")
@@ -66,7 +66,7 @@ def test_a_tracker_of_ones_own_gets_each_line_of_an_agents_metrics(tmp_path: Pat
     assert {"success", "test_success", "train_success"} <= notes.rows[-1][1].keys()
 
 
-def test_a_tracker_of_ones_own_gets_each_epoch_of_a_link_predictor(tmp_path: Path, kitchen_with_valid: Path):
+def test_a_tracker_of_ones_own_gets_each_epoch_of_a_link_predictor(tmp_path, kitchen_with_valid):
     notes = Notes()
     settings = ComplExConfig(dim=4, epochs=3, eval_every=2)
     train_links(LinksConfig(str(kitchen_with_valid), settings), tmp_path / "model", trackers=[notes])
@@ -89,7 +89,7 @@ def kitchen_with_valid(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize("kind", ["links", "agent"])
-def test_a_resumed_run_goes_on_where_the_interrupted_one_ended(kind: str, tmp_path: Path):
+def test_a_resumed_run_goes_on_where_the_interrupted_one_ended(kind, tmp_path):
     one, other, whole = Notes(), Notes(), Notes()
     if kind == "links":
         assert train_links(LINKS, tmp_path / "run", trackers=[one], progress=stop_at(1)).interrupted
@@ -108,7 +108,7 @@ def test_a_resumed_run_goes_on_where_the_interrupted_one_ended(kind: str, tmp_pa
     assert both == once
 
 
-def test_a_tracker_learns_that_a_run_has_failed(tmp_path: Path):
+def test_a_tracker_learns_that_a_run_has_failed(tmp_path):
     class Broken(Notes):
         def log(self, step: int, values: Mapping[str, float]) -> None:
             raise RuntimeError("no such luck")
@@ -121,14 +121,14 @@ def test_a_tracker_learns_that_a_run_has_failed(tmp_path: Path):
     assert not go_on(tmp_path / "model").interrupted  # the epoch is safe
 
 
-def test_trackers_do_not_change_what_is_trained(tmp_path: Path):
+def test_trackers_do_not_change_what_is_trained(tmp_path):
     for name, trackers in (("with", [Notes()]), ("without", [])):
         train_links(LINKS, tmp_path / name, trackers=trackers)
     one, other = (read_run(tmp_path / name).outputs["model.safetensors"] for name in ("with", "without"))
     assert one == other
 
 
-def test_an_unknown_tracker_is_an_error_with_the_nearest_names(tmp_path: Path):
+def test_an_unknown_tracker_is_an_error_with_the_nearest_names(tmp_path):
     with refuses("trackers"):
         train_links(LINKS, tmp_path / "model", trackers=["tensorbord"])
     assert not list(tmp_path.iterdir())
@@ -136,9 +136,7 @@ def test_an_unknown_tracker_is_an_error_with_the_nearest_names(tmp_path: Path):
 
 @pytest.mark.parametrize("name", TRACKERS)
 @pytest.mark.parametrize("train", [train_links, train_agent])
-def test_a_missing_library_is_an_error_that_names_the_extra_and_leaves_nothing(
-    train: Any, name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_a_missing_library_is_an_error_that_names_the_extra_and_leaves_nothing(train, name, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, TRACKERS[name].library, None)
     monkeypatch.setenv("MLFLOW_DISABLE_TELEMETRY", "true")
     with pytest.raises(MissingExtraError, match=rf"wordcraft-kg\[{name}\]"):
@@ -151,9 +149,7 @@ def test_a_tracker_that_is_named_twice_is_opened_once():
     assert checked_trackers([notes, notes]) == [notes]
 
 
-def test_wandb_gets_settings_and_figures_offline_and_nothing_of_the_machine(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_wandb_gets_settings_and_figures_offline_and_nothing_of_the_machine(tmp_path, monkeypatch):
     begun: list[dict[str, Any]] = []
     rows: list[tuple[int, dict[str, float]]] = []
     ended: list[int] = []
@@ -178,7 +174,7 @@ def test_wandb_gets_settings_and_figures_offline_and_nothing_of_the_machine(
     assert (settings["host"], settings["username"], settings["x_disable_meta"]) == ("", "", True)
 
 
-def test_mlflow_gets_settings_and_figures_in_a_store_beside_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_mlflow_gets_settings_and_figures_in_a_store_beside_the_run(tmp_path, monkeypatch):
     said: list[tuple[Any, ...]] = []
 
     class Client:
@@ -219,9 +215,7 @@ def test_mlflow_gets_settings_and_figures_in_a_store_beside_the_run(tmp_path: Pa
 
 
 @pytest.mark.parametrize(("wish", "is_shown"), [(True, True), (False, False), (None, False)])
-def test_a_bar_is_shown_on_stderr_only_if_it_is_wished_for(
-    wish: bool | None, is_shown: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-):
+def test_a_bar_is_shown_on_stderr_only_if_it_is_wished_for(wish, is_shown, tmp_path, capsys):
     train_links(LINKS, tmp_path / "model", progress=wish)
     train_agent(AGENT, tmp_path / "run", progress=wish)
     shown = capsys.readouterr()

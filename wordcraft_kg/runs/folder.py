@@ -16,8 +16,10 @@ from wordcraft_kg.base.errors import ArtefactError, TrainingError, reason
 from wordcraft_kg.runs.checkpoints import Checkpoints
 from wordcraft_kg.runs.config_file import CONFIG_FILE, RunConfig
 from wordcraft_kg.runs.interruption import first_interrupt, interruption_message
-from wordcraft_kg.runs.record import RunFacts, RunRecord, Status, end_run, read_run, resume_run, start_run
+from wordcraft_kg.runs.record import RUN_FILE, RunFacts, RunRecord, Status, end_run, read_run, resume_run, start_run
 
+_BEGUN = ".begun-by-wordcraft-kg"
+"""Marks the folder of a new run until its first record: if the process is killed before, the folder can go."""
 P = TypeVar("P")
 Progress = Callable[[int, int, dict[str, float]], None]
 """Called regularly with the number of epochs or steps done, their total, and the latest figures."""
@@ -100,6 +102,7 @@ class RunFolder(Generic[P]):
             inputs={**inputs, **hashes},
             **facts,
         )
+        (self.path / _BEGUN).unlink(missing_ok=True)
         self.is_live = True
 
     def go_on(self, config: RunConfig) -> None:
@@ -173,7 +176,7 @@ def new_run(out: Path, kind: RunKind[P], *, force: bool = False) -> Iterator[Run
         ArtefactError: if another process is training there.
     """
     out = with_a_name(out)
-    check_output(out, force=force)
+    check_new_run(out, force=force)
     with locked(out) if out.exists() else nullcontext():
         _put_aside(out)
         try:
@@ -183,13 +186,15 @@ def new_run(out: Path, kind: RunKind[P], *, force: bool = False) -> Iterator[Run
         except OSError:
             _settle(out)
             raise
-        try:
-            with locked(out), first_interrupt() as interrupted, _failing(RunFolder(out, kind, interrupted)) as run:
-                yield run
-        finally:
-            if _is_dead(out):
-                shutil.rmtree(out, ignore_errors=True)
-            _settle(out)
+        with locked(out):
+            (out / _BEGUN).touch()
+            try:
+                with first_interrupt() as interrupted, _failing(RunFolder(out, kind, interrupted)) as run:
+                    yield run
+            finally:
+                if _is_dead(out):
+                    shutil.rmtree(out, ignore_errors=True)
+                _settle(out)
 
 
 @contextmanager
@@ -221,7 +226,17 @@ def check_run_output(out: Path, *, force: bool) -> None:
     with suppress(ArtefactError):  # no run is there, or the run.json of something else
         if read_run(out).status != "done":
             return
-    check_output(out, force=force)
+    check_new_run(out, force=force)
+
+
+def check_new_run(out: Path, *, force: bool) -> None:
+    """Refuse an output that exists, unless a run was killed there before its first record, or it is an empty folder.
+
+    Raises:
+        OutputExistsError: if it exists and ``force`` is False.
+    """
+    if not _is_beginning(out) or (_aside(out).exists() and not force):
+        check_output(out, force=force)
 
 
 @contextmanager
@@ -260,6 +275,8 @@ def locked(folder: Path, use: str = "trained") -> Iterator[None]:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             raise _in_use(folder, use) from None
+        if not os.path.exists(folder) or not os.path.samestat(os.fstat(handle), os.stat(folder)):
+            raise _in_use(folder, use)  # another process has replaced the folder since it was opened
         yield
     finally:
         os.close(handle)
@@ -275,10 +292,10 @@ def _aside(out: Path) -> Path:
 
 
 def _put_aside(out: Path) -> None:
-    """Move ``out`` aside; if it is a replacement that was killed before its first checkpoint, remove it instead."""
+    """Move ``out`` aside; if it was killed before its first record or is a dead replacement, remove it instead."""
     if not out.exists():
         return
-    if _aside(out).exists() and _is_dead(out):
+    if _is_beginning(out) or (_aside(out).exists() and _is_dead(out)):
         shutil.rmtree(out)
         return
     shutil.rmtree(_aside(out), ignore_errors=True)
@@ -294,6 +311,13 @@ def _settle(out: Path) -> None:
     else:
         shutil.rmtree(out, ignore_errors=True)
         os.rename(_aside(out), out)
+
+
+def _is_beginning(folder: Path) -> bool:
+    """Return whether a folder is empty, or was made for a run that has no record yet."""
+    if not folder.is_dir() or (folder / RUN_FILE).exists():
+        return False
+    return (folder / _BEGUN).exists() or not any(folder.iterdir())
 
 
 def _is_dead(folder: Path) -> bool:

@@ -8,13 +8,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, ClassVar, Generic, TypeVar
 
-from wordcraft_kg.base.artefacts import check_output
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, OutputExistsError
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
 from wordcraft_kg.runs.checkpoints import Checkpoint
 from wordcraft_kg.runs.config_file import CONFIG_FILE, RunConfig, moved
 from wordcraft_kg.runs.files import RunFiles
-from wordcraft_kg.runs.folder import Progress, RunFolder, RunKind, new_run, resumed_run
+from wordcraft_kg.runs.folder import Progress, RunFolder, RunKind, check_new_run, new_run, resumed_run
 from wordcraft_kg.runs.record import RUN_FILE, RunRecord, read_run
 from wordcraft_kg.runs.trackers import Log, Tracker, checked_trackers, names_of, tracking
 
@@ -118,7 +117,7 @@ def train(
         if trainer.kind.checkpoints(folder).records():
             return _go_on(trainer(found, opened), folder, trackers, progress)
         force = True  # it was killed before its first checkpoint
-    check_output(folder, force=force)
+    check_new_run(folder, force=force)
     training = trainer(config, opened)
     training.prepare()
     kind = trainer.kind

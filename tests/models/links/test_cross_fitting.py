@@ -78,7 +78,7 @@ def same_files(one: Path, other: Path) -> bool:
 # --- what is trained -------------------------------------------------------------------------------------------------
 
 
-def test_each_fold_has_the_model_that_its_triples_alone_give(folded: Path, opened_kitchen: OpenedGraph):
+def test_each_fold_has_the_model_that_its_triples_alone_give(folded, opened_kitchen):
     scorer, folds, graph = load_scorer(folded), make_folds(opened_kitchen.split, 3), opened_kitchen.graph
     assert isinstance(scorer, CrossFitted)
     assert (scorer.count, scorer.record.hash) == (3, folds.hash)
@@ -92,9 +92,7 @@ def test_each_fold_has_the_model_that_its_triples_alone_give(folded: Path, opene
         np.testing.assert_array_equal(scorer.trained_on(fold, graph), triples)
 
 
-def test_scores_and_tables_are_those_of_a_model_without_folds(
-    folded: Path, opened_kitchen: OpenedGraph, tmp_path: Path
-):
+def test_scores_and_tables_are_those_of_a_model_without_folds(folded, opened_kitchen, tmp_path):
     plain = load_scorer(train(opened_kitchen, replace(SHORT, folds=0), tmp_path / "plain").folder)
     scorer = load_scorer(folded)
     assert not isinstance(plain, CrossFitted)
@@ -104,9 +102,7 @@ def test_scores_and_tables_are_those_of_a_model_without_folds(
     assert not torch.equal(scorer.left_out(0).table(0), plain.table(0))
 
 
-def test_the_record_says_how_well_each_model_ranks_the_fold_that_it_has_not_seen(
-    folded: Path, opened_kitchen: OpenedGraph
-):
+def test_the_record_says_how_well_each_model_ranks_the_fold_that_it_has_not_seen(folded, opened_kitchen):
     scorer, folds, graph = load_scorer(folded), make_folds(opened_kitchen.split, 3), opened_kitchen.graph
     assert isinstance(scorer, CrossFitted)
     for number, fold in enumerate(scorer.record.folds):
@@ -126,7 +122,7 @@ def test_the_record_says_how_well_each_model_ranks_the_fold_that_it_has_not_seen
     assert set(FILES) < set(run["outputs"])
 
 
-def test_a_model_whose_scorer_is_a_table_has_folds_without_its_parameters(opened_kitchen: OpenedGraph, tmp_path: Path):
+def test_a_model_whose_scorer_is_a_table_has_folds_without_its_parameters(opened_kitchen, tmp_path):
     config = LinkModelConfig(model="distmult", dim=4, epochs=2, folds=2)
     folder = train(opened_kitchen, config, tmp_path / "model").folder
     names = set(safetensors.torch.load_file(folder / FILES[1]))
@@ -136,7 +132,7 @@ def test_a_model_whose_scorer_is_a_table_has_folds_without_its_parameters(opened
     assert not torch.equal(scorer.left_out(0).table(1), scorer.left_out(1).table(1))
 
 
-def test_folds_train_for_the_epochs_that_the_model_returned_to(validated_kitchen: OpenedGraph, tmp_path: Path):
+def test_folds_train_for_the_epochs_that_the_model_returned_to(validated_kitchen, tmp_path):
     config = replace(SHORT, epochs=8, learning_rate=2.0, eval_every=1, patience=1)
     folder = train(validated_kitchen, config, tmp_path / "model").folder
     model = open_model(folder)
@@ -149,7 +145,7 @@ def test_folds_train_for_the_epochs_that_the_model_returned_to(validated_kitchen
     torch.testing.assert_close(model.scorer.left_out(1).table(0), expected.table(0), rtol=0, atol=0)
 
 
-def test_embeddings_of_a_large_graph_have_folds_by_factors(folded: Path, monkeypatch: pytest.MonkeyPatch):
+def test_embeddings_of_a_large_graph_have_folds_by_factors(folded, monkeypatch):
     small = load_scorer(folded)
     monkeypatch.setattr("wordcraft_kg.models.scorers.folder.TABLE_LIMIT", 1)
     large = load_scorer(folded)
@@ -167,12 +163,12 @@ def test_embeddings_of_a_large_graph_have_folds_by_factors(folded: Path, monkeyp
     ("settings", "count"),
     [({}, 5), ({"kg": "full"}, 0), ({"folds": 0}, 0), ({"folds": 2}, 2), ({"kg": "full", "folds": 0}, 0)],
 )
-def test_partial_graphs_have_five_folds_by_default_and_full_ones_none(settings, count, opened_kitchen: OpenedGraph):
+def test_partial_graphs_have_five_folds_by_default_and_full_ones_none(settings, count, opened_kitchen):
     for kind in (ComplExConfig, LinkModelConfig):
         assert cross_fitting.decided_folds(kind(**settings), opened_kitchen).folds == count
 
 
-def test_a_book_that_cannot_be_cut_has_none_unless_they_are_asked_for(caplog: pytest.LogCaptureFixture):
+def test_a_book_that_cannot_be_cut_has_none_unless_they_are_asked_for(caplog):
     recipes = [("a", "b", "c"), ("a", "c", "b"), ("b", "c", "a"), ("a", "a", "c")]
     graph = RecipeGraph.from_recipes(recipes, name="tiny")
     opened = OpenedGraph(graph, make_split(graph, SplitConfig(train_ratio=0.5)), "tiny")
@@ -197,15 +193,13 @@ def test_folds_of_the_full_graph_are_refused():
         ComplExConfig(kg="full", folds=5)
 
 
-def test_more_folds_than_pairs_are_refused_before_anything_is_written(opened_kitchen: OpenedGraph, tmp_path: Path):
+def test_more_folds_than_pairs_are_refused_before_anything_is_written(opened_kitchen, tmp_path):
     with refuses("folds"):
         train(opened_kitchen, replace(SHORT, folds=5_000), tmp_path / "model")
     assert not (tmp_path / "model").exists()
 
 
-def test_tables_of_folds_that_would_be_too_large_are_refused(
-    opened_kitchen: OpenedGraph, monkeypatch: pytest.MonkeyPatch
-):
+def test_tables_of_folds_that_would_be_too_large_are_refused(opened_kitchen, monkeypatch):
     monkeypatch.setattr(cross_fitting, "TABLE_LIMIT", 2**18)
     with refuses("folds"):
         cross_fitting.decided_folds(LinkModelConfig(folds=6), opened_kitchen)
@@ -218,7 +212,7 @@ def test_tables_of_folds_that_would_be_too_large_are_refused(
 # --- interruptions ---------------------------------------------------------------------------------------------------
 
 
-def test_progress_counts_the_epochs_of_the_folds(opened_kitchen: OpenedGraph, tmp_path: Path):
+def test_progress_counts_the_epochs_of_the_folds(opened_kitchen, tmp_path):
     told = []
     train(opened_kitchen, SHORT, tmp_path / "model", progress=lambda done, total, figures: told.append((done, total)))
     assert told == [(done, 16) for done in range(1, 17)]
@@ -226,7 +220,7 @@ def test_progress_counts_the_epochs_of_the_folds(opened_kitchen: OpenedGraph, tm
 
 @pytest.mark.parametrize("epoch", [5, 9, 14])
 def test_an_interrupted_run_goes_on_with_the_folds_that_are_missing(
-    folded: Path, opened_kitchen: OpenedGraph, tmp_path: Path, epoch: int, monkeypatch: pytest.MonkeyPatch
+    folded, opened_kitchen, tmp_path, epoch, monkeypatch
 ):
     trained = train(opened_kitchen, SHORT, tmp_path / "model", progress=interrupt_after(epoch))
     assert trained.interrupted
@@ -243,9 +237,7 @@ def test_an_interrupted_run_goes_on_with_the_folds_that_are_missing(
     assert not (trained.folder / "checkpoints").exists()
 
 
-def test_a_damaged_fold_of_an_interrupted_run_is_trained_again(
-    folded: Path, opened_kitchen: OpenedGraph, tmp_path: Path, caplog: pytest.LogCaptureFixture
-):
+def test_a_damaged_fold_of_an_interrupted_run_is_trained_again(folded, opened_kitchen, tmp_path, caplog):
     folder = train(opened_kitchen, SHORT, tmp_path / "model", progress=interrupt_after(14)).folder
     path = folder / "checkpoints" / "fold-1.safetensors"
     path.write_bytes(path.read_bytes()[:-1] + b"x")
@@ -255,7 +247,7 @@ def test_a_damaged_fold_of_an_interrupted_run_is_trained_again(
     assert same_files(folder, folded)
 
 
-def test_a_kept_fold_of_other_epochs_is_trained_again(folded: Path, opened_kitchen: OpenedGraph, tmp_path: Path):
+def test_a_kept_fold_of_other_epochs_is_trained_again(folded, opened_kitchen, tmp_path):
     folder = train(opened_kitchen, SHORT, tmp_path / "model", progress=interrupt_after(14)).folder
     path = min((folder / "checkpoints").glob("fold-*.json"))
     record = json.loads(path.read_text())
@@ -264,9 +256,7 @@ def test_a_kept_fold_of_other_epochs_is_trained_again(folded: Path, opened_kitch
     assert same_files(folder, folded)
 
 
-def test_an_error_in_a_fold_leaves_a_run_to_go_on_with(
-    opened_kitchen: OpenedGraph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_an_error_in_a_fold_leaves_a_run_to_go_on_with(opened_kitchen, tmp_path, monkeypatch):
     def fail(*arguments):
         raise TrainingError("the loss is no longer a finite number.")
 
@@ -296,7 +286,7 @@ train_links(LinksConfig("kitchen", config), Path(sys.argv[1]))
 
 
 @pytest.mark.slow
-def test_processes_side_by_side_give_the_same_bits_and_do_not_run_the_program_again(folded: Path, tmp_path: Path):
+def test_processes_side_by_side_give_the_same_bits_and_do_not_run_the_program_again(folded, tmp_path):
     (tmp_path / "program.py").write_text(PROGRAM)  # without a `__main__` guard
     command = [sys.executable, str(tmp_path / "program.py"), str(tmp_path / "model")]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
@@ -305,9 +295,7 @@ def test_processes_side_by_side_give_the_same_bits_and_do_not_run_the_program_ag
 
 
 @pytest.mark.slow
-def test_an_error_and_the_death_of_a_process_are_told(
-    opened_kitchen: OpenedGraph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_an_error_and_the_death_of_a_process_are_told(opened_kitchen, tmp_path, monkeypatch):
     folds = make_folds(opened_kitchen.split, 3)
     monkeypatch.setattr(side_by_side, "cores", lambda: 2)
     options = {"seconds": 100.0, "after_epoch": lambda done, total: None}
@@ -318,9 +306,7 @@ def test_an_error_and_the_death_of_a_process_are_told(
         cross_fitting.train_folds(tmp_path, folds, SHORT, **options)
 
 
-def test_ctrl_c_ends_the_processes_at_once(
-    opened_kitchen: OpenedGraph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_ctrl_c_ends_the_processes_at_once(opened_kitchen, tmp_path, monkeypatch):
     import multiprocessing
 
     monkeypatch.setattr(side_by_side, "cores", lambda: 2)
@@ -357,13 +343,13 @@ def set_to(name: str, value: object):
         (drop("of_recipe"), "which recipe is in which fold"),
     ],
 )
-def test_a_missing_or_damaged_fold_is_named(spoilt_folds, tensors, said: str):
+def test_a_missing_or_damaged_fold_is_named(spoilt_folds, tensors, said):
     with pytest.raises(ArtefactError, match=said):
         load_scorer(spoilt_folds(tensors=tensors))
 
 
 @pytest.mark.parametrize("name", FILES)
-def test_a_file_of_folds_that_is_missing_or_changed_is_named(folded: Path, tmp_path: Path, name: str):
+def test_a_file_of_folds_that_is_missing_or_changed_is_named(folded, tmp_path, name):
     folder = Path(shutil.copytree(folded, tmp_path / "copy"))
     data = (folder / name).read_bytes()
     (folder / name).write_bytes(data[:-1] + b" ")
@@ -374,22 +360,20 @@ def test_a_file_of_folds_that_is_missing_or_changed_is_named(folded: Path, tmp_p
         load_scorer(folder)
 
 
-def test_folds_of_another_draw_or_split_are_refused(spoilt_folds, opened_kitchen: OpenedGraph):
+def test_folds_of_another_draw_or_split_are_refused(spoilt_folds, opened_kitchen):
     other = make_folds(make_split(opened_kitchen.graph, SplitConfig(seed=1)), 3)
     with pytest.raises(GraphMismatchError):
         load_scorer(spoilt_folds(record=set_to("hash", other.hash)))
 
 
-def test_folds_that_are_not_those_of_the_split_are_refused_when_a_model_is_opened(
-    spoilt_folds, opened_kitchen: OpenedGraph
-):
+def test_folds_that_are_not_those_of_the_split_are_refused_when_a_model_is_opened(spoilt_folds, opened_kitchen):
     other = make_folds(make_split(opened_kitchen.graph, SplitConfig(seed=1)), 3)
     folder = spoilt_folds(tensors=set_to("of_recipe", torch.from_numpy(other.of_recipe.copy())))
     with pytest.raises(GraphMismatchError):
         open_model(folder)
 
 
-def test_a_model_that_was_trained_on_other_triples_than_it_says_is_a_leak(spoilt_folds, opened_kitchen: OpenedGraph):
+def test_a_model_that_was_trained_on_other_triples_than_it_says_is_a_leak(spoilt_folds, opened_kitchen):
     def swap(record):
         record["folds"][0]["trained_on"], record["folds"][1]["trained_on"] = (
             record["folds"][1]["trained_on"],

@@ -58,7 +58,7 @@ def folds_of(opened: OpenedGraph):
     return folds.dosed(make_dose(opened.split, 0.5, 0.2, 1, of_recipe=folds.of_recipe))
 
 
-def test_each_model_is_that_of_the_triples_that_it_was_taught(dosed: Path, opened_kitchen: OpenedGraph):
+def test_each_model_is_that_of_the_triples_that_it_was_taught(dosed, opened_kitchen):
     scorer, folds, graph = load_scorer(dosed), folds_of(opened_kitchen), opened_kitchen.graph
     assert isinstance(scorer, CrossFitted)
     for fold, model in [((), scorer.whole), *(((fold,), scorer.left_out(fold)) for fold in range(3))]:
@@ -71,9 +71,7 @@ def test_each_model_is_that_of_the_triples_that_it_was_taught(dosed: Path, opene
             np.testing.assert_array_equal(scorer.trained_on(*fold, graph), triples)
 
 
-def test_the_folds_are_those_of_every_other_model_and_no_model_has_seen_its_own(
-    dosed: Path, opened_kitchen: OpenedGraph
-):
+def test_the_folds_are_those_of_every_other_model_and_no_model_has_seen_its_own(dosed, opened_kitchen):
     scorer, folds = load_scorer(dosed), folds_of(opened_kitchen)
     assert isinstance(scorer, CrossFitted)
     assert scorer.record.hash == make_folds(opened_kitchen.split, 3).hash
@@ -88,7 +86,7 @@ def test_the_folds_are_those_of_every_other_model_and_no_model_has_seen_its_own(
         assert not (results - elsewhere) & set(seen[seen[:, 1] == 1, 2].tolist())
 
 
-def test_an_opened_model_tells_what_it_was_trained_on(dosed: Path, plain: Path, opened_kitchen: OpenedGraph):
+def test_an_opened_model_tells_what_it_was_trained_on(dosed, plain, opened_kitchen):
     for folder, dose in (
         (dosed, folds_of(opened_kitchen).dose),
         (plain, make_dose(opened_kitchen.split, 0.5, 0.2, 1)),
@@ -106,7 +104,7 @@ def test_an_opened_model_tells_what_it_was_trained_on(dosed: Path, plain: Path, 
         assert model.metrics.train_mrr == pytest.approx(mean_reciprocal_rank(ranks))
 
 
-def test_without_a_dose_nothing_is_said_of_one(complex_folder: Path, opened_kitchen: OpenedGraph, tmp_path: Path):
+def test_without_a_dose_nothing_is_said_of_one(complex_folder, opened_kitchen, tmp_path):
     settings = replace(SHORT, share=1.0, noise=0.0)
     folder = train(opened_kitchen, settings, tmp_path / "whole").folder
     assert "taught" not in safetensors.torch.load_file(folder / "folds.safetensors")
@@ -117,7 +115,7 @@ def test_without_a_dose_nothing_is_said_of_one(complex_folder: Path, opened_kitc
     np.testing.assert_array_equal(open_model(complex_folder).triples, opened_kitchen.split.partial)
 
 
-def test_a_folder_from_before_there_were_doses_opens(opened_kitchen: OpenedGraph, tmp_path: Path):
+def test_a_folder_from_before_there_were_doses_opens(opened_kitchen, tmp_path):
     folder = train(opened_kitchen, replace(PLAIN, share=1.0, noise=0.0), tmp_path / "old").folder
     config, metrics = folder / "config.toml", folder / "metrics.json"
     lines = config.read_text().splitlines()
@@ -149,7 +147,7 @@ def spoilt(folder: Path, out: Path, change, inputs=None) -> Path:
     return folder
 
 
-def test_a_dose_that_is_not_the_one_of_the_training_is_a_leak(dosed: Path, opened_kitchen: OpenedGraph, tmp_path: Path):
+def test_a_dose_that_is_not_the_one_of_the_training_is_a_leak(dosed, opened_kitchen, tmp_path):
     def right_again(tensors):
         tensors["taught"] = torch.from_numpy(folds_of(opened_kitchen).dose.graph.recipes[:, 2].copy())
 
@@ -165,13 +163,13 @@ def test_a_dose_that_is_not_the_one_of_the_training_is_a_leak(dosed: Path, opene
 
 
 @pytest.mark.parametrize("tensor", [torch.zeros(3, dtype=torch.int64), torch.zeros(271)])
-def test_a_damaged_dose_is_refused(dosed: Path, tmp_path: Path, tensor: torch.Tensor):
+def test_a_damaged_dose_is_refused(dosed, tmp_path, tensor):
     folder = spoilt(dosed, tmp_path / "spoilt", lambda tensors: tensors.update(taught=tensor))
     with pytest.raises(ArtefactError, match="does not say what each recipe was taught as"):
         load_scorer(folder)
 
 
-def test_a_dose_that_is_drawn_otherwise_now_is_refused(plain: Path, tmp_path: Path):
+def test_a_dose_that_is_drawn_otherwise_now_is_refused(plain, tmp_path):
     folder = Path(shutil.copytree(plain, tmp_path / "other"))
     run = json.loads((folder / "run.json").read_text())
     run["inputs"]["dose"] = "0" * 64
@@ -180,7 +178,7 @@ def test_a_dose_that_is_drawn_otherwise_now_is_refused(plain: Path, tmp_path: Pa
         _ = open_model(folder).triples
 
 
-def test_a_saved_copy_keeps_its_dose(dosed: Path, opened_kitchen: OpenedGraph, tmp_path: Path):
+def test_a_saved_copy_keeps_its_dose(dosed, opened_kitchen, tmp_path):
     copy = open_model(save_scorer(tmp_path / "copy", load_scorer(dosed), opened_kitchen, kg="partial"))
     np.testing.assert_array_equal(copy.triples, open_model(dosed).triples)
     np.testing.assert_array_equal(
@@ -188,9 +186,7 @@ def test_a_saved_copy_keeps_its_dose(dosed: Path, opened_kitchen: OpenedGraph, t
     )
 
 
-def test_doses_are_judged_on_the_same_triples_and_baselines_know_what_the_model_knows(
-    dosed: Path, opened_kitchen: OpenedGraph
-):
+def test_doses_are_judged_on_the_same_triples_and_baselines_know_what_the_model_knows(dosed, opened_kitchen):
     model = open_model(dosed)
     judged = rank_links(model.scorer, model.opened, dose=model.dose, max_queries=0)
     graph, test = opened_kitchen.graph, opened_kitchen.split.held_out("test")
@@ -202,7 +198,7 @@ def test_doses_are_judged_on_the_same_triples_and_baselines_know_what_the_model_
 
 
 @pytest.mark.parametrize(("share", "noise"), [(0.1, 0.0), (1.0, 1.0)])
-def test_the_checks_of_a_report_are_those_of_the_dose(opened_kitchen: OpenedGraph, share: float, noise: float):
+def test_the_checks_of_a_report_are_those_of_the_dose(opened_kitchen, share, noise):
     graph, dose = opened_kitchen.graph, make_dose(opened_kitchen.split, share, noise)
     judged = rank_links(FrequencyScorer(graph, dose.triples), opened_kitchen, dose=dose)
     checks = {check.id: check for check in view_links(judged).checks}
@@ -216,7 +212,7 @@ def test_the_checks_of_a_report_are_those_of_the_dose(opened_kitchen: OpenedGrap
     assert not {check.id: check for check in view_links(leaky).checks}["leak"].passed
 
 
-def test_an_agent_takes_the_self_edges_of_the_dose(dosed: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+def test_an_agent_takes_the_self_edges_of_the_dose(dosed, monkeypatch, tmp_path):
     seen = {}
 
     def stop(*args, observed, **options):
@@ -230,7 +226,7 @@ def test_an_agent_takes_the_self_edges_of_the_dose(dosed: Path, monkeypatch: pyt
     np.testing.assert_array_equal(seen["observed"], open_model(dosed).triples)
 
 
-def test_weights_are_chosen_on_the_dose(opened_kitchen: OpenedGraph, tmp_path: Path):
+def test_weights_are_chosen_on_the_dose(opened_kitchen, tmp_path):
     asked = replace(SHORT, n3=None, popularity=None, folds=0, share=0.9, noise=0.5)
     model = open_model(train(opened_kitchen, asked, tmp_path / "chosen").folder)
     asked = replace(asked, negatives=0)
@@ -239,7 +235,7 @@ def test_weights_are_chosen_on_the_dose(opened_kitchen: OpenedGraph, tmp_path: P
     assert found != choose(opened_kitchen, asked, lambda done, total: None)
 
 
-def test_an_interrupted_run_goes_on_with_the_same_dose(dosed: Path, opened_kitchen: OpenedGraph, tmp_path: Path):
+def test_an_interrupted_run_goes_on_with_the_same_dose(dosed, opened_kitchen, tmp_path):
     run = train(opened_kitchen, SHORT, tmp_path / "run", progress=interrupt_after(2))
     assert run.interrupted
     resumed = go_on(run.folder)
@@ -247,13 +243,13 @@ def test_an_interrupted_run_goes_on_with_the_same_dose(dosed: Path, opened_kitch
     assert [contents(resumed.folder)[name] for name in names] == [contents(dosed)[name] for name in names]
 
 
-def test_other_link_predictors_learn_from_a_dose(opened_kitchen: OpenedGraph, tmp_path: Path):
+def test_other_link_predictors_learn_from_a_dose(opened_kitchen, tmp_path):
     settings = LinkModelConfig(model="distmult", dim=4, epochs=1, folds=0, share=0.1)
     model = open_model(train(opened_kitchen, settings, tmp_path / "distmult").folder)
     assert (len(model.dose.recipes), model.metrics.triples) == (26, len(model.triples))
 
 
-def test_a_recipe_scorer_knows_its_dose_and_no_more(opened_kitchen: OpenedGraph, tmp_path: Path):
+def test_a_recipe_scorer_knows_its_dose_and_no_more(opened_kitchen, tmp_path):
     settings = RecipeScorerConfig(folds=3, features="one-hot", share=0.5, noise=0.2, seed=1)
     trained = train_recipes(RecipesConfig(opened_kitchen.source, settings), tmp_path / "recipes")
     model, folds = open_model(trained.folder), folds_of(opened_kitchen)
@@ -267,7 +263,7 @@ def test_a_recipe_scorer_knows_its_dose_and_no_more(opened_kitchen: OpenedGraph,
     assert "50 % of the train recipes, 20 % of them with a wrong result" in (trained.folder / "README.md").read_text()
 
 
-def test_a_handful_of_recipes_is_enough_for_a_recipe_scorer(opened_kitchen: OpenedGraph, tmp_path: Path):
+def test_a_handful_of_recipes_is_enough_for_a_recipe_scorer(opened_kitchen, tmp_path):
     settings = RecipeScorerConfig(folds=3, features="one-hot", share=0.02)
     trained = train_recipes(RecipesConfig(opened_kitchen.source, settings), tmp_path / "few")
     scorer = open_model(trained.folder).scorer
@@ -285,13 +281,13 @@ def test_a_handful_of_recipes_is_enough_for_a_recipe_scorer(opened_kitchen: Open
         *(("noise", value) for value in (-1, 1.01, float("nan"))),
     ],
 )
-def test_a_share_or_noise_out_of_range_is_refused(kind, name: str, value):
+def test_a_share_or_noise_out_of_range_is_refused(kind, name, value):
     with refuses(name):
         kind(**{name: value})
 
 
 @pytest.mark.parametrize("kind", [ComplExConfig, LinkModelConfig, RecipeScorerConfig])
 @pytest.mark.parametrize(("name", "value"), [("share", 0.5), ("noise", 0.5)])
-def test_the_full_graph_is_not_thinned_out(kind, name: str, value: float):
+def test_the_full_graph_is_not_thinned_out(kind, name, value):
     with refuses(name):
         kind(kg="full", **{name: value})

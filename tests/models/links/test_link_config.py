@@ -2,7 +2,6 @@
 
 import re
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 from refusals import refuses
@@ -94,12 +93,12 @@ def test_configurations_are_found_by_their_command():
     assert {name: config().command for name, config in CONFIGS.items()} == {name: name for name in CONFIGS}
 
 
-def test_a_config_file_fills_the_defaults_of_settings_that_it_lacks(tmp_path: Path):
+def test_a_config_file_fills_the_defaults_of_settings_that_it_lacks(tmp_path):
     (tmp_path / "config.toml").write_text('[train-complex]\ngraph = "kitchen"\ndim = 5\n')
     assert LinksConfig.read(tmp_path) == LinksConfig("kitchen", ComplExConfig(dim=5))
 
 
-def test_a_missing_config_file_is_an_error_that_says_so(tmp_path: Path):
+def test_a_missing_config_file_is_an_error_that_says_so(tmp_path):
     with pytest.raises(ArtefactError, match=r"config\.toml is missing"):
         LinksConfig.read(tmp_path)
 
@@ -120,13 +119,13 @@ def test_a_missing_config_file_is_an_error_that_says_so(tmp_path: Path):
     ],
     ids=lambda text: text.replace("\n", " ")[:40] or "empty",
 )
-def test_a_damaged_config_file_is_an_error_that_names_it(tmp_path: Path, text: str):
+def test_a_damaged_config_file_is_an_error_that_names_it(tmp_path, text):
     (tmp_path / "config.toml").write_text(text)
     with pytest.raises(ArtefactError, match=r"config\.toml is damaged"):
         LinksConfig.read(tmp_path)
 
 
-def test_a_config_file_that_is_not_utf8_is_an_error_that_names_it(tmp_path: Path):
+def test_a_config_file_that_is_not_utf8_is_an_error_that_names_it(tmp_path):
     (tmp_path / "config.toml").write_bytes(b"\xff\xfe")
     with pytest.raises(ArtefactError, match=r"config\.toml is damaged"):
         LinksConfig.read(tmp_path)

@@ -25,7 +25,7 @@ def rows(triples: np.ndarray) -> set[tuple[int, ...]]:
     return {tuple(triple) for triple in triples.tolist()}
 
 
-def test_validation_triples_come_from_the_train_recipes_and_not_from_the_rest(opened_kitchen: OpenedGraph):
+def test_validation_triples_come_from_the_train_recipes_and_not_from_the_rest(opened_kitchen):
     train, valid = (rows(part) for part in _validation_split(opened_kitchen, 0.2, seed=0))
     split = opened_kitchen.split
     assert not train & valid
@@ -33,13 +33,13 @@ def test_validation_triples_come_from_the_train_recipes_and_not_from_the_rest(op
     assert not (train | valid) & rows(split.held_out("test"))
 
 
-def test_validation_holds_out_about_the_share_asked_for(opened_kitchen: OpenedGraph):
+def test_validation_holds_out_about_the_share_asked_for(opened_kitchen):
     sizes = [len(_validation_split(opened_kitchen, ratio, seed=0)[1]) for ratio in (0.1, 0.3, 0.6)]
     assert sizes == sorted(sizes)
     assert sizes[2] > 2 * sizes[0]
 
 
-def test_validation_holds_out_pairs_whole(opened_kitchen: OpenedGraph):
+def test_validation_holds_out_pairs_whole(opened_kitchen):
     train, valid = (rows(part) for part in _validation_split(opened_kitchen, 0.3, seed=0))
     symmetric = {triple for triple in valid if triple[1] == 0}
     assert symmetric
@@ -47,18 +47,18 @@ def test_validation_holds_out_pairs_whole(opened_kitchen: OpenedGraph):
     assert not any((tail, relation, head) in train for head, relation, tail in symmetric)
 
 
-def test_a_validation_part_of_the_graph_is_kept(validated_kitchen: OpenedGraph):
+def test_a_validation_part_of_the_graph_is_kept(validated_kitchen):
     train, valid = _validation_split(validated_kitchen, 0.5, seed=3)
     assert rows(train) == rows(validated_kitchen.split.partial)
     assert rows(valid) == rows(validated_kitchen.split.held_out("valid"))
 
 
-def test_the_drawing_is_determined_by_its_seed(opened_kitchen: OpenedGraph):
+def test_the_drawing_is_determined_by_its_seed(opened_kitchen):
     draws = [rows(_validation_split(opened_kitchen, 0.2, seed=seed)[1]) for seed in (0, 0, 1)]
     assert draws[0] == draws[1] != draws[2]
 
 
-def test_too_few_validation_triples_are_refused_with_advice(opened_kitchen: OpenedGraph, tmp_path: Path):
+def test_too_few_validation_triples_are_refused_with_advice(opened_kitchen, tmp_path):
     with refuses("valid_ratio", SplitError):
         tune(opened_kitchen, "complex", tmp_path / "search", trials=1, valid_ratio=0.01)
     graph = random_graph(num_entities=6, num_recipes=8)
@@ -79,30 +79,30 @@ def test_too_few_validation_triples_are_refused_with_advice(opened_kitchen: Open
         ("seed", -1),
     ],
 )
-def test_a_setting_of_the_search_out_of_range_is_refused(opened_kitchen: OpenedGraph, tmp_path: Path, setting, value):
+def test_a_setting_of_the_search_out_of_range_is_refused(opened_kitchen, tmp_path, setting, value):
     with refuses(setting):
         tune(opened_kitchen, "complex", tmp_path / "search", **{setting: value})
 
 
-def test_an_unknown_model_is_refused_with_the_nearest_one(opened_kitchen: OpenedGraph, tmp_path: Path):
+def test_an_unknown_model_is_refused_with_the_nearest_one(opened_kitchen, tmp_path):
     with pytest.raises(ConfigError, match=r"'rotat'.*'rotate'"):
         tune(opened_kitchen, "rotat", tmp_path / "search", trials=1)
     assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("device", ["nonsense", "meta"])
-def test_an_unknown_device_is_refused(opened_kitchen: OpenedGraph, tmp_path: Path, device: str):
+def test_an_unknown_device_is_refused(opened_kitchen, tmp_path, device):
     with refuses("device"):
         tune(opened_kitchen, "complex", tmp_path / "search", trials=1, device=device)
 
 
 @pytest.mark.parametrize("timeout", [0, -1])
-def test_a_search_without_time_is_refused(opened_kitchen: OpenedGraph, tmp_path: Path, timeout: int):
+def test_a_search_without_time_is_refused(opened_kitchen, tmp_path, timeout):
     with refuses("timeout"):
         tune(opened_kitchen, "complex", tmp_path / "search", trials=1, timeout=timeout)
 
 
-def test_a_model_that_cannot_be_set_up_is_a_clear_error(opened_kitchen: OpenedGraph, tmp_path: Path):
+def test_a_model_that_cannot_be_set_up_is_a_clear_error(opened_kitchen, tmp_path):
     with pytest.raises(ConfigError, match="'compgcn'"):
         tune(opened_kitchen, "compgcn", tmp_path / "search", trials=1)
 
@@ -124,7 +124,7 @@ def tried(folder: Path) -> list[dict[str, object]]:
 
 @pytest.mark.usefixtures("fast_search")
 @pytest.mark.parametrize("model", ["complex", "distmult"])
-def test_a_search_that_goes_on_ends_like_one_without_a_break(opened_kitchen: OpenedGraph, tmp_path: Path, model: str):
+def test_a_search_that_goes_on_ends_like_one_without_a_break(opened_kitchen, tmp_path, model):
     # The sampler draws at random for ten trials; only then does it look at those before.
     whole = tune(opened_kitchen, model, tmp_path / "whole", trials=12)
     for trials in (1, 11, 12):
@@ -136,7 +136,7 @@ def test_a_search_that_goes_on_ends_like_one_without_a_break(opened_kitchen: Ope
 
 
 @pytest.mark.usefixtures("fast_search")
-def test_ctrl_c_keeps_the_finished_trials_and_says_how_to_go_on(opened_kitchen: OpenedGraph, tmp_path: Path):
+def test_ctrl_c_keeps_the_finished_trials_and_says_how_to_go_on(opened_kitchen, tmp_path):
     def press(done: int, total: int, figures: dict[str, float]) -> None:
         if done == 1 and "of the next" in figures:
             signal.raise_signal(signal.SIGINT)
@@ -149,14 +149,14 @@ def test_ctrl_c_keeps_the_finished_trials_and_says_how_to_go_on(opened_kitchen: 
     assert tune(opened_kitchen, "complex", tmp_path / "search", trials=2).trials == 2
 
 
-def test_ctrl_c_in_the_first_trial_leaves_nothing(opened_kitchen: OpenedGraph, tmp_path: Path):
+def test_ctrl_c_in_the_first_trial_leaves_nothing(opened_kitchen, tmp_path):
     with pytest.raises(KeyboardInterrupt):
         tune(opened_kitchen, "complex", tmp_path / "search", trials=1, progress=interrupt_after(0))
     assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.usefixtures("fast_search")
-def test_another_search_is_not_mixed_in(opened_kitchen: OpenedGraph, tmp_path: Path):
+def test_another_search_is_not_mixed_in(opened_kitchen, tmp_path):
     tune(opened_kitchen, "complex", tmp_path / "search", trials=1)
     with pytest.raises(OutputExistsError):
         tune(opened_kitchen, "distmult", tmp_path / "search", trials=1, seed=1)
@@ -164,7 +164,7 @@ def test_another_search_is_not_mixed_in(opened_kitchen: OpenedGraph, tmp_path: P
 
 
 @pytest.mark.usefixtures("fast_search")
-def test_damaged_trials_are_an_error_and_stay(opened_kitchen: OpenedGraph, tmp_path: Path):
+def test_damaged_trials_are_an_error_and_stay(opened_kitchen, tmp_path):
     tune(opened_kitchen, "complex", tmp_path / "search", trials=1)
     (tmp_path / "search" / "trials.jsonl").write_text("{")
     with pytest.raises(ArtefactError, match=r"trials\.jsonl, line 1"):
@@ -173,9 +173,7 @@ def test_damaged_trials_are_an_error_and_stay(opened_kitchen: OpenedGraph, tmp_p
 
 
 @pytest.mark.usefixtures("fast_search")
-def test_a_trial_whose_loss_is_not_finite_is_noted_and_the_search_goes_on(
-    opened_kitchen: OpenedGraph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_a_trial_whose_loss_is_not_finite_is_noted_and_the_search_goes_on(opened_kitchen, tmp_path, monkeypatch):
     calls = []
 
     def second_works(*arguments: object) -> object:
@@ -193,7 +191,7 @@ def test_a_trial_whose_loss_is_not_finite_is_noted_and_the_search_goes_on(
 
 
 @pytest.mark.usefixtures("fast_search")
-def test_the_figure_of_a_trial_is_that_of_a_training_with_its_settings(validated_kitchen: OpenedGraph, tmp_path: Path):
+def test_the_figure_of_a_trial_is_that_of_a_training_with_its_settings(validated_kitchen, tmp_path):
     found = tune(validated_kitchen, "complex", tmp_path / "search", trials=1, seed=3)
     settings = ComplExConfig(**found.settings, seed=3)
     scorer = load_scorer(train(validated_kitchen, settings, tmp_path / "model").folder)

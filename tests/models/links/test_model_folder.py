@@ -12,7 +12,7 @@ from refusals import refuses
 
 from wordcraft_kg.base.errors import ArtefactError, GraphMismatchError
 from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_book
-from wordcraft_kg.graphs.folder import OpenedGraph, open_graph, write_graph_folder
+from wordcraft_kg.graphs.folder import open_graph, write_graph_folder
 from wordcraft_kg.models.folder import open_model
 from wordcraft_kg.models.links.config import ComplExConfig
 
@@ -32,7 +32,7 @@ def rebuild(folder: Path, **settings: float) -> None:
     write_graph_folder(folder, book, make_split(RecipeGraph.from_book(book), SplitConfig(**settings)), force=True)
 
 
-def test_an_opened_model_has_its_scorer_graph_split_and_history(complex_folder: Path, opened_kitchen: OpenedGraph):
+def test_an_opened_model_has_its_scorer_graph_split_and_history(complex_folder, opened_kitchen):
     opened = open_model(complex_folder)
     assert (opened.opened.graph, opened.opened.split.hash) == (opened_kitchen.graph, opened_kitchen.split.hash)
     assert opened.scorer.graph_hash == opened_kitchen.graph.hash
@@ -43,19 +43,19 @@ def test_an_opened_model_has_its_scorer_graph_split_and_history(complex_folder: 
     )
 
 
-def test_a_model_of_a_graph_folder_finds_it_from_anywhere(on_disk, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_a_model_of_a_graph_folder_finds_it_from_anywhere(on_disk, tmp_path, monkeypatch):
     model, graph = on_disk
     (tmp_path / "elsewhere").mkdir()
     monkeypatch.chdir(tmp_path / "elsewhere")
     assert open_model(model).opened.split.hash == open_graph(graph).split.hash
 
 
-def test_a_model_given_by_a_relative_path_finds_its_graph(on_disk, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_a_model_given_by_a_relative_path_finds_its_graph(on_disk, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert open_model(Path("model")).opened.split.hash == open_graph(on_disk[1]).split.hash
 
 
-def test_a_graph_that_has_moved_is_an_error_that_asks_for_it(on_disk, tmp_path: Path):
+def test_a_graph_that_has_moved_is_an_error_that_asks_for_it(on_disk, tmp_path):
     model, graph = on_disk
     graph.rename(tmp_path / "moved")
     with refuses("graph", ArtefactError):
@@ -76,7 +76,7 @@ def test_a_graph_built_again_with_the_same_split_is_accepted(on_disk):
     assert open_model(model).opened.graph.name == "kitchen"
 
 
-def test_another_graph_is_refused(complex_folder: Path, tmp_path: Path):
+def test_another_graph_is_refused(complex_folder, tmp_path):
     book = open_book("kitchen")
     smaller = replace(book, recipes=book.recipes[:-1])
     write_graph_folder(tmp_path / "graph", smaller, make_split(RecipeGraph.from_book(smaller), SplitConfig()))
@@ -86,7 +86,7 @@ def test_another_graph_is_refused(complex_folder: Path, tmp_path: Path):
 
 @pytest.mark.parametrize("name", ["config.toml", "metrics.json", "trace.jsonl", "vocabulary.json", "model.safetensors"])
 @pytest.mark.parametrize("place", [0.0, 0.5, 1.0])
-def test_a_flipped_bit_in_any_output_is_an_artefact_error_that_names_it(spoilt: Spoilt, name: str, place: float):
+def test_a_flipped_bit_in_any_output_is_an_artefact_error_that_names_it(spoilt, name, place):
     folder, path = spoilt(name)
     flip_bit(path, int(place * (path.stat().st_size - 1)))
     with pytest.raises(ArtefactError, match=rf"{name} is damaged"):
@@ -94,14 +94,14 @@ def test_a_flipped_bit_in_any_output_is_an_artefact_error_that_names_it(spoilt: 
 
 
 @pytest.mark.parametrize("name", ["config.toml", "metrics.json", "trace.jsonl"])
-def test_a_missing_output_is_an_artefact_error_that_names_it(spoilt: Spoilt, name: str):
+def test_a_missing_output_is_an_artefact_error_that_names_it(spoilt, name):
     folder, path = spoilt(name)
     path.unlink()
     with pytest.raises(ArtefactError, match=rf"{name} is missing"):
         open_model(folder)
 
 
-def test_a_model_folder_needs_nothing_but_what_its_run_wrote(spoilt: Spoilt):
+def test_a_model_folder_needs_nothing_but_what_its_run_wrote(spoilt):
     folder, card = spoilt("README.md")
     card.unlink()
     (folder / "notes.txt").write_text("a note of mine")

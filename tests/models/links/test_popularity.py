@@ -36,7 +36,7 @@ def test_the_log_counts_are_those_of_a_loop():
 
 
 @pytest.mark.parametrize("weight", [0.5, 16.0])
-def test_scores_gain_the_weighted_log_counts_of_head_and_tail(weight: float):
+def test_scores_gain_the_weighted_log_counts_of_head_and_tail(weight):
     graph = random_graph(num_entities=12, num_recipes=40)
     assert np.any(counted(graph.triples, 1, 0, 0) != counted(graph.triples, 1, 0, 2))  # componentOf is not symmetric
     before = embeddings(graph.num_entities)

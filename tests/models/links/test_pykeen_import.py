@@ -13,7 +13,6 @@ from pykeen.triples import TriplesFactory
 from refusals import refuses
 
 from wordcraft_kg.base.errors import ArtefactError, GraphMismatchError, OutputExistsError
-from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.triples import RELATIONS
 from wordcraft_kg.models.folder import open_model
 from wordcraft_kg.models.links.pykeen_bridge import triples_factory
@@ -61,7 +60,7 @@ def copied(saved: Path, tmp_path: Path) -> Path:
 
 
 @pytest.mark.parametrize("is_inverse", [False, True])
-def test_the_scorer_gives_every_triple_pykeens_own_score(is_inverse: bool, opened_kitchen: OpenedGraph):
+def test_the_scorer_gives_every_triple_pykeens_own_score(is_inverse, opened_kitchen):
     result = on_kitchen("TransE", create_inverse_triples=is_inverse)
     scorer = from_pykeen(result.model, result.training, opened_kitchen)
     triples = torch.from_numpy(opened_kitchen.graph.triples[::7].copy())
@@ -69,7 +68,7 @@ def test_the_scorer_gives_every_triple_pykeens_own_score(is_inverse: bool, opene
     torch.testing.assert_close(scorer.score(*triples.T), theirs)
 
 
-def test_labels_are_matched_whatever_pykeens_ids_are(opened_kitchen: OpenedGraph):
+def test_labels_are_matched_whatever_pykeens_ids_are(opened_kitchen):
     graph = opened_kitchen.graph
     labelled = [[graph.entities[h], RELATIONS[r], graph.entities[t]] for h, r, t in graph.triples.tolist()]
     factory = TriplesFactory.from_labeled_triples(
@@ -86,7 +85,7 @@ def test_labels_are_matched_whatever_pykeens_ids_are(opened_kitchen: OpenedGraph
         )
 
 
-def test_a_saved_result_becomes_a_model_folder(saved: Path, opened_kitchen: OpenedGraph, tmp_path: Path):
+def test_a_saved_result_becomes_a_model_folder(saved, opened_kitchen, tmp_path):
     found = import_pykeen(saved, "kitchen", tmp_path / "model", trust_pickle=True)
     assert (found.model, found.triples, found.held_out, found.kg) == ("TransE", 790, 0, "partial")
     model = open_model(tmp_path / "model")
@@ -96,9 +95,7 @@ def test_a_saved_result_becomes_a_model_folder(saved: Path, opened_kitchen: Open
     torch.testing.assert_close(model.scorer.score(*triples.T), theirs.predict_hrt(triples)[:, 0])
 
 
-def test_a_model_that_has_seen_a_held_out_triple_counts_as_one_of_the_full_graph(
-    opened_kitchen: OpenedGraph, tmp_path: Path
-):
+def test_a_model_that_has_seen_a_held_out_triple_counts_as_one_of_the_full_graph(opened_kitchen, tmp_path):
     split = opened_kitchen.split
     with_one_more = np.concatenate([split.partial, split.unseen[:1]])
     factory = triples_factory(opened_kitchen.graph, with_one_more)
@@ -118,7 +115,7 @@ class Trap:
         return Path.touch, (self.path,)
 
 
-def test_no_pickle_is_read_unless_it_is_trusted(copied: Path, tmp_path: Path):
+def test_no_pickle_is_read_unless_it_is_trusted(copied, tmp_path):
     (copied / "trained_model.pkl").write_bytes(pickle.dumps(Trap(tmp_path / "sprung")))
     with refuses("trust_pickle"):
         import_pykeen(copied, "kitchen", tmp_path / "model")
@@ -129,7 +126,7 @@ def test_no_pickle_is_read_unless_it_is_trusted(copied: Path, tmp_path: Path):
     assert not (tmp_path / "model").exists()
 
 
-def test_a_model_of_another_graph_is_refused_with_what_differs(saved: Path, tmp_path: Path):
+def test_a_model_of_another_graph_is_refused_with_what_differs(saved, tmp_path):
     with pytest.raises(GraphMismatchError):
         import_pykeen(saved, "paper-examples", tmp_path / "model", trust_pickle=True)
     assert not (tmp_path / "model").exists()
@@ -155,9 +152,7 @@ def test_a_model_of_another_graph_is_refused_with_what_differs(saved: Path, tmp_
         ),
     ],
 )
-def test_a_damaged_folder_is_an_error_that_names_the_file(
-    name: str, content: bytes | None, said: str, copied: Path, tmp_path: Path
-):
+def test_a_damaged_folder_is_an_error_that_names_the_file(name, content, said, copied, tmp_path):
     (copied / name).unlink()
     if content is not None:
         (copied / name).write_bytes(content)
@@ -167,13 +162,13 @@ def test_a_damaged_folder_is_an_error_that_names_the_file(
     assert not (tmp_path / "model").exists()
 
 
-def test_something_else_than_a_model_is_refused(copied: Path, tmp_path: Path):
+def test_something_else_than_a_model_is_refused(copied, tmp_path):
     torch.save({"weights": torch.zeros(2)}, copied / "trained_model.pkl")
     with pytest.raises(ArtefactError, match="holds a dict; expected a model of PyKEEN's"):
         import_pykeen(copied, "kitchen", tmp_path / "model", trust_pickle=True)
 
 
-def test_an_output_that_exists_is_refused_before_the_pickle_is_read(copied: Path, tmp_path: Path):
+def test_an_output_that_exists_is_refused_before_the_pickle_is_read(copied, tmp_path):
     (copied / "trained_model.pkl").write_bytes(pickle.dumps(Trap(tmp_path / "sprung")))
     (tmp_path / "model").mkdir()
     with pytest.raises(OutputExistsError):

@@ -12,7 +12,7 @@ from pykeen.pipeline import pipeline
 
 from wordcraft_kg.base.errors import ConfigError, SplitError
 from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_book
-from wordcraft_kg.graphs.folder import OpenedGraph, write_graph_folder
+from wordcraft_kg.graphs.folder import write_graph_folder
 from wordcraft_kg.graphs.triples import RELATIONS
 from wordcraft_kg.models.links.complex import ComplExN3
 
@@ -58,7 +58,7 @@ def test_importing_the_models_package_imports_neither_torch_nor_pykeen():
     assert (done.stdout.strip(), done.stderr) == ("set()", "")
 
 
-def test_the_pipeline_trains_our_model_by_name(validated_kitchen: OpenedGraph, kitchen_folder: Path):
+def test_the_pipeline_trains_our_model_by_name(validated_kitchen, kitchen_folder):
     result = pipeline(
         dataset="wordcraft",
         dataset_kwargs={"graph": str(kitchen_folder)},
@@ -99,7 +99,7 @@ def test_the_pipeline_without_a_loss_is_an_error_that_says_which_loss_to_give():
         pipeline(dataset="wordcraft", model="ComplExN3", training_loop="IndexedSymmetricLCWA", device="cpu")
 
 
-def test_the_hpo_pipeline_takes_our_model_by_name_for_a_trial(kitchen_folder: Path):
+def test_the_hpo_pipeline_takes_our_model_by_name_for_a_trial(kitchen_folder):
     result = hpo_pipeline(
         dataset="wordcraft",
         dataset_kwargs={"graph": str(kitchen_folder)},
@@ -116,7 +116,7 @@ def test_the_hpo_pipeline_takes_our_model_by_name_for_a_trial(kitchen_folder: Pa
     assert 0 < trial.value < 1
 
 
-def test_the_dataset_holds_the_parts_of_the_graphs_split(validated_kitchen: OpenedGraph, kitchen_folder: Path):
+def test_the_dataset_holds_the_parts_of_the_graphs_split(validated_kitchen, kitchen_folder):
     dataset = dataset_resolver.make("wordcraft", {"graph": kitchen_folder})
     split = validated_kitchen.split
     assert sorted(dataset.training.mapped_triples.tolist()) == sorted(split.partial.tolist())
@@ -124,14 +124,14 @@ def test_the_dataset_holds_the_parts_of_the_graphs_split(validated_kitchen: Open
     assert sorted(dataset.testing.mapped_triples.tolist()) == sorted(split.held_out("test").tolist())
 
 
-def test_the_dataset_keeps_the_graphs_ids(validated_kitchen: OpenedGraph, kitchen_folder: Path):
+def test_the_dataset_keeps_the_graphs_ids(validated_kitchen, kitchen_folder):
     dataset = dataset_resolver.make("wordcraft", {"graph": kitchen_folder})
     assert dataset.training.entity_to_id == {name: i for i, name in enumerate(validated_kitchen.graph.entities)}
     assert dataset.training.relation_to_id == {name: i for i, name in enumerate(RELATIONS)}
     assert dataset.testing.entity_to_id == dataset.training.entity_to_id
 
 
-def test_the_dataset_adds_inverse_triples_when_asked(kitchen_folder: Path):
+def test_the_dataset_adds_inverse_triples_when_asked(kitchen_folder):
     plain, doubled = (
         dataset_resolver.make("wordcraft", {"graph": kitchen_folder, "create_inverse_triples": inverse}).training
         for inverse in (False, True)
@@ -139,7 +139,7 @@ def test_the_dataset_adds_inverse_triples_when_asked(kitchen_folder: Path):
     assert (plain.num_relations, doubled.num_relations) == (2, 4)
 
 
-def test_the_dataset_of_a_graph_without_test_triples_is_refused(tmp_path: Path):
+def test_the_dataset_of_a_graph_without_test_triples_is_refused(tmp_path):
     book = open_book("kitchen")
     folder = tmp_path / "unsplit"
     write_graph_folder(folder, book, make_split(RecipeGraph.from_book(book), SplitConfig(kind="none")))
@@ -147,7 +147,7 @@ def test_the_dataset_of_a_graph_without_test_triples_is_refused(tmp_path: Path):
         dataset_resolver.make("wordcraft", {"graph": folder})
 
 
-def test_pykeen_sees_a_graph_that_was_built_again_in_the_same_folder(tmp_path: Path):
+def test_pykeen_sees_a_graph_that_was_built_again_in_the_same_folder(tmp_path):
     book = open_book("kitchen")
     graph = RecipeGraph.from_book(book)
     for seed in (0, 1):

@@ -3,7 +3,6 @@
 import json
 import tomllib
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -43,7 +42,7 @@ def choice(opened_kitchen: OpenedGraph) -> Choice:
     return found
 
 
-def test_every_combination_is_a_candidate_and_the_most_cautious_of_the_good_ones_is_chosen(choice: Choice):
+def test_every_combination_is_a_candidate_and_the_most_cautious_of_the_good_ones_is_chosen(choice):
     assert {(found.n3, found.popularity) for found in choice.candidates} == {(n, p) for n in N3 for p in POPULARITY}
     best = max(found.mrr for found in choice.candidates)
     good = [found for found in choice.candidates if found.mrr >= 0.95 * best]
@@ -53,12 +52,12 @@ def test_every_combination_is_a_candidate_and_the_most_cautious_of_the_good_ones
     assert len({found.mrr for found in choice.candidates}) > len(N3)
 
 
-def test_the_same_seed_chooses_the_same(opened_kitchen: OpenedGraph, choice: Choice):
+def test_the_same_seed_chooses_the_same(opened_kitchen, choice):
     assert choose(opened_kitchen, OPEN, silent) == choice
     assert choose(opened_kitchen, replace(OPEN, seed=7), silent) != choice
 
 
-def test_only_train_recipes_are_held_out(opened_kitchen: OpenedGraph):
+def test_only_train_recipes_are_held_out(opened_kitchen):
     split = opened_kitchen.split
     fold = split_of_train(split, HELD_OUT, seed=3)
     np.testing.assert_array_equal(fold.graph.recipes, split.recipes("train"))
@@ -66,15 +65,13 @@ def test_only_train_recipes_are_held_out(opened_kitchen: OpenedGraph):
     assert len(fold.held_out("test"))
 
 
-def test_a_split_by_goal_holds_out_goals_of_train(kitchen: RecipeGraph):
+def test_a_split_by_goal_holds_out_goals_of_train(kitchen):
     fold = split_of_train(make_split(kitchen, SplitConfig("by-goal")), HELD_OUT, seed=3)
     assert fold.config.kind == "by-goal"
     assert not set(fold.recipes("train")[:, 2]) & set(fold.recipes("test")[:, 2])
 
 
-def test_the_figures_are_those_of_a_ranking_of_what_was_held_out(
-    opened_kitchen: OpenedGraph, monkeypatch: pytest.MonkeyPatch
-):
+def test_the_figures_are_those_of_a_ranking_of_what_was_held_out(opened_kitchen, monkeypatch):
     monkeypatch.setattr(regularisation, "FOLDS", 1)
     found = choose(opened_kitchen, OPEN, silent)
     assert found is not None
@@ -96,13 +93,11 @@ def test_the_figures_are_those_of_a_ranking_of_what_was_held_out(
     [replace(OPEN, n3=0.1), ComplExConfig(popularity=1.0), ComplExConfig(kg="full"), LinkModelConfig()],
     ids=["n3", "popularity", "full", "another model"],
 )
-def test_what_is_given_or_does_not_exist_is_not_chosen(opened_kitchen: OpenedGraph, settings):
+def test_what_is_given_or_does_not_exist_is_not_chosen(opened_kitchen, settings):
     assert choose(opened_kitchen, settings, silent) is None
 
 
-def test_a_book_neither_small_nor_large_keeps_the_fixed_default(
-    opened_kitchen: OpenedGraph, monkeypatch: pytest.MonkeyPatch
-):
+def test_a_book_neither_small_nor_large_keeps_the_fixed_default(opened_kitchen, monkeypatch):
     train_recipes = len(opened_kitchen.split.recipes("train"))
     monkeypatch.setattr(regularisation, "SMALL", train_recipes - 1)
     assert choose(opened_kitchen, OPEN, silent) is None
@@ -110,9 +105,7 @@ def test_a_book_neither_small_nor_large_keeps_the_fixed_default(
     assert choose(opened_kitchen, replace(OPEN, epochs=1), silent) is not None
 
 
-def test_a_large_book_chooses_its_popularity_only_on_one_fold_and_a_sample(
-    opened_kitchen: OpenedGraph, monkeypatch: pytest.MonkeyPatch
-):
+def test_a_large_book_chooses_its_popularity_only_on_one_fold_and_a_sample(opened_kitchen, monkeypatch):
     monkeypatch.setattr(regularisation, "SMALL", 0)
     monkeypatch.setattr(regularisation, "RANKED", 40)
     found = choose(opened_kitchen, replace(OPEN, negatives=16), silent)
@@ -143,7 +136,7 @@ def test_where_there_is_nothing_but_popularity_to_learn_the_choice_keeps_up_with
 # --- in a run --------------------------------------------------------------------------------------------------------
 
 
-def test_a_run_records_what_was_chosen_and_from_what(opened_kitchen: OpenedGraph, tmp_path: Path, choice: Choice):
+def test_a_run_records_what_was_chosen_and_from_what(opened_kitchen, tmp_path, choice):
     trained = train(opened_kitchen, OPEN, tmp_path / "model")
     assert trained.metrics.choice == choice
     config = tomllib.loads((trained.folder / "config.toml").read_text())["train-complex"]
@@ -154,14 +147,12 @@ def test_a_run_records_what_was_chosen_and_from_what(opened_kitchen: OpenedGraph
     assert str(choice) in open_model(trained.folder).provenance.values()
 
 
-def test_a_run_with_a_given_weight_records_no_choice(complex_folder: Path):
+def test_a_run_with_a_given_weight_records_no_choice(complex_folder):
     assert "choice" not in json.loads((complex_folder / "metrics.json").read_text())
     assert not (complex_folder / "choice.json").exists()
 
 
-def test_a_resumed_run_does_not_choose_again(
-    opened_kitchen: OpenedGraph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_a_resumed_run_does_not_choose_again(opened_kitchen, tmp_path, monkeypatch):
     settings = replace(OPEN, epochs=10)
     undisturbed = train(opened_kitchen, settings, tmp_path / "undisturbed")
     assert train(opened_kitchen, settings, tmp_path / "model", progress=interrupt_after(4)).interrupted
@@ -172,9 +163,7 @@ def test_a_resumed_run_does_not_choose_again(
     assert weights[0] == weights[1]
 
 
-def test_the_config_file_of_a_run_gives_the_same_model_without_choosing(
-    opened_kitchen: OpenedGraph, tmp_path: Path, choice: Choice
-):
+def test_the_config_file_of_a_run_gives_the_same_model_without_choosing(opened_kitchen, tmp_path, choice):
     chosen = train(opened_kitchen, OPEN, tmp_path / "chosen")
     given = train(opened_kitchen, replace(OPEN, n3=choice.n3, popularity=choice.popularity), tmp_path / "given")
     weights = [(trained.folder / "model.safetensors").read_bytes() for trained in (chosen, given)]
@@ -182,7 +171,7 @@ def test_the_config_file_of_a_run_gives_the_same_model_without_choosing(
     assert given.metrics.choice is None
 
 
-def test_ctrl_c_while_choosing_leaves_nothing(opened_kitchen: OpenedGraph, tmp_path: Path):
+def test_ctrl_c_while_choosing_leaves_nothing(opened_kitchen, tmp_path):
     with pytest.raises(KeyboardInterrupt):
         train(opened_kitchen, OPEN, tmp_path / "model", progress=interrupt_after(0))
     assert list(tmp_path.iterdir()) == []

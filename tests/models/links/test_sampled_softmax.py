@@ -1,7 +1,6 @@
 """The sampled softmax: equal to the full one where everything is sampled, and to it on average elsewhere."""
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,7 +12,6 @@ from refusals import refuses
 from torch.nn.functional import cross_entropy
 
 from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.models.links import config as link_config
 from wordcraft_kg.models.links.builders import make_training_loop
 from wordcraft_kg.models.links.complex import ComplExN3
@@ -160,7 +158,7 @@ def test_an_impossible_sample_is_refused(negatives):
 
 
 def test_a_sampled_objective_that_was_chosen_for_the_size_is_said_and_recorded(
-    opened_kitchen: OpenedGraph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+    opened_kitchen, tmp_path, monkeypatch, caplog
 ):
     monkeypatch.setattr(link_config, "FULL_SOFTMAX", opened_kitchen.graph.num_entities - 1)
     trained = train(opened_kitchen, ComplExConfig(dim=4, epochs=1, n3=0.1, folds=0), tmp_path / "model")
@@ -171,7 +169,7 @@ def test_a_sampled_objective_that_was_chosen_for_the_size_is_said_and_recorded(
     assert "512 entities sampled" in (trained.folder / "README.md").read_text()
 
 
-def test_with_all_entities_nothing_is_said(opened_kitchen: OpenedGraph, tmp_path: Path, caplog):
+def test_with_all_entities_nothing_is_said(opened_kitchen, tmp_path, caplog):
     trained = train(opened_kitchen, ComplExConfig(dim=4, epochs=1, n3=0.1, folds=0), tmp_path / "model")
     assert caplog.text == ""
     assert "sampled" not in (trained.folder / "README.md").read_text()
@@ -182,7 +180,7 @@ def test_with_all_entities_nothing_is_said(opened_kitchen: OpenedGraph, tmp_path
     assert type(loop) is IndexedSymmetricLCWATrainingLoop
 
 
-def test_a_resumed_training_ends_bit_for_bit_like_one_without_interruption(opened_kitchen: OpenedGraph, tmp_path: Path):
+def test_a_resumed_training_ends_bit_for_bit_like_one_without_interruption(opened_kitchen, tmp_path):
     config = ComplExConfig(dim=4, epochs=5, n3=0.1, negatives=16, batch_size=100, folds=2)
     whole = train(opened_kitchen, config, tmp_path / "whole")
     cut = train(opened_kitchen, config, tmp_path / "cut", progress=interrupt_after(2))

@@ -1,7 +1,6 @@
 """Saving a scorer of one's own as a model folder that all readers of model folders take."""
 
 import re
-from pathlib import Path
 
 import pytest
 import torch
@@ -46,14 +45,14 @@ def complex_scorer(opened: OpenedGraph) -> ComplExScorer:
     return ComplExScorer(parts, opened.graph.entities, opened.graph.hash)
 
 
-def test_a_saved_scorer_scores_as_before(mine: Lengths, opened_kitchen: OpenedGraph, tmp_path: Path):
+def test_a_saved_scorer_scores_as_before(mine, opened_kitchen, tmp_path):
     loaded = load_scorer(save_scorer(tmp_path / "mine", mine, opened_kitchen, kg="partial"))
     for relation in ("combinesWith", "componentOf"):
         torch.testing.assert_close(loaded.table(relation), mine.table(relation), rtol=0, atol=0)
     assert loaded.entities == opened_kitchen.graph.entities
 
 
-def test_embeddings_are_saved_as_embeddings(opened_kitchen: OpenedGraph, tmp_path: Path):
+def test_embeddings_are_saved_as_embeddings(opened_kitchen, tmp_path):
     mine = complex_scorer(opened_kitchen)
     folder = save_scorer(tmp_path / "mine", mine, opened_kitchen, kg="partial")
     size = opened_kitchen.graph.num_entities
@@ -63,7 +62,7 @@ def test_embeddings_are_saved_as_embeddings(opened_kitchen: OpenedGraph, tmp_pat
 
 @pytest.mark.parametrize("kg", ["partial", "full"])
 def test_an_opened_folder_says_what_the_scorer_has_seen_and_that_it_was_not_trained_here(
-    kg: str, mine: Lengths, opened_kitchen: OpenedGraph, tmp_path: Path
+    kg, mine, opened_kitchen, tmp_path
 ):
     folder = save_scorer(tmp_path / "mine", mine, opened_kitchen, kg=kg, origin="lengths of labels")
     model = open_model(folder)
@@ -77,7 +76,7 @@ def test_an_opened_folder_says_what_the_scorer_has_seen_and_that_it_was_not_trai
     assert card.startswith("---\nlibrary_name: wordcraft-kg\n")
 
 
-def test_a_report_of_a_saved_scorer_has_the_figures_of_the_scorer_itself(opened_kitchen: OpenedGraph, tmp_path: Path):
+def test_a_report_of_a_saved_scorer_has_the_figures_of_the_scorer_itself(opened_kitchen, tmp_path):
     mine = FrequencyScorer(opened_kitchen.graph, opened_kitchen.split.partial)
     model = open_model(save_scorer(tmp_path / "mine", mine, opened_kitchen, kg="partial"))
     saved = make_link_report(model.scorer, model.opened, kg=model.kg, provenance=model.provenance).view
@@ -86,7 +85,7 @@ def test_a_report_of_a_saved_scorer_has_the_figures_of_the_scorer_itself(opened_
     assert saved.metrics["all"].mrr == saved.baselines["frequency"]["all"].mrr
 
 
-def test_all_that_a_folder_holds_is_hashed(mine: Lengths, opened_kitchen: OpenedGraph, tmp_path: Path):
+def test_all_that_a_folder_holds_is_hashed(mine, opened_kitchen, tmp_path):
     folder = save_scorer(tmp_path / "mine", mine, opened_kitchen, kg="partial")
     for name in ("model.safetensors", "vocabulary.json", "config.toml"):
         whole = (folder / name).read_bytes()
@@ -97,7 +96,7 @@ def test_all_that_a_folder_holds_is_hashed(mine: Lengths, opened_kitchen: Opened
     assert open_model(folder).kg == "partial"
 
 
-def test_a_scorer_of_another_graph_is_refused(opened_kitchen: OpenedGraph, tmp_path: Path):
+def test_a_scorer_of_another_graph_is_refused(opened_kitchen, tmp_path):
     other = random_graph()
     with pytest.raises(GraphMismatchError):
         save_scorer(tmp_path / "x", SymbolicScorer(other, other.triples), opened_kitchen, kg="partial")
@@ -108,7 +107,7 @@ def test_a_scorer_of_another_graph_is_refused(opened_kitchen: OpenedGraph, tmp_p
 
 
 @pytest.mark.parametrize("bad", [float("nan"), float("inf")])
-def test_scores_that_are_not_finite_are_refused(bad: float, opened_kitchen: OpenedGraph, tmp_path: Path):
+def test_scores_that_are_not_finite_are_refused(bad, opened_kitchen, tmp_path):
     graph = opened_kitchen.graph
     scores = torch.zeros(2, graph.num_entities, graph.num_entities)
     scores[1, 2, 3] = bad
@@ -117,12 +116,12 @@ def test_scores_that_are_not_finite_are_refused(bad: float, opened_kitchen: Open
     assert not list(tmp_path.iterdir())
 
 
-def test_what_it_has_seen_has_to_be_one_of_two(mine: Lengths, opened_kitchen: OpenedGraph, tmp_path: Path):
+def test_what_it_has_seen_has_to_be_one_of_two(mine, opened_kitchen, tmp_path):
     with refuses("kg"):
         save_scorer(tmp_path / "x", mine, opened_kitchen, kg="some")
 
 
-def test_a_folder_that_exists_is_replaced_only_by_force(mine: Lengths, opened_kitchen: OpenedGraph, tmp_path: Path):
+def test_a_folder_that_exists_is_replaced_only_by_force(mine, opened_kitchen, tmp_path):
     folder = save_scorer(tmp_path / "mine", mine, opened_kitchen, kg="partial")
     before = contents(folder)
     with pytest.raises(OutputExistsError):
@@ -133,9 +132,7 @@ def test_a_folder_that_exists_is_replaced_only_by_force(mine: Lengths, opened_ki
     assert [path.name for path in tmp_path.iterdir()] == ["mine"]
 
 
-def test_a_table_that_is_too_large_is_refused_before_it_is_computed(
-    mine: Lengths, opened_kitchen: OpenedGraph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_a_table_that_is_too_large_is_refused_before_it_is_computed(mine, opened_kitchen, tmp_path, monkeypatch):
     monkeypatch.setattr("wordcraft_kg.models.scorers.writing.TABLE_LIMIT", 1_000)
     monkeypatch.setattr(Lengths, "table", None)
     with pytest.raises(ConfigError, match="80 entities"):
@@ -143,9 +140,7 @@ def test_a_table_that_is_too_large_is_refused_before_it_is_computed(
     save_scorer(tmp_path / "complex", complex_scorer(opened_kitchen), opened_kitchen, kg="partial")
 
 
-def test_factors_are_saved_where_a_table_would_be_too_large(
-    opened_kitchen: OpenedGraph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_factors_are_saved_where_a_table_would_be_too_large(opened_kitchen, tmp_path, monkeypatch):
     mine = LowRankKernelScorer(opened_kitchen.graph, opened_kitchen.split.recipes("train"), rank=20)
     as_table = save_scorer(tmp_path / "table", mine, opened_kitchen, kg="partial")
     monkeypatch.setattr("wordcraft_kg.models.scorers.writing.TABLE_LIMIT", 1_000)
@@ -161,9 +156,7 @@ def test_factors_are_saved_where_a_table_would_be_too_large(
     assert open_model(folder).scorer.table(0).shape == mine.table(0).shape
 
 
-def test_factors_that_do_not_fit_the_vocabulary_are_refused(
-    opened_kitchen: OpenedGraph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_factors_that_do_not_fit_the_vocabulary_are_refused(opened_kitchen, tmp_path, monkeypatch):
     monkeypatch.setattr("wordcraft_kg.models.scorers.writing.TABLE_LIMIT", 1_000)
     size = opened_kitchen.graph.num_entities
     for name, shapes in {"rows": ((size - 1, 3),) * 2, "widths": ((size, 3), (size, 4))}.items():

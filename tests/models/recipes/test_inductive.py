@@ -58,7 +58,7 @@ def wider(folder: Path, scorer: RecipeScorer, labels: Sequence[str] = NEW) -> Re
 # --- what stays ------------------------------------------------------------------------------------------------------
 
 
-def test_new_entities_leave_the_scores_of_the_others_as_they_are(folder: Path, scorer: RecipeScorer):
+def test_new_entities_leave_the_scores_of_the_others_as_they_are(folder, scorer):
     size = len(scorer.entities)
     more = wider(folder, scorer)
     for relation in ("combinesWith", "componentOf"):
@@ -69,7 +69,7 @@ def test_new_entities_leave_the_scores_of_the_others_as_they_are(folder: Path, s
     torch.testing.assert_close(after, before, rtol=1e-3, atol=1e-2 * float(before.std()))
 
 
-def test_many_new_entities_leave_the_scores_of_the_others_as_they_are(scorer: RecipeScorer):
+def test_many_new_entities_leave_the_scores_of_the_others_as_they_are(scorer):
     size, amount = len(scorer.entities), 120
     generator = torch.Generator().manual_seed(1)
     text = cosines(torch.randn(size + amount, DIMENSIONS, generator=generator))
@@ -80,7 +80,7 @@ def test_many_new_entities_leave_the_scores_of_the_others_as_they_are(scorer: Re
         torch.testing.assert_close(after, before, rtol=1e-3, atol=1e-3 * float(before.std()))
 
 
-def test_the_order_of_new_entities_does_not_matter(folder: Path, scorer: RecipeScorer):
+def test_the_order_of_new_entities_does_not_matter(folder, scorer):
     one, other = wider(folder, scorer, NEW), wider(folder, scorer, NEW[::-1])
     for label in NEW:
         for relation in ("combinesWith", "componentOf"):
@@ -89,7 +89,7 @@ def test_the_order_of_new_entities_does_not_matter(folder: Path, scorer: RecipeS
             )
 
 
-def test_an_entity_of_no_recipe_is_scored_in_the_graph_as_out_of_it(opened_kitchen: OpenedGraph, scorer: RecipeScorer):
+def test_an_entity_of_no_recipe_is_scored_in_the_graph_as_out_of_it(opened_kitchen, scorer):
     """The same tables follow for an entity that stands in the vocabulary of the graph but in none of its recipes."""
     size = len(scorer.entities)
     text = cosines(torch.randn(size + 1, DIMENSIONS, generator=torch.Generator().manual_seed(2)))
@@ -106,7 +106,7 @@ def test_an_entity_of_no_recipe_is_scored_in_the_graph_as_out_of_it(opened_kitch
 
 
 @pytest.mark.parametrize("model", ["bread", "water", "milk"])
-def test_a_new_entity_goes_where_one_with_the_same_words_goes(scorer: RecipeScorer, model: str):
+def test_a_new_entity_goes_where_one_with_the_same_words_goes(scorer, model):
     size, twin = len(scorer.entities), scorer.entities.index(model)
     text = torch.eye(size + 1)
     text[size, twin] = text[twin, size] = 1
@@ -118,7 +118,7 @@ def test_a_new_entity_goes_where_one_with_the_same_words_goes(scorer: RecipeScor
     assert float(ranks.float().mean()) < size / 4  # half of all by chance
 
 
-def test_a_recipe_with_a_new_entity_is_scored_and_explained(folder: Path, scorer: RecipeScorer):
+def test_a_recipe_with_a_new_entity_is_scored_and_explained(folder, scorer):
     more = wider(folder, scorer)
     scores = more.score_recipes("naan", "cheese", list(more.entities))
     assert scores.shape == (len(scorer.entities) + len(NEW),)
@@ -126,7 +126,7 @@ def test_a_recipe_with_a_new_entity_is_scored_and_explained(folder: Path, scorer
     assert all("naan" not in witness.recipe for witness in more.speaking_for("naan", "cheese", "sandwich"))
 
 
-def test_a_label_is_known_by_some_of_its_words(folder: Path, scorer: RecipeScorer):
+def test_a_label_is_known_by_some_of_its_words(folder, scorer):
     assert "bread rrzzqq" in wider(folder, scorer, ["bread rrzzqq"]).entities
 
 
@@ -159,7 +159,7 @@ def test_moments_are_those_of_pairs_among_the_entities_that_count():
 # --- what the rankers learn from -------------------------------------------------------------------------------------
 
 
-def test_unknown_entities_are_in_no_recipe_that_their_links_are_predicted_from(opened_kitchen: OpenedGraph):
+def test_unknown_entities_are_in_no_recipe_that_their_links_are_predicted_from(opened_kitchen):
     recipes, size = opened_kitchen.graph.recipes, opened_kitchen.graph.num_entities
     base, triples, unknown = fitting._unknown_entities(recipes, torch.zeros(size, size), np.random.default_rng(0))
     assert int(unknown.sum()) == 8
@@ -182,12 +182,12 @@ def test_where_the_answer_is_an_unknown_entity_only_these_compete():
 # --- refusals --------------------------------------------------------------------------------------------------------
 
 
-def test_a_word_without_a_vector_is_named_with_the_nearest_entities(folder: Path, scorer: RecipeScorer):
+def test_a_word_without_a_vector_is_named_with_the_nearest_entities(folder, scorer):
     with pytest.raises(UnknownEntityError, match=r"'flouur'.*'flour'.*vector in .*words.txt"):
         wider(folder, scorer, ["naan", "flouur"])
 
 
-def test_a_link_predictor_knows_the_entities_of_its_graph_only(complex_folder: Path):
+def test_a_link_predictor_knows_the_entities_of_its_graph_only(complex_folder):
     with pytest.raises(UnknownEntityError, match=r"'naan'.*train-recipes"):
         with_words(complex_folder, load_scorer(complex_folder), ["naan"])
     with pytest.raises(ConfigError, match="train-recipes"):
@@ -195,14 +195,14 @@ def test_a_link_predictor_knows_the_entities_of_its_graph_only(complex_folder: P
 
 
 @pytest.mark.parametrize("features", ["one-hot", "shuffled:glove"])
-def test_features_that_are_no_words_say_nothing_of_new_ones(opened_kitchen: OpenedGraph, tmp_path: Path, features: str):
+def test_features_that_are_no_words_say_nothing_of_new_ones(opened_kitchen, tmp_path, features):
     settings = RecipeScorerConfig(kg="full", folds=2, features=features)
     trained = train_recipes(RecipesConfig(opened_kitchen.source, settings), tmp_path / "model")
     with pytest.raises(UnknownEntityError, match=rf"'naan'.*{features}.*glove"):
         with_words(trained.folder, load_scorer(trained.folder), ["naan"])
 
 
-def test_vectors_that_have_changed_are_refused(folder: Path, scorer: RecipeScorer, vectors: Path, tmp_path: Path):
+def test_vectors_that_have_changed_are_refused(folder, scorer, vectors, tmp_path):
     before = vectors.read_text()
     try:
         first, _, rest = before.partition("\n")
@@ -214,7 +214,7 @@ def test_vectors_that_have_changed_are_refused(folder: Path, scorer: RecipeScore
     assert wider(folder, scorer)
 
 
-def test_labels_that_are_not_new_or_not_labels_are_refused(scorer: RecipeScorer):
+def test_labels_that_are_not_new_or_not_labels_are_refused(scorer):
     text = torch.zeros(82, 82)
     for labels in (["naan", "naan"], ["naan", "flour"]):
         with pytest.raises(ConfigError, match=f"'{labels[1]}'"):
@@ -225,7 +225,7 @@ def test_labels_that_are_not_new_or_not_labels_are_refused(scorer: RecipeScorer)
         extended(scorer, ["naan"], text)
 
 
-def test_damaged_link_rankers_are_refused(folder: Path, scorer: RecipeScorer, tmp_path: Path):
+def test_damaged_link_rankers_are_refused(folder, scorer, tmp_path):
     tensors = scorer.tensors()
     del tensors["componentOf.second"]
     with pytest.raises(KeyError):
@@ -238,13 +238,13 @@ def test_damaged_link_rankers_are_refused(folder: Path, scorer: RecipeScorer, tm
         extended(RecipeScorer(swapped, scorer.entities, scorer.graph_hash), ["naan"], torch.zeros(81, 81))
 
 
-def test_a_folder_that_was_copied_answers_the_same(folder: Path, scorer: RecipeScorer, tmp_path: Path):
+def test_a_folder_that_was_copied_answers_the_same(folder, scorer, tmp_path):
     copy = shutil.copytree(folder, tmp_path / "copy")
     loaded = load_scorer(copy)
     one, other = wider(folder, scorer), with_words(copy, loaded, NEW)
     assert torch.equal(one.table("componentOf"), other.table("componentOf"))
 
 
-def test_the_extended_scorer_is_not_of_the_graph(folder: Path, scorer: RecipeScorer, opened_kitchen: OpenedGraph):
+def test_the_extended_scorer_is_not_of_the_graph(folder, scorer, opened_kitchen):
     graph: RecipeGraph = opened_kitchen.graph
     assert wider(folder, scorer).graph_hash != graph.hash

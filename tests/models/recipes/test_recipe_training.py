@@ -84,7 +84,7 @@ def same_files(one: Path, other: Path) -> bool:
 # --- the same again --------------------------------------------------------------------------------------------------
 
 
-def test_the_same_settings_give_the_same_bytes(book: Path, small: Path):
+def test_the_same_settings_give_the_same_bytes(book, small):
     config, state = RecipesConfig(str(book), SMALL), torch.get_rng_state()
     assert same_files(small, train_recipes(config, small.parent / "again").folder)
     assert torch.equal(torch.get_rng_state(), state)
@@ -93,7 +93,7 @@ def test_the_same_settings_give_the_same_bytes(book: Path, small: Path):
 
 
 @pytest.mark.slow
-def test_fits_side_by_side_are_those_of_one_after_the_other(book: Path, small: Path, monkeypatch: pytest.MonkeyPatch):
+def test_fits_side_by_side_are_those_of_one_after_the_other(book, small, monkeypatch):
     started, together = [], side_by_side.side_by_side
     monkeypatch.setattr(training, "ALONE", 0)
     monkeypatch.setattr(side_by_side, "cores", lambda: 2)
@@ -104,9 +104,7 @@ def test_fits_side_by_side_are_those_of_one_after_the_other(book: Path, small: P
     assert started == [4]
 
 
-def test_an_interrupted_run_goes_on_with_the_fits_that_are_missing(
-    book: Path, small: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_an_interrupted_run_goes_on_with_the_fits_that_are_missing(book, small, monkeypatch):
     steps = SMALL.folds + 3
     folder = small.parent / "interrupted"  # so that the path to the book is the same
     with pytest.raises(KeyboardInterrupt, match=r"2 of 4 fits are saved.*goes on with the others"):
@@ -152,7 +150,7 @@ def same_tensors(one: dict[str, torch.Tensor], other: dict[str, torch.Tensor]) -
 
 
 @pytest.mark.parametrize("what", ["removed", "changed", "a test recipe changed"])
-def test_what_a_fold_holds_changes_nothing_of_the_scorer_without_it(what: str):
+def test_what_a_fold_holds_changes_nothing_of_the_scorer_without_it(what):
     graph = random_graph(2, 12, 60)
     folds = make_folds(make_split(graph, SplitConfig()), 3)
     fold_of = {graph.labels(row): int(fold) for row, fold in zip(graph.recipes.tolist(), folds.of_recipe, strict=True)}
@@ -173,7 +171,7 @@ def test_what_a_fold_holds_changes_nothing_of_the_scorer_without_it(what: str):
         assert same_tensors(before, after) == (fold == OUTSIDE or left_out == (1,))
 
 
-def test_each_fold_has_the_scorer_of_all_other_train_recipes(recipes_folder: Path, opened: OpenedGraph):
+def test_each_fold_has_the_scorer_of_all_other_train_recipes(recipes_folder, opened):
     scorer, folds = load_scorer(recipes_folder, graph=opened.graph), make_folds(opened.split, 3)
     assert isinstance(scorer, CrossFitted)
     assert isinstance(scorer.whole, RecipeScores)
@@ -197,7 +195,7 @@ def swap(tensors: dict[str, torch.Tensor]) -> None:
         tensors[one], tensors[other] = tensors[other], tensors[one]
 
 
-def test_the_scorer_of_another_fold_is_a_leak(spoilt: Callable[..., CrossFitted], book: Path):
+def test_the_scorer_of_another_fold_is_a_leak(spoilt, book):
     scorer, opened = spoilt(swap), open_graph(book)
     with pytest.raises(LeakError):
         scorer.trained_on(0, opened.graph)
@@ -218,17 +216,17 @@ def test_the_scorer_of_another_fold_is_a_leak(spoilt: Callable[..., CrossFitted]
         lambda tensors: tensors["fold1.speaking"].fill_(99),
     ],
 )
-def test_a_missing_or_damaged_fold_is_named(spoilt: Callable[..., CrossFitted], change):
+def test_a_missing_or_damaged_fold_is_named(spoilt, change):
     with pytest.raises(ArtefactError, match=r"fold 1 of 3 is missing or damaged in .*folds\.safetensors"):
         spoilt(change)
 
 
-def test_a_scorer_of_another_graph_is_refused(small: Path, opened: OpenedGraph):
+def test_a_scorer_of_another_graph_is_refused(small, opened):
     with pytest.raises(GraphMismatchError):
         load_scorer(small, graph=opened.graph)
 
 
-def test_two_folds_are_too_few_to_leave_one_out(book: Path, tmp_path: Path):
+def test_two_folds_are_too_few_to_leave_one_out(book, tmp_path):
     with pytest.raises(ConfigError, match="expected 3 or more"):
         train_recipes(RecipesConfig(str(book), RecipeScorerConfig(folds=2, features="one-hot")), tmp_path / "model")
     assert not (tmp_path / "model").exists()

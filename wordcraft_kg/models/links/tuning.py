@@ -19,7 +19,7 @@ import optuna
 from optuna.distributions import BaseDistribution, CategoricalDistribution, FloatDistribution, IntDistribution
 from optuna.trial import TrialState, create_trial
 
-from wordcraft_kg.base.artefacts import check_output, dump_json, write_atomically
+from wordcraft_kg.base.artefacts import dump_json, write_atomically
 from wordcraft_kg.base.errors import OutputExistsError, SplitError, TrainingError
 from wordcraft_kg.base.records import Count, Record, Share, as_lines, as_values, parse_lines, read_record
 from wordcraft_kg.base.settings import MAX_SIZE, refuse, whole
@@ -34,7 +34,7 @@ from wordcraft_kg.models.links.regularisation import POPULARITY, split_of_train
 from wordcraft_kg.models.scorers.folder import make_scorer
 from wordcraft_kg.models.scorers.ranking import MIN_TRIPLES, mean_reciprocal_rank, rank_triples
 from wordcraft_kg.runs.config_file import toml_value
-from wordcraft_kg.runs.folder import Progress, locked
+from wordcraft_kg.runs.folder import Progress, check_new_run, locked
 from wordcraft_kg.runs.interruption import first_interrupt
 
 SEARCH, TRIALS, BEST = "search.json", "trials.jsonl", "best.toml"
@@ -213,7 +213,7 @@ def _validation_split(opened: OpenedGraph, ratio: float, seed: int) -> tuple[Ids
 def _search_folder(out: Path, search: Search, *, force: bool) -> Iterator[list[Trial]]:
     """Open the folder of a search, keep other processes out of it, and yield its trials; remove it if it has none."""
     if force or not (out / SEARCH).is_file():
-        check_output(out, force=force)
+        check_new_run(out, force=force)
         shutil.rmtree(out, ignore_errors=True)
     else:
         found = as_values(read_record(out / SEARCH, Search))

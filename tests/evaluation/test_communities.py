@@ -1,6 +1,6 @@
 import numpy as np
 
-from wordcraft_kg.evaluation.communities import Communities, communities_of
+from wordcraft_kg.evaluation.communities import communities_of
 
 TWO_CLIQUES = np.array([(0, 1), (0, 2), (1, 2), (3, 4), (3, 5), (3, 6), (4, 5), (4, 6), (5, 6), (2, 3)])
 
@@ -11,15 +11,8 @@ def test_entities_that_are_linked_among_each_other_are_a_group_named_after_the_m
     assert found.group_of.tolist() == [1, 1, 1, 0, 0, 0, 0]
     assert found.names == ("f", "b")  # of two that are used as often, the first
     assert found.sizes == [4, 3]
-    assert found.order.tolist() == [3, 4, 5, 6, 0, 1, 2]
 
 
 def test_an_entity_without_links_is_a_group_of_its_own():
     found = communities_of("abc", np.array([(0, 1)]), np.zeros(3, int), 0)
     assert found.group_of.tolist() == [0, 0, 1]
-
-
-def test_a_legend_counts_groups_without_a_colour_together():
-    found = Communities(np.array([0, 0, 0, 1, 1, 2, 3]), ("a", "b", "c", "d"))
-    assert found.legend(2) == [("a", 3), ("b", 2), ("other groups", 2)]
-    assert found.legend(4) == [("a", 3), ("b", 2), ("c", 1), ("d", 1)]

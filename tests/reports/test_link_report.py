@@ -2,11 +2,11 @@
 
 import base64
 import hashlib
+import itertools
 import json
 import math
+import random
 import re
-import subprocess
-import sys
 from dataclasses import replace
 from typing import Any
 
@@ -24,9 +24,9 @@ from wordcraft_kg.base.records import as_values
 from wordcraft_kg.base.statistics import bootstrap
 from wordcraft_kg.evaluation.links import LinkView, summarise_links
 from wordcraft_kg.evaluation.ranked_links import rank_links
-from wordcraft_kg.graphs import SplitConfig, make_split
+from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split
 from wordcraft_kg.graphs.doses import Dose
-from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
+from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.splits import Split
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS, is_in, recipe_triples
 from wordcraft_kg.models.links.records import TraceRow
@@ -74,9 +74,8 @@ def values(kitchen_report):
 
 @pytest.fixture(autouse=True)
 def quick(request, monkeypatch):
-    """Leave out the map and most resamples, which take most of the time; shared reports have them."""
+    """Leave out most resamples, which take most of the time."""
     if "whole" not in request.fixturenames:
-        monkeypatch.setattr("wordcraft_kg.reports.link_report._map", lambda *_: "")
         for place in ("models.scorers.ranking", "evaluation.link_sections"):
             few = lambda *args, seed, **_: bootstrap(*args, resamples=100, seed=seed)  # noqa: E731
             monkeypatch.setattr(f"wordcraft_kg.{place}.bootstrap", few)
@@ -88,17 +87,49 @@ def whole():
 
 
 @pytest.fixture(scope="module")
-def whole_report(kitchen_model):
+def opened(kitchen_model):
+    return kitchen_model.opened
+
+
+@pytest.fixture(scope="module")
+def graph(opened):
+    return opened.graph
+
+
+@pytest.fixture(scope="module")
+def split(opened):
+    return opened.split
+
+
+@pytest.fixture(scope="module")
+def ranks(kitchen_model, graph, split):
+    """The ranks of the unseen test triples."""
+    return rank_triples(kitchen_model.scorer, split.held_out("test"), graph.triples)
+
+
+@pytest.fixture(scope="module")
+def whole_report(kitchen_model, opened):
     """Of the model of all train recipes, without its folds."""
-    return make_link_report(kitchen_model.scorer.whole, kitchen_model.opened)
+    return make_link_report(kitchen_model.scorer.whole, opened)
 
 
-def checks(values: Values) -> dict[str, bool]:
-    return {check["id"]: check["passed"] for check in values["checks"]}
+def table_scorer(graph: RecipeGraph, scores: torch.Tensor) -> TableScorer:
+    return TableScorer(scores, graph.entities, graph.hash)
 
 
-def detail(values: Values, name: str) -> str:
-    return next(check["detail"] for check in values["checks"] if check["id"] == name)
+def of_frequency(opened: OpenedGraph) -> LinkReport:
+    return make_link_report(FrequencyScorer(opened.graph, opened.split.partial), opened)
+
+
+def checks(values: Values, key: str = "passed") -> Values:
+    return {check["id"]: check[key] for check in values["checks"]}
+
+
+def without_ci(metrics: Values) -> Values:
+    """Return metrics without their interval, which holds the MRR."""
+    low, high = metrics["mrr_ci"]
+    assert low <= metrics["mrr"] <= high
+    return {name: value for name, value in metrics.items() if name != "mrr_ci"}
 
 
 SCHEMA = jsonschema.Draft202012Validator(report_schema())
@@ -114,20 +145,16 @@ def test_the_reports_values_are_valid(values, full_report):
     SCHEMA.validate(values_of(full_report))
 
 
-def test_the_schema_requires_every_key_of_the_report(values):
+def test_the_schema_requires_every_key_of_the_report_and_knows_no_others(values):
     for key in list(values):
         broken = {name: value for name, value in values.items() if name != key}
         with pytest.raises(jsonschema.ValidationError, match=key):
             SCHEMA.validate(broken)
-
-
-def test_the_schema_knows_no_other_keys(values):
     for place in (values, values["model"], values["graph"], values["metrics"]["all"], values["best"][0]):
         place["surprise"] = 1
         with pytest.raises(jsonschema.ValidationError, match="surprise"):
             SCHEMA.validate(values)
         del place["surprise"]
-    SCHEMA.validate(values)
 
 
 @pytest.mark.parametrize(
@@ -172,15 +199,11 @@ def test_a_share_above_one_is_refused_by_name(kitchen_report, tmp_path):
 # --- the numbers -----------------------------------------------------------------------------------------------------
 
 
-def test_the_headline_is_the_filtered_ranking_of_unseen_triples(values, kitchen_model):
-    split, graph = kitchen_model.opened.split, kitchen_model.opened.graph
+def test_the_headline_is_the_filtered_ranking_of_unseen_triples(values, graph, split, ranks):
     queries = split.held_out("test")
     assert not is_in(queries, split.partial, graph.num_entities).any()
-    expected = as_values(ranking_metrics(rank_triples(kitchen_model.scorer, queries, graph.triples)))
-    found = values["metrics"]["all"]
-    assert {name: found[name] for name in expected} == expected
+    assert without_ci(values["metrics"]["all"]) == as_values(ranking_metrics(ranks))
     assert (values["triples"], values["queries"]) == (len(queries), 2 * len(queries))
-    assert found["mrr_ci"][0] <= found["mrr"] <= found["mrr_ci"][1]
 
 
 def test_slices_add_up_to_the_headline(values):
@@ -191,16 +214,14 @@ def test_slices_add_up_to_the_headline(values):
         assert total / values["queries"] == pytest.approx(metrics["all"]["mrr"])
 
 
-def test_with_leaked_is_the_ranking_of_all_triples_of_the_test_recipes(values, kitchen_model):
-    split, graph = kitchen_model.opened.split, kitchen_model.opened.graph
+def test_with_leaked_is_the_ranking_of_all_triples_of_the_test_recipes(values, kitchen_model, graph, split):
     candidates = split.triples_of("test")
     expected = as_values(ranking_metrics(rank_triples(kitchen_model.scorer, candidates, graph.triples)))
     assert values["with_leaked"] == pytest.approx(expected, rel=1e-12)
     assert values["leaked_left_out"] == len(candidates) - values["triples"] > 0
 
 
-def test_the_baselines_are_frequency_votes_and_neighbours_in_train_and_expected_chance(values, kitchen_model):
-    split, graph = kitchen_model.opened.split, kitchen_model.opened.graph
+def test_the_baselines_are_frequency_votes_and_neighbours_in_train_and_expected_chance(values, graph, split):
     baselines = {
         "frequency": FrequencyScorer(graph, split.partial),
         "votes": VoteScorer(graph, split.recipes("train")),
@@ -209,29 +230,25 @@ def test_the_baselines_are_frequency_votes_and_neighbours_in_train_and_expected_
     assert {*values["baselines"]} == {*baselines, "random"}
     for name, scorer in baselines.items():
         ranks = rank_triples(scorer, split.held_out("test"), graph.triples)
-        found = values["baselines"][name]["all"]
-        assert {key: value for key, value in found.items() if key != "mrr_ci"} == as_values(ranking_metrics(ranks))
-        assert found["mrr_ci"][0] <= found["mrr"] <= found["mrr_ci"][1]
+        assert without_ci(values["baselines"][name]["all"]) == as_values(ranking_metrics(ranks))
     assert values["baselines"]["random"]["all"] == as_values(random_metrics(ranks))
     assert set(values["baselines"]["frequency"]) == set(values["baselines"]["random"]) == set(values["metrics"])
 
 
 def test_every_slice_of_the_drill_down_has_an_interval(values):
-    for rows in values["drill_down"].values():
-        assert rows
-        assert all(row["mrr_ci"][0] <= row["mrr"] <= row["mrr_ci"][1] for row in rows)
+    assert all(values["drill_down"].values())
+    assert all(without_ci(row) for rows in values["drill_down"].values() for row in rows)
 
 
-def test_the_model_is_compared_with_each_baseline_query_by_query(values, kitchen_model):
+def test_the_model_is_compared_with_each_baseline_query_by_query(values, graph, split, ranks):
     comparisons = values["comparisons"]
     found = {name: values["baselines"][name]["all"]["mrr"] for name in ("neighbours", "votes", "frequency", "random")}
     assert [row["baseline"] for row in comparisons] == sorted(found, key=found.get, reverse=True)
     for row in comparisons:
         assert row["difference"] == pytest.approx(values["metrics"]["all"]["mrr"] - found[row["baseline"]])
     # A slow bootstrap of the paired differences over recipes, by a generator of its own.
-    graph, split = kitchen_model.opened.graph, kitchen_model.opened.split
     test = split.held_out("test")
-    own = 1 / rank_triples(kitchen_model.scorer, test, graph.triples)["rank"].to_numpy()
+    own = 1 / ranks["rank"].to_numpy()
     other = 1 / rank_triples(FrequencyScorer(graph, split.partial), test, graph.triples)["rank"].to_numpy()
     clusters = np.tile(recipe_clusters(graph, split.is_in("test"), test), 2)
     groups = [(own - other)[clusters == name] for name in np.unique(clusters)]
@@ -251,8 +268,7 @@ def test_the_model_is_compared_with_each_baseline_query_by_query(values, kitchen
         (lambda graph, split: SymbolicScorer(graph, split.partial), "below", None),
     ],
 )
-def test_the_first_line_says_where_the_model_stands_against_the_best_baseline(kitchen_model, make, verdict, baseline):
-    opened = kitchen_model.opened
+def test_the_first_line_says_where_the_model_stands_against_the_best_baseline(opened, make, verdict, baseline):
     report = make_link_report(make(opened.graph, opened.split), opened)
     best = report.view.comparisons[0]
     assert (best.verdict, best.baseline) == (verdict, baseline or best.baseline)
@@ -277,37 +293,23 @@ def test_drill_downs_part_the_queries(values):
     assert sum(row["queries"] for row in drill_down["self_combination"]) == symmetric
 
 
-def test_the_slices_by_near_synonyms_are_ranked_apart(values, kitchen_report, kitchen_model):
-    graph, split = kitchen_model.opened.graph, kitchen_model.opened.split
+def test_the_slices_by_near_synonyms_are_ranked_apart(values, kitchen_report, graph, split, ranks):
     recipes = near_synonym_recipes(split, glove_features(graph.entities))
     repeated = {tuple(row) for row in recipe_triples(graph.recipes[recipes]).tolist()}
-    ranks = rank_triples(kitchen_model.scorer, split.held_out("test"), graph.triples)
     mask = np.array([tuple(row) in repeated for row in ranks[["head", "relation", "tail"]].to_numpy().tolist()])
     with_one, without = values["drill_down"]["near_synonyms"]
-    for found, name, part in (
+    for row, name, part in (
         (with_one, "a train recipe with a near-synonym", ranks[mask]),
         (without, "no such train recipe", ranks[~mask]),
     ):
-        low, high = found.pop("mrr_ci")
-        assert found == {"slice": name, **as_values(ranking_metrics(part))}
-        assert low <= found["mrr"] <= high
+        assert without_ci(row) == {"slice": name, **as_values(ranking_metrics(part))}
     assert summary_of(kitchen_report)["mrr_without_near_synonyms"] == without["mrr"]
 
 
-def test_without_any_near_synonym_there_is_no_slice_that_looks_like_a_clean_bill(kitchen_model):
-    by_goal = make_split(kitchen_model.opened.graph, SplitConfig("by-goal"))
-    opened = OpenedGraph(by_goal.graph, by_goal, "kitchen")
-    report = make_link_report(FrequencyScorer(by_goal.graph, by_goal.partial), opened)
+def test_without_any_near_synonym_there_is_no_slice_that_looks_like_a_clean_bill(graph):
+    report = of_frequency(OpenedGraph(graph, make_split(graph, SplitConfig("by-goal")), "kitchen"))
     assert report.view.drill_down.near_synonyms == ()
     assert summary_of(report)["mrr_without_near_synonyms"] is None
-
-
-def test_the_histogram_parts_the_queries_of_each_relation(values):
-    histogram = values["histogram"]
-    for relation in RELATIONS:
-        assert len(histogram["shares"][relation]) == len(histogram["bins"])
-        assert sum(histogram["shares"][relation]) == pytest.approx(1)
-        assert histogram["shares"][relation][0] == pytest.approx(values["metrics"][relation]["hits@1"])
 
 
 def test_best_and_worst_are_the_ends_of_the_ranking(values, kitchen_report):
@@ -317,86 +319,42 @@ def test_best_and_worst_are_the_ends_of_the_ranking(values, kitchen_report):
     assert len(values["best"]) == len(values["worst"]) > 0
 
 
-def test_perhaps_missing_lists_the_best_triples_that_the_graph_lacks(values, kitchen_model):
-    graph, scorer = kitchen_model.opened.graph, kitchen_model.scorer
+def test_perhaps_missing_lists_the_best_triples_that_the_graph_lacks(values, kitchen_model, graph):
     known = {tuple(triple) for triple in graph.triples.tolist()}
-    table = scorer.table(COMPONENT_OF).numpy()
-    missing = sorted(
-        (
-            float(table[head, tail])
-            for head in range(graph.num_entities)
-            for tail in range(graph.num_entities)
-            if head != tail and (head, COMPONENT_OF, tail) not in known
-        ),
-        reverse=True,
-    )
+    table = kitchen_model.scorer.table(COMPONENT_OF)
+    pairs = itertools.permutations(range(graph.num_entities), 2)
+    missing = sorted((float(table[h, t]) for h, t in pairs if (h, COMPONENT_OF, t) not in known), reverse=True)
     listed = [row for row in values["perhaps_missing"] if row["relation"] == "componentOf"]
     assert [row["score"] for row in listed] == pytest.approx(missing[: len(listed)])
     for row in values["perhaps_missing"]:
         triple = (graph.id_of(row["head"]), RELATIONS.index(row["relation"]), graph.id_of(row["tail"]))
         assert triple not in known
         assert row["head"] != row["tail"]
-    symmetric = [
-        frozenset((row["head"], row["tail"])) for row in values["perhaps_missing"] if row["relation"] == "combinesWith"
-    ]
-    assert len(set(symmetric)) == len(symmetric) > 0
+    others = [row for row in values["perhaps_missing"] if row["relation"] == "combinesWith"]
+    assert len({frozenset((row["head"], row["tail"])) for row in others}) == len(others) > 0
 
 
-def test_an_entity_is_never_listed_as_missing_from_itself(kitchen_model):
-    graph = kitchen_model.opened.graph
-    scores = torch.eye(graph.num_entities).repeat(2, 1, 1)
-    listed = values_of(make_link_report(TableScorer(scores, graph.entities, graph.hash), kitchen_model.opened))
+def test_an_entity_is_never_listed_as_missing_from_itself(opened, graph):
+    scorer = table_scorer(graph, torch.eye(graph.num_entities).repeat(2, 1, 1))
+    listed = values_of(make_link_report(scorer, opened))
     assert {row["relation"] for row in listed["perhaps_missing"]} == set(RELATIONS)
     assert all(row["head"] != row["tail"] for row in listed["perhaps_missing"])
 
 
-def test_self_edges_count_the_entities_that_are_their_own_best_answer(kitchen_model):
-    graph = kitchen_model.opened.graph
+def test_self_edges_count_the_entities_that_are_their_own_best_answer(opened, graph):
     scores = torch.zeros(2, graph.num_entities, graph.num_entities)
     scores[COMBINES_WITH].fill_diagonal_(1.0)
     scores[COMBINES_WITH, 0, 1] = 2.0
-    scorer = TableScorer(scores, graph.entities, graph.hash)
-    found = values_of(make_link_report(scorer, kitchen_model.opened))["self_edges"]
+    found = values_of(make_link_report(table_scorer(graph, scores), opened))["self_edges"]
     assert found["top_answer_is_itself"] == pytest.approx((graph.num_entities - 1) / graph.num_entities)
     pairs = {tuple(sorted(pair)) for pair in graph.recipes[:, :2].tolist()}
     assert found["really_combines_with_itself"] == pytest.approx(sum(a == b for a, b in pairs) / graph.num_entities)
 
 
-def test_neighbours_are_other_entities(values, kitchen_model):
-    assert len(values["neighbours"]) == 10
-    for row in values["neighbours"]:
-        assert row["entity"] not in row["neighbours"]
-        assert len(set(row["neighbours"])) == 5
-        assert set(row["neighbours"]) <= set(kitchen_model.opened.graph.entities)
-
-
-@pytest.fixture(scope="module")
-def constant_reports(tmp_path_factory):
-    """Reports of constant scorers, by score; in another process, which equal points in a map might end."""
-    code = """
-import sys
-from pathlib import Path
-import torch
-from wordcraft_kg.graphs.folder import open_graph
-from wordcraft_kg.models.scorers.tables import TableScorer
-from wordcraft_kg.reports.link_report import make_link_report
-from wordcraft_kg.reports.pages import write_report
-
-opened = open_graph("kitchen")
-size = opened.graph.num_entities
-for score in (0.5, 0.1):
-    scorer = TableScorer(torch.full((2, size, size), score), opened.graph.entities, opened.graph.hash)
-    write_report(make_link_report(scorer, opened), Path(sys.argv[1], str(score)))
-"""
-    out = tmp_path_factory.mktemp("constant")
-    done = subprocess.run([sys.executable, "-c", code, str(out)], capture_output=True, timeout=120)
-    assert done.returncode == 0, done.stderr.decode()[-500:]
-    return out
-
-
-@pytest.mark.parametrize("score", ["0.5", "0.1"])
-def test_a_constant_scorer_is_reported_as_no_better_than_chance(constant_reports, score):
-    values = json.loads((constant_reports / score / "report.json").read_text())
+@pytest.mark.parametrize("score", [0.5, 0.1])
+def test_a_constant_scorer_is_reported_as_no_better_than_chance(opened, graph, score):
+    scorer = table_scorer(graph, torch.full((2, graph.num_entities, graph.num_entities), score))
+    values = values_of(make_link_report(scorer, opened))
     SCHEMA.validate(values)
     assert values["metrics"]["all"]["hits@1"] == 0
     assert values["metrics"]["all"]["amri"] == pytest.approx(0, abs=1e-9)
@@ -420,8 +378,7 @@ def test_every_check_passes_on_an_honest_split(values):
     assert checks(values) == ALL_PASS
 
 
-def test_a_leaked_test_triple_fails_the_leak_check(kitchen_model, monkeypatch):
-    split = kitchen_model.opened.split
+def test_a_leaked_test_triple_fails_the_leak_check(kitchen_model, split, monkeypatch):
     honest = split.held_out("test")
     leaked = next(t for t in split.partial.tolist() if t[1] == COMPONENT_OF)
     monkeypatch.setattr(Split, "held_out", lambda self, part: np.concatenate([honest, [leaked]]))
@@ -430,70 +387,59 @@ def test_a_leaked_test_triple_fails_the_leak_check(kitchen_model, monkeypatch):
     )
     report = made(kitchen_model)
     assert checks(values_of(report)) == ALL_PASS | {"leak": False}
-    assert detail(values_of(report), "leak") == "1 found"
+    assert checks(values_of(report), "detail")["leak"] == "1 found"
     assert not summary_of(report)["checks_passed"]
 
 
-def test_ranking_all_test_candidates_fails_the_leak_check(kitchen_model, monkeypatch):
+def test_ranking_all_test_candidates_fails_the_leak_check(kitchen_model, graph, split, monkeypatch):
     monkeypatch.setattr(Split, "held_out", lambda self, part: self.triples_of(part))
     values = values_of(made(kitchen_model))
-    leaked = is_in(
-        kitchen_model.opened.split.triples_of("test"),
-        kitchen_model.opened.split.partial,
-        kitchen_model.opened.graph.num_entities,
-    )
+    leaked = is_in(split.triples_of("test"), split.partial, graph.num_entities)
     assert not checks(values)["leak"]
-    assert detail(values, "leak") == f"{leaked.sum()} found"
+    assert checks(values, "detail")["leak"] == f"{leaked.sum()} found"
 
 
-def test_a_mirror_in_train_fails_the_mirror_check(kitchen_model, monkeypatch):
-    split = kitchen_model.opened.split
+def test_a_mirror_in_train_fails_the_mirror_check(kitchen_model, split, monkeypatch):
     given_away = next(t for t in split.held_out("test").tolist() if t[1] == COMBINES_WITH and t[0] != t[2])
     # The mirror is put into train, and the triple itself remains the only one of the two that is evaluated.
     partial = np.concatenate([split.partial, [given_away[::-1]]])
     test = np.array([t for t in split.held_out("test").tolist() if t != given_away[::-1]])
     monkeypatch.setattr(Dose, "triples", property(lambda self: partial))
     monkeypatch.setattr(Split, "held_out", lambda self, part: test)
-    values = values_of(made(kitchen_model))
-    assert checks(values) == ALL_PASS | {"mirror": False}
+    assert checks(values_of(made(kitchen_model))) == ALL_PASS | {"mirror": False}
 
 
-def test_a_scorer_of_another_graph_fails_the_graph_check(kitchen_model):
-    graph = kitchen_model.opened.graph
+def test_a_scorer_of_another_graph_fails_the_graph_check(kitchen_model, opened, graph):
     scores = torch.stack([kitchen_model.scorer.table(relation) for relation in RELATIONS])
     foreign = TableScorer(scores, graph.entities, "0" * 64)
-    assert not checks(values_of(make_link_report(foreign, kitchen_model.opened)))["graph"]
+    assert not checks(values_of(make_link_report(foreign, opened)))["graph"]
 
 
-def test_entities_that_training_lacks_fail_the_coverage_check(kitchen_model):
-    graph = kitchen_model.opened.graph
+def test_entities_that_training_lacks_fail_the_coverage_check(graph):
     split = make_split(graph, SplitConfig(kind="by-recipe-plain", train_ratio=0.3))
     assert len(split.uncovered)
-    values = values_of(make_link_report(FrequencyScorer(graph, split.partial), OpenedGraph(graph, split, "sparse")))
+    values = values_of(of_frequency(OpenedGraph(graph, split, "sparse")))
     assert checks(values) == ALL_PASS | {"coverage": False}
-    assert graph.entities[split.uncovered[0]] in detail(values, "coverage")
+    assert graph.entities[split.uncovered[0]] in checks(values, "detail")["coverage"]
 
 
 @pytest.mark.parametrize("kind", ["by-recipe", "by-recipe-plain", "by-slot", "by-goal", "by-goal-terminals"])
-def test_a_report_of_every_split_is_valid_and_free_of_leaks(kitchen_model, kind):
-    graph = kitchen_model.opened.graph
+def test_a_report_of_every_split_is_valid_and_free_of_leaks(graph, kind):
     split = make_split(graph, SplitConfig(kind=kind, train_ratio=0.5, valid_ratio=0.1))
-    report = make_link_report(FrequencyScorer(graph, split.partial), OpenedGraph(graph, split, kind))
+    report = of_frequency(OpenedGraph(graph, split, kind))
     SCHEMA.validate(values_of(report))
     assert checks(values_of(report))["leak"]
     assert Page(render(report)).faults == []
 
 
-def test_fewer_than_thirty_unseen_triples_are_an_error_that_suggests_another_ratio(kitchen_model):
-    graph = kitchen_model.opened.graph
+def test_fewer_than_thirty_unseen_triples_are_an_error_that_suggests_another_ratio(graph):
     split = make_split(graph, SplitConfig(train_ratio=0.99))
     assert 0 < len(split.held_out("test")) < 30
     with refuses("train_ratio", SplitError):
-        make_link_report(FrequencyScorer(graph, split.partial), OpenedGraph(graph, split, "few"))
+        of_frequency(OpenedGraph(graph, split, "few"))
 
 
-def test_a_graph_without_a_split_has_nothing_to_report_but_memory(kitchen_model):
-    graph = kitchen_model.opened.graph
+def test_a_graph_without_a_split_has_nothing_to_report_but_memory(graph):
     opened = OpenedGraph(graph, make_split(graph, SplitConfig(kind="none")), "unsplit")
     with pytest.raises(SplitError, match="only 0 unseen"):
         make_link_report(FrequencyScorer(graph, graph.triples), opened)
@@ -506,26 +452,21 @@ def test_a_graph_without_a_split_has_nothing_to_report_but_memory(kitchen_model)
 
 
 def test_a_report_of_the_full_graph_is_marked_as_having_seen_the_data(full_report, kitchen_report):
-    assert values_of(full_report)["model"]["has_seen_the_test_recipes"]
-    assert not values_of(kitchen_report)["model"]["has_seen_the_test_recipes"]
+    assert full_report.view.model.has_seen_the_test_recipes
+    assert not kitchen_report.view.model.has_seen_the_test_recipes
     assert summary_of(full_report)["has_seen_the_test_recipes"]
 
 
-def test_a_report_of_the_full_graph_asks_for_all_its_triples(full_report, kitchen_model):
-    values, graph = values_of(full_report), kitchen_model.opened.graph
-    assert values["triples"] == len(graph.triples)
-    assert values["leaked_left_out"] == 0
+def test_a_report_of_the_full_graph_asks_for_all_its_triples_and_not_about_leaks(full_report, graph):
+    values = values_of(full_report)
+    assert (values["triples"], values["leaked_left_out"]) == (len(graph.triples), 0)
     assert values["with_leaked"]["mrr"] == values["metrics"]["all"]["mrr"]
-
-
-def test_a_model_of_the_full_graph_is_not_asked_about_leaks(full_report):
-    assert checks(values_of(full_report)) == {"graph": True, "coverage": True}
+    assert checks(values) == {"graph": True, "coverage": True}
 
 
 def test_the_page_of_the_full_graph_says_that_it_measures_memory(full_report, kitchen_report):
     full, partial = text_of(render(full_report)), text_of(render(kitchen_report))
     assert "Memory, not prediction" in full
-    assert "what it remembers" in full
     assert "Memory, not prediction" not in partial
     assert "links it has never seen" in partial
 
@@ -542,23 +483,15 @@ def test_the_page_is_balanced_html(html):
     page = Page(html)
     assert (page.faults, page.open) == ([], [])
     assert {"html", "head", "title", "body", "table", "svg"} <= set(page.tags)
-
-
-def test_a_page_with_a_fault_is_noticed():
     assert Page("<p><b>text</p></b>").faults
     assert Page("<div>").open
 
 
 def test_the_page_needs_nothing_from_elsewhere(html):
     page = Page(html)
-    beside = {"report.json", "ranks.csv"}
-    links = [
-        value
-        for _, name, value in page.attributes
-        if name in ("src", "href", "xlink:href", "srcset", "action", "data", "poster")
-    ]
-    assert links
-    assert {link for link in links if not link.startswith(("data:", "#"))} == beside
+    loading = {"src", "href", "xlink:href", "srcset", "action", "data", "poster"}
+    links = {value for _, name, value in page.attributes if name in loading}
+    assert {link for link in links if not link.startswith(("data:", "#"))} == {"report.json", "ranks.csv"}
     assert re.findall(r"url\(|@import", html) == []
     assert not {"link", "iframe", "object", "embed", "base"} & set(page.tags)
 
@@ -604,56 +537,17 @@ def test_words_with_a_tooltip_are_explained_at_the_end(html):
     assert all(f"<dd>{meaning}</dd>" in words for meaning in meanings)
 
 
-def test_all_ranks_can_be_searched_in_the_page(kitchen_report, monkeypatch):
-    html = render(kitchen_report)
-    data = json.loads(re.search(r'id="ranks-data">(.*?)</script>', html, re.DOTALL)[1])
-    table = kitchen_report.tables["ranks.csv"]
-    found = [
-        (data["entities"][head], data["relations"][relation], data["entities"][tail], data["sides"][side], rank)
-        for head, relation, tail, side, rank, _ in data["rows"]
-    ]
-    expected = table[["head", "relation", "tail", "side", "rank"]].itertuples(index=False, name=None)
-    assert sorted(found) == sorted(expected)
-    assert [row[-1] for row in found] == sorted(row[-1] for row in found)
-
-
-def test_more_ranks_than_a_page_should_hold_are_in_the_table_only(kitchen_model, monkeypatch):
-    monkeypatch.setattr("wordcraft_kg.reports.link_report.SEARCHABLE", 10)
-    html = render(made(kitchen_model))
-    assert "ranks-data" not in re.sub(r"<script>.*?</script>", "", html, flags=re.DOTALL)
-    assert 'href="ranks.csv"' in html
-
-
-def test_the_groups_of_the_map_are_named_after_their_most_used_entity(kitchen_report):
-    html = render(kitchen_report)
-    legend = re.search(r'<ul class="legend".*?</ul>', html, re.DOTALL)[0]
-    sizes = [int(size) for size in re.findall(r'<span class="ci">(\d+)</span>', legend)]
-    assert sum(sizes) == kitchen_report.view.graph.entities
-    communities = kitchen_report.shown["communities"]
-    graph = open_graph("kitchen").graph
-    for number, name in enumerate(communities.names):
-        uses = graph.use_counts[communities.group_of == number]
-        assert graph.use_counts[graph.id_of(name)] == max(uses)
-        assert communities.group_of[graph.id_of(name)] == number
-
-
 def test_every_picture_has_a_description(html):
     page = Page(html)
-    described = [
-        name for tag, name, value in page.attributes if (tag, name) in (("svg", "aria-label"), ("img", "alt")) and value
-    ]
-    keys = page.attributes.count(("svg", "aria-hidden", "true"))  # of legends, which have texts
-    assert len(described) == page.tags.count("svg") + page.tags.count("img") - keys > 3
+    described = [value for tag, name, value in page.attributes if (tag, name) == ("svg", "aria-label") and value]
+    assert len(described) == page.tags.count("svg") > 1
+    assert "img" not in page.tags
 
 
 def test_the_page_shows_the_headline_the_baseline_and_the_leak_check(kitchen_report):
     text, values = text_of(render(kitchen_report)), values_of(kitchen_report)
-    for number in (
-        values["metrics"]["all"]["mrr"],
-        *values["metrics"]["all"]["mrr_ci"],
-        values["baselines"]["frequency"]["all"]["mrr"],
-        values["with_leaked"]["mrr"],
-    ):
+    own, other = values["metrics"]["all"], values["baselines"]["frequency"]["all"]
+    for number in (own["mrr"], *own["mrr_ci"], other["mrr"], values["with_leaked"]["mrr"]):
         assert f"{number:.3f}" in text
     for check in values["checks"]:
         assert check["name"] in text
@@ -677,32 +571,22 @@ def test_the_page_shows_the_curves_of_the_training(kitchen_model):
     assert "loss" in without.pictures
 
 
-@pytest.fixture(scope="module")
-def large_report(kitchen_model):
-    """Of a graph that has too many entities for the scores of all pairs."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("wordcraft_kg.evaluation.ranked_links.MAP_LIMIT", kitchen_model.opened.graph.num_entities - 1)
-        return made(kitchen_model)
-
-
-def test_a_large_graph_has_a_report_without_the_map(large_report):
-    assert set(large_report.pictures) == {"baselines", "ranks", "calibration"}
-    assert set(large_report.view.baselines) == {"frequency", "random"}
-    SCHEMA.validate(values_of(large_report))
-    assert Page(render(large_report)).faults == []
-
-
-def test_a_large_graph_has_a_report_that_says_what_it_leaves_out(kitchen_report, large_report):
-    assert "this report has no neighbour and vote baselines" not in " ".join(render(kitchen_report).split())
-    assert large_report.view.without_pairs
-    assert "this report has no neighbour and vote baselines" in " ".join(render(large_report).split())
+def test_a_large_graph_has_a_report_that_says_what_it_leaves_out(kitchen_model, kitchen_report, graph, monkeypatch):
+    monkeypatch.setattr("wordcraft_kg.evaluation.ranked_links.MAP_LIMIT", graph.num_entities - 1)
+    report = made(kitchen_model)
+    assert report.view.without_pairs
+    assert set(report.view.baselines) == {"frequency", "random"}
+    SCHEMA.validate(values_of(report))
+    assert Page(render(report)).faults == []
+    note = "this report has no neighbour and vote baselines"
+    assert [note in text_of(render(one)) for one in (kitchen_report, report)] == [False, True]
 
 
 # --- a sample of the queries -----------------------------------------------------------------------------------------
 
 
-def test_of_more_queries_than_asked_for_a_uniform_sample_is_ranked_and_said_so(kitchen_model):
-    held_out = kitchen_model.opened.split.held_out("test")
+def test_of_more_queries_than_asked_for_a_uniform_sample_is_ranked_and_said_so(kitchen_model, split):
+    held_out = split.held_out("test")
     report = made(kitchen_model, max_queries=80)
     assert (report.view.queries, report.view.triples, report.view.sampled_from) == (80, 40, len(held_out))
     assert {table["all"].queries for table in report.view.baselines.values()} == {80}
@@ -710,17 +594,15 @@ def test_of_more_queries_than_asked_for_a_uniform_sample_is_ranked_and_said_so(k
     assert f"a uniform sample of 40 of {len(held_out)}" in render(report)
     low, high = report.view.metrics["all"].mrr_ci
     assert low < report.view.metrics["all"].mrr < high
-    leaked = len(kitchen_model.opened.split.triples_of("test")) - len(held_out)
+    leaked = len(split.triples_of("test")) - len(held_out)
     assert report.view.with_leaked.queries == 80 + 2 * round(leaked * 40 / len(held_out))
     again = made(kitchen_model, max_queries=80)
     pd.testing.assert_frame_equal(again.tables["ranks.csv"], report.tables["ranks.csv"])
 
 
-def test_samples_get_on_average_what_all_queries_get(kitchen_model, values):
-    samples = [
-        ranking_metrics(rank_links(kitchen_model.scorer, kitchen_model.opened, max_queries=80, seed=seed).ranks).mrr
-        for seed in range(100)
-    ]
+def test_samples_get_on_average_what_all_queries_get(kitchen_model, opened, values):
+    rankings = (rank_links(kitchen_model.scorer, opened, max_queries=80, seed=seed).ranks for seed in range(100))
+    samples = [ranking_metrics(ranks).mrr for ranks in rankings]
     error = float(np.std(samples)) / 10
     assert 0 < error < 0.02
     assert np.mean(samples) == pytest.approx(values["metrics"]["all"]["mrr"], abs=4 * error)
@@ -760,7 +642,7 @@ def test_a_report_is_three_files(report_folder, kitchen_report):
     assert written == values_of(kitchen_report)
 
 
-def test_the_table_of_ranks_has_a_row_a_query_and_gives_the_headline(report_folder, values):
+def test_the_table_of_ranks_has_a_row_a_query_and_gives_the_headline(report_folder, values, graph, split):
     ranks = pd.read_csv(report_folder / "ranks.csv", keep_default_na=False)
     assert len(ranks) == values["queries"]
     assert (1 / ranks["rank"]).mean() == pytest.approx(values["metrics"]["all"]["mrr"], rel=1e-6)
@@ -768,10 +650,6 @@ def test_the_table_of_ranks_has_a_row_a_query_and_gives_the_headline(report_fold
         part = ranks[ranks["relation"] == relation]
         assert (1 / part["rank"]).mean() == pytest.approx(values["metrics"][relation]["mrr"], rel=1e-6)
 
-
-def test_the_table_of_ranks_names_triples_of_the_graph(report_folder, kitchen_model):
-    ranks = pd.read_csv(report_folder / "ranks.csv", keep_default_na=False)
-    graph, split = kitchen_model.opened.graph, kitchen_model.opened.split
     named = {
         (graph.id_of(head), RELATIONS.index(relation), graph.id_of(tail))
         for head, relation, tail in ranks[["head", "relation", "tail"]].itertuples(index=False)
@@ -781,11 +659,10 @@ def test_the_table_of_ranks_names_triples_of_the_graph(report_folder, kitchen_mo
 
 
 def test_awkward_labels_come_back_from_the_table_of_ranks(awkward_graph, tmp_path):
-    graph, split = awkward_graph.graph, awkward_graph.split
-    write_report(make_link_report(FrequencyScorer(graph, split.partial), awkward_graph), tmp_path / "report")
+    write_report(of_frequency(awkward_graph), tmp_path / "report")
     ranks = pd.read_csv(tmp_path / "report" / "ranks.csv", keep_default_na=False)
-    assert set(ranks["head"]) <= set(graph.entities)
-    assert len(ranks) == 2 * len(split.held_out("test"))
+    assert set(ranks["head"]) <= set(awkward_graph.graph.entities)
+    assert len(ranks) == 2 * len(awkward_graph.split.held_out("test"))
 
 
 @pytest.mark.usefixtures("whole")
@@ -798,29 +675,32 @@ def test_the_same_inputs_give_the_same_bytes(kitchen_model, report_folder, tmp_p
 
 @pytest.mark.usefixtures("whole")
 def test_the_seed_moves_the_interval_but_not_the_headline(kitchen_model, values):
-    other = values_of(made(kitchen_model, seed=1))
-    assert other["metrics"]["all"]["mrr"] == values["metrics"]["all"]["mrr"]
-    assert other["metrics"]["all"]["mrr_ci"] != values["metrics"]["all"]["mrr_ci"]
-    assert other["metrics"]["all"]["mrr_ci"] == pytest.approx(values["metrics"]["all"]["mrr_ci"], abs=0.03)
+    other, own = values_of(made(kitchen_model, seed=1))["metrics"]["all"], values["metrics"]["all"]
+    assert other["mrr"] == own["mrr"]
+    assert other["mrr_ci"] != own["mrr_ci"]
+    assert other["mrr_ci"] == pytest.approx(own["mrr_ci"], abs=0.03)
 
 
 @pytest.mark.usefixtures("whole")
 def test_making_a_report_leaves_the_global_generators_as_they_were(kitchen_model):
-    import random
+    def states() -> tuple[Any, ...]:
+        return random.getstate(), np.random.get_state()[1].tobytes(), torch.get_rng_state().tolist()  # noqa: NPY002
 
-    before = random.getstate(), np.random.get_state()[1].tobytes(), torch.get_rng_state().tolist()  # noqa: NPY002
+    before = states()
     made(kitchen_model)
-    after = random.getstate(), np.random.get_state()[1].tobytes(), torch.get_rng_state().tolist()  # noqa: NPY002
-    assert after == before
+    assert states() == before
 
 
 def test_a_report_is_not_overwritten_unless_forced(kitchen_report, full_report, tmp_path):
+    def name() -> str:
+        return json.loads((tmp_path / "report" / "report.json").read_text())["model"]["name"]
+
     write_report(kitchen_report, tmp_path / "report")
     with pytest.raises(OutputExistsError):
         write_report(full_report, tmp_path / "report")
-    assert json.loads((tmp_path / "report" / "report.json").read_text())["model"]["name"] == "kitchen"
+    assert name() == "kitchen"
     write_report(full_report, tmp_path / "report", force=True)
-    assert json.loads((tmp_path / "report" / "report.json").read_text())["model"]["name"] == "kitchen-full"
+    assert name() == "kitchen-full"
 
 
 def test_an_earlier_report_stays_when_writing_fails(kitchen_report, tmp_path, monkeypatch):
@@ -863,9 +743,7 @@ def test_a_cross_fitted_model_shows_what_it_remembers_beside_what_it_can_tell(
         "test_mrr": values["metrics"]["all"]["mrr"],
     }
     assert memory["in_sample_mrr"] > memory["left_out_mrr"] + 0.2
-    html = render(kitchen_report)
-    assert "Memory and generalisation" in html
-    assert f"{record.mrr:.3f}" in html
+    assert "Memory and generalisation" in render(kitchen_report)
     for others in (whole_report, full_report):
         assert others.view.memory is None
         assert "Memory and generalisation" not in render(others)
@@ -874,11 +752,10 @@ def test_a_cross_fitted_model_shows_what_it_remembers_beside_what_it_can_tell(
 # --- probabilities ---------------------------------------------------------------------------------------------------
 
 
-def test_predicted_probabilities_are_compared_with_the_recipes_outside_train(kitchen_model, values):
-    opened, scorer = kitchen_model.opened, kitchen_model.scorer
-    known = {tuple(row) for row in opened.split.partial.tolist()}
-    given = {tuple(row) for row in opened.graph.triples.tolist()}
-    entities = range(opened.graph.num_entities)
+def test_predicted_probabilities_are_compared_with_the_recipes_outside_train(kitchen_model, values, graph, split):
+    scorer = kitchen_model.scorer
+    known, given = ({tuple(row) for row in triples.tolist()} for triples in (split.partial, graph.triples))
+    entities = range(graph.num_entities)
     rows = values["probabilities"]
     assert [(row["relation"], row["pairs"]) for row in rows] == [
         (relation, pairs) for relation in ("combinesWith", "componentOf") for pairs in ("distinct", "itself")
@@ -887,8 +764,7 @@ def test_predicted_probabilities_are_compared_with_the_recipes_outside_train(kit
         relation = ("combinesWith", "componentOf").index(row["relation"])
         asked = [
             (head, relation, tail)
-            for head in entities
-            for tail in entities
+            for head, tail in itertools.product(entities, entities)
             if (head, relation, tail) not in known
             and (head == tail) == (row["pairs"] == "itself")
             and (relation == 1 or tail <= head)

@@ -19,7 +19,7 @@ from wordcraft_kg.reports.pages import render
 from wordcraft_kg.studies.report import make_study_report, panels_of, study_figure, write_study_report
 from wordcraft_kg.studies.results import Missing, StudyResults
 from wordcraft_kg.studies.study import Claim
-from wordcraft_kg.studies.tables import as_csv, as_latex, as_markdown, latex, signed, tables_of
+from wordcraft_kg.studies.tables import as_csv, signed, tables_of
 from wordcraft_kg.studies.view import StudyView, view_study
 
 Fabricate = Callable[..., StudyResults]
@@ -61,31 +61,6 @@ def test_csv_has_a_row_for_each_variant_of_each_point(view):
     assert [float(found[f"success_{end}"]) for end in ("low", "high")] == pytest.approx(entry.interval, rel=1e-5)
 
 
-def test_markdown_shows_names_as_they_are(view):
-    text = as_markdown(view)
-    (row,) = {line for line in text.splitlines() if line.startswith(r"| a\_b")}
-    assert r"\| \<i\>\#{x}^\~\\ \*y\*" in row
-    cells = re.split(r"(?<!\\)\|", row)
-    assert len(cells) - 2 == len(tables_of(view)[0].headings)
-    assert "0.800 [" in text
-    assert "+0.600 [" in text
-
-
-def test_latex_has_as_many_columns_as_it_says_and_escapes_names(view):
-    text = as_latex(view)
-    (columns,) = set(re.findall(r"\\begin\{tabular\}\{(l r*|lr*)\}", text))
-    rows = [line for line in text.splitlines() if line.endswith(r" \\")]
-    assert len(rows) == 2 * (1 + 3)
-    assert {len(re.split(r"(?<!\\)&", row)) for row in rows} == {len(columns)}
-    assert r"a\_b \& 50\% \textbar{} \textless{}i\textgreater{}\#\{x\}\textasciicircum{}\textasciitilde{}" in text
-    assert text.count(r"\toprule") == text.count(r"\bottomrule") == 2
-
-
-def test_latex_escapes_each_letter_once():
-    assert latex("\\{}") == r"\textbackslash{}\{\}"
-    assert latex("two\nlines") == "two lines"
-
-
 @pytest.mark.parametrize(
     ("value", "form", "text"), [(-0.5, "+.2f", "−0.50"), (-0.0001, "+.2f", "+0.00"), (-0.001, ".2f", "0.00")]
 )
@@ -103,7 +78,7 @@ def test_a_report_is_written_whole(view, tmp_path):
     pytest.importorskip("typst", reason="needs the extra figures")
     files = write_study_report(view, tmp_path / "report")
     assert [file.name for file in files] == [
-        *("index.html", "report.json", "table.csv", "table.md", "table.tex"),
+        *("index.html", "report.json", "table.csv"),
         *("figure.svg", "figure.png", "figure.pdf", "profiles.svg", "profiles.png", "profiles.pdf"),
     ]
     assert sorted(files) == sorted((tmp_path / "report").iterdir())
@@ -113,8 +88,7 @@ def test_a_report_is_written_whole(view, tmp_path):
     assert "<b>why</b>" not in page
     assert "&lt;b&gt;why&lt;/b&gt;" in page
     assert "<i>" not in page
-    for name in ("figure.pdf", "table.tex"):
-        assert f'href="{name}"' in page
+    assert 'href="figure.pdf"' in page
     with pytest.raises(OutputExistsError):
         write_study_report(view, tmp_path / "report")
 
@@ -129,7 +103,7 @@ def test_without_the_extra_there_are_svg_files(view, tmp_path, monkeypatch):
 def test_equal_results_have_equal_files(view, tmp_path):
     again = msgspec.json.decode(msgspec.json.encode(view), type=StudyView)
     one, other = make_study_report(view).files, make_study_report(again).files
-    for name in ("table.csv", "table.md", "table.tex", "figure.svg", "profiles.svg"):
+    for name in ("table.csv", "figure.svg", "profiles.svg"):
         assert one[name] == other[name]
 
 

@@ -1,4 +1,4 @@
-"""Figures of evaluated agents: success with intervals, endings, confusions, and slices of the tasks."""
+"""Figures of evaluated agents: success with intervals, endings, confusions, and success by kind of task."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -31,27 +31,25 @@ from wordcraft_kg.models.policies.sources.pairs import ComponentOf
 _TRAIN_RECIPES = ((0, 0), (1, 1), (2, 2), (3, 4), (5, 8), (9, OPEN_END))
 LAYERS = ((0, 3), (4, 6), (7, 9), (10, OPEN_END))
 _CONFUSIONS = 10
-"""Most confusions that are listed for an agent."""
+"""Most listed confusions of an agent."""
 NEVER = "never"
-"""Layer of a goal that cannot be made from the base."""
+"""Layer of an unreachable goal."""
 _LINK_RANKS = ((1, 3), (4, 10), (11, 30), (31, 100), (101, OPEN_END))
-
-
 Interval = tuple[float, float]
 Slice = Literal["train_recipes", "layer", "link_rank"]
 
 
 class AgentSuccess(Record):
-    """An agent's success with a number of distractors; intervals are of 95 %.
+    """Success of an agent with a number of distractors; intervals are of 95 %.
 
     Attributes:
         iqm: mean of the middle half of the runs.
-        seed_ci: interval of the mean over seeds; None for a single run.
-        task_ci: interval over tasks.
+        seed_ci: over seeds; None for a single run.
+        task_ci: over tasks.
         seeds: mean of each run.
         by_plan: share of episodes in which the last pair of a plan made the goal.
         difference: to the first agent on the same tasks, with an interval over tasks; None for the first agent.
-        p_better: probability that a run of this agent is better than one of the first; None if both have one run.
+        p_better: probability that a run of this agent beats a run of the first agent; None for single runs.
     """
 
     mean: Share
@@ -68,7 +66,7 @@ class AgentSuccess(Record):
 
 
 class SliceSuccess(Record):
-    """Success on a named part of the tasks, with its 95 % interval over them."""
+    """Success on a named slice of the tasks, with the 95 % interval over tasks."""
 
     slice: str
     tasks: Annotated[int, msgspec.Meta(ge=1)]
@@ -77,67 +75,67 @@ class SliceSuccess(Record):
 
 
 class Confusion(Record):
-    """How many episodes ended with one right part and ``picked``, where a plan has ``wanted`` beside that part."""
+    """Number of episodes that ended with one right ingredient and ``picked`` instead of ``wanted``."""
 
     wanted: str
     picked: str
     episodes: Count
 
 
-def _means(found: Sequence[Evaluation]) -> list[float]:
-    return [float(result.success.mean()) for result in found]
+def _means(results: Sequence[Evaluation]) -> list[float]:
+    return [float(result.success.mean()) for result in results]
 
 
-def _every(found: Sequence[Evaluation]) -> NDArray[np.bool_]:
-    """Successes of all runs, shape (N tasks, runs · draws)."""
-    return np.concatenate([result.success for result in found], axis=1)
+def _successes(results: Sequence[Evaluation]) -> NDArray[np.bool_]:
+    """Return the successes of all runs, shape (N tasks, runs · draws)."""
+    return np.concatenate([result.success for result in results], axis=1)
 
 
-def success_of(found: Sequence[Evaluation], reference: Sequence[Evaluation] | None) -> AgentSuccess:
-    """Return the success of an agent's runs, and against those of the first agent, if it is another."""
-    means = _means(found)
+def success_of(results: Sequence[Evaluation], reference: Sequence[Evaluation] | None) -> AgentSuccess:
+    """Return the success of an agent's runs, compared with the runs of a reference agent if given."""
+    means = _means(results)
     success = AgentSuccess(
         mean=float(np.mean(means)),
         iqm=float(interquartile_mean(means)),
         seed_ci=stratified_bootstrap(means, np.mean),
-        task_ci=task_bootstrap(_every(found)),
+        task_ci=task_bootstrap(_successes(results)),
         seeds=tuple(means),
-        by_plan=float(np.mean([result.by_plan.mean() for result in found])),
-        picks=float(np.mean([result.picks.mean() for result in found])),
+        by_plan=float(np.mean([result.by_plan.mean() for result in results])),
+        picks=float(np.mean([result.picks.mean() for result in results])),
     )
     if reference is None:
         return success
-    difference, low, high = paired_difference(_every(found), _every(reference))
+    difference, low, high = paired_difference(_successes(results), _successes(reference))
     success = msgspec.structs.replace(success, difference=difference, difference_ci=(low, high))
     seeds = means, _means(reference)
-    if max(map(len, seeds)) == 1:  # with one run each it would be 0 or 1
+    if max(map(len, seeds)) == 1:  # of single runs the probability is 0 or 1
         return success
     interval = probability_of_improvement_interval(*seeds)
     return msgspec.structs.replace(success, p_better=probability_of_improvement(*seeds), p_better_ci=interval)
 
 
-def outcomes_of(found: Sequence[Evaluation]) -> dict[Ending, Share]:
+def outcomes_of(results: Sequence[Evaluation]) -> dict[Ending, Share]:
     """Return the mean share of each ending."""
-    shares = [result.shares() for result in found]
+    shares = [result.shares() for result in results]
     return {ending: float(np.mean([share[ending] for share in shares])) for ending in ENDINGS}
 
 
-def confusions_of(world: World, found: Sequence[Evaluation]) -> tuple[Confusion, ...]:
-    """Count which entity was picked where another one was needed, in episodes that ended with one right part."""
+def confusions_of(world: World, results: Sequence[Evaluation]) -> tuple[Confusion, ...]:
+    """Count the wrong second ingredients of episodes that ended with one right ingredient."""
     graph, code = world.graph, ENDINGS.index("one_right_part")
     pairs = graph.recipes[:, :2].tolist()
     counts: Counter[tuple[int, int]] = Counter()
-    for result in found:
+    for result in results:
         for row, draw in np.argwhere(result.endings == code).tolist():
             plans = world.tasks.plans[int(result.tasks[row])]
             counts.update(_confused(result.last[row, draw].tolist(), [pairs[plan[-1]] for plan in plans]))
-    # Ties in the order of the ids, so that the same episodes give the same list.
+    # Ties by id: equal episodes give equal lists.
     most = sorted(counts.items(), key=lambda item: (-item[1], item[0]))[:_CONFUSIONS]
     return tuple(Confusion(graph.entities[wanted], graph.entities[picked], times) for (wanted, picked), times in most)
 
 
 def _confused(last: list[int], plans: list[list[int]]) -> list[tuple[int, int]]:
-    """Return (wanted, picked) for the first plan of which the last pair has one part; none if it has no other."""
+    """Return (wanted, picked) for the first plan with an ingredient in the last pair."""
     for a, b in plans:
         for right, wanted in ((a, b), (b, a)):
             if right in last:
@@ -146,11 +144,13 @@ def _confused(last: list[int], plans: list[list[int]]) -> list[tuple[int, int]]:
     return []
 
 
-def slices_of(agent: OpenedAgent, tasks: TaskSet, found: Sequence[Evaluation]) -> dict[Slice, tuple[SliceSuccess, ...]]:
-    """Return success by the goal's number of train recipes and layer, and by the scorer's ranks of its links."""
-    if not found:
+def slices_of(
+    agent: OpenedAgent, tasks: TaskSet, results: Sequence[Evaluation]
+) -> dict[Slice, tuple[SliceSuccess, ...]]:
+    """Return success by train recipes of the goal, by layer of the goal, and by the scorer's rank of its links."""
+    if not results:
         return {}
-    played, success = found[0].tasks, _every(found)
+    played, success = results[0].tasks, _successes(results)
     graph, split, goals = agent.opened.graph, agent.opened.split, tasks.goals[played]
     made = np.bincount(graph.recipes[split.is_in("train"), 2], minlength=graph.num_entities)[goals]
     layer = layers(graph)[goals]
@@ -173,7 +173,7 @@ def slices_of(agent: OpenedAgent, tasks: TaskSet, found: Sequence[Evaluation]) -
 
 
 def _link_ranks(agent: OpenedAgent, tasks: TaskSet, played: Ids) -> Ids | None:
-    """Return for each task the rank by v, as the agent saw it, of the worse ingredient, the best over its plans."""
+    """Return the rank by v of the worse ingredient of each task, the best over its plans, from the agent's scores."""
     if ComponentOf.label.name not in agent.policy.sources:
         return None
     source = agent.policy.sources[ComponentOf.label.name]
@@ -188,7 +188,7 @@ def _link_ranks(agent: OpenedAgent, tasks: TaskSet, played: Ids) -> Ids | None:
     ranks = np.empty(len(goals))
     questions = goals * (int(models.max(initial=0)) + 1) + models
     order = np.argsort(questions, kind="stable")
-    # Goal by goal: the scores of all goals at once would not fit where they are computed from embeddings.
+    # Goal by goal: scores of all goals from embeddings would not fit into memory.
     for rows in np.split(order, np.flatnonzero(np.diff(questions[order])) + 1):
         goal, task = (torch.from_numpy(ids[rows[:1]]) for ids in (goals, played))
         scores = source(goal, nothing, everything, task if by_task else None)[0].numpy()
@@ -199,5 +199,4 @@ def _link_ranks(agent: OpenedAgent, tasks: TaskSet, played: Ids) -> Ids | None:
 
 
 def _mean_rank(scores: NDArray[np.float32], score: np.float32) -> float:
-    """Return the rank of a score; ties share their mean rank."""
     return float((scores > score).sum() + ((scores == score).sum() + 1) / 2)

@@ -1,4 +1,4 @@
-"""The figures of agents: one run, several seeds of it, or several agents with all their seeds."""
+"""Figures of agents with all their seeds, on the same tasks."""
 
 import re
 from collections.abc import Sequence
@@ -40,17 +40,17 @@ from wordcraft_kg.graphs.folder import Taught
 from wordcraft_kg.graphs.tasks import TaskPart
 
 _RULES = ("depth", "max_attempts", "distractor_weighting", "distractor_policy", "ambiguity")
-"""Settings of the tasks that must be equal in all agents that are compared."""
+"""Task settings that must be equal in all compared agents."""
 _DRAWN_BY = ("task_weighting",)
-"""Further ones where tasks are drawn instead of enumerated: they decide which there are."""
+"""Further settings if tasks are drawn instead of enumerated."""
 DISTRACTORS = (1, 8)
-"""Numbers of distractors in every report, besides those trained with."""
+"""Numbers of distractors of every report, besides those of training."""
 _BASELINES = {"random": random_entity, "recipe oracle": recipe_oracle}
 """Scripted players at the same tables as the agents."""
 
 
 class SharedGraph(Record):
-    """The graph that all agents play on."""
+    """The graph of all agents."""
 
     name: str
     hash: Hash
@@ -59,7 +59,7 @@ class SharedGraph(Record):
 
 
 class SharedSplit(Record):
-    """The split of its recipes."""
+    """The split of all agents."""
 
     kind: str
     seed: int
@@ -71,13 +71,15 @@ class AgentEntry(Record):
 
     Attributes:
         settings: settings that differ from the defaults.
-        kg: knowledge graph of its scorer; None without a scorer.
-        cross_fitted: number of folds of its scorer; 0 if a model that has seen them scored train tasks.
+        kg: knowledge graph of the scorer; None without a scorer.
+        cross_fitted: number of folds of the scorer; 0 if scores of train tasks are in-sample.
         trained_with: number of distractors in training.
-        success: by the number of distractors, as ``outcomes``, the share of each ending.
-        confusions: the most frequent ones with the headline's number of distractors, as ``slices`` of the tasks.
+        success: by number of distractors.
+        outcomes: share of each ending, by number of distractors.
+        confusions: most frequent confusions with the headline's number of distractors.
+        slices: success by kind of task, with the headline's number of distractors.
         curves: success during training, by part of the tasks.
-        provenance: facts about each run, by its name.
+        provenance: facts about each run, by name.
     """
 
     name: str
@@ -120,11 +122,11 @@ class AgentsView(Record):
     """The agent report (``report.json``).
 
     Attributes:
-        headline: the number of distractors of the headline.
+        headline: number of distractors of the headline.
         draws: draws of distractors for each task.
-        sampled_from: number of tasks of which those played are an even sample; None if all were played.
-        agents: the first is the reference of comparisons.
-        references: other players of the reference pack under these conditions, if it has this graph and split.
+        sampled_from: number of all tasks if a sample was played, else None.
+        agents: the first agent is the reference of comparisons.
+        references: rows of the reference pack for this graph, split and tasks.
     """
 
     format: Literal["wordcraft-kg agent report 1"]
@@ -144,7 +146,7 @@ class AgentsView(Record):
 
 
 class AgentSummary(Record):
-    """Success of an agent, and its runs."""
+    """Runs and success of an agent."""
 
     runs: tuple[str, ...]
     seeds: tuple[int, ...]
@@ -152,7 +154,7 @@ class AgentSummary(Record):
 
 
 class AgentsSummary(Record):
-    """The headline of a report, and where it is."""
+    """The headline of a report, and the path of the report."""
 
     report: str
     part: TaskPart
@@ -163,12 +165,12 @@ class AgentsSummary(Record):
 
 Groups = dict[str, list[OpenedAgent]]
 """Runs by agent."""
-_Found = dict[int, list[Evaluation]]
-"""Evaluations of an agent's runs, by the number of distractors."""
+_Results = dict[int, list[Evaluation]]
+"""Evaluations of an agent's runs, by number of distractors."""
 
 
 def group_agents(agents: Sequence[OpenedAgent]) -> Groups:
-    """Return runs by agent, named after its runs without their seed; runs that differ only in the seed are one agent.
+    """Group runs that differ only in the seed; the name of an agent is the common name of its runs.
 
     Raises:
         ConfigError: if two runs of an agent have the same seed.
@@ -201,18 +203,18 @@ def view_agents(
     draws: int = 5,
     episodes: int = 2,
 ) -> AgentsView:
-    """Evaluate agents greedily on all tasks of a part, with the same tables for all agents.
+    """Evaluate agents greedily on all tasks of a part, on the same tables.
 
     Args:
         groups: runs by agent, see :func:`group_agents`; the first agent is the reference of comparisons.
         part: part of the tasks.
-        distractors: numbers of distractors. Default: 1, 8 and those trained with.
+        distractors: numbers of distractors. Default: 1, 8 and the numbers of training.
         draws: draws of distractors for each task.
-        episodes: number of episodes to explain for each agent.
+        episodes: explained episodes of each agent.
 
     Raises:
         GraphMismatchError: for runs on different graphs or splits.
-        ConfigError: for runs by different rules, or if no agent can play with these distractors.
+        ConfigError: for different task settings, or if no agent can play with these distractors.
     """
     everyone = [agent for members in groups.values() for agent in members]
     first = everyone[0]
@@ -220,10 +222,10 @@ def view_agents(
     headline = world.config.num_distractors
     evaluators = {amount: Evaluator(world.variant(num_distractors=amount), draws=draws) for amount in played}
     plays = [(name, amount) for name, members in groups.items() for amount in played if can_play(members[0], amount)]
-    found: dict[str, _Found] = {name: {} for name in groups}
+    results: dict[str, _Results] = {name: {} for name in groups}
     for name, amount in steps("evaluating agents", plays):
-        found[name][amount] = [evaluators[amount](PolicyPlayer(agent.policy)) for agent in groups[name]]
-    reference = next(iter(found.values()))
+        results[name][amount] = [evaluators[amount](PolicyPlayer(agent.policy)) for agent in groups[name]]
+    reference = next(iter(results.values()))
     graph, split, tasks = first.opened.graph, first.opened.split, len(evaluators[headline].tasks)
     return AgentsView(
         format="wordcraft-kg agent report 1",
@@ -237,7 +239,7 @@ def view_agents(
         tasks=tasks,
         sampled_from=len(world.tasks) if tasks < len(world.tasks) else None,
         agents=tuple(
-            _entry(name, members, world, found[name], {} if found[name] is reference else reference)
+            _entry(name, members, world, results[name], {} if results[name] is reference else reference)
             for name, members in groups.items()
         ),
         baselines=_baselines(evaluators),
@@ -250,7 +252,7 @@ def view_agents(
 
 
 def summarise_agents(view: AgentsView, report: str) -> AgentsSummary:
-    """Return the headline of a view, and where its report is."""
+    """Return the headline of a view and the path of its report."""
     agents = {agent.name: AgentSummary(agent.runs, agent.seeds, agent.success) for agent in view.agents}
     return AgentsSummary(report, view.part, view.depth, agents, view.baselines)
 
@@ -263,7 +265,7 @@ def _baselines(evaluators: dict[int, Evaluator]) -> tuple[BaselineSuccess, ...]:
 
 
 def _references(agent: OpenedAgent, part: TaskPart, played: Sequence[int]) -> tuple[ReferenceRow, ...]:
-    """Return what the reference pack has under an agent's conditions, without those who play at the same tables."""
+    """Return the rows of the reference pack for an agent's tasks, without the scripted players of the report."""
     play = play_of(agent.config.tasks, part)
     pack = pack_of(agent.opened.graph.hash, agent.opened.split.hash)
     if play is None or pack is None:
@@ -274,7 +276,7 @@ def _references(agent: OpenedAgent, part: TaskPart, played: Sequence[int]) -> tu
 def _conditions(
     agents: Sequence[OpenedAgent], part: TaskPart, distractors: Sequence[int] | None
 ) -> tuple[World, list[int]]:
-    """Return the world of the headline, and the numbers of distractors that at least one agent can play with."""
+    """Return the world of the headline, and the numbers of distractors that some agent can play with."""
     _check_alike(agents, _RULES)
     first = agents[0]
     headline = first.config.tasks.distractors
@@ -299,21 +301,21 @@ def _check_alike(agents: Sequence[OpenedAgent], rules: Sequence[str]) -> None:
                 "the same, and their figures cannot be compared. Train them on one graph folder."
             )
         for rule in rules:
-            found, expected = getattr(agent.config.tasks, rule), getattr(first.config.tasks, rule)
-            if found != expected:
+            value, expected = getattr(agent.config.tasks, rule), getattr(first.config.tasks, rule)
+            if value != expected:
                 raise ConfigError(
-                    f"'{agent.name}' plays with {rule} {found} and '{first.name}' with {expected}: their figures "
+                    f"'{agent.name}' plays with {rule} {value} and '{first.name}' with {expected}: their figures "
                     "cannot be compared."
                 )
 
 
 def can_play(agent: OpenedAgent, distractors: int) -> bool:
-    """Whether a policy takes tables of this size; an mlp takes one size only."""
+    """Return whether a policy can play with tables of this size; an MLP plays with one size only."""
     return agent.config.policy.policy != "mlp" or distractors == agent.config.tasks.distractors
 
 
-def _entry(name: str, members: list[OpenedAgent], world: World, found: _Found, reference: _Found) -> AgentEntry:
-    headline = found.get(world.config.num_distractors, [])
+def _entry(name: str, members: list[OpenedAgent], world: World, results: _Results, reference: _Results) -> AgentEntry:
+    headline = results.get(world.config.num_distractors, [])
     config = members[0].config
     return AgentEntry(
         name=name,
@@ -327,8 +329,8 @@ def _entry(name: str, members: list[OpenedAgent], world: World, found: _Found, r
         steps=tuple(agent.metrics[-1].step if agent.metrics else 0 for agent in members),
         seconds=tuple(agent.metrics[-1].seconds if agent.metrics else None for agent in members),
         steps_per_second=tuple(agent.evaluation.steps_per_second if agent.evaluation else None for agent in members),
-        success={str(amount): success_of(results, reference.get(amount)) for amount, results in found.items()},
-        outcomes={str(amount): outcomes_of(results) for amount, results in found.items()},
+        success={str(amount): success_of(runs, reference.get(amount)) for amount, runs in results.items()},
+        outcomes={str(amount): outcomes_of(runs) for amount, runs in results.items()},
         confusions=confusions_of(world, headline),
         slices=slices_of(members[0], world.tasks, headline),
         curves=success_curves(members),

@@ -1,4 +1,4 @@
-"""Bins of whole numbers, such as 1, 2–3, 4–10 and more."""
+"""Bins of whole numbers."""
 
 from collections.abc import Iterator, Sequence
 
@@ -13,13 +13,7 @@ Bounds = Sequence[tuple[int, int]]
 
 
 def binned(values: Ids, bounds: Bounds, *, more: str = "+") -> Iterator[tuple[str, NDArray[np.bool_]]]:
-    """Yield the name of each bin and a mask of the values in it, bounds included.
-
-    Args:
-        values: shape (N,).
-        bounds: lowest and highest value of each bin.
-        more: what follows the lowest value in the name of a bin up to :data:`OPEN_END`.
-    """
+    """Yield name and mask, shape (N,), of each bin; bounds are inclusive, ``more`` ends the name of an open bin."""
     for low, high in bounds:
         name = str(low) if low == high else f"{low}{more}" if high == OPEN_END else f"{low}–{high}"
         yield name, (values >= low) & (values <= high)

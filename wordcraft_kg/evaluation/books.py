@@ -1,4 +1,4 @@
-"""The recipe books known by name, and the check of a book."""
+"""The known recipe books, and the check of a book."""
 
 from wordcraft_kg.base.cache import cache_folder
 from wordcraft_kg.base.errors import RecipeFileError, SplitError
@@ -9,15 +9,11 @@ from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.splits import SplitConfig, make_split
 
 MAX_COUNTED = 8 * 2**20
-"""Bytes. A larger book is listed without its size, because reading it would take seconds."""
+"""Bytes. The size of a larger book is not listed, because counting takes seconds."""
 
 
 class ListedBook(Record):
-    """A book's name, origin, file if it has one, and note.
-
-    Attributes:
-        entities: number of its entities; None if it is not on this machine, cannot be read, or is very large.
-    """
+    """A known book; sizes are None if the book is missing, unreadable or very large."""
 
     name: str
     origin: str
@@ -28,7 +24,7 @@ class ListedBook(Record):
 
 
 class BookList(Record):
-    """All books known by name, and the folders that are searched for them."""
+    """All known books, and the folders that are searched."""
 
     books: tuple[ListedBook, ...]
     cache: str
@@ -39,10 +35,9 @@ class CheckedBook(Record):
     """The result of checking a book.
 
     Attributes:
-        book: the book as the user named it.
-        passed: whether there are no problems.
+        book: file, folder or name from the user.
         figures: counts; empty if no recipe could be read.
-        findings: problems first.
+        findings: problems first; ``passed`` if there are only notes.
     """
 
     book: str
@@ -71,7 +66,7 @@ def view_books() -> BookList:
 
 
 def _size(book: KnownBook) -> tuple[int, int] | None:
-    """Return how many entities and recipes a book has, if that is known at once."""
+    """Return the numbers of entities and recipes of a small, readable book."""
     if book.path is None or book.path.stat().st_size > MAX_COUNTED:
         return None
     try:
@@ -84,29 +79,29 @@ def _size(book: KnownBook) -> tuple[int, int] | None:
 def view_check(
     book: str, base: list[str] | None, against: str | None, *, single_ingredient: str | None = None
 ) -> CheckedBook:
-    """Check a book, also for words without vectors, and for recipes that it shares with another book.
+    """Check a book, its words without vectors, and its overlap with another book.
 
     Args:
         book: file, folder or known name.
-        base: base entities; None takes the book's own, or infers them.
-        against: another book to compare with, or None.
+        base: base entities; None takes or infers the base of the book.
+        against: another book, or None.
         single_ingredient: see :func:`~wordcraft_kg.graphs.book_files.read_book`.
     """
     located = locate_book(book)
     path = located.path / "graph.json" if (located.path / "graph.json").is_file() else located.path
     other = None if against is None else open_book(against)
-    found = check_book(path, base or located.base, located.name, single_ingredient=single_ingredient)
-    graph = found.graph
+    check = check_book(path, base or located.base, located.name, single_ingredient=single_ingredient)
+    graph = check.graph
     if graph is not None:
-        found = _with_words(found, graph)
+        check = _with_words(check, graph)
     if graph is not None and other is not None:
         shared = len(set(graph.recipe_labels()) & set(other.recipes))
-        found = found.adding((), against=other.name, shared_recipes=shared, shared=shared / graph.num_recipes)
-    return CheckedBook(book, str(path), found.passed, found.figures or {}, found.findings)
+        check = check.adding((), against=other.name, shared_recipes=shared, shared=shared / graph.num_recipes)
+    return CheckedBook(book, str(path), check.passed, check.figures or {}, check.findings)
 
 
-def _with_words(found: BookCheck, graph: RecipeGraph) -> BookCheck:
-    """Add what needs word vectors: words without one, and test recipes that nearly repeat a train recipe."""
+def _with_words(check: BookCheck, graph: RecipeGraph) -> BookCheck:
+    """Add words without vectors, and test recipes that nearly repeat a train recipe."""
     from wordcraft_kg.models.scorers.features import glove_features
     from wordcraft_kg.models.scorers.near_synonyms import NEAR_SYNONYM, near_synonym_recipes
 
@@ -114,10 +109,10 @@ def _with_words(found: BookCheck, graph: RecipeGraph) -> BookCheck:
     words, missing = features.words, features.missing_words
     message = f"{len(missing)} of {len(words)} words have no word vector: {listed(missing)}"
     findings = [Finding("vector", "note", (), message)] if missing else []
-    found = found.adding(findings, words=len(words), words_with_vector=1 - len(missing) / len(words))
+    check = check.adding(findings, words=len(words), words_with_vector=1 - len(missing) / len(words))
     try:
         split = make_split(graph, SplitConfig())
     except SplitError:  # too few recipes to split
-        return found
+        return check
     share = float(near_synonym_recipes(split, features)[split.is_in("test")].mean())
-    return found.adding((), near_synonym_share=share, near_synonym_cosine=NEAR_SYNONYM)
+    return check.adding((), near_synonym_share=share, near_synonym_cosine=NEAR_SYNONYM)

@@ -22,28 +22,17 @@ class Communities:
     names: tuple[str, ...]
 
     @cached_property
-    def order(self) -> Ids:
-        """The entities by group, shape (E,)."""
-        return np.argsort(self.group_of, kind="stable")
-
-    @cached_property
     def sizes(self) -> list[int]:
         """Number of entities of each group."""
         return np.bincount(self.group_of, minlength=len(self.names)).tolist()
 
-    def legend(self, colours: int) -> list[tuple[str, int]]:
-        """Return name and size of as many groups as there are colours, and of the others together."""
-        shown = list(zip(self.names, self.sizes, strict=True))
-        others = sum(self.sizes[colours:])
-        return shown[:colours] + ([("other groups", others)] if others else [])
-
 
 def communities_of(labels: Sequence[str], links: Ids, uses: Ids, seed: int) -> Communities:
-    """Return the groups that the Louvain method finds in an undirected graph.
+    """Find communities of an undirected graph by the Louvain method.
 
     Args:
         labels: labels of the entities.
-        links: shape (L, 2), linked entities by their place in ``labels``; repetitions count once.
+        links: shape (L, 2), positions in ``labels``; repetitions count once.
         uses: shape (E,), number of recipes that use each entity.
         seed: seed of the order of entities.
 

@@ -1,4 +1,4 @@
-"""What players discover in open-ended play."""
+"""Discovered entities of players in open-ended play."""
 
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
@@ -22,10 +22,10 @@ if TYPE_CHECKING:
 
 
 class Known(Record):
-    """Mean number of entities that a player knows after some attempts.
+    """Mean number of known entities after a number of attempts.
 
     Attributes:
-        low: lower end of its 95 % interval; None for a single run.
+        low: lower end of the 95 % interval; None for a single run.
         repeated: share of the attempts so far that repeated a pair.
     """
 
@@ -40,11 +40,11 @@ class DiscoveryView(Record, omit_defaults=True):
 
     Attributes:
         base: entities known at the start.
-        reachable: entities that can be made from them.
-        players: known entities of each player after each of the ``marks``, which are numbers of attempts.
-        people: entities that people know in another game, by attempts.
-        references: other players of the reference pack from the same base, and the literature.
-        out: file of the page, if it was written.
+        reachable: entities that can be made from the base.
+        players: known entities of each player by number of attempts, one of ``marks``.
+        people: known entities of people in another game, by number of attempts.
+        references: rows of the reference pack for the same base, and the literature.
+        out: file of the written page.
     """
 
     graph: str
@@ -75,16 +75,16 @@ def view_discovery(
     scorer: "tuple[str, Scorer] | None" = None,
     progress: Callable[[int, int, dict[str, float]], None] | None = None,
 ) -> tuple[DiscoveryView, "pd.DataFrame"]:
-    """Let players discover entities; return the view and the curves that it summarises.
+    """Run players in the open-ended world; return the view and the summarised curves.
 
     Args:
-        graph: the graph to play on.
+        graph: the graph.
         players: names of the players.
-        attempts: combinations that a player may try.
+        attempts: combinations of each run.
         runs: runs of each player.
         seed: root seed of all draws.
-        base: entities known at the start; None takes the graph's.
-        scorer: name of a scorer that guides a player, and the scorer.
+        base: entities known at the start; None takes the base of the graph.
+        scorer: name and scorer of the guided player.
         progress: see :func:`~wordcraft_kg.agents.discovery.discovery_curves`.
     """
     start = Discovery(graph, base)
@@ -112,7 +112,7 @@ def view_discovery(
 
 
 def _references(graph: RecipeGraph, base: tuple[str, ...], players: Sequence[str]) -> tuple[ReferenceRow, ...]:
-    """Return what the reference pack and the literature have beside the players and the curve of people."""
+    """Return rows of the reference pack and the literature that the view does not contain already."""
     pack = pack_of(graph.hash, None)
     ours = pack.rows_of(OpenPlay(base)) if pack else ()
     others = literature(["entities known", "new combinations"])
@@ -125,7 +125,7 @@ def _references(graph: RecipeGraph, base: tuple[str, ...], players: Sequence[str
 
 def _known(table: "pd.DataFrame") -> dict[str, Known]:
     columns = (table[name].tolist() for name in ("attempt", "mean", "low", "high", "repeated"))
-    # A number that is not equal to itself is NaN.
+    # NaN differs from itself.
     return {
         str(attempt): Known(mean, low if low == low else None, high if high == high else None, repeated)
         for attempt, mean, low, high, repeated in zip(*columns, strict=True)

@@ -1,4 +1,4 @@
-"""A newly built graph folder, and one entity of a graph."""
+"""The outcome of building a graph, and the recipes of an entity."""
 
 from pathlib import Path
 
@@ -11,7 +11,7 @@ from wordcraft_kg.graphs.recipes import Recipe
 
 
 class BuiltGraph(Record):
-    """The outcome of ``build-graph``: the main figures of the audit, and the folder."""
+    """The main figures of the audit of a new graph, and its folder."""
 
     entities: Count
     recipes: Count
@@ -28,20 +28,14 @@ class BuiltGraph(Record):
 
 
 class CheapestDerivation(Record):
-    """Recipes that lead from the base to an entity, and their cost."""
+    """Recipes from the base to an entity, and their cost."""
 
     cost: Count
     steps: tuple[Recipe, ...]
 
 
 class EntityView(Record):
-    """An entity with the recipes that make it and those that use it.
-
-    Attributes:
-        base: whether it is a base entity.
-        layer: round in which it can first be made; None if it cannot.
-        derivation: its cheapest derivation; None if it cannot be made.
-    """
+    """An entity with its recipes and uses; ``layer`` and ``derivation`` are None if it is unreachable."""
 
     entity: str
     base: bool
@@ -51,10 +45,10 @@ class EntityView(Record):
     derivation: CheapestDerivation | None
 
 
-def view_build(found: Audit, folder: Path) -> BuiltGraph:
+def view_build(audit: Audit, folder: Path) -> BuiltGraph:
     """Return the main figures of a built graph from its audit."""
-    same = {name: getattr(found, name) for name in BuiltGraph.__struct_fields__ if hasattr(found, name)}
-    reachable, rounds = found.reachability.reachable, found.reachability.rounds
+    same = {name: getattr(audit, name) for name in BuiltGraph.__struct_fields__ if hasattr(audit, name)}
+    reachable, rounds = audit.reachability.reachable, audit.reachability.rounds
     return BuiltGraph(**same, reachable=reachable, rounds=rounds, out=str(folder))
 
 
@@ -62,13 +56,13 @@ def view_entity(graph: RecipeGraph, label: str) -> EntityView:
     """Return the recipes, uses and cheapest derivation of an entity.
 
     Raises:
-        UnknownEntityError: if the graph has no entity of this label.
+        UnknownEntityError: for an unknown label.
     """
     entity = graph.id_of(label)
     layer = int(layers(graph)[entity])
     try:
-        found = Planner(graph).derivation(entity)
-        derivation = CheapestDerivation(found.cost, tuple(found.steps))
+        cheapest = Planner(graph).derivation(entity)
+        derivation = CheapestDerivation(cheapest.cost, tuple(cheapest.steps))
     except GraphError:
         derivation = None
     return EntityView(

@@ -1,11 +1,10 @@
-"""Where a link predictor works and where it does not: slices, histograms, lists of triples, and play by its scores."""
+"""Where a link predictor works and where it does not: slices, lists of triples, and play by its scores."""
 
 from collections.abc import Iterable, Iterator
 from typing import Annotated, Literal
 
 import msgspec
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from wordcraft_kg.agents.players import PlayerSuccess, play_all, random_entity, recipe_oracle, scorer_players
@@ -26,7 +25,6 @@ from wordcraft_kg.models.scorers.ranking import RankingMetrics, random_reciproca
 LISTED = 8
 SEEN = ((0, 0), (1, 5), (6, 15), (16, 40), (41, 100), (101, OPEN_END))
 LAYERS = ((0, 2), (3, 5), (6, 8), (9, 11), (12, OPEN_END))
-_RANKS = ((1, 1), (2, 3), (4, 5), (6, 10), (11, 20), (21, 50), (51, 100), (101, 200), (201, OPEN_END))
 NO_NEAR_SYNONYM = "no such train recipe"
 
 
@@ -67,13 +65,6 @@ class DrillDown(Record):
     near_synonyms: tuple[SliceMetrics, ...]
 
 
-class Histogram(Record):
-    """Share of each relation's queries by rank."""
-
-    bins: tuple[str, ...]
-    shares: dict[Relation, tuple[Share, ...]]
-
-
 class RankedTriple(Record):
     """A query: the rank and score of the true entity, and the best candidate."""
 
@@ -100,13 +91,6 @@ class SelfEdges(Record):
 
     top_answer_is_itself: Share
     really_combines_with_itself: Share
-
-
-class Neighbours(Record):
-    """An entity and its nearest neighbours."""
-
-    entity: str
-    neighbours: tuple[str, ...]
 
 
 def comparisons_of(judged: RankedLinks, seed: int) -> tuple[Comparison, ...]:
@@ -159,17 +143,6 @@ def _near_synonyms(judged: RankedLinks) -> list[tuple[str, NDArray[np.bool_]]]:
     return [("a train recipe with a near-synonym", repeats), (NO_NEAR_SYNONYM, ~repeats)]
 
 
-def histogram_of(ranks: pd.DataFrame) -> Histogram:
-    """Return the shares of ranks by bin."""
-    shares: dict[Relation, tuple[float, ...]] = {}
-    for relation, name in enumerate(RELATIONS):
-        rank = ranks.loc[ranks["relation"] == relation, "rank"].to_numpy(dtype=float)
-        # A realistic rank may end in .5; it is rounded up to find its bin.
-        masks = [mask for _, mask in binned(np.ceil(rank).astype(np.int64), _RANKS)]
-        shares[name] = tuple(float(np.mean(mask)) if len(rank) else 0.0 for mask in masks)
-    return Histogram(tuple(name for name, _ in binned(np.empty(0, dtype=np.int64), _RANKS)), shares)
-
-
 def listed_triples(judged: RankedLinks, *, ascending: bool) -> tuple[RankedTriple, ...]:
     """Return the queries of the best ranks (ascending) or the worst."""
     order = judged.ranks.sort_values(["rank", "score"], ascending=[ascending, not ascending], kind="stable")
@@ -200,19 +173,6 @@ def self_edges_of(judged: RankedLinks) -> SelfEdges:
     return SelfEdges(
         top_answer_is_itself=float(np.mean(scores.argmax(axis=1) == np.arange(len(scores)))),
         really_combines_with_itself=float(np.sum(symmetric[:, 0] == symmetric[:, 2]) / graph.num_entities),
-    )
-
-
-def neighbours_of(judged: RankedLinks) -> tuple[Neighbours, ...]:
-    """Return the nearest neighbours of the ten most used entities."""
-    graph, profiles = judged.graph, judged.profiles
-    most_used = np.argsort(-graph.use_counts, kind="stable")[:10]
-    similar = profiles[most_used] @ profiles.T
-    similar[np.arange(len(most_used)), most_used] = -np.inf
-    nearest = np.argsort(-similar, axis=1, kind="stable")[:, :5]
-    return tuple(
-        Neighbours(graph.entities[entity], graph.labels(row))
-        for entity, row in zip(most_used.tolist(), nearest.tolist(), strict=True)
     )
 
 

@@ -14,16 +14,12 @@ from wordcraft_kg.evaluation.link_sections import (
     NO_NEAR_SYNONYM,
     Comparison,
     DrillDown,
-    Histogram,
-    Neighbours,
     RankedTriple,
     ScoredPair,
     SelfEdges,
     comparisons_of,
     drill_down_of,
-    histogram_of,
     listed_triples,
-    neighbours_of,
     perhaps_missing_of,
     play_by_scores,
     self_edges_of,
@@ -118,7 +114,6 @@ class LinkView(Record):
         with_leaked: metrics with the leaked triples.
         comparisons: the model against each baseline, the best baseline first.
         perhaps_missing: the best-scored triples that are not in the graph.
-        neighbours: nearest neighbours of the ten most used entities.
         kg_play: success of players that use the scorer alone.
         trace: a row for each epoch of the training.
         provenance: facts about the training.
@@ -144,13 +139,11 @@ class LinkView(Record):
     comparisons: Annotated[tuple[Comparison, ...], msgspec.Meta(min_length=1)]
     near_synonym_cosine: float
     drill_down: DrillDown
-    histogram: Histogram
     calibration: Calibration
     best: tuple[RankedTriple, ...]
     worst: tuple[RankedTriple, ...]
     perhaps_missing: tuple[ScoredPair, ...]
     self_edges: SelfEdges | None
-    neighbours: tuple[Neighbours, ...]
     kg_play: tuple[PlayerSuccess, ...]
     trace: tuple[TraceRow, ...]
     provenance: dict[str, str]
@@ -222,13 +215,11 @@ def view_links(
         comparisons=comparisons_of(judged, seed),
         near_synonym_cosine=NEAR_SYNONYM,
         drill_down=drill_down_of(judged, seed),
-        histogram=histogram_of(ranks),
         calibration=calibration(ranks),
         best=listed_triples(judged, ascending=True),
         worst=listed_triples(judged, ascending=False),
         perhaps_missing=perhaps_missing_of(judged) if judged.has_table else (),
         self_edges=self_edges_of(judged) if judged.has_table else None,
-        neighbours=neighbours_of(judged) if judged.has_table else (),
         kg_play=play_by_scores(judged, seed) if judged.has_table else (),
         trace=tuple(trace),
         provenance=dict(provenance or {}),

@@ -19,10 +19,9 @@ from wordcraft_kg.models.scorers.baselines import FrequencyScorer, NeighbourScor
 from wordcraft_kg.models.scorers.config import MAX_QUERIES
 from wordcraft_kg.models.scorers.protocol import TripleScorer
 from wordcraft_kg.models.scorers.ranking import MIN_TRIPLES, rank_triples, recipe_clusters, sampled
-from wordcraft_kg.models.scorers.roles import centred
 
 MAP_LIMIT = 3_000
-"""Most entities for which the scores of all pairs are used: matrices, map, neighbours as a baseline, ..."""
+"""Most entities for which the scores of all pairs are used, as by the neighbour baseline."""
 
 
 @dataclass(frozen=True)
@@ -75,19 +74,6 @@ class RankedLinks:
     def table(self) -> NDArray[np.float32]:
         """Scores of all pairs, shape (2, E, E), by relation, head and tail."""
         return torch.stack([self.scorer.table(relation) for relation in range(len(RELATIONS))]).cpu().numpy()
-
-    @cached_property
-    def profiles(self) -> NDArray[np.float64]:
-        """Unit vectors of each entity's scores as head and as tail of both relations, shape (E, 4 E).
-
-        Parts are centred by row and by column; otherwise they would mainly show the level of an entity's scores.
-        """
-        parts = []
-        for scores in self.table.astype(np.float64):
-            rows = centred(scores)
-            parts += [part / (rows.std() or 1.0) for part in (rows, rows.T)]
-        profiles = np.concatenate(parts, axis=1)
-        return profiles / np.maximum(np.linalg.norm(profiles, axis=1, keepdims=True), 1e-12)
 
     @cached_property
     def clusters(self) -> Ids:

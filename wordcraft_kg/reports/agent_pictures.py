@@ -1,4 +1,4 @@
-"""Pictures of agents: success, figures and mixing weights over training, and what the sources say of a pick."""
+"""Pictures of agents: curves of success, training figures and mixing weights, and bars of source contributions."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -20,11 +20,11 @@ FIGURES: dict[Figure, str] = {
     "entropy": "entropy of the policy, nats",
     "grad_norm": "gradient norm",
 }
-"""Title of the picture of each figure of the training."""
+"""Picture titles by training figure."""
 
 
 def source_colours() -> dict[str, int]:
-    """Return the number of each source's colour."""
+    """Return colour numbers by source."""
     return {name: number for number, name in enumerate((ALPHA.name, *source_names()))}
 
 
@@ -61,7 +61,7 @@ def picture_of_lambdas(agent: str, found: Sequence[LambdaCurve]) -> Markup:
 
 
 def pictures_of_figures(figures: Mapping[str, Mapping[Figure, Sequence[SeedCurve]]]) -> list[Markup]:
-    """Draw a picture of each figure of trainings, by agent and figure, with a curve for each run."""
+    """Draw a picture for each training figure, with a curve for each run; ``figures`` by agent and figure."""
     pictures = []
     for figure, title in FIGURES.items():
         runs = {
@@ -77,7 +77,7 @@ def pictures_of_figures(figures: Mapping[str, Mapping[Figure, Sequence[SeedCurve
                 f"{title} over training, a curve for each seed".capitalize(),
                 percent=figure == "test_success",
                 colours={name: number for name, (number, _, _) in runs.items()},
-                # The name of an agent stands at its first seed.
+                # The curve of the first seed carries the name of the agent.
                 labels={name: agent for agent, name in {run[1]: name for name, run in reversed(runs.items())}.items()},
             )
             pictures.append(picture)
@@ -85,12 +85,12 @@ def pictures_of_figures(figures: Mapping[str, Mapping[Figure, Sequence[SeedCurve
 
 
 def column_labels(step: ExplainedStep) -> list[Label]:
-    """Return the labels of the columns of a step's scores."""
+    """Return the source labels of a step's score columns."""
     return [label_of(name) for name in step.slots[0].sources]
 
 
 def slot_rows(step: ExplainedStep) -> list[tuple[ExplainedSlot, Markup]]:
-    """Return the slots by descending logit, each with a picture of its contributions, all on one scale."""
+    """Return the slots by descending logit, each with a bar of its contributions on a common scale."""
     scale = max(
         sum(abs(value) for value in slot.contributions.values() if (value > 0) is to_the_right)
         for slot in step.slots
@@ -107,4 +107,4 @@ PICKS: dict[str, Any] = {
     "slot_rows": slot_rows,
     "told": told,
 }
-"""What the template ``picks.html.j2`` needs."""
+"""Values of the template ``picks.html.j2``."""

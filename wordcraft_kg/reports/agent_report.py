@@ -21,7 +21,7 @@ from wordcraft_kg.reports.agent_pictures import (
 from wordcraft_kg.reports.pages import Report
 
 _MIN_SEEDS = 5
-"""With fewer seeds the page warns that another seed may give another figure."""
+"""The page warns about seed noise below this number of seeds."""
 SLICES: dict[Slice, tuple[str, str]] = {
     "train_recipes": ("By train recipes of the goal", "train recipes that make the goal"),
     "layer": ("By crafting layer", "crafting rounds to the goal"),
@@ -38,7 +38,7 @@ def make_agent_report(
     draws: int = 5,
     episodes: int = 2,
 ) -> Report[AgentsView]:
-    """Evaluate agents on all tasks of a part; see :func:`~wordcraft_kg.evaluation.agents.view_agents`."""
+    """Evaluate agents on all tasks of a part, see :func:`~wordcraft_kg.evaluation.agents.view_agents`."""
     view = view_agents(groups, part=part, distractors=distractors, draws=draws, episodes=episodes)
     return Report(
         view,

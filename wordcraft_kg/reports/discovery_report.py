@@ -1,4 +1,4 @@
-"""How much players discover in open-ended play, as one self-contained HTML page."""
+"""The page of open-ended play: discovered entities of each player."""
 
 from typing import TYPE_CHECKING
 
@@ -14,33 +14,24 @@ _PEOPLE = "people (another game)"
 
 
 def discovery_page(view: DiscoveryView, curves: "pd.DataFrame") -> str:
-    """Return the page of a view with its curves, see :func:`wordcraft_kg.agents.discovery.discovery_curves`."""
+    """Render a view and its curves, see :func:`wordcraft_kg.agents.discovery.discovery_curves`."""
     table = summarise_curves(curves, range(view.attempts + 1))
-    # The same colours in both pictures.
     colours = {name: number for number, name in enumerate((*view.players, _PEOPLE))}
     known: dict[str, list[charts.CurvePoint]] = {name: [] for name in view.players}
     repeated: dict[str, list[charts.CurvePoint]] = {name: [] for name in view.players}
     columns = (table[name].tolist() for name in ("player", "attempt", "mean", "low", "high", "repeated"))
     for name, attempt, mean, low, high, repeat in zip(*columns, strict=True):
-        # The bounds are equal where all runs agree, and NaN for a single run.
+        # Bounds are equal if all runs agree, and NaN for a single run.
         known[name].append((attempt, mean, *((low, high) if low < high else (None, None))))
         repeated[name].append((attempt, repeat, None, None))
     known[_PEOPLE] = [(attempt, mean, None, None) for attempt, mean in HUMAN_CURVE.items() if attempt <= view.attempts]
     repeats = {name: points for name, points in repeated.items() if any(point[1] for point in points)}
-    pictures = {
-        "known": charts.curves(
-            known, "attempts", "entities known", "Mean number of entities known after each attempt", colours=colours
-        )
-    }
+    about = "Mean number of entities known after each attempt"
+    pictures = {"known": charts.curves(known, "attempts", "entities known", about, colours=colours)}
     if repeats:
-        pictures["repeated"] = charts.curves(
-            repeats,
-            "attempts",
-            "share of the attempts so far",
-            "Mean share of the attempts so far that combined a pair tried before",
-            percent=True,
-            colours=colours,
-        )
+        share = "share of the attempts so far"
+        about = f"Mean {share} that combined a pair tried before"
+        pictures["repeated"] = charts.curves(repeats, "attempts", share, about, percent=True, colours=colours)
     return render_page(
         "discovery_report.html.j2",
         report=view,

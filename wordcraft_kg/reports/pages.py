@@ -25,27 +25,27 @@ if TYPE_CHECKING:
 
 
 class Outline:
-    """Headings (titles by anchor, in order) and glossary terms that a page collects while it is rendered."""
+    """Headings (titles by anchor, in order) and glossary terms of a page, collected during rendering."""
 
     def __init__(self) -> None:
-        """Begin with nothing."""
+        """Create an empty outline."""
         self.headings: dict[str, str] = {}
         self.terms: dict[str, Term] = {}
 
     def heading(self, title: str, note: str = "") -> Markup:
-        """Return the heading of a section, with an anchor made from its title and a note beside it."""
+        """Return the heading of a section, with an anchor and an optional note."""
         slug = anchor = re.sub(r"\W+", "-", title.lower()).strip("-") or "section"
         while anchor in self.headings:
             anchor += f"-{slug}"
         self.headings[anchor] = title
-        beside = Markup(' <span class="ci">{}</span>').format(note) if note else ""
-        return Markup('<h2 id="{}"><a href="#{}">{}</a>{}</h2>').format(anchor, anchor, title, beside)
+        remark = Markup(' <span class="ci">{}</span>').format(note) if note else ""
+        return Markup('<h2 id="{}"><a href="#{}">{}</a>{}</h2>').format(anchor, anchor, title, remark)
 
     def term(self, key: str, text: str | None = None) -> Markup:
-        """Return a word of the glossary, or another text for it, with its meaning as a tooltip.
+        """Return a glossary term, or ``text`` in its place, with the meaning as a tooltip.
 
         Raises:
-            KeyError: if neither the glossary nor a source has it.
+            KeyError: for an unknown key.
         """
         term = self.terms[key] = find_term(key)
         shown = text or (f"{term.name} ({term.symbol})" if term.symbol else term.name)
@@ -53,12 +53,12 @@ class Outline:
 
 
 def render_page(template: str, *, data: Sequence[str] = (), **values: Any) -> str:
-    """Return a page; labels and names are escaped, and a value that the template misses is an error.
+    """Render a page; labels are escaped, and a missing value is an error.
 
     Args:
-        template: file name of a template that extends ``page.html.j2``; ``heading(title)`` begins a section there,
-            ``term(key)`` explains a word of :data:`~wordcraft_kg.reports.glossary.GLOSSARY`.
-        data: files beside the page to link to.
+        template: file name of a template that extends ``page.html.j2``. In the template, ``heading(title)`` begins a
+            section and ``term(key)`` explains a term of :data:`~wordcraft_kg.reports.glossary.GLOSSARY`.
+        data: files of the same folder to link to.
         values: values of the template.
     """
     outline = Outline()
@@ -68,15 +68,12 @@ def render_page(template: str, *, data: Sequence[str] = (), **values: Any) -> st
 
 
 def chart_style() -> str:
-    """Return the style sheet's rules for charts, for figures that are files of their own."""
+    """Return the CSS rules of charts, for figures in separate files."""
     return resolved(_environment("").get_template("chart.css.j2").render())
 
 
 def make_environment(*packages: str) -> jinja2.Environment:
-    """Return what renders the templates of packages, for all kinds of pages; those that come first take precedence.
-
-    Whatever a label holds stays text, and a name that a template misspells is an error.
-    """
+    """Return the Jinja environment of all pages, with autoescape and strict names; earlier packages take precedence."""
     environment = jinja2.Environment(
         loader=jinja2.ChoiceLoader([jinja2.PackageLoader(package) for package in packages]),
         autoescape=True,
@@ -95,7 +92,7 @@ def _environment(package: str) -> jinja2.Environment:
     script = (files("wordcraft_kg.reports") / "templates" / "page.js").read_text(encoding="utf-8")
     environment.globals |= {
         "script": Markup(script),
-        # The page's policy lets this script run and no other, whatever a label may hold.
+        # The content security policy of the page admits this script only.
         "script_hash": base64.b64encode(hashlib.sha256(script.encode()).digest()).decode(),
     }
     return environment
@@ -106,15 +103,7 @@ V = TypeVar("V", bound=Record)
 
 @dataclass(frozen=True)
 class Report(Generic[V]):
-    """Content of a report.
-
-    Attributes:
-        view: its numbers.
-        pictures: pictures by the names that the template uses.
-        shown: other values of the template.
-        tables: further tables by file name.
-        files: further files by name, such as figures.
-    """
+    """A report: its numbers, and its pictures, other template values, tables and further files by name."""
 
     view: V
     template: str
@@ -132,10 +121,10 @@ def render(report: Report[Any]) -> str:
 
 @stage("writing the report")
 def write_report(report: Report[Any], out: Path, *, force: bool = False) -> None:
-    """Write ``index.html``, ``report.json`` the tables and further files into a folder.
+    """Write ``index.html``, ``report.json``, the tables and further files into a folder.
 
     Raises:
-        ValueError: if a number of the view is not finite or out of its bounds; nothing is written then.
+        ValueError: before anything is written, if a number of the view is not finite or out of bounds.
         OutputExistsError: if ``out`` exists and ``force`` is False.
     """
     with staged_folder(out, force=force) as folder:

@@ -14,7 +14,7 @@ from wordcraft_kg.reports.charts.standalone import as_pdf, as_png
 from wordcraft_kg.reports.pages import Report, chart_style, write_report
 from wordcraft_kg.studies.claims import in_words
 from wordcraft_kg.studies.doses import Correlation, Dose
-from wordcraft_kg.studies.tables import as_csv, as_latex, as_markdown, notes, tables_of, with_bounds
+from wordcraft_kg.studies.tables import as_csv, notes, tables_of, with_bounds
 from wordcraft_kg.studies.variants import PointFigures
 from wordcraft_kg.studies.view import StudyView, title_of
 
@@ -52,8 +52,6 @@ def make_study_report(view: StudyView) -> Report[StudyView]:
         },
         files={
             "table.csv": as_csv(view),
-            "table.md": as_markdown(view),
-            "table.tex": as_latex(view),
             **_in_all_formats("figure", study_figure(view)),
             **_in_all_formats("profiles", charts.figure(view.title, [("", profiles)], chart_style())),
         },

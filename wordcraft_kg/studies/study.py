@@ -241,7 +241,6 @@ def check_study(study: Study, source: str = "study") -> None:
                 f"{source}: variant '{cell.variant}' names the scorer {name!r}; there are "
                 f"{', '.join(study.scorers) or 'none'}.{nearest(str(name), study.scorers)}"
             )
-    _refuse_equal_variants(study, source)
     for claim in study.claims:
         _check_claim(study, claim, source)
 
@@ -326,15 +325,6 @@ def _known(source: str, where: str, table: Any, known: Any) -> None:
     for name in table:
         if name not in known:
             raise ConfigError(f"{source}: unknown setting '{where}{name}'.{nearest(str(name), known)}")
-
-
-def _refuse_equal_variants(study: Study, source: str) -> None:
-    seen: dict[str, str] = {}
-    for name, settings in study.variants.items():
-        key = msgspec.json.encode({**study.settings, **settings}, order="sorted").decode()
-        if key in seen:
-            raise ConfigError(f"{source}: variants '{seen[key]}' and '{name}' are equal; give each once.")
-        seen[key] = name
 
 
 def cells_of(study: Study) -> list[Cell]:

@@ -1,4 +1,4 @@
-"""The tables of a study: Markdown, LaTeX, lines of text, and all figures as CSV."""
+"""The tables of a study: for its page, as lines of text, and all figures as CSV."""
 
 import csv
 import io
@@ -11,18 +11,6 @@ from wordcraft_kg.studies.claims import in_words
 from wordcraft_kg.studies.study import Metric
 from wordcraft_kg.studies.variants import Interval, PointFigures, VariantFigures
 from wordcraft_kg.studies.view import StudyView, title_of
-
-_LATEX = {
-    "\\": r"\textbackslash{}",
-    "~": r"\textasciitilde{}",
-    "^": r"\textasciicircum{}",
-    "<": r"\textless{}",
-    ">": r"\textgreater{}",
-    "|": r"\textbar{}",
-    "−": "$-$",
-    "≤": r"$\leq$",
-} | {letter: f"\\{letter}" for letter in "&%$#_{}"}
-"""What LaTeX would read as something else, or does not know in its usual fonts."""
 
 
 @dataclass(frozen=True)
@@ -113,50 +101,6 @@ COLUMNS: tuple[Column, ...] = (
     ("reached after", _reached),
 )
 """Columns of the tables for people."""
-
-
-def as_markdown(view: StudyView) -> str:
-    """Return the tables in the Markdown of GitHub."""
-    lines = [f"# {_plain(view.title)}", ""]
-    for table in tables_of(view):
-        lines += [f"## {_plain(table.title)}", "", _row(map(_plain, table.headings))]
-        lines += [_row(["---", *["---:"] * (len(table.headings) - 1)])]
-        lines += [*(_row(map(_plain, row)) for row in table.rows), ""]
-    return "\n".join([*lines, *(_plain(note) for note in notes(view)), ""])
-
-
-def _row(cells: "Iterator[str] | Sequence[str] | map[str]") -> str:
-    return f"| {' | '.join(cells)} |"
-
-
-def _plain(text: str) -> str:
-    """Return a text that Markdown shows as it is, in a line."""
-    return re.sub(r"([\\`*_<>|#~]|\[(?=[^\]]*\]\())", r"\\\1", " ".join(text.split()))
-
-
-def as_latex(view: StudyView) -> str:
-    r"""Return the tables in LaTeX, for ``\usepackage{booktabs}``."""
-    lines = ["% \\usepackage{booktabs}"]
-    for table in tables_of(view):
-        lines += [r"\begin{table}", r"\centering", rf"\caption{{{latex(f'{view.title}: {table.title}')}}}"]
-        lines += [rf"\begin{{tabular}}{{l{'r' * (len(table.headings) - 1)}}}", r"\toprule", _latex_row(table.headings)]
-        lines += [r"\midrule", *map(_latex_row, table.rows), r"\bottomrule", r"\end{tabular}", r"\end{table}"]
-    return "\n".join([*lines, *(f"% {note}" for note in notes(view)), ""])
-
-
-def _latex_row(cells: Sequence[str]) -> str:
-    # A row that begins with a bracket would be read as an option of the row before.
-    return " & ".join(f"{{{latex(cell)}}}" if cell.startswith("[") else latex(cell) for cell in cells) + r" \\"
-
-
-def latex(text: str) -> str:
-    r"""Return a text with what LaTeX would not print as it is replaced.
-
-    Example:
-        >>> latex("50 % of a_b")
-        '50 \\% of a\\_b'
-    """
-    return "".join(_LATEX.get(letter, letter) for letter in " ".join(text.split()))
 
 
 def notes(view: StudyView) -> list[str]:

@@ -7,7 +7,6 @@ from link_helpers import random_graph
 from small_scorers import complex_scorer, cosine, normal, table_scorer
 
 from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.evaluation.ranked_links import rank_links
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.models.scorers import config, roles
 from wordcraft_kg.models.scorers.baselines import NeighbourScorer
@@ -61,9 +60,11 @@ def test_a_large_table_keeps_the_directions_that_matter(monkeypatch: pytest.Monk
         np.testing.assert_allclose(reduced.alike(7, relation, side), whole.alike(7, relation, side), atol=1e-4)
 
 
-def test_the_nearest_entities_are_those_of_the_report(opened_kitchen: OpenedGraph):
+def test_the_nearest_entities_have_the_highest_cosine_of_standardised_scores(opened_kitchen: OpenedGraph):
     scorer = NeighbourScorer(opened_kitchen.graph, opened_kitchen.split.partial)
-    profiles = rank_links(scorer, opened_kitchen).profiles
+    tables = [roles.centred(scorer.table(relation).double().numpy()) for relation in (0, 1)]
+    profiles = np.concatenate([part / table.std() for table in tables for part in (table, table.T)], axis=1)
+    profiles /= np.maximum(np.linalg.norm(profiles, axis=1, keepdims=True), 1e-12)
     found = EntityRoles.of(scorer)
     for entity in range(0, opened_kitchen.graph.num_entities, 7):
         cosines = profiles @ profiles[entity]

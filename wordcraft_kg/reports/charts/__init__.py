@@ -10,14 +10,11 @@ from wordcraft_kg.reports.charts.pictures import Dot as Dot
 from wordcraft_kg.reports.charts.pictures import Region as Region
 from wordcraft_kg.reports.charts.pictures import colour_of as colour_of
 from wordcraft_kg.reports.charts.pictures import contribution_bar as contribution_bar
-from wordcraft_kg.reports.charts.pictures import labelled_points as labelled_points
-from wordcraft_kg.reports.charts.pictures import matrix_image as matrix_image
 from wordcraft_kg.reports.charts.pictures import world as world
 from wordcraft_kg.reports.charts.plot import COLOURS as COLOURS
 from wordcraft_kg.reports.charts.plot import CurvePoint as CurvePoint
 from wordcraft_kg.reports.charts.series import curves as curves
 from wordcraft_kg.reports.charts.series import dots as dots
-from wordcraft_kg.reports.charts.series import grouped_bars as grouped_bars
 from wordcraft_kg.reports.charts.series import intervals as intervals
 from wordcraft_kg.reports.charts.series import log_reliability as log_reliability
 from wordcraft_kg.reports.charts.series import profiles as profiles

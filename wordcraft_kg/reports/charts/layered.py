@@ -1,4 +1,4 @@
-"""What is made of what, in layers from left to right."""
+"""Derivations as a layered graph, from left to right."""
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
@@ -9,22 +9,22 @@ from markupsafe import Markup
 from wordcraft_kg.reports.charts.scales import shortened, spread
 
 LETTER, SMALL_LETTER = 5.9, 5.2
-"""Width of a letter in a box and under it, on average; labels are longer than axes' numbers, so that it evens out."""
+"""Mean widths of a letter in a box and under a box."""
 LONGEST = 16
-"""Letters of a label in a box; longer ones are cut, but complete in the tooltip."""
+"""Most letters of a label in a box; the tooltip of a shortened label is complete."""
 _LONGEST_PART = 11
-"""Letters of a label under a box."""
+"""Most letters of a label under a box."""
 BOX, GAP, BETWEEN = 22, 46, 20
-"""Height of a box; from one box or line to the next below; from a layer to the next."""
+"""Height of a box, distance of two boxes of a layer, and distance of two layers."""
 _NARROWEST = 50
 MARGIN = 8
 _SWEEPS = 24
-"""How often boxes are moved towards what they are linked to, from the left and from the right in turn."""
+"""Passes that move boxes towards linked boxes, from the left and from the right in turn."""
 
 
 @dataclass(frozen=True)
 class Made:
-    """A thing in a layer, from 1, made of things in earlier layers; ``href`` may be empty, ``style`` holds classes."""
+    """An entity of a layer (from 1), made of entities of earlier layers; ``href`` may be empty, ``style`` is CSS."""
 
     label: str
     href: str
@@ -36,7 +36,7 @@ class Made:
 
 @dataclass
 class _Place:
-    """A thing, or where an arrow passes a layer: a node of the drawing with its neighbours in the layers beside."""
+    """A node of the drawing: an entity, or a layer crossing of an arrow, with its neighbours in adjacent layers."""
 
     column: int
     before: "list[_Place]"
@@ -45,12 +45,12 @@ class _Place:
 
 
 def layered(things: Sequence[Made], given: Collection[str], description: str) -> Markup:
-    """Draw things as boxes, an arrow from each to all that is made of it, and under each its ingredients.
+    """Draw entities as boxes, with their ingredients below and arrows to the entities made of them.
 
     Args:
-        things: in an order in which they can be made; ingredients that are not among them have no box and no arrow.
-        given: labels in bold, of base entities.
-        description: text for readers who cannot see it.
+        things: entities in an order of crafting; further ingredients have no box and no arrow.
+        given: labels of base entities, in bold.
+        description: text alternative.
     """
     layers = [thing.layer for thing in things] or [1]
     first = min(layers)
@@ -93,7 +93,7 @@ def _widths(things: Sequence[Made], first: int, columns: int) -> list[int]:
 def _arrows(
     things: Sequence[Made], place_of: dict[str, _Place], columns: list[list[_Place]]
 ) -> list[tuple[str, list[_Place]]]:
-    """Return the title and the places of each arrow; all arrows from a thing pass a layer at the same place."""
+    """Return title and route of each arrow; arrows from the same box cross a layer at the same place."""
     passing: dict[tuple[str, int], _Place] = {}
     arrows = []
     for thing in things:
@@ -113,14 +113,14 @@ def _arrows(
 
 
 def _settle(layers: list[list[_Place]]) -> None:
-    """Move places towards the mean of those they are linked to, with a gap between any two of a layer."""
+    """Move nodes towards the mean of their neighbours, with a gap between nodes of a layer."""
     for layer in layers:
         for number, place in enumerate(layer):
             place.y = GAP * (number - (len(layer) - 1) / 2)
     for sweep in range(_SWEEPS):
         from_left = sweep % 2 == 0
         for layer in layers if from_left else reversed(layers):
-            # Late sweeps look at both sides; the very last makes lines straight that lead to one thing only.
+            # Late sweeps use both sides; the last sweep straightens arrows to a single box.
             wanted = [_mean(place, from_left, _SWEEPS - 8 <= sweep < _SWEEPS - 1) for place in layer]
             reach = GAP * len(layer) + max(map(abs, wanted), default=0.0)
             for place, y in zip(layer, spread(wanted, GAP, -reach, reach), strict=True):
@@ -133,7 +133,7 @@ def _mean(place: _Place, from_left: bool, both: bool) -> float:
 
 
 def _curve(route: list[_Place], lefts: list[int], widths: list[int]) -> str:
-    """Return the path of an arrow: level beside and under boxes, bent between layers, with its head."""
+    """Return the SVG path of an arrow: horizontal inside layers, curved between layers."""
     y = int(route[0].y)
     path = [f"M{lefts[route[0].column] + widths[route[0].column]} {y}"]
     for place in route[1:]:

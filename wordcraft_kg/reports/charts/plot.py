@@ -1,8 +1,8 @@
 """Axes with linear scales, the marks drawn between them as SVG elements, and the colours of series.
 
-The first six colours are those of Okabe and Ito 2008, "Color universal design", by their contrast with a white page.
-The seventh is the ink of the text; the last one is brown on a white page, and on a dark one their yellow, which white
-would swallow. A test simulates deuteranopia and protanopia. Curves differ in dashes too, and markers in shapes.
+The first six colours are from Okabe and Ito 2008, "Color universal design", by contrast with a white page. The seventh
+is the text colour; the eighth is brown on a white page and yellow on a dark page. A test simulates deuteranopia and
+protanopia. Curves also differ in dashes, and markers in shape.
 """
 
 import math
@@ -25,9 +25,9 @@ LINE_HEIGHT = 13
 LETTER, SMALL_LETTER = 6.3, 5.5
 """Widths of a letter in the charts' usual (11 px) and small text."""
 LONGEST_NAME = 28
-"""Letters of a name; longer ones are cut, but complete in the tooltip."""
+"""Most letters of a name; the tooltip of a shortened name is complete."""
 ABOVE = 28
-"""Margin above the axes that has room for a title or a legend."""
+"""Margin above the axes, for a title or a legend."""
 _HOVER_POINTS = 60
 """Most points of a curve that have a tooltip."""
 _CORNERS = (
@@ -43,22 +43,22 @@ CurvePoint = tuple[float, float, float | None, float | None]
 
 
 def style_of(number: int) -> str:
-    """Return the class of a series' colour; colours come again when all are used."""
+    """Return the colour class of a series; colours repeat after the last."""
     return f"series-{number % COLOURS}"
 
 
 def short(name: str) -> str:
-    """Return a name that fits beside a chart."""
+    """Return a name, shortened to fit the margin of a chart."""
     return shortened(name, LONGEST_NAME)
 
 
 def room_for(names: Iterable[str], beside: int = 20) -> int:
-    """Return the margin for names of series, with pixels beside them."""
+    """Return the margin in pixels for series names and ``beside`` further pixels."""
     return round(beside + LETTER * max((len(short(name)) for name in names), default=0))
 
 
 class Plot:
-    """Axes with linear scales, collecting SVG elements; ``top``, ``right`` and ``left`` are margins."""
+    """Linear axes and a list of SVG elements; ``top``, ``right`` and ``left`` are margins in pixels."""
 
     def __init__(
         self,
@@ -71,36 +71,36 @@ class Plot:
         left: int = LEFT,
         height: int = HEIGHT,
     ):
-        """Take the values at the ends of both axes, and a description for readers who cannot see the chart."""
+        """Set the ranges of both axes, the text alternative and the margins."""
         self.x_range, self.y_range, self.description = x_range, y_range, description
         self.top, self.right, self.left, self.height = top, right, left, height
         self.parts: list[str] = []
 
     def x(self, value: float) -> float:
-        """Return the place of a value, in pixels from the left."""
+        """Return the x-coordinate of a value in pixels."""
         low, high = self.x_range
         return round(self.left + (value - low) / (high - low) * (WIDTH - self.left - self.right), 1)
 
     def y(self, value: float) -> float:
-        """Return the place of a value, in pixels from the top."""
+        """Return the y-coordinate of a value in pixels."""
         low, high = self.y_range
         return round(self.height - BOTTOM - (value - low) / (high - low) * (self.height - self.top - BOTTOM), 1)
 
     def text(self, x: float, y: float, text: str, style: str = "", anchor: str = "", name: str = "") -> None:
-        """Write a text at a place in pixels, with a tooltip if it stands for a longer name."""
+        """Write a text at pixel coordinates; a differing ``name`` becomes its tooltip."""
         attributes = f' text-anchor="{anchor}"' * bool(anchor) + f' class="{style}"' * bool(style)
         title = f"<title>{escape(name)}</title>" if name and name != text else ""
         self.parts.append(f'<text x="{x:g}" y="{y:.5g}"{attributes}>{escape(text)}{title}</text>')
 
     def y_axis(self, ticks: Sequence[float], texts: Sequence[str]) -> None:
-        """Draw level grid lines, labelled beside the axis."""
+        """Draw horizontal grid lines with tick labels."""
         for value, text in zip(ticks, texts, strict=True):
             y = self.y(value)
             self.parts.append(f'<line x1="{self.left}" x2="{WIDTH - self.right}" y1="{y}" y2="{y}" class="grid"/>')
             self.text(self.left - 5, y + 4, text, anchor="end")
 
     def x_axis(self, ticks: Sequence[float], texts: Sequence[str], *, grid: bool = False) -> None:
-        """Write texts under the axis, and draw upright grid lines if asked to."""
+        """Write tick labels, and draw vertical lines if ``grid`` is True."""
         bottom, style = self.height - BOTTOM, "small" if len(ticks) > 6 else "tick"
         for value, text in zip(ticks, texts, strict=True):
             x = self.x(value)
@@ -109,27 +109,19 @@ class Plot:
             self.text(x, bottom + 15, text, style, "middle")
 
     def titles(self, x_title: str, y_title: str = "") -> None:
-        """Write the titles of the axes, that of the upright one above it."""
+        """Write the axis titles."""
         self.text((self.left + WIDTH - self.right) / 2, self.height - 6, x_title, anchor="middle")
         if y_title:
             self.text(self.left, self.top - 10, y_title, "small")
 
-    def bar(self, left: float, right: float, high: float, number: int, title: str) -> None:
-        """Draw a bar from 0 with a tooltip."""
-        x, y = self.x(left), self.y(high)
-        self.parts.append(
-            f'<rect x="{x}" y="{y}" width="{self.x(right) - x:.1f}" height="{self.y(0) - y:.1f}" '
-            f'class="series-{number}"><title>{escape(title)}</title></rect>'
-        )
-
     def polyline(self, points: Iterable[Sequence[float | None]], style: str, title: str = "") -> None:
-        """Draw a line through points of x and y; what else they hold is ignored."""
+        """Draw a line through points; elements after x and y are ignored."""
         path = " ".join(f"{self.x(x or 0)},{self.y(y or 0)}" for x, y, *_ in points)
         inside = f"><title>{escape(title)}</title></polyline>" if title else "/>"
         self.parts.append(f'<polyline points="{path}" class="{style}"{inside}')
 
     def bands(self, points: Sequence[CurvePoint], number: int) -> None:
-        """Fill the areas between the bounds of consecutive points; a point without such neighbours gets a whisker."""
+        """Fill the area between the bounds of consecutive points; an isolated point has a whisker."""
         runs: list[list[tuple[float, float, float]]] = [[]]
         for x, _, low, high in points:
             if low is not None and high is not None:
@@ -146,10 +138,10 @@ class Plot:
             self.parts.append(f'<polygon points="{path}" class="band {style_of(number)}"/>')
 
     def hover_points(self, name: str, points: Sequence[CurvePoint], number: int, percent: bool) -> None:
-        """Give points of a curve a tooltip; a curve of a single point is a dot."""
+        """Add tooltips to points of a curve; a curve of a single point is a dot."""
         style, radius = ("hit", 4.0) if len(points) > 1 else (f"dot {style_of(number)}", 3.6)
         every = math.ceil(len(points) / _HOVER_POINTS)
-        # Counted from the end, because the last point matters most.
+        # Every n-th point counted from the end, because the last point matters most.
         for x, y, low, high in points[::-1][::every][::-1]:
             self.circle(x, y, radius, style, f"{name}, {x:,.10g}: {estimate((y, low, high), percent)}")
 
@@ -161,7 +153,7 @@ class Plot:
         )
 
     def whiskers(self, x: Estimate, y: Estimate, number: int) -> None:
-        """Draw the intervals of an estimate, as far as it has them."""
+        """Draw the intervals of a point in x and y, if present."""
         style = f"whisker {style_of(number)}"
         if x[1] is not None and x[2] is not None:
             self.polyline([(x[1], y[0]), (x[2], y[0])], style)
@@ -170,7 +162,7 @@ class Plot:
             self.parts.append(f'<line x1="{at}" x2="{at}" y1="{self.y(y[1])}" y2="{self.y(y[2])}" class="{style}"/>')
 
     def marker(self, x: float, y: float, number: int, title: str) -> None:
-        """Draw a marker at a place in pixels, in the shape and colour of a series."""
+        """Draw a marker at pixel coordinates, in the shape and colour of a series."""
         style, inside = f"dot {style_of(number)}", f"<title>{escape(title)}</title>"
         corners = _CORNERS[number % len(_CORNERS)]
         path = " ".join(f"{x + dx:.1f},{y + dy:.1f}" for dx, dy in corners)
@@ -181,7 +173,7 @@ class Plot:
         )
 
     def end_labels(self, ends: Sequence[tuple[float, float, str, str]]) -> None:
-        """Name curves at their right ends (x, y, name, style), with a thin line to names that were moved."""
+        """Label curves at their right ends (x, y, name, style), with a thin line to a moved label."""
         places = spread([self.y(end[1]) for end in ends], LINE_HEIGHT, self.top, self.height - BOTTOM)
         edge = WIDTH - self.right
         for (x_value, y_value, name, style), place in zip(ends, places, strict=True):
@@ -191,7 +183,7 @@ class Plot:
             self.text(edge + 13, place + 4, short(name), style, name=name)
 
     def done(self, legend: Sequence[str] = ()) -> Markup:
-        """Return the chart, with a legend above it of names in the order of their colours."""
+        """Return the chart, with a legend of names in the order of colours."""
         x = float(self.left)
         for i, name in enumerate(legend):
             self.parts.append(f'<rect x="{x:g}" y="6" width="11" height="11" class="series-{i}"/>')

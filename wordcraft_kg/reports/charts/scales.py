@@ -8,27 +8,24 @@ Estimate = tuple[float, float | None, float | None]
 
 
 def round_ticks(low: float, high: float, most: int = 5) -> list[float]:
-    """Return multiples of 1, 2 or 5 times a power of ten from at most ``low`` to at least ``high``.
-
-    From ``low`` to ``high`` there are at most ``most`` steps.
-    """
+    """Return multiples of 1, 2 or 5 times a power of ten that cover ``low`` to ``high`` in at most ``most`` steps."""
     span = high - low or abs(high) or 1.0
     unit = 10 ** math.floor(math.log10(span / most))
     step = next(size * unit for size in (1, 2, 5, 10) if span / (size * unit) <= most * (1 + 1e-9))
-    # Rounding errors must not add a tick beyond a bound that is a tick itself.
+    # The tolerance keeps rounding errors from adding a tick beyond a bound.
     first, last = math.floor(low / step + 1e-9), math.ceil(high / step - 1e-9)
     return [i * step for i in range(first, max(last, first + 1) + 1)]
 
 
 def amounts(values: Sequence[float]) -> list[str]:
-    """Return numbers in the unit of the largest: 0, 0.5M, 1M."""
+    """Format numbers in the unit of the largest: 0, 0.5M, 1M."""
     highest = max(map(abs, values), default=0)
     size, unit = next(((size, unit) for size, unit in ((1e9, "B"), (1e6, "M"), (1e3, "k")) if highest >= size), (1, ""))
     return [f"{value / size:.10g}{unit}" if value else "0" for value in values]
 
 
 def estimate(value: Estimate, percent: bool) -> str:
-    """Return a value with its bounds, as text."""
+    """Format a value with its bounds."""
     centre, low, high = (
         None if number is None else f"{number:.1%}" if percent else f"{number:.3g}" for number in value
     )
@@ -36,14 +33,14 @@ def estimate(value: Estimate, percent: bool) -> str:
 
 
 def shortened(text: str, letters: int) -> str:
-    """Cut a text to a number of letters, the last one an ellipsis."""
+    """Shorten a text to a number of letters, with an ellipsis."""
     return text if len(text) <= letters else text[: max(letters - 1, 1)].rstrip() + "…"
 
 
 def spread(wanted: Sequence[float], gap: float, low: float, high: float) -> list[float]:
-    """Return places at least ``gap`` apart and within bounds, in the order of the wanted ones and as near as possible.
+    """Return positions within bounds, at least ``gap`` apart, in the order of the wanted positions and closest to them.
 
-    Least squares by pooling adjacent violators. If there are too many places for the bounds, the gap shrinks.
+    Least squares by pooling adjacent violators. The gap shrinks if the bounds are too narrow.
 
     Source: Barlow et al. 1972, "Statistical inference under order restrictions", for the pooling.
     """
@@ -67,15 +64,15 @@ def spread(wanted: Sequence[float], gap: float, low: float, high: float) -> list
 
 
 class Labels:
-    """Places of texts that do not overlap: the first to ask for a place takes it."""
+    """Positions of texts without overlap, first come, first served."""
 
     def __init__(self, line: float):
-        """Take the least distance of two lines of text."""
+        """Set the least distance of two lines of text."""
         self._line = line
         self._taken: dict[int, list[tuple[float, float, float]]] = {}
 
     def take(self, left: float, right: float, y: float) -> bool:
-        """Return whether there was room for a text, which now has its place."""
+        """Reserve the position of a text; return False if it overlaps another text."""
         row = int(y // self._line)
         others = [one for near in (row - 1, row, row + 1) for one in self._taken.get(near, ())]
         fits = all(left > end or right < start or abs(y - at) >= self._line for start, end, at in others)

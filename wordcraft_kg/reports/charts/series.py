@@ -1,8 +1,7 @@
-"""Charts of series: each is a plot with marks for bars, curves, or estimates with their intervals."""
+"""Charts of series: curves and estimates with intervals. ``description`` is the text alternative of a chart."""
 
 import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from typing import Any
 
 from markupsafe import Markup
 
@@ -29,26 +28,9 @@ _DASHES = 4
 ROW = 26
 """Height of a row of :func:`intervals`."""
 _SAMPLE = 22
-"""Width of the piece of a curve that stands before its name in :func:`profiles`."""
+"""Width of the curve sample in the legend of :func:`profiles`."""
 _FIFTHS = [i / 5 for i in range(6)]
 """Ticks of an axis of shares from 0 to 1."""
-
-
-def grouped_bars(
-    labels: Sequence[str], series: Mapping[Any, Sequence[float]], x_title: str, description: str
-) -> Markup:
-    """Draw shares (0 to 1) as grouped bars with a legend."""
-    ticks = round_ticks(0, max((max(values, default=0) for values in series.values()), default=0))
-    plot = Plot((0, max(len(labels), 1)), (0, ticks[-1]), description)
-    plot.y_axis(ticks, _shares(ticks))
-    width = 0.8 / max(len(series), 1)
-    for number, (name, values) in enumerate(series.items()):
-        for i, value in enumerate(values):
-            x = i + 0.1 + number * width
-            plot.bar(x, x + width * 0.94, value, number, f"{name}, {labels[i]}: {value:.1%}")
-    plot.x_axis([i + 0.5 for i in range(len(labels))], labels)
-    plot.titles(x_title)
-    return plot.done(list(series))
 
 
 def curves(
@@ -62,19 +44,19 @@ def curves(
     colours: Mapping[str, int] | None = None,
     labels: Mapping[str, str] | None = None,
 ) -> Markup:
-    """Draw curves with bands of uncertainty, each labelled at its right end; the x-axis includes 0.
+    """Draw curves with uncertainty bands and a label at the right end; the x-axis includes 0.
 
-    A point with bounds whose neighbours have none gets a whisker, and a curve of a single point is a dot.
+    An isolated point with bounds has a whisker, and a curve of a single point is a dot.
 
     Args:
-        series: points by name, x ascending; a curve without points keeps its colour, but is not drawn.
-        x_title: title under the x-axis, whose numbers are abbreviated (0.5M).
-        y_title: title above the chart.
-        description: text for readers who cannot see it.
+        series: points by name, x ascending; an empty curve keeps its colour.
+        x_title: title of the x-axis.
+        y_title: title of the y-axis.
+        description: text alternative.
         percent: y is a share, on an axis from 0 to 100 %; otherwise the axis fits the data.
         dashed: names of the dashed curves. Default: a pattern for each colour.
-        colours: numbers of colours by name, for curves that share one. Default: a curve's place in ``series``.
-        labels: text at the end by name, for curves that share one; all curves are thin then. Default: the names.
+        colours: colour number by name. Default: the position in ``series``.
+        labels: end label by name, for thin curves of several seeds. Default: the name of each curve.
     """
     texts = labels if labels is not None else {name: name for name in series}
     drawn = {name: points for name, points in series.items() if points}
@@ -109,14 +91,14 @@ def _plot_of_curves(series: Mapping[str, Sequence[CurvePoint]], room: int, descr
 def dots(
     labels: Sequence[str], series: Mapping[str, Sequence[Estimate | None]], x_title: str, y_title: str, description: str
 ) -> Markup:
-    """Draw shares (0 to 1) with whiskers, side by side in each category, legend on the right.
+    """Draw shares (0 to 1) with whiskers, side by side in each category, and a legend on the right.
 
     Args:
-        labels: names of the categories; cut where they would overlap.
-        series: by name, a share and its interval for each category, or None; one without any share is not drawn.
-        x_title: title under the x-axis.
-        y_title: title above the chart.
-        description: text for readers who cannot see it.
+        labels: names of the categories, shortened to fit.
+        series: by name, a share with its interval for each category, or None; a series without shares is not drawn.
+        x_title: title of the x-axis.
+        y_title: title of the y-axis.
+        description: text alternative.
     """
     names = [name for name, values in series.items() if not values or any(values)]
     room = room_for(names, 30)
@@ -147,22 +129,27 @@ def scatter(
     *,
     level: tuple[str, float] | None = None,
 ) -> Markup:
-    """Draw points with the whiskers of both their intervals; the name of a series stands right of its last point.
+    """Draw points with whiskers in x and y, and the name of each series to the right of its last point.
 
     Args:
-        series: by name, points of label, x and y; y is a share. Labels stand above or below the points where they fit;
-            one that points of several series share is there once.
-        x_title: title under the x-axis, which fits the data.
-        y_title: title above the chart, whose axis goes from 0 as far as the data.
-        description: text for readers who cannot see it.
+        series: by name, points of label, x and y (a share). Labels are shown once, where they fit.
+        x_title: title of the x-axis.
+        y_title: title of the y-axis.
+        description: text alternative.
         level: name and share of a dashed horizontal line.
     """
     drawn = {name: sorted(points, key=lambda point: point[1][0]) for name, points in series.items() if points}
+    everything = [point for points in drawn.values() for point in points]
+    xs, ys = _values(x for _, x, _ in everything), _values(y for *_, y in everything)
     lines = [level] if level else []
-    plot = _plot_of_scatter(drawn, lines, description)
-    right = plot.x_range[1]
+    ticks = round_ticks(min(xs, default=0), max(xs, default=1))
+    y_ticks = round_ticks(0, max([*ys, *(share for _, share in lines)], default=1))
+    right, room = ticks[-1], room_for([*drawn, *(name for name, _ in lines)])
+    plot = Plot((ticks[0], right), (0, y_ticks[-1]), description, right=room)
+    plot.y_axis(y_ticks, _shares(y_ticks))
+    plot.x_axis(ticks, [f"{value:.3g}" for value in ticks])
     for name, share in lines:
-        plot.polyline([(plot.x_range[0], share), (right, share)], "diagonal", f"{name}: {share:.1%}")
+        plot.polyline([(ticks[0], share), (right, share)], "diagonal", f"{name}: {share:.1%}")
     taken, named = Labels(10.05), set[str]()
     for number, name in enumerate(series):
         for _, x, y in drawn.get(name, ()):
@@ -179,28 +166,12 @@ def scatter(
     return plot.done()
 
 
-def _plot_of_scatter(
-    series: Mapping[str, Sequence[tuple[str, Estimate, Estimate]]],
-    lines: Sequence[tuple[str, float]],
-    description: str,
-) -> Plot:
-    everything = [point for points in series.values() for point in points]
-    xs, ys = _values(x for _, x, _ in everything), _values(y for *_, y in everything)
-    ticks = round_ticks(min(xs, default=0), max(xs, default=1))
-    y_ticks = round_ticks(0, max([*ys, *(share for _, share in lines)], default=1))
-    room = room_for([*series, *(name for name, _ in lines)])
-    plot = Plot((ticks[0], ticks[-1]), (0, y_ticks[-1]), description, right=room)
-    plot.y_axis(y_ticks, _shares(y_ticks))
-    plot.x_axis(ticks, [f"{value:.3g}" for value in ticks])
-    return plot
-
-
 def _values(estimates: Iterable[Estimate]) -> list[float]:
     return [value for estimate in estimates for value in estimate if value is not None]
 
 
 def _label_point(plot: Plot, taken: Labels, named: set[str], label: str, x: float, y: Estimate, *, below: bool) -> None:
-    """Write a label outside of a point's whiskers if it fits, and was not written before."""
+    """Write a label outside the whiskers of a point if the label fits and is new."""
     ends = [plot.y(value) for value in _values([y])]
     left, half, line = plot.x(x), SMALL_LETTER * len(label) / 2, max(ends) + 12 if below else min(ends) - 5
     if label not in named and taken.take(left - half, left + half, line):
@@ -216,14 +187,14 @@ def intervals(
     reference: float | None = None,
     percent: bool = False,
 ) -> Markup:
-    """Draw values with whiskers, a row for each with a shape of its own; the axis fits them.
+    """Draw estimates with whiskers, one per row, on an axis that fits the data.
 
     Args:
-        rows: names, and values with their bounds.
-        x_title: title under the axis.
-        description: text for readers who cannot see it.
-        reference: value to mark with a dashed line, which the axis includes.
-        percent: the values are shares.
+        rows: names and estimates.
+        x_title: title of the axis.
+        description: text alternative.
+        reference: value of a dashed line.
+        percent: whether the values are shares.
     """
     ends = [end for _, row in rows for end in (*row, reference) if end is not None]
     ticks = round_ticks(min(ends, default=0), max(ends, default=1))
@@ -244,13 +215,13 @@ def intervals(
 
 
 def profiles(series: Mapping[str, Sequence[CurvePoint]], x_title: str, y_title: str, description: str) -> Markup:
-    """Draw falling curves of shares over levels from 0 to 1, with bands, and their names by area, the greatest first.
+    """Draw performance profiles, shares over levels from 0 to 1, with bands and a legend by descending area.
 
     Args:
-        series: by name, points of level, share and the bounds of its interval.
-        x_title: title under the axis of levels.
-        y_title: title above the chart.
-        description: text for readers who cannot see it.
+        series: by name, points of level, share and interval bounds.
+        x_title: title of the axis of levels.
+        y_title: title of the axis of shares.
+        description: text alternative.
     """
     room = room_for(series, 32 + _SAMPLE)
     plot = Plot((0, 1), (0, 1), description, right=room)
@@ -272,7 +243,7 @@ def profiles(series: Mapping[str, Sequence[CurvePoint]], x_title: str, y_title: 
 
 
 def reliability(points: Sequence[tuple[float, float, int]], description: str) -> Markup:
-    """Draw accuracy against confidence, axes fitted to the data, with the diagonal of perfect calibration."""
+    """Draw accuracy against confidence, with the diagonal of perfect calibration."""
     ticks = round_ticks(0, max((max(x, y) for x, y, _ in points), default=1.0))
     plot = Plot((0, ticks[-1]), (0, ticks[-1]), description)
     texts = [f"{value:.3g}" for value in ticks]
@@ -287,12 +258,12 @@ def reliability(points: Sequence[tuple[float, float, int]], description: str) ->
 
 
 def log_reliability(series: Mapping[str, Sequence[tuple[float, float, float, float, int]]], description: str) -> Markup:
-    """Draw observed shares against probabilities, both on logarithmic axes, with the diagonal of perfect agreement.
+    """Draw observed shares against probabilities on logarithmic axes, with the diagonal of perfect calibration.
 
     Args:
-        series: by name, points of probability, observed share, both bounds of its interval, and number. A share of 0 is
+        series: by name, points of probability, observed share, interval bounds and number of triples. A share of 0 is
             drawn at the lower end of the axis.
-        description: text for readers who cannot see it.
+        description: text alternative.
     """
     points = [point for values in series.values() for point in values]
     positive = [value for x, y, *_ in points for value in (x, y) if value > 0]
@@ -318,10 +289,10 @@ def log_reliability(series: Mapping[str, Sequence[tuple[float, float, float, flo
 
 
 def _shares(ticks: Sequence[float]) -> list[str]:
-    """Return the texts of an axis of shares; percents without digits would be equal on a very short one."""
+    """Return tick texts in percent, or as decimals on a very short axis."""
     return [f"{value:.3g}" if ticks[1] < 0.01 else f"{value:.0%}" for value in ticks]
 
 
 def _pattern(place: int) -> str:
-    """Return the dashes of a curve by its place; where colours come again, their patterns are others."""
+    """Return the dash pattern of a curve; curves of equal colour differ in their pattern."""
     return f"dash-{(place + place // COLOURS) % _DASHES}"

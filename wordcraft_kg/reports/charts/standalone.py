@@ -1,35 +1,25 @@
-"""Charts as a figure of its own: a file that needs no page, as SVG, and the same as PNG and PDF."""
+"""Figures in separate files: SVG, PNG and PDF."""
 
 import re
 from collections.abc import Sequence
 from html import escape
-from typing import TYPE_CHECKING
 
 from wordcraft_kg.base.errors import MissingExtraError
 from wordcraft_kg.reports.charts.plot import LETTER, LIGHT
 from wordcraft_kg.reports.charts.scales import shortened
-
-if TYPE_CHECKING:
-    from types import ModuleType
 
 INK = {"ink": "#1b1f24", "soft": "#59636e", "line": "#d1d9e0", "other": "#8c959f", "page": "#ffffff"}
 """Colours of the page's style sheet on a white page."""
 _FONTS = "Helvetica, Arial, 'Liberation Sans', 'DejaVu Sans', sans-serif"
 PANEL, MARGIN, HEAD, CAPTION = 460, 16, 40, 22
 _HOVERED = re.compile(r'<circle [^>]*class="hit">.*?</circle>')
-"""Points that show their tooltip under the pointer, and nothing otherwise."""
+"""Invisible points that carry a tooltip."""
 _PIXELS = 200
-"""Pixels of a PNG in an inch; a panel is 460 points wide."""
+"""Pixels per inch of a PNG; a panel is 460 points wide."""
 
 
 def figure(title: str, panels: Sequence[tuple[str, str]], style: str) -> str:
-    """Return charts side by side, two in a row, as one SVG file with its style inside.
-
-    Args:
-        title: above all panels.
-        panels: a caption and a chart each.
-        style: the page's rules for charts, see :func:`resolved`.
-    """
+    """Return an SVG file with a title, two charts in a row with their captions, and CSS rules, see :func:`resolved`."""
     columns = min(len(panels), 2) or 1
     width = MARGIN + columns * (PANEL + MARGIN)
     rows = [panels[i : i + columns] for i in range(0, len(panels), columns)]
@@ -63,10 +53,7 @@ def _height(chart: str) -> int:
 
 
 def resolved(style: str) -> str:
-    """Return CSS rules with the colours of a white page in the place of variables and mixtures.
-
-    Renderers of SVG files know neither ``var()`` nor ``color-mix()``.
-    """
+    """Replace ``var()`` and ``color-mix()``, unknown to renderers of SVG files, by the colours of a white page."""
     values = INK | {f"s{number}": colour for number, colour in enumerate(LIGHT)}
     plain = re.sub(r"var\(--(\w+)\)", lambda match: values[match[1]], style)
     return re.sub(r"color-mix\(in srgb, (#\w{6}) (\d+)%, (#\w{6})\)", _mixed, plain)
@@ -79,40 +66,21 @@ def _mixed(match: re.Match[str]) -> str:
 
 
 def as_png(svg: str) -> bytes:
-    """Return a figure as a picture.
-
-    Raises:
-        MissingExtraError: if the extra ``figures`` is not installed.
-    """
+    """Render a figure as PNG; MissingExtraError without the extra ``figures``."""
     return _rendered(svg, "png")
 
 
 def as_pdf(svg: str) -> bytes:
-    """Return a figure as a page of its size, lines and letters kept as such.
-
-    Raises:
-        MissingExtraError: if the extra ``figures`` is not installed.
-    """
+    """Render a figure as a vector PDF of the same size; MissingExtraError without the extra ``figures``."""
     return _rendered(svg, "pdf")
 
 
 def _rendered(svg: str, kind: str) -> bytes:
-    found = _typst().compile(
-        {
-            "main.typ": b'#set page(width: auto, height: auto, margin: 0pt)\n#image("figure.svg")',
-            "figure.svg": svg.encode(),
-        },
-        format=kind,
-        ppi=float(_PIXELS),
-    )
-    return bytes(found)
-
-
-def _typst() -> "ModuleType":
     try:
         import typst
     except ImportError:
         raise MissingExtraError(
             "figures as PNG and PDF need Typst: pip install 'wordcraft-kg[figures]'. SVG files need nothing."
         ) from None
-    return typst
+    page = b'#set page(width: auto, height: auto, margin: 0pt)\n#image("figure.svg")'
+    return bytes(typst.compile({"main.typ": page, "figure.svg": svg.encode()}, format=kind, ppi=float(_PIXELS)))

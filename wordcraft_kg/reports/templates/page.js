@@ -86,59 +86,6 @@
   };
   document.querySelectorAll(".scroll > table").forEach(equip);
 
-  const dataOf = (id) => {
-    const element = document.getElementById(id);
-    return element && JSON.parse(element.textContent);
-  };
-
-  // Search in all ranks: rows hold numbers of entities, relations and sides.
-  const ranks = dataOf("ranks-data");
-  if (ranks) {
-    const most = 200;
-    const place = document.getElementById("search-ranks");
-    const [body, status] = [place.querySelector("tbody"), place.querySelector("output")];
-    const show = (wanted) => {
-      const names = ranks.entities.map((name) => name.toLowerCase());
-      // A full name means that entity alone, otherwise all whose names contain the text.
-      const isWanted = names.map(names.includes(wanted) ? (name) => name === wanted : (name) => name.includes(wanted));
-      const found = wanted ? ranks.rows.filter(([head, , tail]) => isWanted[head] || isWanted[tail]) : [];
-      body.replaceChildren(
-        ...found.slice(0, most).map(([head, relation, tail, side, rank, top]) =>
-          make(
-            "tr", {},
-            make("th", { scope: "row", textContent: ranks.entities[head] }),
-            make("td", { className: "t", textContent: ranks.relations[relation] }),
-            make("td", { className: "t", textContent: ranks.entities[tail] }),
-            make("td", { className: "t", textContent: ranks.sides[side] }),
-            make("td", { textContent: rank }),
-            make("td", { className: "t", textContent: ranks.entities[top] }),
-          ),
-        ),
-      );
-      const more = found.length > most ? `; the first ${most} are shown` : "";
-      status.textContent = wanted ? `${found.length.toLocaleString("en")} queries${more}` : "";
-    };
-    place.hidden = false;
-    place.querySelector("datalist").append(...ranks.entities.map((name) => make("option", { value: name })));
-    place.querySelector("input").addEventListener("input", (event) => show(event.target.value.trim().toLowerCase()));
-    equip(place.querySelector("table"));
-  }
-
-  // Names of the pair under the pointer.
-  const order = dataOf("matrix-data");
-  for (const matrix of order ? document.querySelectorAll("svg.matrix") : []) {
-    const caption = matrix.parentNode.querySelector("figcaption");
-    const title = caption.textContent;
-    const image = matrix.querySelector("image");
-    const at = (position, from, size) => order[Math.floor(((position - from) / size) * matrix.dataset.extent)];
-    image.addEventListener("pointermove", (event) => {
-      const box = image.getBoundingClientRect();
-      const [head, tail] = [at(event.clientY, box.top, box.height), at(event.clientX, box.left, box.width)];
-      if (head && tail) caption.textContent = `${title}: ${head} → ${tail}`;
-    });
-    image.addEventListener("pointerleave", () => (caption.textContent = title));
-  }
-
   let closed = [];
   addEventListener("beforeprint", () => {
     closed = [...document.querySelectorAll("details:not([open])")];

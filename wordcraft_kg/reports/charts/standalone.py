@@ -3,6 +3,7 @@
 import re
 from collections.abc import Sequence
 from html import escape
+from importlib import import_module
 
 from wordcraft_kg.base.errors import MissingExtraError
 from wordcraft_kg.reports.charts.plot import LETTER, LIGHT
@@ -77,7 +78,7 @@ def as_pdf(svg: str) -> bytes:
 
 def _rendered(svg: str, kind: str) -> bytes:
     try:
-        import typst
+        typst = import_module("typst")
     except ImportError:
         raise MissingExtraError(
             "figures as PNG and PDF need Typst: pip install 'wordcraft-kg[figures]'. SVG files need nothing."

@@ -5,14 +5,21 @@ import shutil
 from pathlib import Path
 
 import pytest
+import torch
+from safetensors.torch import load, save
 
 from wordcraft_kg.agents.agent_folder import open_agent, read_agent_run
 from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
 from wordcraft_kg.agents.records import read_episodes
 from wordcraft_kg.agents.training import train_agent
 from wordcraft_kg.base.errors import ArtefactError, GraphMismatchError
+from wordcraft_kg.envs.config import WordCraftConfig
+from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs import open_graph
 from wordcraft_kg.graphs.splits import SplitConfig
+from wordcraft_kg.models.policies.config import PolicyConfig
+from wordcraft_kg.models.policies.folder import make_policy, read_policy, write_constants
+from wordcraft_kg.models.scorers.folder import load_scorer
 
 TRAINER = ImpalaConfig(steps=640, batch_size=8, log_every=160, eval_every=320, checkpoint_every=320)
 
@@ -98,3 +105,25 @@ def test_a_run_that_is_not_done_is_read_as_far_as_it_has_come(copy: Path, status
     (copy / "checkpoints/step-1280.json").write_text("{}")
     (copy / "checkpoints/step-320.json").write_text("{}")
     assert read_agent_run(copy).checkpoint == "step 1,280"
+
+
+def test_constants_of_another_type_or_shape_are_damage(recipes_folder: Path, tmp_path: Path) -> None:
+    world = World("kitchen", WordCraftConfig(num_distractors=1))
+    scorer = load_scorer(recipes_folder)
+    policy, _ = make_policy(
+        PolicyConfig(use="u,v,w", self_edges="keep"), world.graph, 5, scorer=scorer, tasks=world.tasks
+    )
+    write_constants(tmp_path, policy)
+    constants, parameters = load((tmp_path / "constants.safetensors").read_bytes()), dict(policy.named_parameters())
+    read_policy(tmp_path, save(constants), parameters)
+    names = [name for name in constants if name.startswith("sources.")]
+    assert len(names) == 17  # u, v and w with their folds
+    for name in names:
+        cut = constants[name][:-1].clone()  # the number of recipes is known by the tasks only
+        for other in (
+            torch.ones(2, 2, dtype=torch.bool),
+            constants[name].to(torch.int8),
+            *[cut] * ("fold" not in name),
+        ):
+            with pytest.raises(ArtefactError, match="do not make a policy"):
+                read_policy(tmp_path, save(constants | {name: other}), parameters)

@@ -11,11 +11,14 @@ from torch import Tensor
 from wordcraft_kg.base.tensors import lazily_zero
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
 from wordcraft_kg.models.policies.sources import U, V
-from wordcraft_kg.models.policies.sources.source import FoldedSource, ScoreView
+from wordcraft_kg.models.policies.sources.source import FoldedSource, ScoreView, check_constants
 from wordcraft_kg.models.scorers.config import SelfEdges
 from wordcraft_kg.models.scorers.cross_fitting import folds_of
 from wordcraft_kg.models.scorers.protocol import FactoredScorer, TripleScorer
 from wordcraft_kg.models.scorers.scales import scaled_factors, scaled_table
+
+_TABLE = {"scores": "N N float32"}
+_FACTORS = {"left": "N m float32", "right": "N m float32", "shift": "float32", "dropped": "N bool", "itself": "float32"}
 
 
 class PairSource(FoldedSource):
@@ -41,7 +44,7 @@ class PairSource(FoldedSource):
         """Take the buffers, either ``scores`` or those of factors, and ``fold_of_recipe`` of a cross-fitted scorer."""
         super().__init__(num_entities, constants.get("fold_of_recipe"))
         self.is_table = "scores" in constants
-        for name in ("scores",) if self.is_table else ("left", "right", "shift", "dropped", "itself"):
+        for name in _TABLE if self.is_table else _FACTORS:
             self.register_buffer(name, constants[name])
 
     @classmethod
@@ -70,6 +73,10 @@ class PairSource(FoldedSource):
 
     @classmethod
     def restored(cls, num_entities: int, constants: Mapping[str, Tensor]) -> Self:  # noqa: D102 - inherited
+        layouts, folds = _TABLE if "scores" in constants else _FACTORS, cls.num_folds(constants)
+        if folds is not None:
+            layouts = {name: f"models {layout}" for name, layout in layouts.items()}
+        check_constants(constants, layouts, N=num_entities + 1, models=(folds or 0) + 2)
         return cls(num_entities, {name: lazily_zero(tensor) for name, tensor in constants.items()})
 
     @classmethod

@@ -6,14 +6,29 @@ import torch
 from torch import Tensor, nn
 
 from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.base.tensors import lazily_zero
+from wordcraft_kg.base.tensors import lazily_zero, with_prefix
 from wordcraft_kg.models.policies.sources import W
-from wordcraft_kg.models.policies.sources.source import Evidence, FoldedSource, ScoreView, Source
+from wordcraft_kg.models.policies.sources.source import Evidence, FoldedSource, ScoreView, Source, check_constants
 from wordcraft_kg.models.policies.sources.weighted import BestWeighted, WeightedRecipes
 from wordcraft_kg.models.scorers.cross_fitting import folds_of, whole_of
-from wordcraft_kg.models.scorers.pair_features import BUFFERS, RecipeKnowledge
+from wordcraft_kg.models.scorers.pair_features import BUFFERS, FEATURES, RecipeKnowledge
 from wordcraft_kg.models.scorers.protocol import TripleScorer
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
+
+_LAYOUTS = {
+    "parts": "models N N two float16",
+    "pairs": "models N N two float16",
+    "numbers": "models N N int32",
+    "results": "models known most int32",
+    "alike": "models N N float16",
+    "words": "N N float16",
+    "counts": "models N two float32",
+    "speaking": "models N evidence three int16",
+    "first": "models F hidden float32",
+    "first_bias": "models hidden float32",
+    "second": "models hidden float32",
+    "bias": "models float32",
+}
 
 
 class BestRecipe(FoldedSource):
@@ -67,7 +82,10 @@ class BestRecipe(FoldedSource):
     def restored(cls, num_entities: int, constants: Mapping[str, Tensor]) -> Source:  # noqa: D102 - inherited
         if "keys" in constants:
             return BestWeighted.restored(num_entities, constants)
-        empty = {name: lazily_zero(constants[f"knowledge.{name}"]) for name in BUFFERS}
+        knowledge = with_prefix(constants, "knowledge.")
+        models = (cls.num_folds(constants) or 0) + 1
+        check_constants(knowledge, _LAYOUTS, N=num_entities + 1, models=models, F=len(FEATURES), two=2, three=3)
+        empty = {name: lazily_zero(knowledge[name]) for name in BUFFERS}
         of_recipe = constants.get("fold_of_recipe")
         return cls(num_entities, RecipeKnowledge(empty), None if of_recipe is None else lazily_zero(of_recipe))
 

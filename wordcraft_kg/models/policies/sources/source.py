@@ -115,6 +115,26 @@ class Source(nn.Module, ABC):
         return (None,) * table.shape[1]
 
 
+def check_constants(constants: Mapping[str, Tensor], layouts: Mapping[str, str], **sizes: int) -> None:
+    """Check types and shapes of saved constants.
+
+    Args:
+        constants: tensors by name.
+        layouts: type and axes by name, such as ``N N float32``; axes of the same name have the same size.
+        sizes: known sizes of axes.
+
+    Raises:
+        KeyError: if a constant is missing.
+        ValueError: if a constant has another type or shape.
+    """
+    for name, layout in layouts.items():
+        *axes, dtype = layout.split()
+        tensor = constants[name]
+        expected = [sizes.setdefault(axis, size) for axis, size in zip(axes, tensor.shape, strict=False)]
+        if str(tensor.dtype) != f"torch.{dtype}" or len(axes) != tensor.ndim or expected != list(tensor.shape):
+            raise ValueError(f"{name} is of {tensor.dtype} and shape {tuple(tensor.shape)}: expected {layout}")
+
+
 class Evidence(NamedTuple):
     """The evidence for a slot: its supposed partner, and supporting recipes, largest share first."""
 
@@ -143,6 +163,15 @@ class FoldedSource(Source):
             self.register_buffer("fold_of_recipe", fold_of_recipe)
             self.register_buffer("model_of_task", torch.zeros(0, dtype=torch.int64), persistent=False)
         self.bound_to = ""  # hash of the tasks
+
+    @staticmethod
+    def num_folds(constants: Mapping[str, Tensor]) -> int | None:
+        """Return the number of folds of saved constants, None without a model for each fold."""
+        if "fold_of_recipe" not in constants:
+            return None
+        check_constants(constants, {"fold_of_recipe": "recipes int64"})
+        of_recipe = constants["fold_of_recipe"]
+        return int(of_recipe.max()) + 1 if len(of_recipe) else None
 
     @staticmethod
     def fold_numbers(scorer: CrossFitted, view: ScoreView) -> Tensor:

@@ -8,7 +8,7 @@ from torch import Tensor
 
 from wordcraft_kg.base.tensors import lazily_zero
 from wordcraft_kg.models.policies.sources import W
-from wordcraft_kg.models.policies.sources.source import ScoreView, Source
+from wordcraft_kg.models.policies.sources.source import ScoreView, Source, check_constants
 from wordcraft_kg.models.scorers.protocol import TripleScorer
 
 
@@ -52,6 +52,7 @@ class BestWeighted(Source):
 
     @classmethod
     def restored(cls, num_entities: int, constants: Mapping[str, Tensor]) -> Self:  # noqa: D102 - inherited
+        check_constants(constants, {"keys": "n int64", "weights": "n float32"})
         return cls(num_entities, lazily_zero(constants["keys"]), lazily_zero(constants["weights"]))
 
     def forward(self, goal: Tensor, selection: Tensor, table: Tensor, task: Tensor | None = None) -> Tensor:  # noqa: D102 - inherited

@@ -1,4 +1,4 @@
-"""Opening the run folder of an agent for evaluation."""
+"""Run folders of agents."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,15 +24,15 @@ INPUTS = ("policy.json", "constants.safetensors")
 
 @dataclass(frozen=True)
 class AgentRun:
-    """The run of an agent as its records have it, done or not; neither its graph nor its weights are read.
+    """Records of a run, finished or not, without graph and weights.
 
     Attributes:
-        name: name of its folder, see :func:`~wordcraft_kg.runs.record.run_name`.
-        checkpoint: ``final``, ``step N`` for a run that is not done, or empty if that has none yet.
-        config: its settings.
-        run: its ``run.json``.
-        metrics: the lines of ``metrics.jsonl``.
-        evaluation: ``evaluation.json``, None if the run is not done.
+        name: display name of the run, see :func:`~wordcraft_kg.runs.record.run_name`.
+        checkpoint: ``final``, ``step N`` for an unfinished run, or empty without a checkpoint.
+        config: settings.
+        run: ``run.json``.
+        metrics: lines of ``metrics.jsonl``.
+        evaluation: ``evaluation.json``, None for an unfinished run.
     """
 
     name: str
@@ -44,7 +44,7 @@ class AgentRun:
 
     @property
     def provenance(self) -> dict[str, str]:
-        """Facts for a report."""
+        """Provenance for reports."""
         run = self.run
         facts = {
             "trained by": " ".join(run.argv),
@@ -59,11 +59,11 @@ class AgentRun:
 
 @dataclass(frozen=True)
 class OpenedAgent(AgentRun):
-    """An agent with everything that its evaluation needs.
+    """An agent ready for evaluation.
 
     Attributes:
-        policy: has the weights of ``checkpoint``.
-        opened: the graph and split it was trained on, checked by hash.
+        policy: policy with the weights of ``checkpoint``.
+        opened: training graph and split, verified by hash.
     """
 
     policy: Policy
@@ -71,10 +71,10 @@ class OpenedAgent(AgentRun):
 
 
 def read_agent_run(folder: str | Path) -> AgentRun:
-    """Read the records of a run folder; of a run that is still training, as far as it has come.
+    """Read the records of a run folder; an unfinished run may still be training.
 
     Raises:
-        ArtefactError: if there is no such run, or a file is damaged.
+        ArtefactError: if the run does not exist or a file is damaged.
     """
     folder = Path(folder)
     files = RunFiles(folder, AGENTS.read_record(folder))
@@ -88,7 +88,7 @@ def read_agent_run(folder: str | Path) -> AgentRun:
 
 
 def _lines_so_far(path: Path) -> list[MetricsRow]:
-    """Read the lines of a run that is not done, of which the last one may be half written."""
+    """Read the complete lines of an unfinished run."""
     lines = read_small_file(path) if path.exists() else b""
     return read_metrics(lines[: lines.rfind(b"\n") + 1], path)
 
@@ -98,15 +98,15 @@ def _step(number: int) -> str:
 
 
 def open_agent(folder: str | Path, graph: str | OpenedGraph | None = None) -> OpenedAgent:
-    """Open a run folder; one that is not done is opened at its last checkpoint.
+    """Open a run folder, an unfinished run at the last checkpoint.
 
     Args:
-        folder: written by ``train-agent``.
-        graph: where the graph is now, if it has moved, or the graph itself if it is open already.
+        folder: run folder of ``train-agent``.
+        graph: new location of the graph, or the opened graph.
 
     Raises:
-        ArtefactError: if there is no such run, it has no checkpoint yet, or a file is damaged.
-        GraphMismatchError: if the graph or its split is not the one that it was trained on.
+        ArtefactError: if the run or the checkpoint does not exist, or a file is damaged.
+        GraphMismatchError: if the graph or split differs from training.
 
     Example:
         >>> open_agent("runs/kitchen").config.tasks.distractors
@@ -128,7 +128,7 @@ def policy_at(files: RunFiles, checkpoint: Checkpoint[AgentProgress]) -> Policy:
     """Return the policy of a checkpoint.
 
     Raises:
-        ArtefactError: if the folder's files do not fit each other.
+        ArtefactError: if the files are inconsistent.
     """
     files.bytes("policy.json")
     parameters = with_prefix(checkpoint.tensors, "policy.")
@@ -136,7 +136,7 @@ def policy_at(files: RunFiles, checkpoint: Checkpoint[AgentProgress]) -> Policy:
 
 
 def _read_config(files: RunFiles) -> AgentConfig:
-    """Read the settings of a run, after checking that they are those that it began with."""
+    """Read settings and verify that they are unchanged since the start."""
     for name in (CONFIG_FILE, "policy.json"):
         files.bytes(name)
     return AgentConfig.read(files.folder)

@@ -1,4 +1,4 @@
-"""``metrics.jsonl``: lines with the trainer's figures and points of the learning curves."""
+"""``metrics.jsonl``: training metrics and learning curves."""
 
 import json
 import os
@@ -23,32 +23,31 @@ CURVE_TASKS = 4_000
 
 
 class MetricsFile:
-    """Appends to ``metrics.jsonl``, and passes the figures on to the run's trackers.
+    """Writes ``metrics.jsonl`` and forwards metrics to trackers.
 
     Attributes:
         path: path of the file.
-        eval_seconds: seconds spent on the learning curves.
+        eval_seconds: time spent on learning curves.
     """
 
     def __init__(self, folder: Path, world: World, log: Log):
-        """Prepare the environments of the learning curves."""
         self.path = folder / "metrics.jsonl"
         self.eval_seconds = 0.0
         self._log = log
         self._evaluators = evaluators(world, curve=True)
 
     def size(self) -> int:
-        """Return the file's length in bytes, after it has reached the disk."""
+        """Flush the file to disk and return the length in bytes."""
         self.path.touch()
         with self.path.open("rb+") as file:
             os.fsync(file.fileno())
         return self.path.stat().st_size
 
     def cut(self, size: int) -> None:
-        """Remove what was written after a checkpoint.
+        """Truncate the file to the length at a checkpoint.
 
         Raises:
-            ValueError: if the file is shorter than it was then.
+            ValueError: if the file is shorter.
         """
         if self.path.stat().st_size < size:
             raise ValueError("metrics.jsonl is shorter than it was")
@@ -65,14 +64,14 @@ class MetricsFile:
         return point
 
     def add(self, row: dict[str, Any]) -> None:
-        """Write a line."""
+        """Append a line."""
         with self.path.open("ab") as file:
             file.write((json.dumps(row, allow_nan=False) + "\n").encode())
         self._log(row["step"], {name: value for name, value in row.items() if name != "step"})
 
 
 def evaluators(world: World, *, curve: bool = False) -> dict[TaskPart, Evaluator]:
-    """Return an evaluator for each part of a world that has tasks; those of a curve play fewer tasks."""
+    """Return an evaluator for each split with tasks; learning curves use fewer tasks."""
     found = {}
     for part in JUDGED:
         with suppress(TaskError):  # a graph whose split holds nothing out has no test tasks

@@ -1,4 +1,4 @@
-"""Players of open-ended play (random, knowing the graph, or guided by a scorer), and how much they discover."""
+"""Players of the open-ended environment and their discovery curves."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -42,32 +42,32 @@ _MOST = 50.0  # standard deviations; beyond them exp would overflow
 
 
 class Discoverer(ABC):
-    """A player of open-ended play: chooses which known entities to combine; ``begin`` starts a run.
+    """A player of the open-ended environment, which chooses pairs of known entities.
 
     Attributes:
-        known: ids in the order of their discovery.
-        rng: source of all its random numbers.
+        known: ids in order of discovery.
+        rng: source of randomness.
     """
 
     def begin(self, base: Sequence[int], rng: np.random.Generator) -> None:
-        """Start a run in which ``base`` is known."""
+        """Start a run with the ids of the known entities."""
         self.known: list[int] = []
         self.rng = rng
         for entity in base:
             self.learn(entity)
 
     def observe(self, pair: Pair, new: Sequence[int]) -> None:
-        """Take in the new results of the chosen pair."""
+        """Process the new results of the chosen pair."""
         for entity in new:
             self.learn(entity)
 
     def learn(self, entity: int) -> None:
-        """Take in an entity that has just become known."""
+        """Process a newly known entity."""
         self.known.append(entity)
 
     @abstractmethod
     def choose(self) -> Pair:
-        """Return the pair to combine next; only called while something new can be made."""
+        """Return the next pair; called only while discoveries remain."""
 
     def draw_best(self, values: Floats) -> int:
         """Return the index of the highest value, ties at random."""
@@ -76,7 +76,7 @@ class Discoverer(ABC):
 
 
 class RandomDiscoverer(Discoverer):
-    """Draws both entities uniformly, whatever was tried before."""
+    """Draws both entities uniformly, with repetition."""
 
     def choose(self) -> Pair:  # noqa: D102 - inherited
         one, other = self.rng.integers(len(self.known), size=2).tolist()
@@ -84,7 +84,7 @@ class RandomDiscoverer(Discoverer):
 
 
 class NoRepeatDiscoverer(RandomDiscoverer):
-    """Draws like :class:`RandomDiscoverer` until it gets a pair that was not tried before."""
+    """Draws uniformly among untried pairs."""
 
     def begin(self, base: Sequence[int], rng: np.random.Generator) -> None:  # noqa: D102 - inherited
         super().begin(base, rng)
@@ -103,10 +103,9 @@ class NoRepeatDiscoverer(RandomDiscoverer):
 
 
 class OracleDiscoverer(Discoverer):
-    """Knows the true graph and never fails: takes the pair whose new results are worth most together."""
+    """Knows the graph, never fails, and maximises the summed worth of new results."""
 
     def __init__(self, graph: RecipeGraph):
-        """Take the graph."""
         self.graph = graph
 
     def begin(self, base: Sequence[int], rng: np.random.Generator) -> None:  # noqa: D102 - inherited
@@ -123,7 +122,7 @@ class OracleDiscoverer(Discoverer):
 
     @abstractmethod
     def worth(self, entities: Ids) -> Floats:
-        """Return what each of some entities that are not known would be worth if it were found now, above 0."""
+        """Return the worth of discovering each unknown entity now, above 0."""
 
     def choose(self) -> Pair:  # noqa: D102 - inherited
         graph = self.graph
@@ -136,10 +135,9 @@ class OracleDiscoverer(Discoverer):
 
 
 class GreedyDiscoverer(OracleDiscoverer):
-    """The greedy oracle: an entity is worth 1 + its out-degree, the number of recipes that use it."""
+    """Greedy oracle: worth is 1 + out-degree, the number of recipes that use the entity."""
 
     def __init__(self, graph: RecipeGraph):
-        """Count uses once."""
         super().__init__(graph)
         self._worth = 1.0 + graph.use_counts
 
@@ -148,13 +146,12 @@ class GreedyDiscoverer(OracleDiscoverer):
 
 
 class EmpowermentDiscoverer(OracleDiscoverer):
-    """Seeks the highest empowerment in the true graph.
+    """Maximises true empowerment.
 
-    ``worth(c) = 1 + #{d not known : {c, x} makes d for some known x}``: c itself and the different new entities that
-    it would make with known ones. A pair is worth the sum over its new results.
+    ``worth(c) = 1 + #{d not known : {c, x} makes d for some known x}``: c plus the distinct new entities within reach.
 
-    Source: Brändle et al. 2023, who count what an entity can make in the whole game. Here only new entities count whose
-    other ingredient is known, so that the value falls as the world is explored.
+    Source: Brändle et al. 2023, who count all entities that c can make. Here only new entities with a known other
+    ingredient count, so worth falls as exploration proceeds.
     """
 
     def worth(self, entities: Ids) -> Floats:  # noqa: D102 - inherited
@@ -169,26 +166,26 @@ class EmpowermentDiscoverer(OracleDiscoverer):
 
 
 class ScorerDiscoverer(Discoverer):
-    """Seeks the highest empowerment that a link predictor expects.
+    """Maximises the empowerment expected by a link predictor.
 
-    With ``z_r`` the scores of relation r standardised over all pairs of different entities (combinesWith symmetrised):
+    With ``z_r`` the scores of relation r, standardised over pairs of different entities (combinesWith symmetrised):
 
     ``value(a, b) = odds(a, b) * sum_c P(c | a, b) * [c not known] * (1 + sum_{x known} odds(c, x))``
 
-    where ``odds(a, b) = exp(z_combinesWith(a, b))`` is how plausible it is that the pair makes anything, and
-    ``P(c | a, b) = softmax_c(z_componentOf(a, c) + z_componentOf(b, c))``, cut to the best :data:`CANDIDATES`, is what
-    it makes. The last factor is the empowerment of c: c itself and its known partners, each weighted by its
-    plausibility. The untried pair of the highest value comes next; no pair is tried twice.
+    ``odds(a, b) = exp(z_combinesWith(a, b))`` is the plausibility that a and b combine.
+    ``P(c | a, b) = softmax_c(z_componentOf(a, c) + z_componentOf(b, c))``, truncated to the :data:`CANDIDATES` best
+    results. The last factor is the empowerment of c: 1 plus the plausibilities of known partners. Only untried pairs
+    are considered.
 
-    Source: the expected empowerment of Brändle et al. 2023, who take link and element probabilities from word vectors.
+    Source: the expected empowerment of Brändle et al. 2023, with probabilities from word vectors.
     """
 
     def __init__(self, graph: RecipeGraph, scorer: TripleScorer):
-        """Standardise the scorer's tables, two of shape (E, E).
+        """Standardise the score tables, two of shape (E, E).
 
         Raises:
             GraphMismatchError: if the scorer belongs to another graph.
-            ConfigError: if the tables would take more than :data:`MOST_BYTES`; nothing is computed then.
+            ConfigError: if the tables would exceed :data:`MOST_BYTES`; nothing is computed then.
         """
         check_scorer(scorer, graph)
         needed = graph.num_entities**2 * PAIR_BYTES
@@ -235,7 +232,7 @@ class ScorerDiscoverer(Discoverer):
         super().observe(pair, new)
 
     def _guessed(self, entity: int) -> tuple[NDArray[np.int64], Floats]:
-        """Return the likeliest results of an entity with each other one, and their probabilities: (E, CANDIDATES)."""
+        """Return the likeliest results with each partner and their probabilities, shape (E, CANDIDATES) each."""
         if entity not in self._guesses:
             fit = self._parts[entity] + self._parts
             likely = np.argpartition(-fit, self._results.shape[1] - 1, axis=1)[:, : self._results.shape[1]]
@@ -291,19 +288,19 @@ def discovery_curves(
     base: Iterable[Entity] | None = None,
     progress: Callable[[int, int, dict[str, float]], None] | None = None,
 ) -> "pd.DataFrame":
-    """Let players discover, by the rules of ``WordCraft-OpenEnded-v0`` but on ids alone, without observations.
+    """Play by the rules of ``WordCraft-OpenEnded-v0`` on ids, without observations.
 
-    Run ``i`` draws from ``np.random.default_rng([seed, i])`` for every player, so a player's curve does not depend on
-    the other players. ``progress`` is called after each run with the number of runs, that of all players together, and
-    the number of entities known at the end.
+    Run ``i`` of each player draws from ``np.random.default_rng([seed, i])``, so curves do not depend on the choice of
+    players. After each run, ``progress`` receives the number of finished runs, the total, and the final number of
+    known entities.
 
     Returns:
-        a row per player, run and attempt, from 0 (the base) to ``attempts``: ``known``, the number of entities known
-        after the attempt, and ``repeated``, whether the pair had been tried before. A run stops when everything
-        reachable is known.
+        a row per player, run and attempt, 0 (the base) to ``attempts``: ``known``, the number of known entities after
+        the attempt, and ``repeated``, whether the pair was a repetition. Runs stop when all reachable entities are
+        known.
 
     Raises:
-        ConfigError: for numbers out of range, or a base from which nothing can be made.
+        ConfigError: for numbers out of range, or a base without any recipe.
     """
     import pandas as pd
 
@@ -336,16 +333,15 @@ def discovery_curves(
 
 
 def summarise_curves(curves: "pd.DataFrame", marks: Sequence[int] = MARKS) -> "pd.DataFrame":
-    """Return how much players know after given numbers of attempts.
+    """Return the mean number of known entities after given numbers of attempts.
 
     Args:
         curves: from :func:`discovery_curves`.
-        marks: attempts to report; those beyond the curves are left out, and the last attempt is always included.
+        marks: attempts to report, limited to the curves; the last attempt is always included.
 
     Returns:
-        a row per player and attempt, in the order of ``curves``: ``mean`` over the runs, ``low`` and ``high`` its 95 %
-        interval (normal approximation; NaN for a single run), and ``repeated``, the share of attempts so far that
-        repeated a pair.
+        a row per player and attempt, in the order of ``curves``: ``mean`` over runs, ``low`` and ``high`` of the 95 %
+        interval (normal approximation; NaN for a single run), and ``repeated``, the share of repetitions so far.
     """
     last = int(curves["attempt"].max())
     at = sorted({*(mark for mark in marks if mark <= last), last})

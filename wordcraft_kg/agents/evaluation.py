@@ -1,4 +1,4 @@
-"""Evaluating a player: every task of a part, with several fixed draws of distractors and frozen weights."""
+"""Evaluation of a player on all tasks of a split with fixed tables and frozen weights."""
 
 import logging
 from dataclasses import dataclass
@@ -27,15 +27,14 @@ ROWS = 2_048
 
 
 class PolicyPlayer:
-    """A player that takes a policy's best action; ties go to the first slot."""
+    """A player that takes the best action of a policy with its current weights; ties go to the first slot."""
 
     def __init__(self, policy: Policy):
-        """Take a policy; each call uses its weights at that moment."""
         self.policy = policy
 
     @torch.no_grad()
     def __call__(self, state: State, rng: np.random.Generator) -> Any:
-        """Pick a slot in every environment."""
+        """Return the best slots."""
         bind_tasks([self.policy], state.world)
         states, weights = states_of(state), self.policy.weights()
         device = next(self.policy.parameters()).device
@@ -50,7 +49,7 @@ class PolicyPlayer:
 
 
 def player_of(policy: Policy, kind: str) -> Player:
-    """Return the player ``trained``, ``random``, ``oracle`` or ``kg-only``, the policy's scorer without the rest.
+    """Return the player ``trained``, ``random``, ``oracle`` or ``kg-only`` (the sum of the policy's sources).
 
     Raises:
         ConfigError: for ``kg-only`` without a scorer.
@@ -67,15 +66,15 @@ def player_of(policy: Policy, kind: str) -> Player:
 
 @dataclass(frozen=True)
 class Evaluation:
-    """The episodes of a player: N tasks of a part, all or a sample of them, with D draws of distractors each.
+    """Episodes of a player on N tasks with D draws of distractors.
 
     Attributes:
-        tasks: shape (N,), int64: indices of the tasks in the world's.
-        success: shape (N, D), bool: the goal was made within the attempts.
-        by_plan: shape (N, D), bool: the last pair of a plan made it.
-        picks: shape (N, D), int64: picks until the end.
+        tasks: shape (N,), int64: indices into the world's tasks.
+        success: shape (N, D), bool: the episode reached the goal.
+        by_plan: shape (N, D), bool: the last pair completed a plan.
+        picks: shape (N, D), int64: length of the episode.
         endings: shape (N, D), int8: index into :data:`ENDINGS`.
-        last: shape (N, D, 2), int64: the entities of the last pair, the one held first.
+        last: shape (N, D, 2), int64: the last pair in the order of the picks.
     """
 
     tasks: Ids
@@ -86,7 +85,7 @@ class Evaluation:
     last: Ids
 
     def figures(self) -> Success:
-        """Return mean success with its interval over tasks, and the sizes."""
+        """Return mean success with an interval over tasks, and the sample sizes."""
         low, high = task_bootstrap(self.success)
         tasks, draws = self.success.shape
         return Success(
@@ -100,20 +99,20 @@ class Evaluation:
         )
 
     def shares(self) -> dict[Ending, Share]:
-        """Return the share of episodes of each ending."""
+        """Return the share of episodes by ending."""
         return {name: float((self.endings == code).mean()) for code, name in enumerate(ENDINGS)}
 
 
 class Evaluator:
-    """Evaluates players on all tasks of a part, or an evenly spaced sample, always at the same tables."""
+    """Plays all tasks of a split, or an evenly spaced sample, on fixed tables."""
 
     def __init__(self, world: World, *, draws: int = 5, limit: int | None = MOST_TASKS):
-        """Prepare the environments, one for each task.
+        """Create an environment for each task.
 
         Args:
             world: graph, tasks and settings.
             draws: draws of distractors for each task.
-            limit: the most tasks to play, evenly spaced in their order; None plays all.
+            limit: maximum number of tasks; None plays all.
         """
         amount = len(world.tasks)
         step = distance_of(amount, limit)
@@ -131,7 +130,7 @@ class Evaluator:
         self._parts = _right_parts(world)[self.tasks]
 
     def __call__(self, player: Player) -> Evaluation:
-        """Let a player play."""
+        """Play all tasks with all draws."""
         shape = (len(self.tasks), self.draws)
         success, by_plan = np.zeros(shape, dtype=bool), np.zeros(shape, dtype=bool)
         picks, endings = np.zeros(shape, dtype=np.int64), np.zeros(shape, dtype=np.int8)
@@ -153,7 +152,7 @@ class Evaluator:
         return Evaluation(self.tasks, success, by_plan, picks, endings, last)
 
     def _ending(self, held: Ids, picked: Ids) -> NDArray[np.int64]:
-        """Return the code of an attempt that did not make the goal."""
+        """Return an index into :data:`ENDINGS` for each failed attempt."""
         is_twice = (held == picked) & (picked != self.engine.nothing)
         is_right = ((self._parts == held[:, None]) | (self._parts == picked[:, None])).any(1)
         makes = self.engine.pairs(held, picked) != self.engine.world.graph.num_pairs
@@ -161,21 +160,21 @@ class Evaluator:
 
 
 def evaluate(player: Policy | Player, graph: GraphLike | World, *, draws: int = 5, **settings: Any) -> Evaluation:
-    """Evaluate a policy or scripted player on all tasks of a part (an evenly spaced sample of very many).
+    """Evaluate a policy or scripted player on all tasks of a split (an evenly spaced sample if there are very many).
 
     Args:
-        player: a policy of the graph, or a function ``(state, rng) -> slots``.
-        graph: graph folder, book's file or name, a graph, an opened graph, or a world, which has its own settings.
-        draws: draws of distractors for each task; all players see the same ones.
-        settings: settings of the tasks, see :class:`~wordcraft_kg.envs.config.WordCraftConfig`.
+        player: policy of the graph, or function ``(state, rng) -> slots``.
+        graph: graph folder, book file or name, graph, opened graph, or world (which has its own settings).
+        draws: draws of distractors for each task, equal for all players.
+        settings: task settings, see :class:`~wordcraft_kg.envs.config.WordCraftConfig`.
 
     Raises:
-        ConfigError: for an unknown setting, or a value out of range.
-        TaskError: if there is no such task.
+        ConfigError: for an unknown setting or a value out of range.
+        TaskError: if no task fits.
 
     Example:
-        >>> found = evaluate(load_policy("runs/kitchen"), "kitchen", num_distractors=2, draws=1)
-        >>> found.success.shape, 0 <= found.figures().mean <= 1
+        >>> result = evaluate(load_policy("runs/kitchen"), "kitchen", num_distractors=2, draws=1)
+        >>> result.success.shape, 0 <= result.figures().mean <= 1
         ((63, 1), True)
     """
     world = World.of(graph, settings if isinstance(graph, World) else {"part": "test", **settings})
@@ -183,6 +182,6 @@ def evaluate(player: Policy | Player, graph: GraphLike | World, *, draws: int = 
 
 
 def _right_parts(world: World) -> Ids:
-    """Return the ingredients of the last recipes of each task's plans, shape (N, P), padded with -1."""
+    """Return the ingredients of the last recipe of each plan by task, shape (N, P), padded with -1."""
     pair = world.graph.recipes[:, :2].tolist()
     return padded([sorted({part for plan in plans for part in pair[plan[-1]]}) for plans in world.tasks.plans], -1)

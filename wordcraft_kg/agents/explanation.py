@@ -1,4 +1,4 @@
-"""Why an agent picked what it picked: every logit of an episode, split into the contributions of the sources."""
+"""Explanations of picks: the logits of an episode, split into contributions of the sources."""
 
 import copy
 from collections.abc import Iterable, Sequence
@@ -40,13 +40,13 @@ a recipe of the plan, so none answers."""
 
 
 class SlotEvidence(Record):
-    """Train recipes that support a slot as part of a pair that makes the goal.
+    """Train recipes that support a slot.
 
     Attributes:
         source: name of the source.
-        partner: the other entity of the pair: the one held, or the best partner on the table.
-        because: supporting recipes, strongest first. On train tasks a cross-fitted scorer names those of a model that
-            has not seen the recipes of the task.
+        partner: the entity in hand, or the best partner on the table.
+        because: supporting recipes, strongest first. A cross-fitted scorer names recipes of a model that has not seen
+            the recipes of the task.
     """
 
     source: str
@@ -55,16 +55,16 @@ class SlotEvidence(Record):
 
 
 class ExplainedSlot(Record):
-    """An entity on the table with its logit β, its probability π and the contribution of each source.
+    """An entity on the table with logit β, probability π and source contributions.
 
     Attributes:
-        entity: its label.
-        is_part: whether a plan makes the goal from it.
-        sources: value of each source.
-        contributions: λ · value of each source; they add up to ``logit``.
+        entity: label.
+        is_part: whether a plan makes the goal from the entity.
+        sources: values by source.
+        contributions: λ · value by source, with sum ``logit``.
         logit: β.
         probability: π.
-        evidence: supporting recipes; None unless a source scores recipes and knows something of the task.
+        evidence: supporting recipes; None unless a source scores recipes.
     """
 
     entity: str
@@ -77,7 +77,7 @@ class ExplainedSlot(Record):
 
 
 class ExplainedStep(Record):
-    """A pick: the entity in hand, the state's value, λ by source (empty without mixing), and all slots of the table."""
+    """A pick: entity in hand, state value, λ by source (empty without mixing), and all slots of the table."""
 
     held: str | None
     value: float
@@ -87,7 +87,7 @@ class ExplainedStep(Record):
     slots: Annotated[tuple[ExplainedSlot, ...], msgspec.Meta(min_length=1)]
 
     def told(self, limit: int = TOLD) -> list[tuple[str, SlotEvidence]]:
-        """Return the entities of highest logit with their evidence; of two that name each other, the first."""
+        """Return the entities with the highest logits and their evidence, each pair once."""
         pairs: dict[frozenset[str], tuple[str, SlotEvidence]] = {}
         for slot in sorted(self.slots, key=lambda slot: -slot.logit):
             if slot.evidence is not None and slot.evidence.because:
@@ -106,11 +106,11 @@ class ExplainedEpisode(Record):
 
 
 class TableRecipe(Record):
-    """A recipe of a plan that a table allows.
+    """A recipe of a plan on a table.
 
     Attributes:
-        part: the part of the split that it is in.
-        is_remembered: whether the model that answers has been trained on it.
+        part: split of the recipe.
+        is_remembered: whether the answering model was trained on the recipe.
     """
 
     ingredient_a: str
@@ -124,10 +124,10 @@ class ExplainedTable(Record):
     """The picks of an agent at a table.
 
     Attributes:
-        table: entities in the order of the slots.
-        ways: shortest plans that make the goal from this table, distractors included.
-        model: model of the agent's scorer that answers.
-        fold: the fold that this model has not seen, None for other models.
+        table: entities in slot order.
+        ways: shortest plans for the goal, including distractors as ingredients.
+        model: answering model of the scorer.
+        fold: the fold unseen by this model, None for other models.
         episode: the picks.
     """
 
@@ -139,12 +139,12 @@ class ExplainedTable(Record):
 
     @property
     def memory(self) -> tuple[TableRecipe, ...]:
-        """Recipes that make the goal from this table and were among the training recipes of the answering model."""
+        """Recipes for the goal that the answering model was trained on."""
         return tuple(dict.fromkeys(recipe for way in self.ways for recipe in way if recipe.is_remembered))
 
 
 class _Asked(NamedTuple):
-    """A table to play, its policy, and the number of its task (None for tasks without train recipes)."""
+    """A table to play, with the policy and the task index (None for tasks without train recipes)."""
 
     policy: Policy
     task: int | None
@@ -156,10 +156,10 @@ class _Asked(NamedTuple):
 
 
 class Explainer:
-    """Explains the picks of a policy in a world; safe to call from several threads.
+    """Explains the picks of a policy in a world; thread-safe.
 
-    Picks are those of the policy; explanations are computed in double precision, so contributions add up to the logit,
-    and probabilities to 1, within 1e-9. Parameters are copied, and sources are bound to tasks independently.
+    Explanations use double precision, so contributions add up to the logit, and probabilities to 1, within 1e-9.
+    Parameters are copied, and sources are bound to tasks independently.
 
     Example:
         >>> agent = open_agent("runs/kitchen")
@@ -177,18 +177,17 @@ class Explainer:
         taught: NDArray[np.bool_] | None = None,
         most_picks: int | None = None,
     ):
-        """Copy a policy of the world's graph.
+        """Copy a policy.
 
         Args:
-            policy: the policy.
+            policy: policy of the graph.
             world: graph, tasks and settings.
-            kg: knowledge graph that its scorer was trained on.
-            taught: recipes that the scorer was trained on unchanged, shape (num_recipes,). Default: all, unless a
-                source knows better.
-            most_picks: picks after which an episode is left in progress; None plays to its end.
+            kg: knowledge graph that the scorer was trained on.
+            taught: correct training recipes of the scorer, shape (num_recipes,). Default: all, unless a source knows.
+            most_picks: maximum number of picks; None plays to the end.
 
         Raises:
-            LeakError: if a task would be scored by a model that has been trained on its recipes.
+            LeakError: if a task would be scored by a model trained on its recipes.
         """
         self.world = world
         self._kg, self._taught, self._most_picks = kg, taught, most_picks
@@ -201,19 +200,19 @@ class Explainer:
         self._tables = EvaluationTables(world)
 
     def episode(self, task: int, draw: int = 0) -> ExplainedEpisode:
-        """Explain the picks of an episode on a table of the evaluation.
+        """Explain an episode on a table of the evaluation.
 
         Args:
-            task: number of the task among the world's.
-            draw: which draw of distractors.
+            task: index of the task.
+            draw: index of the draw of distractors.
 
         Raises:
-            ConfigError: if there is no such task, or the policy cannot play with so many slots.
+            ConfigError: if the task does not exist, or the policy cannot play with so many slots.
         """
         return self._played(self._of_task(task, self.drawn(task, draw)))
 
     def task(self, task: int, draw: int = 0) -> ExplainedTable:
-        """Explain such an episode and name the model that answers; see :meth:`episode`."""
+        """Explain an episode and name the answering model; see :meth:`episode`."""
         return self._explained(self._of_task(task, self.drawn(task, draw)))
 
     def table(
@@ -221,20 +220,20 @@ class Explainer:
     ) -> ExplainedTable:
         """Explain the picks at any table.
 
-        A cross-fitted scorer answers by the model that has not seen the recipes that make the goal at this table, if
-        they are of one fold; otherwise by that of all train recipes.
+        A cross-fitted scorer answers by the model that has not seen the recipes for the goal, if they are in the same
+        fold; otherwise by the model of all train recipes.
 
         Args:
-            goal: entity to make, by label or id, like the others.
+            goal: entity to make, as label or id.
             table: different entities.
             held: first pick of the first attempt, if made.
-            like: number of the task that the table comes from: while the goal is the same and its starting ingredients
-                are on the table, the model of that task answers.
+            like: index of the original task: while the goal and starting ingredients agree, the model of this task
+                answers.
 
         Raises:
             UnknownEntityError: with the nearest labels.
-            ConfigError: if there is nothing on the table, too much for the policy, or an entity twice; if what is held
-                is not there; or if there is no task ``like``.
+            ConfigError: if the table is empty, too large or has duplicates, ``held`` is absent from the table, or task
+                ``like`` does not exist.
         """
         graph, tasks = self.world.graph, self.world.tasks
         ids, target = [graph.id_of(entity) for entity in table], graph.id_of(goal)
@@ -253,7 +252,7 @@ class Explainer:
         return self._explained(self._of_table(target, ids)._replace(held=hand))
 
     def drawn(self, task: int, draw: int = 0) -> list[int]:
-        """Return the ids on the table of a task, as the evaluation draws it; see :meth:`episode`."""
+        """Return the entity ids on a table of the evaluation; see :meth:`episode`."""
         return self._tables.table(task, draw)
 
     def _of_task(self, task: int, table: list[int]) -> _Asked:
@@ -276,13 +275,13 @@ class Explainer:
         return asked._replace(policy=policy, task=0)
 
     def _ways(self, goal: int, table: Iterable[int]) -> tuple[Rows, ...]:
-        """Return the shortest plans that make a goal from the entities on a table."""
+        """Return the shortest plans for a goal from a table."""
         world, have = self.world, frozenset(table) - {goal}
         ways = world.search.shortest_ways(goal, have, min(world.config.attempts, world.config.depth))
         return tuple(world.search.ordered(ways, goal, have))
 
     def _folds(self) -> Ids | None:
-        """Return the fold of each recipe if a source has a model for each."""
+        """Return the fold of each recipe for a cross-fitted scorer."""
         for source in self._policy.sources.values():
             if isinstance(source, FoldedSource) and source.reads_task and len(source.fold_of_recipe):
                 return np.asarray(source.fold_of_recipe.cpu().numpy())
@@ -301,7 +300,7 @@ class Explainer:
         return ExplainedTable(graph.labels(asked.table), ways, model, fold, self._played(asked))
 
     def _answering(self, asked: _Asked) -> tuple[Model, int | None, NDArray[np.bool_]]:
-        """Return the answering model, the fold that it has not seen, and its training recipes."""
+        """Return the answering model, its unseen fold, and its training recipes."""
         is_train, folds = self.world.split.is_in("train"), self._folds()
         if not self._policy.sources:
             return "no_scorer", None, np.zeros_like(is_train)
@@ -320,7 +319,7 @@ class Explainer:
         return ("without_a_fold", model - 1, is_known) if model else ("train_recipes", None, is_known)
 
     def _known(self, is_seen: NDArray[np.bool_], model: int) -> NDArray[np.bool_]:
-        """Return the training recipes of a model, as far as they are known."""
+        """Return the known training recipes of a model."""
         if self._taught is not None:
             return is_seen & self._taught
         for source in self._policy.sources.values():
@@ -330,7 +329,7 @@ class Explainer:
         return is_seen
 
     def _played(self, asked: _Asked) -> ExplainedEpisode:
-        """Let the policy pick until the goal is made or the attempts are used up."""
+        """Play until the goal is reached or attempts are exhausted."""
         world, graph, nothing = self.world, self.world.graph, self.world.nothing
         parts = {label for plan in asked.plans for label in graph.labels(graph.recipes[plan[-1], :2])}
         room = max(world.num_slots, len(asked.table) + world.max_results * world.config.attempts)
@@ -368,13 +367,12 @@ class Explainer:
         )
 
     def _recipes(self, plan: Rows) -> tuple[str, ...]:
-        """Return the recipes of a plan, such as "a + b -> c"."""
         recipes = self.world.graph.recipe_labels(self.world.graph.recipes[list(plan)])
         return tuple(f"{one} + {other} -> {result}" for one, other, result in recipes)
 
     @torch.no_grad()
     def _decide(self, policy: Policy, state: States) -> tuple[int, PolicyOutput, list[SlotEvidence | None]]:
-        """Return the slot that the policy picks in one state, its output exactly, and what speaks for each slot."""
+        """Return the picked slot, the output in double precision, and the evidence for each slot."""
         goal, selection, table, task = state
         opinions = policy.opinions(goal, selection, table, task)
         picked = int(self._policy(goal, selection, table, self._weights, task, opinions).logits.argmax(1))
@@ -389,19 +387,19 @@ class Explainer:
 
 
 def _own(policy: Policy) -> Policy:
-    """Return a copy of a policy whose sources and constants have the same tensors, which nobody changes."""
+    """Return a copy of a policy that shares buffers, which never change."""
     return copy.deepcopy(policy, {id(tensor): tensor for tensor in policy.buffers()}).eval()
 
 
 def _exact(policy: Policy) -> Policy:
-    """Return a copy in double precision; its sources, whose values are given to it, are those of the policy."""
+    """Return a copy in double precision that shares the sources."""
     exact = copy.deepcopy(policy, {id(policy.sources): nn.ModuleDict()}).double()
     exact.sources = policy.sources
     return exact
 
 
 def _posed(world: World, goal: int, table: Iterable[int], plans: tuple[Rows, ...]) -> TaskSet:
-    """Return a table of one's own as a set of one task."""
+    """Return a table as a task set with one task."""
     start = np.array([sorted(table)])
     return TaskSet(world.graph, world.config.depth, "all", np.array([goal]), start, (plans,), False, 0)
 
@@ -409,17 +407,17 @@ def _posed(world: World, goal: int, table: Iterable[int], plans: tuple[Rows, ...
 def explain_episodes(
     policy: Policy, world: World, *, goal: str | None = None, episodes: int = 3
 ) -> tuple[ExplainedEpisode, ...]:
-    """Play tasks of a part greedily, at the tables of the evaluation, and explain each pick; see :class:`Explainer`.
+    """Play tasks of a split greedily on the tables of the evaluation and explain each pick; see :class:`Explainer`.
 
     Args:
-        policy: a policy of this graph.
+        policy: policy of the graph.
         world: graph, tasks and settings.
-        goal: only tasks with this goal; None takes tasks evenly spaced over the part.
-        episodes: number of episodes; a goal with fewer tasks is played again with other distractors.
+        goal: only tasks with this goal; None takes evenly spaced tasks.
+        episodes: number of episodes; tasks repeat with other distractors if necessary.
 
     Raises:
-        UnknownEntityError: if there is no such goal.
-        TaskError: if no task of the part has it.
+        UnknownEntityError: if the goal does not exist.
+        TaskError: if the split has no task with the goal.
     """
     tasks, draws = _choose_tasks(world, goal, episodes)
     explainer = Explainer(policy, world)
@@ -444,7 +442,7 @@ def _choose_tasks(world: World, goal: str | None, episodes: int) -> tuple[Ids, I
 
 
 def _evidence(policy: Policy, state: States, entities: Sequence[str]) -> list[SlotEvidence | None]:
-    """Return what speaks for each slot of one state, by the first source that can tell."""
+    """Return evidence for each slot, from the first source that provides any."""
     told: list[SlotEvidence | None] = [None] * state.table.shape[1]
     for name, source in policy.sources.items():
         assert isinstance(source, Source)

@@ -1,4 +1,4 @@
-"""A run of an agent that may still be training: its files are read again when they change."""
+"""Live view of a run folder, possibly during training."""
 
 import threading
 from collections import OrderedDict
@@ -28,11 +28,11 @@ T = TypeVar("T")
 
 
 class FollowedRun:
-    """A run whose files are read again when they have changed; several threads may ask at once.
+    """A run folder that is reread after changes; thread-safe.
 
     Attributes:
-        folder: the run's folder.
-        opened: the graph and split that it was trained on.
+        folder: run folder.
+        opened: training graph and split.
 
     Example:
         >>> run = FollowedRun(Path("runs/kitchen"), open_graph("kitchen"))
@@ -41,27 +41,26 @@ class FollowedRun:
     """
 
     def __init__(self, folder: Path, opened: OpenedGraph):
-        """Take a folder and its graph; nothing is read yet."""
         self.folder, self.opened = folder, opened
         self._lock = threading.RLock()
         self._kept: dict[str, tuple[Hashable, Any]] = {}
         self._explainers: OrderedDict[WordCraftConfig, Explainer] = OrderedDict()
 
     def records(self) -> AgentRun:
-        """Return its records, as far as it has come.
+        """Return the current records.
 
         Raises:
-            ArtefactError: if there is no such run, or a file is damaged.
+            ArtefactError: if the run does not exist or a file is damaged.
         """
         stamp = *self._stamp(RUN_FILE, "config.toml", "metrics.jsonl"), *AGENTS.checkpoints(self.folder).records()
         return self._once("records", stamp, lambda: read_agent_run(self.folder))
 
     def agent(self) -> OpenedAgent:
-        """Return the agent with its last weights.
+        """Return the agent with the latest weights.
 
         Raises:
-            ArtefactError: if there is no such run, it has no checkpoint yet, or a file is damaged.
-            GraphMismatchError: if it is of another graph or split.
+            ArtefactError: if the run or a checkpoint does not exist, or a file is damaged.
+            GraphMismatchError: if the graph or split differs from training.
         """
         with self._lock:
             before = self._kept.get("agent")
@@ -72,11 +71,11 @@ class FollowedRun:
             return found
 
     def explainer(self, world: World) -> Explainer:
-        """Return what explains the agent's picks in a world of its graph, at most :data:`MOST_PICKS` of an episode.
+        """Return an explainer of the first :data:`MOST_PICKS` picks in a world of the graph.
 
         Raises:
-            ArtefactError: as :meth:`agent` does.
-            LeakError: if a task would be scored by a model that has been trained on its recipes.
+            ArtefactError: as in :meth:`agent`.
+            LeakError: if a task would be scored by a model trained on its recipes.
         """
         with self._lock:
             agent = self.agent()
@@ -91,7 +90,7 @@ class FollowedRun:
             return self._explainers[world.config]
 
     def _taught(self, agent: AgentRun) -> NDArray[np.bool_] | None:
-        """Return which recipes the agent's scorer was taught as they are; None if its folder is gone or another one."""
+        """Return the correct training recipes of the scorer; None if the scorer's folder is unavailable."""
         inputs, folder = agent.run.inputs, agent.config.scorer
         if folder is None or "scorer" not in inputs:
             return None
@@ -106,10 +105,10 @@ class FollowedRun:
         return self._once("taught", inputs["scorer"], read)
 
     def episodes(self) -> dict[tuple[TaskPart, str, tuple[str, ...]], PlayedTask]:
-        """Return how the episodes of its evaluation ended, by part, goal and start; none as long as it is not done.
+        """Return the final evaluation by split, goal and start; empty before the end of training.
 
         Raises:
-            ArtefactError: if they are missing or damaged.
+            ArtefactError: if the file is missing or damaged.
         """
         if self.records().evaluation is None:
             return {}
@@ -119,7 +118,7 @@ class FollowedRun:
         )
 
     def _stamp(self, *names: str) -> tuple[Hashable, ...]:
-        """Return what changes when one of some files does."""
+        """Return modification times and sizes of files."""
         found: list[Hashable] = []
         for name in names:
             try:
@@ -131,7 +130,7 @@ class FollowedRun:
         return tuple(found)
 
     def _once(self, name: str, stamp: Hashable, make: Callable[[], T]) -> T:
-        """Return what was made, or make it again if the stamp is another one."""
+        """Return the cached value, recomputed if the stamp differs."""
         with self._lock:
             if name not in self._kept or self._kept[name][0] != stamp:
                 self._kept[name] = stamp, make()

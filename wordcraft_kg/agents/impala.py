@@ -1,7 +1,7 @@
 """IMPALA over the batched environment: actor and learner in one process, on one device, in a fixed order.
 
-An update acts for ``unroll`` steps in all environments and learns from them. With ``policy_lag`` k the actor uses the
-weights of k updates ago, as the actors of a distributed IMPALA do, and V-trace corrects for it.
+With ``policy_lag`` k the actor uses the weights of k updates ago, like actors of a distributed IMPALA, and V-trace
+corrects the difference.
 """
 
 import math
@@ -30,16 +30,16 @@ that ended, of goals made, and of updates, 1."""
 
 
 class _Unroll(NamedTuple):
-    """The actor's experience: T steps of B environments, and the states after them.
+    """T steps of B environments, and the next states.
 
     Attributes:
         goal, selection: shape (T + 1, B), int64.
         table: shape (T + 1, B, A), int64.
-        opinions: shape (T + 1, B, S, A): scores of the sources, which the learner need not ask again; None without any.
+        opinions: shape (T + 1, B, S, A): source scores, cached for the learner; None without sources.
         actions: shape (T, B), int64.
-        log_probs: shape (T, B): log-probabilities of the actions under the acting policy.
+        log_probs: shape (T, B): log-probabilities of actions under the acting policy.
         rewards, discounts: shape (T, B).
-        over, won: shape (T, B), bool: the episode ended with this step, and with the goal.
+        over, won: shape (T, B), bool: the episode ended; the episode reached the goal.
     """
 
     goal: Tensor
@@ -55,15 +55,15 @@ class _Unroll(NamedTuple):
 
 
 class Impala:
-    """Trains a policy on a batch's tasks.
+    """Trains a policy on a batch of environments.
 
     Attributes:
-        envs: state of the environments.
-        update_number: number of updates done.
+        envs: environment state.
+        update_number: number of finished updates.
     """
 
     def __init__(self, policy: Policy, envs: State, config: ImpalaConfig):
-        """Take a policy, which is trained in place, and the first state of ``config.batch_size`` environments.
+        """Prepare training of a policy, in place, from the first state of ``config.batch_size`` environments.
 
         Raises:
             ConfigError: if ``config.compile`` is set and torch cannot compile.
@@ -115,7 +115,7 @@ class Impala:
         """Act for an unroll and learn from it.
 
         Raises:
-            TrainingError: if the loss is no longer finite; the parameters are as before the update.
+            TrainingError: if the loss is not finite; parameters are unchanged then.
         """
         bind_tasks([self.policy], self.envs.world)  # an evaluation may have asked about others in between
         weights = self.policy.weights()
@@ -145,11 +145,11 @@ class Impala:
         self._last = tuple(tensor.clone() for tensor in last)  # a compiled learner writes over what it returned
 
     def take_figures(self) -> dict[str, float | None]:
-        """Return the figures since the last call, and start new sums.
+        """Return metrics since the last call and reset the sums.
 
         Losses are means over updates (of sums over the batch), ``entropy`` is a mean over steps, ``return`` and
-        ``success`` are means over the episodes that ended, or None if none did. ``lambda_<source>_<pick>`` and the
-        ratios ``ratio_mean``, ``ratio_max`` and ``ratio_clipped`` (share above 1) are those of the last update.
+        ``success`` are means over finished episodes, or None without any. ``lambda_<source>_<pick>`` and the importance
+        ratios ``ratio_mean``, ``ratio_max`` and ``ratio_clipped`` (share above 1) describe the last update.
 
         Raises:
             TrainingError: if the loss was not finite.
@@ -176,7 +176,7 @@ class Impala:
         return figures
 
     def state(self) -> dict[str, Tensor]:
-        """Return all that :meth:`restore` needs to continue bit for bit: tensors by name.
+        """Return the tensors that :meth:`restore` needs to continue bit for bit, by name.
 
         Raises:
             TrainingError: if a parameter is not finite, which updates on a device do not check.
@@ -199,7 +199,7 @@ class Impala:
 
         Raises:
             KeyError: if a tensor is missing.
-            RuntimeError: if one has another shape.
+            RuntimeError: if a shape differs.
         """
         with torch.no_grad():
             for name, parameter in self.policy.named_parameters():
@@ -221,7 +221,7 @@ class Impala:
 
     @torch.no_grad()
     def _collect(self, weights: Weights) -> bool:
-        """Act for an unroll; return whether any episode continues after it, so that its value is needed."""
+        """Act for an unroll; return whether an episode continues, so that its value is needed."""
         unroll, engine = self._unroll, self.envs.engine
         noise = torch.rand(self.config.unroll, engine.num_envs, generator=self._generator, device=self.device)
         for t in range(self.config.unroll):
@@ -249,7 +249,7 @@ class Impala:
     def _choose(
         self, weights: Weights, goal: Tensor, selection: Tensor, table: Tensor, opinions: Tensor | None, noise: Tensor
     ) -> tuple[Tensor, Tensor]:
-        """Draw actions with one uniform number each; return them and their log-probabilities, shape (B,) each."""
+        """Sample actions from uniform noise; return actions and log-probabilities, shape (B,) each."""
         log_probs = log_policy(self.policy(goal, selection, table, weights, opinions=opinions).logits)
         shares = log_probs.exp().cumsum(0)
         # The first slot at which the cumulative probability exceeds the number; a slot of probability 0 never is.
@@ -261,9 +261,9 @@ class Impala:
     def _losses(
         self, weights: Weights, unroll: _Unroll, is_cut: bool
     ) -> tuple[tuple[Tensor, ...], tuple[Tensor, Tensor]]:
-        """Return the loss with its terms, in the order of :data:`LOSSES`, and log-ratios and λ for the figures.
+        """Return the losses in the order of :data:`LOSSES`, and log-ratios and λ.
 
-        ``is_cut`` tells that an episode continues after the unroll, so that the values of the last states are needed.
+        ``is_cut``: an episode continues after the unroll, so the values of the last states are needed.
         """
         config, time = self.config, self.config.unroll
         num_states = time + 1 if is_cut else time
@@ -289,7 +289,7 @@ class Impala:
     # --- parameters --------------------------------------------------------------------------------------------------
 
     def _make_views(self) -> None:
-        """Make the policy's parameters and their gradients views of the flat ones."""
+        """Make parameters and gradients views of the flat tensors."""
         assert self._flat.grad is not None
         sizes = [parameter.numel() for parameter in self._parameters]
         values, gradients = self._flat.data.split(sizes), self._flat.grad.split(sizes)
@@ -297,7 +297,7 @@ class Impala:
             parameter.data, parameter.grad = value.view_as(parameter), gradient.view_as(parameter)
 
     def _restored_optimizer(self, state: Mapping[str, Tensor]) -> dict[str, Tensor]:
-        """Return the optimiser's part of a state; it would notice what is wrong with it in the next update only."""
+        """Return the optimiser state, checked here because torch would fail only in the next update."""
         expected = {"step": (), "square_avg": self._flat.shape} if state["update"] else {}
         if expected and self.config.momentum:
             expected["momentum_buffer"] = self._flat.shape
@@ -324,7 +324,7 @@ def check_compiler(device: torch.device) -> None:
     """Check that torch can compile for a device.
 
     Raises:
-        ConfigError: giving torch's reason if it cannot.
+        ConfigError: with the reason given by torch.
     """
     try:
         torch.compile(lambda x: (x + 1).exp())(torch.zeros(8, device=device))

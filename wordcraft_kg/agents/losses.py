@@ -15,5 +15,5 @@ def baseline_loss(values: Tensor, targets: Tensor) -> Tensor:
 
 
 def entropy(log_policies: Tensor) -> Tensor:
-    """Return ``-Σ π log π`` in nats; log-probabilities of shape (N, A), where slots of probability 0 (-inf) add 0."""
+    """Return ``-Σ π log π`` in nats for log-probabilities of shape (N, A); slots of probability 0 (-inf) add 0."""
     return -(log_policies.exp() * log_policies.masked_fill(log_policies == -torch.inf, 0)).sum()

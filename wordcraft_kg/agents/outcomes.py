@@ -1,4 +1,4 @@
-"""How an episode ended, and a player's success; without torch, so that players in words can be counted alike."""
+"""Endings of episodes and success rates; without torch, shared with text agents."""
 
 from typing import Literal, get_args
 
@@ -19,16 +19,16 @@ ENDINGS: tuple[Ending, ...] = get_args(Ending)
 
 
 class Success(Record):
-    """A player's success on the tasks of a part, all or a sample of them.
+    """Success of a player on the tasks of a split.
 
     Attributes:
-        mean: share of episodes that made the goal.
-        ci_low: lower end of its 95 % interval over tasks.
+        mean: success rate.
+        ci_low: lower end of the 95 % interval over tasks.
         ci_high: upper end.
         tasks: number of tasks.
         draws: draws of distractors for each task.
-        by_plan: share of episodes in which the last pair of a plan made the goal.
-        picks: mean number of picks in an episode.
+        by_plan: share of episodes in which the last pair completed a plan.
+        picks: mean episode length.
     """
 
     mean: Share

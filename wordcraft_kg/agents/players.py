@@ -1,4 +1,4 @@
-"""Scripted players (chance, knowledge graphs without learning, an oracle) and how often each makes the goal.
+"""Scripted players (chance, symbolic knowledge graphs, scorers, an oracle) and their success rates.
 
 A player is a function ``(state, rng) -> slots`` that picks for all environments of a batch at once.
 """
@@ -42,19 +42,19 @@ CELLS = 200_000
 
 
 def random_entity(state: State, rng: np.random.Generator) -> Ids:
-    """Pick any entity on the table."""
+    """Pick an entity uniformly."""
     return np.asarray(state.random_actions(rng.random(state.num_envs)))
 
 
 def random_distinct(state: State, rng: np.random.Generator) -> Ids:
-    """Pick any entity on the table, but not the same one twice."""
+    """Pick an entity uniformly, avoiding the entity in hand."""
     others = state.action_masks() & (state.table != state.selection[:, None])
     # Where there is no other entity, the same again.
     return _best(np.where(others, 1.0, np.where(state.action_masks(), 0.0, -np.inf)), rng)
 
 
 def recipe_oracle(state: State, rng: np.random.Generator) -> Ids:
-    """Follow a plan of the task."""
+    """Follow the first plan of the task."""
     tasks, recipes = state.world.tasks, state.world.search.rows
     slots = np.zeros(state.num_envs, dtype=np.int64)
     for i in range(state.num_envs):
@@ -68,7 +68,7 @@ def recipe_oracle(state: State, rng: np.random.Generator) -> Ids:
 
 
 def knowledge_player(sources: Sequence[SlotScores]) -> Player:
-    """Return a player that picks the highest sum of its sources' scores, ties at random; the paper's has u and v."""
+    """Return a player that maximises the sum of source scores, ties at random; the paper's sums u and v."""
 
     def pick(state: State, rng: np.random.Generator) -> Ids:
         bind_tasks(sources, state.world)
@@ -82,13 +82,13 @@ def knowledge_player(sources: Sequence[SlotScores]) -> Player:
 
 
 def pair_player(score_recipes: RecipeFunction) -> Player:
-    """Return a player that picks the pair most likely to make the goal, if possible of two different entities.
+    """Return a player that maximises the recipe score of the pair for the goal; ties favour two different entities.
 
-    With an empty hand the score of a slot is that of its best pair on the table.
+    With an empty hand, the score of a slot is the maximum over partners on the table.
     """
 
     def of_pairs(a: Tensor, b: Tensor, goal: Tensor, nothing: int) -> Tensor:
-        """Score pairs of entities, -inf where b is nothing; shape by broadcasting, float64."""
+        """Return the scores of pairs by broadcasting, float64, -inf where b is nothing."""
         last = nothing - 1
         scores = score_recipes(a.clamp(max=last), b.clamp(max=last), goal).double() - 1e-6 * (a == b)
         return scores.masked_fill(b == nothing, -torch.inf)
@@ -109,7 +109,7 @@ def pair_player(score_recipes: RecipeFunction) -> Player:
 
 
 def fact_sources(graph: RecipeGraph, triples: Ids) -> dict[str, SlotScores]:
-    """Return u and v of a set of triples by name: 1 for a link, 0 elsewhere; looked up, as a table may not fit."""
+    """Return u and v of a set of triples by name: 1 for a link, else 0; without tables of all pairs."""
     facts, nothing = SymbolicScorer(graph, triples), graph.num_entities
 
     def linked(relation: int, key: Tensor, table: Tensor) -> Tensor:
@@ -129,7 +129,7 @@ def fact_sources(graph: RecipeGraph, triples: Ids) -> dict[str, SlotScores]:
 
 
 def fact_recipes(graph: RecipeGraph, triples: Ids) -> RecipeFunction:
-    """Return how many of the links between a, b and c a set of triples has, from 0 to 3."""
+    """Return a function that counts the links between a, b and c in a set of triples, 0 to 3."""
     facts = SymbolicScorer(graph, triples)
 
     def score(a: Tensor, b: Tensor, c: Tensor) -> Tensor:
@@ -139,7 +139,7 @@ def fact_recipes(graph: RecipeGraph, triples: Ids) -> RecipeFunction:
 
 
 def knowledge_players(split: Split) -> dict[str, Player]:
-    """Return the players of the reference table: chance, votes, symbolic graphs, those of others, and the oracle."""
+    """Return the players of the reference table, including registered players."""
     graph = split.graph
     some, everything = fact_sources(graph, split.partial), fact_sources(graph, graph.triples)
     loops = (graph.triples[:, 1] == COMBINES_WITH) & (graph.triples[:, 0] == graph.triples[:, 2])
@@ -163,15 +163,15 @@ def knowledge_players(split: Split) -> dict[str, Player]:
 def scorer_players(
     graph: RecipeGraph, scorer: TripleScorer, observed: Ids, tasks: TaskSet | None = None
 ) -> dict[str, Player]:
-    """Return players that use a scorer's standardised scores: v, u, and u+v with three treatments of self edges.
+    """Return players by standardised scores: v, u, and u+v with three treatments of self edges.
 
-    A scorer of recipes adds ``w, best pair``, the pair whose recipe scores highest.
+    Scorers of recipes add ``w, best pair``, the pair with the highest recipe score.
 
     Args:
         graph: the graph.
         scorer: the scorer.
-        observed: its training triples, shape (T, 3).
-        tasks: tasks to play; a cross-fitted scorer needs them if they need train recipes.
+        observed: training triples of the scorer, shape (T, 3).
+        tasks: tasks to play; required by cross-fitted scorers on train tasks.
 
     Raises:
         GraphMismatchError: if the scorer belongs to another graph.
@@ -194,17 +194,17 @@ def scorer_players(
 
 
 class PlayerSuccess(Record):
-    """How often a player made the goal with a number of distractors.
+    """Success of a player with a number of distractors.
 
     Attributes:
         player: name of the player.
         distractors: number of distractors.
-        episodes: number of episodes played.
-        success: share of episodes that made the goal.
-        low: lower end of its 95 % interval over tasks, see :func:`~wordcraft_kg.base.statistics.task_bootstrap`: the
-            episodes of a task differ in their distractors only, so they are no independent trials.
+        episodes: number of episodes.
+        success: success rate.
+        low: lower end of the 95 % interval over tasks, see :func:`~wordcraft_kg.base.statistics.task_bootstrap`; draws
+            for the same task are not independent trials.
         high: upper end.
-        by_plan: share of episodes in which the last pair of a plan made the goal.
+        by_plan: share of episodes in which the last pair completed a plan.
     """
 
     player: str
@@ -225,15 +225,15 @@ def play_all(
     seed: int = 0,
     progress: Callable[[int, int, dict[str, float]], None] | None = None,
 ) -> tuple[PlayerSuccess, ...]:
-    """Evaluate players on every task of a part with several draws of distractors, whatever the reward settings.
+    """Evaluate players on all tasks of a split by reaching the goal, independent of reward settings.
 
     Args:
-        world: graph, tasks and settings; its number of distractors is replaced.
+        world: graph, tasks and settings except the number of distractors.
         players: players by name.
         distractors: numbers of distractors.
-        draws: draws of distractors for each task; all players see the same ones.
+        draws: draws of distractors for each task, equal for all players.
         seed: seed of distractors and players.
-        progress: called with the number of rows done, the number of all rows, and the last player's success.
+        progress: receives the number of finished rows, the total, and the last success rate.
 
     Returns:
         a record for each number of distractors and player.
@@ -271,6 +271,6 @@ def play_all(
 
 
 def _best(scores: NDArray[np.float64], rng: np.random.Generator) -> Ids:
-    """Return the column of each row's largest score, ties at random."""
+    """Return the column of the row maximum, ties at random."""
     is_best = scores == scores.max(axis=1, keepdims=True)
     return np.asarray(np.where(is_best, rng.random(scores.shape), -1.0).argmax(axis=1))

@@ -1,4 +1,4 @@
-"""The records in an agent's run folder besides the weights."""
+"""Records of training and evaluation in the run folder of an agent."""
 
 from pathlib import Path
 
@@ -15,17 +15,17 @@ EPISODES_FILE = "episodes.jsonl"
 
 
 class AgentSummary(Record, frozen=True, kw_only=True):
-    """``evaluation.json``: the outcome of a training.
+    """``evaluation.json``: the final evaluation.
 
     Attributes:
-        steps: environment steps done.
-        seconds: duration of the whole run, including evaluations and writing.
-        steps_per_second: speed of acting and learning alone.
-        curves_share: share of the seconds spent on the learning curves.
-        parameters: number of the policy's parameters.
-        success: success by part.
-        outcomes: shares of the endings, by part.
-        distractors: number of distractors on the tables.
+        steps: number of environment steps.
+        seconds: duration of the run, including evaluation and writing.
+        steps_per_second: speed of acting and learning.
+        curves_share: share of the time spent on learning curves.
+        parameters: number of parameters of the policy.
+        success: success by split.
+        outcomes: shares of the endings by split.
+        distractors: number of distractors.
     """
 
     steps: int
@@ -39,12 +39,12 @@ class AgentSummary(Record, frozen=True, kw_only=True):
 
 
 class AgentProgress(Record, frozen=True, kw_only=True):
-    """What a checkpoint of an agent's training records besides its tensors.
+    """Progress of training in a checkpoint.
 
     Attributes:
         seconds: time spent acting and learning.
-        eval_seconds: time spent on the learning curves.
-        elapsed: time of everything.
+        eval_seconds: time spent on learning curves.
+        elapsed: total time.
         metrics_bytes: length of ``metrics.jsonl``.
     """
 
@@ -58,9 +58,9 @@ class MetricsRow(msgspec.Struct, frozen=True, kw_only=True):
     """A line of ``metrics.jsonl``.
 
     Attributes:
-        step: environment steps done.
-        seconds: seconds since the start.
-        figures: all other values by name: loss, success, test_success, lambda_u_first, ...
+        step: number of environment steps.
+        seconds: time since the start.
+        figures: metrics by name: loss, success, test_success, lambda_u_first, ...
     """
 
     step: int
@@ -69,7 +69,7 @@ class MetricsRow(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def read_metrics(data: bytes, path: Path) -> list[MetricsRow]:
-    """Read ``metrics.jsonl``.
+    """Parse ``metrics.jsonl``.
 
     Raises:
         ArtefactError: naming the line and the field.
@@ -83,15 +83,15 @@ def read_metrics(data: bytes, path: Path) -> list[MetricsRow]:
 
 
 class PlayedTask(Record):
-    """A line of ``episodes.jsonl``: a task of the last evaluation, and how its episodes ended.
+    """A line of ``episodes.jsonl``: the episodes of a task in the final evaluation.
 
     Attributes:
-        part: part that was played.
-        goal: what was to be made.
-        start: starting ingredients, which with the goal say which task it is.
-        success: share of the draws of distractors with which the goal was made.
-        endings: how each draw ended.
-        picks: picks of each draw.
+        part: split of the task.
+        goal: entity to make.
+        start: starting ingredients; together with the goal, they identify the task.
+        success: share of successful draws.
+        endings: ending of each draw.
+        picks: number of picks of each draw.
     """
 
     part: TaskPart
@@ -106,7 +106,7 @@ def read_episodes(folder: Path) -> list[PlayedTask]:
     """Read ``episodes.jsonl`` of a finished run.
 
     Raises:
-        ArtefactError: if it is missing or damaged, naming the line.
+        ArtefactError: if the file is missing or damaged, naming the line.
     """
     path = folder / EPISODES_FILE
     return parse_lines(read_large_file(path), PlayedTask, path)
@@ -116,7 +116,7 @@ def read_summary(files: RunFiles) -> AgentSummary:
     """Read ``evaluation.json`` of a finished run.
 
     Raises:
-        ArtefactError: if it is missing or damaged.
+        ArtefactError: if the file is missing or damaged.
     """
     summary = files.record("evaluation.json", AgentSummary)
     if not summary.success:

@@ -1,4 +1,4 @@
-"""The files of a finished run: weights, evaluation on all tasks, every episode, and the model card."""
+"""Files of a finished run: weights, evaluation, episodes and model card."""
 
 import json
 from collections.abc import Iterator, Mapping
@@ -30,14 +30,13 @@ def write_results(
     summary: AgentSummary,
     results: Mapping[TaskPart, Evaluation],
 ) -> None:
-    """Write the policy's weights, the figures of its evaluation, and how each of its episodes ended."""
+    """Write weights, evaluation and episodes."""
     write_parameters(folder, policy)
     write_atomically(folder / "evaluation.json", dump_json(as_values(summary)))
     write_atomically(folder / EPISODES_FILE, _episode_lines(world, results))
 
 
 def _episode_lines(world: World, results: Mapping[TaskPart, Evaluation]) -> Iterator[str]:
-    """Yield a line for each task that was played: the task, and how each draw of distractors ended."""
     for part, result in results.items():
         tasks = world.variant(part=part).tasks
         for i, number in enumerate(result.tasks.tolist()):

@@ -1,6 +1,6 @@
-"""Our policies in Stable-Baselines3: :class:`SB3Policy` for PPO and A2C, and a masked one for MaskablePPO.
+"""Policies for Stable-Baselines3: :class:`SB3Policy` for PPO and A2C, and a masked variant for MaskablePPO.
 
-Needs the extra ``interop``. The environment is the plain ``WordCraft-v0``; ids go to the policy unchanged::
+Needs the extra ``interop`` and the plain ``WordCraft-v0``, whose ids go to the policy unchanged::
 
     policy, _ = make_policy(PolicyConfig(features="random"), opened.graph, env.unwrapped.num_slots)
     model = PPO(SB3Policy, env, policy_kwargs={"network": policy})
@@ -34,11 +34,11 @@ Schedule = Callable[[float], float]
 
 
 class _NetworkPolicy(BasePolicy):
-    """Base of both classes: actions and values come from a :class:`~wordcraft_kg.models.policies.policy.Policy`.
+    """Base class: actions and values come from a :class:`~wordcraft_kg.models.policies.policy.Policy`.
 
-    Stable-Baselines3's own features, layers and initial weights are not used. The ids of B states are in the keys
-    ``goal`` and ``selection``, of shape (B,) or (B, 1), and ``table``, of shape (B, A), of any number type; other keys
-    are ignored, except for ``task`` where the scores depend on it.
+    Features, layers and initial weights of Stable-Baselines3 are not used. Observations have ids in ``goal`` and
+    ``selection``, shape (B,) or (B, 1), and ``table``, shape (B, A), of any number type. ``task`` is read if scores
+    depend on the task; other keys are ignored.
     """
 
     def __init__(
@@ -52,19 +52,19 @@ class _NetworkPolicy(BasePolicy):
         optimizer_class: type[torch.optim.Optimizer] = torch.optim.Adam,
         optimizer_kwargs: dict[str, Any] | None = None,
     ):
-        """Copy the policy; the algorithm gives the positional arguments, ``policy_kwargs`` those after the star.
+        """Copy the policy; the algorithm passes positional arguments, ``policy_kwargs`` keyword arguments.
 
         Args:
-            observation_space: the environment's.
-            action_space: the environment's.
-            lr_schedule: learning rate by the remaining share of the training, 1 to 0.
-            use_sde: always False: PPO and A2C pass it, but refuse that noise for discrete actions.
-            network: the policy to train; it stays unchanged, and its trained copy is the attribute of this name.
-            optimizer_class: Adam by default, with Stable-Baselines3's ``eps`` of 1e-5.
-            optimizer_kwargs: its settings besides the learning rate.
+            observation_space: from the environment.
+            action_space: from the environment.
+            lr_schedule: learning rate by the remaining share of training, 1 to 0.
+            use_sde: always False; PPO and A2C pass it but reject this noise for discrete actions.
+            network: the policy, which stays unchanged; the attribute of this name is the trained copy.
+            optimizer_class: Adam by default, with the ``eps`` of 1e-5 of Stable-Baselines3.
+            optimizer_kwargs: optimiser settings except the learning rate.
 
         Raises:
-            ConfigError: if the spaces are not those of ``WordCraft-v0`` with as many entities as the policy has.
+            ConfigError: unless the spaces are of ``WordCraft-v0`` with the number of entities of the policy.
         """
         _check_spaces(observation_space, action_space, network)
         super().__init__(
@@ -81,7 +81,7 @@ class _NetworkPolicy(BasePolicy):
     def forward(
         self, obs: Observations, deterministic: bool = False, action_masks: Any = None
     ) -> tuple[Tensor, Tensor, Tensor]:
-        """Return actions (B,), values (B, 1) and the log-probabilities (B,) of the actions."""
+        """Return actions (B,), values (B, 1) and log-probabilities (B,)."""
         distribution, values = self._decide(obs, action_masks)
         actions = distribution.get_actions(deterministic=deterministic)
         return actions, values, distribution.log_prob(actions)
@@ -89,32 +89,32 @@ class _NetworkPolicy(BasePolicy):
     def evaluate_actions(
         self, obs: Observations, actions: Tensor, action_masks: Any = None
     ) -> tuple[Tensor, Tensor, Tensor]:
-        """Return values (B, 1), log-probabilities (B,) of actions (B,), and entropies (B,), in nats."""
+        """Return values (B, 1), log-probabilities (B,) of actions (B,), and entropies (B,) in nats."""
         distribution, values = self._decide(obs, action_masks)
         return values, distribution.log_prob(actions), distribution.entropy()
 
     def get_distribution(self, obs: Observations, action_masks: Any = None) -> Any:
-        """Return the distribution over slots; the probability of an empty or a masked one is exactly 0.
+        """Return the distribution over slots; empty and masked slots have probability exactly 0.
 
         Args:
             obs: ids of B states.
-            action_masks: anything that reshapes to (B, A): False excludes a slot, and True changes nothing, so that no
-                mask can revive an empty slot. None excludes the empty slots only.
+            action_masks: reshapeable to (B, A): False excludes a slot; True does not revive an empty slot. None
+                excludes empty slots only.
 
         Raises:
-            ActionError: if a row of ``action_masks`` leaves nothing to choose.
+            ActionError: if a row of ``action_masks`` leaves no choice.
         """
         return self._decide(obs, action_masks)[0]
 
     def predict_values(self, obs: Observations) -> Tensor:
-        """Return the values of states, shape (B, 1)."""
+        """Return state values, shape (B, 1)."""
         return self._ask(obs).value[:, None]
 
     def _build(self, lr_schedule: Schedule) -> None:
-        """Skip the network that Stable-Baselines3 builds by default."""
+        """Skip the default network construction."""
 
     def _get_constructor_parameters(self) -> dict[str, Any]:
-        """Return what saving the policy alone keeps besides the weights."""
+        """Return the saved arguments of the constructor."""
         return {
             "observation_space": self.observation_space,
             "action_space": self.action_space,
@@ -145,38 +145,36 @@ class _NetworkPolicy(BasePolicy):
         return self.network(goal, selection, obs["table"].long(), task=task)
 
     def _bound_to(self) -> list[str]:
-        """Return the hashes of the tasks whose numbers the sources take."""
+        """Return hashes of the task sets that the sources are bound to."""
         return [source.bound_to for source in _folded(self.network)]
 
 
 def _folded(network: Policy) -> list[FoldedSource]:
-    """Return the sources whose scores depend on the task."""
+    """Return sources whose scores depend on the task."""
     return [source for source in network.sources.values() if isinstance(source, FoldedSource) and source.reads_task]
 
 
 class SB3Policy(_NetworkPolicy, ActorCriticPolicy):
-    """A policy of ours for Stable-Baselines3's PPO and A2C: ``PPO(SB3Policy, env, policy_kwargs={"network": policy})``.
+    """Policy for PPO and A2C: ``PPO(SB3Policy, env, policy_kwargs={"network": policy})``.
 
-    ``network`` is what :func:`~wordcraft_kg.models.policies.folder.make_policy` or ``load_policy`` return. A
-    copy is trained, ``model.policy.network``, which is a policy like any other. Scores and constant vectors are
-    buffers, so no optimiser changes them. The ids must be those of the policy's graph; only their number is checked.
+    ``network`` comes from :func:`~wordcraft_kg.models.policies.folder.make_policy` or ``load_policy``. Training changes
+    a copy, ``model.policy.network``, but neither scores nor constant vectors, which are buffers. Ids must belong to the
+    graph of the policy; only their number is checked. The only other settings are ``optimizer_class`` and
+    ``optimizer_kwargs``. Empty slots are never picked, with or without masks.
 
-    A policy with a cross-fitted scorer needs to know the tasks that it is trained on. Make it with ``tasks``, and wrap
-    the environment: :class:`~wordcraft_kg.envs.wrappers.TaskObservation`.
+    A policy with a cross-fitted scorer must be made with ``tasks``, and the environment wrapped in
+    :class:`~wordcraft_kg.envs.wrappers.TaskObservation`.
 
-    ``optimizer_class`` and ``optimizer_kwargs`` are the only other settings. Empty slots are never picked, with or
-    without masks, so PPO needs no wrapper for that.
-
-    ``model.save`` is Stable-Baselines3's: it pickles ``policy_kwargs``, and with it the untrained ``network`` including
-    scores and features. So ``PPO.load`` needs neither graph nor scorer; but load only files that you trust, and expect
-    them to work only with the versions of torch and of this package that wrote them.
+    ``model.save`` pickles ``policy_kwargs``, including the untrained ``network`` with scores and features. So
+    ``PPO.load`` needs neither graph nor scorer; but load trusted files only, with the versions of torch and this
+    package that wrote them.
     """
 
 
 class MaskableSB3Policy(_NetworkPolicy, MaskableActorCriticPolicy):
-    """:class:`SB3Policy` for sb3-contrib's MaskablePPO, which also takes masks of your own.
+    """:class:`SB3Policy` for MaskablePPO of sb3-contrib, with optional custom masks.
 
-    The environment's own masks only repeat which slots are empty, so they change nothing here.
+    The masks of the environment only exclude empty slots, which are excluded anyway.
     """
 
 
@@ -203,7 +201,6 @@ def _check_spaces(observation_space: spaces.Space[Any], action_space: spaces.Spa
 
 
 def _check_tasks(task: spaces.Space[Any] | None, network: Policy) -> None:
-    """Check the part of the observations that says which task is played."""
     if network.reads_task and not isinstance(task, spaces.Discrete):
         raise ConfigError(
             "the policy's scorer is cross-fitted: which of its models has not seen a task depends on the task, and the "

@@ -1,4 +1,4 @@
-"""The input of policies and sources: the state of a batch of environments as tensors."""
+"""Environment states as tensors, the input of policies and sources."""
 
 from collections.abc import Iterable
 from typing import Any, NamedTuple
@@ -12,12 +12,12 @@ from wordcraft_kg.envs.world import World
 
 
 class States(NamedTuple):
-    """States of B environments, as policies and sources take them.
+    """States of B environments.
 
     Attributes:
         goal, selection: shape (B,), int64.
         table: shape (B, A), int64.
-        task: shape (B,), int64: number of the task among the world's; None for parts without train recipes.
+        task: shape (B,), int64: index into the world's tasks; None for splits without train recipes.
     """
 
     goal: Tensor
@@ -26,26 +26,26 @@ class States(NamedTuple):
     task: Tensor | None
 
     def rows(self, start: int, stop: int, device: torch.device | str = "cpu") -> "States":
-        """Return some of the states, on a device."""
+        """Return a slice of the states on a device."""
         return States(*(None if part is None else part[start:stop].to(device) for part in self))  # type: ignore[arg-type]
 
 
 def states_of(state: State) -> States:
-    """Return the state of a batch as tensors, which share its memory on a CPU."""
+    """Return the states of a batch as tensors, sharing memory on the CPU."""
     task = as_tensor(state.task) if has_train_recipes(state.world) else None
     return States(as_tensor(state.goal), as_tensor(state.selection), as_tensor(state.table), task)
 
 
 def has_train_recipes(world: World) -> bool:
-    """Return whether a world's tasks need train recipes, on which a scorer may have been trained."""
+    """Return whether tasks may need train recipes, which a scorer may have been trained on."""
     return world.config.part in ("train", "all")
 
 
 def bind_tasks(scores: Iterable[Any], world: World) -> None:
-    """Tell sources or policies that ask for it which tasks the numbers of :func:`states_of` stand for.
+    """Bind sources or policies that read task indices to the tasks of a world.
 
     Raises:
-        LeakError: if one would score a task by a model that has been trained on its recipes.
+        LeakError: if a task would be scored by a model trained on its recipes.
     """
     if has_train_recipes(world):
         for one in scores:

@@ -1,7 +1,7 @@
-"""Training an agent into a run folder.
+"""Training of an agent into a run folder.
 
-A checkpoint holds the whole state of the trainer, so on a CPU an interrupted run that goes on ends with the same bits
-as one without interruption.
+Checkpoints hold the complete trainer state, so on a CPU an interrupted and continued run ends with the same bits as
+an uninterrupted run.
 """
 
 import logging
@@ -49,9 +49,9 @@ class TrainedAgent:
     """The outcome of a training run.
 
     Attributes:
-        folder: folder of the run.
-        step: environment steps done.
-        summary: content of ``evaluation.json``; None for an interrupted run, with which the same call goes on.
+        folder: run folder.
+        step: number of environment steps.
+        summary: ``evaluation.json``; None for an interrupted run, which the same call continues.
     """
 
     folder: Path
@@ -72,14 +72,14 @@ def train_agent(
     trackers: Iterable[Tracker | str] = (),
     progress: Progress | bool | None = None,
 ) -> TrainedAgent:
-    """Train an agent and write its run folder; go on with an interrupted run of the same settings there.
+    """Train an agent into a run folder, or continue an interrupted run with the same settings.
 
     Args:
         config: all settings.
-        out: the folder to write. Default: ``runs/<graph's name>-<scorer's folder or no-kg>``.
-        force: train anew and replace the folder if it exists.
-        trackers: where the lines of metrics go too: tensorboard, wandb, mlflow, or a
-            :class:`~wordcraft_kg.runs.trackers.Tracker` of your own.
+        out: run folder. Default: ``runs/<graph name>-<scorer folder or no-kg>``.
+        force: replace an existing run.
+        trackers: additional receivers of metrics: tensorboard, wandb, mlflow, or a
+            :class:`~wordcraft_kg.runs.trackers.Tracker`.
         progress: called after each line of metrics; True shows a bar.
 
     Raises:
@@ -95,16 +95,16 @@ def train_agent(
 
 
 class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
-    """The training of an agent."""
+    """Training of an agent."""
 
     kind: ClassVar[RunKind[Any]] = AGENTS
     config_type = AgentConfig
 
     def __init__(self, config: AgentConfig, opened: OpenedGraph):
-        """Take settings and graph.
+        """Check that the settings fit the machine.
 
         Raises:
-            ConfigError: if the settings do not fit the machine.
+            ConfigError: if not.
         """
         super().__init__(config, opened)
         check_device(config.trainer.device)
@@ -113,7 +113,7 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
 
     @cached_property
     def envs(self) -> State:
-        """The environments, at the start of their first episodes; the tasks of a large graph take a while."""
+        """Environments at the start of their first episodes; creating tasks of a large graph takes time."""
         return _environments(self.opened, self.config)
 
     @classmethod
@@ -195,7 +195,7 @@ def _warn_of_memory(config: AgentConfig) -> None:
 
 
 def _warn_of_self_pairs(graph: RecipeGraph, config: AgentConfig) -> None:
-    """Warn where the default treatment of self edges is likely to hurt: in a book of one-ingredient recipes."""
+    """Warn about ``self_edges`` observed in a book with many pairs of an entity with itself."""
     share = graph.num_self_pairs / graph.num_pairs
     if config.policy.self_edges == "observed" and share >= MANY_SELF_PAIRS:
         logging.getLogger(__name__).warning(
@@ -218,7 +218,7 @@ def _environments(opened: OpenedGraph, config: AgentConfig) -> State:
 
 
 class _Learning:
-    """A running training: updates, and logging and checkpoints between them."""
+    """A training in progress: updates, logging and checkpoints."""
 
     def __init__(
         self,
@@ -239,16 +239,16 @@ class _Learning:
 
     @property
     def step(self) -> int:
-        """Environment steps done."""
+        """Number of environment steps."""
         return self.impala.update_number * self.config.trainer.steps_per_update
 
     @property
     def elapsed(self) -> float:
-        """Seconds since the start, summed over the parts of a resumed run; including evaluations and writing."""
+        """Total time of the run, including evaluation, writing and earlier parts."""
         return self._elapsed + time.perf_counter() - self._begun
 
     def restore(self, checkpoint: Checkpoint[AgentProgress]) -> None:
-        """Go back to a checkpoint, and cut the metrics to it."""
+        """Return to a checkpoint and truncate the metrics."""
         self.impala.restore(checkpoint.tensors)
         if self.step != checkpoint.number:
             raise ValueError(f"it is of step {self.step:,}")
@@ -259,7 +259,7 @@ class _Learning:
         self._logged = (self.step, self.seconds)
 
     def go(self) -> TrainedAgent:
-        """Train to the end, or to the first Ctrl-C."""
+        """Train to the end or to the first Ctrl-C."""
         with _threads(self.config.trainer.threads):
             self._train()
             if self.impala.update_number < self.config.trainer.updates:
@@ -295,7 +295,7 @@ class _Learning:
             self._save()
 
     def _log(self, figures: dict[str, float | None], *, is_point: bool) -> None:
-        """Write a line of metrics, with a point of the learning curves if ``is_point``."""
+        """Write a line of metrics, with learning curves if ``is_point``."""
         step, seconds = self._logged
         rate = round((self.step - step) / (self.seconds - seconds)) if self.seconds > seconds else None
         self._logged = (self.step, self.seconds)
@@ -338,7 +338,6 @@ class _Learning:
 
 @contextmanager
 def _threads(number: int) -> Iterator[None]:
-    """Let torch use a number of CPU threads."""
     before = torch.get_num_threads()
     torch.set_num_threads(number)
     try:

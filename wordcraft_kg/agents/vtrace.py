@@ -30,21 +30,21 @@ def v_trace(
     clip_c: float = 1.0,
     clip_pg_rho: float = 1.0,
 ) -> VTrace:
-    """Correct returns for the difference between the policy that acted (μ) and the one that learns (π).
+    """Correct returns for the difference between the acting policy (μ) and the learning policy (π).
 
     With ``ρ_t = min(ρ̄, π/μ)`` and ``c_t = min(c̄, π/μ)``:
     ``vs_t = V_t + ρ_t (r_t + γ_t V_{t+1} - V_t) + γ_t c_t (vs_{t+1} - V_{t+1})``, and
-    ``pg_advantage_t = min(ρ̄_pg, π/μ) (r_t + γ_t vs_{t+1} - V_t)``. Where all ratios are 1, vs are the returns.
+    ``pg_advantage_t = min(ρ̄_pg, π/μ) (r_t + γ_t vs_{t+1} - V_t)``. With all ratios 1, vs are the returns.
 
     Args:
         log_rhos: shape (T, B): log π(a|x) - log μ(a|x).
-        discounts: shape (T, B): γ, and 0 where the episode ended with this step.
+        discounts: shape (T, B): γ, and 0 at the end of an episode.
         rewards: shape (T, B).
-        values: shape (T, B): V of the states in which actions were taken.
-        bootstrap_value: shape (B,): V of the state after the last step.
-        clip_rho: ρ̄, which decides what the targets converge to.
-        clip_c: c̄, which decides how far corrections reach back.
-        clip_pg_rho: ρ̄_pg, of the policy gradient.
+        values: shape (T, B): V before each step.
+        bootstrap_value: shape (B,): V after the last step.
+        clip_rho: ρ̄, which determines the fixed point.
+        clip_c: c̄, which limits the reach of corrections.
+        clip_pg_rho: ρ̄_pg, for the policy gradient.
 
     Source: Espeholt et al. 2018, "IMPALA", equations 1 and 2 and section 4.2.
     """

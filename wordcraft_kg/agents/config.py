@@ -9,7 +9,7 @@ from wordcraft_kg.base.settings import MAX_SIZE, MAX_THREADS, SMALLEST, number_i
 from wordcraft_kg.envs.config import Ambiguity, DistractorPolicy, DistractorWeighting, WordCraftConfig
 from wordcraft_kg.graphs.tasks import TaskPart, TaskWeighting
 from wordcraft_kg.models.policies.config import PolicyConfig
-from wordcraft_kg.runs.config_file import RunConfig, write_config
+from wordcraft_kg.runs.config_file import RunConfig
 
 _LARGE = 1e9
 
@@ -177,8 +177,3 @@ class AgentConfig(RunConfig):
         """Return the settings that are not at their default."""
         default = AgentConfig("").values()
         return {name: value for name, value in self.values().items() if default.get(name) != value}
-
-    def write(self, folder: Path) -> None:
-        """Write ``config.toml`` and ``config.diff.toml``, the settings that are not at their default."""
-        super().write(folder)
-        write_config(folder, self.command, self.differing(), "config.diff.toml")

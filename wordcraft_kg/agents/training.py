@@ -30,7 +30,6 @@ from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.models.folder import open_model
 from wordcraft_kg.models.policies.folder import make_policy, write_constants
-from wordcraft_kg.models.policies.policy import Policy
 from wordcraft_kg.models.policies.sources.registry import pairs_need_factors
 from wordcraft_kg.models.scorers.folder import FOLDS_TENSORS, MODEL, WEIGHTS
 from wordcraft_kg.runs.checkpoints import Checkpoint
@@ -40,8 +39,7 @@ from wordcraft_kg.runs.record import read_finished_run
 from wordcraft_kg.runs.trackers import Log, Tracker
 from wordcraft_kg.runs.training import Training, train
 
-MANY_SELF_PAIRS = 0.25
-"""Share of pairs of a thing with itself from which a warning about self edges is given."""
+_MANY_SELF_PAIRS = 0.25  # share from which self edges get a warning
 
 
 @dataclass(frozen=True)
@@ -116,15 +114,23 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
         """Environments at the start of their first episodes; creating tasks of a large graph takes time."""
         return _environments(self.opened, self.config)
 
+    @property
+    def step(self) -> int:
+        """Number of environment steps."""
+        return self.impala.update_number * self.config.trainer.steps_per_update
+
+    @property
+    def elapsed(self) -> float:
+        """Total time of the run, including evaluation, writing and earlier parts."""
+        return time.perf_counter() - self._begun
+
     @classmethod
     def given(cls, config: AgentConfig) -> dict[str, str | None]:  # noqa: D102 - inherited
         if config.scorer is None:
             return {"scorer": None, "scorer_folds": None}
         outputs = read_finished_run(Path(config.scorer), MODEL, WEIGHTS).outputs
-        return {
-            "scorer": outputs[WEIGHTS],
-            "scorer_folds": None if config.policy.in_sample else outputs.get(FOLDS_TENSORS),
-        }
+        folds = None if config.policy.in_sample else outputs.get(FOLDS_TENSORS)
+        return {"scorer": outputs[WEIGHTS], "scorer_folds": folds}
 
     def prepare(self) -> None:
         """Make the policy."""
@@ -134,22 +140,17 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
             model = open_model(Path(config.scorer), opened.source)
             scorer, observed = model.scorer, model.observed
             # Before the tasks are made.
-            asked = scorer.whole if config.policy.in_sample else scorer
-            pairs_need_factors(config.policy.sources, asked, config.policy.scale)
+            whole = scorer.whole if config.policy.in_sample else scorer
+            pairs_need_factors(config.policy.sources, whole, config.policy.scale)
             self.facts["kg"] = model.kg
             if scorer.folds is not None and not config.policy.in_sample:
                 self.facts["cross_fitted"] = scorer.folds.count
             elif model.kg == "partial":
                 _warn_of_memory(config)
             _warn_of_self_pairs(opened.graph, config)
+        world, slots, seed = self.envs.world, self.envs.engine.num_slots, config.trainer.seed
         self.policy, features = make_policy(
-            config.policy,
-            opened.graph,
-            self.envs.engine.num_slots,
-            scorer=scorer,
-            observed=observed,
-            tasks=self.envs.world.tasks,
-            seed=config.trainer.seed,
+            config.policy, opened.graph, slots, scorer=scorer, observed=observed, tasks=world.tasks, seed=seed
         )
         inputs = {name: value for name, value in self.given(config).items() if value is not None}
         if features is not None:
@@ -168,104 +169,38 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
         log: Log,
         checkpoint: Checkpoint[AgentProgress] | None,
     ) -> TrainedAgent:
-        policy = self.policy if checkpoint is None else policy_at(RunFiles(run.path, run.record), checkpoint)
-        learning = _Learning(run, self.opened, self.config, policy, self.envs, log, report)
+        self._begun = time.perf_counter()
+        if checkpoint is not None:
+            self.policy = policy_at(RunFiles(run.path, run.record), checkpoint)
+        self.run, self.report = run, report
+        self.impala = Impala(self.policy, self.envs, self.config.trainer)
+        self.metrics = MetricsFile(run.path, self.envs.world, log)
+        self.seconds, self._logged = 0.0, (0, 0.0)
         if checkpoint is not None:
             with run.restoring():
-                learning.restore(checkpoint)
+                self._restore(checkpoint)
             run.go_on(self.config)
-        return learning.go()
+        with _threads(self.config.trainer.threads):
+            self._train()
+            if self.impala.update_number < self.config.trainer.updates:
+                run.interrupt()
+                return TrainedAgent(run.path, self.step, None)
+            return self._finish()
 
     @classmethod
     def outcome(cls, files: RunFiles) -> TrainedAgent:  # noqa: D102 - inherited
         summary = read_summary(files)
         return TrainedAgent(files.folder, summary.steps, summary)
 
-
-def _warn_of_memory(config: AgentConfig) -> None:
-    what, again = "the scorer has no folds", "; train it with `folds` 5"
-    if config.policy.in_sample:
-        what, again = "`in_sample` is set", ""
-    logging.getLogger(__name__).warning(
-        "%s, so train tasks are answered from memory, and the agent learns to trust scores more than unseen recipes "
-        "deserve%s.",
-        what,
-        again,
-    )
-
-
-def _warn_of_self_pairs(graph: RecipeGraph, config: AgentConfig) -> None:
-    """Warn about ``self_edges`` observed in a book with many pairs of an entity with itself."""
-    share = graph.num_self_pairs / graph.num_pairs
-    if config.policy.self_edges == "observed" and share >= MANY_SELF_PAIRS:
-        logging.getLogger(__name__).warning(
-            "%.0f %% of the pairs of %s combine a thing with itself, and `self_edges` observed takes such a pair for "
-            "no better than any other unless the scorer was trained on it; keep and drop did better on such a book.",
-            100 * share,
-            graph.name,
-        )
-
-
-def _environments(opened: OpenedGraph, config: AgentConfig) -> State:
-    trainer = config.trainer
-    # Tables, and what the learner keeps of each step for its gradients.
-    slots = config.tasks.distractors + config.tasks.depth + 1
-    needed = trainer.steps_per_update * (8 * slots + 4 * config.policy.value_size)
-    name, size = max(("batch_size", trainer.batch_size), ("unroll", trainer.unroll), key=lambda setting: setting[1])
-    check_memory(name, size, f"an update of {trainer.steps_per_update:,} steps", needed)
-    world = World(opened, config.tasks.environment("train"))
-    return BatchEngine(world, trainer.batch_size, device=trainer.device).reset(trainer.seed)
-
-
-class _Learning:
-    """A training in progress: updates, logging and checkpoints."""
-
-    def __init__(
-        self,
-        run: RunFolder[AgentProgress],
-        opened: OpenedGraph,
-        config: AgentConfig,
-        policy: Policy,
-        envs: State,
-        log: Log,
-        progress: Progress | None,
-    ):
-        self._elapsed, self._begun = 0.0, time.perf_counter()
-        self.run, self.opened, self.config, self.policy, self.progress = run, opened, config, policy, progress
-        self.impala = Impala(policy, envs, config.trainer)
-        self.metrics = MetricsFile(run.path, envs.world, log)
-        self.seconds = 0.0
-        self._logged = (0, 0.0)
-
-    @property
-    def step(self) -> int:
-        """Number of environment steps."""
-        return self.impala.update_number * self.config.trainer.steps_per_update
-
-    @property
-    def elapsed(self) -> float:
-        """Total time of the run, including evaluation, writing and earlier parts."""
-        return self._elapsed + time.perf_counter() - self._begun
-
-    def restore(self, checkpoint: Checkpoint[AgentProgress]) -> None:
-        """Return to a checkpoint and truncate the metrics."""
+    def _restore(self, checkpoint: Checkpoint[AgentProgress]) -> None:
         self.impala.restore(checkpoint.tensors)
         if self.step != checkpoint.number:
             raise ValueError(f"it is of step {self.step:,}")
         progress = checkpoint.progress
         self.seconds, self.metrics.eval_seconds = progress.seconds, progress.eval_seconds
-        self._elapsed = progress.elapsed
+        self._begun -= progress.elapsed
         self.metrics.cut(progress.metrics_bytes)
         self._logged = (self.step, self.seconds)
-
-    def go(self) -> TrainedAgent:
-        """Train to the end or to the first Ctrl-C."""
-        with _threads(self.config.trainer.threads):
-            self._train()
-            if self.impala.update_number < self.config.trainer.updates:
-                self.run.interrupt()
-                return TrainedAgent(self.run.path, self.step, None)
-            return self._finish()
 
     def _train(self) -> None:
         trainer = self.config.trainer
@@ -302,17 +237,15 @@ class _Learning:
         row = {"step": self.step, **figures, **(self.metrics.judge(self.policy) if is_point else {})}
         row |= {"steps_per_second": rate, "seconds": round(self.elapsed, 3)}
         self.metrics.add(row)
-        if self.progress and self.step:
+        if self.report and self.step:
             names = ("success", "test_success", "steps_per_second")
             shown = {name: value for name in names if (value := row.get(name))}
-            self.progress(self.step, self.config.trainer.updates * self.config.trainer.steps_per_update, shown)
+            self.report(self.step, self.config.trainer.updates * self.config.trainer.steps_per_update, shown)
 
     def _save(self) -> None:
+        eval_seconds, size = self.metrics.eval_seconds, self.metrics.size()
         progress = AgentProgress(
-            seconds=self.seconds,
-            eval_seconds=self.metrics.eval_seconds,
-            elapsed=self.elapsed,
-            metrics_bytes=self.metrics.size(),
+            seconds=self.seconds, eval_seconds=eval_seconds, elapsed=self.elapsed, metrics_bytes=size
         )
         self.run.checkpoints.save(self.step, self.impala.state(), progress)
 
@@ -334,6 +267,41 @@ class _Learning:
         write_results(run.path, self.policy, self.impala.envs.world, summary, results)
         run.finish(OUTPUTS, model_card(self.opened, config, run.record, summary))
         return TrainedAgent(run.path, self.step, summary)
+
+
+def _environments(opened: OpenedGraph, config: AgentConfig) -> State:
+    trainer = config.trainer
+    # Tables, and what the learner keeps of each step for its gradients.
+    slots = config.tasks.distractors + config.tasks.depth + 1
+    needed = trainer.steps_per_update * (8 * slots + 4 * config.policy.value_size)
+    name, size = max(("batch_size", trainer.batch_size), ("unroll", trainer.unroll), key=lambda setting: setting[1])
+    check_memory(name, size, f"an update of {trainer.steps_per_update:,} steps", needed)
+    world = World(opened, config.tasks.environment("train"))
+    return BatchEngine(world, trainer.batch_size, device=trainer.device).reset(trainer.seed)
+
+
+def _warn_of_memory(config: AgentConfig) -> None:
+    cause, remedy = "the scorer has no folds", "; train it with `folds` 5"
+    if config.policy.in_sample:
+        cause, remedy = "`in_sample` is set", ""
+    logging.getLogger(__name__).warning(
+        "%s, so train tasks are answered from memory, and the agent learns to trust scores more than unseen recipes "
+        "deserve%s.",
+        cause,
+        remedy,
+    )
+
+
+def _warn_of_self_pairs(graph: RecipeGraph, config: AgentConfig) -> None:
+    """Warn about ``self_edges`` observed in a book with many pairs of an entity with itself."""
+    share = graph.num_self_pairs / graph.num_pairs
+    if config.policy.self_edges == "observed" and share >= _MANY_SELF_PAIRS:
+        logging.getLogger(__name__).warning(
+            "%.0f %% of the pairs of %s combine a thing with itself, and `self_edges` observed takes such a pair for "
+            "no better than any other unless the scorer was trained on it; keep and drop did better on such a book.",
+            100 * share,
+            graph.name,
+        )
 
 
 @contextmanager

@@ -100,7 +100,7 @@ def _taken(kind: type[T], settings: dict[str, Any], command: str, path: Path) ->
         raise ArtefactError(f"{path} is damaged: {error} Train again, or restore a copy.") from None
 
 
-def write_config(folder: Path, command: str, settings: Mapping[str, Any], name: str = CONFIG_FILE) -> None:
+def write_config(folder: Path, command: str, settings: Mapping[str, Any]) -> None:
     """Write settings by name, except those that are None; paths become relative to the folder, so both can be moved.
 
     A file that already has this content is left as it is.
@@ -111,7 +111,7 @@ def write_config(folder: Path, command: str, settings: Mapping[str, Any], name: 
 
     lines = (f"{key} = {toml_value(value)}" for key, value in moved(settings, beside).items() if value is not None)
     text = "\n".join([f"[{command}]", *lines]) + "\n"
-    path = folder / name
+    path = folder / CONFIG_FILE
     if not path.is_file() or path.read_bytes() != text.encode():
         write_atomically(path, text, durable=True)
 

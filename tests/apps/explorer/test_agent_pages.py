@@ -366,7 +366,7 @@ def test_a_run_shows_its_curves_and_settings_but_no_folders_of_this_machine(agen
 
 def unfinished(done: Path, to: Path, status: str, lines: int, checkpoint: bool = False) -> Path:
     """A run folder as a training leaves it after some lines of metrics, the last one half written."""
-    kept = ("config.toml", "config.diff.toml", "policy.json", "constants.safetensors")
+    kept = ("config.toml", "policy.json", "constants.safetensors")
     to.mkdir(exist_ok=True)
     for name in kept:
         shutil.copy(done / name, to / name)

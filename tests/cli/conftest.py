@@ -1,8 +1,43 @@
-"""Commands that are expected to print values, or to be refused."""
+"""Commands that are expected to print values, or to be refused, and trained folders that all files here share."""
 
 import json
 
 import pytest
+from quick import QUICK, SMALL, TINY, build, succeed
+
+
+@pytest.fixture(scope="session")
+def trained(made_once):
+    """A folder with a graph, two models of its partial graph, one of its full graph, and two seeds; read only."""
+
+    def make(root):
+        build(root / "graph")
+        train = ("train-complex", root / "graph", *QUICK)
+        succeed(
+            (*train, "--out", root / "one"),
+            (*train, "--seed", 1, "--out", root / "two"),
+            (*train, "--kg", "full", "--out", root / "full"),
+            ("train-complex", root / "graph", *TINY, "--seeds", "0,3", "--out", root / "links"),
+        )
+
+    return made_once("cli-links", make)
+
+
+@pytest.fixture(scope="session")
+def world(made_once):
+    """A folder with a graph, a scorer with folds, and runs: two unguided seeds, a guided one, more attempts."""
+
+    def make(root):
+        build(root / "graph")
+        train = ("train-agent", root / "graph", *SMALL, "--distractors", 2)
+        succeed(
+            ("train-complex", root / "graph", "--dim", 8, "--epochs", 5, "--out", root / "scorer", "--quiet"),
+            (*train, "--seeds", "0,1", "--out", root / "plain"),
+            (*train, "--scorer", root / "scorer", "--out", root / "guided"),
+            (*train, "--max-attempts", 3, "--seed", 5, "--out", root / "many"),
+        )
+
+    return made_once("cli-agents", make)
 
 
 @pytest.fixture
@@ -13,9 +48,9 @@ def printed(run):
         outcome = run(*command, "--json")
         assert outcome.code == 0, outcome.err
         assert outcome.out.count("\n") == 1
-        found = json.loads(outcome.out)
-        assert isinstance(found, dict)
-        return found
+        values = json.loads(outcome.out)
+        assert isinstance(values, dict)
+        return values
 
     return printed
 
@@ -24,10 +59,11 @@ def printed(run):
 def refused(run):
     """Run a command that is refused without a result or a traceback, and return the error."""
 
-    def refused(*command, says=(), kind=None, code=1):
+    def refused(*command, says=(), kind=None, setting=None, code=1):
         outcome = run(*command)
         assert (outcome.code, outcome.out) == (code, "")
         assert kind in (None, outcome.kind)
+        assert setting in (None, outcome.setting)
         assert "Traceback" not in outcome.err
         for part in [says] if isinstance(says, str) else says:
             assert part in outcome.err

@@ -10,51 +10,56 @@ from pathlib import Path
 from types import ModuleType
 
 import pytest
+from quick import build
 
 from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.cli import ALL, CORE, make_app, manual_of
+from wordcraft_kg.cli import ALL, CORE, command_in, make_app, manual_of
 from wordcraft_kg.cli.console import Output, aligned
 from wordcraft_kg.cli.failures import with_options
-from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_book, write_graph_folder
 from wordcraft_kg.runs.record import end_run, start_run
 
-# --- misuse and failure ----------------------------------------------------------------------------------------------
-
-
-TRAIN = '"train-recipes", "train-complex", "train-links", or "train-agent"'
+HELPED = ["train-complex", "train-links", "tune-links", "score"]
+"""Commands whose help has the settings of models."""
 
 
 @pytest.mark.parametrize(
-    ("arguments", "error", "usage", "example"),
+    ("arguments", "error", "usage"),
     [
-        (["evaluate-links"], "MODEL is missing", "evaluate-links MODEL", "evaluate-links models/everyday"),
-        (
-            ["export", "kitchen"],
-            "--format is missing",
-            "export GRAPH --format FORMAT --out OUT",
-            "export everyday --format graphml --out everyday.graphml",
-        ),
-        (
-            ["build-graph", "kitchen", "--train-ratio"],
-            "--train-ratio needs a value",
-            "build-graph [BOOK]",
-            "build-graph everyday --out graphs/everyday",
-        ),
-        (["train", "kitchen"], f'Unknown command "train". Did you mean {TRAIN}?', None, None),
+        ("evaluate-links", "MODEL is missing", "evaluate-links MODEL"),
+        ("score", "MODEL is missing", "score MODEL [HEAD] [RELATION] [TAIL] REST..."),
+        ("export kitchen", "--format is missing", "export GRAPH --format FORMAT --out OUT"),
+        ("build-graph kitchen --train-ratio", "--train-ratio needs a value", "build-graph [BOOK]"),
+        ("train-complex", "GRAPH is missing", "train-complex GRAPH"),
+        ("train-complex kitchen --epoch 3", "Unknown option: --epoch. Did you mean --epochs?", "train-complex GRAPH"),
+        ("describe kitchen everyday", "unexpected argument 'everyday'", "describe GRAPH"),
     ],
-    ids=["argument", "option", "value", "command"],
 )
-def test_misuse_is_said_plainly_with_usage_and_an_example(run, arguments, error, usage, example):
-    outcome = run(*arguments)
+def test_misuse_is_said_plainly_with_usage_and_an_example(run, arguments, error, usage):
+    outcome = run(*arguments.split())
     assert (outcome.code, outcome.out) == (2, "")
-    expected = [f"error: {error}.", f"usage:   wordcraft-kg {usage} [OPTIONS]", f"example: wordcraft-kg {example}"]
-    if usage is None:
-        expected = [f"error: {error}", "`wordcraft-kg --help` lists all commands."]
-    assert outcome.err.splitlines() == expected
+    message, *hints = outcome.err.splitlines()
+    assert message.startswith(f"error: {error}")
+    example = manual_of(arguments.split()[0]).module.EXAMPLES[0]
+    assert hints == [f"usage:   wordcraft-kg {usage} [OPTIONS]", f"example: {example}"]
 
 
-def test_an_argument_too_many_is_named(run):
-    assert run("describe", "kitchen", "everyday").err.startswith("error: unexpected argument 'everyday'.\n")
+@pytest.mark.parametrize("value", ["--epochs many", "--kg half", "--seed 1.5"])
+def test_a_value_of_the_wrong_kind_is_misuse(refused, value):
+    name, given = value.split()
+    refused("train-complex", "kitchen", name, given, says=["Invalid value", name, f'"{given}"'], code=2)
+
+
+@pytest.mark.parametrize(
+    ("name", "nearest"),
+    [
+        ("train", '"train-recipes", "train-complex", "train-links", or "train-agent"'),
+        ("build-grap", '"build-graph"'),
+    ],
+)
+def test_an_unknown_command_is_refused_with_the_nearest_ones(refused, name, nearest):
+    error = refused(name, "kitchen", code=2)
+    assert error.splitlines()[0].startswith(f'error: Unknown command "{name}". Did you mean {nearest}')
+    assert error.splitlines()[1] == "`wordcraft-kg --help` lists all commands."
 
 
 @pytest.mark.parametrize(
@@ -100,9 +105,6 @@ def test_settings_in_errors_are_named_as_the_command_takes_them():
     assert with_options(message, {"graph": "GRAPH"}) == "Give the right one as GRAPH, or other --distractors."
 
 
-# --- help ------------------------------------------------------------------------------------------------------------
-
-
 def test_help_is_a_command_too(run):
     assert run("help").out == run("--help").out
     assert run("help", "describe").out == run("describe", "--help").out
@@ -110,17 +112,58 @@ def test_help_is_a_command_too(run):
     assert run("help", "nonsense").code == 2
 
 
+@pytest.fixture(scope="module")
+def start_page():
+    """The lines of the start page, and whether it or a command's help has imported torch, by command."""
+    code = """
+import sys
+from wordcraft_kg.cli import main
+print(main(["--help"]))
+for name in sys.argv[1:]:
+    main([name, "--help"])
+    print("imported:", name, "torch" in sys.modules)
+"""
+    command = [sys.executable, "-c", code, *HELPED]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True)
+    return done.stdout.splitlines()
+
+
+@pytest.mark.parametrize("name", HELPED)
+def test_help_of_a_command_imports_no_torch(start_page, name):
+    assert f"imported: {name} False" in start_page
+
+
+def test_the_start_page_lists_every_command(start_page):
+    page = "\n".join(start_page[: start_page.index("0")])
+    assert all(f" {name.split()[0]} " in page for name in ALL)
+
+
 @pytest.mark.parametrize("name", ALL)
-def test_the_usage_names_what_a_command_needs(run, name):
-    usage = run(*name.split(), "--help").out.splitlines()[0]
+def test_help_has_the_usage_two_examples_and_arguments_by_their_place_alone(run, name):
+    outcome = run(*name.split(), "--help")
+    assert (outcome.code, outcome.err) == (0, "")
+    usage = outcome.out.splitlines()[0]
     assert usage.startswith(f"Usage: wordcraft-kg {name}")
     assert usage.endswith("[OPTIONS]")
     assert "ARGS" not in usage
+    assert not re.search(r"│[ *]+[A-Z_]+ --", outcome.out)
+    examples = manual_of(name).module.EXAMPLES
+    assert len(examples) >= 2
+    assert all(example in outcome.out for example in (*examples, "--json"))
 
 
-@pytest.mark.parametrize("name", ALL)
-def test_an_argument_is_shown_by_its_place_alone(run, name):
-    assert not re.search(r"│[ *]+[A-Z_]+ --", run(*name.split(), "--help").out)
+EXAMPLES = [(name, example) for name in ALL for example in manual_of(name).module.EXAMPLES]
+
+
+@pytest.mark.parametrize(("name", "example"), EXAMPLES)
+def test_every_example_is_one_of_our_commands_and_parses(name, example):
+    program, *tokens = shlex.split(example)
+    assert program == "wordcraft-kg"
+    command, bound, _ = make_app().parse_args(tokens, exit_on_error=False, print_error=False)
+    named = command_in(tokens)
+    assert command is manual_of(named).function
+    assert bound.args or bound.kwargs or tokens == named.split()
+    assert named == name or any(other.startswith(f"wordcraft-kg {name}") for _, other in EXAMPLES)
 
 
 def test_the_help_begins_with_the_recommended_path(run):
@@ -151,7 +194,54 @@ def test_help_is_wrapped_for_the_terminal_not_for_the_source_file(run):
     assert "\n\nThe folder holds" in text
 
 
-# --- commands of two words -------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("option", ["--seed=1.5", "--limit=0.0", "--depth=1e0"])
+def test_a_fraction_is_refused_for_a_whole_number(run, option):
+    outcome = run("tasks", "kitchen", option)
+    assert (outcome.code, outcome.out) == (2, "")
+    name, _, value = option.partition("=")
+    assert f'Invalid value for {name}: unable to convert "{value}" into int.' in outcome.err
+
+
+def test_a_fraction_in_a_file_is_refused_for_a_whole_number(refused, run, tmp_path):
+    config = tmp_path / "odd.toml"
+    config.write_text("[tasks]\nseed = 1.5\n")
+    refused("tasks", "kitchen", "--config", config, says='unable to convert "1.5" into int', code=2)
+    config.write_text("[tasks]\nseed = 1\nlimit = 0\n")
+    assert run("tasks", "kitchen", "--config", config).code == 0
+
+
+def test_whole_numbers_and_fractions_are_taken_where_they_belong(run, tmp_path):
+    assert run("build-graph", "kitchen", "--train-ratio=0.5", "--seed=2", "--out", tmp_path / "graph").code == 0
+
+
+@pytest.mark.parametrize("path", ["", ".", "/dev/zero"])
+def test_a_base_file_that_is_none_is_refused(run, path, tmp_path):
+    outcome = run("build-graph", "kitchen", "--base-file", path, "--out", tmp_path / "graph")
+    assert outcome.code == 1
+    assert outcome.err.startswith(f"error: --base-file '{path or '.'}': No such file.")
+
+
+@pytest.mark.parametrize("path", ["", "/dev/zero"])
+def test_a_config_that_is_no_file_is_refused(refused, path):
+    refused("tasks", "kitchen", "--config", path, says=["--config", "no such file"])
+
+
+@pytest.mark.parametrize("command", ["train-complex", "train-links", "train-agent"])
+def test_an_output_that_exists_is_refused_before_torch_is_imported(refused, command, tmp_path, monkeypatch):
+    for module in ("wordcraft_kg.models.links.training", "wordcraft_kg.agents.training"):
+        monkeypatch.setitem(sys.modules, module, None)
+    (tmp_path / "something").touch()
+    refused(command, "kitchen", "--out", tmp_path, says=str(tmp_path), kind="OutputExistsError")
+
+
+def test_torch_without_memory_is_an_error_in_a_sentence(run, monkeypatch):
+    def fail(*_):
+        raise RuntimeError("[enforce fail at alloc_cpu.cpp:127] DefaultCPUAllocator: can't allocate memory: you tried")
+
+    monkeypatch.setattr("wordcraft_kg.graphs.folder.open_graph", fail)
+    outcome = run("describe", "kitchen")
+    assert (outcome.code, outcome.err.count("\n")) == (1, 1)
+    assert outcome.kind == "MemoryError"
 
 
 @pytest.fixture
@@ -218,15 +308,11 @@ def test_a_command_of_two_words_takes_its_options_from_a_table_in_a_table(garden
         assert "is not a table named after a command" in outcome.err
 
 
-# --- the wrong kind of folder ----------------------------------------------------------------------------------------
-
-
 @pytest.fixture(scope="module")
 def folders(tmp_path_factory):
     """A folder of each kind, by name; a run's has nothing but its record."""
     root = tmp_path_factory.mktemp("folders")
-    book = open_book("kitchen")
-    write_graph_folder(root / "graph", book, make_split(RecipeGraph.from_book(book), SplitConfig()))
+    build(root / "graph")
     for name, kind in (("agent", "train-agent"), ("model", "train-complex")):
         (root / name).mkdir()
         end_run(root / name, start_run(root / name, kind), "done")
@@ -304,9 +390,6 @@ def test_force_is_not_advised_where_it_would_not_help(run, folders, command):
     assert run(command, "kitchen", "--out", folders / "report").err.endswith("or replace it with --force.\n")
 
 
-# --- completion ------------------------------------------------------------------------------------------------------
-
-
 @pytest.fixture(scope="module")
 def bash_script(tmp_path_factory):
     path = tmp_path_factory.mktemp("completion") / "wordcraft-kg"
@@ -377,9 +460,6 @@ def test_completion_can_be_installed(run, tmp_path, monkeypatch):
     assert "train-complex" in script.read_text()
 
 
-# --- the cache -------------------------------------------------------------------------------------------------------
-
-
 def test_the_cache_is_listed_with_sizes_and_cleared_but_for_what_is_not_ours(printed, run, home, monkeypatch):
     monkeypatch.setenv("PYSTOW_HOME", str(home / "pystow"))
     cached = home / "cache" / "wordcraft-kg"
@@ -398,8 +478,6 @@ def test_the_cache_is_listed_with_sizes_and_cleared_but_for_what_is_not_ours(pri
     assert [path.name for path in cached.iterdir()] == ["notes.txt"]
     assert sizes("--clear-cache") == [(0, 0), (0, 0), (0, 0), (1, 3)]
 
-
-# --- examples --------------------------------------------------------------------------------------------------------
 
 SHORTER = {"train-complex": "--epochs 2", "train-links": "--epochs 1", "train-agent": "--steps 5000"}
 """What is added to examples that would take minutes."""

@@ -1,3 +1,5 @@
+"""The commands of graphs and recipe books as a user runs them: output, exit codes, and a disk left as it was."""
+
 import errno
 import io
 import json
@@ -10,18 +12,14 @@ from pathlib import Path
 from typing import get_args
 
 import pytest
+from quick import build, contents
 
 from wordcraft_kg.cli.export import Format
-from wordcraft_kg.graphs import SPLITS, RecipeGraph, SplitConfig, make_split, open_graph, read_book, write_graph_folder
-from wordcraft_kg.graphs.library import DATA_VARIABLE, FETCHABLE, open_book
+from wordcraft_kg.graphs import SPLITS, RecipeGraph, SplitConfig, make_split, open_book, open_graph, read_book
+from wordcraft_kg.graphs.library import DATA_VARIABLE, FETCHABLE
 
 TABLE = "ingredient_a,ingredient_b,result\n"
 KEPT = "of an earlier build"
-
-
-def contents(folder):
-    """Return all files and folders below, hidden ones too, with the bytes of files."""
-    return {str(path.relative_to(folder)): path.read_bytes() if path.is_file() else b"" for path in folder.rglob("*")}
 
 
 @pytest.fixture
@@ -64,12 +62,22 @@ def book(home):
 
 
 @pytest.fixture(scope="module")
-def kitchen_folder(tmp_path_factory, kitchen):
-    from wordcraft_kg.graphs import open_book
-
+def kitchen_folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("graphs") / "kitchen"
-    write_graph_folder(folder, open_book("kitchen"), make_split(kitchen, SplitConfig()))
+    build(folder)
     return folder
+
+
+@pytest.fixture
+def built(run, home):
+    """Build a graph of a book, and return what opens it; the text is that of the command."""
+
+    def built(book, *options, name="built"):
+        outcome = run("build-graph", book, "--out", home / name, *options)
+        assert outcome.code == 0, outcome.err
+        return open_graph(home / name)
+
+    return built
 
 
 BAD_TABLES = {
@@ -139,14 +147,15 @@ BAD_JSON = {
 }
 
 
-@pytest.mark.parametrize(("ending", "content", "says"), BAD_TABLES.values(), ids=BAD_TABLES)
-def test_a_bad_table_is_refused_naming_the_line(not_built, book, ending, content, says):
-    not_built(book(f"book.{ending}".rstrip("."), content), "--split", "none", says=["error: ", says])
+BAD_BOOKS = {
+    **{f"table, {name}": (f"book.{ending}".rstrip("."), *row) for name, (ending, *row) in BAD_TABLES.items()},
+    **{f"json, {name}": ("book.json", *row) for name, row in BAD_JSON.items()},
+}
 
 
-@pytest.mark.parametrize(("content", "says"), BAD_JSON.values(), ids=BAD_JSON)
-def test_a_bad_json_book_is_refused_naming_the_key(not_built, book, content, says):
-    not_built(book("book.json", content), "--split", "none", says=["error: ", says])
+@pytest.mark.parametrize(("name", "content", "says"), BAD_BOOKS.values(), ids=BAD_BOOKS)
+def test_a_bad_book_is_refused_naming_the_line_or_the_key(not_built, book, name, content, says):
+    not_built(book(name, content), "--split", "none", says=["error: ", says])
 
 
 @pytest.mark.parametrize(
@@ -188,14 +197,6 @@ def test_a_blank_label_of_a_megabyte_is_refused_in_a_short_message(run, book, ou
         (["{home}/nowhere.csv"], "nowhere.csv' is neither a file nor a known book"),
         (["kitchn"], "'kitchn' is neither a file nor a known book. Did you mean 'kitchen'?"),
         (["kitchen", "--base", "watr,fire"], "base entity 'watr' is not in kitchen. Did you mean 'water'"),
-        (["kitchen", "--base", ""], "error: --base: the list is empty"),
-        (["kitchen", "--base", ","], "error: --base: the list is empty"),
-        (["kitchen", "--base", " , "], "error: --base: the list is empty"),
-        *(
-            (["kitchen", f"--train-ratio={bad}"], f"error: --train-ratio {bad}: ")
-            for bad in (0.0, 1.0, "nan", -0.5, "inf")
-        ),
-        (["kitchen", "--seed=-1"], "error: --seed -1: expected a whole number, 0 or more."),
         (["kitchen", "--config", "{home}/nowhere.toml"], "nowhere.toml: no such file"),
         (["little-alchemy-2"], "Fetch it: wordcraft-kg books --fetch little-alchemy-2"),
     ],
@@ -218,14 +219,9 @@ def test_a_bad_base_file_is_refused(not_built, home, book):
         (["--trian-ratio", "0.5"], ["Unknown option: --trian-ratio. Did you mean --train-ratio?"]),
         (["--base"], ["--base needs a value"]),
     ],
-    ids=["ratio", "split", "unknown option", "no value"],
 )
 def test_misuse_is_refused_with_exit_code_two(not_built, arguments, says):
     not_built("kitchen", *arguments, says=says, codes=(2,))
-
-
-def test_an_unknown_command_is_refused_with_the_nearest_one(refused):
-    refused("build-grap", says='Did you mean "build-graph"?', code=2)
 
 
 def test_a_book_too_small_to_split_is_refused_and_says_how_to_go_on(not_built, run, book, home):
@@ -334,21 +330,23 @@ def test_an_interrupted_export_leaves_nothing_half_written(run, out, monkeypatch
 def test_build_graph_prints_what_it_made(run, home):
     outcome = run("build-graph", "kitchen", "--out", home / "kitchen")
     assert (outcome.code, outcome.err) == (0, "")
-    lines = dict(line.split("  ", 1) for line in outcome.out.splitlines()[:-1])
-    assert lines["recipes"].strip().startswith("326 kept, 0 left out")
-    assert lines["entities"].strip() == "80"
-    assert lines["triples"].strip() == "961 = 608 combinesWith + 353 componentOf"
-    assert lines["reachable"].strip() == "80 of 80, in 8 rounds"
-    assert f"next: wordcraft-kg train-complex {home / 'kitchen'} --kg partial" in outcome.out
+    lines = [" ".join(line.split()) for line in outcome.out.splitlines()]
+    expected = [
+        "recipes 326 kept, 0 left out",
+        "triples 961 = 608 combinesWith + 353 componentOf",
+        "reachable 80 of 80",
+    ]
+    for start in expected:
+        assert any(line.startswith(start) for line in lines), start
+    assert lines[-1] == f"wrote {home / 'kitchen'}/ next: wordcraft-kg train-recipes {home / 'kitchen'}"
 
 
 def test_build_graph_prints_one_json_object(printed, home, kitchen):
-    result = printed("build-graph", "kitchen", "--split", "by-goal", "--seed", "2", "--out", home / "kitchen")
+    values = printed("build-graph", "kitchen", "--split", "by-goal", "--seed", "2", "--out", home / "kitchen")
     split = make_split(kitchen, SplitConfig("by-goal", seed=2))
-    assert result["hash"] == kitchen.hash
-    assert result["split"]["hash"] == split.hash
-    assert result["triples"] == {"combinesWith": 608, "componentOf": 353, "total": 961}
-    assert result["out"] == str(home / "kitchen")
+    assert (values["hash"], values["split"]["hash"]) == (kitchen.hash, split.hash)
+    assert values["triples"] == {"combinesWith": 608, "componentOf": 353, "total": 961}
+    assert values["out"] == str(home / "kitchen")
     assert open_graph(home / "kitchen").split.hash == split.hash
 
 
@@ -361,16 +359,14 @@ def test_build_graph_of_little_alchemy_2_reports_the_known_figures(printed, alch
 
 
 @pytest.mark.parametrize("split", SPLITS)
-def test_every_split_can_be_built(run, home, split):
-    assert run("build-graph", "kitchen", "--split", split, "--out", home / "out").code == 0
-    assert open_graph(home / "out").split.config.kind == split
+def test_every_split_can_be_built(built, split):
+    assert built("kitchen", "--split", split).split.config.kind == split
 
 
-def test_base_entities_come_from_options_and_a_file(run, home, book):
+def test_base_entities_come_from_options_and_a_file(built, book):
     path = book("base.txt", "\ufeffwater\r\n\r\nstone\r\n")
-    arguments = ["--base", "fire, earth", "--base", "seed", "--base-file", path, "--json"]
-    result = json.loads(run("build-graph", "kitchen", *arguments, "--out", home / "out").out)
-    assert result["base"] == ["earth", "fire", "seed", "stone", "water"]
+    opened = built("kitchen", "--base", "fire, earth", "--base", "seed", "--base-file", path)
+    assert sorted(opened.graph.base) == ["earth", "fire", "seed", "stone", "water"]
 
 
 def test_entities_that_cannot_be_made_are_warned_about(run, home, book, caplog):
@@ -382,31 +378,29 @@ def test_entities_that_cannot_be_made_are_warned_about(run, home, book, caplog):
     assert "name it with --base" in record.getMessage()
 
 
-def test_self_results_are_kept_when_asked_for(run, home, book):
+@pytest.mark.parametrize(("options", "recipes", "dropped"), [([], 1, 1), (["--keep-self-results"], 2, 0)])
+def test_self_results_are_kept_when_asked_for(printed, home, book, options, recipes, dropped):
     path = book("book.csv", TABLE + "a,b,c\na,c,a\n")
-    for options, recipes, dropped in (([], 1, 1), (["--keep-self-results"], 2, 0)):
-        arguments = ["build-graph", path, "--split", "none", "--json", "--force", "--out", home / "out"]
-        result = json.loads(run(*arguments, *options).out)
-        assert (result["recipes"], result["dropped_self_results"]) == (recipes, dropped)
+    values = printed("build-graph", path, "--split", "none", "--out", home / "out", *options)
+    assert (values["recipes"], values["dropped_self_results"]) == (recipes, dropped)
 
 
-def test_a_graph_folder_is_a_recipe_book_too(printed, home, kitchen, kitchen_folder):
-    result = printed("build-graph", kitchen_folder, "--seed", "5", "--out", home / "again")
-    assert result["hash"] == kitchen.hash
-    assert result["split"]["seed"] == 5
+def test_a_graph_folder_is_a_recipe_book_too(built, kitchen, kitchen_folder):
+    opened = built(kitchen_folder, "--seed", "5")
+    assert (opened.graph.hash, opened.split.config.seed) == (kitchen.hash, 5)
 
 
-def test_options_of_a_toml_file_are_used_and_the_command_line_goes_first(run, home, book):
-    config = book("options.toml", '[build-graph]\nseed = 3\ntrain-ratio = 0.5\nsplit = "by-goal"\n')
-    outcome = run("build-graph", "kitchen", "--config", config, "--seed", "5", "--out", home / "out")
-    assert (outcome.code, outcome.err) == (0, "")
-    assert open_graph(home / "out").split.config == SplitConfig("by-goal", 0.5, 0.0, 5)
-
-
-def test_a_toml_file_may_hold_tables_of_other_commands(run, home, book):
-    config = book("options.toml", '[build-graph]\nseed = 3\n[describe]\nentity = "bread"\n')
-    assert run("build-graph", "kitchen", f"--config={config}", "--out", home / "out").code == 0
-    assert open_graph(home / "out").split.config == SplitConfig(seed=3)
+@pytest.mark.parametrize(
+    ("content", "options", "expected"),
+    [
+        ('seed = 3\ntrain-ratio = 0.5\nsplit = "by-goal"\n', ["--seed", "5"], SplitConfig("by-goal", 0.5, 0.0, 5)),
+        ('seed = 3\n[describe]\nentity = "bread"\n', [], SplitConfig(seed=3)),
+    ],
+    ids=["the command line goes first", "a table of another command"],
+)
+def test_options_of_a_toml_file_are_used(built, book, content, options, expected):
+    config = book("options.toml", f"[build-graph]\n{content}")
+    assert built("kitchen", f"--config={config}", *options).split.config == expected
 
 
 BAD_TOML = {
@@ -426,32 +420,31 @@ def test_a_bad_toml_file_is_refused_by_name(not_built, book, content, says):
 
 
 def test_describe_shows_the_audit_of_a_folder_with_its_own_split(printed, run, kitchen, kitchen_folder):
-    found = printed("describe", kitchen_folder)
     recorded = json.loads((kitchen_folder / "audit.json").read_text(encoding="utf-8"))
-    assert recorded == found | {"dropped_self_results": 0, "merged_duplicates": 0}
+    assert recorded == printed("describe", kitchen_folder) | {"dropped_self_results": 0, "merged_duplicates": 0}
     text = run("describe", kitchen_folder).out
-    assert f"kitchen, hash {kitchen.hash[:12]}" in text
-    assert "80 of 80, in 8 rounds" in text
-    assert "leak check" in text
+    for part in (f"kitchen, hash {kitchen.hash[:12]}", "80 of 80, in 8 rounds", "leak check"):
+        assert part in text
 
 
 def test_describe_shows_an_entity_with_its_recipes_uses_and_derivation(printed, run, kitchen):
-    found = printed("describe", "kitchen", "--entity", "bread")
-    assert found["recipes"] == [list(recipe) for recipe in kitchen.recipe_labels() if recipe.result == "bread"]
-    assert found["uses"] == [list(recipe) for recipe in kitchen.recipe_labels() if "bread" in recipe[:2]]
-    assert found["derivation"]["steps"][-1][2] == "bread"
+    values = printed("describe", "kitchen", "--entity", "bread")
+    recipes = [list(recipe) for recipe in kitchen.recipe_labels()]
+    assert values["recipes"] == [recipe for recipe in recipes if recipe[2] == "bread"]
+    assert values["uses"] == [recipe for recipe in recipes if "bread" in recipe[:2]]
+    assert values["derivation"]["steps"][-1][2] == "bread"
     text = run("describe", "kitchen", "--entity", "bread").out
-    assert text.startswith(f"bread: first made in round {found['layer']}\n")
-    assert f"recipes ({len(found['recipes'])})" in text
-    assert f"cheapest derivation ({len(found['derivation']['steps'])})" in text
+    assert text.startswith(f"bread: first made in round {values['layer']}\n")
+    assert f"recipes ({len(values['recipes'])})" in text
+    assert f"cheapest derivation ({len(values['derivation']['steps'])})" in text
 
 
-def test_describe_says_that_an_entity_is_base_or_cannot_be_made(run, home, kitchen):
+def test_describe_says_that_an_entity_is_base_or_cannot_be_made(run, built, home):
     assert run("describe", "kitchen", "--entity", "water").out.startswith("water: base entity\n")
-    run("build-graph", "kitchen", "--base", "seed", "--out", home / "out")
-    outcome = run("describe", home / "out", "--entity", "bread")
-    assert outcome.out.startswith("bread: cannot be made from the base\n")
-    assert "derivation" not in outcome.out
+    built("kitchen", "--base", "seed")
+    text = run("describe", home / "built", "--entity", "bread").out
+    assert text.startswith("bread: cannot be made from the base\n")
+    assert "derivation" not in text
 
 
 def test_describe_refuses_an_unknown_entity_with_the_nearest_one(run):
@@ -469,32 +462,25 @@ def test_describe_refuses_a_damaged_folder(refused, home, kitchen_folder):
     refused("describe", damaged, says=["graph.json is damaged or was edited", "wordcraft-kg build-graph"])
 
 
-def test_a_book_too_small_to_split_can_be_described_and_exported(run, home, book):
-    path = book("tiny.csv", TABLE + "a,b,c\n")
-    assert run("describe", path, "--entity", "c").code == 0
-    assert run("describe", path).code == 0
-    assert run("export", path, "--format", "tsv", "--out", home / "tiny.tsv").code == 0
+@pytest.mark.parametrize("command", ["describe {} --entity c", "describe {}", "export {} --format tsv --out {}.tsv"])
+def test_a_book_too_small_to_split_can_be_described_and_exported(run, book, command):
+    assert run(*command.format(*[book("tiny.csv", TABLE + "a,b,c\n")] * 2).split()).code == 0
 
 
-def test_labels_of_any_script_are_printed(printed, run, home, book):
-    path = book("book.csv", TABLE + "火,crème brûlée,🍞\n")
-    run("build-graph", path, "--split", "none", "--out", home / "out")
-    assert "crème brûlée + 火 -> 🍞" in run("describe", home / "out", "--entity", "🍞").out
-    assert printed("describe", home / "out", "--entity", "🍞")["entity"] == "🍞"
+def test_labels_of_any_script_are_printed(printed, run, built, home, book):
+    built(book("book.csv", TABLE + "火,crème brûlée,🍞\n"), "--split", "none")
+    assert "crème brûlée + 火 -> 🍞" in run("describe", home / "built", "--entity", "🍞").out
+    assert printed("describe", home / "built", "--entity", "🍞")["entity"] == "🍞"
 
 
 @pytest.mark.parametrize("format", get_args(Format))
-def test_every_format_can_be_exported_once_and_again_by_force(run, home, format):
-    arguments = ["export", "kitchen", "--format", format, "--out", home / "deeper" / "out", "--json"]
-    outcome = run(*arguments)
-    assert (outcome.code, outcome.err) == (0, "")
-    assert json.loads(outcome.out)["format"] == format
+def test_every_format_can_be_exported_once_and_again_by_force(printed, refused, run, home, format):
+    command = ["export", "kitchen", "--format", format, "--out", home / "deeper" / "out"]
+    assert printed(*command)["format"] == format
     before = contents(home)
-    outcome = run(*arguments)
-    assert (outcome.code, json.loads(outcome.out)["error"]["kind"]) == (1, "OutputExistsError")
-    assert "exists. Choose another --out, or replace it with --force." in outcome.err
+    refused(*command, says="replace it with --force", kind="OutputExistsError")
     assert contents(home) == before
-    assert run(*arguments, "--force").code == 0
+    assert run(*command, "--force").code == 0
     assert [path.name for path in (home / "deeper").iterdir()] == ["out"]
 
 
@@ -509,14 +495,10 @@ def test_an_unknown_format_is_misuse(refused, home):
 
 
 def test_books_lists_names_origins_and_what_can_be_fetched(printed, run, home):
-    listed = printed("books")
-    assert {book["name"]: book["origin"] for book in listed["books"]} == {
-        "everyday": "built in",
-        "kitchen": "built in",
-        "paper-examples": "built in",
-        "little-alchemy-2": "to fetch",
-    }
-    assert listed["data_folder"] is None
+    values = printed("books")
+    origins = dict.fromkeys(("everyday", "kitchen", "paper-examples"), "built in") | {"little-alchemy-2": "to fetch"}
+    assert {book["name"]: book["origin"] for book in values["books"]} == origins
+    assert values["data_folder"] is None
     text = run("books").out
     assert "get it: wordcraft-kg books --fetch little-alchemy-2" in text
     assert f"{DATA_VARIABLE} names (not set)" in text
@@ -566,9 +548,6 @@ def test_a_reader_that_goes_away_is_no_error(tmp_path):
     assert (done.returncode, done.stderr) == (0, "")
 
 
-# --- check-book ------------------------------------------------------------------------------------------------------
-
-
 def test_check_book_lists_all_findings_with_lines_and_fails(run, book):
     path = book("mine.csv", "# base: a\ningredient_a,ingredient_b,result\na,a,b\na,a,b\nx,a,y\nB,a,c\n")
     before = path.read_bytes()
@@ -606,71 +585,47 @@ def test_check_book_takes_the_base_and_a_graph_folder(run, book, kitchen_folder)
     assert run("check-book", kitchen_folder).code == 0
 
 
-@pytest.mark.parametrize(
-    ("arguments", "says"),
-    [
-        (["nowhere"], "'nowhere' is neither a file nor a known book"),
-        (["kitchen", "--against", "evryday"], "Did you mean 'everyday'?"),
-    ],
-)
-def test_check_book_refuses_what_is_not_a_book(refused, home, arguments, says):
-    refused("check-book", *arguments, says=says)
-
-
 def test_check_book_shows_the_first_findings_of_each_kind_and_counts_the_others(run, book):
     rows = "".join(f"thing{i:03},thing{i:03},things{i:03}\n" * 2 for i in range(30))
     path = book("long.csv", TABLE + rows)
-
-    def of(kind, text):
-        return sum(f"problem [{kind}] line" in line for line in text.splitlines())
-
-    short, shorter, long = (run("check-book", path, *more).out for more in ([], ["--limit", "2"], ["--all"]))
-    assert [of("duplicate", text) for text in (short, shorter, long)] == [10, 2, 30]
-    assert "problem [duplicate] and 20 more; --all shows them" in short
-    assert "problem [duplicate] and 28 more; --all shows them" in shorter
-    assert "more; --all" not in long
-    assert short.splitlines()[-1] == long.splitlines()[-1]
+    texts = [run("check-book", path, *more).out.splitlines() for more in ([], ["--limit", "2"], ["--all"])]
+    for text, number in zip(texts, (10, 2, 30), strict=True):
+        assert sum(line.startswith("problem [duplicate] line") for line in text) == number
+        more = f"problem [duplicate] and {30 - number} more; --all shows them"
+        assert (more in text) == (number < 30)
+        assert text[-1] == texts[0][-1]
     assert len(json.loads(run("check-book", path, "--json").out)["findings"]) > 30
-    assert "--limit -1: expected a whole number, 0 or more" in run("check-book", path, "--limit", "-1").err
 
 
 def test_counts_of_one_are_in_the_singular(run, book, out):
     path = book("one.csv", TABLE + "a,b,c\nA,b,c\nb,a,c\nc,c,d\nc,c,e\n")
-    built = run("build-graph", path, "--out", out / "one", "--split", "none").out
-    assert "1 duplicate merged" in built
-    described = run("describe", out / "one").out
-    assert "2 pairs with 1 result, 1 pair with 2 results" in described
-    assert "1 group of labels, different only in case" in described
-    checked = run("check-book", path, "--all").out
-    assert "1 pair makes two or three things" in checked
+    assert "1 duplicate merged" in run("build-graph", path, "--out", out / "one", "--split", "none").out
+    text = run("describe", out / "one").out
+    assert "2 pairs with 1 result, 1 pair with 2 results" in text
+    assert "1 group of labels, different only in case" in text
+    assert "1 pair makes two or three things" in run("check-book", path, "--all").out
 
 
-# --- names and single ingredients ------------------------------------------------------------------------------------
-
-
-def test_a_graph_is_called_as_its_folder_unless_it_is_given_a_name(run, book, out):
+def test_a_graph_is_called_as_its_folder_unless_it_is_given_a_name(run, refused, built, book, home):
     path = book("recipes.csv", TABLE + "a,b,c\na,a,d\n")
-    assert run("build-graph", path, "--split", "none", "--out", out / "mine").code == 0
-    assert open_graph(out / "mine").graph.name == "mine"
-    assert run("describe", out / "mine").out.startswith("graph       mine, hash")
-    assert run("build-graph", path, "--split", "none", "--out", out / "other", "--name", "My world").code == 0
-    assert open_graph(out / "other").graph.name == "My world"
-    blank = run("build-graph", path, "--split", "none", "--out", out / "third", "--name", " ")
-    assert (blank.code, blank.setting) == (1, "name")
-    assert not (out / "third").exists()
+    assert built(path, "--split", "none", name="mine").graph.name == "mine"
+    assert run("describe", home / "mine").out.startswith("graph       mine, hash")
+    assert built(path, "--split", "none", "--name", "My world", name="other").graph.name == "My world"
+    refused("build-graph", path, "--split", "none", "--out", home / "third", "--name", " ", setting="name")
+    assert not (home / "third").exists()
 
 
-def test_recipes_of_one_ingredient_are_refused_with_the_remedy_and_built_as_asked(run, book, out, not_built):
+@pytest.mark.parametrize(("setting", "partner"), [("self", "sand"), ("furnace", "furnace")])
+def test_recipes_of_one_ingredient_are_refused_with_the_remedy_and_built_as_asked(
+    run, book, built, not_built, setting, partner
+):
     path = book("furnace.csv", TABLE + "sand,,glass\nglass,glass,pane\n")
     not_built(path, says=["furnace.csv, line 2: 'sand' is the only ingredient", "--single-ingredient self"])
-    for setting, partner in (("self", "sand"), ("furnace", "furnace")):
-        folder = out / setting
-        options = ["--single-ingredient", setting]
-        assert run("build-graph", path, "--split", "none", "--out", folder, *options).code == 0
-        graph = open_graph(folder).graph
-        assert graph.labels(graph.results("sand", partner)) == ("glass",)
-        assert run("check-book", path, *options).code == 0
     assert run("check-book", path).code == 1
+    options = ["--single-ingredient", setting]
+    graph = built(path, "--split", "none", *options).graph
+    assert graph.labels(graph.results("sand", partner)) == ("glass",)
+    assert run("check-book", path, *options).code == 0
 
 
 def test_books_lists_sizes_where_they_are_known_at_once(printed, run, home, monkeypatch):

@@ -3,7 +3,6 @@
 import pytest
 import torch
 
-from wordcraft_kg.cli import main
 from wordcraft_kg.graphs.folder import open_graph
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
 from wordcraft_kg.models.scorers.folder import load_scorer
@@ -27,9 +26,6 @@ def in_part(part):
     opened = open_graph("kitchen")
     a, b, result = opened.graph.labels(opened.split.recipes(part)[3])
     return a, b, result
-
-
-# --- what is asked ---------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -77,85 +73,66 @@ def test_what_is_no_recipe_is_said(refused, recipes_folder, words, kind, said):
     assert said in refused("score", recipes_folder, *words, kind=kind)
 
 
-def test_a_scorer_of_links_has_no_scores_of_recipes(refused, tmp_path):
-    command = ["train-complex", "kitchen", "--dim", "4", "--epochs", "1", "--folds", "0", "--out", str(tmp_path / "m")]
-    assert main([*command, "--quiet"]) == 0
-    assert "train-recipes" in refused("score", tmp_path / "m", "flour + water", kind="ConfigError")
-    (tmp_path / "in.csv").write_text("ingredient_a,ingredient_b,result\nflour,water,\n")
-    assert "train-recipes" in refused("score", tmp_path / "m", "--in", tmp_path / "in.csv", kind="ConfigError")
-
-
-# --- what is answered ------------------------------------------------------------------------------------------------
-
-
 def test_results_of_a_pair_are_ranked_marked_and_explained(printed, run, recipes_folder, scorer):
     a, b, result = in_part("train")
-    found = printed("score", recipes_folder, f"{a} + {b}", "--top", "5")
-    assert (found["ingredient_a"], found["ingredient_b"], found["result"]) == (a, b, None)
-    assert found["trained_on"] == "partial"
+    values = printed("score", recipes_folder, f"{a} + {b}", "--top", "5")
+    assert (values["ingredient_a"], values["ingredient_b"], values["result"]) == (a, b, None)
+    assert values["trained_on"] == "partial"
     scores = scorer.score_recipes(a, b, torch.arange(len(scorer.entities)))
     best = scores.sort(descending=True, stable=True).indices[:5].tolist()
-    assert [row["result"] for row in found["top"]] == [scorer.entities[entity] for entity in best]
-    assert [row["score"] for row in found["top"]] == pytest.approx(scores[best].tolist(), rel=1e-4)
+    assert [row["result"] for row in values["top"]] == [scorer.entities[entity] for entity in best]
+    assert [row["score"] for row in values["top"]] == pytest.approx(scores[best].tolist(), rel=1e-4)
     opened = open_graph("kitchen")
-    for row in found["top"]:
+    parts = {opened.graph.labels(one): part for part in ("test", "train") for one in opened.split.recipes(part)}
+    for row in values["top"]:
         recipe = (row["ingredient_a"], row["ingredient_b"], row["result"])
-        parts = [
-            part
-            for part in ("train", "test")
-            for known in opened.split.recipes(part)
-            if opened.graph.labels(known) == (*sorted(recipe[:2]), recipe[2])
-        ]
-        assert row["known"] == (parts or ["new"])[0]
+        assert row["known"] == parts.get((*sorted(recipe[:2]), recipe[2]), "new")
         assert row["memory"] == (row["known"] == "train")
-        spoken = scorer.speaking_for(*recipe, limit=3)
+        evidence = scorer.speaking_for(*recipe, limit=3)
         assert [tuple(one.values()) for one in row["because"]] == [
-            (*one.recipe, pytest.approx(one.weight), pytest.approx(one.share)) for one in spoken
+            (*one.recipe, pytest.approx(one.weight), pytest.approx(one.share)) for one in evidence
         ]
     lines = run("score", recipes_folder, a, "+", b, "--top", "5").out.splitlines()
     assert sum(" because " in line for line in lines) == 3
-    marked = [line for line in lines if line.endswith("(memory)")]
-    assert any(f"train  {a} + {b} -> {result}" in line for line in marked)
+    assert any(f"train  {a} + {b} -> {result}" in line for line in lines if line.endswith("(memory)"))
     assert NOTE in lines[-1]
 
 
-def test_a_recipe_has_a_score_and_ranks_and_memory_is_what_it_was_trained_on(
-    printed, refused, run, recipes_folder, scorer
+@pytest.mark.parametrize(("part", "memory"), [("train", True), ("test", False)])
+def test_a_recipe_has_a_score_and_ranks_and_memory_is_only_its_training(
+    printed, refused, run, recipes_folder, scorer, part, memory
 ):
+    a, b, result = in_part(part)
+    command = ("score", recipes_folder, b, "+", a, "=", result)
+    values = printed(*command)
+    assert (values["known"], values["memory"]) == (part, memory)
+    score = float(scorer.score_recipes(a, b, result))
+    assert values["score"] == pytest.approx(score, abs=1e-4)
     everything = torch.arange(len(scorer.entities))
-    for part, memory in (("train", True), ("test", False)):
-        a, b, result = in_part(part)
-        found = printed("score", recipes_folder, b, "+", a, "=", result)
-        assert (found["known"], found["memory"]) == (part, memory)
-        score = float(scorer.score_recipes(a, b, result))
-        assert found["score"] == pytest.approx(score, abs=1e-4)
-        for rank, scores in (
-            ("rank_as_result", scorer.score_recipes(a, b, everything)),
-            ("rank_as_ingredient_a", scorer.score_recipes(everything, a, result)),
-            ("rank_as_ingredient_b", scorer.score_recipes(everything, b, result)),
-        ):
-            assert (
-                abs(found[rank] - 1 - int((scores > score + 1e-4).sum()))
-                <= int((scores - score).abs().lt(1e-3).sum()) - 1
-            )
-        out = run("score", recipes_folder, b, "+", a, "=", result).out
-        assert (NOTE in out) == memory
-    assert "leave a slot open" in refused("score", recipes_folder, a, "+", b, result, "--new-only", kind="ConfigError")
+    for rank, scores in (
+        ("rank_as_result", scorer.score_recipes(a, b, everything)),
+        ("rank_as_ingredient_a", scorer.score_recipes(everything, a, result)),
+        ("rank_as_ingredient_b", scorer.score_recipes(everything, b, result)),
+    ):
+        ties = int((scores - score).abs().lt(1e-3).sum()) - 1
+        assert abs(values[rank] - 1 - int((scores > score + 1e-4).sum())) <= ties
+    assert (NOTE in run(*command).out) == memory
+    refused(*command, "--new-only", says="leave a slot open", kind="ConfigError")
 
 
-def test_partners_are_listed_and_new_ones_only_if_asked(printed, recipes_folder, scorer):
+@pytest.mark.parametrize(
+    ("question", "slot"), [("_ + {b} {result}", "ingredient_a"), ("{b} + _ = {result}", "ingredient_b")]
+)
+def test_partners_are_listed_and_new_ones_only_if_asked(printed, recipes_folder, scorer, question, slot):
     a, b, result = in_part("train")
-    for words, name in ((("_", "+", b, result), "ingredient_a"), ((b, "+", "_", "=", result), "ingredient_b")):
-        found = printed("score", recipes_folder, *words, "--top", "80")
-        scores = scorer.score_recipes(torch.arange(80), b, result)
-        assert len(found["top"]) == 80
-        assert [row["score"] for row in found["top"]] == pytest.approx(
-            scores.sort(descending=True).values.tolist(), abs=1e-3
-        )
-        assert a in [row[name] for row in found["top"] if row["memory"]]
-        new = printed("score", recipes_folder, *words, "--top", "80", "--new-only")["top"]
-        assert new == [row for row in found["top"] if row["known"] == "new"]
-        assert 0 < len(new) < 80
+    command = ("score", recipes_folder, *question.format(b=b, result=result).split(), "--top", "80")
+    top = printed(*command)["top"]
+    scores = scorer.score_recipes(torch.arange(80), b, result).sort(descending=True).values.tolist()
+    assert [row["score"] for row in top] == pytest.approx(scores, abs=1e-3)
+    assert a in [row[slot] for row in top if row["memory"]]
+    new = printed(*command, "--new-only")["top"]
+    assert new == [row for row in top if row["known"] == "new"]
+    assert 0 < len(new) < len(top) == 80
 
 
 def test_triples_are_still_asked_for_as_before(printed, recipes_folder, scorer):
@@ -206,28 +183,24 @@ def test_without_its_graph_memory_is_still_known(tmp_path, scorer):
     assert result in [row.result for row in view.top if row.memory]
 
 
-# --- why an agent picked what it picked ------------------------------------------------------------------------------
-
-
-def test_explain_and_the_report_name_the_recipes_that_speak_for_a_pair(printed, run, recipes_folder, tmp_path):
+def test_explain_and_the_report_name_the_recipes_that_support_a_pair(printed, run, recipes_folder, tmp_path):
     agent = tmp_path / "agent"
     settings = ("--use", "u,v,w", "--steps", "512", "--features", "random", "--distractors", "3")
     assert run("train-agent", "kitchen", "--scorer", recipes_folder, *settings, "--out", agent).code == 0
-    explained = printed("explain", agent, "--part", "train", "--episodes", "4")
-    for episode in explained["episodes"]:
+    evidences = 0
+    for episode in printed("explain", agent, "--part", "train", "--episodes", "4")["episodes"]:
+        plans = {recipe for plan in episode["plans"] for recipe in plan}
         for step in episode["steps"]:
-            labels = {slot["entity"] for slot in step["slots"]}
-            for slot in step["slots"]:
-                evidence = slot["evidence"]
-                if evidence is None:  # every model has seen the task
-                    continue
+            labels = {step["held"]} if step["held"] else {slot["entity"] for slot in step["slots"]}
+            for evidence in (slot["evidence"] for slot in step["slots"] if slot["evidence"]):
+                evidences += 1
                 assert evidence["source"] == "w"
-                assert evidence["partner"] in ({step["held"]} if step["held"] else labels)
-                spoken = {
+                assert evidence["partner"] in labels
+                because = [
                     f"{one['ingredient_a']} + {one['ingredient_b']} -> {one['result']}" for one in evidence["because"]
-                }
-                assert not spoken & {recipe for plan in episode["plans"] for recipe in plan}
-    assert any(slot["evidence"] for one in explained["episodes"] for step in one["steps"] for slot in step["slots"])
+                ]
+                assert not plans & set(because)
+    assert evidences
     text = run("explain", agent, "--episodes", "2").out
     assert sum(line.startswith("  w: ") for line in text.splitlines()) >= 2
     page = (agent / "report" / "index.html").read_text()

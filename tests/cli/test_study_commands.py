@@ -1,3 +1,5 @@
+"""``reproduce``: studies that run, go on and are listed, and results that are shown."""
+
 import json
 import os
 import signal
@@ -6,7 +8,9 @@ import sys
 import time
 
 import pytest
+from fabricated import fabricate
 
+from wordcraft_kg.studies.results import results_text
 from wordcraft_kg.studies.study import built_in
 
 STUDY = """
@@ -74,26 +78,6 @@ def test_a_failed_task_makes_the_exit_code_1_and_is_named(run, study, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        (["reproduce", "knowlege"], "Did you mean 'knowledge'"),
-        (["reproduce", "knowledge", "--seeds", "0"], "--seeds 0: expected a whole number, 1 to 1000"),
-        (["reproduce", "knowledge", "--book", "nowhere"], "nowhere"),
-        (["reproduce", "embeddings", "--book", "kitchen", "--jobs", "0"], "--jobs 0"),
-        (["reproduce", "embeddings", "--book", "kitchen", "--address", "auto"], "give --engine ray too"),
-        (["reproduce", "no-such-study.toml"], "no such file"),
-        (["reproduce", "embeddings", "--by", "scorer"], "add --show"),
-        (["reproduce", "study.toml", "--book", "kitchen"], "a file names its own"),
-        (["reproduce"], "needs a study"),
-        (["reproduce", "knowledge", "--book", "kitchen,./kitchen"], "two books are called 'kitchen'"),
-    ],
-)
-def test_bad_input_is_named(refused, tmp_path, arguments, said):
-    refused(*arguments, "--out", tmp_path / "results", says=said)
-    assert not list((tmp_path).glob("results/runs/*"))
-
-
-@pytest.mark.parametrize(
     ("old", "new", "said"),
     [
         ("distractors = 2", "distractor = 2", "unknown setting 'settings.distractor'. Did you mean 'distractors'"),
@@ -145,3 +129,75 @@ def test_a_study_that_is_interrupted_goes_on_and_ends_with_the_same_bytes(study,
     for name in ("table.csv", "figure.svg"):
         one, other = (tmp_path / folder / "reports" / "study" / name for folder in ("whole", "parts"))
         assert one.read_bytes() == other.read_bytes()
+
+
+NO_GRAPH = ["00000", "50000", "05000"]
+GUIDED = ["55500", "55550", "55055"]
+
+
+@pytest.fixture
+def file(tmp_path):
+    """A file of results with figures that are known."""
+    path = tmp_path / "made-up.json"
+    found = fabricate({"no graph": NO_GRAPH, "guided": GUIDED}, mrr={"guided": 0.2}, title="Graphs")
+    path.write_text(results_text(found), encoding="utf-8")
+    return path
+
+
+def test_a_file_of_results_is_shown(run, file):
+    done = run("reproduce", file, "--show")
+    assert done.code == 0
+    lines = done.out.splitlines()
+    assert lines[:2] == ["Graphs: success on test tasks", "kitchen, by-recipe (5 test tasks)"]
+    assert lines[2].startswith("  no graph  0.133 [")
+    assert "  3 seeds  +0.600 [" in lines[3]
+    assert lines[3].endswith("P(better) 1.00  p <.001")
+
+
+@pytest.mark.parametrize(
+    ("metric", "text"),
+    [
+        ("iqm", "0.733 ["),
+        ("by-plan", "0.367  3 seeds"),
+        ("train", "0.500  3 seeds"),
+        ("mrr", "0.210 [0.200, 0.220]"),
+        ("steps", "1,000  "),
+    ],
+)
+def test_other_metrics_are_shown(run, file, metric, text):
+    done = run("reproduce", file, "--show", "--metric", metric)
+    assert f"  guided    {text}" in done.out
+
+
+def test_json_has_all_figures_and_the_report(printed, run, file, tmp_path):
+    found = printed("reproduce", file, "--show", "--plot")
+    assert found["report"] == str(tmp_path / "reports" / "made-up")
+    assert found["study"]["points"][0]["variants"][1]["comparison"]["difference"] == pytest.approx(0.6)
+    assert (tmp_path / "reports" / "made-up" / "figure.svg").is_file()
+    assert run("reproduce", file, "--show", "--plot").kind == "OutputExistsError"
+    assert run("reproduce", file, "--show", "--plot", "--force").code == 0
+    assert printed("reproduce", file, "--show")["report"] is None
+
+
+def test_out_implies_a_report(run, file, tmp_path):
+    text = run("reproduce", file, "--show", "--report", tmp_path / "there").out
+    assert f"open {tmp_path / 'there' / 'index.html'}" in text
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        ("--out {folder}/empty", "has no study yet; name one, or compare all runs with --by"),
+        ("x --out {folder}/empty", "has no study 'x'"),
+        ("{folder}/made-up.json --by scorer", "cannot be combined"),
+        ("--out {folder}/empty --by scorer", "'scorer'"),
+        ("{folder}/broken.json", "damaged"),
+        ("{folder}/none.json --plot", "no finished run"),
+    ],
+)
+def test_results_that_cannot_be_shown_are_refused(refused, file, arguments, says):
+    (file.parent / "empty" / "studies").mkdir(parents=True)
+    (file.parent / "broken.json").write_text('{"format": "other"}')
+    (file.parent / "none.json").write_text(results_text(fabricate({"no graph": []})))
+    refused("reproduce", "--show", *arguments.format(folder=file.parent).split(), says=says)
+    assert not (file.parent / "reports").exists()

@@ -112,22 +112,5 @@ def test_a_graph_folder_brings_its_own_split(shown, home, kitchen):
     assert {task["goal"] for task in values["shown"]} == held_out
 
 
-@pytest.mark.parametrize(
-    ("arguments", "says"),
-    [
-        (["evryday"], "'evryday' is neither a file nor a known book. Did you mean 'everyday'?"),
-        (["kitchen", "--depth", 0], "--depth 0: expected a whole number, 1 to 5"),
-        (["kitchen", "--depth", 50], "--depth 50: expected a whole number, 1 to 5"),
-        (["kitchen", "--distractors", -1], "--distractors -1: expected a whole number, 0 or more"),
-        (["kitchen", "--distractors", 500], "--distractors 500: kitchen has 80 entities"),
-        (["kitchen", "--part", "valid"], "kitchen has no task of depth 1 in the valid part"),
-        (["kitchen", "--limit", -1], "--limit -1: expected a whole number, 0 or more"),
-        (["kitchen", "--seed", -1], "--seed -1: expected a whole number, 0 or more"),
-    ],
-)
-def test_what_cannot_be_shown_is_refused_with_a_reason(refused, home, arguments, says):
-    refused("tasks", *arguments, says=says)
-
-
 def test_a_part_that_does_not_exist_is_misuse(refused, home):
     refused("tasks", "kitchen", "--part", "tests", says='Did you mean "test"', code=2)

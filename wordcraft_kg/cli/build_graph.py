@@ -105,7 +105,7 @@ def _base(base: list[str] | None, base_file: Path | None) -> list[str] | None:
             raise ConfigError(f"--base-file {base_file} is not UTF-8 text.") from None
         labels += [line for line in text.splitlines() if line.strip()]
     if not labels:
-        raise ConfigError("--base: the list is empty; name at least one entity, or leave the option out to infer them.")
+        raise ConfigError("`base`: the list is empty; name at least one entity, or leave the option out to infer them.")
     return labels
 
 
@@ -124,5 +124,5 @@ def _text(view: "BuiltGraph", with_several_results: int) -> list[str]:
         *split_rows(view.split),
         ("hash", view.hash[:12]),
     ]
-    kg = "full" if view.split.kind == "none" else "partial"
-    return [*aligned(rows), f"wrote {view.out}/   next: wordcraft-kg train-complex {view.out} --kg {kg}"]
+    full = " --kg full" if view.split.kind == "none" else ""
+    return [*aligned(rows), f"wrote {view.out}/   next: wordcraft-kg train-recipes {view.out}{full}"]

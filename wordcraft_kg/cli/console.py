@@ -87,7 +87,7 @@ def whole_numbers(option: str, values: Sequence[str]) -> list[int]:
     except ValueError:
         numbers = []
     if not numbers:
-        raise ConfigError(f"--{option} '{','.join(values)}': expected whole numbers, such as 1,2,8.")
+        raise ConfigError(f"`{option}` '{','.join(values)}': expected whole numbers, such as 1,2,8.")
     return numbers
 
 
@@ -136,7 +136,7 @@ def read_seeds(text: str) -> list[int]:
         chosen = range(first, last + 1) if last < first + MOST_SEEDS else range(0)
         seeds |= dict.fromkeys(chosen)
         if not chosen or len(seeds) > MOST_SEEDS:
-            raise ConfigError(f"--seeds '{text}': expected at most {MOST_SEEDS:,} seeds, such as 0-4 or 0,3,7.")
+            raise ConfigError(f"`seeds` '{text}': expected at most {MOST_SEEDS:,} seeds, such as 0-4 or 0,3,7.")
     return list(seeds)
 
 

@@ -53,7 +53,7 @@ def discover(
     played = open_graph(graph).graph
     chosen = list(dict.fromkeys(split_labels(players))) if players else list(DISCOVERERS)[: None if scorer else -1]
     if not chosen:
-        raise ConfigError(f"--players: expected at least one of {', '.join(DISCOVERERS)}.")
+        raise ConfigError(f"`players`: expected at least one of {', '.join(DISCOVERERS)}.")
     loaded = None
     if scorer is not None:
         from wordcraft_kg.models.scorers.folder import load_scorer

@@ -68,7 +68,7 @@ def reference(
         view = view_references(opened, open_play(opened, split_labels(base) if base else None), beside=beside or ())
     else:
         if base:
-            raise ConfigError("--base is about open-ended play; add --open-ended.")
+            raise ConfigError("`base` is about open-ended play; add `open_ended`.")
         amounts = whole_numbers("distractors", distractors) if distractors else list(DISTRACTORS)
         for amount in amounts:
             config = WordCraftConfig(part=part, depth=depth, num_distractors=amount, max_attempts=attempts)

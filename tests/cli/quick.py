@@ -1,0 +1,40 @@
+"""Settings of trainings that take a moment, graph folders and plain helpers for the tests of commands."""
+
+import io
+from contextlib import redirect_stdout
+
+from wordcraft_kg.cli import main
+from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_book, write_graph_folder
+
+TINY = ("--dim", "8", "--epochs", "4", "--folds", "0", "--quiet")
+QUICK = (*TINY, "--n3", "0.1")
+SMALL = ("--steps", 1_600, "--batch-size", 16, "--eval-every", 800, "--checkpoint-every", 800, "--quiet")
+
+
+def build(folder, **settings):
+    """Write the kitchen's graph folder with a split."""
+    book = open_book("kitchen")
+    write_graph_folder(folder, book, make_split(RecipeGraph.from_book(book), SplitConfig(**settings)), force=True)
+
+
+def succeed(*commands):
+    """Run commands that go well."""
+    for command in commands:
+        assert main([str(argument) for argument in command]) == 0
+
+
+def text_of(*command):
+    """Run a command that goes well, and return what it prints."""
+    with redirect_stdout(io.StringIO()) as text:
+        succeed(command)
+    return text.getvalue()
+
+
+def contents(folder):
+    """Return all files and folders below, hidden ones too, with the bytes of files."""
+    return {str(path.relative_to(folder)): path.read_bytes() if path.is_file() else b"" for path in folder.rglob("*")}
+
+
+def same(name, *folders):
+    """Return whether a file is the same in all folders."""
+    return len({(folder / name).read_bytes() for folder in folders}) == 1

@@ -1,0 +1,283 @@
+"""``score`` on links: triples, open slots, files of queries, and labels that are in no graph."""
+
+import functools
+
+import numpy as np
+import pytest
+import torch
+from quick import QUICK, build
+
+from wordcraft_kg.graphs import open_book
+from wordcraft_kg.graphs.folder import open_graph
+from wordcraft_kg.graphs.triples import RELATIONS
+from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
+from wordcraft_kg.models.scorers.folder import load_scorer
+
+QUERIES = "head,relation,tail\nflour,combinesWith,water\n\n_,componentOf,bread\nflour,componentOf,\n"
+
+
+@functools.cache
+def parts_of(graph):
+    """The triples of a graph by label, each with the part whose recipes give it, train before test."""
+    opened = open_graph(graph)
+    parts = {}
+    for part in ("test", "train"):
+        for head, relation, tail in opened.split.triples_of(part).tolist():
+            parts[opened.graph.entities[head], RELATIONS[relation], opened.graph.entities[tail]] = part
+    return parts
+
+
+def test_score_prints_one_object_with_the_score_of_a_triple(printed, trained):
+    values = printed("score", trained / "one", "flour", "combinesWith", "water")
+    scorer = load_scorer(trained / "one")
+    assert (values["head"], values["relation"], values["tail"]) == ("flour", "combinesWith", "water")
+    assert values["score"] == pytest.approx(float(scorer.score("flour", "combinesWith", "water")))
+    better = (scorer.score("flour", "combinesWith", torch.arange(80)) > values["score"]).sum()
+    assert values["rank_as_tail"] == 1 + int(better)
+
+
+@pytest.mark.parametrize(
+    "question",
+    ["_ componentOf bread", "? componentOf bread", "flour componentOf _", "flour componentOf ?", "flour componentOf"],
+)
+def test_score_lists_the_best_entities_of_an_open_slot(printed, run, trained, question):
+    command = ("score", trained / "one", *question.split(), "--top", "3")
+    values = printed(*command)
+    head, relation, tail = ("" if slot in ("_", "?") else slot for slot in [*question.split(), ""][:3])
+    expected = load_scorer(trained / "one").top(head or None, relation, tail or None, limit=3)
+    assert (values["head"], values["tail"]) == (head or None, tail or None)
+    assert [(row["entity"], row["score"]) for row in values["top"]] == expected
+    for line, (name, _) in zip(run(*command).out.splitlines(), expected, strict=True):
+        assert f"{head or name} componentOf {tail or name}" in line
+
+
+def test_score_lists_ten_entities_unless_told_otherwise(printed, trained):
+    query = ("score", trained / "one", "?", "componentOf", "bread")
+    assert len(printed(*query)["top"]) == 10
+    assert len(printed(*query, "--top", "500")["top"]) == 80
+
+
+def test_score_says_which_recipes_give_each_triple(printed, run, trained):
+    known = parts_of(trained / "graph")
+    query = ("score", trained / "one", "_", "componentOf", "bread", "--top", "80")
+    values = printed(*query)
+    parts = [row["known"] for row in values["top"]]
+    assert parts == [known.get((row["entity"], "componentOf", "bread"), "new") for row in values["top"]]
+    assert set(parts) == {"train", "test", "new"}
+    assert values["trained_on"] == "partial"
+    assert [line.split()[1] for line in run(*query).out.splitlines()] == parts
+    for triple, part in list(known.items())[::97]:
+        assert printed("score", trained / "one", *triple)["known"] == part
+
+
+def test_score_says_how_probable_triples_outside_training_are(printed, run, world, tmp_path):
+    model, scorer = world / "scorer", load_scorer(world / "scorer")
+    assert isinstance(scorer, CrossFitted)
+    query = ("score", model, "_", "componentOf", "bread", "--top", "80")
+    top = printed(*query)["top"]
+    for row in top:
+        expected = float(scorer.probability(row["entity"], "componentOf", "bread"))
+        assert row["probability"] == (None if row["known"] == "train" else pytest.approx(expected))
+    lines = run(*query).out.splitlines()
+    assert [line.endswith(" %") for line in lines] == [row["known"] != "train" for row in top]
+    new = next(row for row in top if row["known"] == "new")
+    single = run("score", model, new["entity"], "componentOf", "bread").out
+    assert f"probability {100 * new['probability']:.2g} %" in single
+    queries = tmp_path / "queries.csv"
+    queries.write_text(f"head,relation,tail\n{new['entity']},componentOf,bread\n_,componentOf,bread\n")
+    rows = printed("score", model, "--in", queries, "--top", "80")["rows"]
+    assert rows[0]["probability"] == pytest.approx(new["probability"])
+    assert [row["probability"] for row in rows[1:]] == [row["probability"] for row in top]
+    run("score", model, "--in", queries, "--out", tmp_path / "scores.csv")
+    header, first, *_ = (tmp_path / "scores.csv").read_text().splitlines()
+    assert header.endswith(",known,probability")
+    assert float(first.rsplit(",", 1)[1]) == pytest.approx(new["probability"], rel=1e-4)
+
+
+def test_validation_triples_are_known_as_such(printed, run, tmp_path):
+    build(tmp_path / "graph", train_ratio=0.8, valid_ratio=0.1)
+    run("train-complex", tmp_path / "graph", *QUICK, "--out", tmp_path / "model")
+    opened = open_graph(tmp_path / "graph")
+    head, relation, tail = opened.split.held_out("valid")[0]
+    triple = (opened.graph.entities[head], RELATIONS[relation], opened.graph.entities[tail])
+    assert printed("score", tmp_path / "model", *triple)["known"] == "valid"
+
+
+def test_new_only_lists_the_best_that_the_book_does_not_have(printed, trained):
+    query = ("score", trained / "one", "_", "componentOf", "bread")
+    everything = printed(*query, "--top", "80")["top"]
+    new = printed(*query, "--top", "7", "--new-only")["top"]
+    assert new == [row for row in everything if row["known"] == "new"][:7]
+
+
+def test_score_says_that_a_model_of_the_full_graph_has_seen_the_test_triples(run, trained):
+    note = "trained on the full graph: it has seen test triples too"
+    triple = next(triple for triple, part in parts_of(trained / "graph").items() if part == "test")
+    assert note in run("score", trained / "full", *triple).out
+    assert note not in run("score", trained / "one", *triple).out
+    query = ("score", trained / "full", "_", "componentOf", "bread", "--top", "80")
+    assert note in run(*query).out
+    assert note not in run(*query, "--new-only").out
+
+
+def test_without_its_graph_a_model_still_scores_but_not_new_only(printed, refused, run, trained, tmp_path, caplog):
+    build(tmp_path / "graph")
+    run("train-complex", tmp_path / "graph", *QUICK, "--out", tmp_path / "one")
+    (tmp_path / "graph").rename(tmp_path / "moved")
+    query = ("score", tmp_path / "one", "_", "componentOf", "bread")
+    with_graph = printed(*query, "--graph", tmp_path / "moved")["top"]
+    assert not caplog.records
+    without = printed(*query)
+    assert [row["entity"] for row in without["top"]] == [row["entity"] for row in with_graph]
+    assert {row["known"] for row in without["top"]} == {None}
+    assert without["trained_on"] is None
+    assert "not shown which triples are known" in caplog.text
+    assert "--graph" in caplog.text
+    refused(*query, "--new-only", says="--graph", kind="ArtefactError")
+    assert run(*query, "--graph", "everyday").kind == "GraphMismatchError"
+
+
+def test_an_entity_called_like_an_open_slot_goes_before_it(printed, run, tmp_path):
+    book = tmp_path / "book.csv"
+    rows = [f"{a},{b},{c}" for a, b, c in open_book("kitchen").recipes]
+    book.write_text("ingredient_a,ingredient_b,result\n_,water,bread\n" + "\n".join(rows))
+    run("train-complex", book, *QUICK, "--out", tmp_path / "model")
+    values = printed("score", tmp_path / "model", "_", "combinesWith", "water")
+    assert (values["head"], values["known"]) == ("_", "train")
+    assert printed("score", tmp_path / "model", "?", "combinesWith", "water")["head"] is None
+    assert printed("score", tmp_path / "model", "water", "combinesWith")["tail"] is None
+
+
+def test_a_file_of_queries_gives_what_single_ones_give(printed, trained, tmp_path):
+    (tmp_path / "pairs.csv").write_text(QUERIES)
+    values = printed("score", trained / "one", "--in", tmp_path / "pairs.csv", "--top", "3")
+    assert (values["queries"], values["found"], len(values["rows"])) == (3, 7, 7)
+    triple, *listed = values["rows"]
+    single = printed("score", trained / "one", "flour", "combinesWith", "water")
+    assert (triple["line"], triple["rank"], triple["known"]) == (2, None, single["known"])
+    assert triple["score"] == pytest.approx(single["score"])
+    cases = (4, ("_", "componentOf", "bread"), listed[:3], "head"), (5, ("flour", "componentOf"), listed[3:], "tail")
+    for line, query, rows, slot in cases:
+        best = printed("score", trained / "one", *query, "--top", "3")["top"]
+        for rank, (row, one) in enumerate(zip(rows, best, strict=True), 1):
+            assert (row["line"], row["rank"]) == (line, rank)
+            assert (row[slot], row["score"], row["known"]) == (one["entity"], one["score"], one["known"])
+
+
+@pytest.mark.parametrize("ending", ["csv", "tsv"])
+def test_the_scores_of_a_file_go_to_a_file(printed, refused, run, trained, tmp_path, ending):
+    (tmp_path / "pairs.csv").write_text(QUERIES)
+    out = tmp_path / "new" / f"scores.{ending}"
+    command = ("score", trained / "one", "--in", tmp_path / "pairs.csv", "--top", "3", "--out", out)
+    assert printed(*command)["out"] == str(out)
+    rows = printed(*command[:6])["rows"]
+    header, *lines = [line.split("," if ending == "csv" else "\t") for line in out.read_text().splitlines()]
+    assert header == ["line", "head", "relation", "tail", "score", "rank", "known", "probability"]
+    assert [line[1:4] for line in lines] == [[row["head"], row["relation"], row["tail"]] for row in rows]
+    assert [np.float32(line[4]) for line in lines] == [np.float32(row["score"]) for row in rows]
+    assert [line[5] for line in lines] == ["" if row["rank"] is None else str(row["rank"]) for row in rows]
+    before = out.read_bytes()
+    refused(*command, says="--force", kind="OutputExistsError")
+    assert out.read_bytes() == before
+    assert run(*command, "--force").code == 0
+
+
+def test_new_only_leaves_known_triples_out_of_a_file_too(printed, trained):
+    triples, known = trained / "graph" / "triples" / "full.tsv", parts_of(trained / "graph")
+    assert printed("score", trained / "one", "--in", triples, "--new-only").get("rows", []) == []
+    rows = printed("score", trained / "one", "--in", triples)["rows"]
+    assert [row["known"] for row in rows] == [known[row["head"], row["relation"], row["tail"]] for row in rows]
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("flour,combinesWith,water\nflour,combinesWith,watr\n", "line 2: no entity 'watr'. Did you mean 'water'"),
+        ("flour,combineWith,water\n", "line 1: no relation 'combineWith'"),
+        ("head,relation,tail\n_,componentOf,?\n", "line 2: both slots are open"),
+        ("\n\nflour,water\n", "line 3: 'flour,water' has 2 columns; expected head, relation, tail"),
+        ('flour,combinesWith,"wa\n', "line 1: "),
+        ("head,relation,tail\n", "has no query"),
+        ("", "has no query"),
+        ("\xff", "not UTF-8"),
+    ],
+)
+def test_a_wrong_file_of_queries_is_refused_with_the_line_and_writes_nothing(
+    refused, trained, tmp_path, content, message
+):
+    (tmp_path / "pairs.csv").write_text(content, encoding="latin-1")
+    command = ("score", trained / "one", "--in", tmp_path / "pairs.csv", "--out", tmp_path / "scores.csv")
+    refused(*command, says=message, kind="QueryFileError")
+    assert [path.name for path in tmp_path.iterdir()] == ["pairs.csv"]
+
+
+def test_a_word_that_is_in_no_graph_is_scored_and_the_answer_says_so(run, recipes_folder):
+    outcome = run("score", recipes_folder, "yogurt", "componentOf", "cake")
+    assert outcome.code == 0, outcome.err
+    assert "new  yogurt componentOf cake" in outcome.out
+    assert "among all 81 entities" in outcome.out
+    assert "'yogurt' is not in the graph: scored by its words alone." in outcome.out
+
+
+def test_the_best_entities_for_a_new_word_are_listed_on_both_sides(printed, recipes_folder):
+    parts = printed("score", recipes_folder, "_", "componentOf", "yogurt", "--top", "81")
+    assert parts["by_words"] == ["yogurt"]
+    assert len(parts["top"]) == 81
+    assert {row["known"] for row in parts["top"]} == {"new"}
+    partners = printed("score", recipes_folder, "yogurt", "combinesWith", "--top", "3")
+    assert (partners["head"], len(partners["top"]), partners["by_words"]) == ("yogurt", 3, ["yogurt"])
+
+
+@pytest.mark.parametrize(
+    ("head", "tail", "by_words", "note"),
+    [
+        ("yogurt", "rice", ["yogurt", "rice"], "'yogurt', 'rice' are not in the graph: scored by their words alone."),
+        ("flour", "water", [], ""),
+        ("flours", "water", ["flours"], "scored by its words alone. Did you mean 'flour'"),
+    ],
+)
+def test_words_that_are_not_in_the_graph_are_listed_with_the_nearest_entity(
+    printed, run, recipes_folder, head, tail, by_words, note
+):
+    query = ("score", recipes_folder, head, "combinesWith", tail)
+    assert printed(*query)["by_words"] == by_words
+    text = run(*query).out
+    assert note in text
+    assert ("not in the graph" in text) == bool(by_words)
+
+
+def test_new_words_of_a_file_are_scored_and_listed(printed, run, recipes_folder, tmp_path):
+    queries, out = tmp_path / "pairs.csv", tmp_path / "scores.csv"
+    queries.write_text("yogurt,combinesWith,water\n_,componentOf,rice\nflour,combinesWith,yogurt\n")
+    command = ("score", recipes_folder, "--in", queries, "--top", "2")
+    values = printed(*command)
+    assert (values["found"], values["by_words"]) == (4, ["yogurt", "rice"])
+    assert "'yogurt', 'rice' are not in the graph" in run(*command, "--out", out).out
+    assert len(out.read_text().splitlines()) == 5
+
+
+def test_a_word_without_a_vector_stops_a_file_with_its_line(refused, recipes_folder, tmp_path):
+    queries, out = tmp_path / "pairs.csv", tmp_path / "scores.csv"
+    queries.write_text("yogurt,combinesWith,water\nflour,combinesWith,flouurr\n")
+    command = ("score", recipes_folder, "--in", queries, "--out", out)
+    refused(*command, says=f"{queries}, line 2: no entity 'flouurr'. Did you mean 'flour'", kind="QueryFileError")
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    ("recipes", "word", "reason"),
+    [
+        (True, "flouurr", "No word of it has a vector in glove."),
+        (False, "yogurt", "knows the entities of its graph only"),
+    ],
+)
+def test_words_that_a_model_cannot_score_are_refused_with_the_reason(
+    refused, recipes_folder, trained, recipes, word, reason
+):
+    command = ("score", recipes_folder if recipes else trained / "one", word, "combinesWith", "water")
+    refused(*command, says=[f"no entity '{word}'.", reason], kind="UnknownEntityError")
+
+
+@pytest.mark.parametrize("slot", ["_", ""])
+def test_an_open_slot_is_not_taken_as_a_new_word(refused, recipes_folder, slot):
+    refused("score", recipes_folder, slot, "combinesWith", slot, kind="ConfigError")
